@@ -1,12 +1,14 @@
 """Fixtures for all tests."""
 
+import shutil
 import signal
+import subprocess
 import sys
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from importlib import import_module
 from importlib.util import find_spec
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import pytest
 from hypothesis import settings
@@ -107,3 +109,78 @@ def registries(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
     yield
     for name in [name for name in sys.modules if name.startswith("my_")]:
         del sys.modules[name]
+
+
+class Answer(NamedTuple):
+    """What a command left: exit status, standard output and error."""
+
+    status: int
+    out: str
+    err: str
+
+
+@pytest.fixture(scope="session")
+def status_of() -> Callable[..., int]:
+    """Run `neuro` with some words in this process; its exit status."""
+    from neuro.cli import main
+
+    def run(*words: object) -> int:
+        with pytest.MonkeyPatch.context() as patch:
+            patch.setattr(sys, "argv", ["neuro", *map(str, words)])
+            with pytest.raises(SystemExit) as leaving:
+                main()
+        code: Any = leaving.value.code
+        return code or 0
+
+    return run
+
+
+@pytest.fixture
+def answer(status_of: Callable[..., int], capsys: pytest.CaptureFixture[str]) -> Callable[..., Answer]:
+    """Run `neuro` with some words in this process; its exit status and what it printed."""
+
+    def run(*words: object) -> Answer:
+        capsys.readouterr()
+        return Answer(status_of(*words), *capsys.readouterr())
+
+    return run
+
+
+@pytest.fixture
+def run(status_of: Callable[..., int]) -> Callable[..., None]:
+    """Run `neuro` with some words in this process, which must end with a status."""
+
+    def run(*words: object, status: int = 0) -> None:
+        assert status_of(*words) == status
+
+    return run
+
+
+@pytest.fixture
+def browser(tmp_path: Path) -> Callable[..., tuple[str, list[str]]]:
+    """Run Chromium without a window; what it printed, and the lines of its console."""
+    program = next(filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome", "chrome"))), None)
+    if program is None:
+        pytest.skip("no Chromium on PATH")
+
+    def run(*words: str) -> tuple[str, list[str]]:
+        fixed = ("--headless=new", "--no-sandbox", "--disable-gpu", f"--user-data-dir={tmp_path / 'profile'}")
+        quiet = ("--no-first-run", "--disable-background-networking", "--disable-sync", "--hide-scrollbars")
+        log = ("--enable-logging=stderr", "--v=0")
+        done = subprocess.run([program, *fixed, *quiet, *log, *words], capture_output=True, text=True, timeout=60)
+        assert done.returncode == 0, done.stderr
+        return done.stdout, [line for line in done.stderr.splitlines() if ":CONSOLE" in line]
+
+    return run
+
+
+@pytest.fixture
+def chromium(browser: Callable[..., tuple[str, list[str]]]) -> Callable[..., str]:
+    """Run Chromium without a window and without a word on its console; what it printed."""
+
+    def run(*words: str) -> str:
+        printed, console = browser(*words)
+        assert console == []
+        return printed
+
+    return run

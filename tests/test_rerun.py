@@ -3,7 +3,6 @@
 import json
 import os
 import shutil
-import sys
 import threading
 
 import h5py
@@ -11,7 +10,6 @@ import numpy as np
 import pytest
 
 import neuro
-from neuro.cli import main
 from neuro.cli.shipped import shipped
 from neuro.core import provenance as provenances
 from neuro.core.inputs import digest_of, gathering, note
@@ -47,20 +45,16 @@ def folder(tmp_path, monkeypatch):
     return tmp_path
 
 
-def run(*words, status=0):
-    before, sys.argv = sys.argv, ["neuro", *map(str, words)]
-    try:
-        with pytest.raises(SystemExit) as ended:
-            main()
-    finally:
-        sys.argv = before
-    assert (ended.value.code or 0) == status
+@pytest.fixture
+def again(run, capsys):
+    """The lines that `neuro rerun` tells."""
 
+    def told(*words, status=0):
+        capsys.readouterr()
+        run("rerun", *words, status=status)
+        return capsys.readouterr().out.splitlines()
 
-def again(capsys, *words, status=0):
-    capsys.readouterr()
-    run("rerun", *words, status=status)
-    return capsys.readouterr().out.splitlines()
+    return told
 
 
 def record(file, **words):
@@ -71,7 +65,7 @@ def record(file, **words):
     return told
 
 
-def test_results_tell_where_they_come_from(folder):
+def test_results_tell_where_they_come_from(folder, run):
     run("run", "net.yaml", "--for", 50, "--seed", 3, "--backend", "reference", "--out", "a.h5")
     told = json.loads(neuro.results.read("a.h5").about[ATTRIBUTE])
     assert told["neuro"] == neuro.__version__
@@ -83,95 +77,95 @@ def test_results_tell_where_they_come_from(folder):
     assert "cores" in told["machine"]
 
 
-def test_the_same_bits(folder, capsys):
+def test_the_same_bits(folder, run, again):
     run("run", "net.yaml", "--for", 50, "--seed", 3, "--out", "a.h5")
-    assert again(capsys, "a.h5") == ["a.h5: the same bits"]
+    assert again("a.h5") == ["a.h5: the same bits"]
 
 
-def test_another_backend_with_the_same_bits(played, capsys):
-    assert again(capsys, "a.h5", "--backend", "reference") == [
+def test_another_backend_with_the_same_bits(played, again):
+    assert again("a.h5", "--backend", "reference") == [
         "a.h5: the same bits",
         "changed: backend: event then, reference now",
     ]
 
 
-def test_a_run_that_keeps_some_spikes_only(folder, capsys):
+def test_a_run_that_keeps_some_spikes_only(folder, run, again):
     run("run", "net.yaml", "--for", 20, "--record", "noise", "--out", "a.h5")
-    assert again(capsys, "a.h5") == ["a.h5: the same bits"]
+    assert again("a.h5") == ["a.h5: the same bits"]
 
 
 @pytest.mark.filterwarnings("ignore::neuro.ApproximationWarning", "ignore::neuro.OverflowWarning")
-def test_another_backend_gives_other_bits(folder, capsys):
+def test_another_backend_gives_other_bits(folder, run, again):
     run("run", "net.yaml", "--for", 50, "--out", "a.h5")
-    first, *changed = again(capsys, "a.h5", "--backend", "loihi", status=1)
+    first, *changed = again("a.h5", "--backend", "loihi", status=1)
     assert first.startswith("a.h5: not the same: populations/")
     assert " then, " in first
     assert changed == ["changed: backend: event then, loihi now"]
 
 
-def test_an_edited_file_is_told(folder, capsys):
+def test_an_edited_file_is_told(folder, run, again):
     """The network is in the file as it was."""
     run("run", "net.yaml", "--for", 50, "--out", "a.h5")
     np.save(folder / "w.npy", np.linspace(100.0, 400.0, 200))
     (folder / "net.yaml").unlink()
-    assert again(capsys, "a.h5") == [
+    assert again("a.h5") == [
         "a.h5: the same bits",
         f"changed: input {folder}/net.yaml: is not there any more",
         f"changed: input {folder}/w.npy: was edited",
     ]
 
 
-def test_other_versions_are_told(folder, capsys, monkeypatch):
+def test_other_versions_are_told(folder, run, again, monkeypatch):
     run("run", "net.yaml", "--for", 20, "--out", "a.h5")
     versions = provenances.versions() | {"numpy": "1.0"}
     record("a.h5", neuro="0.0.9", versions=versions)
-    assert again(capsys, "a.h5") == [
+    assert again("a.h5") == [
         "a.h5: the same bits",
         f"changed: neuro: 0.0.9 then, {neuro.__version__} now",
         f"changed: numpy: 1.0 then, {np.__version__} now",
     ]
 
 
-def test_what_differs_first_is_told(folder, capsys):
+def test_what_differs_first_is_told(folder, run, again):
     run("run", "net.yaml", "--for", 50, "--out", "a.h5")
     with h5py.File("a.h5", "r+") as file:
         weight = file["projections/noise_exc/weight"]
         before = weight[7]
         weight[7] = before + 1.0
-    (first,) = again(capsys, "a.h5", status=1)
+    (first,) = again("a.h5", status=1)
     assert first == (
         f"a.h5: not the same: projections/noise_exc/weight[7]: {float(before) + 1.0!r} then, {float(before)!r} now"
     )
 
 
 @pytest.fixture
-def played(folder):
+def played(folder, run):
     (folder / "plays.yaml").write_text(PLAYS)
     shutil.copy(shipped("examples")["walk.dat"], folder / "walk.dat")
     run("run", "plays.yaml", "--for", 50, "--out", "a.h5")
     return folder
 
 
-def test_a_recording_that_was_moved(played, capsys):
-    assert again(capsys, "a.h5") == ["a.h5: the same bits"]
+def test_a_recording_that_was_moved(played, run, again, capsys):
+    assert again("a.h5") == ["a.h5: the same bits"]
     (played / "away").mkdir()
     (played / "walk.dat").rename(played / "away" / "other.dat")
     run("rerun", "a.h5", status=2)
     err = capsys.readouterr().err
     assert f"a.h5: plays {played}/walk.dat, which is not there any more" in err
     assert "--inputs FOLDER looks for it there, by its content" in err
-    told = again(capsys, "a.h5", "--inputs", "away")
+    told = again("a.h5", "--inputs", "away")
     assert told == [
         "a.h5: the same bits",
         f"changed: input {played}/walk.dat: lies at {played}/away/other.dat now, with the same content",
     ]
 
 
-def test_a_recording_that_was_edited(played, capsys):
+def test_a_recording_that_was_edited(played, again):
     data = bytearray((played / "walk.dat").read_bytes())
     data[len(data) - 8 * len(neuro.events.load("walk.dat")) + 8 * 5 + 4] ^= 1  # x of the sixth event
     (played / "walk.dat").write_bytes(data)
-    first, *changed = again(capsys, "a.h5", status=1)
+    first, *changed = again("a.h5", status=1)
     assert first.startswith("a.h5: not the same: ")
     assert changed == [f"changed: input {played}/walk.dat: was edited"]
 
@@ -207,32 +201,32 @@ def test_a_state_has_its_network_and_its_record(folder):
     assert first_difference(folder / "state.h5", folder / "again.h5") == ""
 
 
-def test_a_page_is_made_again(folder, capsys):
+def test_a_page_is_made_again(folder, run, again):
     run("run", "net.yaml", "--for", 20, "--out", "a.h5")
     run("report", "a.h5")
-    assert again(capsys, "a.html") == ["a.html: the same bits"]
+    assert again("a.html") == ["a.html: the same bits"]
 
 
-def test_a_run_of_a_sweep_is_made_again(folder, capsys):
+def test_a_run_of_a_sweep_is_made_again(folder, run, again):
     (folder / "sweep.yaml").write_text("network: net.yaml\nfor: 20 ms\nseeds: 2\nkeep: results\n")
     run("sweep", "run", "sweep.yaml", "--on", "here")
     from neuro.sweeps.folder import sum_of
     from neuro.sweeps.table import table_of
 
     key = table_of("runs").keys[1]
-    assert again(capsys, f"runs/runs/{key}") == [f"runs/runs/{key}: the same bits"]
+    assert again(f"runs/runs/{key}") == [f"runs/runs/{key}: the same bits"]
     path = folder / "runs" / "runs" / key / "run.json"
     told = json.loads(path.read_text())
     told["metrics"]["spikes"] += 1
     told["sum"] = sum_of({word: value for word, value in told.items() if word != "sum"})
     path.write_text(json.dumps(told))
     now = told["metrics"]["spikes"] - 1
-    assert again(capsys, f"runs/runs/{key}", status=1) == [
+    assert again(f"runs/runs/{key}", status=1) == [
         f"runs/runs/{key}: not the same: metric spikes: {now + 1} then, {now} now"
     ]
 
 
-def test_a_file_runs_no_code_that_its_reader_did_not_name(folder, capsys):
+def test_a_file_runs_no_code_that_its_reader_did_not_name(folder, run, capsys):
     run("run", "net.yaml", "--for", 20, "--out", "a.h5")
     run("report", "a.h5")
     page = (folder / "a.html").read_text()
@@ -251,7 +245,7 @@ MISTAKES = [
 
 
 @pytest.mark.parametrize(("file", "told"), MISTAKES)
-def test_a_mistake_is_told(folder, file, told, capsys):
+def test_a_mistake_is_told(folder, run, file, told, capsys):
     run("rerun", file, status=2)
     assert told in capsys.readouterr().err
 

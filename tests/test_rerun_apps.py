@@ -3,31 +3,26 @@
 import html
 import json
 import re
-import sys
 from pathlib import Path
 
 import h5py
 import numpy as np
 import pytest
 
-from neuro.cli import main
 from neuro.core.provenance import ATTRIBUTE
 from neuro.events import Events, save
 
 
 @pytest.fixture
-def neuro(monkeypatch, tmp_path, capsys):
+def neuro(answer, monkeypatch, tmp_path):
     """Run `neuro ...` in an empty folder; its exit status and what it prints."""
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr("platformdirs.user_cache_path", lambda name: tmp_path / "cache")
 
     def run(*words):
-        monkeypatch.setattr(sys, "argv", ["neuro", *map(str, words)])
-        with pytest.raises(SystemExit) as end:
-            main()
-        told = capsys.readouterr()
-        assert (end.value.code or 0) in (0, 1), told.err
-        return end.value.code or 0, told.out
+        status, out, err = answer(*words)
+        assert status in (0, 1), err
+        return status, out
 
     return run
 

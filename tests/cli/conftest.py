@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Callable
-from dataclasses import dataclass
 from pathlib import Path
 
 import pytest
+import typer
 
-from neuro.cli import main
+from neuro.cli.mistakes import telling
 
 NETWORK = """\
 neuro: 1
@@ -31,26 +31,27 @@ probes:
 """
 
 
-@dataclass(frozen=True)
-class Answer:
-    """What a command left: exit status, standard output and error."""
-
-    status: int
-    out: str
-    err: str
+@pytest.fixture
+def neuro(answer: Callable[..., tuple[int, str, str]]) -> Callable[..., tuple[int, str, str]]:
+    """Run `neuro` with some words in this process."""
+    return answer
 
 
 @pytest.fixture
-def neuro(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> Callable[..., Answer]:
-    """Run `neuro` with some words in this process."""
+def alone(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> Callable[..., tuple[int, str, str]]:
+    """Run a command without the others; exit status, output and error."""
 
-    def run(*words: object) -> Answer:
+    def run(command: Callable[..., None], *words: object) -> tuple[int, str, str]:
+        app = typer.Typer(pretty_exceptions_enable=False, add_completion=False)
+        app.command()(command)
+        monkeypatch.setattr(sys, "argv", [command.__name__, *map(str, words)])
         capsys.readouterr()
-        monkeypatch.setattr(sys, "argv", ["neuro", *map(str, words)])
-        with pytest.raises(SystemExit) as leaving:
-            main()
-        code = leaving.value.code
-        return Answer(code if isinstance(code, int) else 0, *capsys.readouterr())
+        try:
+            with telling():
+                status = app(standalone_mode=False) or 0
+        except SystemExit as leaving:
+            status = leaving.code
+        return status, *capsys.readouterr()
 
     return run
 

@@ -1,13 +1,11 @@
 import json
 import re
-import sys
+from functools import partial
 
 import pytest
-import typer
 
 import neuro as framework
 from neuro.cli.compare import compare
-from neuro.cli.mistakes import telling
 from neuro.core.extras import install
 
 NETWORK = """\
@@ -26,24 +24,11 @@ FLOATS = (*RUN, "--backends", "event,reference")
 
 
 @pytest.fixture
-def run(monkeypatch, capsys, tmp_path):
+def run(alone, monkeypatch, tmp_path):
     """Run `compare` alone with some words; return exit status, output and error."""
-    app = typer.Typer(pretty_exceptions_enable=False, add_completion=False)
-    app.command()(compare)
     monkeypatch.chdir(tmp_path)
     (tmp_path / "net.yaml").write_text(NETWORK)
-
-    def words(*given):
-        monkeypatch.setattr(sys, "argv", ["compare", *map(str, given)])
-        capsys.readouterr()
-        try:
-            with telling():
-                status = app(standalone_mode=False) or 0
-        except SystemExit as leaving:
-            status = leaving.code
-        return status, *capsys.readouterr()
-
-    return words
+    return partial(alone, compare)
 
 
 def cells(out):

@@ -1,34 +1,19 @@
 import json
-import sys
+from functools import partial
 
 import pytest
-import typer
 
 import neuro as framework
 from neuro.chips import chip, price
 from neuro.cli.energy import energy
-from neuro.cli.mistakes import telling
 
 RUN = ("net.yaml", "--backend", "reference", "--for", "50")
 
 
 @pytest.fixture
-def run(monkeypatch, capsys):
+def run(alone):
     """Run `energy` alone with some words; return exit status, output and error."""
-    app = typer.Typer(pretty_exceptions_enable=False, add_completion=False)
-    app.command()(energy)
-
-    def words(*given):
-        monkeypatch.setattr(sys, "argv", ["energy", *map(str, given)])
-        capsys.readouterr()
-        try:
-            with telling():
-                status = app(standalone_mode=False) or 0
-        except SystemExit as leaving:
-            status = leaving.code
-        return status, *capsys.readouterr()
-
-    return words
+    return partial(alone, energy)
 
 
 @pytest.fixture

@@ -6,12 +6,12 @@ import re
 import shlex
 import subprocess
 import sys
+from functools import partial
 
 import numpy as np
 import pytest
 from matplotlib.image import imread
 
-from neuro.cli import main
 from neuro.core.extras import install
 
 SHORT = """\
@@ -21,20 +21,13 @@ task: {ball: {lap: 1.5, speed: 0.15}}
 
 
 @pytest.fixture
-def neuro(monkeypatch, tmp_path, capsys):
+def neuro(answer, monkeypatch, tmp_path):
     """Run `neuro drone ...` in a folder with a scenario of 500 steps; return exit status, stdout and stderr."""
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr("os.sched_getaffinity", lambda pid: {0})  # several jobs one after the other, in this process
     (tmp_path / "short.yaml").write_text(SHORT)
 
-    def run(*words):
-        monkeypatch.setattr(sys, "argv", ["neuro", "drone", *map(str, words)])
-        with pytest.raises(SystemExit) as end:
-            main()
-        out = capsys.readouterr()
-        return end.value.code or 0, out.out, out.err
-
-    return run
+    return partial(answer, "drone")
 
 
 def test_train_and_test(neuro, tmp_path):

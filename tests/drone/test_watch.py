@@ -3,9 +3,8 @@
 import base64
 import json
 import re
-import shutil
-import subprocess
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 import pytest
@@ -19,7 +18,6 @@ from neuro_drone.scenario import load
 from neuro_drone.train import train
 from neuro_drone.watch import page, watch
 
-BROWSER = next(filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome", "chrome"))), None)
 SHORT = load("A60", **{"task": {"ball": {"lap": 1.5, "speed": 0.15}}})  # a lap of 500 steps
 START = (20.0, -15.0)
 
@@ -123,20 +121,8 @@ def test_nothing_is_left_of_a_page_that_fails(model, tmp_path):
 
 
 @pytest.fixture
-def chromium(tmp_path):
-    if BROWSER is None:
-        pytest.skip("no Chromium on PATH")
-
-    def run(*words):
-        fixed = ("--headless=new", "--no-sandbox", "--disable-gpu", f"--user-data-dir={tmp_path / 'profile'}")
-        quiet = ("--no-first-run", "--disable-background-networking", "--disable-sync", "--hide-scrollbars")
-        log = ("--enable-logging=stderr", "--v=0", "--window-size=1280,1100", "--blink-settings=preferredColorScheme=1")
-        done = subprocess.run([BROWSER, *fixed, *quiet, *log, *words], capture_output=True, text=True, timeout=60)
-        assert done.returncode == 0, done.stderr
-        assert [line for line in done.stderr.splitlines() if ":CONSOLE" in line] == []
-        return done.stdout
-
-    return run
+def chromium(chromium):
+    return partial(chromium, "--window-size=1280,1100", "--blink-settings=preferredColorScheme=1")
 
 
 STEPS = """

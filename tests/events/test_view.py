@@ -5,8 +5,7 @@ import errno
 import io
 import json
 import re
-import shutil
-import subprocess
+from functools import partial
 
 import numpy as np
 import pytest
@@ -18,8 +17,6 @@ from neuro.events import Events, save, stream
 from neuro.events.info import info
 from neuro.events.pictures import gif
 from neuro.events.view import view
-
-BROWSER = next(filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome", "chrome"))), None)
 
 
 @pytest.fixture
@@ -94,20 +91,8 @@ def test_a_full_disk_is_told_with_the_name_of_the_file(moving, tmp_path, monkeyp
 
 
 @pytest.fixture
-def chromium(tmp_path):
-    if BROWSER is None:
-        pytest.skip("no Chromium on PATH")
-
-    def run(*words):
-        fixed = ("--headless=new", "--no-sandbox", "--disable-gpu", f"--user-data-dir={tmp_path / 'profile'}")
-        quiet = ("--no-first-run", "--disable-background-networking", "--disable-sync", "--hide-scrollbars")
-        log = ("--enable-logging=stderr", "--v=0", "--window-size=900,900")
-        done = subprocess.run([BROWSER, *fixed, *quiet, *log, *words], capture_output=True, text=True, timeout=60)
-        assert done.returncode == 0, done.stderr
-        assert [line for line in done.stderr.splitlines() if ":CONSOLE" in line] == []
-        return done.stdout
-
-    return run
+def chromium(chromium):
+    return partial(chromium, "--window-size=900,900")
 
 
 STEPS = """

@@ -1,9 +1,8 @@
-import sys
+from functools import partial
 
 import numpy as np
 import pytest
 
-from neuro.cli import main
 from neuro.events import Events, recordings, save
 from neuro_recognise.methods.remus import Remus
 from neuro_recognise.recogniser import learn
@@ -48,18 +47,11 @@ def _own_cache(monkeypatch, tmp_path):
 
 
 @pytest.fixture
-def neuro(monkeypatch, tmp_path, capsys):
+def neuro(answer, monkeypatch, tmp_path):
     """Run `neuro recognise ...`; return exit status, stdout and stderr."""
     monkeypatch.chdir(tmp_path)
 
-    def run(*words):
-        monkeypatch.setattr(sys, "argv", ["neuro", "recognise", *map(str, words)])
-        with pytest.raises(SystemExit) as end:
-            main()
-        out = capsys.readouterr()
-        return end.value.code or 0, out.out, out.err
-
-    return run
+    return partial(answer, "recognise")
 
 
 @pytest.fixture(scope="session")

@@ -2,24 +2,20 @@
 
 import json
 import re
-import sys
+from functools import partial
 
 import numpy as np
 import pytest
 from matplotlib.image import imread
 
-from neuro.cli import main
 from neuro.events import Events, save
 from neuro_recognise.detection.boxes import read_boxes
 
 
-def run(*words):
+@pytest.fixture(scope="module")
+def run(status_of):
     """Run `neuro recognise ...`; return the exit status."""
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(sys, "argv", ["neuro", "recognise", *words])
-        with pytest.raises(SystemExit) as end:
-            main()
-    return end.value.code or 0
+    return partial(status_of, "recognise")
 
 
 @pytest.fixture(scope="module", autouse=True)
@@ -48,7 +44,7 @@ def folder(tmp_path_factory):
 
 
 @pytest.fixture(scope="module")
-def made(folder, tmp_path_factory):
+def made(folder, run, tmp_path_factory):
     """A folder with scenes and a recogniser that learnt from crops out of others."""
     path = tmp_path_factory.mktemp("made")
     halves = ["--data", str(folder), "--folds", "2", "--fold", "0"]
@@ -63,7 +59,7 @@ def made(folder, tmp_path_factory):
 
 
 @pytest.fixture
-def neuro(monkeypatch, made, capsys):
+def neuro(run, monkeypatch, made, capsys):
     monkeypatch.chdir(made)
 
     def told(*words):

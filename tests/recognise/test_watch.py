@@ -3,9 +3,8 @@
 import base64
 import json
 import re
-import shutil
-import subprocess
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 import pytest
@@ -23,8 +22,6 @@ from neuro_recognise.parts.encoders import Latency, LogLatency
 from neuro_recognise.recogniser import fit, method_of
 from neuro_recognise.telling.watch import decisions, page, watch
 from neuro_recognise.views import Pictures, Trials
-
-BROWSER = next(filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome", "chrome"))), None)
 
 
 def bar(label, seed, n=400):
@@ -160,20 +157,8 @@ def test_hats_are_drawn_cell_by_cell(made, events):
 
 
 @pytest.fixture
-def chromium(tmp_path):
-    if BROWSER is None:
-        pytest.skip("no Chromium on PATH")
-
-    def run(*words):
-        fixed = ("--headless=new", "--no-sandbox", "--disable-gpu", f"--user-data-dir={tmp_path / 'profile'}")
-        quiet = ("--no-first-run", "--disable-background-networking", "--disable-sync", "--hide-scrollbars")
-        log = ("--enable-logging=stderr", "--v=0", "--window-size=1280,1100", "--blink-settings=preferredColorScheme=1")
-        done = subprocess.run([BROWSER, *fixed, *quiet, *log, *words], capture_output=True, text=True, timeout=60)
-        assert done.returncode == 0, done.stderr
-        assert [line for line in done.stderr.splitlines() if ":CONSOLE" in line] == []
-        return done.stdout
-
-    return run
+def chromium(chromium):
+    return partial(chromium, "--window-size=1280,1100", "--blink-settings=preferredColorScheme=1")
 
 
 STEPS = """

@@ -1,12 +1,12 @@
 import json
 import subprocess
 import sys
+from functools import partial
 
 import numpy as np
 import pytest
 from matplotlib.image import imread
 
-from neuro.cli import main
 from neuro.events import Events, save
 
 
@@ -26,19 +26,12 @@ def folder(tmp_path_factory):
 
 
 @pytest.fixture
-def neuro(monkeypatch, tmp_path, capsys):
+def neuro(answer, monkeypatch, tmp_path):
     """Run `neuro remus ...`; return exit status, stdout and stderr."""
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr("platformdirs.user_cache_path", lambda name: tmp_path / "cache")
 
-    def run(*words):
-        monkeypatch.setattr(sys, "argv", ["neuro", "remus", *map(str, words)])
-        with pytest.raises(SystemExit) as end:
-            main()
-        out = capsys.readouterr()
-        return end.value.code or 0, out.out, out.err
-
-    return run
+    return partial(answer, "remus")
 
 
 def test_train_test_show(neuro, folder, tmp_path):

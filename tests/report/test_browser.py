@@ -1,8 +1,5 @@
 """The page in a browser: its script draws and zooms, and nothing is told on the console."""
 
-import shutil
-import subprocess
-
 import numpy as np
 import pytest
 from matplotlib.image import imread
@@ -11,23 +8,13 @@ import neuro
 from neuro.report.page import page
 from neuro.run.collect import collect
 
-BROWSER = next(filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome", "chrome"))), None)
-
-pytestmark = pytest.mark.skipif(BROWSER is None, reason="no Chromium on PATH")
-
 
 @pytest.fixture
-def picture(tmp_path):
-    """A page as a browser of some width draws it, and what its console says."""
+def picture(chromium, tmp_path):
+    """A page as a browser of some width draws it."""
 
     def of(where, width):
-        fixed = ("--headless=new", "--no-sandbox", "--disable-gpu", f"--user-data-dir={tmp_path / 'profile'}")
-        quiet = ("--no-first-run", "--disable-background-networking", "--disable-sync", "--hide-scrollbars")
-        look = (f"--window-size={width},1000", f"--screenshot={tmp_path / 'page.png'}")
-        log = ("--enable-logging=stderr", "--v=0")
-        done = subprocess.run([BROWSER, *fixed, *quiet, *log, *look, where], capture_output=True, text=True, timeout=60)
-        assert done.returncode == 0, done.stderr
-        assert [line for line in done.stderr.splitlines() if ":CONSOLE" in line] == []
+        chromium(f"--window-size={width},1000", f"--screenshot={tmp_path / 'page.png'}", where)
         return imread(tmp_path / "page.png")[..., :3]
 
     return of

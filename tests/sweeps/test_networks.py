@@ -1,13 +1,11 @@
 """Sweeps over networks from a YAML file, on the command line."""
 
 import json
-import sys
 
 import numpy as np
 import pytest
 
 import neuro
-from neuro.cli import main
 from neuro.sweeps.definition import load_sweep
 from neuro.sweeps.folder import Folder
 from neuro.sweeps.table import table_of
@@ -46,17 +44,7 @@ def folder(tmp_path, monkeypatch, registries):
     return tmp_path
 
 
-def run(*words, status=0):
-    before, sys.argv = sys.argv, ["neuro", *map(str, words)]
-    try:
-        with pytest.raises(SystemExit) as ended:
-            main()
-    finally:
-        sys.argv = before
-    assert (ended.value.code or 0) == status
-
-
-def test_a_sweep_gives_what_single_runs_give(folder, capsys):
+def test_a_sweep_gives_what_single_runs_give(folder, run, capsys):
     run("sweep", "run", "sweep.yaml", "--on", "here")
     out = capsys.readouterr().out.splitlines()
     assert out[0] == "runs: 16 done, 0 failed, 0 left"
@@ -96,7 +84,7 @@ def test_what_a_sweep_cannot_change_stays_as_it_is(folder):
     assert same == neuro.load("net.yaml")
 
 
-def test_status_and_table(folder, capsys):
+def test_status_and_table(folder, run, capsys):
     run("sweep", "run", "sweep.yaml", "--on", "here", "--part", "1/4")
     run("sweep", "status", "runs")
     assert capsys.readouterr().out.splitlines()[-1] == "sweep: 16 runs: 4 done, 0 failed, 0 under way, 12 left"
@@ -108,7 +96,7 @@ def test_status_and_table(folder, capsys):
     assert (folder / "t.csv").read_text().splitlines()[0].endswith(",seconds,attempts,error")
 
 
-def test_backends_options_and_durations_are_parameters(folder):
+def test_backends_options_and_durations_are_parameters(folder, run):
     (folder / "sweep.yaml").write_text(
         "network: net.yaml\nlist:\n"
         "  - {backend: reference, for: 20 ms}\n  - {backend: event, for: 20 ms}\n  - {backend: loihi, for: 20 ms}\n"
@@ -121,7 +109,7 @@ def test_backends_options_and_durations_are_parameters(folder):
     assert loihi["outcome"] == "done"
 
 
-def test_figures_of_a_chip_are_parameters(folder):
+def test_figures_of_a_chip_are_parameters(folder, run):
     (folder / "sweep.yaml").write_text(
         "network: net.yaml\nbackend: loihi\nfor: 20 ms\nmetrics: [energy.loihi, synaptic_ops]\n"
         "parameters: {chip.costs.synaptic_op: [23.6e-12, 47.2e-12]}\n"
@@ -131,7 +119,7 @@ def test_figures_of_a_chip_are_parameters(folder):
     assert second["energy.loihi"] - first["energy.loihi"] == pytest.approx(23.6e-12 * first["synaptic_ops"], rel=1e-6)
 
 
-def test_a_metric_of_a_file(folder):
+def test_a_metric_of_a_file(folder, run):
     (folder / "my_metric.py").write_text(
         "import neuro\n\n\n@neuro.register(kind='metric')\ndef last(sim):\n"
         "    times, _ = sim.spikes('exc')\n"
@@ -144,7 +132,7 @@ def test_a_metric_of_a_file(folder):
     assert [name.rpartition("/")[2] for name in record["inputs"]] == ["net.yaml", "my_metric.py"]
 
 
-def test_a_study_of_a_file(folder):
+def test_a_study_of_a_file(folder, run):
     (folder / "my_study.py").write_text(
         "import neuro\n\n\n@neuro.register(kind='study')\ndef area(width, height=1):\n    return width * height\n"
     )
@@ -153,7 +141,7 @@ def test_a_study_of_a_file(folder):
     assert table_of("runs").column("value") == [2, 4]
 
 
-def test_results_are_kept_where_that_is_asked_for(folder):
+def test_results_are_kept_where_that_is_asked_for(folder, run):
     (folder / "sweep.yaml").write_text("network: net.yaml\nfor: 20 ms\nseeds: [5]\nkeep: results\n")
     run("sweep", "run", "sweep.yaml", "--on", "here")
     key = table_of("runs").keys[0]
@@ -161,7 +149,7 @@ def test_results_are_kept_where_that_is_asked_for(folder):
     assert (results.about["seed"], results.duration_ms) == (5, 20.0)
 
 
-def test_a_file_that_was_edited_under_way_is_told(folder, capsys):
+def test_a_file_that_was_edited_under_way_is_told(folder, run, capsys):
     made = load_sweep(folder / "sweep.yaml")
     (folder / "net.yaml").write_text(NET.replace("900", "901"))
     with pytest.raises(neuro.ModelError) as told:
@@ -173,7 +161,7 @@ def test_a_file_that_was_edited_under_way_is_told(folder, capsys):
     assert "runs: the folder of another sweep: network is" in capsys.readouterr().err
 
 
-def test_a_point_that_the_network_refuses_fails_alone(folder):
+def test_a_point_that_the_network_refuses_fails_alone(folder, run):
     (folder / "sweep.yaml").write_text("network: net.yaml\nfor: 1 ms\nparameters: {exc.V_th: [-55.0, -90.0]}\n")
     run("sweep", "run", "sweep.yaml", "--on", "here")
     good, bad = table_of("runs").rows()
@@ -224,7 +212,7 @@ MISTAKES = [
 
 
 @pytest.mark.parametrize(("text", "told"), MISTAKES, ids=[told[:40] for _, told in MISTAKES])
-def test_a_mistake_is_told_and_nothing_is_written(folder, text, told, capsys):
+def test_a_mistake_is_told_and_nothing_is_written(folder, run, text, told, capsys):
     (folder / "sweep.yaml").write_text(text + "\n")
     run("sweep", "run", "sweep.yaml", status=2)
     err = capsys.readouterr().err
@@ -234,7 +222,7 @@ def test_a_mistake_is_told_and_nothing_is_written(folder, text, told, capsys):
 
 
 @pytest.mark.parametrize("command", ["status", "table", "plot", "page"])
-def test_a_folder_without_a_sweep_is_told(folder, command, capsys):
+def test_a_folder_without_a_sweep_is_told(folder, run, command, capsys):
     run("sweep", command, "nothing", status=2)
     assert capsys.readouterr().err == (
         "error: nothing: holds no sweep: expected a folder with sweep.json\n"
@@ -246,7 +234,7 @@ def test_a_folder_without_a_sweep_is_told(folder, command, capsys):
     assert "not a sweep, as 'neuro sweep run' writes it" in capsys.readouterr().err
 
 
-def test_pictures_and_the_page(folder, capsys):
+def test_pictures_and_the_page(folder, run, capsys):
     (folder / "sweep.yaml").write_text(
         "network: net.yaml\nfor: 5 ms\nmetrics: [rate.exc, synaptic_ops]\nparameters:\n"
         "  {w: [1.0, 2.0, 4.0, 8.0, 16.0], exc.V_th: [-55.0, -54.0, -53.0, -52.0, -51.0]}\n"
@@ -267,7 +255,7 @@ def test_pictures_and_the_page(folder, capsys):
     assert '<meta name="provenance"' in page
 
 
-def test_a_record_tells_all(folder):
+def test_a_record_tells_all(folder, run):
     run("sweep", "run", "sweep.yaml", "--on", "here", "--part", "1/16")
     (outcome,) = table_of("runs").outcomes().values()
     record = outcome.provenance

@@ -6,7 +6,6 @@ import sys
 import pytest
 
 import neuro
-from neuro.cli import main
 
 pytest.importorskip("optuna", reason="the extra tune is not installed")
 
@@ -50,17 +49,7 @@ def folder(tmp_path, monkeypatch, registries):
     return tmp_path
 
 
-def run(*words, status=0):
-    before, sys.argv = sys.argv, ["neuro", *map(str, words)]
-    try:
-        with pytest.raises(SystemExit) as ended:
-            main()
-    finally:
-        sys.argv = before
-    assert (ended.value.code or 0) == status
-
-
-def test_a_network_is_tuned(folder, capsys):
+def test_a_network_is_tuned(folder, run, capsys):
     run("tune", "run", "tune.yaml", "--on", "here")
     out = capsys.readouterr().out
     assert "tuned: 6 done, 0 failed, 0 left\nbest: rate.exc " in out
@@ -89,7 +78,7 @@ def test_a_network_is_tuned(folder, capsys):
     assert "the same bits" in capsys.readouterr().out
 
 
-def test_pictures_and_the_page(folder, capsys):
+def test_pictures_and_the_page(folder, run, capsys):
     (folder / "tune.yaml").write_text(TUNE.replace("trials: 6", "trials: 10").replace("seeds: 2\n", ""))
     run("tune", "run", "tune.yaml", "--on", "here")
     run("tune", "plot", "tuned")
@@ -105,7 +94,7 @@ def test_pictures_and_the_page(folder, capsys):
     assert (folder / "other.html").exists()
 
 
-def test_a_network_is_pruned_at_times(folder, capsys):
+def test_a_network_is_pruned_at_times(folder, run, capsys):
     (folder / "tune.yaml").write_text(
         "network: net.yaml\nfor: 40 ms\nbackend: reference\nparameters: {w: {from: 0.0, to: 500.0}}\n"
         "objectives: {spikes.exc: maximise}\nsampler: random\ntrials: 12\n"
@@ -126,7 +115,7 @@ def test_a_network_is_pruned_at_times(folder, capsys):
         assert whole[trial.point["w"]].metrics == trial.metrics, "a run that is looked at on the way is another run"
 
 
-def test_what_is_held_out_is_seen_by_the_test_alone(folder, capsys):
+def test_what_is_held_out_is_seen_by_the_test_alone(folder, run, capsys):
     (folder / "tune.yaml").write_text(
         "study: folded\nparameters: {x: {from: 0, to: 4, whole: true}}\nobjectives: {right: max}\n"
         "trials: 8\nfolds: 3\nsampler: random\n"
@@ -147,7 +136,7 @@ def test_what_is_held_out_is_seen_by_the_test_alone(folder, capsys):
     run("tune", "plot", "tuned")
 
 
-def test_a_test_without_folds_is_refused(folder, capsys):
+def test_a_test_without_folds_is_refused(folder, run, capsys):
     run("tune", "run", "tune.yaml", "--on", "here")
     run("tune", "test", "tuned", status=2)
     assert capsys.readouterr().err == (
@@ -192,7 +181,7 @@ MISTAKES = [
 
 
 @pytest.mark.parametrize(("text", "told"), MISTAKES, ids=[told[:40] for _, told in MISTAKES])
-def test_a_mistake_is_told_and_nothing_is_written(folder, text, told, capsys):
+def test_a_mistake_is_told_and_nothing_is_written(folder, run, text, told, capsys):
     (folder / "tune.yaml").write_text(text)
     run("tune", "run", "tune.yaml", status=2)
     err = capsys.readouterr().err
@@ -202,7 +191,7 @@ def test_a_mistake_is_told_and_nothing_is_written(folder, text, told, capsys):
 
 
 @pytest.mark.parametrize("command", ["status", "table", "plot", "page", "test"])
-def test_a_folder_without_a_tuning_is_told(folder, command, capsys):
+def test_a_folder_without_a_tuning_is_told(folder, run, command, capsys):
     run("tune", command, "nothing", status=2)
     assert capsys.readouterr().err == (
         "error: nothing: holds no tuning: expected a folder with tune.json\n"
@@ -214,7 +203,7 @@ def test_a_folder_without_a_tuning_is_told(folder, command, capsys):
     assert "nothing/tune.json: damaged: expected what 'neuro tune run' wrote" in capsys.readouterr().err
 
 
-def test_a_study_that_is_not_named_or_was_edited_is_refused(folder):
+def test_a_study_that_is_not_named_or_was_edited_is_refused(folder, run):
     (folder / "tune.yaml").write_text(
         "study: folded\nparameters: {x: {from: 0, to: 4}}\nobjectives: {right: max}\ntrials: 2\nfolds: 3\n"
     )

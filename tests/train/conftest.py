@@ -1,4 +1,4 @@
-import sys
+from functools import partial
 from importlib.metadata import EntryPoint
 
 import numpy as np
@@ -6,7 +6,7 @@ import pytest
 
 import neuro as snn
 import neuro_models
-from neuro.cli import commands, main
+from neuro.cli import commands
 from neuro.events import Events, save
 
 pytest.importorskip("torch", reason="PyTorch is not installed")
@@ -44,17 +44,10 @@ def file(tmp_path_factory):
 
 
 @pytest.fixture
-def neuro(monkeypatch, tmp_path, capsys):
+def neuro(answer, monkeypatch, tmp_path):
     """Run `neuro train ...`; return exit status, stdout and stderr."""
     monkeypatch.chdir(tmp_path)
     here = {"train": EntryPoint("train", "neuro_train.cli:app", commands.GROUP)}
     monkeypatch.setattr(commands, "apps", lambda: here)
 
-    def run(*words):
-        monkeypatch.setattr(sys, "argv", ["neuro", "train", *map(str, words)])
-        with pytest.raises(SystemExit) as end:
-            main()
-        out = capsys.readouterr()
-        return end.value.code or 0, out.out, out.err
-
-    return run
+    return partial(answer, "train")
