@@ -1,8 +1,10 @@
 """The house shows itself: rooms in an order, no import that runs upward, no circle, and apps that use public names."""
 
 import ast
+import re
 from collections.abc import Iterator
 from graphlib import CycleError, TopologicalSorter
+from importlib import import_module
 from pathlib import Path
 
 import pytest
@@ -128,3 +130,9 @@ def test_backends_know_no_other(module):
             assert room(other) not in ("run", "verify", "events", "compare", "testing", "cli"), (
                 f"{module} imports {other}"
             )
+
+
+@pytest.mark.parametrize("module", sorted({*PUBLIC, "neuro.testing"}))
+def test_public_names_stand_on_a_page(module):
+    words = {word for page in (ROOT / "docs").rglob("*.md") for word in re.findall(r"\w+", page.read_text("utf-8"))}
+    assert {name for name in import_module(module).__all__ if not name.startswith("_")} <= words
