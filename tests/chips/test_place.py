@@ -1,53 +1,20 @@
 """Placing: limits to the neuron, memory and hops against counts by hand, refusals by their text."""
 
 import json
-import math
-from collections import Counter
-from dataclasses import replace
-from itertools import combinations, pairwise
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 import neuro
 import neuro_models
 from neuro.chips import chip, place, quantise
-from neuro.chips.description import Chip, Figure, Mesh
+from neuro.chips.description import Chip, Mesh
 from neuro.chips.placing.capacity import too_late
-from neuro.chips.placing.mesh import exchange, lay_out
 from neuro.chips.placing.packing import block_bits, index_bits, synapse_bits
 from neuro.compiler import compile_network
-from neuro.model.neurons import Neuron
-
-REMUS = neuro_models.path("remus")
-LOIHI, SPINNAKER = chip("loihi"), chip("spinnaker")
-
-
-def limited(base=LOIHI, mesh=None, **limits):
-    """A chip with other limits; None takes one away."""
-    kept = {**base.limits, **{name: Figure(value or 0, "test") for name, value in limits.items()}}
-    for name, value in limits.items():
-        if value is None:
-            del kept[name]
-    return replace(base, limits=kept, mesh=mesh or base.mesh)
-
-
-def network(*populations, connect=()):
-    """Populations (name, size or shape, model or None) and connections (from, to, rule, words)."""
-    net = neuro.Network("test", resolution=1.0)
-    for name, size, *model in populations:
-        net.population(name, size, model[0] if model else neuro.iaf_psc_delta())
-    for source, target, rule, *words in connect:
-        told = {"weight": 1.0, "delay": 1.0, **(words[0] if words else {})}
-        net.connect(source, target, rule, told.pop("synapse", neuro.static()), name=f"{source}_{target}", **told)
-    return compile_network(net, 0)
-
-
-def sources(size):
-    return ("in", size, neuro.spike_generator())
-
+from to_place import LOIHI, SPINNAKER, limited, network, sources
 
 # limits, to the neuron
 
@@ -207,7 +174,7 @@ def test_bits_of_a_synapse(model, words, bits):
 
 
 def test_the_host_learns_for_a_grid():
-    program = compile_network(neuro.load(REMUS), 0)
+    program = compile_network(neuro.load(neuro_models.path("remus")), 0)
     assert synapse_bits(program, 0) == 8
 
 
@@ -366,99 +333,6 @@ def test_arguments(words, message):
     assert str(error.value) == message
 
 
-# hops
-
-
-def test_hops_by_hand():
-    """Tiles of one core: in -> a[0:2] at (0, 0), a[2:4] at (1, 0), a[4:6] at (0, 1), row by row."""
-    program = network(
-        sources(1), ("a", 6), connect=[("in", "a", neuro.all_to_all()), ("a", "a", neuro.pairs([5, 5, 0], [0, 3, 5]))]
-    )
-    placed = place(program, limited(mesh=Mesh(2, 2, 1), cores_per_chip=4), order="declared", neurons_per_core=2)
-    assert [(core.column, core.row) for core in placed.cores] == [(0, 0), (1, 0), (0, 1)]
-    host, own = placed.hops(0), placed.hops(1)
-    assert [x.tolist() for x in (host.cores, host.local, host.east_west, host.north_south, host.chip)] == [
-        [3], [1], [1], [1], [0]
-    ]  # fmt: skip
-    assert own.east_west.tolist() == [0, 0, 0, 0, 0, 1]
-    assert own.north_south.tolist() == [1, 0, 0, 0, 0, 2]
-    assert placed.total_hops == 6
-
-
-def test_multicast_shares_links_and_chips_are_crossed():
-    program = network(sources(1), ("a", 4), connect=[("in", "a", neuro.all_to_all())])
-    base = limited(SPINNAKER, mesh=Mesh(1, 1, 1), cores_per_chip=1)
-    placed = place(program, base, neurons_per_core=1, order="declared")
-    assert [(core.chip, core.column, core.row) for core in placed.cores] == [(0, 0, 0), (1, 1, 0), (2, 0, 1), (3, 1, 1)]
-    hops = placed.hops(0)
-    assert (hops.cores[0], hops.local[0], hops.east_west[0], hops.north_south[0], hops.chip[0]) == (4, 1, 1, 2, 3)
-    alone = place(program, replace(base, arithmetic="loihi"), neurons_per_core=1, order="declared").hops(0)
-    assert (alone.east_west[0], alone.north_south[0], alone.chip[0]) == (2, 2, 4)
-
-
-# close together
-
-
-def chain():
-    """Twelve layers, declared in another order than they are connected in."""
-    net = neuro.Network("chain", resolution=1.0)
-    layers = [f"layer{i}" for i in range(12)]
-    net.population("input", 600, neuro.spike_generator())
-    for i in (7, 2, 10, 0, 5, 11, 3, 8, 1, 6, 9, 4):
-        net.population(layers[i], 600, neuro.iaf_psc_exp())
-    net.connect("input", layers[0], neuro.one_to_one(), weight=1.0, delay=1.0)
-    for source, target in pairwise(layers):
-        net.connect(source, target, neuro.fixed_indegree(60), weight=1.0, delay=1.0)
-    return net
-
-
-def balanced():
-    """Brunel's network of `benchmarks/networks.py` with 5,000 neurons."""
-    net = neuro.Network("balanced", resolution=0.1)
-    cell = neuro.iaf_psc_delta()
-    for name, size in (("exc", 4000), ("inh", 1000)):
-        net.population(name, size, cell)
-        net.population(f"noise_{name}", size, neuro.poisson_generator())
-        net.connect(f"noise_{name}", name, neuro.one_to_one(), weight=1.0, delay=1.5)
-    for target in ("exc", "inh"):
-        for source, count in (("exc", 80), ("inh", 20)):
-            net.connect(source, target, neuro.fixed_indegree(count), weight=1.0, delay=1.5)
-    return net
-
-
-def remus():
-    return neuro.load(REMUS)
-
-
-@pytest.mark.parametrize(("make", "at_most"), [(chain, 0.2), (balanced, 0.95), (remus, 0.7)])
-def test_connected_parts_lie_close_together(make, at_most):
-    program = compile_network(make(), 0)
-    close, declared = (place(program, LOIHI, order=order) for order in ("connected", "declared"))
-    assert 0 < close.total_hops < at_most * declared.total_hops
-    assert len(close.cores) <= len(declared.cores)
-
-
-def test_chain_on_spinnaker():
-    program = compile_network(chain(), 0)
-    close, declared = (place(program, SPINNAKER, order=order).total_hops for order in ("connected", "declared"))
-    assert 0 < close < 0.5 * declared
-
-
-def test_neurons_at_one_place_of_a_grid_share_a_core():
-    program = compile_network(remus(), 0)
-    core_of = place(program, LOIHI).core_of[1].reshape(20, 7, 7)
-    assert (core_of == core_of[0]).mean() > 0.8
-    declared = place(program, LOIHI, order="declared").core_of[1].reshape(20, 7, 7)
-    assert (declared[0] == declared[0, 0, 0]).all()
-
-
-def test_the_same_again():
-    program = compile_network(chain(), 0)
-    once, again = (place(program, LOIHI) for _ in range(2))
-    assert str(once) == str(again)
-    assert once.as_dict() == again.as_dict()
-
-
 def test_report():
     program = network(
         sources(2), ("a", 3), ("b", 2), connect=[("in", "a", neuro.all_to_all()), ("a", "b", neuro.all_to_all())]
@@ -485,210 +359,3 @@ def test_report():
 def test_a_long_report_is_cut():
     text = str(place(network(("a", 100)), LOIHI, neurons_per_core=1))
     assert "... and 60 more cores" in text
-
-
-def test_unused_tiles_that_are_closer_are_taken():
-    """Four tiles, each of whose cores every source reaches: (0, 0), its two neighbours and one at two hops."""
-    program = network(sources(8), ("a", 16), connect=[("in", "a", neuro.all_to_all())])
-    assert place(program, LOIHI, neurons_per_core=1).total_hops == 8 * 4 * (0 + 1 + 1 + 2)
-    assert place(program, LOIHI, neurons_per_core=1, order="declared").total_hops == 8 * 4 * (0 + 1 + 2 + 3)
-
-
-@pytest.mark.parametrize("cores", [1, 4, 24, 25, 24 * 7])
-def test_a_snake_takes_neighbours(cores):
-    target = limited(mesh=Mesh(4, 6, 1), cores_per_chip=24)
-    places = lay_out(target, np.zeros(cores, dtype=np.int64), snake=True)
-    steps = np.abs(np.diff(places.column)) + np.abs(np.diff(places.row))
-    assert (steps[np.diff(places.chip) == 0] == 1).all()
-    over = np.abs(np.diff(places.chip_column)) + np.abs(np.diff(places.chip_row))
-    assert (over == np.diff(places.chip)).all()
-    side = math.ceil(math.sqrt(math.ceil(cores / 24)))
-    assert max(places.chip_column.max(), places.chip_row.max()) < side
-
-
-@settings(max_examples=50, deadline=None)
-@given(st.integers(1, 9), st.randoms(use_true_random=False))
-def test_exchange_leaves_no_pair_that_would_save_hops(n, draw):
-    traffic = np.array([[draw.randint(0, 9) for _ in range(n)] for _ in range(n)], dtype=np.float64)
-    traffic = np.triu(traffic, 1) + np.triu(traffic, 1).T
-    pull = np.array([draw.randint(0, 9) for _ in range(n)], dtype=np.float64)
-    column, row = (np.array([draw.randint(0, 4) for _ in range(n)]) for _ in range(2))
-
-    def hops(at):
-        x, y = column[at], row[at]
-        way = np.abs(x[:, None] - x) + np.abs(y[:, None] - y)
-        return (traffic * way).sum() / 2 + pull @ (x + y)
-
-    at = exchange(traffic, pull, column, row)
-    assert sorted(at) == list(range(n))
-    assert hops(at) <= hops(np.arange(n))
-    for i, j in combinations(range(n), 2):
-        swapped = at.copy()
-        swapped[[i, j]] = swapped[[j, i]]
-        assert hops(swapped) >= hops(at)
-
-
-# all of it against a count spelled out
-
-SMALL = {
-    "neurons_per_core": st.sampled_from([None, 1, 3, 8]),
-    "populations_per_core": st.sampled_from([None, 1, 2]),
-    "synapse_bytes_per_core": st.sampled_from([None, 24, 64, 200]),
-    "synapse_bytes_per_chip": st.sampled_from([None, 150, 400]),
-    "axons_in_per_core": st.sampled_from([None, 3, 9]),
-    "axons_out_per_core": st.sampled_from([None, 4, 20]),
-    "cores_per_chip": st.sampled_from([None, 3, 8]),
-}
-
-
-@st.composite
-def programs(draw):
-    net = neuro.Network("drawn", resolution=1.0)
-    models = {
-        "g": neuro.spike_generator(),
-        "p": neuro.iaf_psc_delta(),
-        "q": neuro.iaf_psc_exp(),
-        "r": neuro.parrot_neuron(),
-    }
-    sizes = {name: draw(st.integers(1, 9)) for name in models}
-    for name, model in models.items():
-        net.population(name, sizes[name], model)
-    if draw(st.booleans()):
-        net.population("eye", (2, 4, 3), neuro.spike_generator())
-        net.population("map", (2, "auto", "auto"), neuro.iaf_psc_delta())
-        rule = neuro.grid((2, 2), stride=draw(st.integers(1, 2)), padding=draw(st.integers(0, 1)))
-        net.connect("eye", "map", rule, weight=1.0, delay=1.0)
-    for number in range(draw(st.integers(0, 4))):
-        source, target = draw(st.sampled_from("gpqr")), draw(st.sampled_from("pqr"))
-        n = draw(st.integers(1, 12))
-        ids = [np.array(draw(st.lists(st.integers(0, sizes[x] - 1), min_size=n, max_size=n))) for x in (source, target)]
-        rule = draw(st.sampled_from([neuro.all_to_all(), neuro.pairs(*ids)]))
-        delay = float(draw(st.integers(1, 5)))
-        synapse = draw(st.sampled_from([neuro.static(), neuro.stdp()]))
-        net.connect(source, target, rule, synapse, weight=1.0, delay=delay, name=f"c{number}")
-    return compile_network(net, 0)
-
-
-def synapses_of(program, index):
-    """(source, target) of every synapse, one by one."""
-    g = program.projections[index].grid
-    if g is None:
-        return list(zip(*(ids.tolist() for ids in program.connections(index)), strict=True))
-    found = []
-    for m, r, c, k in np.ndindex(g.maps, g.rows, g.columns, g.channels):
-        for i, j in np.ndindex(g.kernel_height, g.kernel_width):
-            y, x = r * g.stride + i - g.top, c * g.stride + j - g.left
-            if 0 <= y < g.height and 0 <= x < g.width:
-                found.append(((k * g.height + y) * g.width + x, (m * g.rows + r) * g.columns + c))
-    return found
-
-
-def bytes_of(program, target, size, counts):
-    """Bytes of one core from {(projection, source): synapses}."""
-    total = 0
-    if target.arithmetic == "spinnaker":
-        for index in {index for index, _ in counts}:
-            longest = max(n for (i, _), n in counts.items() if i == index)
-            total += program.populations[program.projections[index].source].size * (3 + longest) * 4
-        return total
-    index_width = 0 if size == 1 else max(6, math.ceil(math.log2(size)))
-    for (index, _), n in counts.items():
-        while n:
-            block = min(n, 64)
-            total += math.ceil((block * (synapse_bits(program, index) + index_width) + 10) / 64) * 8
-            n -= block
-    return total
-
-
-MESHES = st.sampled_from([Mesh(2, 2, 2), Mesh(1, 1, 2), Mesh(3, 1, 1)])
-
-
-@settings(max_examples=200, deadline=None)
-@given(
-    programs(),
-    st.fixed_dictionaries(SMALL),
-    st.sampled_from(["loihi", "spinnaker"]),
-    st.sampled_from(["connected", "declared"]),
-    MESHES,
-)
-def test_against_a_slow_count(program, limits, arithmetic, order, mesh):
-    target = replace(limited(**limits, mesh=mesh), arithmetic=arithmetic)
-    placed = place(program, target, order=order)
-    refused = {problem.what.split("'")[1] for problem in placed.problems}
-    cores, where = placed.cores, placed.core_of
-
-    for p, part in enumerate(program.populations):
-        held = sorted((i, c) for c, core in enumerate(cores) for q, a, b in core.parts if q == p for i in range(a, b))
-        expected = list(enumerate(where[p])) if isinstance(part.model, Neuron) else []
-        assert held == expected, "every neuron is on one core, that of core_of"
-    assert len({(core.chip, core.column, core.row, core.slot) for core in cores}) == len(cores), (
-        "no place is used twice"
-    )
-
-    counts = [Counter() for _ in cores]
-    reached = {}
-    for index, part in enumerate(program.projections):
-        for source, end in synapses_of(program, index):
-            core = int(where[part.target][end])
-            counts[core][index, source] += 1
-            reached.setdefault((part.source, source), {}).setdefault(core, index)
-    for c, core in enumerate(cores):
-        names = {program.populations[p].name for p, _, _ in core.parts}
-        assert core.neurons == sum(b - a for _, a, b in core.parts)
-        assert core.synapse_bytes == bytes_of(program, target, core.neurons, counts[c])
-        assert core.axons_in == sum(c in to for to in reached.values())
-        assert core.axons_out == sum(len(to) for (p, i), to in reached.items() if where[p][i] == c)
-        own = {
-            "neurons_per_core": core.neurons,
-            "populations_per_core": len(names),
-            "axons_in_per_core": core.axons_in,
-            "axons_out_per_core": core.axons_out,
-            "synapse_bytes_per_core": core.synapse_bytes,
-        }
-        over = [name for name, value in own.items() if limits[name] is not None and value > limits[name]]
-        assert not over or (core.neurons == 1 and names <= refused), "no limit is exceeded unless it is told"
-
-    for chip_number in {core.chip for core in cores}:
-        here = [core for core in cores if core.chip == chip_number]
-        assert len(here) <= min(limits["cores_per_chip"] or 8, mesh.columns * mesh.rows * mesh.cores_per_tile)
-        shared = limits["synapse_bytes_per_chip"]
-        assert shared is None or sum(core.synapse_bytes for core in here) <= shared or len(here) == 1
-
-    check_hops(program, placed, reached, arithmetic == "spinnaker", mesh)
-
-
-def check_hops(program, placed, reached, multicast, mesh):
-    """Links one by one: along the row first, then along the column."""
-    w, h = mesh.columns, mesh.rows
-    found = Counter()
-    for (p, i), to in reached.items():
-        own = placed.core_of[p][i]
-        begin = (placed.cores[own].column, placed.cores[own].row) if own >= 0 else (0, 0)
-        used = set()
-        for core, index in sorted(to.items(), key=lambda item: item[1]):
-            end = (placed.cores[core].column, placed.cores[core].row)
-            x, y = begin
-            found[index, "cores", i] += 1
-            found[index, "local", i] += begin == end
-            while (x, y) != end:
-                step = (x + (1 if end[0] > x else -1), y) if x != end[0] else (x, y + (1 if end[1] > y else -1))
-                link = (x, y), step
-                if not (multicast and link in used):
-                    found[index, "east_west" if step[1] == y else "north_south", i] += 1
-                    found[index, "chip", i] += (x // w, y // h) != (step[0] // w, step[1] // h)
-                used.add(link)
-                x, y = step
-    for index, part in enumerate(program.projections):
-        for name in ("cores", "local", "east_west", "north_south", "chip"):
-            values = getattr(placed.hops(index), name)
-            expected = [found[index, name, i] for i in range(program.populations[part.source].size)]
-            assert values.dtype == np.int64
-            assert values.tolist() == expected, (part.name, name)
-
-
-@settings(max_examples=40, deadline=None)
-@given(programs(), st.integers(1, 4))
-def test_connected_is_never_longer(program, most):
-    target = limited(mesh=Mesh(3, 2, 1), cores_per_chip=6)
-    close, declared = (place(program, target, order=o, neurons_per_core=most) for o in ("connected", "declared"))
-    assert (close.chips_used, close.total_hops) <= (declared.chips_used, declared.total_hops)

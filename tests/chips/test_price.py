@@ -2,7 +2,6 @@
 
 import json
 import math
-from dataclasses import dataclass, field
 
 import numpy as np
 import pytest
@@ -10,87 +9,16 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 import neuro
+from bills import AB_OPS, ACTIVE, IN_OPS, INACTIVE, LEARNT, STEPS, Moves, Placed, counted, ints, lines, placed
 from neuro.chips import chip, place, price
-from neuro.chips.pricing.energy import quantity
 from neuro.core.errors import ModelError, Where
 from neuro.program.backend import EngineCounts, Problem
 from neuro.program.counts import Tally
 
 
-@dataclass(frozen=True)
-class Moves:
-    local: np.ndarray
-    east_west: np.ndarray
-    north_south: np.ndarray
-    chip: np.ndarray
-
-
-@dataclass(frozen=True)
-class Tile:
-    parts: tuple
-
-
-@dataclass(frozen=True)
-class Placed:
-    """A placement written down."""
-
-    moves: dict
-    cores: tuple
-    chips_used: int = 1
-    tiles_used: int = 1
-    problems: tuple = field(default=())
-
-    def hops(self, index):
-        return self.moves[index]
-
-
-def ints(*values):
-    return np.array(values, dtype=np.int64)
-
-
-def pair():
-    """Two inputs, of which one spikes three times and one once; all to three neurons, of which each goes to one more.
-
-    Every input spike makes all three of `a` fire one step later, and these make `b` fire.
-    """
-    lif = neuro.iaf_psc_delta(tau_m=math.inf, E_L=0.0, V_reset=0.0, V_th=1.0, t_ref=0.0)
-    net = neuro.Network("pair", resolution=1.0)
-    net.population("input", 2, neuro.spike_generator(spike_times=((1.0, 2.0, 3.0), (5.0,))))
-    net.population("a", 3, lif)
-    net.population("b", 3, lif)
-    net.connect("input", "a", neuro.all_to_all(), weight=1.5, delay=1.0, name="in")
-    net.connect("a", "b", neuro.one_to_one(), neuro.stdp(Wmax=10.0), weight=1.5, delay=1.0, name="ab")
-    return net
-
-
-STEPS = 10
-# input: 4 spikes. a: 4 x 3 = 12 spikes in steps 2, 3, 4, 6. b: 12 spikes in steps 3, 4, 5, 7.
-IN_OPS = 4 * 3
-AB_OPS = 12
-ACTIVE = 12  # neuron-steps of a, and of b: arrival and spike fall into one step
-INACTIVE = 3 * STEPS - ACTIVE
-LEARNT = 12 + 12  # a synapse one to one learns from each pre and each post spike
-
-
 @pytest.fixture(scope="module")
 def run():
-    sim = neuro.compile(pair(), "reference")
-    sim.run(float(STEPS))
-    return sim.program, sim._engine.counts()
-
-
-def placed(**words):
-    """`a` and two of `b` on the first core, the last of `b` one tile east and two south of it."""
-    moves = {
-        0: Moves(ints(1, 1), ints(0, 0), ints(0, 0), ints(0, 0)),
-        1: Moves(ints(1, 1, 0), ints(0, 0, 1), ints(0, 0, 2), ints(0, 0, 0)),
-    }
-    cores = (Tile(((1, 0, 3), (2, 0, 2))), Tile(((2, 2, 3),)))
-    return Placed(moves, cores, **{"tiles_used": 2, **words})
-
-
-def lines(energy):
-    return {(item.what, item.of): (item.count, item.joules) for item in energy.items}
+    return counted()
 
 
 def test_loihi_by_hand(run):
@@ -390,105 +318,6 @@ def test_per_part(run):
         with pytest.raises(ModelError) as caught:
             whole.per(n, "step")
         assert str(caught.value) == f"per = {n!r}: expected a whole number >= 1"
-
-
-def test_json(run):
-    energy = price(*run, placed(), chip("spinnaker"))
-    told = json.loads(json.dumps(energy.as_dict()))
-    assert told["total_j"] == energy.total_j == told["dynamic_j"] + told["static_j"]
-    assert sum(item["joules"] or 0.0 for item in told["items"]) == pytest.approx(energy.total_j, rel=1e-12)
-    assert (told["target"], told["of"], told["chips"], told["steps"]) == ("spinnaker", "run", 1, 10)
-    assert told["items"][-1]["source"].startswith("Painkras")
-    assert told["notes"] == list(energy.notes)
-
-
-def test_what_is_not_known_is_null_in_json(run, tmp_path):
-    dense = price(*run, None, chip("cpu"))
-    assert (dense.static_j, dense.static_known) == (0.0, False)
-    told = json.loads(json.dumps(dense.as_dict()))
-    assert (told["static_j"], told["chip_time_s"], told["chips"]) == (None, None, None)
-    assert told["total_j"] == told["dynamic_j"] == dense.total_j > 0.0
-    (tmp_path / "free.yaml").write_text("like: truenorth\ncosts: {static_per_chip: {value: 0, source: me}}\n")
-    free = price(*run, None, chip(tmp_path / "free.yaml"))  # its figure is 0 and published
-    assert free.static_known
-    assert (free.as_dict()["static_j"], free.as_dict()["chips"]) == (0.0, 1)
-    assert [energy.machine() for energy in (dense, free)] == [("-", "-"), ("10 ms", "1")]
-
-
-HEAD = """\
-SpiNNaker 2 (prototype) (spinnaker2), energy per half: 1 chip, 5 steps, 5 ms of chip time
-
-"""
-ROWS = """\
-item                      of  count     each      energy
-neuron_update_active *    a       6  2.19 nJ    13.14 nJ
-neuron_update_inactive *  a       9  2.19 nJ    19.71 nJ
-neuron_update_active *    b       6  2.19 nJ    13.14 nJ
-neuron_update_inactive *  b       9  2.19 nJ    19.71 nJ
-synaptic_op *             in      6   450 pJ      2.7 nJ
-synaptic_op *             ab      6   450 pJ      2.7 nJ
-learning_update           ab     12        -  not priced
-"""
-NOTES = """\
-- static power is not in the sums: no figure is published
-- generators are the host's: their spikes are priced, their updates are not
-- not priced, as no figure is published: learning_update
-- extrapolated (*): neuron_update_active, neuron_update_inactive, synaptic_op: a prototype of 4 cores in 28 nm, \
-not the chip of 22 nm
-"""
-SUMS = """
-dynamic     71.1 nJ
-static   not priced
-total       71.1 nJ   71.1 nJ to 284.4 nJ"""
-
-
-def test_the_text(run):
-    assert str(price(*run, None, chip("spinnaker2")).per(2, "half")) == HEAD + ROWS + "\n" + NOTES + SUMS
-
-
-def test_the_text_with_sources(run):
-    text = price(*run, None, chip("spinnaker2")).per(2, "half").told(sources=True)
-    rows = ROWS.splitlines()
-    marks = ["  source", *4 * ["  [1]"], *2 * ["  [2]"], ""]
-    cited = "\n".join(row + mark for row, mark in zip(rows, marks, strict=True)) + "\n\n"
-    assert text.startswith(HEAD + cited)
-    spread = "high: without that scaling the cores take four times as much: Höppner et al., abstract"
-    ranges = f"- range of neuron_update_active, neuron_update_inactive, synaptic_op: {spread}\n"
-    assert text.endswith(NOTES + ranges + SUMS)
-    foot = text.removeprefix(HEAD + cited).removesuffix(NOTES + ranges + SUMS).splitlines()
-    assert foot[0].startswith("[1] Höppner et al., IEEE Trans. Circuits Syst. I 66:2973, 2019, as quoted by")
-    assert foot[0].endswith("(prototype, 28 nm; every neuron is stepped alike)")
-    assert foot[1].startswith("[2] Höppner")
-    assert foot[2:] == [
-        "",
-        "- chip time: a step of 1 ms takes 1 ms on the chip: "
-        "Höppner et al., IEEE Trans. Circuits Syst. I 66:2973, 2019 "
-        "(biological real time)",
-    ]
-
-
-def test_the_text_of_static_energy(run):
-    rows = str(price(*run, placed(), chip("spinnaker"))).splitlines()
-    assert rows[0] == "SpiNNaker 1 (spinnaker), energy per run: 1 chip, 10 steps, 10 ms of chip time"
-    assert [row.split()[:7] for row in rows if row.startswith("static_per_chip")] == [
-        ["static_per_chip", "spinnaker", "10", "ms", "360", "mW", "3.6"]
-    ]
-
-
-@pytest.mark.parametrize(
-    ("value", "text"),
-    [
-        (23.6e-12, "23.6 pJ"),
-        (0.0, "0 J"),
-        (1.0, "1 J"),
-        (0.0009999999, "1 mJ"),
-        (1.7e-17, "0.017 fJ"),
-        (12345.6, "1.235e+04 J"),
-        (999.94e-9, "999.9 nJ"),
-    ],
-)
-def test_prefixes(value, text):
-    assert quantity(value, "J") == text
 
 
 def test_mistakes(run):

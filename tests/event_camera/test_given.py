@@ -1,0 +1,119 @@
+"""Events of a program: in any form, given at once or fed while it runs."""
+
+import numpy as np
+import pytest
+
+import neuro
+from neuro import ModelError
+from neuro.events import Events
+from seen import network, same_run
+
+
+def as_array(walk):
+    return walk.records()
+
+
+def as_iterator(walk):
+    return iter([walk[:10], walk[10:10], walk[10:]])
+
+
+def as_function(walk):
+    return lambda: iter([walk])
+
+
+@pytest.mark.parametrize("form", [as_array, as_iterator, as_function])
+def test_events_in_any_form(walk, form):
+    sims = [neuro.compile(network(neuro.event_camera(events=e), (2, 9, 12))) for e in (walk, form(walk))]
+    for sim in sims:
+        sim.run(70.0)
+    same_run(*sims)
+
+
+def test_an_iterator_is_asked_when_its_events_are_due(walk):
+    asked = []
+
+    def parts():
+        for k in range(0, len(walk), 500):
+            asked.append(int(walk.t[k] - walk.t[0]))
+            yield walk[k : k + 500]
+
+    sim = neuro.compile(network(neuro.event_camera(events=parts()), (2, 9, 12)))
+    assert asked == []
+    sim.run(10.0)
+    assert asked[-2] <= 10_000
+    assert len(asked) < 4
+    with pytest.raises(ModelError) as error:
+        sim.reset()
+    assert str(error.value) == (
+        "reset: 'camera' has played events of an iterator, which cannot be played again: expected events that can\n"
+        "  hint: give it Events, a list of them, or a function that makes an iterator"
+    )
+    sim.run(60.0)
+    assert sim.spikes("camera")[0].size == len(walk)
+
+
+def test_feeding_while_it_runs(walk):
+    origin = int(walk.t[0])
+    fed = neuro.compile(network(neuro.event_camera(origin=origin), (2, 9, 12)))
+    for begin in range(0, 70_000, 10_000):
+        fed.feed("camera", walk.between(origin + begin, origin + begin + 10_000))
+        fed.run(10.0)
+    played = neuro.compile(network(neuro.event_camera(events=walk)))
+    played.run(70.0)
+    same_run(fed, played)
+    with pytest.raises(ModelError) as error:
+        fed.feed("camera", walk[-1:])
+    late = (int(walk.t[-1]) - origin) // 100 * 0.1 + 0.1
+    assert str(error.value) == (
+        f"feed: an event of 'camera' in the step that ends at {late:g} ms: expected later than 70 ms, the present"
+    )
+    with pytest.raises(ModelError) as error:
+        fed.feed("camera", Events([origin - 1], [0], [0], [1], (12, 9)))
+    assert str(error.value) == (
+        f"feed: 'camera': an event at {origin - 1} us: expected from {origin} us on, the beginning"
+    )
+    with pytest.raises(ModelError, match="feed: 'cells' is an iaf_psc_exp: expected an event_camera"):
+        fed.feed("cells", walk)
+
+
+def as_list_of_events(walk):
+    return list(walk)
+
+
+def as_iterator_of_events(walk):
+    return iter(walk)
+
+
+@pytest.mark.parametrize("form", [as_array, as_iterator, as_list_of_events, as_iterator_of_events, as_function])
+def test_events_in_any_form_are_fed(walk, form):
+    few = walk[:300]
+    origin = int(few.t[0])
+    sims = [neuro.compile(network(neuro.event_camera(origin=origin), (2, 9, 12))) for _ in range(2)]
+    for sim, events in zip(sims, (few, form(few)), strict=True):
+        sim.feed("camera", events)
+        sim.run(10.0)
+    same_run(*sims)
+    assert sims[0].spikes("camera")[0].size == 300
+
+
+NO_EVENTS = "expected Events, or an array with the fields t, x, y and p, or an iterator of such"
+
+
+@pytest.mark.parametrize(
+    ("events", "message"),
+    [
+        (3, f"events: found 3: {NO_EVENTS}"),
+        ("walk.dat", "events: found 'walk.dat': expected Events\n  hint: neuro.events.load reads a file"),
+        ([1, 2], f"events: found 1: {NO_EVENTS}"),
+        ([(1, 2, 3, 1)], f"events: found (1, 2, 3, 1): {NO_EVENTS}"),
+        (np.zeros(3), f"events: found an array of float64: {NO_EVENTS}"),
+        (np.zeros(3, [("t", int), ("x", int)]), f"events: found an array of [('t', '<i8'), ('x', '<i8')]: {NO_EVENTS}"),
+        (neuro.events.Event(7, 12, 0, 1), "event at x = 12, y = 0, 7 us: expected within its shape [2, 9, 12]"),
+    ],
+    ids=["number", "name", "numbers", "tuples", "floats", "fields", "outside"],
+)
+def test_what_cannot_be_fed(events, message):
+    sim = neuro.compile(network(neuro.event_camera(), (2, 9, 12)))
+    with pytest.raises(ModelError) as error:
+        sim.feed("camera", events)
+    assert str(error.value) == f"feed: 'camera': {message}"
