@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from neuro import ModelError
-from neuro.apps import check_output, make_folder, provenance, sealed, side_by_side, write_text
+from neuro.apps import check_output, kept_json, make_folder, provenance, sealed, side_by_side, write_text
 from neuro_drone.controllers import kind_of
 from neuro_drone.evaluate import Lap, grid, try_out
 from neuro_drone.model import Model
@@ -153,7 +153,7 @@ class Job:
         )  # fmt: skip
         flown = {"grid": self.starts, "path": self.course.path, "test_seed": self.course.seed}
         known = json.loads(json.dumps(model.told() | {"steps": model.steps} | flown))
-        kept = _read(result)
+        kept = kept_json(result)
         if kept.get("of") != known:
             check_output(result, RESULT)
             kept = {"format": FORMAT, "of": known, "provenance": provenance(seed=self.seed), **self._tried(model, say)}
@@ -244,12 +244,3 @@ def _steps(row: str, text: str) -> int:
     if not text.isdecimal() or int(text) < 1:
         raise ModelError(f"row '{row}': steps = '{text}': expected a whole number >= 1")
     return int(text)
-
-
-def _read(file: Path) -> dict[str, Any]:
-    """A result; empty if there is none or it is damaged."""
-    try:
-        told = json.loads(file.read_text("utf-8"))
-    except (FileNotFoundError, ValueError):
-        return {}
-    return told if isinstance(told, dict) else {}

@@ -18,7 +18,17 @@ from typing import Any
 import numpy as np
 
 from neuro import ModelError
-from neuro.apps import Unwritable, check_output, find_backend, make_folder, provenance, sealed, side_by_side, write_text
+from neuro.apps import (
+    Unwritable,
+    check_output,
+    find_backend,
+    kept_json,
+    make_folder,
+    provenance,
+    sealed,
+    side_by_side,
+    write_text,
+)
 from neuro.events import EventFileError, Recordings
 from neuro_recognise.code import code_of
 from neuro_recognise.evaluate import Evaluation, evaluate
@@ -227,7 +237,7 @@ class Fold:
 
     def kept(self) -> dict[str, Any]:
         """Its result, if it is there; else nothing."""
-        kept = _read(self.file)
+        kept = kept_json(self.file)
         there = kept.get("of") == json.loads(json.dumps(self.of)) and _priced(kept, self.targets)
         return kept if there else {}
 
@@ -349,12 +359,3 @@ def _summary(
         float(np.mean([one["answer_ms"] for one in told])),
         None if told[0]["bills"] is None else {target: told[0]["bills"][target] for target in plan.targets},
     )
-
-
-def _read(file: Path) -> dict[str, Any]:
-    """A result; empty if there is none or it is damaged."""
-    try:
-        told = json.loads(file.read_text("utf-8"))
-    except (FileNotFoundError, ValueError):
-        return {}
-    return told if isinstance(told, dict) else {}

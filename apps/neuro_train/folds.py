@@ -11,7 +11,7 @@ import numpy as np
 import numpy.typing as npt
 
 import neuro
-from neuro.apps import sealed, write_text
+from neuro.apps import kept_json, sealed, write_text
 from neuro_train.data import Shown
 from neuro_train.plan import Plan
 from neuro_train.tested import by_module, on_backend
@@ -66,7 +66,7 @@ def _fold(
     own = out.with_name(f"{out.stem}-{k + 1}{out.suffix}")
     file = own.with_suffix(".json")
     of = identity(net, shown, plan) | {"fold": name, "backends": list(backends)}
-    kept = _read(file)
+    kept = kept_json(file)
     if kept.get("of") == json.loads(json.dumps(of)):
         return kept
     checkpoint = begun(net, own, shown, plan, name)
@@ -87,12 +87,3 @@ def _fold(
     write_text(file, json.dumps(told, indent=1), RESULT)
     checkpoint.remove()
     return told
-
-
-def _read(file: Path) -> dict[str, Any]:
-    """A result; empty if there is none or it is damaged."""
-    try:
-        told = json.loads(file.read_text("utf-8"))
-    except (FileNotFoundError, ValueError):
-        return {}
-    return told if isinstance(told, dict) else {}

@@ -22,7 +22,7 @@ import numpy.typing as npt
 
 import neuro
 from neuro import ModelError
-from neuro.apps import install, make_folder, sealed, write_text
+from neuro.apps import install, kept_json, make_folder, sealed, write_text
 from neuro_train.data import but, show
 from neuro_train.front import Place
 from neuro_train.plan import Plan
@@ -161,7 +161,7 @@ def point(
     learnt_from, judged = divided(recordings, told.seed, fold, folds)
     which = f"part {'held out' if held else fold} of {folds + 1}"
     of = identity(net, shown, told) | {"part": which, "varied": dict(varied)}
-    kept = _read(out.with_suffix(".json"))
+    kept = kept_json(out.with_suffix(".json"))
     if kept.get("of") == json.loads(json.dumps(of)) and out.exists():
         return {str(name): float(value) for name, value in kept["found"].items()}
     mine = shown.take(learnt_from)
@@ -197,12 +197,3 @@ def _recordings(data: str, part: str, without: str) -> Recordings:
 
 def _name(varied: Mapping[str, Any]) -> str:
     return "_".join(f"{name}{value:g}" for name, value in varied.items())
-
-
-def _read(file: Path) -> dict[str, Any]:
-    """A result; empty if there is none or it is damaged."""
-    try:
-        told = json.loads(file.read_text("utf-8"))
-    except (FileNotFoundError, ValueError):
-        return {}
-    return told if isinstance(told, dict) else {}

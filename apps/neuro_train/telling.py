@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import base64
-import io
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -93,7 +91,7 @@ def _parts(plan: Plan, trained: Trained, tried: Sequence[Tried], recordings: int
         yield tag("ul", *(tag("li", line) for line in footnotes([t.bill for t in tried if t.bill], True)))
     if len(trained.curves["loss"]):
         yield tag("h2", "While it learnt")
-        yield _picture(curves(trained.curves), "loss, accuracy and joules by epoch")
+        yield html.picture(curves(trained.curves), "loss, accuracy and joules by epoch")
     yield tag("h2", "How it was trained")
     words = ((name, str(value)) for name, value in plan.as_words().items() if value not in (None, [], {}, 0.0, ""))
     yield html.table(("what", "value"), list(words))
@@ -114,12 +112,3 @@ def curves(noted: Mapping[str, npt.NDArray[np.float64]]) -> Figure:
         axis.set_ylabel(label)
         axis.spines[["top", "right"]].set_visible(False)
     return figure
-
-
-def _picture(figure: Figure, label: str) -> Any:
-    """A picture inside the page."""
-    drawn = io.BytesIO()
-    figure.savefig(drawn, format="png", metadata={"Software": "neuro"})
-    data = base64.b64encode(drawn.getvalue()).decode()
-    style = f"width:{figure.get_size_inches()[0] * 96:.0f}px;max-width:100%"
-    return html.tag("figure", html.tag("img", src=f"data:image/png;base64,{data}", alt=label, style=style))

@@ -4,14 +4,18 @@ from __future__ import annotations
 
 import base64
 import hashlib
+import io
 import json
 from collections.abc import Iterable, Mapping, Sequence
 from html import escape
 from pathlib import Path
 from string import Template
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from neuro.core.provenance import ATTRIBUTE, provenance
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 _FOLDER = Path(__file__).parent
 
@@ -114,6 +118,15 @@ def figure(picture: Html, caption: object, title: str = "", class_: str | None =
     if title:
         return tag("figure", tag("figcaption", tag("b", title), tag("span", caption)), picture, class_=class_)
     return tag("figure", picture, tag("figcaption", caption), class_=class_)
+
+
+def picture(drawing: Figure, label: str) -> Html:
+    """A figure of Matplotlib inside the page, at most as wide as its place; `label` is for who does not see it."""
+    drawn = io.BytesIO()
+    drawing.savefig(drawn, format="png", metadata={"Software": "neuro"})
+    data = base64.b64encode(drawn.getvalue()).decode()
+    style = f"width:{drawing.get_size_inches()[0] * 96:.0f}px;max-width:100%"
+    return tag("figure", tag("img", src=f"data:image/png;base64,{data}", alt=label, style=style))
 
 
 def legend(*entries: tuple[str, str]) -> Html:

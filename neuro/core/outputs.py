@@ -17,6 +17,7 @@ import errno
 import fcntl
 import hashlib
 import itertools
+import json
 import os
 import platform
 import re
@@ -29,7 +30,7 @@ from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from io import StringIO
 from pathlib import Path
-from typing import IO, TYPE_CHECKING
+from typing import IO, TYPE_CHECKING, Any
 
 from neuro.core.errors import ModelError
 from neuro.core.paths import file_path
@@ -42,6 +43,7 @@ __all__ = [
     "Kind",
     "Unwritable",
     "check_output",
+    "kept_json",
     "make_folder",
     "marked",
     "output",
@@ -253,6 +255,15 @@ def write_text(path: Path, text: str, kind: Kind, replace: bool = False) -> None
     """Write a text, with the seal of its kind; arguments and errors as of `output`."""
     with output(path, kind, replace) as part:
         part.write_text(kind.seal(text), "utf-8")
+
+
+def kept_json(path: Path) -> dict[str, Any]:
+    """What a file of JSON has by name, of work that goes on; empty if it is not there or damaged."""
+    try:
+        told = json.loads(path.read_text("utf-8"))
+    except (FileNotFoundError, ValueError):
+        return {}
+    return told if isinstance(told, dict) else {}
 
 
 def make_folder(path: Path) -> None:

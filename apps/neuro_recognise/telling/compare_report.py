@@ -2,11 +2,9 @@
 
 from __future__ import annotations
 
-import base64
-import io
 from collections.abc import Iterator, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
@@ -14,9 +12,6 @@ from neuro.apps import console, html, quantity, sealed, table, write_text
 from neuro_recognise.compare import Compared, Plan
 from neuro_recognise.evaluate import wilson
 from neuro_recognise.telling.pictures import accuracies, confusion
-
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
 
 __all__ = ["show", "write"]
 
@@ -87,7 +82,7 @@ def _parts(found: Sequence[Compared], plan: Plan, data: str) -> Iterator[Any]:
     seeds = f"{len(plan.seeds)} seed" + ("s" if len(plan.seeds) > 1 else "")
     yield tag("p", f"{n} recordings of {data}, {plan.folds} folds, {seeds}.", class_="lead")
     if ran:
-        yield _picture(accuracies([(one.contestant.name, one.of_seeds) for one in ran]), "accuracy of each method")
+        yield html.picture(accuracies([(one.contestant.name, one.of_seeds) for one in ran]), "accuracy of each method")
     yield html.table(HEAD, [_row(one, plan) for one in found])
     yield tag("p", ABOUT)
     if bills := list(_bills(found)):
@@ -105,7 +100,7 @@ def _parts(found: Sequence[Compared], plan: Plan, data: str) -> Iterator[Any]:
 
 def _card(one: Compared, seed: int) -> Any:
     """The confusion of a method under its name."""
-    picture = _picture(confusion(one.of_seeds[0]), f"confusion of {one.contestant.name}, seed {seed}")
+    picture = html.picture(confusion(one.of_seeds[0]), f"confusion of {one.contestant.name}, seed {seed}")
     return html.tag("div", html.tag("h3", one.contestant.name), html.tag("p", one.contestant.method.title), picture)
 
 
@@ -139,12 +134,3 @@ def _unpriced(found: Sequence[Compared]) -> Iterator[str]:
 
 def _joules(bill: Any) -> str:
     return "refused" if "refused" in bill else quantity(bill["total_j"], "J")
-
-
-def _picture(figure: Figure, label: str) -> Any:
-    """A picture inside the page."""
-    drawn = io.BytesIO()
-    figure.savefig(drawn, format="png", metadata={"Software": "neuro"})
-    data = base64.b64encode(drawn.getvalue()).decode()
-    style = f"width:{figure.get_size_inches()[0] * 96:.0f}px;max-width:100%"
-    return html.tag("figure", html.tag("img", src=f"data:image/png;base64,{data}", alt=label, style=style))

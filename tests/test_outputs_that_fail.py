@@ -1,0 +1,172 @@
+"""What is left of a file that could not be written: nothing of ours, and nothing of others is gone."""
+
+import os
+import resource
+import signal
+import subprocess
+import sys
+from pathlib import Path
+
+import h5py
+import numpy as np
+import pytest
+
+import neuro
+from neuro import events
+from neuro.core import outputs
+from neuro.core.hdf5 import new_file, writing
+from neuro.core.outputs import Unwritable, check_output, marked, output, write_text
+
+OURS = marked("a text of ours", "# ours")
+
+
+@pytest.mark.parametrize("error", [ValueError, KeyboardInterrupt, SystemExit])
+def test_nothing_is_left_of_a_failure(tmp_path, error):
+    def fail():
+        with output(tmp_path / "a", OURS) as part:
+            part.write_text("half")
+            raise error
+
+    with pytest.raises(error):
+        fail()
+    assert os.listdir(tmp_path) == []
+
+
+def test_errors_about_other_files_stay_theirs(tmp_path):
+    with pytest.raises(FileNotFoundError, match="other"), output(tmp_path / "a", OURS):
+        (tmp_path / "other").read_bytes()
+
+
+class TestFull:
+    """A disk that is full; files that are limited are the same to who writes them."""
+
+    LIMIT = 1 << 18
+
+    @pytest.fixture(autouse=True)
+    def limited(self):
+        before = resource.getrlimit(resource.RLIMIT_FSIZE)
+        resource.setrlimit(resource.RLIMIT_FSIZE, (self.LIMIT, before[1]))
+        yield
+        resource.setrlimit(resource.RLIMIT_FSIZE, before)
+
+    def text(self, path):
+        write_text(path, "# ours" * self.LIMIT, OURS)
+
+    def hdf5(self, path):
+        with writing(path, "of a test") as file:
+            for k in range(9):
+                file[str(k)] = np.random.default_rng(k).random(20_000)
+
+    def network(self, path):
+        net = neuro.Network("n", resolution=1.0)
+        net.population("a", 100_000, neuro.iaf_psc_delta(V_th=np.random.default_rng(0).uniform(20, 30, 100_000)))
+        net.save(path)
+
+    def recording(self, path):
+        draw, n = np.random.default_rng(0), 400_000
+        x, y, p = draw.integers(0, (34, 34, 2), (n, 3)).T
+        events.save(events.Events(np.arange(n), x, y, p, (34, 34)), path)
+
+    @pytest.mark.parametrize(
+        ("kind", "name"),
+        [("text", "a"), ("hdf5", "a.h5"), ("network", "a.yaml")]
+        + [("recording", f"a{f.suffixes[0]}") for f in events.formats.FORMATS.values() if f.write],
+    )
+    def test_nothing_is_left(self, kind, name, tmp_path):
+        before = h5py.h5f.get_obj_count(h5py.h5f.OBJ_ALL, h5py.h5f.OBJ_FILE)
+        with pytest.raises(ValueError, match=r"a(\.\w+)?: cannot be written: File too large(\n  hint: .*)?$"):
+            getattr(self, kind)(tmp_path / name)
+        assert os.listdir(tmp_path) == []
+        assert h5py.h5f.get_obj_count(h5py.h5f.OBJ_ALL, h5py.h5f.OBJ_FILE) == before
+
+
+def test_a_full_file_system(tmp_path):
+    if os.geteuid() or subprocess.run(["mount", "-t", "tmpfs", "-o", "size=256k", "tmpfs", tmp_path]).returncode:
+        pytest.skip("no file system can be mounted here")
+    try:
+        with pytest.raises(Unwritable, match=r"a\.h5: cannot be written: No space left on device$"):
+            TestFull().hdf5(tmp_path / "a.h5")
+        assert os.listdir(tmp_path) == []
+    finally:
+        subprocess.run(["umount", tmp_path], check=True)
+
+
+def test_other_errors_of_hdf5_stay(tmp_path):
+    with pytest.raises(FileNotFoundError, match=r"name = '.*/b'"), new_file(tmp_path / "a"):
+        h5py.File(tmp_path / "b", "r")
+
+
+@pytest.mark.skipif(os.geteuid() == 0, reason="nothing is unwritable to root")
+def test_a_protected_file_stays(tmp_path):
+    path = tmp_path / "a"
+    path.write_text("# ours")
+    path.chmod(0o400)
+    with pytest.raises(Unwritable, match=r"a: cannot be written: Permission denied$"):
+        write_text(path, "# ours", OURS)
+
+
+KILLED = """
+import pathlib, sys, time
+from neuro.core.outputs import marked, output
+with output(pathlib.Path(sys.argv[1]), marked("ours", "# ours")) as part:
+    part.write_text("# ours: half")
+    print(part.name, flush=True)
+    time.sleep(60)
+"""
+
+
+def test_what_a_killed_process_left_is_removed(tmp_path, monkeypatch):
+    path = tmp_path / "a"
+    path.write_text("# ours: old")
+    with subprocess.Popen([sys.executable, "-c", KILLED, path], stdout=subprocess.PIPE, text=True) as running:
+        part = running.stdout.readline().strip()
+        monkeypatch.setattr(outputs, "_swept", set())
+        check_output(path, OURS)
+        assert (tmp_path / part).exists()  # it is still written
+        running.send_signal(signal.SIGKILL)
+    assert path.read_text() == "# ours: old"
+    assert sorted(os.listdir(tmp_path)) == [part, "a"]
+    elsewhere = tmp_path / part.replace(outputs._HOST, "another-machine")
+    elsewhere.write_text("half")
+    monkeypatch.setattr(outputs, "_swept", set())
+    write_text(path, "# ours: new", OURS)
+    assert sorted(os.listdir(tmp_path)) == [elsewhere.name, "a"]
+
+
+def _left(folder, process=99_999_999):
+    return folder / f".a.{outputs._HOST}.{process}.0.part"
+
+
+def test_sweeping_takes_files_of_this_user_only(tmp_path, monkeypatch):
+    monkeypatch.setattr(outputs, "_swept", set())
+    _left(tmp_path).mkdir()
+    _left(tmp_path, "9" * 23).touch()
+    _left(tmp_path, "9" * 9).touch()
+    before = set(os.listdir(tmp_path)) - {_left(tmp_path, "9" * 9).name}
+    write_text(tmp_path / "a", "# ours", OURS)
+    assert set(os.listdir(tmp_path)) == {*before, "a"}
+
+
+def test_leftovers_of_others_stay(tmp_path, monkeypatch):
+    monkeypatch.setattr(outputs, "_swept", set())
+    _left(tmp_path).touch()
+    monkeypatch.setattr(os, "getuid", lambda: 4321)
+    write_text(tmp_path / "a", "# ours", OURS)
+    assert sorted(os.listdir(tmp_path)) == [_left(tmp_path).name, "a"]
+
+
+@pytest.mark.parametrize("call", ["scandir", "unlink"])
+def test_sweeping_that_is_refused_is_no_error(call, tmp_path, monkeypatch):
+    """As in a folder that may be written to but not read, and in one with the sticky bit."""
+    monkeypatch.setattr(outputs, "_swept", set())
+    _left(tmp_path).touch()
+    real = getattr(os, call)
+
+    def refuse(path, *more, **named):
+        if Path(path) in (tmp_path, _left(tmp_path)):
+            raise PermissionError(13, "Permission denied")
+        return real(path, *more, **named)
+
+    monkeypatch.setattr(os, call, refuse)
+    write_text(tmp_path / "a", "# ours", OURS)
+    assert (tmp_path / "a").read_text() == "# ours"
