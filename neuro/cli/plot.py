@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from enum import StrEnum
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -55,7 +55,6 @@ def plot(
     """Draw the spikes, rates and traces of a run as pictures."""
     from neuro import plots
     from neuro.core.errors import ModelError
-    from neuro.core.outputs import make_folder, write_picture
     from neuro.files.results import read
     from neuro.model.views import View
     from neuro.model.written_views import on_a_line
@@ -79,11 +78,18 @@ def plot(
         draw["traces"] = lambda: plots.trace(results, probes, of=views, window=stretch)
     if not draw:
         raise ModelError(f"{file}: holds neither spikes nor traces", hint="'neuro run --record NAME' keeps spikes")
-    folder = file.parent if out is None else out
+    drawn = ((f"{file.stem}-{what}", picture()) for what, picture in draw.items())
+    write_pictures(drawn, file.parent if out is None else out, format)
+
+
+def write_pictures(pictures: Iterable[tuple[str, Figure]], folder: Path, format: Format) -> None:
+    """Write pictures by their names into a folder, which is made if it is not there, and tell each."""
+    from neuro.core.outputs import make_folder, write_picture
+
     make_folder(folder)
-    for what, picture in draw.items():
-        path = folder / f"{file.stem}-{what}.{format.value}"
-        write_picture(path, picture())
+    for name, picture in pictures:
+        path = folder / f"{name}.{format.value}"
+        write_picture(path, picture)
         typer.echo(path)
 
 

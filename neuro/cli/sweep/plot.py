@@ -8,7 +8,7 @@ from typing import Annotated
 
 import typer
 
-from neuro.cli.plot import Format
+from neuro.cli.plot import Format, write_pictures
 from neuro.cli.sweep.options import Runs
 
 
@@ -37,14 +37,8 @@ def plot(
     format: Form = Format.png,
 ) -> None:
     """Draw metrics over parameters: lines with the spread of seeds, a map of two, or all as parallel coordinates."""
-    from neuro.core.outputs import make_folder, write_picture
     from neuro.sweeps.pictures import pictures
     from neuro.sweeps.table import table_of
 
     drawn = pictures(table_of(folder), metric, of, kind.value)
-    place = folder if out is None else out
-    make_folder(place)
-    for name, picture in drawn.items():
-        path = place / f"{name}.{format.value}"
-        write_picture(path, picture)
-        typer.echo(path)
+    write_pictures(drawn.items(), folder if out is None else out, format)

@@ -8,7 +8,7 @@ from typing import Annotated
 
 import typer
 
-from neuro.cli.plot import Format
+from neuro.cli.plot import Format, write_pictures
 from neuro.cli.tune.options import Tuned
 
 
@@ -36,15 +36,9 @@ def plot(
     format: Form = Format.png,
 ) -> None:
     """Draw a tuning: the best value so far, the front, how much each parameter matters, parallel coordinates."""
-    from neuro.core.outputs import make_folder, write_picture
     from neuro.sweeps.tuning.pictures import pictures
     from neuro.sweeps.tuning.table import tune_table_of
 
     kinds = [each.value for each in kind if each != Kind.auto]
     drawn = pictures(tune_table_of(folder), kinds)
-    place = folder if out is None else out
-    make_folder(place)
-    for name, picture in drawn.items():
-        path = place / f"{name}.{format.value}"
-        write_picture(path, picture)
-        typer.echo(path)
+    write_pictures(drawn.items(), folder if out is None else out, format)
