@@ -1,49 +1,15 @@
-"""A sweep done, wherever it runs: in this process, on the cores of this machine, on a Dask cluster, as part of many."""
+"""A sweep done: all runs that its folder does not have, and how far it is."""
 
 from __future__ import annotations
 
-import re
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from os import PathLike
-from typing import Any
 
-from neuro.core.checks import check
-from neuro.core.errors import ModelError
-from neuro.core.processes import cores
 from neuro.core.progress import Bar
 from neuro.core.provenance import provenance
-from neuro.core.quantities import Quantity
-from neuro.core.values import shown
-from neuro.sweeps.cores import Cores
 from neuro.sweeps.definition import Item, Sweep
 from neuro.sweeps.folder import Folder
-from neuro.sweeps.network import NetworkRun
-from neuro.sweeps.worker import LOST, TAKEN, Worker
-
-CORES, HERE = "cores", "here"
-_PART = re.compile(r"(\d{1,9})/(\d{1,9})")
-_WORKERS = Quantity(kind="integer", at_least=1, optional=True)
-
-
-@dataclass(frozen=True, slots=True)
-class Place:
-    """Where runs are done.
-
-    Attributes:
-        on: "cores", "here", the address of a Dask scheduler, or the file that names one.
-        workers: how many processes; as many as there are cores if None.
-        part: (i, n): only the runs that are the i-th of each n.
-    """
-
-    on: str = CORES
-    workers: int | None = None
-    part: tuple[int, int] | None = None
-
-    @property
-    def cluster(self) -> bool:
-        """Whether it is a Dask cluster."""
-        return self.on not in (CORES, HERE)
+from neuro.sweeps.place import Place, doing
 
 
 @dataclass
@@ -70,7 +36,7 @@ class Count:
 def execute(
     sweep: Sweep,
     folder: Folder,
-    place: Place = Place(),
+    place: Place,
     *,
     retry: bool = False,
     bar: Bar | None = None,
@@ -113,60 +79,13 @@ def execute(
     if bar is not None:
         bar.say(str(count))
     if left:
-        _do(sweep, folder, place, left, tell)
+        with doing(sweep, folder, place, tell, wait=False) as do:
+            do(left)
     return count
-
-
-def _do(sweep: Sweep, folder: Folder, place: Place, left: Sequence[Item], tell: Callable[[str, bool], None]) -> None:
-    if place.on == HERE:
-        _here(sweep, folder, left, tell)
-    elif place.cluster:
-        from neuro.sweeps.cluster import on_cluster
-
-        on_cluster(place.on, folder, left, tell)
-    else:
-        threads = sweep.run.threads if isinstance(sweep.run, NetworkRun) else 1
-        with Cores(folder, place.workers or cores(threads)) as pool:
-            pool.run(left, tell)
-
-
-def _here(sweep: Sweep, folder: Folder, items: Sequence[Item], tell: Callable[[str, bool], None]) -> None:
-    """One after the other in this process, which cannot end a run that takes too long."""
-    if sweep.limits.seconds is not None:
-        raise ModelError("a limit of time needs a process for each run: expected on = 'cores'")
-    worker = Worker(folder, sweep.run, sweep.limits, sweep.inputs)
-    for item in items:
-        told = worker.do(item)
-        if told["is"] == LOST:
-            raise ModelError(told["error"], hint="what was done is kept: the same command goes on")
-        if told["is"] != TAKEN:
-            outcome = folder.outcome(item.key)
-            tell(item.key, outcome is None or outcome.failed)
-
-
-def place_of(on: str | PathLike[str], workers: int | None, part: str | None) -> Place:
-    """Where runs are done, from what a call or a command says.
-
-    Args:
-        on: "cores", "here", the address of a Dask scheduler, or the file that names one.
-        workers: how many processes, at least 1, or None.
-        part: `3/100` is the third of each hundred runs, `0/100` and `100/100` the last.
-
-    Raises:
-        ModelError: there can be no such workers, or it says no part.
-    """
-    return Place(str(on), check(_WORKERS, workers, "workers"), None if part is None else _part_of(part))
-
-
-def _part_of(text: Any) -> tuple[int, int]:
-    found = _PART.fullmatch(text) if isinstance(text, str) else None
-    if found is None or not int(found[2]) or int(found[1]) > int(found[2]):
-        raise ModelError(f"part = {shown(text)}: expected I/N, with I from 0 to N, such as 3/100")
-    return int(found[1]) % int(found[2]), int(found[2])
 
 
 def _of_part(items: Sequence[Item], part: tuple[int, int] | None) -> Sequence[Item]:
     return items if part is None else [item for k, item in enumerate(items, 1) if k % part[1] == part[0]]
 
 
-__all__ = ["CORES", "HERE", "Count", "Place", "execute", "place_of"]
+__all__ = ["Count", "execute"]

@@ -30,8 +30,9 @@ def run(
     """Do all runs of a sweep that the folder does not have; the same command goes on where it was."""
     from neuro.cli.sweep.going import going
     from neuro.sweeps.definition import load_sweep
-    from neuro.sweeps.execute import execute, place_of
+    from neuro.sweeps.execute import execute
     from neuro.sweeps.folder import SWEEP, Folder
+    from neuro.sweeps.place import place_of
 
     place = place_of(on, workers, part)
     made, folder = load_sweep(file), Folder(out, SWEEP)

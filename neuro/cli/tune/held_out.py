@@ -12,8 +12,8 @@ def held_out(folder: Tuned, on: On = "cores", workers: Workers = None) -> None:
     """Run the best trials on what is held out from all folds, and tell what they are worth there."""
     from neuro.core.errors import ModelError
     from neuro.core.progress import Bar
-    from neuro.sweeps.execute import place_of
     from neuro.sweeps.folder import TUNING, Folder
+    from neuro.sweeps.place import place_of
     from neuro.sweeps.rows import text
     from neuro.sweeps.tuning.execute import hold_out
     from neuro.sweeps.tuning.search import search_of
@@ -28,7 +28,7 @@ def held_out(folder: Tuned, on: On = "cores", workers: Workers = None) -> None:
         raise ModelError(f"{folder}: no trial is done yet: nothing to test")
     points = [each.point for each in best]
     with Bar() as bar:
-        hold_out(search_of(Folder(folder, TUNING)), Folder(folder, TUNING), points, place_of(on, workers, None), bar)
+        hold_out(search_of(Folder(folder, TUNING)), Folder(folder, TUNING), points, place_of(on, workers), bar)
     rows = {row["trial"]: row for row in table.rows()}
     for each in best:
         row = rows[each.number]

@@ -30,8 +30,8 @@ def run(
 ) -> None:
     """Ask for trials and run them until there are as many as the file says; the same command goes on where it was."""
     from neuro.cli.sweep.going import going
-    from neuro.sweeps.execute import place_of
     from neuro.sweeps.folder import TUNING, Folder
+    from neuro.sweeps.place import place_of
     from neuro.sweeps.tuning.execute import as_text, execute
     from neuro.sweeps.tuning.search import load_search
     from neuro.sweeps.tuning.table import tune_table_of

@@ -1,26 +1,21 @@
-"""A search done, wherever its runs are: in this process, on the cores of this machine, on a Dask cluster."""
+"""A search done: trials asked for and run until there are as many as its plan says."""
 
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from collections.abc import Callable, Mapping, Sequence
 
 from neuro.core.errors import ModelError
-from neuro.core.processes import cores
 from neuro.core.progress import Bar
 from neuro.core.provenance import provenance
-from neuro.sweeps.cores import POLL_S, Cores, More, Tell
-from neuro.sweeps.definition import Item
-from neuro.sweeps.execute import HERE, Place
+from neuro.sweeps.cores import POLL_S
 from neuro.sweeps.folder import Folder
-from neuro.sweeps.network import NetworkRun
+from neuro.sweeps.place import Place, doing
 from neuro.sweeps.space import Point
 from neuro.sweeps.tuning.asking import Asker
 from neuro.sweeps.tuning.journal import optuna
 from neuro.sweeps.tuning.retrying import retry_failed
 from neuro.sweeps.tuning.search import Search
-from neuro.sweeps.worker import LOST, TAKEN, Worker
 
 
 def execute(
@@ -103,45 +98,8 @@ def hold_out(search: Search, folder: Folder, points: Sequence[Point], place: Pla
         done += 1
         bar.show(done, len(left), f"{done:,} of {len(left):,} tested")
 
-    with doing(search, folder, place, tell, None) as do:
+    with doing(search, folder, place, tell) as do:
         do(left)
-
-
-@contextmanager
-def doing(
-    search: Search, folder: Folder, place: Place, tell: Tell, more: More | None
-) -> Iterator[Callable[[Sequence[Item]], None]]:
-    """What does runs at a place: those that it is given, and more as long as there are any."""
-    if place.on == HERE:
-        yield _here(search, folder, tell, more)
-    elif place.cluster:
-        from neuro.sweeps.cluster import on_cluster
-
-        yield lambda items: on_cluster(place.on, folder, items, tell, more)
-    else:
-        threads = search.run.threads if isinstance(search.run, NetworkRun) else 1
-        with Cores(folder, place.workers or cores(threads)) as pool:
-            yield lambda items: pool.run(items, tell, more)
-
-
-def _here(search: Search, folder: Folder, tell: Tell, more: More | None) -> Callable[[Sequence[Item]], None]:
-    """One after the other in this process, which cannot end a run that takes too long."""
-    if search.limits.seconds is not None:
-        raise ModelError("a limit of time needs a process for each run: expected on = 'cores'")
-    worker = Worker(folder, search.run, search.limits, search.inputs)
-
-    def do(items: Sequence[Item]) -> None:
-        while items:
-            for item in items:
-                while (told := worker.do(item))["is"] == TAKEN:
-                    time.sleep(POLL_S)
-                if told["is"] == LOST:
-                    raise ModelError(told["error"], hint="what was done is kept: the same command goes on")
-                outcome = folder.outcome(item.key)
-                tell(item.key, outcome is None or outcome.failed)
-            items = more(1) if more is not None else ()
-
-    return lambda items: do(items or (more(1) if more is not None else ()))
 
 
 def begin(search: Search, folder: Folder) -> None:

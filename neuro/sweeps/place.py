@@ -1,0 +1,130 @@
+"""Where runs are done: in this process, on the cores of this machine, on a Dask cluster, as a part of many."""
+
+from __future__ import annotations
+
+import re
+import time
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass
+from os import PathLike
+from typing import TYPE_CHECKING, Any, TypeAlias
+
+from neuro.core.checks import check
+from neuro.core.errors import ModelError
+from neuro.core.processes import cores
+from neuro.core.quantities import Quantity
+from neuro.core.values import shown
+from neuro.sweeps.cores import POLL_S, Cores, More, Tell
+from neuro.sweeps.definition import Item, Sweep
+from neuro.sweeps.folder import Folder
+from neuro.sweeps.network import NetworkRun
+from neuro.sweeps.worker import LOST, TAKEN, Worker
+
+if TYPE_CHECKING:
+    from neuro.sweeps.tuning.search import Search
+
+CORES, HERE = "cores", "here"
+_PART = re.compile(r"(\d{1,9})/(\d{1,9})")
+_WORKERS = Quantity(kind="integer", at_least=1, optional=True)
+
+Do: TypeAlias = Callable[[Sequence[Item]], None]
+"""Does runs."""
+
+
+@dataclass(frozen=True, slots=True)
+class Place:
+    """Where runs are done.
+
+    Attributes:
+        on: "cores", "here", the address of a Dask scheduler, or the file that names one.
+        workers: how many processes; as many as there are cores if None.
+        part: (i, n): only the runs that are the i-th of each n.
+    """
+
+    on: str = CORES
+    workers: int | None = None
+    part: tuple[int, int] | None = None
+
+    @property
+    def cluster(self) -> bool:
+        """Whether it is a Dask cluster."""
+        return self.on not in (CORES, HERE)
+
+
+def place_of(on: str | PathLike[str], workers: int | None = None, part: str | None = None) -> Place:
+    """Where runs are done, from what a call or a command says.
+
+    Args:
+        on: "cores", "here", the address of a Dask scheduler, or the file that names one.
+        workers: how many processes, at least 1; as many as there are cores if None.
+        part: `3/100` is the third of each hundred runs, `0/100` and `100/100` the last.
+
+    Raises:
+        ModelError: there can be no such workers, or it says no part.
+    """
+    return Place(str(on), check(_WORKERS, workers, "workers"), None if part is None else _part_of(part))
+
+
+def _part_of(text: Any) -> tuple[int, int]:
+    found = _PART.fullmatch(text) if isinstance(text, str) else None
+    if found is None or not int(found[2]) or int(found[1]) > int(found[2]):
+        raise ModelError(f"part = {shown(text)}: expected I/N, with I from 0 to N, such as 3/100")
+    return int(found[1]) % int(found[2]), int(found[2])
+
+
+@contextmanager
+def doing(
+    runs: Sweep | Search, folder: Folder, place: Place, tell: Tell, more: More | None = None, *, wait: bool = True
+) -> Iterator[Do]:
+    """What does runs at a place: those that it is given, and more as long as there are any.
+
+    Args:
+        runs: what is run, with which limits.
+        folder: where runs are kept.
+        place: where they are done.
+        tell: hears of each when it is there.
+        more: is asked for others whenever there is nothing to do.
+        wait: whether this process, where it is the place, waits for runs that others work on, as all other places do.
+
+    Raises:
+        ModelError: there are no such workers, or a run cannot be kept.
+    """
+    if place.on == HERE:
+        yield _here(runs, folder, tell, more, wait)
+    elif place.cluster:
+        from neuro.sweeps.cluster import on_cluster
+
+        yield lambda items: on_cluster(place.on, folder, items, tell, more)
+    else:
+        threads = runs.run.threads if isinstance(runs.run, NetworkRun) else 1
+        with Cores(folder, place.workers or cores(threads)) as pool:
+            yield lambda items: pool.run(items, tell, more)
+
+
+def _here(runs: Sweep | Search, folder: Folder, tell: Tell, more: More | None, wait: bool) -> Do:
+    """One after the other in this process, which cannot end a run that takes too long."""
+    if runs.limits.seconds is not None:
+        raise ModelError("a limit of time needs a process for each run: expected on = 'cores'")
+    worker = Worker(folder, runs.run, runs.limits, runs.inputs)
+
+    def next_ones() -> Sequence[Item]:
+        return more(1) if more is not None else ()
+
+    def do(items: Sequence[Item]) -> None:
+        items = items or next_ones()
+        while items:
+            for item in items:
+                while (told := worker.do(item))["is"] == TAKEN and wait:
+                    time.sleep(POLL_S)
+                if told["is"] == LOST:
+                    raise ModelError(told["error"], hint="what was done is kept: the same command goes on")
+                if told["is"] != TAKEN:
+                    outcome = folder.outcome(item.key)
+                    tell(item.key, outcome is None or outcome.failed)
+            items = next_ones()
+
+    return do
+
+
+__all__ = ["CORES", "HERE", "Place", "doing", "place_of"]
