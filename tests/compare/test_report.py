@@ -1,4 +1,3 @@
-import base64
 import json
 import re
 from dataclasses import replace
@@ -14,21 +13,9 @@ from neuro.compare.chipmap import chip_map
 from neuro.compare.report import page
 from neuro.core.html import Html, join, svg, table, tag
 from neuro.pages.raster import script
+from rasters import unpacked
 
 VOID = {"meta", "link"}
-
-
-def unpacked(text):
-    """Keys of spikes as the page's script reads them."""
-    keys, key, gap, place = [], 0, 0, 1
-    for byte in base64.b64decode(text):
-        gap += (byte & 127) * place
-        place *= 128
-        if byte < 128:
-            key += gap
-            keys.append(key)
-            gap, place = 0, 1
-    return keys
 
 
 class Tree(HTMLParser):

@@ -1,6 +1,5 @@
 """The page of `neuro report`: what it shows is what the run left behind."""
 
-import base64
 import json
 import re
 from html.parser import HTMLParser
@@ -18,6 +17,7 @@ from neuro.report.counted import energy
 from neuro.report.curves import curves, ticks
 from neuro.report.page import page
 from neuro.run.collect import collect
+from rasters import unpacked
 
 NETWORK = """\
 neuro: 1
@@ -52,19 +52,6 @@ def ran(network):
 @pytest.fixture
 def run(ran, network):
     return collect(ran, network)
-
-
-def unpacked(text):
-    """Keys of spikes as the page's script reads them."""
-    keys, key, gap, place = [], 0, 0, 1
-    for byte in base64.b64decode(text):
-        gap += (byte & 127) * place
-        place *= 128
-        if byte < 128:
-            key += gap
-            keys.append(key)
-            gap, place = 0, 1
-    return keys
 
 
 class Page(HTMLParser):

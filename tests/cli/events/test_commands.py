@@ -1,161 +1,32 @@
-"""`neuro events` and its shell."""
+"""`neuro events`: what its commands write and tell."""
 
-import io
-import json
 import os
 import re
 import subprocess
 import sys
 
-import h5py
 import numpy as np
 import pytest
-import typer
 
-from neuro.cli.commands import Commands
-from neuro.cli.events import app, shell
-from neuro.cli.mistakes import telling
-from neuro.core.extras import install
 from neuro.events import Events, load, save
 from neuro.events.representations import binary_frame
 from neuro.events.segmentation import count_segments
-
-
-def root():
-    made = typer.Typer(cls=Commands, name="neuro", add_completion=False, pretty_exceptions_enable=False)
-    made.add_typer(app)
-    made.command()(shell)
-    made.command("show")(lambda: None)
-    made.callback()(lambda: None)
-    return made
-
-
-@pytest.fixture
-def run(monkeypatch, capfd, tmp_path):
-    """Run some words behind `neuro events`; return exit status, output and error."""
-    monkeypatch.chdir(tmp_path)
-
-    def words(*given, group=("events",)):
-        monkeypatch.setattr(sys, "argv", ["neuro", *group, *map(str, given)])
-        capfd.readouterr()
-        try:
-            with telling():
-                status = root()(standalone_mode=False, prog_name="neuro") or 0
-        except SystemExit as leaving:
-            status = leaving.code
-        return status, *capfd.readouterr()
-
-    return words
-
-
-@pytest.fixture
-def recording(tmp_path):
-    """100 events, one each ms, in `in.bin`."""
-    k = np.arange(100)
-    events = Events(1000 * k, k % 34, k % 30, k % 2, (34, 34))
-    save(events, tmp_path / "in.bin")
-    return events
-
-
-def test_info(run, recording, tmp_path):
-    status, out, err = run("info", "in.bin")
-    assert (status, err) == (0, "")
-    assert out.splitlines() == [
-        "file          in.bin, 500 bytes",
-        "format        N-MNIST .bin",
-        "sensor        34x34, not told by the file",
-        "events        100",
-        "polarity      50.0% ON, 50.0% OFF",
-        "time          0 to 99000 us, 0.099 s",
-        "rate          1,010 events/s",
-        "longest gaps  1,000 us from 0, 1,000 us from 1000, 1,000 us from 2000",
-        "pixels        100 of 1,156 have events",
-        "hot pixels    none",
-    ]
-    told = json.loads(run("info", "in.bin", "--json", "--sensor", "40x50")[1])
-    assert (told["events"], told["sensor_size"], told["format"]) == (100, [40, 50], "nmnist")
-    (tmp_path / "in.bin").write_bytes((tmp_path / "in.bin").read_bytes()[:-1])
-    assert "damage        byte 495: 4 bytes left over after 99 events" in run("info", "in.bin")[1]
-    assert run("info", "none.bin")[::2] == (2, "error: none.bin: no such file\n")
-
-
-def test_info_of_long_pauses(run, tmp_path):
-    save(Events([0, 5, 36 * 10**8], [0, 1, 2], [0, 0, 0], [0, 1, 0], (34, 34)), tmp_path / "in.h5")
-    told = run("info", "in.h5")[1]
-    assert "time          0 to 3600000000 us, 3,600 s\n" in told
-    assert "rate          0.000833 events/s, at most 200 in 10 ms\n" in told
-    (tmp_path / "wide.csv").write_text("1,65535,65535,1\n")
-    assert "pixels     not counted, since there are 4,294,967,296\n" in run("info", "wide.csv")[1]
-
-
-def test_info_says_what_was_never_tried(run, tmp_path):
-    (tmp_path / "x.aedat").write_bytes(b"#!AER-DAT3.1\r\n#Format: RAW\r\n#!END-HEADER\r\n")
-    assert "  untested on a real file: no recording of this format" in run("info", "x.aedat")[1]
-
-
-GENERIC = b"Event Stream\x02\x00\x00\x00"
-
-
-def test_info_of_generic_events(run, tmp_path):
-    (tmp_path / "a.es").write_bytes(GENERIC + b"\x05\x06abc\xff" + b"\x00\x0a\xc3\xa4\x00\xff\x01")
-    assert run("info", "a.es")[1].splitlines() == [
-        "file    a.es",
-        "format  Event Stream, generic: times with bytes, no pixels",
-        "events  2",
-        "time    5 to 259 us, 0.000254 s",
-        "bytes   3 to 5 an event, 8 in all",
-        "first   'abc'",
-    ]
-    (tmp_path / "b.es").write_bytes(GENERIC + b"\x05\x52" + bytes(41) + b"\x05")
-    shown = run("info", "b.es")[1].splitlines()[-2:]
-    assert shown == ["first   " + " ".join(["00"] * 40) + " ...", "damage  byte 59: " + CUT]
-    told = json.loads(run("info", "b.es", "--json")[1])
-    assert (told["type"], told["events"], told["start_us"], told["largest_bytes"]) == ("generic", 1, 5, 41)
-    (tmp_path / "c.es").write_bytes(GENERIC)
-    assert run("info", "c.es")[1].splitlines()[2:] == ["events  0"]
-
-
-CUT = "the last event is cut after 1 bytes; what is before it was read"
-
-
-def test_info_of_generic_events_in_a_pipe(tmp_path):
-    words = [os.path.join(os.path.dirname(sys.executable), "neuro"), "events", "info", "-"]
-    done = subprocess.run(words, input=GENERIC + b"\x05\x06abc", capture_output=True, cwd=tmp_path, check=True)
-    assert b"file    <standard input>\n" in done.stdout
-    assert b"events  1\n" in done.stdout
-
-
-def test_info_of_one_of_several_in_hdf5(run, tmp_path):
-    with h5py.File(tmp_path / "two.h5", "w") as file:
-        for side in ("left", "right"):
-            file[f"davis/{side}/events"] = np.array([[3, 2, 0.5, -1], [4, 2, 1.5, 1]])
-    assert "name it, as in format='hdf5:/davis/left/events' or --from hdf5:" in run("info", "two.h5")[2]
-    told = run("info", "two.h5", "--from", "hdf5:/davis/right")[1]
-    assert "time          500000 to 1500000 us, 1 s\n" in told
-    assert "  untested on a real file: no recording in another layout" in told
-    assert "columns       x y t p\n" in told
-
-
-def test_info_of_a_data_set(run, data, tmp_path):
-    assert run("info", "set")[1].splitlines() == [
-        "data set    set", "layout      N-MNIST", "recordings  6", "class 3     4", "class 7     2",
-    ]  # fmt: skip
-    assert json.loads(run("info", "set", "--json")[1])["classes"] == {"3": 4, "7": 2}
-
-
-def test_info_of_a_data_set_in_hdf5(run, data, recording):
-    assert run("tohdf5", "-f", "set", "-o", "all.h5", "--jobs", "1")[0] == 0
-    assert run("info", "all.h5")[1].splitlines() == [
-        "data set    all.h5", "layout      HDF5, /class/sample", "recordings  6", "class 3     4", "class 7     2",
-    ]  # fmt: skip
-    assert "is a data set with 6 recordings" in run("gif", "all.h5")[2]
-    assert run("tohdf5", "-f", "set", "-o", "no/all.h5") == (2, "", "error: no/all.h5: there is no folder no\n")
 
 
 def test_without_a_command_there_is_help(run):
     status, out, err = run()
     assert (status, err) == (0, "")
     assert "Usage: neuro events [OPTIONS]" in out
+
+
+def test_help_lists_all_and_imports_nothing_heavy():
+    code = (
+        "import sys; from neuro.cli.events import app\n"
+        "heavy = {'numpy', 'numba', 'h5py', 'PIL', 'yaml', 'scipy', 'prompt_toolkit'} & set(sys.modules)\n"
+        "sys.exit(str(sorted(heavy)) if heavy else 0)"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
+    assert (done.returncode, done.stderr) == (0, "")
 
 
 def test_formats(run):
@@ -327,15 +198,6 @@ def test_interrupted(run, recording, monkeypatch, tmp_path):
     assert [path.name for path in tmp_path.iterdir()] == ["in.bin"]
 
 
-@pytest.fixture
-def data(tmp_path):
-    for k, digit in enumerate((3, 3, 7, 3, 7, 3)):
-        path = tmp_path / "set" / ("Test" if k > 4 else "Train") / str(digit) / f"{k}.bin"
-        path.parent.mkdir(parents=True, exist_ok=True)
-        path.write_bytes(bytes([1, 2, 128, 0, k]))
-    return tmp_path / "set"
-
-
 def test_tohdf5_as_in_the_thesis(run, data):
     words = ("tohdf5", "-f", "set/Train", "-e", "bin", "-o", "NMNIST_TRAIN.h5", "--jobs", "1")
     assert run(*words) == (0, "NMNIST_TRAIN.h5: 5 recordings of 2 classes\n", "")
@@ -355,129 +217,6 @@ def test_tohdf5_tells_damaged_files(run, data):
     assert (status, out) == (1, "c.h5: 6 recordings of 2 classes\n")
     assert err.startswith("1 damaged file, read as far as they are whole:\n")
     assert "expected one of the two" in run(*words, "d.h5", "--lenient", "--strict")[2]
-
-
-def test_help_lists_all_and_imports_nothing_heavy():
-    code = (
-        "import sys; from neuro.cli.events import app\n"
-        "heavy = {'numpy', 'numba', 'h5py', 'PIL', 'yaml', 'scipy', 'prompt_toolkit'} & set(sys.modules)\n"
-        "sys.exit(str(sorted(heavy)) if heavy else 0)"
-    )
-    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
-    assert (done.returncode, done.stderr) == (0, "")
-
-
-def test_the_shell_runs_lines_and_stays_open_after_mistakes(run, recording, monkeypatch):
-    lines = "info in.bin  # look\n\nnope\ninfo 'in.bin\nhelp gif\nconvert in.bin out.csv\nexit\ninfo none.bin\n"
-    monkeypatch.setattr(sys, "stdin", io.StringIO(lines))
-    status, out, err = run("shell")
-    assert status == 0
-    assert "events        100" in out
-    assert "Draw a recording as a GIF" in out
-    assert out.endswith("out.csv: 100 events\n")
-    assert err.startswith(
-        "error: No such command 'nope'\n  hint: see 'neuro events --help'\nerror: no closing quotation\n"
-    )
-    assert "none.bin" not in err
-
-
-def test_the_shell_of_all_commands_takes_those_of_events_as_they_are(run, data, monkeypatch):
-    lines = "help tohdf5\ntohdf5 -f set -e bin -o all.h5 --jobs 1\nevents info set\nshow\ninfo\nnope\n"
-    monkeypatch.setattr(sys, "stdin", io.StringIO(lines))
-    status, out, err = run("shell", group=())
-    assert status == 0
-    assert "Usage: neuro events tohdf5" in out
-    assert "all.h5: 6 recordings of 2 classes\ndata set    set\n" in out
-    assert err.startswith(
-        "error: Missing argument 'FILE'\n  hint: see 'neuro events info --help'\nerror: unknown command 'nope'"
-    )
-
-
-def test_neuro_has_a_shell(monkeypatch, capsys):
-    from neuro.cli.app import app as whole
-
-    monkeypatch.setattr(sys, "stdin", io.StringIO("formats\nquit\n"))
-    whole(["shell"], standalone_mode=False)
-    assert "N-MNIST .bin" in capsys.readouterr().out
-
-
-@pytest.fixture
-def typed(run, monkeypatch, tmp_path):
-    """Type keys into the shell."""
-    prompt_toolkit = pytest.importorskip("prompt_toolkit")
-    from prompt_toolkit.input import create_pipe_input
-    from prompt_toolkit.output import DummyOutput
-
-    monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path / "state"))
-    monkeypatch.setattr(sys, "stdin", type("Terminal", (io.StringIO,), {"isatty": lambda self: True})())
-
-    def keys(text):
-        with create_pipe_input() as pipe:
-            session = prompt_toolkit.PromptSession
-            monkeypatch.setattr(
-                prompt_toolkit, "PromptSession", lambda **more: session(input=pipe, output=DummyOutput(), **more)
-            )
-            pipe.send_text(text)
-            return run("shell")
-
-    return keys
-
-
-def test_a_person_types_into_the_shell(typed, recording, tmp_path):
-    status, out, err = typed("info in.bin\r\x04")
-    assert (status, err) == (0, "")
-    assert out.startswith("Tab completes, 'help' lists the commands, 'help COMMAND' tells more, 'exit' leaves.\nfile ")
-    assert "+info in.bin" in (tmp_path / "state" / "neuro" / "shell-history").read_text()
-
-
-def test_without_the_package_the_shell_says_how_to_get_it(run, monkeypatch):
-    monkeypatch.setattr(sys, "stdin", type("Terminal", (io.StringIO,), {"isatty": lambda self: True})())
-    monkeypatch.setitem(sys.modules, "prompt_toolkit", None)
-    expected = "error: the shell needs the package prompt_toolkit\n"
-    assert run("shell") == (2, "", f"{expected}  hint: {install('events')}; pipes work without it\n")
-
-
-def test_completion():
-    from neuro.cli.events.shell import choices
-
-    group = typer.main.get_command(root())
-    context = group.make_context("neuro", [], resilient_parsing=True)
-    inside = group.get_command(context, "events")
-    there = inside.make_context("events", [], parent=context, resilient_parsing=True)
-
-    def words(where, before, last):
-        return [word for word, _ in choices(where, before, last)]
-
-    assert words(there, [], "t") == ["tohdf5"]
-    assert {"info", "gif", "help", "exit"} <= {*words(there, [], "")}
-    assert words(there, ["help"], "vi") == ["view"]
-    assert words(there, ["tohdf5"], "--st") == ["--strict"]
-    assert words(there, ["tohdf5", "-f"], "in") == []
-    assert words(there, ["nope"], "--x") == []
-    assert words(context, [], "ev") == ["events"]
-    assert words(context, [], "sh") == ["shell", "show"]
-    assert words(context, [], "to") == ["tohdf5"]
-    assert words(context, ["tohdf5"], "--st") == ["--strict"]
-    assert words(context, ["events"], "co") == ["convert"]
-    assert words(context, ["events", "gif", "a.bin"], "--fp") == ["--fps"]
-    assert dict(choices(there, [], "view"))["view"].startswith("Write a page")
-
-
-def test_files_are_completed_where_a_command_takes_them(recording, tmp_path, monkeypatch):
-    document = pytest.importorskip("prompt_toolkit.document")
-    from neuro.cli.events.shell import _completer
-
-    monkeypatch.chdir(tmp_path)
-    command = typer.main.get_command(app)
-    completer = _completer(command.make_context("events", [], resilient_parsing=True))
-
-    def found(line):
-        return [one.text for one in completer.get_completions(document.Document(line), None)]
-
-    assert found("info i") == ["n.bin"]
-    assert found("inf") == ["info"]
-    assert found("gif in.bin --fp") == ["--fps"]
-    assert found("gi") == ["gif"]
 
 
 def test_frames(run, recording, tmp_path):

@@ -1,0 +1,106 @@
+"""`neuro events info`: of recordings, generic events, data sets."""
+
+import json
+import os
+import subprocess
+import sys
+
+import h5py
+import numpy as np
+
+from neuro.events import Events, save
+
+
+def test_info(run, recording, tmp_path):
+    status, out, err = run("info", "in.bin")
+    assert (status, err) == (0, "")
+    assert out.splitlines() == [
+        "file          in.bin, 500 bytes",
+        "format        N-MNIST .bin",
+        "sensor        34x34, not told by the file",
+        "events        100",
+        "polarity      50.0% ON, 50.0% OFF",
+        "time          0 to 99000 us, 0.099 s",
+        "rate          1,010 events/s",
+        "longest gaps  1,000 us from 0, 1,000 us from 1000, 1,000 us from 2000",
+        "pixels        100 of 1,156 have events",
+        "hot pixels    none",
+    ]
+    told = json.loads(run("info", "in.bin", "--json", "--sensor", "40x50")[1])
+    assert (told["events"], told["sensor_size"], told["format"]) == (100, [40, 50], "nmnist")
+    (tmp_path / "in.bin").write_bytes((tmp_path / "in.bin").read_bytes()[:-1])
+    assert "damage        byte 495: 4 bytes left over after 99 events" in run("info", "in.bin")[1]
+    assert run("info", "none.bin")[::2] == (2, "error: none.bin: no such file\n")
+
+
+def test_info_of_long_pauses(run, tmp_path):
+    save(Events([0, 5, 36 * 10**8], [0, 1, 2], [0, 0, 0], [0, 1, 0], (34, 34)), tmp_path / "in.h5")
+    told = run("info", "in.h5")[1]
+    assert "time          0 to 3600000000 us, 3,600 s\n" in told
+    assert "rate          0.000833 events/s, at most 200 in 10 ms\n" in told
+    (tmp_path / "wide.csv").write_text("1,65535,65535,1\n")
+    assert "pixels     not counted, since there are 4,294,967,296\n" in run("info", "wide.csv")[1]
+
+
+def test_info_says_what_was_never_tried(run, tmp_path):
+    (tmp_path / "x.aedat").write_bytes(b"#!AER-DAT3.1\r\n#Format: RAW\r\n#!END-HEADER\r\n")
+    assert "  untested on a real file: no recording of this format" in run("info", "x.aedat")[1]
+
+
+GENERIC = b"Event Stream\x02\x00\x00\x00"
+
+
+def test_info_of_generic_events(run, tmp_path):
+    (tmp_path / "a.es").write_bytes(GENERIC + b"\x05\x06abc\xff" + b"\x00\x0a\xc3\xa4\x00\xff\x01")
+    assert run("info", "a.es")[1].splitlines() == [
+        "file    a.es",
+        "format  Event Stream, generic: times with bytes, no pixels",
+        "events  2",
+        "time    5 to 259 us, 0.000254 s",
+        "bytes   3 to 5 an event, 8 in all",
+        "first   'abc'",
+    ]
+    (tmp_path / "b.es").write_bytes(GENERIC + b"\x05\x52" + bytes(41) + b"\x05")
+    shown = run("info", "b.es")[1].splitlines()[-2:]
+    assert shown == ["first   " + " ".join(["00"] * 40) + " ...", "damage  byte 59: " + CUT]
+    told = json.loads(run("info", "b.es", "--json")[1])
+    assert (told["type"], told["events"], told["start_us"], told["largest_bytes"]) == ("generic", 1, 5, 41)
+    (tmp_path / "c.es").write_bytes(GENERIC)
+    assert run("info", "c.es")[1].splitlines()[2:] == ["events  0"]
+
+
+CUT = "the last event is cut after 1 bytes; what is before it was read"
+
+
+def test_info_of_generic_events_in_a_pipe(tmp_path):
+    words = [os.path.join(os.path.dirname(sys.executable), "neuro"), "events", "info", "-"]
+    done = subprocess.run(words, input=GENERIC + b"\x05\x06abc", capture_output=True, cwd=tmp_path, check=True)
+    assert b"file    <standard input>\n" in done.stdout
+    assert b"events  1\n" in done.stdout
+
+
+def test_info_of_one_of_several_in_hdf5(run, tmp_path):
+    with h5py.File(tmp_path / "two.h5", "w") as file:
+        for side in ("left", "right"):
+            file[f"davis/{side}/events"] = np.array([[3, 2, 0.5, -1], [4, 2, 1.5, 1]])
+    assert "name it, as in format='hdf5:/davis/left/events' or --from hdf5:" in run("info", "two.h5")[2]
+    told = run("info", "two.h5", "--from", "hdf5:/davis/right")[1]
+    assert "time          500000 to 1500000 us, 1 s\n" in told
+    assert "  untested on a real file: no recording in another layout" in told
+    assert "columns       x y t p\n" in told
+
+
+def test_info_of_a_data_set(run, data, tmp_path):
+    assert run("info", "set")[1].splitlines() == [
+        "data set    set", "layout      N-MNIST", "recordings  6", "class 3     4", "class 7     2",
+    ]  # fmt: skip
+    assert json.loads(run("info", "set", "--json")[1])["classes"] == {"3": 4, "7": 2}
+
+
+def test_info_of_a_data_set_in_hdf5(run, data, recording):
+    assert run("tohdf5", "-f", "set", "-o", "all.h5", "--jobs", "1")[0] == 0
+    assert run("info", "all.h5")[1].splitlines() == [
+        "data set    all.h5", "layout      HDF5, /class/sample", "recordings  6", "class 3     4", "class 7     2",
+    ]  # fmt: skip
+    assert "is a data set with 6 recordings" in run("gif", "all.h5")[2]
+    assert run("tohdf5", "-f", "set", "-o", "no/all.h5") == (2, "", "error: no/all.h5: there is no folder no\n")

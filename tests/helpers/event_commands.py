@@ -1,0 +1,15 @@
+"""`neuro events` and `neuro shell` without the other commands."""
+
+import typer
+
+from neuro.cli.commands import Commands
+from neuro.cli.events import app, shell
+
+
+def root():
+    made = typer.Typer(cls=Commands, name="neuro", add_completion=False, pretty_exceptions_enable=False)
+    made.add_typer(app)
+    made.command()(shell)
+    made.command("show")(lambda: None)
+    made.callback()(lambda: None)
+    return made
