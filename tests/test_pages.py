@@ -247,7 +247,7 @@ def run_python(block: Block, space: dict[str, object]) -> str:
 def run_session(block: Block, space: dict[str, object]) -> None:
     test = doctest.DocTestParser().get_doctest(block.text, space, "session", str(block.page), block.line)
     told: list[str] = []
-    runner = doctest.DocTestRunner(optionflags=doctest.ELLIPSIS)
+    runner = doctest.DocTestRunner(verbose=False, optionflags=doctest.ELLIPSIS)
     runner.run(test, out=told.append, clear_globs=False)
     if told:
         raise block.fault("".join(told))

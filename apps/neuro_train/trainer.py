@@ -71,7 +71,8 @@ def module_of(net: neuro.Network, plan: Plan) -> neuro_torch.Module:
         outputs=[plan.output],
         seed=plan.seed,
     )
-    return module.to(device)
+    module.to(device)
+    return module
 
 
 def begun(net: neuro.Network, out: Path, shown: Shown, plan: Plan, which: str = "") -> Checkpoint:

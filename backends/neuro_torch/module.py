@@ -238,7 +238,8 @@ class Module(torch.nn.Module):
             damping=self.damping,
             by=self._by,
         )
-        return made.to(like.device)
+        made.to(like.device)
+        return made
 
     def extra_repr(self) -> str:
         """What torch shows of it."""

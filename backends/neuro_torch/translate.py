@@ -86,7 +86,8 @@ class _Rewriter:
         body.append(_assign("_frame", _call("enter")))
         body += self._block(tree.body)
         body.append(ast.Return(_call("leave", _name("_frame"))))
-        return ast.FunctionDef(tree.name, arguments, body, [], None)
+        tree.args, tree.body, tree.decorator_list, tree.returns = arguments, body, [], None
+        return tree
 
     def _stopped(self, node: ast.AST, what: str) -> Untranslatable:
         line = self._function.__code__.co_firstlineno + getattr(node, "lineno", 1) - 1

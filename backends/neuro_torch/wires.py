@@ -78,7 +78,8 @@ class Wires:
     @property
     def nbytes(self) -> int:
         """Bytes that its arrays take, without the weights."""
-        return 8 * (3 * self.target.numel() + 2 * self.count.numel())
+        taken: int = 8 * (3 * self.target.numel() + 2 * self.count.numel())
+        return taken
 
     def _held(self, values: Ints) -> Tensor:
         return torch.from_numpy(np.ascontiguousarray(values, dtype=np.int64)).to(self.device)

@@ -8,7 +8,7 @@ from hypothesis.extra import numpy as arrays
 
 import neuro
 
-torch = pytest.importorskip("torch")
+torch = pytest.importorskip("torch", reason="PyTorch is not installed")
 import neuro_torch  # noqa: E402
 from neuro_torch import Events  # noqa: E402
 

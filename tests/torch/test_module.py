@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 
 import neuro
 
-torch = pytest.importorskip("torch")
+torch = pytest.importorskip("torch", reason="PyTorch is not installed")
 import neuro_torch  # noqa: E402
 
 MODELS = {

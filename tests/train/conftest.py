@@ -9,8 +9,6 @@ import neuro_models
 from neuro.cli import commands
 from neuro.events import Events, save
 
-pytest.importorskip("torch", reason="PyTorch is not installed")
-
 NAMES = ("upright", "lying", "oblique")
 SIDE = 12
 

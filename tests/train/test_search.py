@@ -8,6 +8,8 @@ import sys
 
 import pytest
 
+pytest.importorskip("torch", reason="PyTorch is not installed")
+
 import neuro as snn
 import neuro_models
 from neuro import ModelError
@@ -17,7 +19,6 @@ from neuro_train.plan import Plan
 from neuro_train.search import divided
 from neuro_train.space import parted, space
 
-torch = pytest.importorskip("torch", reason="PyTorch is not installed")
 pytestmark = [
     pytest.mark.filterwarnings("ignore:backend 'spinnaker'"),
     pytest.mark.filterwarnings("ignore:backend 'loihi'"),

@@ -9,6 +9,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+pytest.importorskip("torch", reason="PyTorch is not installed")
+
+import torch
+
 import neuro as snn
 from neuro import ModelError
 from neuro.events import recordings
@@ -17,7 +21,6 @@ from neuro_train.data import moved, show
 from neuro_train.plan import Plan
 from neuro_train.tested import by_module, on_backend
 
-torch = pytest.importorskip("torch", reason="PyTorch is not installed")
 pytestmark = [
     pytest.mark.filterwarnings("ignore:backend 'spinnaker'"),  # no released binary has iaf_psc_delta
     pytest.mark.filterwarnings("ignore:backend 'loihi'"),  # what rounding loses

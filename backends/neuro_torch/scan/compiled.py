@@ -83,7 +83,8 @@ class _Drive(torch.autograd.Function):
 def rows_of(part: Synapses, weight: Tensor) -> Array:
     """The weights as kernels take them: rows by source where dense, else in a row."""
     weight = weight.detach()
-    return (weight.expand(part.sizes) if part.dense else weight.reshape(-1)).contiguous().numpy()
+    rows: Array = (weight.expand(part.sizes) if part.dense else weight.reshape(-1)).contiguous().numpy()
+    return rows
 
 
 def _push(part: Synapses, spikes: Packed, first: int, width: int, weight: Array, out: Array) -> None:
