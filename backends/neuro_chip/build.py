@@ -30,7 +30,7 @@ ROOM = 1 << 20
 
 
 def arrays_of(fixed: FixedProgram) -> Arrays:
-    """All arrays that the loop reads and writes, by the names of `loop.Net`."""
+    """All arrays that the loop reads and writes, by the names of `net`."""
     program = fixed.program
     a: Arrays = {}
     _populations(a, fixed)

@@ -1,8 +1,6 @@
 """The one compiled loop over steps."""
 
 # mypy: ignore-errors
-from collections import namedtuple
-
 import numpy as np
 
 from neuro.kernels.draws import poisson_by_sum, step_word, uniform
@@ -12,6 +10,7 @@ from neuro_chip.families.dispatch import update
 from neuro_chip.grids import may_gather, send_grids
 from neuro_chip.groups import fire, settle_one, settle_rivals
 from neuro_chip.local_winners import settle_locally
+from neuro_chip.net import net_of
 from neuro_chip.tables import (
     ARRIVED,
     BEGIN,
@@ -41,22 +40,6 @@ from neuro_chip.tables import (
     STOP_GROUP,
     TARGET,
 )
-
-Net = namedtuple(
-    "Net",
-    "pops projections out_ends out groups clock "  # tables; `out`: projections by source
-    "words kernels lags rows targets "  # synapses
-    "gathered marked "  # sums of a step, of grids
-    "ring arrived arrived_all "  # input to come
-    "v u g_inh hold "  # states
-    "keep_u keep_v threshold bias v_reset refractory v_rest r_m exc_decay exc_init inh_decay inh_init "  # registers
-    "local standing map_wins won "  # groups with several winners
-    "fired muted first events spikes active native potential "
-    "emitted emitted_times keys group_keys mean nothing "
-    "list_steps list_ids list_times cursor "
-    "rec_steps rec_ids rec_times",
-)
-"""All arrays of a program. `first` is the step of each neuron's first spike since it was set to never."""
 
 
 @inner
@@ -210,12 +193,13 @@ def list_spikes(net, pop, row, step):
 
 
 @kernel
-def advance(net, end):
-    """Run to a step; stop earlier where the record is full or the group that is waited for has decided.
+def advance(view, words, end):
+    """Run to a step; `view` and `words` are as in `net`. Stop earlier where the record is full or the group that is waited for has decided.
 
     Who emits in a step reaches nobody in it, so the order of the populations matters only to the record, which is
     sorted by them, and to `send_all`, which relies on that.
     """
+    net = net_of(view, words)
     total = net.v.size  # a step records at most one event a neuron: there is room for it, or the caller empties first
     while net.clock[STEP] < end and net.clock[RECORDED] + total <= net.rec_steps.size:
         step = net.clock[STEP] + 1

@@ -22,7 +22,8 @@ from neuro_chip.delays import Delays
 from neuro_chip.families.every import family_of
 from neuro_chip.learners import Learners
 from neuro_chip.listed import Listed
-from neuro_chip.loop import Net, advance
+from neuro_chip.loop import advance
+from neuro_chip.net import Bound
 from neuro_chip.record import Record
 from neuro_chip.registers import Registers
 from neuro_chip.weights import Weights
@@ -47,7 +48,7 @@ class Machine:
 
     Attributes:
         fixed, program: what it runs.
-        arrays: what the loop reads and writes, by the names of `Net`; who replaces one calls `bind`.
+        arrays: what the loop reads and writes, by the names of `net`; who replaces one calls `bind`.
         cells: present registers of the populations.
         weights: the weight memory.
         learners: the projections that learn on the chip.
@@ -74,11 +75,11 @@ class Machine:
             if part.kind == "poisson":
                 self.set_rate(k, part.rate(1))
         self.listed = Listed(self.program, self.arrays)
-        self.bind()
+        self._bound = Bound(self.arrays)
 
     def bind(self) -> None:
         """Hand the arrays that there are now to the loop."""
-        self._net = Net(**{name: self.arrays[name] for name in Net._fields})
+        self._bound.take(self.arrays)
 
     @property
     def step(self) -> int:
@@ -102,7 +103,7 @@ class Machine:
                 self.set_rate(k, rate)
             steady = min(self.currents.next_change(before), self.rates.next_change(before))
             stop = before + 1 if by_step else min(end, steady)
-            advance(self._net, stop)
+            advance(self._bound.view, self._bound.words, stop)
             if by_step and clock[t.STEP] > before:
                 self.learners.after(before + 1)
                 self.delays.after(before + 1)
