@@ -216,9 +216,9 @@ def write_registers(a: Arrays, fixed: FixedProgram, k: int, part: FixedPopulatio
         family_of(fixed.chip).write(a, row, slice(row[t.BEGIN], row[t.END]), part.registers)
 
 
-def write_states(a: Arrays, k: int, part: FixedPopulation, names: tuple[str, ...] = tuple(STATES)) -> None:
-    """Put the named state registers of a population where they are at step 0."""
+def write_states(a: Arrays, k: int, part: FixedPopulation) -> None:
+    """Put the state registers of a population where they are at step 0."""
     here = slice(a["pops"][k, t.BEGIN], a["pops"][k, t.END])
-    for name in names:
+    for name, array in STATES.items():
         if name in part.initial:
-            a[STATES[name]][here] = part.initial[name]
+            a[array][here] = part.initial[name]

@@ -111,13 +111,28 @@ def count_active(net, pop, row, step):
 
 
 @inner
+def admit(fired, muted):
+    """Leave those above threshold that may fire; return whether there are any."""
+    some = np.uint8(0)
+    for k in range(fired.size):
+        fired[k] &= np.uint8(muted[k] == 0)
+        some |= fired[k]
+    return some != 0
+
+
+@inner
 def decide(net, row, step):
     """Of the candidates of a group leave those that fire; reset who loses by it."""
-    group, closed = row[GROUP], net.groups[row[GROUP], CLOSED]
-    for i in range(row[BEGIN], row[END]):
-        net.fired[i] = net.fired[i] and not net.muted[i] and not closed
+    group = row[GROUP]
+    fired = net.fired[row[BEGIN] : row[END]]
+    some = admit(fired, net.muted[row[BEGIN] : row[END]])
+    if net.groups[group, CLOSED]:
+        fired[:] = 0
+        some = False
     if net.local[group, RADIUS] >= 0:
         settle_locally(net, row, step)
+    elif not some:
+        return
     elif net.groups[group, RIVALS] > 0:
         settle_rivals(net, row, step)
     else:
@@ -140,10 +155,12 @@ def advance_neurons(net, pop, row, step):
         relay(net, pop, row, step)
     else:
         update(net, pop, row, step)
-        group = row[GROUP]
-        if any_fired(net.fired[row[BEGIN] : row[END]]) or (group >= 0 and net.local[group, RADIUS] >= 0):
-            if group >= 0:
-                decide(net, row, step)
+        group, fired = row[GROUP], net.fired[row[BEGIN] : row[END]]
+        some = any_fired(fired)
+        if group >= 0 and (some or net.local[group, RADIUS] >= 0):
+            decide(net, row, step)
+            some = any_fired(fired)
+        if some:
             for i in range(row[BEGIN], row[END]):
                 if net.fired[i]:
                     if net.muted[i] & SILENCED:
@@ -194,10 +211,10 @@ def list_spikes(net, pop, row, step):
 
 @kernel
 def advance(view, words, end):
-    """Run to a step; `view` and `words` are as in `net`. Stop earlier where the record is full or the group that is waited for has decided.
+    """Run to a step; stop earlier where the record is full or the group that is waited for has decided.
 
     Who emits in a step reaches nobody in it, so the order of the populations matters only to the record, which is
-    sorted by them, and to `send_all`, which relies on that.
+    sorted by them, and to `send_all`, which relies on that. `view` and `words` are as in `net`.
     """
     net = net_of(view, words)
     total = net.v.size  # a step records at most one event a neuron: there is room for it, or the caller empties first
