@@ -43,6 +43,7 @@ def arrays_of(fixed: FixedProgram) -> Arrays:
         a[name] = np.zeros(total, dtype=np.int32)
     for name in ("exc_decay", "exc_init", "inh_decay", "inh_init"):
         a[name] = np.zeros(total, dtype=np.int64)
+    a["still"], a["resting"] = np.zeros((4, total), dtype=np.int32), np.zeros(n_pops, dtype=np.uint8)
     a["fired"], a["muted"] = np.zeros(total, dtype=np.uint8), np.zeros(total, dtype=np.uint8)
     a["first"] = np.full(total, NEVER, dtype=np.int64)
     a["events"], a["spikes"] = np.zeros(total, dtype=np.int64), np.zeros(total, dtype=np.int64)
@@ -136,7 +137,7 @@ def _populations(a: Arrays, fixed: FixedProgram) -> None:
             arrived += slots
     a["pops"] = pops
     a["ring"], a["arrived"] = np.zeros(ring + at, dtype=np.int32), np.zeros(ring + at, dtype=np.uint8)
-    a["arrived_all"] = np.zeros(arrived, dtype=np.uint8)
+    a["arrived_all"], a["came"] = np.zeros(arrived, dtype=np.uint8), np.zeros(arrived, dtype=np.uint8)
 
 
 def _projections(a: Arrays, fixed: FixedProgram) -> None:

@@ -168,6 +168,7 @@ def pour(net, row, target, box, step, below, capped):
     sheet = rows * columns
     slot = (step + net.lags[row[t.LAG]]) & (target[t.SLOTS] - 1)
     base = target[t.RING] + slot * sheet * row[t.MAPS]
+    net.came[target[t.ARRIVED] + slot] = 1
     at_once = 2 * (right - left) >= columns  # what lies between the lines of the box has sums of 0
     spans = 1 if at_once else bottom - top
     run = right - left + (bottom - top - 1) * columns if at_once else right - left

@@ -11,6 +11,7 @@ from neuro_chip.grids import may_gather, send_grids
 from neuro_chip.groups import fire, settle_one, settle_rivals
 from neuro_chip.local_winners import settle_locally
 from neuro_chip.net import net_of
+from neuro_chip.resting import keep_states, stayed
 from neuro_chip.tables import (
     ARRIVED,
     BEGIN,
@@ -150,25 +151,39 @@ def any_fired(fired):
 
 @inner
 def advance_neurons(net, pop, row, step):
-    """A population of neurons: update, decide, emit, count."""
+    """A population of neurons: update, decide, emit, count; one at rest only counts what is on its way."""
+    slot = row[ARRIVED] + (step & (row[SLOTS] - 1))
+    came, net.came[slot] = net.came[slot], 0
     if row[KIND] == RELAY:
         relay(net, pop, row, step)
-    else:
-        update(net, pop, row, step)
-        group, fired = row[GROUP], net.fired[row[BEGIN] : row[END]]
-        some = any_fired(fired)
-        if group >= 0 and (some or net.local[group, RADIUS] >= 0):
-            decide(net, row, step)
-            some = any_fired(fired)
-        if some:
-            for i in range(row[BEGIN], row[END]):
-                if net.fired[i]:
-                    if net.muted[i] & SILENCED:
-                        net.fired[i] = 0
-                        continue
-                    fire(net, i)
-                    emit(net, pop, row, i, 1, step)
+    elif came:
+        update_and_fire(net, pop, row, step)
+        net.resting[pop] = 0
+    elif not net.resting[pop]:
+        counted = keep_states(net, pop, row)
+        reached = update_and_fire(net, pop, row, step)
+        net.resting[pop] = not reached and stayed(net, pop, row, counted)
     count_active(net, pop, row, step)
+
+
+@inner
+def update_and_fire(net, pop, row, step):
+    """Update the neurons of a population, and let fire who does; return whether any was above threshold."""
+    update(net, pop, row, step)
+    group, fired = row[GROUP], net.fired[row[BEGIN] : row[END]]
+    reached = some = any_fired(fired)
+    if group >= 0 and (some or net.local[group, RADIUS] >= 0):
+        decide(net, row, step)
+        some = any_fired(fired)
+    if some:
+        for i in range(row[BEGIN], row[END]):
+            if net.fired[i]:
+                if net.muted[i] & SILENCED:
+                    net.fired[i] = 0
+                    continue
+                fire(net, i)
+                emit(net, pop, row, i, 1, step)
+    return reached
 
 
 @inner
@@ -217,6 +232,7 @@ def advance(view, words, end):
     sorted by them, and to `send_all`, which relies on that. `view` and `words` are as in `net`.
     """
     net = net_of(view, words)
+    net.resting[:] = 0  # the host may have written anything
     total = net.v.size  # a step records at most one event a neuron: there is room for it, or the caller empties first
     while net.clock[STEP] < end and net.clock[RECORDED] + total <= net.rec_steps.size:
         step = net.clock[STEP] + 1

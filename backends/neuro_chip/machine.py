@@ -211,6 +211,7 @@ class Machine:
                 self.arrays[name][:, : value.shape[1]] = value  # fewer columns in version 0.1.0
             else:
                 self.arrays[name][:] = value
+        self.arrays["came"][:] = 1  # which slots have input is not kept
         self.record.restore(arrays)
         self.listed.restore(arrays, self.step)
         self.currents.restore(arrays)

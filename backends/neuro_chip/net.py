@@ -26,6 +26,7 @@ targets i4 1        local targets of all CSR synapses
 gathered i4 1       sums of a step, of grids
 marked u1 1         places that have one
 ring i4 1           input to come
+came u1 1           whether any comes, for each population and slot
 arrived u1 1        whether a spike reached a neuron
 arrived_all u1 1    whether one reached all of a population
 v i4 1              states
@@ -44,6 +45,8 @@ exc_decay i8 1
 exc_init i8 1
 inh_decay i8 1
 inh_init i8 1
+still i4 2          the states before a step without input
+resting u1 1        whether a population stays as it is until input comes
 local i8 2          of groups with several winners, columns of `tables`, a row per group
 standing i8 2       how many of each of these may still win, and have won
 map_wins i8 2       (groups, maps) how often each of their maps has won

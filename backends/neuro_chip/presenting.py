@@ -67,6 +67,7 @@ def begin_trial(view, words, output, silenced, rested):
     """
     net = net_of(view, words)
     net.ring[:] = 0
+    net.came[:] = 0
     net.arrived[:] = 0
     net.arrived_all[:] = 0
     net.first[:] = NEVER
