@@ -156,13 +156,10 @@ def advance_neurons(net, pop, row, step):
     came, net.came[slot] = net.came[slot], 0
     if row[KIND] == RELAY:
         relay(net, pop, row, step)
-    elif came:
-        update_and_fire(net, pop, row, step)
-        net.resting[pop] = 0
-    elif not net.resting[pop]:
-        counted = keep_states(net, pop, row)
+    elif came or not net.resting[pop]:
+        before = 0 if came else keep_states(net, pop, row)
         reached = update_and_fire(net, pop, row, step)
-        net.resting[pop] = not reached and stayed(net, pop, row, counted)
+        net.resting[pop] = not came and not reached and stayed(net, pop, row, before)
     count_active(net, pop, row, step)
 
 

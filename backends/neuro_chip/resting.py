@@ -14,24 +14,41 @@ from neuro_chip.tables import BEGIN, END
 @inner
 def keep_states(net, pop, row):
     """Keep the states of a population for `stayed`; return what has been counted of it."""
-    for i in range(row[BEGIN], row[END]):
-        net.still[0, i] = net.v[i]
-        net.still[1, i] = net.u[i]
-        net.still[2, i] = net.g_inh[i]
-        net.still[3, i] = net.hold[i]
+    lo, hi = row[BEGIN], row[END]
+    copy(net.still[0, lo:hi], net.v[lo:hi])
+    copy(net.still[1, lo:hi], net.u[lo:hi])
+    copy(net.still[2, lo:hi], net.g_inh[lo:hi])
+    copy(net.still[3, lo:hi], net.hold[lo:hi])
     return counted(net, pop)
 
 
 @inner
 def stayed(net, pop, row, before):
     """Whether a step has changed neither the states that were kept nor what was counted."""
+    lo, hi = row[BEGIN], row[END]
+    return (
+        equal(net.still[0, lo:hi], net.v[lo:hi])
+        and equal(net.still[1, lo:hi], net.u[lo:hi])
+        and equal(net.still[2, lo:hi], net.g_inh[lo:hi])
+        and equal(net.still[3, lo:hi], net.hold[lo:hi])
+        and counted(net, pop) == before
+    )
+
+
+@inner
+def copy(into, values):
+    """Copy an array."""
+    for k in range(into.size):
+        into[k] = values[k]
+
+
+@inner
+def equal(one, other):
+    """Whether two arrays are."""
     changed = np.int32(0)
-    for i in range(row[BEGIN], row[END]):
-        changed |= net.still[0, i] ^ net.v[i]
-        changed |= net.still[1, i] ^ net.u[i]
-        changed |= net.still[2, i] ^ net.g_inh[i]
-        changed |= net.still[3, i] ^ net.hold[i]
-    return changed == 0 and counted(net, pop) == before
+    for k in range(one.size):
+        changed |= np.int32(one[k] ^ other[k])
+    return changed == 0
 
 
 @inner
