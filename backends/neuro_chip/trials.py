@@ -181,8 +181,11 @@ class Trials:
     def _ranges(self, part: Projection, maps: Ints) -> list[tuple[int, int]]:
         """Weights onto some maps, as ranges."""
         if part.grid is not None:
-            size = part.size // part.grid.maps
-            return [(int(m) * size, (int(m) + 1) * size) for m in maps]
+            size, found = part.size // part.grid.maps, list[tuple[int, int]]()
+            for m in maps.tolist():
+                begin = found.pop()[0] if found and found[-1][1] == m * size else m * size
+                found.append((begin, (m + 1) * size))
+            return found
         _, post = self._machine.program.connections(self._machine.program.projections.index(part))
         slots = np.flatnonzero(np.isin(post // self._per_map, maps))
         ends = np.flatnonzero(np.diff(slots, append=-2) != 1)
