@@ -27,8 +27,15 @@ def test_trials(benchmark, figure, batch, learn, backend):
     times, ids, offsets, labels = batch
     sim = neuro.compile(digits(), seed=1, backend=backend)
     sim.trials(times, ids, offsets, labels, learn=learn)
-    benchmark.pedantic(sim.trials, args=(times, ids, offsets, labels), kwargs={"learn": learn}, rounds=5)
-    cost = benchmark.stats.stats.min / TRIALS * 1e6
+    cpu = []
+
+    def work():
+        began = time.process_time()
+        sim.trials(times, ids, offsets, labels, learn=learn)
+        cpu.append(time.process_time() - began)
+
+    benchmark.pedantic(work, rounds=5)
+    cost = min(cpu) / TRIALS * 1e6
     benchmark.extra_info["us_per_trial"] = cost
     figure(f"a trial of {SPIKES} spikes, {'learning' if learn else 'deciding'}, {backend}", cost, "us")
 

@@ -30,7 +30,7 @@ ROOM = 1 << 20
 
 
 def arrays_of(fixed: FixedProgram) -> Arrays:
-    """All arrays that the loop reads and writes, by the names of `loop.Net`."""
+    """All arrays that the loop reads and writes, by the names of `net`."""
     program = fixed.program
     a: Arrays = {}
     _populations(a, fixed)
@@ -43,6 +43,7 @@ def arrays_of(fixed: FixedProgram) -> Arrays:
         a[name] = np.zeros(total, dtype=np.int32)
     for name in ("exc_decay", "exc_init", "inh_decay", "inh_init"):
         a[name] = np.zeros(total, dtype=np.int64)
+    a["still"], a["resting"] = np.zeros((4, total), dtype=np.int32), np.zeros(n_pops, dtype=np.uint8)
     a["fired"], a["muted"] = np.zeros(total, dtype=np.uint8), np.zeros(total, dtype=np.uint8)
     a["first"] = np.full(total, NEVER, dtype=np.int64)
     a["events"], a["spikes"] = np.zeros(total, dtype=np.int64), np.zeros(total, dtype=np.int64)
@@ -136,7 +137,7 @@ def _populations(a: Arrays, fixed: FixedProgram) -> None:
             arrived += slots
     a["pops"] = pops
     a["ring"], a["arrived"] = np.zeros(ring + at, dtype=np.int32), np.zeros(ring + at, dtype=np.uint8)
-    a["arrived_all"] = np.zeros(arrived, dtype=np.uint8)
+    a["arrived_all"], a["came"] = np.zeros(arrived, dtype=np.uint8), np.zeros(arrived, dtype=np.uint8)
 
 
 def _projections(a: Arrays, fixed: FixedProgram) -> None:
@@ -216,9 +217,9 @@ def write_registers(a: Arrays, fixed: FixedProgram, k: int, part: FixedPopulatio
         family_of(fixed.chip).write(a, row, slice(row[t.BEGIN], row[t.END]), part.registers)
 
 
-def write_states(a: Arrays, k: int, part: FixedPopulation, names: tuple[str, ...] = tuple(STATES)) -> None:
-    """Put the named state registers of a population where they are at step 0."""
+def write_states(a: Arrays, k: int, part: FixedPopulation) -> None:
+    """Put the state registers of a population where they are at step 0."""
     here = slice(a["pops"][k, t.BEGIN], a["pops"][k, t.END])
-    for name in names:
+    for name, array in STATES.items():
         if name in part.initial:
-            a[STATES[name]][here] = part.initial[name]
+            a[array][here] = part.initial[name]

@@ -66,6 +66,7 @@ def send(net, q, i, times, step):
         slot = (step + net.lags[row[LAG]]) & mask
         begin = target[RING] + slot * n
         net.arrived_all[target[ARRIVED] + slot] = 1
+        net.came[target[ARRIVED] + slot] = 1
         into = net.ring[begin : begin + n]
         if row[WORD_STRIDE] == 0:  # one word for all
             word = net.words[row[WORD]]
@@ -88,6 +89,7 @@ def send(net, q, i, times, step):
         if row[LAG_STRIDE] == 0 and not capped and times == 1 and row[WORD_STRIDE] == 1:
             slot = (step + net.lags[row[LAG]]) & mask
             begin = target[RING] + slot * n
+            net.came[target[ARRIVED] + slot] = 1
             send_sparse(
                 net.ring[begin : begin + n],
                 net.arrived[begin : begin + n],
@@ -100,11 +102,13 @@ def send(net, q, i, times, step):
             place = target[RING] + slot * n + net.targets[base + e]
             add(net.ring, place, below, net.words[row[WORD] + e * row[WORD_STRIDE]], times, capped)
             net.arrived[place] = 1
+            net.came[target[ARRIVED] + slot] = 1
     elif row[LAYOUT] == ONE_TO_ONE:
         slot = (step + net.lags[row[LAG] + i * row[LAG_STRIDE]]) & mask
         place = target[RING] + slot * n + i
         add(net.ring, place, below, net.words[row[WORD] + i * row[WORD_STRIDE]], times, capped)
         net.arrived[place] = 1
+        net.came[target[ARRIVED] + slot] = 1
     else:
         send_grid(net, row, target, i, times, step, below, capped)
 
@@ -151,6 +155,7 @@ def send_grid(net, row, target, i, times, step, below, capped):
     c_first, c_last = max(0, -((width - 1 - x) // stride)), min(row[COLUMNS] - 1, x // stride)
     n = target[END] - target[BEGIN]
     slot = (step + net.lags[row[LAG]]) & (target[SLOTS] - 1)
+    net.came[target[ARRIVED] + slot] = 1
     for m in range(first, first + row[REACH]):
         kernel = row[WORD] + (m * row[DEPTH] + channel % row[DEPTH]) * height * width * row[WORD_STRIDE]
         for r in range(r_first, r_last + 1):

@@ -30,15 +30,6 @@ def ages(first, begin, sources, delay, now, resolution, since):
         since[k] = -np.inf if fired == NEVER else (now - fired - late) * resolution
 
 
-@kernel
-def clear(ring, arrived, arrived_all, first):
-    """Drop all that is under way."""
-    ring[:] = 0
-    arrived[:] = 0
-    arrived_all[:] = 0
-    first[:] = NEVER
-
-
 @cache
 def teacher(teach):
     """The pass over the inputs of one neuron, compiled for a rule's `teach`."""

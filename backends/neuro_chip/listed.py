@@ -34,20 +34,14 @@ class Listed:
         self._spikes[population] = (np.concatenate([old_steps[ahead], steps]), np.concatenate([old_ids[ahead], ids]))
         self._write(now)
 
-    def replace(self, population: int, steps: Ints, ids: Ints, now: int) -> bool:
-        """Let these, sorted by step, then id, be all that a population has; tell whether arrays were replaced."""
-        found = _joined_sorted(steps, ids + int(self._a["pops"][population, t.BEGIN]))
-        n = found[0].size
-        rewritten = bool(self._spikes[population][0].size) or n > self._room.get(population, 0)
-        if rewritten:
+    def make_room(self, population: int, n: int, now: int) -> tuple[int, bool]:
+        """Drop all that a population has; where n spikes of it may be listed, and whether arrays were replaced."""
+        replaced = bool(self._spikes[population][0].size) or n > self._room.get(population, 0)
+        if replaced:
             self._spikes[population] = (_NOTHING, _NOTHING)
             self._room[population] = 2 * n + 64
             self._write(now)
-        first = self._begin[population]
-        for name, values in zip(_COLUMNS, found, strict=True):
-            self._a[name][first : first + n] = values
-        self._a["cursor"][population] = first, first + n
-        return rewritten
+        return self._begin[population], replaced
 
     def drop(self, population: int) -> None:
         """Forget the spikes of a population."""
@@ -85,15 +79,9 @@ class Listed:
 def _joined(steps: Ints, neurons: Ints) -> NDArray[np.int64]:
     """Rows (step, neuron, multiplicity), sorted; equal ones joined."""
     order = np.lexsort((neurons, steps))
-    return np.column_stack(_joined_sorted(steps[order], neurons[order]))
-
-
-def _joined_sorted(steps: Ints, neurons: Ints) -> tuple[Ints, Ints, Ints]:
-    """Steps, neurons and multiplicities of spikes that are sorted."""
+    steps, neurons = steps[order], neurons[order]
     other = np.ones(steps.size + 1, dtype=np.bool_)
     np.logical_or(steps[1:] != steps[:-1], neurons[1:] != neurons[:-1], out=other[1:-1])
-    if steps.size == 0 or other.all():
-        return steps, neurons, np.ones(steps.size, dtype=np.int64)
-    ends = np.flatnonzero(other)
+    ends = np.flatnonzero(other if steps.size else other[:0])
     first = ends[:-1]
-    return steps[first], neurons[first], np.diff(ends)
+    return np.column_stack((steps[first], neurons[first], np.diff(ends)))

@@ -1,8 +1,6 @@
 """The one compiled loop over steps."""
 
 # mypy: ignore-errors
-from collections import namedtuple
-
 import numpy as np
 
 from neuro.kernels.draws import poisson_by_sum, step_word, uniform
@@ -12,6 +10,8 @@ from neuro_chip.families.dispatch import update
 from neuro_chip.grids import may_gather, send_grids
 from neuro_chip.groups import fire, settle_one, settle_rivals
 from neuro_chip.local_winners import settle_locally
+from neuro_chip.net import net_of
+from neuro_chip.resting import keep_states, stayed
 from neuro_chip.tables import (
     ARRIVED,
     BEGIN,
@@ -41,22 +41,6 @@ from neuro_chip.tables import (
     STOP_GROUP,
     TARGET,
 )
-
-Net = namedtuple(
-    "Net",
-    "pops projections out_ends out groups clock "  # tables; `out`: projections by source
-    "words kernels lags rows targets "  # synapses
-    "gathered marked "  # sums of a step, of grids
-    "ring arrived arrived_all "  # input to come
-    "v u g_inh hold "  # states
-    "keep_u keep_v threshold bias v_reset refractory v_rest r_m exc_decay exc_init inh_decay inh_init "  # registers
-    "local standing map_wins won "  # groups with several winners
-    "fired muted first events spikes active native potential "
-    "emitted emitted_times keys group_keys mean nothing "
-    "list_steps list_ids list_times cursor "
-    "rec_steps rec_ids rec_times",
-)
-"""All arrays of a program. `first` is the step of each neuron's first spike since it was set to never."""
 
 
 @inner
@@ -128,13 +112,28 @@ def count_active(net, pop, row, step):
 
 
 @inner
+def admit(fired, muted):
+    """Leave those above threshold that may fire; return whether there are any."""
+    some = np.uint8(0)
+    for k in range(fired.size):
+        fired[k] &= np.uint8(muted[k] == 0)
+        some |= fired[k]
+    return some != 0
+
+
+@inner
 def decide(net, row, step):
     """Of the candidates of a group leave those that fire; reset who loses by it."""
-    group, closed = row[GROUP], net.groups[row[GROUP], CLOSED]
-    for i in range(row[BEGIN], row[END]):
-        net.fired[i] = net.fired[i] and not net.muted[i] and not closed
+    group = row[GROUP]
+    fired = net.fired[row[BEGIN] : row[END]]
+    some = admit(fired, net.muted[row[BEGIN] : row[END]])
+    if net.groups[group, CLOSED]:
+        fired[:] = 0
+        some = False
     if net.local[group, RADIUS] >= 0:
         settle_locally(net, row, step)
+    elif not some:
+        return
     elif net.groups[group, RIVALS] > 0:
         settle_rivals(net, row, step)
     else:
@@ -152,23 +151,36 @@ def any_fired(fired):
 
 @inner
 def advance_neurons(net, pop, row, step):
-    """A population of neurons: update, decide, emit, count."""
+    """A population of neurons: update, decide, emit, count; one at rest only counts what is on its way."""
+    slot = row[ARRIVED] + (step & (row[SLOTS] - 1))
+    came, net.came[slot] = net.came[slot], 0
     if row[KIND] == RELAY:
         relay(net, pop, row, step)
-    else:
-        update(net, pop, row, step)
-        group = row[GROUP]
-        if any_fired(net.fired[row[BEGIN] : row[END]]) or (group >= 0 and net.local[group, RADIUS] >= 0):
-            if group >= 0:
-                decide(net, row, step)
-            for i in range(row[BEGIN], row[END]):
-                if net.fired[i]:
-                    if net.muted[i] & SILENCED:
-                        net.fired[i] = 0
-                        continue
-                    fire(net, i)
-                    emit(net, pop, row, i, 1, step)
+    elif came or not net.resting[pop]:
+        before = 0 if came else keep_states(net, pop, row)
+        reached = update_and_fire(net, pop, row, step)
+        net.resting[pop] = not came and not reached and stayed(net, pop, row, before)
     count_active(net, pop, row, step)
+
+
+@inner
+def update_and_fire(net, pop, row, step):
+    """Update the neurons of a population, and let fire who does; return whether any was above threshold."""
+    update(net, pop, row, step)
+    group, fired = row[GROUP], net.fired[row[BEGIN] : row[END]]
+    reached = some = any_fired(fired)
+    if group >= 0 and (some or net.local[group, RADIUS] >= 0):
+        decide(net, row, step)
+        some = any_fired(fired)
+    if some:
+        for i in range(row[BEGIN], row[END]):
+            if net.fired[i]:
+                if net.muted[i] & SILENCED:
+                    net.fired[i] = 0
+                    continue
+                fire(net, i)
+                emit(net, pop, row, i, 1, step)
+    return reached
 
 
 @inner
@@ -210,12 +222,14 @@ def list_spikes(net, pop, row, step):
 
 
 @kernel
-def advance(net, end):
+def advance(view, words, end):
     """Run to a step; stop earlier where the record is full or the group that is waited for has decided.
 
     Who emits in a step reaches nobody in it, so the order of the populations matters only to the record, which is
-    sorted by them, and to `send_all`, which relies on that.
+    sorted by them, and to `send_all`, which relies on that. `view` and `words` are as in `net`.
     """
+    net = net_of(view, words)
+    net.resting[:] = 0  # the host may have written anything
     total = net.v.size  # a step records at most one event a neuron: there is room for it, or the caller empties first
     while net.clock[STEP] < end and net.clock[RECORDED] + total <= net.rec_steps.size:
         step = net.clock[STEP] + 1

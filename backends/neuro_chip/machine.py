@@ -22,7 +22,9 @@ from neuro_chip.delays import Delays
 from neuro_chip.families.every import family_of
 from neuro_chip.learners import Learners
 from neuro_chip.listed import Listed
-from neuro_chip.loop import Net, advance
+from neuro_chip.loop import advance
+from neuro_chip.net import Bound
+from neuro_chip.presenting import open_all
 from neuro_chip.record import Record
 from neuro_chip.registers import Registers
 from neuro_chip.weights import Weights
@@ -47,7 +49,8 @@ class Machine:
 
     Attributes:
         fixed, program: what it runs.
-        arrays: what the loop reads and writes, by the names of `Net`; who replaces one calls `bind`.
+        arrays: what the loop reads and writes, by the names of `net`; who replaces one calls `bind`.
+        bound: these arrays as kernels take them.
         cells: present registers of the populations.
         weights: the weight memory.
         learners: the projections that learn on the chip.
@@ -74,11 +77,11 @@ class Machine:
             if part.kind == "poisson":
                 self.set_rate(k, part.rate(1))
         self.listed = Listed(self.program, self.arrays)
-        self.bind()
+        self.bound = Bound(self.arrays)
 
     def bind(self) -> None:
         """Hand the arrays that there are now to the loop."""
-        self._net = Net(**{name: self.arrays[name] for name in Net._fields})
+        self.bound.take(self.arrays)
 
     @property
     def step(self) -> int:
@@ -102,7 +105,7 @@ class Machine:
                 self.set_rate(k, rate)
             steady = min(self.currents.next_change(before), self.rates.next_change(before))
             stop = before + 1 if by_step else min(end, steady)
-            advance(self._net, stop)
+            advance(self.bound.view, self.bound.words, stop)
             if by_step and clock[t.STEP] > before:
                 self.learners.after(before + 1)
                 self.delays.after(before + 1)
@@ -152,23 +155,6 @@ class Machine:
                 return family.way_out(cells)
         return "lower its weights or its input"
 
-    def open_groups(self) -> None:
-        """No group has decided, and whoever was silenced by a winner may fire."""
-        a = self.arrays
-        a["groups"][:, t.CLOSED], a["groups"][:, t.WINNER] = 0, t.NONE
-        a["muted"] &= t.SILENCED
-        a["map_wins"][:] = 0
-        self.count_open()
-        a["standing"][:, t.WINS] = 0
-
-    def count_open(self) -> None:
-        """How many of each group with several winners may still win."""
-        for k, group in enumerate(self.program.groups):
-            if group.choice.several:
-                self.arrays["standing"][k, t.OPEN] = np.count_nonzero(
-                    self.arrays["muted"][self.slice(group.population)] == 0
-                )
-
     def start_anew(self, weights: bool) -> None:
         """Back to step 0 and the initial states, and to the initial weights if asked."""
         for name in _CLEARED:
@@ -176,7 +162,7 @@ class Machine:
         self.arrays["first"][:] = NEVER
         self.arrays["clock"][:] = 0
         self.arrays["clock"][t.STOP_GROUP] = t.NONE
-        self.open_groups()
+        open_all(self.bound.view, self.bound.words)
         for k in range(len(self.program.populations)):
             write_states(self.arrays, k, self.cells.fixed[k])
         self.record = Record()
@@ -225,6 +211,7 @@ class Machine:
                 self.arrays[name][:, : value.shape[1]] = value  # fewer columns in version 0.1.0
             else:
                 self.arrays[name][:] = value
+        self.arrays["came"][:] = 1  # which slots have input is not kept
         self.record.restore(arrays)
         self.listed.restore(arrays, self.step)
         self.currents.restore(arrays)

@@ -70,6 +70,9 @@ OPEN, WINS = range(2)
 # why a neuron must not fire: it is left out of a trial, silenced by a winner, or has won
 SILENCED, BLOCKED, WON = 1, 2, 4
 
+# what is listed of a generator: the next spike, and one after the last
+NEXT, AFTER = range(2)
+
 # the clock
 STEP, RECORDED, EMITTED, STOP_GROUP, CLOCK_COLUMNS = range(5)
 

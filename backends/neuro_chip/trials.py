@@ -5,16 +5,15 @@ from __future__ import annotations
 from types import ModuleType
 
 import numpy as np
-from numpy.typing import NDArray
 
 from neuro.chips.loihi.learning_rules import FRACTIONS
 from neuro.chips.quantising.fixed import FixedProjection
 from neuro.core import keyed_random
 from neuro.program.backend import Outcome, Trial, Wins
 from neuro.program.program import Floats, Ints, Projection
-from neuro_chip import host
+from neuro_chip import host, presenting
 from neuro_chip import tables as t
-from neuro_chip.build import STATES, write_states
+from neuro_chip.build import STATES
 from neuro_chip.machine import Machine
 
 _REGISTERS = {"V_m": ("v",), "I_syn_ex": ("u", "g_exc"), "I_syn_in": ("u", "g_inh")}
@@ -33,7 +32,6 @@ class Trials:
         self._machine, self._section = machine, section
         self._output = machine.slice(section.output)
         self._per_map = (self._output.stop - self._output.start) // section.maps
-        self._first_of_maps = np.arange(section.maps) * self._per_map
         names = machine.cells.names
         self._states = {each for name in section.reset for each in names(section.output, name)}
         found = [name for state in self._states for name in _REGISTERS[state] if name in STATES]
@@ -50,36 +48,24 @@ class Trials:
 
     def present(self, trial: Trial) -> Outcome:
         """Run one trial."""
-        machine, section, a = self._machine, self._section, self._machine.arrays
-        self._clear(trial)
+        machine, section, group = self._machine, self._section, self._section.group
         began = self._began = machine.step
-        group = section.group
-        if machine.listed.replace(section.input, began + 1 + trial.ticks, trial.ids, began):
-            machine.bind()
+        self._begin(trial)
         peak = self._advance(trial.peaks)
         machine.listed.drop(section.input)
-        a["muted"][self._output] &= ~np.uint8(t.SILENCED)
-        machine.count_open()
-        winner, decided = int(a["groups"][group, t.WINNER]), int(a["groups"][group, t.DECIDED]) - began - 1
-        volt = machine.cells.state(section.output, "V_m", {"v": self._decisive()})
-        by_map = volt.reshape(section.maps, self._per_map)
-        best = by_map.argmax(axis=1) + self._first_of_maps
-        machine.check_overflows()
+        potential, best = np.empty(section.maps), np.empty(section.maps, dtype=np.int64)
+        cells, bound = machine.cells.fixed[section.output], machine.bound
+        wrapped = presenting.end_trial(
+            bound.view, bound.words, section.output, group, float(cells.volt), cells.rest, potential, best
+        )
+        if wrapped or machine.learners:
+            machine.check_overflows()
+        winner, decided = (int(machine.arrays["groups"][group, column]) for column in (t.WINNER, t.DECIDED))
+        decided = decided - began - 1 if winner >= 0 else -1
         if peak is not None and winner >= 0:
             peak[0][winner], peak[1][winner] = np.inf, decided
-        ticks = machine.step - began
         values, when = peak or (None, None)
-        decided = decided if winner >= 0 else -1
-        return Outcome(winner, decided, volt[best], best, ticks, values, when, self._wins())
-
-    def _decisive(self) -> NDArray[np.int32]:
-        """The voltages of the output at the decision; with several winners of each map at its own; or at the end."""
-        a, group = self._machine.arrays, self._section.group
-        decided = a["groups"][group, t.WINNER] >= 0
-        if self._machine.program.groups[group].choice.several:
-            decided = np.repeat(a["map_wins"][group, : self._section.maps] > 0, self._per_map)
-        volt: NDArray[np.int32] = np.where(decided, a["potential"][self._output], a["v"][self._output])
-        return volt
+        return Outcome(winner, decided, potential, best, machine.step - began, values, when, self._wins())
 
     def _wins(self) -> Wins | None:
         """All who have won, where several may."""
@@ -112,19 +98,18 @@ class Trials:
                 break
         return peak, when
 
-    def _clear(self, trial: Trial) -> None:
-        """Drop what is under way and start the output's states anew."""
-        machine, a = self._machine, self._machine.arrays
-        host.clear(a["ring"], a["arrived"], a["arrived_all"], a["first"])
-        a["clock"][t.EMITTED] = 0
-        a["muted"][self._output] = np.repeat(trial.silenced, self._per_map)
-        machine.open_groups()
-        cells = machine.cells.fixed[self._section.output]
+    def _begin(self, trial: Trial) -> None:
+        """Drop what is under way, start the output's states anew, and list the trial's spikes."""
+        machine, output = self._machine, self._section.output
+        first, replaced = machine.listed.make_room(self._section.input, trial.ids.size, self._began)
+        if replaced:
+            machine.bind()
+        view, words = machine.bound.view, machine.bound.words
+        presenting.begin_trial(view, words, output, trial.silenced, "V_m" in self._states)
+        cells = machine.cells.fixed[output]
         for name in self._registers:
-            a[STATES[name]][self._output] = 0
-        write_states(a, self._section.output, cells, self._registers)
-        if "V_m" in self._states:
-            a["hold"][self._output] = 0
+            machine.arrays[STATES[name]][self._output] = cells.initial.get(name, 0)
+        presenting.list_trial(view, words, self._section.input, first, trial.ticks, trial.ids, self._began)
 
     def _inputs_of(self, projection: int, neuron: int) -> tuple[Ints, Ints]:
         """Sources of a neuron's synapses, and which weight each has."""
@@ -196,8 +181,11 @@ class Trials:
     def _ranges(self, part: Projection, maps: Ints) -> list[tuple[int, int]]:
         """Weights onto some maps, as ranges."""
         if part.grid is not None:
-            size = part.size // part.grid.maps
-            return [(int(m) * size, (int(m) + 1) * size) for m in maps]
+            size, found = part.size // part.grid.maps, list[tuple[int, int]]()
+            for m in maps.tolist():
+                begin = found.pop()[0] if found and found[-1][1] == m * size else m * size
+                found.append((begin, (m + 1) * size))
+            return found
         _, post = self._machine.program.connections(self._machine.program.projections.index(part))
         slots = np.flatnonzero(np.isin(post // self._per_map, maps))
         ends = np.flatnonzero(np.diff(slots, append=-2) != 1)

@@ -16,6 +16,8 @@ from neuro_chip import grids
 from neuro_chip import tables as t
 from neuro_chip.families.every import family_of
 
+_NOWHERE: Ints = np.zeros(0, dtype=np.int64)
+
 _GIVEN = "told"
 """What saved states call weights as they were set."""
 
@@ -40,6 +42,7 @@ class Weights:
         self._described = fixed.projections
         self._given: dict[int, Floats] = {}
         self._words: dict[int, tuple[FixedProjection, NDArray[Any]]] = {}
+        self._places: dict[int, Ints] = {}
         self.mantissas: list[Words] = []
         self.rules: dict[int, Floats] = {}
         self.updates: Ints = np.zeros(len(self.wires), dtype=np.int64)
@@ -148,10 +151,10 @@ class Weights:
             self.write(index)
             return
         table, lowest = self._words_of(index)
-        maps = 1 if part.grid is None else part.grid.maps
-        grids.write_some(
-            self.mantissas[index], synapses, table, lowest, self._a["words"], self._a["kernels"], row, part.size // maps
-        )
+        if index not in self._places:
+            self._places[index] = _NOWHERE if part.grid is None else grids.places(part.grid)
+        words, kernels = self._a["words"], self._a["kernels"]
+        grids.write_some(self.mantissas[index], synapses, table, lowest, words, kernels, row, self._places[index])
 
     def _words_of(self, index: int) -> tuple[NDArray[Any], int]:
         """The word of each mantissa of a projection, and the lowest of these; computed once at a scale."""

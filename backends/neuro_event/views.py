@@ -1,11 +1,6 @@
-"""How the kernels see the arrays: as one table of addresses and shapes.
+"""How the kernels see the arrays: by one table, see `neuro.kernels.views`."""
 
-A kernel that takes seventy arrays spends more time on receiving them, and on counting references to them, than
-on a small network. So the engine passes one integer table, and each function makes the views that it needs.
-The engine keeps the arrays alive.
-"""
-
-# mypy: disable-error-code="no-untyped-def,no-untyped-call,attr-defined,call-arg,no-any-return,override,misc"
+# mypy: disable-error-code="no-untyped-def,no-untyped-call,call-arg,no-any-return,misc"
 from __future__ import annotations
 
 from collections.abc import Mapping
@@ -15,13 +10,14 @@ import numpy as np
 from llvmlite import ir
 from numba import types
 from numba.core import cgutils
-from numba.core.typing.templates import AttributeTemplate
-from numba.extending import infer_getattr, intrinsic, lower_getattr_generic, models, register_model
+from numba.extending import intrinsic
 from numba.np.arrayobj import populate_array
 from numpy.typing import NDArray
 
+from neuro.kernels import views
 from neuro.kernels.address import caller
 from neuro.kernels.jit import inner
+from neuro.kernels.views import Views, fields_of, viewer
 from neuro_event.tables import ENTRY, NUMBER, RULE_ENTRY, RULE_NUMBER
 
 NET = """
@@ -141,28 +137,13 @@ note_synapses i8 2 the synapse
 note_y f8 3        (threads, states, room) what it was left with
 """
 
-_TYPES = {"i8": "int64", "f8": "float64", "i4": "int32", "u1": "uint8", "u2": "uint16", "u4": "uint32", "u8": "uint64"}
-
-
-def _fields(text):
-    return [line.split()[:3] for line in text.strip().splitlines()]
-
-
-NET_FIELDS = [name for name, _, _ in _fields(NET)]
-PLASTIC_FIELDS = [name for name, _, _ in _fields(PLASTIC)]
+_NET, _PLASTIC = fields_of(NET), fields_of(PLASTIC)
+NET_FIELDS, PLASTIC_FIELDS = ([name for name, _, _ in fields] for fields in (_NET, _PLASTIC))
 
 
 def table_of(net: Mapping[str, NDArray[Any]], plastic: Mapping[str, NDArray[Any]]) -> NDArray[np.int64]:
     """The table for some arrays, by name. The caller keeps the arrays alive."""
-    rows = []
-    for text, arrays in ((NET, net), (PLASTIC, plastic)):
-        for name, dtype, ndim in _fields(text):
-            array = arrays[name]
-            assert array.dtype == np.dtype(_TYPES[dtype]), name
-            assert array.ndim == int(ndim), name
-            assert array.flags.c_contiguous, name
-            rows.append([array.ctypes.data, *array.shape, *[0] * (3 - array.ndim)])
-    return np.array(rows, dtype=np.int64)
+    return views.table_of((_NET, net), (_PLASTIC, plastic))
 
 
 def with_plastic(table: NDArray[np.int64], **arrays: NDArray[Any]) -> NDArray[np.int64]:
@@ -171,71 +152,6 @@ def with_plastic(table: NDArray[np.int64], **arrays: NDArray[Any]) -> NDArray[np
     for name, array in arrays.items():
         other[len(NET_FIELDS) + PLASTIC_FIELDS.index(name), 0] = array.ctypes.data
     return other
-
-
-class Views(types.Type):
-    """All arrays of one table, from row `first` on: the address of the table. An array is made where it is named.
-
-    Making all of them in every function took most of the time of compiling.
-    """
-
-    def __init__(self, name, first, fields):
-        super().__init__(name)
-        self.rows = {field: first + k for k, (field, _, _) in enumerate(fields)}
-        self.arrays = {
-            field: types.Array(getattr(types, _TYPES[dtype]), int(ndim), "C") for field, dtype, ndim in fields
-        }
-
-
-@register_model(Views)
-class _Address(models.PrimitiveModel):
-    def __init__(self, manager, kind):
-        super().__init__(manager, kind, ir.IntType(64).as_pointer())
-
-
-@infer_getattr
-class _Fields(AttributeTemplate):
-    key = Views
-
-    def generic_resolve(self, views, name):
-        return views.arrays.get(name)
-
-
-@lower_getattr_generic(Views)
-def _array(context, builder, views, table, name):
-    """The array of a field. Its row never changes while a kernel runs, so it may be read once and early."""
-
-    def entry(column):
-        word = builder.load(builder.gep(table, [context.get_constant(types.intp, 4 * views.rows[name] + column)]))
-        word.set_metadata("invariant.load", builder.module.add_metadata([]))
-        return word
-
-    array = views.arrays[name]
-    view = context.make_array(array)(context, builder)
-    data = builder.inttoptr(entry(0), context.get_data_type(array.dtype).as_pointer())
-    shape = [entry(1 + d) for d in range(array.ndim)]
-    size = context.get_constant(types.intp, array.dtype.bitwidth // 8)
-    strides = [size]
-    for extent in reversed(shape[1:]):
-        strides.insert(0, builder.mul(strides[0], extent))
-    populate_array(view, data=data, shape=shape, strides=strides, itemsize=size, meminfo=None)
-    return view._getvalue()
-
-
-def _viewer(name, text, first):
-    """A compiled function from the table to its arrays."""
-    views = Views(name, first, _fields(text))
-
-    @intrinsic
-    def viewer(typingctx, table):
-        def codegen(context, builder, signature, arguments):
-            if isinstance(signature.args[0], types.Integer):
-                return builder.inttoptr(arguments[0], ir.IntType(64).as_pointer())
-            return context.make_array(signature.args[0])(context, builder, arguments[0]).data
-
-        return views(table), codegen
-
-    return viewer
 
 
 @intrinsic
@@ -316,5 +232,5 @@ PAST = len(NET_FIELDS) + PLASTIC_FIELDS.index("past")
 TARGETS, WEIGHTS = NET_FIELDS.index("targets"), NET_FIELDS.index("weights")
 """Rows of what a static synapse is."""
 
-net_of = _viewer("Net", NET, 0)
-plastic_of = _viewer("Plastic", PLASTIC, len(NET_FIELDS))
+net_of = viewer(Views("Net", 0, _NET))
+plastic_of = viewer(Views("Plastic", len(NET_FIELDS), _PLASTIC))

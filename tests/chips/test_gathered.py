@@ -44,3 +44,36 @@ def test_gathered_spikes_are_those_sent_one_by_one(backend, signs, depth, stride
     if signs != "inhibitory":
         assert gathered["ids"].size > 100
     assert all(np.array_equal(gathered[name], alone[name]) for name in gathered)
+
+
+def learn(depth: int, stride: int, backend: str) -> list[np.ndarray]:
+    """Trials that teach a grid, a weight here and there, and let maps grow."""
+    net = neuro.Network("taught", resolution=1.0)
+    net.population("input", (2, 9, 8), neuro.spike_generator())
+    net.population("maps", (8, "auto", "auto"), neuro.iaf_psc_delta(tau_m=float("inf"), E_L=0.0, V_reset=0.0, V_th=4.0))
+    grid = neuro.grid(kernel=(4, 3), stride=stride, depthwise=depth == 1)
+    rule = neuro.r_stdp(epsilon=0.02)
+    net.connect("input", "maps", grid, rule, weight=neuro.normal(mean=0.6, std=0.1), delay=1.0, name="see")
+    net.group("choice", neuro.winner_take_all(of="maps"))
+    labels = neuro.labels(of="maps", maps_per_label=2)
+    net.trials(input="input", duration=20.0, labels=labels, reward=neuro.reward())
+    rng, trials, spikes = np.random.default_rng(5), 40, 90
+    ids = np.concatenate([rng.choice(144, spikes, replace=False) for _ in range(trials)])
+    sim = neuro.compile(net, backend=backend, seed=3)
+    before = sim.weights("see")
+    times, offsets = rng.integers(0, 20, trials * spikes).astype(float), np.arange(trials + 1) * spikes
+    found = sim.trials(times, ids, offsets, rng.integers(0, 4, trials), learn=True)
+    weights = sim.weights("see")
+    assert np.mean(weights != before) > 0.9
+    return [found.winner, found.step, found.potential, weights]
+
+
+@pytest.mark.filterwarnings("ignore")
+@pytest.mark.parametrize("backend", ["loihi", "spinnaker"])
+@pytest.mark.parametrize(("depth", "stride"), [(2, 1), (2, 2), (2, 3), (1, 1)])
+def test_what_is_taught_is_sent_by_either_way(backend, depth, stride, monkeypatch):
+    gathered = learn(depth, stride, backend)
+    monkeypatch.setattr(grids, "FEWEST", 1 << 30)
+    alone = learn(depth, stride, backend)
+    assert np.unique(gathered[0]).size > 3
+    assert all(np.array_equal(one, other) for one, other in zip(gathered, alone, strict=True))

@@ -14,7 +14,7 @@ from neuro.chips.quantising.fixed import FixedPopulation, FixedProjection, Words
 from neuro.program.program import Floats, Ints
 
 Arrays = dict[str, NDArray[Any]]
-"""All arrays that the loop reads and writes, by the names of `neuro_chip.loop.Net`."""
+"""All arrays that the loop reads and writes, by the names of `neuro_chip.net`."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
