@@ -1,8 +1,9 @@
-"""How the kernels see the arrays: as one table of addresses and shapes.
+"""How the kernels see the arrays: as one table of addresses and shapes, of which they are told the address, `view`.
 
 A kernel that takes seventy arrays spends more time on receiving them, and on counting references to them, than
-on a small network. So the engine passes one integer table, and each function makes the views that it needs.
-The engine keeps the arrays alive.
+on a small network. So each function makes the views that it needs. An array, also a row of a table, is seven numbers
+to hand on: so functions in each step of a small network are told which row, by its number, and look for themselves.
+The engine keeps table and arrays alive.
 """
 
 # mypy: disable-error-code="no-untyped-def,no-untyped-call,attr-defined,call-arg,no-any-return,override,misc"
@@ -21,7 +22,7 @@ from numba.np.arrayobj import populate_array
 from numpy.typing import NDArray
 
 from neuro.kernels.address import caller
-from neuro.kernels.jit import inner
+from neuro.kernels.jit import inner, merged
 from neuro_event.tables import ENTRY, NUMBER, RULE_ENTRY, RULE_NUMBER
 
 NET = """
@@ -64,6 +65,7 @@ awake u1 1         whether a block is stepped
 awake_groups u8 1  the same memory, eight blocks at a time
 due u1 2           (threads, slots * blocks) where input arrives; each thread marks its own blocks in its row
 due_groups u8 2    the same memory, eight blocks at a time
+due_slots u1 3     (threads, slots, blocks) the same memory, by slot
 slept i8 1         last step of a sleeping block
 busy i8 1          last step in which a block had input or a spike, or a silent one of a generator a rate
 mean f8 1          of a poisson_generator's neurons, per step
@@ -229,9 +231,7 @@ def _viewer(name, text, first):
     @intrinsic
     def viewer(typingctx, table):
         def codegen(context, builder, signature, arguments):
-            if isinstance(signature.args[0], types.Integer):
-                return builder.inttoptr(arguments[0], ir.IntType(64).as_pointer())
-            return context.make_array(signature.args[0])(context, builder, arguments[0]).data
+            return builder.inttoptr(arguments[0], ir.IntType(64).as_pointer())
 
         return views(table), codegen
 
@@ -239,16 +239,14 @@ def _viewer(name, text, first):
 
 
 @intrinsic
-def address(typingctx, table):
-    """The address of a table, which an entry takes in place of the table."""
+def address(typingctx, array):
+    """The address of an array."""
 
     def codegen(context, builder, signature, arguments):
-        if isinstance(signature.args[0], types.Integer):
-            return arguments[0]
         data = context.make_array(signature.args[0])(context, builder, arguments[0]).data
         return builder.ptrtoint(data, ir.IntType(64))
 
-    return types.int64(table), codegen
+    return types.int64(array), codegen
 
 
 ENTRY_TYPE = types.int64(*(types.int64,) * 7, types.float64)
@@ -258,16 +256,22 @@ _call_entry = caller(ENTRY_TYPE.return_type, *ENTRY_TYPE.args)
 _call = caller(types.int64, *(types.int64,) * 6, types.float64)
 
 
+@merged
+def slot_mask(net):
+    """What takes a step to its slot in `due`. To divide the sizes of `due` would take as long as a spike."""
+    return net.due_slots.shape[1] - 1
+
+
 @inner
 def call_rule(view, row, operation, index, step, thread, h):
     """Let the entry of a rule do an operation, see `own_rules`; `row` is its projection's in `plastic.table`."""
-    return _call(row[RULE_ENTRY], (address(view), row[RULE_NUMBER], operation, index, step, thread, h))
+    return _call(row[RULE_ENTRY], (view, row[RULE_NUMBER], operation, index, step, thread, h))
 
 
 @inner
 def call_entry(view, row, operation, lo, hi, thread, step, interval):
     """Let the entry of a population's model do an operation, see `operations`."""
-    return _call_entry(row[ENTRY], (address(view), row[NUMBER], operation, lo, hi, thread, step, interval))
+    return _call_entry(row[ENTRY], (view, row[NUMBER], operation, lo, hi, thread, step, interval))
 
 
 @intrinsic
@@ -309,12 +313,6 @@ def prefetch(typingctx, address):
 
     return types.void(types.int64), codegen
 
-
-PAST = len(NET_FIELDS) + PLASTIC_FIELDS.index("past")
-"""Row of the histories in the table."""
-
-TARGETS, WEIGHTS = NET_FIELDS.index("targets"), NET_FIELDS.index("weights")
-"""Rows of what a static synapse is."""
 
 net_of = _viewer("Net", NET, 0)
 plastic_of = _viewer("Plastic", PLASTIC, len(NET_FIELDS))
