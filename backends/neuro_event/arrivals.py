@@ -82,8 +82,8 @@ def ask(begin, end):
     prefetch(begin)
     prefetch(min(begin + _LINE, final))
     prefetch(min(begin + 2 * _LINE, final))
-    for address in range(begin + 3 * _LINE, end, _LINE):
-        prefetch(address)
+    for place in range(begin + 3 * _LINE, end, _LINE):
+        prefetch(place)
 
 
 @inner

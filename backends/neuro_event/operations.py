@@ -138,7 +138,7 @@ def entry(model):
         elif operation == STEP:
             if draws:
                 draw(view, pop, lo, hi, step)
-            net.fired[lo:hi] = 0  # ours write it for each neuron; to set it where it is reached is enough
+            net_of(view).fired[lo:hi] = 0  # ours write it for each neuron; to set it where it is reached is enough
             step_run(view, pop, lo, hi)
         elif operation == FIRE:
             fire_one(view, pop, lo)
