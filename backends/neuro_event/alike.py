@@ -6,7 +6,7 @@ import numpy as np
 from neuro.kernels.jit import inner, merged
 from neuro.kernels.lanes import LANES
 from neuro_event.tables import BLOCK, ROW, SOURCE, WEIGHT
-from neuro_event.views import TARGETS, net_of, prefetch
+from neuro_event.views import address, net_of, prefetch
 
 LINE = 16
 """Targets of a cache line."""
@@ -18,13 +18,14 @@ assert LANES == 1 << 3
 
 
 @inner
-def deliver_alike(view, row, first_source, step_slot, thread, out, mark, spot):
+def deliver_alike(view, q, first_source, step_slot, thread, out, mark, spot):
     """Deliver the spikes of a step to this thread's targets; `out` is the place of target 0 in `buf`.
 
     `mark` is the place of the targets' first block in `due`, or -1 where all blocks are marked at once; `spot` that of
     their first spot, or -1 where none are marked.
     """
     net = net_of(view)
+    row = net.projections[q]
     mask = net.log_ids.shape[1] - 1
     weight = net.weights[row[WEIGHT]]
     # Threads own ascending ids, so going through them in order adds as one thread would.
@@ -33,7 +34,7 @@ def deliver_alike(view, row, first_source, step_slot, thread, out, mark, spot):
         for place in range(net.log_ends[t, step_slot, row[SOURCE]], end):
             at = row_of(view, row, first_source, thread, t, place)
             after = row_of(view, row, first_source, thread, t, min(place + 1, end - 1))
-            ahead = view[TARGETS, 0] + 4 * net.rows[after]
+            ahead = address(net.targets) + 4 * net.rows[after]
             value = weight * np.float64(net.log_counts[t, place & mask])
             first, last = net.rows[at], net.rows[at + 1]
             add(net.targets, first, last, value, net.buf, out, net.due[thread], mark, ahead)

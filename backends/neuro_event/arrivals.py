@@ -34,7 +34,7 @@ from neuro_event.tables import (
     WEIGHT,
     WEIGHT_STRIDE,
 )
-from neuro_event.views import TARGETS, WEIGHTS, net_of, prefetch
+from neuro_event.views import address, net_of, prefetch, slot_mask
 
 QUEUE = 256
 """Runs that are gathered before they are added, so that memory can be asked for ahead."""
@@ -82,17 +82,18 @@ def ask(begin, end):
     prefetch(begin)
     prefetch(min(begin + _LINE, final))
     prefetch(min(begin + 2 * _LINE, final))
-    for address in range(begin + 3 * _LINE, end, _LINE):
-        prefetch(address)
+    for place in range(begin + 3 * _LINE, end, _LINE):
+        prefetch(place)
 
 
 @inner
 def ask_for(view, row, first, last):
     """Ask for the targets and the weights of a run."""
-    targets = view[TARGETS, 0] + 4 * row[SYNAPSE]
+    net = net_of(view)
+    targets = address(net.targets) + 4 * row[SYNAPSE]
     ask(targets + 4 * first, targets + 4 * last)
     if row[WEIGHT_STRIDE] == 1:
-        weights = view[WEIGHTS, 0] + 8 * row[WEIGHT]
+        weights = address(net.weights) + 8 * row[WEIGHT]
         ask(weights + 8 * first, weights + 8 * last)
 
 
@@ -104,7 +105,7 @@ def add_run(view, row, thread, first, last, m, receptors, between, out, mark):
     if row[WEIGHT_STRIDE] == 0:
         weight = net.weights[row[WEIGHT]] * m
         at = out + receptor(weight, receptors) * between
-        here = view[TARGETS, 0] + 4 * (e + first)  # asked for long before
+        here = address(net.targets) + 4 * (e + first)  # asked for long before
         add(net.targets, e + first, e + last, weight, net.buf, at, net.due[thread], mark, here)
     else:
         apart, at = receptors, out
@@ -150,7 +151,7 @@ def arrive(view, q, step, thread):
     if net.edges[target[NUMBER], thread] >= net.edges[target[NUMBER], thread + 1]:
         return
     blocks = net.awake.shape[0]
-    slot = (step & (net.due.shape[1] // blocks - 1)) * blocks
+    slot = (step & slot_mask(net)) * blocks
     queue = net.queue[thread]
     mask, steps = net.log_ids.shape[1] - 1, net.log_ends.shape[1] - 1
     n = total = 0
@@ -199,7 +200,7 @@ def keep_for_later(view, row, i, m, step, after, thread):
     target = net.pops[row[TARGET]]
     threads = net.edges.shape[1] - 1
     blocks = net.awake.shape[0]
-    slots = net.due.shape[1] // blocks - 1
+    slots = slot_mask(net)
     receptors = target[RECEPTORS]
     for d in range(row[DELAYS]):
         at = step + row[SHORTEST] + d

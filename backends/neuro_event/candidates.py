@@ -14,6 +14,7 @@ from neuro_event.tables import (
     FIRST_BLOCK,
     GROUP,
     LAST_BLOCK,
+    NUMBER,
 )
 from neuro_event.views import net_of
 
@@ -45,7 +46,7 @@ def weigh_maps(view, thread, row, step, h):
     wins = net.map_wins[row[GROUP]]
     for block in range(row[FIRST_BLOCK], row[LAST_BLOCK]):
         if net.awake[block] == 0:
-            wake(view, thread, row, block, step, h)
+            wake(view, thread, row[NUMBER], block, step, h)
     for m in range(net.potential.size):
         if wins[m] == 0:
             net.potential[m] = -math.inf

@@ -20,11 +20,11 @@ _ONE = np.uint64(1)
 
 
 @inner
-def collect(view, row, word):
+def collect(view, first_state, word):
     """Add what arrives at the marked spots of a group of blocks; their marks then tell who of the eight had some."""
     net = net_of(view)
-    first, at = word * GROUPED * SPOTS, row[COLLECTS]
-    one, other = net.state[at], net.state[at + 1]
+    first = word * GROUPED * SPOTS
+    one, other = net.state[first_state], net.state[first_state + 1]
     marks = marked(net.spots, first)
     while marks:
         spot = first + lowest(marks)
@@ -33,15 +33,16 @@ def collect(view, row, word):
 
 
 @inner
-def silent(view, row, block):
+def silent(view, pop, block):
     """Whether no neuron of a block can fire before its next input."""
-    return is_quiet(view, row, block * BLOCK, min((block + 1) * BLOCK, row[END]))
+    return is_quiet(view, pop, block * BLOCK, min((block + 1) * BLOCK, net_of(view).pops[pop, END]))
 
 
 @inner
-def step_collecting(view, thread, pop, row, step, at, done, h, slots, blocks):
+def step_collecting(view, thread, pop, step, at, done, h, slots, blocks):
     """One step of the population; return the next place in the log."""
     net = net_of(view)
+    row = net.pops[pop]
     first, last = net.edges[row[NUMBER], thread], net.edges[row[NUMBER], thread + 1]
     slot = (step & slots) * blocks
     if first == last:
@@ -56,13 +57,13 @@ def step_collecting(view, thread, pop, row, step, at, done, h, slots, blocks):
         for block in range(begin, end + 1):
             if block < end and (net.awake[block] == 1 or net.due[thread, slot + block] == 1):
                 if net.awake[block] == 0:
-                    wake(view, thread, row, block, step - 1, h)
+                    wake(view, thread, pop, block, step - 1, h)
                 continue
             if run < block:
-                step_bare(view, row, run * BLOCK, min(block * BLOCK, row[END]))
+                step_bare(view, pop, run * BLOCK, min(block * BLOCK, row[END]))
             run = block + 1
         if due:
-            collect(view, row, word)
+            collect(view, row[COLLECTS], word)
             net.due_groups[thread, slot // GROUPED + word] = 0
         for block in range(begin, end):
             if net.awake[block] == 0:
@@ -74,12 +75,12 @@ def step_collecting(view, thread, pop, row, step, at, done, h, slots, blocks):
                 i = block * BLOCK + lowest(fired)
                 fired &= fired - _ONE
                 m = np.int64(net.fired[i])
-                fire_one(view, row, i)
-                at = emit(view, thread, pop, row, i, m, step, done, h, at)
+                fire_one(view, pop, i)
+                at = emit(view, thread, pop, i, m, step, done, h, at)
             total += active
             if active:
                 net.busy[block] = step
-            elif step % IDLE == 0 and step - net.busy[block] >= IDLE and silent(view, row, block):
+            elif step % IDLE == 0 and step - net.busy[block] >= IDLE and silent(view, pop, block):
                 net.awake[block] = 0
                 net.slept[block] = step
     net.active[thread, pop] += total

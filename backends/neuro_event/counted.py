@@ -21,6 +21,7 @@ from neuro_event.tables import (
     START,
     STOP,
     TABLE,
+    TARGET,
     WEIGHT,
 )
 from neuro_event.views import net_of
@@ -34,9 +35,10 @@ _EVENT, _SHIFT = np.uint32(1 << TALLY_BITS), np.uint32(TALLY_BITS)
 
 
 @inner
-def draw_counts(view, thread, pop, row, step):
+def draw_counts(view, thread, pop, step):
     """One step of a poisson_generator that keeps counts. Neighbours that are awake are drawn in one go."""
     net = net_of(view)
+    row = net.pops[pop]
     n = row[END] - row[BEGIN]
     place = row[COUNTS] + (step & (row[COUNTS_STEPS] - 1)) * n
     if step <= row[START] or step > row[STOP]:
@@ -91,10 +93,11 @@ def settle_tally(tally, events, spikes):
 
 
 @inner
-def add_counts(view, thread, row, target, step, n_all, slots, blocks):
+def add_counts(view, thread, q, step, n_all, slots, blocks):
     """One-to-one input from a poisson_generator that keeps its counts."""
     net = net_of(view)
-    source = net.pops[row[SOURCE]]
+    row = net.projections[q]
+    source, target = net.pops[row[SOURCE]], net.pops[row[TARGET]]
     n = source[END] - source[BEGIN]
     place = source[COUNTS] + ((step - row[LAG]) & (source[COUNTS_STEPS] - 1)) * n
     weight = net.weights[row[WEIGHT]]

@@ -5,12 +5,12 @@ from __future__ import annotations
 import numpy as np
 
 from neuro.program.currents import Currents
-from neuro.program.program import Ints, Program
+from neuro.program.program import Program
 from neuro_event import loop
 from neuro_event.arrays import Arrays
 
 
-def apply(currents: Currents, program: Program, arrays: Arrays, view: Ints, step: int) -> None:
+def apply(currents: Currents, program: Program, arrays: Arrays, view: int, step: int) -> None:
     """Set the currents that hold from step + 1 on; populations whose current changes are woken."""
     for target in currents.targets:
         place = arrays.places[target]

@@ -7,7 +7,7 @@ projections whose spikes are delivered at emission. `due` marks the blocks that 
 # mypy: ignore-errors
 import numpy as np
 
-from neuro.kernels.jit import inner
+from neuro.kernels.jit import inner, merged
 from neuro.kernels.lanes import LANES
 from neuro_event.alike import deliver_alike, mark_spots
 from neuro_event.tables import (
@@ -52,7 +52,7 @@ from neuro_event.tables import (
     WEIGHT,
     WEIGHT_STRIDE,
 )
-from neuro_event.views import net_of
+from neuro_event.views import net_of, slot_mask
 
 _BLOCK = 6
 assert 1 << _BLOCK == BLOCK
@@ -93,12 +93,13 @@ def csr_own(targets, first, last, weights, w, m, receptors, stride, buf, out, du
 
 
 @inner
-def csr_delayed(view, row, source_id, m, step, thread, lo, hi, receptors, mark, slots):
+def csr_delayed(view, q, source_id, m, step, thread, lo, hi, receptors, mark, slots):
     """One spike over a projection whose synapses have delays of their own, into its ring, to the targets lo:hi.
 
     The synapses of a source may lie by delay, so those of one thread's targets are not together.
     """
     net = net_of(view)
+    row = net.projections[q]
     threads, blocks = net.edges.shape[1] - 1, net.awake.shape[0]
     place = row[ROW] + source_id * threads
     size, base, apart = row[RING_SIZE], base_of(row), told_apart(row, receptors)
@@ -164,13 +165,14 @@ def add_by_sign(weights, m, first, second):
 
 
 @inner
-def scatter(view, row, source_id, m, thread, lo, hi, n, receptors, out, between, mark, spot):
+def scatter(view, q, source_id, m, thread, lo, hi, n, receptors, out, between, mark, spot):
     """One spike of multiplicity m over a projection with one delay, to this thread's targets lo:hi of n.
 
     `out` is the place of target 0 in `buf`, `between` the distance to the second receptor, and `mark` the
     place of the targets' first block in `due`, or -1 where all blocks are marked at once; `spot` as in `alike`.
     """
     net = net_of(view)
+    row = net.projections[q]
     buf, weights, due = net.buf, net.weights, net.due[thread]
     layout = row[LAYOUT]
     if layout == CSR:
@@ -209,8 +211,26 @@ def scatter(view, row, source_id, m, thread, lo, hi, n, receptors, out, between,
         grid_add(row, source_id, m, weights, lo, hi, buf, o, 0, due, mark)
 
 
-@inner
+@merged
+def emitted(net, source, j):
+    """Whether a population emitted spikes in step j."""
+    slot = j & (net.log_ends.shape[1] - 1)
+    some = False
+    for t in range(net.edges.shape[1] - 1):
+        some |= net.log_ends[t, slot, source] < net.log_ends[t, slot, source + 1]
+    return some
+
+
+@merged
 def log_delivery(view, q, j, k, thread, ring):
+    """Deliver what projection q's source emitted in step j, if it did, as `deliver_log`."""
+    net = net_of(view)
+    if emitted(net, net.projections[q, SOURCE], j):
+        deliver_log(view, q, j, k, thread, ring)
+
+
+@inner
+def deliver_log(view, q, j, k, thread, ring):
     """Deliver the spikes that projection q's source emitted in step j, to this thread's targets.
 
     With `ring` they go into the projection's ring, for the step in which they arrive; else to the input of
@@ -223,13 +243,10 @@ def log_delivery(view, q, j, k, thread, ring):
     first_block = net.edges[target[NUMBER], thread]
     last_block = net.edges[target[NUMBER], thread + 1]
     step_slot = j & (net.log_ends.shape[1] - 1)
-    some = False
-    for t in range(threads):
-        some |= net.log_ends[t, step_slot, row[SOURCE]] < net.log_ends[t, step_slot, row[SOURCE] + 1]
-    if first_block >= last_block or not some:
+    if first_block >= last_block:
         return
     blocks = net.awake.shape[0]
-    slots = net.due.shape[1] // blocks - 1
+    slots = slot_mask(net)
     n = target[END] - target[BEGIN]
     receptors = target[RECEPTORS]
     lo = first_block * BLOCK - target[BEGIN]
@@ -252,7 +269,7 @@ def log_delivery(view, q, j, k, thread, ring):
     mask = net.log_ids.shape[1] - 1
     if row[LAYOUT] == CSR and row[WEIGHT_STRIDE] == 0 and not own_delays:
         to = out + receptor(net.weights[row[WEIGHT]], apart) * between
-        deliver_alike(view, row, source[BEGIN], step_slot, thread, to, mark, spot)
+        deliver_alike(view, q, source[BEGIN], step_slot, thread, to, mark, spot)
         if wide:
             net.due[thread, slot + first_block : slot + last_block] = 1
         return
@@ -262,8 +279,8 @@ def log_delivery(view, q, j, k, thread, ring):
             source_id = np.int64(net.log_ids[t, place & mask]) - source[BEGIN]
             m = np.float64(net.log_counts[t, place & mask])
             if own_delays:
-                csr_delayed(view, row, source_id, m, j, thread, lo, hi, receptors, target[FIRST_BLOCK], slots)
+                csr_delayed(view, q, source_id, m, j, thread, lo, hi, receptors, target[FIRST_BLOCK], slots)
             else:
-                scatter(view, row, source_id, m, thread, lo, hi, n, apart, out, between, mark, spot)
+                scatter(view, q, source_id, m, thread, lo, hi, n, apart, out, between, mark, spot)
     if wide:
         net.due[thread, slot + first_block : slot + last_block] = 1

@@ -52,7 +52,7 @@ from neuro_event.tables import (
     TARGET,
     WAKE_ALL,
 )
-from neuro_event.views import address, net_of, plastic_of, prefetch
+from neuro_event.views import address, net_of, plastic_of, prefetch, slot_mask
 
 FORWARD = (1 << 62) - 1
 """A place and this is the place: so the compiler knows that it is not one from the end, and tests none."""
@@ -276,7 +276,7 @@ def eager_entry(model, row_of):
             due_everywhere(net, target_row, at, thread)
         elif row[WAKE_ALL] == 0:
             blocks = net.awake.shape[0]
-            mark = (at & (net.due.shape[1] // blocks - 1)) * blocks + target_row[FIRST_BLOCK]
+            mark = (at & slot_mask(net)) * blocks + target_row[FIRST_BLOCK]
             due, place = net.due[thread], np.uint64(mark)
             for e in range(np.uint64(first), np.uint64(end)):
                 due[place + (np.uint64(net.targets[e]) >> _BLOCK)] = 1

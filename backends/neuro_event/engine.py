@@ -64,11 +64,13 @@ class EventEngine:
         net = self._a.net
         net["awake_groups"] = net["awake"].view(np.uint64)
         net["due_groups"] = net["due"].view(np.uint64)
+        net["due_slots"] = net["due"].reshape(len(net["due"]), -1, net["awake"].size)
         net["spot_words"] = net["spots"].view(np.uint64)
         self._a.plastic["traces"] = self._a.plastic["past"].view(np.float64)
-        self._view = table_of(net, self._a.plastic)
+        self._table = table_of(net, self._a.plastic)
+        self._view = self._table.ctypes.data
         self._overrun = net["clock"][:, t.OVERRUN]
-        self._copy, self._cells = reading.Copy(self._a, self._view), reading.Cells(self._a)
+        self._copy, self._cells = reading.Copy(self._a, self._table), reading.Cells(self._a)
 
     @property
     def step(self) -> int:

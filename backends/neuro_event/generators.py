@@ -3,9 +3,9 @@
 # mypy: ignore-errors
 import numpy as np
 
-from neuro.kernels.draws import poisson_by_sum, step_word, uniform
+from neuro.kernels.draws import poisson_by_sum, reaching, step_word
 from neuro.kernels.jit import inner
-from neuro.kernels.lanes import lowest, marked
+from neuro.kernels.lanes import LANES, lowest, marked
 from neuro_event.counted import draw_counts
 from neuro_event.neurons import emit
 from neuro_event.operations import STEP
@@ -24,11 +24,12 @@ _ONE = np.uint64(1)
 
 
 @inner
-def draw_poisson(view, thread, pop, row, step, at, done, h):
+def draw_poisson(view, thread, pop, step, at, done, h):
     """One step of a poisson_generator: into its counts, or into the log."""
     net = net_of(view)
+    row = net.pops[pop]
     if row[COUNTS] >= 0:
-        draw_counts(view, thread, pop, row, step)
+        draw_counts(view, thread, pop, step)
         return at
     if step <= row[START] or step > row[STOP]:
         return at
@@ -37,23 +38,23 @@ def draw_poisson(view, thread, pop, row, step, at, done, h):
         if net.awake[block] == 0:
             continue
         lo, hi = block * BLOCK, min((block + 1) * BLOCK, row[END])
-        emits, nothing = net.fired[lo:hi], net.nothing[lo:hi]
         first = lo - row[BEGIN]
-        for k in range(emits.size):
-            emits[k] = uniform(base, first + k) >= nothing[k]
-        fired = marked(net.fired, lo)
+        fired = np.uint64(0)
+        for k in range(0, hi - lo, LANES):  # to places that no neuron has 1 belongs, which no number reaches
+            fired |= reaching(base, first + k, net.nothing, lo + k) << np.uint64(k)
         while fired:
             i = lo + lowest(fired)
             fired &= fired - _ONE
             m = poisson_by_sum(base, i - row[BEGIN], net.mean[i], net.nothing[i])
-            at = emit(view, thread, pop, row, i, m, step, done, h, at)
+            at = emit(view, thread, pop, i, m, step, done, h, at)
     return at
 
 
 @inner
-def let_emit(view, thread, pop, row, step, at, done, h):
+def let_emit(view, thread, pop, step, at, done, h):
     """One step of a generator with an entry of its own."""
     net = net_of(view)
+    row = net.pops[pop]
     if step <= row[START] or step > row[STOP]:
         return at
     for block in range(net.edges[row[NUMBER], thread], net.edges[row[NUMBER], thread + 1]):
@@ -63,12 +64,12 @@ def let_emit(view, thread, pop, row, step, at, done, h):
         while fired:
             i = lo + lowest(fired)
             fired &= fired - _ONE
-            at = emit(view, thread, pop, row, i, np.int64(net.x[0, i]), step, done, h, at)
+            at = emit(view, thread, pop, i, np.int64(net.x[0, i]), step, done, h, at)
     return at
 
 
 @inner
-def list_spikes(view, thread, pop, row, step, at, done, h):
+def list_spikes(view, thread, pop, step, at, done, h):
     """The listed spikes of a spike_generator in this step."""
     net = net_of(view)
     lo, hi = net.edges[pop, thread] * BLOCK, net.edges[pop, thread + 1] * BLOCK
@@ -77,7 +78,7 @@ def list_spikes(view, thread, pop, row, step, at, done, h):
     while place < end and net.list_steps[place] <= step:
         i = np.int64(net.list_ids[place])
         if net.list_steps[place] == step and lo <= i < hi:
-            at = emit(view, thread, pop, row, i, np.int64(net.list_counts[place]), step, done, h, at)
+            at = emit(view, thread, pop, i, np.int64(net.list_counts[place]), step, done, h, at)
         place += 1
     net.cursor[thread, pop] = place
     return at

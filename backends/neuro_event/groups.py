@@ -35,11 +35,11 @@ def settle(view, thread, pop, row, n, step, at, done, h):
     for k in range(n):
         i = net.found[thread, k]
         if i == winner:
-            spike(view, row, i)
-            at = emit(view, thread, pop, row, i, 1, step, done, h, at)
+            spike(view, pop, i)
+            at = emit(view, thread, pop, i, 1, step, done, h, at)
             net.active[thread, pop] += 1 - net.found_arrived[thread, k]
         elif net.groups[group, FIRST_TO_FIRE] == 0:
-            spike(view, row, i)
+            spike(view, pop, i)
     if net.groups[group, FIRST_TO_FIRE] == 1:
         net.closed[group] = 1
     return at

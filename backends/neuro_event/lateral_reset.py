@@ -9,6 +9,7 @@ from neuro_event.tables import (
     BEGIN,
     BLOCK,
     GROUP,
+    NUMBER,
     RIVALS,
 )
 from neuro_event.views import net_of
@@ -45,8 +46,8 @@ def reset_rivals(view, thread, row, i, step, h):
     for k in range(net.groups[row[GROUP], RIVALS]):
         j = first + k * apart
         if net.awake[j // BLOCK] == 0:
-            wake(view, thread, row, j // BLOCK, step, h)
-        spike(view, row, j)
+            wake(view, thread, row[NUMBER], j // BLOCK, step, h)
+        spike(view, row[NUMBER], j)
 
 
 @inner
@@ -63,6 +64,6 @@ def settle_rivals(view, thread, pop, row, n, step, at, done, h):
     for k in range(winners):
         i = net.found[thread, k]
         reset_rivals(view, thread, row, i, step, h)
-        at = emit(view, thread, pop, row, i, 1, step, done, h, at)
+        at = emit(view, thread, pop, i, 1, step, done, h, at)
         net.active[thread, pop] += 1 - net.found_arrived[thread, k]
     return at

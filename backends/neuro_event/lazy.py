@@ -11,7 +11,7 @@ from neuro_event.arrivals import at_emission
 from neuro_event.deliver import base_of, receptor, told_apart
 from neuro_event.own_rules import OF_NEURON, TAU, TIME, pre_value
 from neuro_event.plastic import bring_history, bring_target, dopamine_at
-from neuro_event.views import net_of, plastic_of
+from neuro_event.views import net_of, plastic_of, slot_mask
 
 
 @kernel
@@ -97,7 +97,7 @@ def deliver_counts(view, q, first, last):
     source, target = net.pops[row[t.SOURCE]], net.pops[row[t.TARGET]]
     n = source[t.END] - source[t.BEGIN]
     blocks = net.awake.shape[0]
-    slots = net.due.shape[1] // blocks - 1
+    slots = slot_mask(net)
     for step in range(max(first, net.clock[0, t.HORIZON] + 1), last + 1):
         at = step + np.int64(net.delays[row[t.DELAY]])
         place = source[t.COUNTS] + (step & (source[t.COUNTS_STEPS] - 1)) * n

@@ -76,8 +76,8 @@ def settle_locally(view, thread, pop, row, n, step, at, done, h):
     for k in range(n):
         i = net.found[thread, k]
         if net.muted[i] & WON:
-            spike(view, row, i)
-            at = emit(view, thread, pop, row, i, 1, step, done, h, at)
+            spike(view, pop, i)
+            at = emit(view, thread, pop, i, 1, step, done, h, at)
             net.active[thread, pop] += 1 - net.found_arrived[thread, k]
     net.closed[group] = net.standing[group, OPEN] == 0
     return at

@@ -41,7 +41,7 @@ from neuro_event.tables import (
     RUN,
     WINNER,
 )
-from neuro_event.views import net_of
+from neuro_event.views import net_of, slot_mask
 
 HALT = -1
 """What is told in place of a step where threads are to return."""
@@ -73,15 +73,17 @@ def advance(view, thread, first, last, h):
     """Run the steps first:last of one thread's neurons; all spikes before `first` are known."""
     net = net_of(view)
     n_all = net.x.shape[1]
+    driven = net.lines.shape[0] > 0
     blocks = net.awake.shape[0]
-    slots = net.due.shape[1] // blocks - 1
+    slots = slot_mask(net)
     # Only now have all threads logged the spikes of the slice before; what they send arrives in `first` or later.
     act_at_emission(view, thread, first - 1, first - 1, h)
     done = first - 1
     for step in range(first, last):
         at = net.log_at[thread, 0]
         slot = step & (net.log_ends.shape[1] - 1)
-        drive(view, thread, step)
+        if driven:
+            drive(view, thread, step)
         for pop in range(net.pops.shape[0]):
             row = net.pops[pop]
             net.log_ends[thread, slot, pop] = at
@@ -96,22 +98,23 @@ def advance(view, thread, first, last, h):
                     if j <= net.clock[thread, HORIZON]:
                         continue
                     if projection[DENSE_COUNTS] == 1:
-                        add_counts(view, thread, projection, row, step, n_all, slots, blocks)
+                        add_counts(view, thread, q, step, n_all, slots, blocks)
                     else:
                         log_delivery(view, q, j, step, thread, False)
                 if row[COLLECTS] >= 0:
-                    at = step_collecting(view, thread, pop, row, step, at, done, h, slots, blocks)
+                    at = step_collecting(view, thread, pop, step, at, done, h, slots, blocks)
                     continue
-                n_found, at = step_neurons(view, thread, pop, row, step, at, done, h, n_all, slots, blocks)
+                n_found, at = step_neurons(view, thread, pop, step, at, done, h, n_all, slots, blocks)
                 if n_found > 0:
                     at = settle(view, thread, pop, row, n_found, step, at, done, h)
             elif row[KIND] == POISSON:
-                at = draw_poisson(view, thread, pop, row, step, at, done, h)
+                at = draw_poisson(view, thread, pop, step, at, done, h)
             elif row[KIND] == LISTED:
-                at = list_spikes(view, thread, pop, row, step, at, done, h)
+                at = list_spikes(view, thread, pop, step, at, done, h)
             elif row[KIND] == GENERATOR:
-                at = let_emit(view, thread, pop, row, step, at, done, h)
-        charge(view, thread, step)
+                at = let_emit(view, thread, pop, step, at, done, h)
+        if driven:
+            charge(view, thread, step)
         net.log_ends[thread, slot, net.pops.shape[0]] = at
         net.log_at[thread, 0] = at
 
@@ -209,7 +212,7 @@ def begin_trial(view, pop, group, start, h):
     net.groups[group, WINNER] = -1
     for block in range(row[FIRST_BLOCK], row[LAST_BLOCK]):
         if net.awake[block] == 0:
-            wake(view, 0, row, block, start, h)
+            wake(view, 0, pop, block, start, h)
     for k in range(net.resets.shape[0]):
         r = net.resets[k]
         for i in range(row[BEGIN], row[END]):
@@ -263,7 +266,7 @@ def wake_blocks(view, pop, blocks, step, h):
     net = net_of(view)
     for block in blocks:
         if net.awake[block] == 0:
-            wake(view, 0, net.pops[pop], block, step, h)
+            wake(view, 0, pop, block, step, h)
 
 
 @kernel
@@ -273,4 +276,4 @@ def wake_population(view, pop, step, h):
     row = net.pops[pop]
     for block in range(row[FIRST_BLOCK], row[LAST_BLOCK]):
         if net.awake[block] == 0:
-            wake(view, 0, row, block, step, h)
+            wake(view, 0, pop, block, step, h)

@@ -26,6 +26,7 @@ from neuro_event.tables import (
     RING_SIZE,
     RINGS,
     RINGS_END,
+    TARGET,
 )
 from neuro_event.views import call_entry, net_of
 
@@ -39,9 +40,10 @@ catch_up, step_run, step_bare, is_quiet, fire_one = compiled_operations(NEURONS)
 
 
 @inner
-def emit(view, thread, pop, row, i, m, step, done, h, at):
+def emit(view, thread, pop, i, m, step, done, h, at):
     """Enter a spike of neuron i into log, counts, record and history; return the next place in the log."""
     net = net_of(view)
+    row = net.pops[pop]
     place = at & (net.log_ids.shape[1] - 1)
     net.log_ids[thread, place] = i
     net.log_counts[thread, place] = m
@@ -59,14 +61,15 @@ def emit(view, thread, pop, row, i, m, step, done, h, at):
 
 
 @inner
-def wake(view, thread, row, block, last, h):
+def wake(view, thread, pop, block, last, h):
     """Bring a sleeping block to the end of step `last`."""
     net = net_of(view)
+    row = net.pops[pop]
     n = last - net.slept[block]
     if n > 0 and row[LINEAR] == 1:
         lo, hi = block * BLOCK, min((block + 1) * BLOCK, row[END])
         if row[ENTRY] == 0:
-            catch_up(view, thread, row, lo, hi, n * h)
+            catch_up(view, thread, pop, lo, hi, n * h)
         else:
             call_entry(view, row, CATCH_UP, lo, hi, thread, last, n * h)
     net.awake[block] = 1
@@ -74,26 +77,30 @@ def wake(view, thread, row, block, last, h):
 
 
 @inner
-def calm(view, row, lo, hi):
+def calm(view, pop, lo, hi):
     """Whether no neuron of a block can fire before its next input."""
+    row = net_of(view).pops[pop]
     if row[ENTRY] == 0:
-        return is_quiet(view, row, lo, hi)
+        return is_quiet(view, pop, lo, hi)
     return call_entry(view, row, QUIET, lo, hi, 0, 0, 0.0) == 1
 
 
 @inner
-def spike(view, row, i):
+def spike(view, pop, i):
     """What a spike does to its neuron."""
+    row = net_of(view).pops[pop]
     if row[ENTRY] == 0:
-        fire_one(view, row, i)
+        fire_one(view, pop, i)
     else:
         call_entry(view, row, FIRE, i, i + 1, 0, 0, 0.0)
 
 
 @inner
-def add_ring(view, row, block_lo, block_hi, target, step, n_all):
-    """Move what a ring holds for this step into the input of some neurons, and clear it."""
+def add_ring(view, q, block_lo, block_hi, step, n_all):
+    """Move what the ring of a projection holds for this step into the input of some neurons, and clear it."""
     net = net_of(view)
+    row = net.projections[q]
+    target = net.pops[row[TARGET]]
     begin = target[BEGIN]
     receptors = target[RECEPTORS]
     for r in range(receptors):
@@ -138,40 +145,43 @@ def take_arrivals(view, lo, receptors):
 
 
 @inner
-def step_word_of_blocks(view, thread, row, begin, end, slot, step, h, n_all):
+def step_word_of_blocks(view, thread, pop, begin, end, slot, step, h, n_all):
     """Wake the due blocks among begin:end, take in what their rings hold, and step all that are awake.
 
     Neighbours that are awake are stepped in one go.
     """
     net = net_of(view)
+    row = net.pops[pop]
     run = begin
     for block in range(begin, end + 1):
         if block < end and (net.awake[block] == 1 or net.due[thread, slot + block] == 1):
             lo, hi = block * BLOCK, min((block + 1) * BLOCK, row[END])
             if net.awake[block] == 0:
-                wake(view, thread, row, block, step - 1, h)
+                wake(view, thread, pop, block, step - 1, h)
             if net.due[thread, slot + block] == 1:
                 for k in range(row[RINGS], row[RINGS_END]):
-                    add_ring(view, net.projections[net.incoming[k]], lo, hi, row, step, n_all)
+                    add_ring(view, net.incoming[k], lo, hi, step, n_all)
             continue
         if run < block:
-            step_neighbours(view, row, run * BLOCK, min(block * BLOCK, row[END]), step)
+            step_neighbours(view, pop, run * BLOCK, min(block * BLOCK, row[END]), step)
         run = block + 1
 
 
 @inner
-def step_neighbours(view, row, lo, hi, step):
+def step_neighbours(view, pop, lo, hi, step):
     """Step neighbouring neurons."""
+    row = net_of(view).pops[pop]
     if row[ENTRY] == 0:
-        step_run(view, row, lo, hi)
+        step_run(view, pop, lo, hi)
     else:
         call_entry(view, row, STEP, lo, hi, 0, step, 0.0)
 
 
 @inner
-def step_neurons(view, thread, pop, row, step, at, done, h, n_all, slots, blocks):
+def step_neurons(view, thread, pop, step, at, done, h, n_all, slots, blocks):
     """One step of a population of neurons; return the next place in the log."""
     net = net_of(view)
+    row = net.pops[pop]
     first = net.edges[row[NUMBER], thread]
     last = net.edges[row[NUMBER], thread + 1]
     slot = (step & slots) * blocks
@@ -183,7 +193,7 @@ def step_neurons(view, thread, pop, row, step, at, done, h, n_all, slots, blocks
         if net.awake_groups[word] == 0 and net.due_groups[thread, slot // GROUPED + word] == 0:
             continue
         begin, end = word * GROUPED, min((word + 1) * GROUPED, last)
-        step_word_of_blocks(view, thread, row, begin, end, slot, step, h, n_all)
+        step_word_of_blocks(view, thread, pop, begin, end, slot, step, h, n_all)
         for block in range(begin, end):
             if net.awake[block] == 0:
                 continue
@@ -199,8 +209,8 @@ def step_neurons(view, thread, pop, row, step, at, done, h, n_all, slots, blocks
                     came = heard(view, i, receptors)
                     if row[GROUP] < 0:
                         m = np.int64(net.x[0, i]) if row[RELAY] == 1 else np.int64(net.fired[i])
-                        spike(view, row, i)
-                        at = emit(view, thread, pop, row, i, m, step, done, h, at)
+                        spike(view, pop, i)
+                        at = emit(view, thread, pop, i, m, step, done, h, at)
                         active += not came
                     elif net.muted[i] == 0 and net.closed[row[GROUP]] == 0:
                         net.found[thread, n_found] = i
@@ -215,7 +225,7 @@ def step_neurons(view, thread, pop, row, step, at, done, h, n_all, slots, blocks
                 net.slept[block] = step
             elif active:
                 net.busy[block] = step
-            elif step % IDLE == 0 and step - net.busy[block] >= IDLE and calm(view, row, lo, hi):
+            elif step % IDLE == 0 and step - net.busy[block] >= IDLE and calm(view, pop, lo, hi):
                 net.awake[block] = 0
                 net.slept[block] = step
     return n_found, at

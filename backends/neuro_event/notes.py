@@ -61,7 +61,7 @@ class Notes:
     def __bool__(self) -> bool:
         return bool(self._probes)
 
-    def make_room(self, view: Ints, step: int) -> bool:
+    def make_room(self, view: int, step: int) -> bool:
         """Make room for what the spikes up to a step will leave; return whether arrays were replaced."""
         needed: int = notes_to_come(view, step)
         room: int = self._a.plastic["note_steps"].shape[1]

@@ -11,7 +11,7 @@ import numpy as np
 
 from neuro.kernels.address import entry_of
 from neuro.kernels.draws import step_word, uniform
-from neuro.kernels.jit import compiled, inner, kernel
+from neuro.kernels.jit import compiled, inner, kernel, merged
 from neuro_event.dispatch import chosen
 from neuro_event.nothing import no_current, no_input
 from neuro_event.tables import BEGIN, CARRIED, CONSTANT, CONSTANT_STRIDE, MODEL
@@ -30,9 +30,10 @@ def operations(constants, step, fire, quiet, foreign):
     """
 
     @inner
-    def catch_up(view, thread, row, lo, hi, interval):
+    def catch_up(view, thread, pop, lo, hi, interval):
         """One step of `interval` ms without input, for neurons that slept so long."""
         net = net_of(view)
+        row = net.pops[pop]
         c = net.scratch[thread]
         if row[CONSTANT_STRIDE] == 0:
             constants(row[MODEL], net.parameters[row[CONSTANT]], interval, c)
@@ -43,10 +44,11 @@ def operations(constants, step, fire, quiet, foreign):
                 u = np.uint64(i)
                 step(row[MODEL], net.state, c, net.calm, net.current, u, u + _ONE, net.fired, net.draws)
 
-    @inner
-    def step_run(view, row, lo, hi):
+    @merged
+    def step_run(view, pop, lo, hi):
         """Step neurons with their input."""
         net = net_of(view)
+        row = net.pops[pop]
         if row[CONSTANT_STRIDE] == 0:
             c, begin, end = net.constants[row[CONSTANT]], np.uint64(lo), np.uint64(hi)
             if row[CARRIED] == 1:
@@ -62,9 +64,10 @@ def operations(constants, step, fire, quiet, foreign):
             step(row[MODEL], net.state, c, net.x, net.current, u, u + _ONE, net.fired, net.draws)
 
     @inner
-    def step_bare(view, row, lo, hi):
+    def step_bare(view, pop, lo, hi):
         """Step neurons that have neither input nor current."""
         net = net_of(view)
+        row = net.pops[pop]
         none = no_input(), no_current()
         if row[CONSTANT_STRIDE] == 0:
             c = net.constants[row[CONSTANT]]
@@ -76,9 +79,10 @@ def operations(constants, step, fire, quiet, foreign):
             step(row[MODEL], net.state, c, none[0], none[1], u, u + _ONE, net.fired, net.draws)
 
     @inner
-    def is_quiet(view, row, lo, hi):
+    def is_quiet(view, pop, lo, hi):
         """Whether none of the neurons can fire before its next input."""
         net = net_of(view)
+        row = net.pops[pop]
         if row[CONSTANT_STRIDE] == 0:
             return quiet(row[MODEL], net.state, net.constants[row[CONSTANT]], net.current, lo, hi)
         for i in range(lo, hi):
@@ -88,9 +92,10 @@ def operations(constants, step, fire, quiet, foreign):
         return True
 
     @inner
-    def fire_one(view, row, i):
+    def fire_one(view, pop, i):
         """What a spike does to its neuron."""
         net = net_of(view)
+        row = net.pops[pop]
         c = net.constants[row[CONSTANT] + (i - row[BEGIN]) * row[CONSTANT_STRIDE]]
         fire(row[MODEL], net.state, c, i)
 
@@ -128,19 +133,17 @@ def entry(model):
 
     @kernel
     def run(view, pop, operation, lo, hi, thread, step, interval):
-        net = net_of(view)
-        row = net.pops[pop]
         if linear and operation == CATCH_UP:  # of others nothing changes while they sleep
-            catch_up(view, thread, row, lo, hi, interval)
+            catch_up(view, thread, pop, lo, hi, interval)
         elif operation == STEP:
             if draws:
                 draw(view, pop, lo, hi, step)
-            net.fired[lo:hi] = 0  # ours write it for each neuron; to set it where it is reached is enough
-            step_run(view, row, lo, hi)
+            net_of(view).fired[lo:hi] = 0  # ours write it for each neuron; to set it where it is reached is enough
+            step_run(view, pop, lo, hi)
         elif operation == FIRE:
-            fire_one(view, row, lo)
+            fire_one(view, pop, lo)
         elif operation == QUIET:
-            return 1 if is_quiet(view, row, lo, hi) else 0
+            return 1 if is_quiet(view, pop, lo, hi) else 0
         return 0
 
     return entry_of(model, run, ENTRY_TYPE)

@@ -47,7 +47,7 @@ from neuro_event.tables import (
     TARGET,
     WAKE_ALL,
 )
-from neuro_event.views import address, net_of, plastic_of, prefetch
+from neuro_event.views import address, net_of, plastic_of, prefetch, slot_mask
 
 ENTRIES, APPLIED, NEWEST = range(3)
 ENTRY = 3
@@ -75,7 +75,7 @@ TIME, OF_NEURON = -1.0, -2.0
 def due_everywhere(net, target_row, at, thread):
     """Wake the blocks of this thread's neurons of a population when input arrives in a step."""
     blocks = net.awake.shape[0]
-    mark = (at & (net.due.shape[1] // blocks - 1)) * blocks
+    mark = (at & slot_mask(net)) * blocks
     lo, hi = net.edges[target_row[NUMBER], thread], net.edges[target_row[NUMBER], thread + 1]
     net.due[thread, mark + lo : mark + hi] = 1
 
@@ -265,7 +265,7 @@ def rule_entry(model, row_of):
         target_row = net.pops[row[TARGET]]
         receptors, relay = target_row[RECEPTORS], target_row[RELAY]
         blocks = net.awake.shape[0]
-        slots, due = net.due.shape[1] // blocks - 1, net.due[thread]
+        slots, due = slot_mask(net), net.due[thread]
         own = table[FIRST_SOURCE] + source * table[SOURCE_STRIDE]
         pre = pre_values(p, q, thread, own, step, h)
         place = row[ROW] + source * (net.edges.shape[1] - 1) + thread

@@ -3,10 +3,7 @@
 # mypy: disable-error-code="no-untyped-def,no-untyped-call"
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
-from numpy.typing import NDArray
 
 from neuro.kernels.jit import kernel
 from neuro.program.program import Floats, Ints
@@ -39,7 +36,7 @@ class Peaks:
         self._value: Floats = np.full(size, -np.inf)
         self._when: Ints = np.zeros(size, dtype=np.int64)
 
-    def follow(self, view: NDArray[Any], step: int, tick: int) -> None:
+    def follow(self, view: int, step: int, tick: int) -> None:
         """See the states after a step, of sleeping neurons, too."""
         loop.wake_population(view, self._population, step, self._h)
         _follow(view, self._population, tick, self._value, self._when)

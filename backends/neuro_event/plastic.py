@@ -67,12 +67,12 @@ from neuro_event.tables import (
     TARGET,
     WAKE_ALL,
 )
-from neuro_event.views import PAST, call_rule, net_of, plastic_of, prefetch
+from neuro_event.views import address, call_rule, net_of, plastic_of, prefetch, slot_mask
 
 PLUS, CONCENTRATION, MINUS = range(3)
 
 
-@inner
+@merged
 def dopamine_at(view, q, target, step, h):
     """Concentration n of one target of a modulated projection."""
     p = plastic_of(view)
@@ -106,13 +106,27 @@ def potentiate(rule, c, y, z, decay, tau, k_plus, then, past, since, upto, delay
             on_post(rule, y, z, c, (k,), (0.0,))
 
 
-@inner
+@merged
 def flow(view, q, z, own, thread, target, past, upto, whole, delay, h):
     """Let the post spikes up to step `upto` act on synapse z of a modulated projection, and what flows between them.
 
     With `whole` also what flows from the last of them to `upto`. To stop there clips the weight, so it is for events
     and reads only: not for making room in a history.
     """
+    p = plastic_of(view)
+    since = p.reached[z]
+    if past[ENTRIES] > 0 and past[NEWEST] + delay > since:
+        since = hear(view, q, z, own, thread, target, past, upto, delay, h)
+    if whole and since < upto:
+        n = dopamine_at(view, q, target, since, h)
+        advance(p.table[q, MODULATED], p.y, z, p.rule[q], since, upto, n, p.table[q, GRID_STEPS])
+        since = upto
+    p.reached[z] = since
+
+
+@inner
+def hear(view, q, z, own, thread, target, past, upto, delay, h):
+    """The post spikes of a history that synapse z has yet to hear, up to step `upto`; return when the last arrived."""
     p = plastic_of(view)
     modulated, c, grid = p.table[q, MODULATED], p.rule[q], p.table[q, GRID_STEPS]  # one rule for all, as dopamine acts
     k_plus, then, since = p.k_plus[thread, own], p.k_time[thread, own], p.reached[z]
@@ -126,10 +140,7 @@ def flow(view, q, z, own, thread, target, past, upto, whole, delay, h):
             k = k_plus * decayed(p.decay[q, PLUS], arrival - then, h, p.tau[q], 0)
             for _ in range(past[NEWEST + ENTRY * i + 2]):
                 on_post(p.table[q, RULE], p.y, z, c, (k,), (0.0,))
-    if whole and since < upto:
-        advance(modulated, p.y, z, c, since, upto, dopamine_at(view, q, target, since, h), grid)
-        since = upto
-    p.reached[z] = since
+    return since
 
 
 @merged
@@ -155,26 +166,30 @@ def _pre_spike(row_of):
         target_row = net.pops[row[TARGET]]
         receptors, relay = target_row[RECEPTORS], target_row[RELAY]
         blocks = net.awake.shape[0]
-        slots, due = net.due.shape[1] // blocks - 1, net.due[thread]
+        slots, due = slot_mask(net), net.due[thread]
         own = table[FIRST_SOURCE] + source
         k_plus, last = p.k_plus[thread, own], p.k_time[thread, own]
         place = row[ROW] + source * (net.edges.shape[1] - 1) + thread
         wide = row[WAKE_ALL] == 1 and row[DELAY_STRIDE] == 0
         end = net.rows[place + 1]
         slot = slot_of_first(net, row, receptors, step)
-        histories, width = view[PAST, 0] + 8 * p.past.shape[1] * target_row[HISTORY], 8 * p.past.shape[1]
+        histories, width = address(p.past) + 8 * p.past.shape[1] * target_row[HISTORY], 8 * p.past.shape[1]
+        first, to_synapse = row[SYNAPSE], table[FIRST_SYNAPSE] - row[SYNAPSE]
+        delay_at, delay_stride = row[DELAY], row[DELAY_STRIDE]
+        ring_at, ring_mask, ring_size = row[RING], row[RING_MASK], row[RING_SIZE]
+        history, neuron, mark = target_row[HISTORY], target_row[BEGIN], target_row[FIRST_BLOCK]
+        modulated = table[MODULATED] >= 0
         for e in range(net.rows[place], end):
             # Targets are drawn at random: without this every history and place in the ring would be waited for.
             ahead = np.int64(net.targets[min(e + AHEAD, end - 1)])
             prefetch(histories + width * ahead)
             prefetch(slot + 8 * ahead)
-            s = e - row[SYNAPSE]
-            z = table[FIRST_SYNAPSE] + s
+            z = to_synapse + e
             target = np.int64(net.targets[e])
-            delay = np.int64(net.delays[row[DELAY] + s * row[DELAY_STRIDE]])
-            past = p.past[target_row[HISTORY] + target]
+            delay = np.int64(net.delays[delay_at + (e - first) * delay_stride])
+            past = p.past[history + target]
             rule = p.rule[row_of(q, table, z)]
-            if table[MODULATED] >= 0:
+            if modulated:
                 flow(view, q, z, own, thread, target, past, step, True, delay, h)
             else:
                 potentiate(number, rule, y, z, plus, tau, k_plus, last, past, max(last, past[APPLIED]), step, delay, h)
@@ -182,20 +197,20 @@ def _pre_spike(row_of):
             k_minus = post_trace(
                 minus,
                 past,
-                p.traces[target_row[HISTORY] + target],
+                p.traces[history + target],
                 step - delay,
                 h,
                 net.tau_minus,
-                target_row[BEGIN] + target,
+                neuron + target,
             )
             on_pre(number, y, z, rule, (0.0,), (k_minus,))
             weight = y[0, z]  # sent after its own update, as NEST does
             second = 1 if receptors == 2 and weight < 0.0 else 0
             at = step + delay
-            ring = row[RING] + ((at & row[RING_MASK]) * receptors + second) * row[RING_SIZE]
+            ring = ring_at + ((at & ring_mask) * receptors + second) * ring_size
             net.buf[ring + target] += 1.0 if relay == 1 else weight
             if not wide:
-                due[(at & slots) * blocks + target_row[FIRST_BLOCK] + (target >> 6)] = 1
+                due[(at & slots) * blocks + mark + (target >> 6)] = 1
         if wide and net.rows[place] < net.rows[place + 1]:
             due_everywhere(net, target_row, step + np.int64(net.delays[row[DELAY]]), thread)
         trace = 1.0

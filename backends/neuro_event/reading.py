@@ -41,12 +41,12 @@ class Cells:
             return rows
         if not self._copied:
             self._copied = {name: np.empty_like(net[name]) for name in ("state", "awake", "busy", "fired", "scratch")}
-            self._view = table_of({**net, **self._copied}, self._a.plastic)
+            self._table = table_of({**net, **self._copied}, self._a.plastic)
         blocks = np.unique(blocks)
         for name, shape in (("awake", (-1, 1)), ("busy", (-1, 1)), ("fired", (-1, t.BLOCK)), ("state", (-1, t.BLOCK))):
             lead = net[name].shape[:-1]
             self._copied[name].reshape(*lead, *shape)[..., blocks, :] = net[name].reshape(*lead, *shape)[..., blocks, :]
-        loop.wake_blocks(self._view, population, blocks, step, self._a.program.resolution)
+        loop.wake_blocks(self._table.ctypes.data, population, blocks, step, self._a.program.resolution)
         rows = self._copied["state"]
         return rows
 
@@ -54,11 +54,12 @@ class Cells:
 class Copy:
     """A second place for the states of the synapses, where they are brought to the present for a read."""
 
-    def __init__(self, a: Arrays, view: Ints) -> None:
-        self._a, self._view = a, view
+    def __init__(self, a: Arrays, table: Ints) -> None:
+        self._a, self._view = a, table.ctypes.data
         self._y = np.empty_like(a.plastic["y"])
         self._reached = np.empty_like(a.plastic["reached"])
-        self._other_view = with_plastic(view, y=self._y, reached=self._reached)
+        self._table = with_plastic(table, y=self._y, reached=self._reached)
+        self._other_view = self._table.ctypes.data
         self._has: tuple[int, int] | None = None
 
     def synapses(self, projection: int, name: str, step: int) -> Floats:
@@ -111,7 +112,7 @@ class Copy:
         return np.where(moved, a.plastic["sent"][here], a.plastic["y"][0, here])
 
 
-def concentration(a: Arrays, view: Ints, k: int, step: int) -> Floats:
+def concentration(a: Arrays, view: int, k: int, step: int) -> Floats:
     """Dopamine of every target of the plastic projection number k."""
     projection = a.program.projections[a.plastic["table"][k, t.PROJECTION]]
     out = np.empty(a.program.populations[projection.target].size)
@@ -155,7 +156,7 @@ def weights(a: Arrays, projection: int) -> Floats:
     return p.arriving(by_id(a.net["weights"][first : first + p.size], a.synapses[projection].order))
 
 
-def bring_all(a: Arrays, view: Ints, k: int, step: int) -> None:
+def bring_all(a: Arrays, view: int, k: int, step: int) -> None:
     """Catch up the plastic projection number k to the present, before something is set; traces are then values."""
     if a.plastic["table"][k, t.EAGER]:
         epochs.unpack(a, k, step)

@@ -34,7 +34,7 @@ class Sampled:
         self._steps: list[int] = []
         self._values = [np.zeros((self._rows, ids.size))]
 
-    def read(self, view: Ints, step: int) -> None:
+    def read(self, view: int, step: int) -> None:
         """Keep the states as of a step."""
         row = len(self._steps) % self._rows
         if row == 0 and self._steps:
@@ -67,7 +67,7 @@ class Samples:
         """The first step from `step` on in which one is due."""
         return min((-(-step // probe.every) * probe.every for probe in self.probes.values()), default=NEVER)
 
-    def read(self, view: Ints, step: int) -> None:
+    def read(self, view: int, step: int) -> None:
         """Keep what is due in a step."""
         for probe in self.probes.values():
             if step % probe.every == 0:

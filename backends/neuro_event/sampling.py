@@ -16,7 +16,6 @@ def sample(view, pop, state, places, step, h, aside, out):
     `aside` is room for the states of a block and for who fired, shape (states + 1, BLOCK).
     """
     net = net_of(view)
-    row = net.pops[pop]
     k = 0
     while k < places.shape[0]:
         block = places[k] // BLOCK
@@ -30,7 +29,7 @@ def sample(view, pop, state, places, step, h, aside, out):
             for r in range(states):
                 aside[r, i - lo] = net.state[r, i]
             aside[states, i - lo] = net.fired[i]
-        wake(view, 0, row, block, step, h)
+        wake(view, 0, pop, block, step, h)
         while k < places.shape[0] and places[k] // BLOCK == block:
             out[k] = net.state[state, places[k]]
             k += 1

@@ -7,7 +7,6 @@ from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
 
-from neuro.program.program import Ints
 from neuro_event import loop
 
 FEWEST, MOST = 4, 64
@@ -42,7 +41,7 @@ class Threads:
         self._tried = FEWEST
         self._trials: list[tuple[bool, float]] = []
 
-    def run(self, view: Ints, first: int, last: int, longest: int, reach: int, h: float) -> int:
+    def run(self, view: int, first: int, last: int, longest: int, reach: int, h: float) -> int:
         """Run the steps first:last; return where there was no room for a whole slice, or `last`."""
         if self._pool is None:
             return int(loop.run(view, first, last, longest, reach, h))
@@ -75,7 +74,7 @@ class Threads:
             self._kept = min(2 * self._kept, LONGEST) if faster == self._together else SHORTEST
             self._together, self._left, self._trials = faster, self._kept, []
 
-    def _share(self, view: Ints, first: int, last: int, longest: int, reach: int, h: float) -> int:
+    def _share(self, view: int, first: int, last: int, longest: int, reach: int, h: float) -> int:
         """Run on all threads; return the step that was reached."""
         assert self._pool is not None
         self._told[:, 0] = first
@@ -89,7 +88,7 @@ class Threads:
                 other.result()
         return int(self._told[0, 0])
 
-    def _work(self, thread: int, view: Ints, last: int, longest: int, reach: int, h: float) -> None:
+    def _work(self, thread: int, view: int, last: int, longest: int, reach: int, h: float) -> None:
         """One thread's part, which rests where it waits for long."""
         while not loop.share(view, self._told, thread, last, longest, reach, h):
             time.sleep(REST)

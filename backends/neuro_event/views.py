@@ -1,4 +1,8 @@
-"""How the kernels see the arrays: by one table, see `neuro.kernels.views`."""
+"""How the kernels see the arrays: by one table of which they are told the address, `view`, see `neuro.kernels.views`.
+
+An array, also a row of a table, is seven numbers to hand on: so functions in each step of a small network are told
+which row, by its number, and look for themselves.
+"""
 
 # mypy: disable-error-code="no-untyped-def,no-untyped-call,call-arg,no-any-return,misc"
 from __future__ import annotations
@@ -16,7 +20,7 @@ from numpy.typing import NDArray
 
 from neuro.kernels import views
 from neuro.kernels.address import caller
-from neuro.kernels.jit import inner
+from neuro.kernels.jit import inner, merged
 from neuro.kernels.views import Views, fields_of, viewer
 from neuro_event.tables import ENTRY, NUMBER, RULE_ENTRY, RULE_NUMBER
 
@@ -60,6 +64,7 @@ awake u1 1         whether a block is stepped
 awake_groups u8 1  the same memory, eight blocks at a time
 due u1 2           (threads, slots * blocks) where input arrives; each thread marks its own blocks in its row
 due_groups u8 2    the same memory, eight blocks at a time
+due_slots u1 3     (threads, slots, blocks) the same memory, by slot
 slept i8 1         last step of a sleeping block
 busy i8 1          last step in which a block had input or a spike, or a silent one of a generator a rate
 mean f8 1          of a poisson_generator's neurons, per step
@@ -155,16 +160,14 @@ def with_plastic(table: NDArray[np.int64], **arrays: NDArray[Any]) -> NDArray[np
 
 
 @intrinsic
-def address(typingctx, table):
-    """The address of a table, which an entry takes in place of the table."""
+def address(typingctx, array):
+    """The address of an array."""
 
     def codegen(context, builder, signature, arguments):
-        if isinstance(signature.args[0], types.Integer):
-            return arguments[0]
         data = context.make_array(signature.args[0])(context, builder, arguments[0]).data
         return builder.ptrtoint(data, ir.IntType(64))
 
-    return types.int64(table), codegen
+    return types.int64(array), codegen
 
 
 ENTRY_TYPE = types.int64(*(types.int64,) * 7, types.float64)
@@ -174,16 +177,22 @@ _call_entry = caller(ENTRY_TYPE.return_type, *ENTRY_TYPE.args)
 _call = caller(types.int64, *(types.int64,) * 6, types.float64)
 
 
+@merged
+def slot_mask(net):
+    """What takes a step to its slot in `due`. To divide the sizes of `due` would take as long as a spike."""
+    return net.due_slots.shape[1] - 1
+
+
 @inner
 def call_rule(view, row, operation, index, step, thread, h):
     """Let the entry of a rule do an operation, see `own_rules`; `row` is its projection's in `plastic.table`."""
-    return _call(row[RULE_ENTRY], (address(view), row[RULE_NUMBER], operation, index, step, thread, h))
+    return _call(row[RULE_ENTRY], (view, row[RULE_NUMBER], operation, index, step, thread, h))
 
 
 @inner
 def call_entry(view, row, operation, lo, hi, thread, step, interval):
     """Let the entry of a population's model do an operation, see `operations`."""
-    return _call_entry(row[ENTRY], (address(view), row[NUMBER], operation, lo, hi, thread, step, interval))
+    return _call_entry(row[ENTRY], (view, row[NUMBER], operation, lo, hi, thread, step, interval))
 
 
 @intrinsic
@@ -225,12 +234,6 @@ def prefetch(typingctx, address):
 
     return types.void(types.int64), codegen
 
-
-PAST = len(NET_FIELDS) + PLASTIC_FIELDS.index("past")
-"""Row of the histories in the table."""
-
-TARGETS, WEIGHTS = NET_FIELDS.index("targets"), NET_FIELDS.index("weights")
-"""Rows of what a static synapse is."""
 
 net_of = viewer(Views("Net", 0, _NET))
 plastic_of = viewer(Views("Plastic", len(NET_FIELDS), _PLASTIC))

@@ -2,10 +2,14 @@
 
 # mypy: ignore-errors
 import numpy as np
+from llvmlite import ir
+from numba import types
+from numba.extending import intrinsic
 from numpy.typing import NDArray
 
 from neuro.core.keyed_random import NEURON_STRIDE, STEP_STRIDE
 from neuro.kernels.jit import inner
+from neuro.kernels.lanes import LANES, load
 
 _STEP = np.uint64(STEP_STRIDE)
 _NEURON = np.uint64(NEURON_STRIDE)
@@ -39,6 +43,33 @@ def step_word(key, step):
 def uniform(base, neuron):
     """A number in [0, 1) for one neuron."""
     return np.float64(mix(base + np.uint64(neuron) * _NEURON) >> _S11) * _UNIT
+
+
+@intrinsic
+def reaching(typingctx, base, neuron, bounds, place):
+    """As bits which of the numbers of eight neighbouring neurons are at least their bounds, from a place on."""
+
+    def codegen(context, builder, signature, arguments):
+        word, real = ir.VectorType(ir.IntType(64), LANES), ir.VectorType(ir.DoubleType(), LANES)
+
+        def same(value):
+            one = builder.insert_element(ir.Constant(word, ir.Undefined), value, ir.IntType(32)(0))
+            return builder.shuffle_vector(one, one, ir.Constant(ir.VectorType(ir.IntType(32), LANES), [0] * LANES))
+
+        def number(value):
+            return ir.Constant(word, [int(value)] * LANES)
+
+        strides = [k * NEURON_STRIDE % 2**64 for k in range(LANES)]
+        first = builder.add(arguments[0], builder.mul(arguments[1], ir.IntType(64)(NEURON_STRIDE)))
+        z = builder.add(same(first), ir.Constant(word, strides))
+        for shift, factor in ((_S30, _A), (_S27, _B)):
+            z = builder.mul(builder.xor(z, builder.lshr(z, number(shift))), number(factor))
+        z = builder.lshr(builder.xor(z, builder.lshr(z, number(_S31))), number(_S11))
+        u = builder.fmul(builder.uitofp(z, real), ir.Constant(real, [_UNIT] * LANES))
+        some = builder.fcmp_ordered(">=", u, load(context, builder, signature.args[2], arguments[2], arguments[3]))
+        return builder.zext(builder.bitcast(some, ir.IntType(LANES)), ir.IntType(64))
+
+    return types.uint64(types.uint64, types.int64, bounds, types.intp), codegen
 
 
 @inner

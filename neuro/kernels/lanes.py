@@ -20,6 +20,12 @@ def _at(context, builder, kind, array, first, lanes):
     return builder.bitcast(builder.gep(view.data, [first]), items.as_pointer()), items
 
 
+def load(context, builder, kind, array, first):
+    """In the code of an intrinsic: eight neighbouring items of a flat array from one on."""
+    place, _ = _at(context, builder, kind, array, first, LANES)
+    return _load(builder, place, kind.dtype.bitwidth // 8)
+
+
 def _load(builder, place, align):
     value = builder.load(place)
     value.align = align
