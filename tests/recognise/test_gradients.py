@@ -51,7 +51,7 @@ def test_what_was_learnt_recognises_without_torch_and_has_a_bill(made, unseen, f
     assert np.isnan(answer.scores[~full]).all(), "an empty recording is silent"
     spread = price(answer.run(), len(unseen), ["loihi"], 8).bills["loihi"]
     packed = price(answer.run(), len(unseen), ["loihi"]).bills["loihi"]
-    assert answer.neurons_per_core == 8
+    assert answer.neurons_per_core == {"conv": 16}.get(trained.method.called(), 8)
     assert spread.dynamic_j > 0
     assert spread.chip_time_s != packed.chip_time_s, "other cores have another time"
     np.testing.assert_array_equal(again.predict(unseen, "loihi"), expected)
