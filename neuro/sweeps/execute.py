@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable, Sequence
+from contextlib import closing
 from dataclasses import dataclass
 from typing import Any
 
@@ -130,14 +131,14 @@ def _here(sweep: Sweep, folder: Folder, items: Sequence[Item], tell: Callable[[s
     """One after the other in this process, which cannot end a run that takes too long."""
     if sweep.limits.seconds is not None:
         raise ModelError("a limit of time needs a process for each run: expected on = 'cores'")
-    worker = Worker(folder, sweep.run, sweep.limits, sweep.inputs)
-    for item in items:
-        told = worker.do(item)
-        if told["is"] == LOST:
-            raise ModelError(told["error"], hint="what was done is kept: the same command goes on")
-        if told["is"] != TAKEN:
-            outcome = folder.outcome(item.key)
-            tell(item.key, outcome is None or outcome.failed)
+    with closing(Worker(folder, sweep.run, sweep.limits, sweep.inputs)) as worker:
+        for item in items:
+            told = worker.do(item)
+            if told["is"] == LOST:
+                raise ModelError(told["error"], hint="what was done is kept: the same command goes on")
+            if told["is"] != TAKEN:
+                outcome = folder.outcome(item.key)
+                tell(item.key, outcome is None or outcome.failed)
 
 
 def part_of(text: Any) -> tuple[int, int]:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from contextlib import closing, contextmanager
 
 from neuro.core.errors import ModelError
 from neuro.core.processes import cores
@@ -56,7 +56,15 @@ def execute(
     begin(search, folder)
     if retry:
         retry_failed(search.plan, search.before, folder)
-    asker = Asker(search.plan, search.before, folder, _share(search.plan.most, place.part))
+    with closing(Asker(search.plan, search.before, folder, _share(search.plan.most, place.part))) as asker:
+        _ask(asker, search, folder, place, bar, hear)
+        return asker.counts()
+
+
+def _ask(
+    asker: Asker, search: Search, folder: Folder, place: Place, bar: Bar | None, hear: Callable[[str], None] | None
+) -> None:
+    """Do the runs that are asked for, and wait for trials of others where this is no part."""
 
     def show() -> None:
         if bar is not None:
@@ -77,7 +85,6 @@ def execute(
             time.sleep(POLL_S)  # others work on what is left, and may die
             if items := asker.more(1):
                 do(items)
-    return asker.counts()
 
 
 def hold_out(search: Search, folder: Folder, points: Sequence[Point], place: Place, bar: Bar) -> None:
@@ -113,7 +120,8 @@ def doing(
 ) -> Iterator[Callable[[Sequence[Item]], None]]:
     """What does runs at a place: those that it is given, and more as long as there are any."""
     if place.on == HERE:
-        yield _here(search, folder, tell, more)
+        with closing(_worker(search, folder)) as worker:
+            yield _here(worker, folder, tell, more)
     elif place.cluster:
         from neuro.sweeps.cluster import on_cluster
 
@@ -124,11 +132,15 @@ def doing(
             yield lambda items: pool.run(items, tell, more)
 
 
-def _here(search: Search, folder: Folder, tell: Tell, more: More | None) -> Callable[[Sequence[Item]], None]:
-    """One after the other in this process, which cannot end a run that takes too long."""
+def _worker(search: Search, folder: Folder) -> Worker:
+    """Who does runs in this process, which cannot end one that takes too long."""
     if search.limits.seconds is not None:
         raise ModelError("a limit of time needs a process for each run: expected on = 'cores'")
-    worker = Worker(folder, search.run, search.limits, search.inputs)
+    return Worker(folder, search.run, search.limits, search.inputs)
+
+
+def _here(worker: Worker, folder: Folder, tell: Tell, more: More | None) -> Callable[[Sequence[Item]], None]:
+    """One after the other in this process."""
 
     def do(items: Sequence[Item]) -> None:
         while items:
