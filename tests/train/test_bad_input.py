@@ -147,7 +147,8 @@ def test_an_interrupt_wherever_it_comes(folder, file, tmp_path, where, function,
     script = INTERRUPTED.format(where=where, function=function)
     command = [sys.executable, "-c", script, "train", *map(str, words)]
     done = subprocess.run(command, check=False, cwd=tmp_path, capture_output=True, text=True)
-    assert (done.returncode, done.stderr) == (130, told)
+    lines = [line for line in done.stderr.splitlines(keepends=True) if "kernels" not in line and "left" not in line]
+    assert (done.returncode, "".join(lines)) == (130, told)
     assert (tmp_path / "trained.yaml").exists() == (where == "tested")
 
 
