@@ -1,5 +1,7 @@
 """A training under way: kept, gone on with, and not mixed with another."""
 
+import json
+
 import h5py
 import numpy as np
 import pytest
@@ -63,3 +65,31 @@ def test_a_byte_that_flipped_is_found(tmp_path):
     made.path.write_bytes(whole[:at] + bytes([whole[at] ^ 1]) + whole[at + 1 :])
     with pytest.raises(neuro.ModelError, match=r"model.h5.training: damaged my training 1\n  hint: delete the file"):
         made.resume()
+
+
+@pytest.mark.parametrize("error", [RuntimeError, ValueError, KeyError, TypeError, AttributeError])
+def test_whatever_h5py_says_of_a_damaged_file_is_told(kept, monkeypatch, error):
+    """Bits flipped at random brought all of these."""
+
+    def broken(*told):
+        raise error("bad heap free list")
+
+    monkeypatch.setattr("neuro.files.checkpoint.take", broken)
+    with pytest.raises(neuro.ModelError) as caught:
+        kept.resume()
+    assert str(caught.value).startswith(f"{kept.path}: damaged my training 1: ")
+    assert "bad heap free list" in str(caught.value)
+    assert str(caught.value).endswith("hint: delete the file to begin anew")
+
+
+def test_what_it_was_told_cannot_be_mended_by_hand(kept):
+    with h5py.File(kept.path, "r+") as file:
+        file.attrs["told"] = json.dumps({**TOLD, "seed": 4})
+    with pytest.raises(neuro.ModelError, match=r"damaged my training 1\n  hint: delete the file to begin anew"):
+        kept.resume()
+
+
+def test_a_way_out_of_its_own(kept, tmp_path):
+    other = Checkpoint(tmp_path / "model.h5", "my training 1", {**TOLD, "seed": 4}, {"seed": "sow the same"})
+    with pytest.raises(neuro.ModelError, match=r"found 4 now\n  hint: sow the same, or delete the file$"):
+        other.resume()

@@ -157,7 +157,7 @@ def _train(
 
     with Bar() as bar:
         shown = _shown(net, data, plan, bar)
-        other = None if unseen is None else _shown(net, unseen, plan, bar)
+        other = None if unseen is None else _shown(net, unseen, plan, bar, "test on recordings of the sensor of --data")
         checkpoint = begun(net, out, shown, plan)
         trained = learn(net, shown, plan, checkpoint, lambda epoch, noted: _tell(bar, plan, epoch, noted))
         trained.net.save(out)
@@ -173,7 +173,7 @@ def _train(
     noted = trained.curves
     if plan.epochs:
         told = f"loss {noted['loss'][-1]:.4g}, {noted['right'][-1]:.1%} of {len(shown)} right"
-        typer.echo(f"{plan.epochs} epochs: {told}")
+        typer.echo(f"{plan.epochs} epoch{'s' * (plan.epochs > 1)}: {told}")
     for written in (out, page):
         typer.echo(f"{written}: written")
 
@@ -221,10 +221,10 @@ def _search(
         typer.echo(f"{written}: written")
 
 
-def _shown(net: neuro.Network, data: Recordings, plan: Plan, bar: Bar) -> Shown:
+def _shown(net: neuro.Network, data: Recordings, plan: Plan, bar: Bar, *hint: str) -> Shown:
     from neuro_train.data import show
 
-    return show(net, data, plan, lambda what, done, n: bar.show(done, n, what))
+    return show(net, data, plan, lambda what, done, n: bar.show(done, n, what), *hint)
 
 
 def _tell(bar: Bar, plan: Plan, epoch: int, noted: Mapping[str, float]) -> None:

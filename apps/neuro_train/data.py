@@ -58,6 +58,9 @@ class Shown:
 def but(found: Recordings, patterns: Sequence[str]) -> Recordings:
     """The recordings whose names fit no pattern, such as "*i.aedat"."""
     kept = [k for k, item in enumerate(found) if not any(fnmatchcase(item.name, pattern) for pattern in patterns)]
+    if len(found) and not kept:
+        told = f"--without {' --without '.join(patterns)}: leaves none of the {len(found)} recordings of {found.path}"
+        raise ModelError(f"{told}: expected some of each class", hint=f"names are such as '{found[0].name}'")
     return found.take(kept)
 
 
@@ -82,7 +85,13 @@ def check_network(net: neuro.Network, plan: Plan) -> None:
         raise ModelError(f"{told}: expected [2, rows, columns], OFF then ON, or [rows, columns]")
 
 
-def show(net: neuro.Network, data: Recordings, plan: Plan, report: Report) -> Shown:
+def show(
+    net: neuro.Network,
+    data: Recordings,
+    plan: Plan,
+    report: Report,
+    hint: str = "set it in the file, or by --set",
+) -> Shown:
     """Read recordings.
 
     Args:
@@ -90,6 +99,7 @@ def show(net: neuro.Network, data: Recordings, plan: Plan, report: Report) -> Sh
         data: the recordings.
         plan: how they are seen.
         report: is told how many are read.
+        hint: what to do where the pixels are of another sensor.
 
     Raises:
         EventFileError: one is damaged.
@@ -100,7 +110,7 @@ def show(net: neuro.Network, data: Recordings, plan: Plan, report: Report) -> Sh
 
     shape = tuple(int(side) for side in net.populations[plan.input].shape)
     _check_labels(net, data, plan)
-    _check_sensor(data, shape, plan)
+    _check_sensor(data, shape, plan, hint)
     words: Any = {"shape": shape, "step": net.resolution, "duration": plan.duration}
     words |= {"scale": plan.scale, "start": plan.start}
     parts = []
@@ -123,14 +133,14 @@ def _check_labels(net: neuro.Network, data: Recordings, plan: Plan) -> None:
         raise ModelError(f"{told}: expected one for each", hint="give the population as many neurons, such as by --set")
 
 
-def _check_sensor(data: Recordings, shape: tuple[int, ...], plan: Plan) -> None:
+def _check_sensor(data: Recordings, shape: tuple[int, ...], plan: Plan, hint: str) -> None:
     width, height = data.sensor_size(setting="another shape of the population")
     rows, columns = (-(-side // plan.scale) for side in (height, width))
     if shape[-2:] != (rows, columns):
         seen = f"{width}x{height} px" + (f" by {plan.scale}" if plan.scale > 1 else "")
         told = f"--input {plan.input}: shape {list(shape)}: recordings of {seen} have {rows} rows and {columns} columns"
         expected = [*shape[:-2], rows, columns]
-        raise ModelError(f"{told}: expected the shape {expected}", hint="set it in the file, or by --set")
+        raise ModelError(f"{data.path}: {told}: expected the shape {expected}", hint=hint)
 
 
 def moved(

@@ -22,13 +22,13 @@ import numpy.typing as npt
 
 import neuro
 from neuro import ModelError
-from neuro.apps import install, kept_json, make_folder, sealed, write_text
+from neuro.apps import fingerprint, install, kept_json, make_folder, sealed, write_text
 from neuro_train.data import but, show
 from neuro_train.front import Place
 from neuro_train.plan import Plan
 from neuro_train.space import Space, parted
 from neuro_train.tested import on_backend
-from neuro_train.trainer import begun, identity, learn
+from neuro_train.trainer import begun, identity, learn, module_of
 
 if TYPE_CHECKING:
     from neuro.events import Recordings
@@ -93,6 +93,9 @@ def search(
     """
     words: dict[str, Any] = {"file": str(file), "data": str(data), "part": part, "without": json.dumps(without)}
     words |= {"folder": str(folder), "plan": json.dumps(plan.as_words()), "params": json.dumps(dict(params))}
+    _recordings.cache_clear()  # of a search before in this process
+    words |= {"recordings": _recordings(str(data), part, words["without"]).fingerprint()[:32]}
+    words |= {"network": fingerprint(module_of(neuro.load(file, params=params), plan).program)}
     asked = neuro.tune(
         point, space, objectives=OBJECTIVES, trials=budget, out=folder, sampler="tpe", draw=plan.seed,
         folds=folds, set=words, on="here",
@@ -127,6 +130,8 @@ def point(
     folder: str,
     plan: str,
     params: str,
+    recordings: str,
+    network: str,
     fold: int | None = 0,
     folds: int = PARTS - 1,
     **varied: Any,
@@ -141,6 +146,8 @@ def point(
         folder: likewise.
         plan: likewise, as JSON.
         params: likewise, as JSON.
+        recordings: a hash of what they are, so that no search goes on with others.
+        network: likewise, of the file with `params`.
         fold: of the parts on which it is judged; None: on what is held out, learnt from all others.
         folds: in how many parts that is divided which is not held out.
         varied: values by name.
@@ -156,9 +163,9 @@ def point(
     if fold:
         out = out.with_name(f"{out.stem}_fold{fold}.yaml")
     make_folder(out.parent)
-    recordings = _recordings(data, part, without)
-    shown = show(net, recordings, told, lambda what, done, n: None)
-    learnt_from, judged = divided(recordings, told.seed, fold, folds)
+    found = _recordings(data, part, without)
+    shown = show(net, found, told, lambda what, done, n: None)
+    learnt_from, judged = divided(found, told.seed, fold, folds)
     which = f"part {'held out' if held else fold} of {folds + 1}"
     of = identity(net, shown, told) | {"part": which, "varied": dict(varied)}
     kept = kept_json(out.with_suffix(".json"))
@@ -171,11 +178,11 @@ def point(
     tried = on_backend(trained.net, told.chip, shown.take(judged), told)
     if tried.bill is None:
         raise ModelError(f"{told.chip}: has no costs: expected a chip that has")
-    found = {"accuracy": tried.own.accuracy, "microjoules": 1e6 * tried.bill.total_j}
-    found |= {"right": float(tried.own.correct), "n": float(len(judged)), "cpu_s": trained.cpu_s}
-    write_text(out.with_suffix(".json"), json.dumps({"format": FORMAT, "of": of, "found": found}, indent=1), RESULT)
+    given = {"accuracy": tried.own.accuracy, "microjoules": 1e6 * tried.bill.total_j}
+    given |= {"right": float(tried.own.correct), "n": float(len(judged)), "cpu_s": trained.cpu_s}
+    write_text(out.with_suffix(".json"), json.dumps({"format": FORMAT, "of": of, "found": given}, indent=1), RESULT)
     checkpoint.remove()
-    return found
+    return given
 
 
 def divided(recordings: Recordings, seed: int, fold: int | None, folds: int) -> tuple[Ints, Ints]:

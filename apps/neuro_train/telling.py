@@ -88,7 +88,6 @@ def _parts(plan: Plan, trained: Trained, tried: Sequence[Tried], recordings: int
         yield tag("h2", f"On {len(tried[0].labels)} recordings that it has not seen")
         yield html.table(HEAD, rows(tried))
         yield tag("p", ABOUT)
-        yield tag("ul", *(tag("li", line) for line in footnotes([t.bill for t in tried if t.bill], True)))
     if len(trained.curves["loss"]):
         yield tag("h2", "While it learnt")
         yield html.picture(curves(trained.curves), "loss, accuracy and joules by epoch")
@@ -96,6 +95,9 @@ def _parts(plan: Plan, trained: Trained, tried: Sequence[Tried], recordings: int
     words = ((name, str(value)) for name, value in plan.as_words().items() if value not in (None, [], {}, 0.0, ""))
     yield html.table(("what", "value"), list(words))
     yield tag("pre", str(trained.module.plan))
+    if sources := list(footnotes([each.bill for each in tried if each.bill], True)):
+        yield tag("h2", "Where the joules come from")
+        yield tag("ul", *(tag("li", line) for line in sources))
 
 
 def curves(noted: Mapping[str, npt.NDArray[np.float64]]) -> Figure:

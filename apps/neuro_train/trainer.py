@@ -33,6 +33,12 @@ FORMAT = "neuro training by gradients 1"
 KEEP_S = 2.0
 """Seconds from one checkpoint to the next, at least."""
 
+WAYS = {
+    "data": "recordings are others, or were edited: give those that it began with to continue it",
+    "network": "the network is another, or was edited: give the one that it began with to continue it",
+}
+"""Ways out where what is told of a training by a hash is not the same."""
+
 CURVES = ("loss", "right", "joules", "rate")
 """What is noted of each epoch: mean loss, share of right decisions, joules of a recording, learning rate."""
 
@@ -85,7 +91,8 @@ def begun(net: neuro.Network, out: Path, shown: Shown, plan: Plan, which: str = 
         plan: what it is told.
         which: part of the recordings, where not all.
     """
-    return Checkpoint(out, FORMAT, identity(net, shown, plan) | {"recordings": len(shown), "part": which})
+    told = identity(net, shown, plan) | {"recordings": len(shown), "part": which}
+    return Checkpoint(out, FORMAT, told, WAYS)
 
 
 def identity(net: neuro.Network, shown: Shown, plan: Plan) -> dict[str, Any]:
@@ -113,7 +120,7 @@ def learn(
         ModelError: the network cannot be trained so, the loss is no number any more, or the checkpoint is of another
             training.
     """
-    training = _Training(net, shown, plan)
+    training = _Training(net, shown, plan, "" if checkpoint is None else f" in {checkpoint.path}")
     kept = {} if checkpoint is None else checkpoint.resume()
     if kept:
         training.restore(kept)
@@ -123,7 +130,7 @@ def learn(
         before = training.state()
         try:
             training.epoch()
-        except ModelError:
+        except (ModelError, KeyboardInterrupt):
             if checkpoint is not None and training.done:
                 checkpoint.keep(**before)
             raise
@@ -137,8 +144,8 @@ def learn(
 class _Training:
     """A training under way, from one epoch to the next."""
 
-    def __init__(self, net: neuro.Network, shown: Shown, plan: Plan) -> None:
-        self._shown, self._plan, self._net = shown, plan, net
+    def __init__(self, net: neuro.Network, shown: Shown, plan: Plan, place: str) -> None:
+        self._shown, self._plan, self._net, self._place = shown, plan, net, place
         self.done, self._spent = 0, 0.0
         self._stay: dict[str, Array] = {}
         self._noted: dict[str, list[float]] = {name: [] for name in CURVES}
@@ -227,8 +234,10 @@ class _Training:
                 self._stop(f"epoch {self.done + 1}: weights of '{name}' are no numbers at its end")
 
     def _stop(self, told: str) -> NoReturn:
-        kept = f"; what was learnt until the end of epoch {self.done} is kept" if self.done else ""
-        raise ModelError(f"{told}: expected a number{kept}", hint="a smaller --rate, or a smaller --cost")
+        some = self.done and self._place
+        kept = f"; what was learnt until the end of epoch {self.done} is kept{self._place}" if some else ""
+        way = "a smaller --rate, or a smaller --cost" + (", under another --out" if some else "")
+        raise ModelError(f"{told}: expected a number{kept}", hint=way)
 
     def _prune(self, stay: Mapping[str, Array] | None = None) -> None:
         """Drop the smallest weights, or all but some; the optimiser begins anew with those that are left."""
@@ -300,7 +309,7 @@ def _device(name: str) -> torch.device:
     """
     try:
         device = torch.device(name)
-        torch.zeros(1, device=device)
+        torch.zeros(1, device=device).cpu()
     except (RuntimeError, AssertionError, NotImplementedError):
         found = ["cpu", *(f"cuda:{k}" for k in range(torch.cuda.device_count()))]
         raise ModelError(

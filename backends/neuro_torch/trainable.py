@@ -32,6 +32,9 @@ def trainable(program: Program, given: Iterable[str] | Mapping[str, Iterable[str
     words = dict(asked) if isinstance(asked, Mapping) else dict.fromkeys(asked, "weight")
     projections = [part.name for part in program.projections if part.carries == "spikes"]
     neurons = {part.name: part for part in program.populations if isinstance(part.model, Neuron)}
+    if not projections and not words:
+        told = f"network '{program.name}': no projection carries spikes: expected one, whose weights learn"
+        raise ModelError(told, hint="net.connect makes one")
     if not words:
         hint = f"known: {', '.join(projections)}"
         raise ModelError("trainable: found no projection: expected at least one", hint=hint)

@@ -6,7 +6,6 @@ import io
 import json
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
-from json import JSONDecodeError
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -116,12 +115,13 @@ class _Disk(io.FileIO):
 
 
 @contextmanager
-def reading(path: Path, what: str) -> Iterator[Any]:
+def reading(path: Path, what: str, hint: str = "") -> Iterator[Any]:
     """An HDF5 file of a format.
 
     Args:
         path: the file.
         what: its attribute `format`, e.g. "neuro remus model 1".
+        hint: what to do where it is damaged.
 
     Raises:
         ModelError: there is no such file, it is of another format, or damaged.
@@ -134,10 +134,12 @@ def reading(path: Path, what: str) -> Iterator[Any]:
             if file.attrs.get("format") != what:
                 raise ModelError(f"{path}: not a {what}")
             yield file
+    except ModelError:
+        raise
     except OSError:
         raise ModelError(f"{path}: not a {what}") from None
-    except (KeyError, TypeError, AttributeError, JSONDecodeError) as error:
-        raise ModelError(f"{path}: damaged {what}: {error}") from None
+    except (KeyError, TypeError, AttributeError, ValueError, RuntimeError) as error:  # h5py has all of these
+        raise ModelError(f"{path}: damaged {what}: {error}", hint=hint) from None
 
 
 def put(file: Any, name: str, part: npt.NDArray[Any] | Mapping[str, npt.NDArray[Any]]) -> None:

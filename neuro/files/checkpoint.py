@@ -1,7 +1,7 @@
 """A training under way, in a file beside the model that it is going to be.
 
 ```
-/            attributes: format, told (JSON: what the training was told), digest (of all arrays)
+/            attributes: format, told (JSON: what the training was told), digest (of all arrays), digest_of_told
 /NAME        an array, or a group of arrays
 ```
 """
@@ -22,6 +22,8 @@ from neuro.core.hdf5 import put, reading, take, writing
 
 __all__ = ["Checkpoint"]
 
+_ANEW = "delete the file to begin anew"
+
 Array: TypeAlias = npt.NDArray[Any]
 
 
@@ -32,14 +34,17 @@ class Checkpoint:
         model: file of the model; the checkpoint lies beside it.
         format: of the checkpoint, e.g. "neuro drone training 1".
         told: what the training is told, as plain data; only the same training goes on.
+        ways: by name of what is told the way out where it is not the same.
 
     Attributes:
         path: where it lies.
     """
 
-    def __init__(self, model: Path, format: str, told: Mapping[str, Any]) -> None:
+    def __init__(
+        self, model: Path, format: str, told: Mapping[str, Any], ways: Mapping[str, str] | None = None
+    ) -> None:
         self.path = model.with_name(f"{model.name}.training")
-        self._format, self._told = format, json.dumps(told)
+        self._format, self._told, self._ways = format, json.dumps(told), ways or {}
 
     def keep(self, **parts: Array | Mapping[str, Array]) -> None:
         """Write arrays, and groups of arrays, in place of those before.
@@ -49,7 +54,7 @@ class Checkpoint:
         """
         with writing(self.path, self._format) as file:
             file.attrs["told"] = self._told
-            file.attrs["digest"] = _digest(parts)
+            file.attrs["digest"], file.attrs["digest_of_told"] = _digest(parts), _hash(self._told)
             for name, part in parts.items():
                 put(file, name, part)
 
@@ -61,23 +66,29 @@ class Checkpoint:
         """
         if not self.path.exists():
             return {}
-        with reading(self.path, self._format) as file:
-            before, now = (_flat(json.loads(told)) for told in (file.attrs["told"], self._told))
+        with reading(self.path, self._format, _ANEW) as file:
+            told = str(file.attrs["told"])
             parts = {name: take(file, name) for name in file}
-            if file.attrs.get("digest", _digest(parts)) != _digest(parts):
-                raise ModelError(f"{self.path}: damaged {self._format}", hint="delete the file to begin anew")
+            whole = file.attrs.get("digest", _digest(parts)) == _digest(parts)
+            if not whole or file.attrs.get("digest_of_told", _hash(told)) != _hash(told):
+                raise ModelError(f"{self.path}: damaged {self._format}", hint=_ANEW)
+            before, now = _flat(json.loads(told)), _flat(json.loads(self._told))
         for name in sorted(before.keys() | now.keys()):
             if before.get(name) != now.get(name):
                 raise ModelError(
                     f"{self.path}: an unfinished training with {name} = {before.get(name, 'its default')}: "
                     f"found {now.get(name, 'its default')} now",
-                    hint="give the same options to continue it, or delete the file",
+                    hint=f"{self._ways.get(name, 'give the same options to continue it')}, or delete the file",
                 )
         return parts
 
     def remove(self) -> None:
         """The training is done."""
         self.path.unlink(missing_ok=True)
+
+
+def _hash(text: str) -> str:
+    return hashlib.blake2b(text.encode(), digest_size=16).hexdigest()
 
 
 def _digest(parts: Mapping[str, Array | Mapping[str, Array]]) -> str:

@@ -1,7 +1,8 @@
 """Who works on what: a file for each run under way, made only where there is none.
 
-A claim is given up when its run is kept. One that is left by a process that has ended is taken over: on the machine
-where it ran that shows at once, from another one when the file has not been touched for a while.
+A claim is given up when its run is kept, or when who has it closes, as after an interrupt. One that is left by a
+process that has ended is taken over: on the machine where it ran that shows at once, from another one when the file has
+not been touched for a while.
 """
 
 from __future__ import annotations
@@ -47,6 +48,12 @@ class Claims:
         """The run is kept, or was not begun."""
         self._held.discard(key)
         (self._folder / key).unlink(missing_ok=True)
+
+    def close(self) -> None:
+        """Give up all that is held: in this process, which lives on, somebody else may want it."""
+        self._stop.set()
+        for key in tuple(self._held):
+            self.give_up(key)
 
     def free(self, key: str) -> bool:
         """Whether nobody who is alive has a run."""

@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 import time
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import closing, contextmanager
 from dataclasses import dataclass
 from os import PathLike
 from typing import TYPE_CHECKING, Any, TypeAlias
@@ -91,7 +91,8 @@ def doing(
         ModelError: there are no such workers, or a run cannot be kept.
     """
     if place.on == HERE:
-        yield _here(runs, folder, tell, more, wait)
+        with closing(_worker(runs, folder)) as worker:
+            yield _here(worker, folder, tell, more, wait)
     elif place.cluster:
         from neuro.sweeps.cluster import on_cluster
 
@@ -102,11 +103,15 @@ def doing(
             yield lambda items: pool.run(items, tell, more)
 
 
-def _here(runs: Sweep | Search, folder: Folder, tell: Tell, more: More | None, wait: bool) -> Do:
-    """One after the other in this process, which cannot end a run that takes too long."""
+def _worker(runs: Sweep | Search, folder: Folder) -> Worker:
+    """Who does runs in this process, which cannot end one that takes too long."""
     if runs.limits.seconds is not None:
         raise ModelError("a limit of time needs a process for each run: expected on = 'cores'")
-    worker = Worker(folder, runs.run, runs.limits, runs.inputs)
+    return Worker(folder, runs.run, runs.limits, runs.inputs)
+
+
+def _here(worker: Worker, folder: Folder, tell: Tell, more: More | None, wait: bool) -> Do:
+    """One after the other in this process."""
 
     def next_ones() -> Sequence[Item]:
         return more(1) if more is not None else ()

@@ -50,6 +50,10 @@ class Worker:
         self._claims.beat()
         self._pruner: Pruner | None = None
 
+    def close(self) -> None:
+        """No more runs are wanted."""
+        self._claims.close()
+
     def do(self, item: Item, attempt: int = 1) -> dict[str, Any]:
         """One run, unless it is there or somebody else's: how it ended, as plain data."""
         if self._folder.has(item.key) and self._folder.outcome(item.key) is not None:

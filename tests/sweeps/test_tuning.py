@@ -4,6 +4,7 @@ import json
 import os
 import subprocess
 import sys
+import threading
 from pathlib import Path
 
 import numpy as np
@@ -14,10 +15,11 @@ from hypothesis import strategies as st
 import neuro
 from neuro import ModelError
 from neuro.rerun.again import rerun
-from neuro.sweeps.claims import Claims
+from neuro.sweeps.claims import Claims, claimed
 from neuro.sweeps.folder import Folder
 from neuro.sweeps.tuning.objectives import front
 from neuro.sweeps.tuning.plan import Plan, plan_of
+from neuro.sweeps.worker import Worker
 
 pytest.importorskip("optuna", reason="the extra tune is not installed")
 FOLDER = Path(__file__).parent
@@ -74,6 +76,31 @@ def test_one_worker_asks_for_the_same_trials_twice(runs, tmp_path, sampler):
         assert sorted(zip(whole.column("x"), whole.column("y"), strict=True)) == [
             (x, y) for x in sorted(set(whole.column("x"))) for y in (0.0, 1.0, 2.0)
         ]
+
+
+@pytest.mark.parametrize("stopped", [KeyboardInterrupt, ModelError], ids=["by a user", "by a full disk"])
+def test_the_same_process_goes_on_after_an_interrupt(runs, tmp_path, monkeypatch, stopped):
+    """Trials under way are nobody's then, so the second call does not wait for the first."""
+    before, number = set(threading.enumerate()), {"asked": 0}
+
+    def do(worker, item):
+        number["asked"] += 1
+        if number["asked"] == 3:
+            raise stopped("now")
+        return whole(worker, item)
+
+    whole = Worker.do
+    space, words = {"x": list(range(8))}, {"trials": 6, "sampler": "random"}
+    monkeypatch.setattr(Worker, "do", do)
+    with pytest.raises(stopped):
+        tune(runs.bowl, space, tmp_path / "out", **words)
+    assert claimed(tmp_path / "out" / "claims") == []
+    table = tune(runs.bowl, space, tmp_path / "out", **words)
+    assert table.counts() == {"done": 6, "failed": 0, "pruned": 0, "left": 0}
+    assert table.csv() == tune(runs.bowl, space, tmp_path / "whole", **words).csv()
+    for each in set(threading.enumerate()) - before:
+        each.join(timeout=10.0)
+        assert not each.is_alive(), "who asked has left a thread"
 
 
 def test_processes_ask_for_what_this_one_does(runs, tmp_path):

@@ -146,8 +146,8 @@ def test_a_loss_that_is_no_number_stops_and_keeps_what_was_good(neuro, folder, f
     status, _, err = neuro(file, "--data", folder, *QUICK)
     assert status == 2
     told = "epoch 3, batch 3 of 4: the loss is nan: expected a number; what was learnt until the end of epoch 2 is kept"
-    assert told in err
-    assert "hint: a smaller --rate" in err
+    assert f"{told} in trained.yaml.training\n" in err
+    assert "hint: a smaller --rate, or a smaller --cost, under another --out" in err
     monkeypatch.setattr(trainer, "_loss", loss)
     assert (tmp_path / "trained.yaml.training").exists()
     assert neuro(file, "--data", folder, *QUICK)[0] == 0
@@ -166,7 +166,7 @@ def test_weights_that_are_no_numbers_are_not_kept(neuro, folder, file, monkeypat
     monkeypatch.setattr(trainer._Training, "_batch", spoilt)
     status, _, err = neuro(file, "--data", folder, *QUICK)
     assert status == 2
-    assert "epoch 1: weights of 'hidden_out' are no numbers at its end: expected a number" in err
+    assert "epoch 1: weights of 'hidden_out' are no numbers at its end: expected a number\n" in err
 
 
 def test_joules_that_cost_something_are_fewer(told):
@@ -264,6 +264,8 @@ def test_a_warp_keeps_the_middle_and_stays_small():
         (["--bits", 9], "bits = 9: weights of loihi have 8: expected 1 to 8"),
         (["--learn", "in_hiden"], "unknown projection 'in_hiden'"),
         (["--device", "cuda:7"], "--device cuda:7: torch has no such device here: expected one of cpu"),
+        (["--device", "meta"], "--device meta: torch has no such device here: expected one of cpu"),
+        (["--without", "*"], "--without *: leaves none of the 24 recordings of"),
         (["--duration", 61], "duration = 61 ms"),
         (["--folds", 2, "--test", "Test"], "--folds and --test: expected one of them"),
         (["--folds", 2, "--backends", "event,lohi"], "unknown backend 'lohi'"),

@@ -65,6 +65,10 @@ class Asker:
         with self._alone():
             self._study = study_of(folder, tuple(plan.objectives.values()), pruner=pruner_of(plan.prune))
 
+    def close(self) -> None:
+        """Leave trials under way to who asks next."""
+        self._claims.close()
+
     def more(self, number: int) -> Sequence[Item]:
         """Up to so many runs that are next; trials are asked for where there are none left of those before."""
         while len(self._queue) < number and (trial := self._next()) is not None:

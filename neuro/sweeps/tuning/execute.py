@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Mapping, Sequence
+from contextlib import closing
 
 from neuro.core.errors import ModelError
 from neuro.core.progress import Bar
@@ -51,7 +52,15 @@ def execute(
     begin(search, folder)
     if retry:
         retry_failed(search.plan, search.before, folder)
-    asker = Asker(search.plan, search.before, folder, _share(search.plan.most, place.part))
+    with closing(Asker(search.plan, search.before, folder, _share(search.plan.most, place.part))) as asker:
+        _ask(asker, search, folder, place, bar, hear)
+        return asker.counts()
+
+
+def _ask(
+    asker: Asker, search: Search, folder: Folder, place: Place, bar: Bar | None, hear: Callable[[str], None] | None
+) -> None:
+    """Do the runs that are asked for, and wait for trials of others where this is no part."""
 
     def show() -> None:
         if bar is not None:
@@ -72,7 +81,6 @@ def execute(
             time.sleep(POLL_S)  # others work on what is left, and may die
             if items := asker.more(1):
                 do(items)
-    return asker.counts()
 
 
 def hold_out(search: Search, folder: Folder, points: Sequence[Point], place: Place, bar: Bar) -> None:
