@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 from neuro.core import keyed_random
+from neuro.core.threads import mapped
 from neuro.kernels.lanes import LANES
 from neuro.model.neurons import Generator, Neuron
 from neuro.model.parts import lateral_reset, local_winners, winner_take_all
@@ -27,7 +28,7 @@ LINE = 16
 def build(program: Program, threads: int, eager: bool = True, edges: Ints | None = None) -> Arrays:
     """Lay out a program for a number of threads, or cut at given edges."""
     where = layout.places(program)
-    arranged = [layout.synapses(program, q, where) for q in range(len(program.projections))]
+    arranged = list(mapped(lambda q: layout.synapses(program, q, where), range(len(program.projections)), threads))
     learning = [q for q, p in enumerate(program.projections) if layout.learns_pairs(p)]
     longest = _longest_delay(program)
     slots = layout.power_of_two(2 * longest + 2)

@@ -93,17 +93,22 @@ def csr_own(targets, first, last, weights, w, m, receptors, stride, buf, out, du
 
 
 @inner
-def csr_delayed(view, row, source_id, m, step, thread, receptors, mark, slots):
-    """One spike over a projection whose synapses have delays of their own, into its ring."""
+def csr_delayed(view, row, source_id, m, step, thread, lo, hi, receptors, mark, slots):
+    """One spike over a projection whose synapses have delays of their own, into its ring, to the targets lo:hi.
+
+    The synapses of a source may lie by delay, so those of one thread's targets are not together.
+    """
     net = net_of(view)
-    blocks = net.awake.shape[0]
-    place = row[ROW] + source_id * (net.edges.shape[1] - 1) + thread
+    threads, blocks = net.edges.shape[1] - 1, net.awake.shape[0]
+    place = row[ROW] + source_id * threads
     size, base, apart = row[RING_SIZE], base_of(row), told_apart(row, receptors)
-    for e in range(net.rows[place], net.rows[place + 1]):
+    for e in range(net.rows[place], net.rows[place + threads]):
+        target = np.int64(net.targets[e])
+        if target < lo or target >= hi:
+            continue
         s = e - row[SYNAPSE]
         at = step + np.int64(net.delays[row[DELAY] + s * row[DELAY_STRIDE]])
         weight = net.weights[row[WEIGHT] + s * row[WEIGHT_STRIDE]] * m
-        target = np.int64(net.targets[e])
         to = (at & row[RING_MASK]) * receptors + base + receptor(weight, apart)
         net.buf[row[RING] + to * size + target] += weight
         net.due[thread, (at & slots) * blocks + mark + (target >> _BLOCK)] = 1
@@ -257,7 +262,7 @@ def log_delivery(view, q, j, k, thread, ring):
             source_id = np.int64(net.log_ids[t, place & mask]) - source[BEGIN]
             m = np.float64(net.log_counts[t, place & mask])
             if own_delays:
-                csr_delayed(view, row, source_id, m, j, thread, receptors, target[FIRST_BLOCK], slots)
+                csr_delayed(view, row, source_id, m, j, thread, lo, hi, receptors, target[FIRST_BLOCK], slots)
             else:
                 scatter(view, row, source_id, m, thread, lo, hi, n, apart, out, between, mark, spot)
     if wide:

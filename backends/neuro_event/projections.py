@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from functools import partial
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from neuro.core.threads import mapped
 from neuro.model.neurons import Neuron
 from neuro.program.program import Floats, Grid, Ints, Population, Program, Projection
 from neuro_event import layout, memory
@@ -71,9 +73,9 @@ def add_projections(a: Arrays) -> None:
     a.net["projections"] = table
     a.net["rows"] = _joined(rows, np.int64)
     a.net["runs"] = np.zeros(n_runs, dtype=np.uint32)
-    for q in np.flatnonzero(table[:, t.RUN] >= 0).tolist():
-        _fill_runs(a, q)
-    a.net["queue"] = np.zeros((a.net["edges"].shape[1] - 1, QUEUE, 3), dtype=np.int64)
+    threads = a.net["edges"].shape[1] - 1
+    list(mapped(partial(_fill_runs, a), np.flatnonzero(table[:, t.RUN] >= 0).tolist(), threads))
+    a.net["queue"] = np.zeros((threads, QUEUE, 3), dtype=np.int64)
     a.net["targets"] = _joined(targets, np.int32)
     a.net["weights"] = _joined(weights, np.float64)
     if any(p.synapse.learns == "trials" for p in program.projections):

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import fields, replace
 from functools import cache
 from typing import Any
@@ -31,6 +30,7 @@ from neuro.core.clock import NEVER, Clock
 from neuro.core.errors import ModelError
 from neuro.core.keyed_random import generator
 from neuro.core.quantities import word_of
+from neuro.core.threads import mapped
 from neuro.model.distributions import DISTRIBUTIONS, Distribution
 from neuro.model.network import Network
 from neuro.model.neurons import (
@@ -113,11 +113,7 @@ def _projections(
     def resolve(part: Projection) -> resolved.Projection:
         return _projection(net, part, shapes, clock, seed, many, None if made is None else made[part.name])
 
-    if threads == 1 or len(net.projections) < 2:
-        yield from map(resolve, net.projections.values())
-        return
-    with ThreadPoolExecutor(threads) as pool:
-        yield from pool.map(resolve, net.projections.values())
+    return mapped(resolve, list(net.projections.values()), threads)
 
 
 def _delays(part: resolved.Projection, resolution: float) -> tuple[int, ...]:

@@ -1,0 +1,97 @@
+"""Within a slice threads know nothing of each other: whoever runs first, the result is the same."""
+
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+
+import neuro
+from neuro.compiler import drawn, resolve
+from neuro.model.network import Network
+from neuro.program.program import Ints
+from neuro.testing import observe
+from neuro.testing.case import differences
+from neuro.testing.strategies import networks
+from neuro_event import engine, layout, loop
+from neuro_event import tables as t
+from neuro_event.threads import LINE
+
+
+class InTurn:
+    """In place of `Threads`: the parts of each slice one after the other, the last thread's first."""
+
+    def __init__(self, n: int) -> None:
+        self._n = n
+
+    def run(self, view: Ints, first: int, last: int, longest: int, reach: int, h: float) -> int:
+        step = first
+        while step < last:
+            end = min(step + longest, last)
+            if loop.has_room(view, step, 2 * longest, reach) < 2 * longest:  # thread 0 asks when others are done
+                reached = loop.run(view, step, end, longest, reach, h)
+                if reached < end:
+                    return int(reached)
+            else:
+                self._slice(view, step, end, longest, reach, h)
+            step = end
+        for thread in range(self._n):
+            loop.finish(view, thread, step - 1, h)
+        return step
+
+    def _slice(self, view: Ints, step: int, end: int, longest: int, reach: int, h: float) -> None:
+        told = np.full((self._n + 1, LINE), step, dtype=np.int64)
+        told[self._n, 0] = end
+        for thread in range(self._n - 1, 0, -1):
+            assert loop.share(view, told, thread, end, longest, reach, h) == 0
+        assert loop.share(view, told, 0, end, longest, reach, h) == 1
+        assert (told[: self._n, 0] == end).all()
+
+
+def ran(net: Network, threads: int, pieces: list[float], seed: int = 1) -> dict[str, Any]:
+    """What is seen after some runs."""
+    sim = neuro.compile(net, "event", seed=seed, threads=threads)
+    for ms in pieces:
+        sim.run(ms)
+    return observe(sim)
+
+
+@pytest.mark.parametrize("few", [0, 1 << 16], ids=["into a ring", "in runs"])
+@pytest.mark.parametrize("many", [100, 1 << 20], ids=["by delay", "by target"])
+def test_delays_of_their_own(few: int, many: int, monkeypatch: pytest.MonkeyPatch):
+    """Synapses of one source lie by delay in very large networks, and those of all threads' targets between another."""
+    for module in (drawn, resolve):
+        monkeypatch.setattr(module, "MANY", many)
+    monkeypatch.setattr(layout, "_FEW_RUNS", few)
+    net = neuro.Network("own", resolution=0.1)
+    cell = neuro.iaf_psc_exp(tau_syn_ex=0.5, tau_syn_in=0.5, I_e=450.0)
+    net.population("cells", 1500, cell, initial={"V_m": neuro.uniform(low=-70.0, high=-55.0)})
+    net.population("others", 1200, cell)
+    late = neuro.uniform(low=0.1, high=2.0)
+    weight = neuro.normal(mean=200.0, std=90.0)
+    net.connect("cells", "others", neuro.fixed_total_number(n=9000), weight=weight, delay=late)
+    net.connect("others", "cells", neuro.fixed_indegree(n=5), weight=80.0, delay=late)
+    columns = neuro.compile(net, "event", seed=1)._engine._a.net["projections"]  # type: ignore[attr-defined]
+    assert (columns[:, t.RUN] >= 0).all() == (few > 0)
+    alone = ran(net, 1, [20.0])
+    assert alone["spikes of others: steps"].size > 100
+    with monkeypatch.context() as patched:
+        patched.setattr(engine, "Threads", InTurn)
+        for threads in (2, 3):
+            assert differences(alone, ran(net, threads, [20.0]), exact=True) == []
+            assert differences(alone, ran(net, threads, [0.1] * 5 + [19.5]), exact=True) == []
+
+
+@settings(
+    max_examples=25,
+    deadline=None,
+    derandomize=True,
+    suppress_health_check=[HealthCheck.too_slow, HealthCheck.data_too_large, HealthCheck.function_scoped_fixture],
+)
+@given(net=networks(largest=1300), seed=st.integers(0, 5), threads=st.integers(2, 3))
+def test_random_networks(net: Network, seed: int, threads: int, monkeypatch: pytest.MonkeyPatch):
+    alone = ran(net, 1, [60 * net.resolution], seed)
+    with monkeypatch.context() as patched:
+        patched.setattr(engine, "Threads", InTurn)
+        assert differences(alone, ran(net, threads, [60 * net.resolution], seed), exact=True) == []
