@@ -50,6 +50,7 @@ NEEDS = {
     "a terminal": None,
     "minutes": None,
     "N-MNIST": None,
+    "POKER-DVS": None,
     "MPI": None,
     "NEST": "nest",
     "torch": "torch",

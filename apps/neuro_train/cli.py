@@ -52,6 +52,10 @@ def train(
     duration: Annotated[float, Option(metavar="MS", help="Of each recording, in ms.")] = 100.0,
     start: Annotated[float, Option(metavar="MS", help="What is left out before that, in ms.")] = 0.0,
     scale: Annotated[int, Option(metavar="N", help="Pixels in a row and column that are one neuron.")] = 1,
+    window: Annotated[
+        str | None,
+        Option(metavar="X,Y", help="Of a larger sensor: its part from that pixel, or 'centred' on each recording."),
+    ] = None,
     batch: Annotated[int, Option(metavar="N", help="Recordings between two steps of learning.")] = 20,
     rate: Annotated[float, Option(metavar="R", help="The largest learning rate.")] = 0.01,
     decay: Annotated[float, Option(metavar="R", help="Of weights, in each step, times the rate.")] = 0.01,
@@ -70,7 +74,9 @@ def train(
     augment: Annotated[
         list[str],
         Option(
-            "--augment", metavar="NAME=N", help="shift=2: move by up to 2 px; warp=0.1: turn, scale, shear; repeatable."
+            "--augment",
+            metavar="NAME=N",
+            help="shift=2: move by up to 2 px; warp=0.1: turn, scale, shear; mirror=0.5: every second; repeatable.",
         ),
     ] = [],  # noqa: B006
     cost: Annotated[
@@ -105,6 +111,7 @@ def train(
         duration=duration,
         start=start,
         scale=scale,
+        window=window,
         batch=batch,
         rate=rate,
         decay=decay,

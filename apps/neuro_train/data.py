@@ -16,9 +16,12 @@ from neuro import ModelError
 from neuro.apps import unknown
 from neuro.events.dataset import UNKNOWN
 from neuro_train.plan import Plan
+from neuro_train.window import corner, windowed
 
 if TYPE_CHECKING:
+    from neuro.events import Events as Recorded
     from neuro.events import Recordings
+    from neuro.events.dataset import Sample
     from neuro_torch import Events
 
 __all__ = ["Shown", "but", "check_network", "moved", "show"]
@@ -90,7 +93,7 @@ def show(
     data: Recordings,
     plan: Plan,
     report: Report,
-    hint: str = "set it in the file, or by --set",
+    hint: str = "set it in the file, or by --set; --window centred shows a part of a larger sensor",
 ) -> Shown:
     """Read recordings.
 
@@ -103,21 +106,32 @@ def show(
 
     Raises:
         EventFileError: one is damaged.
-        ModelError: one has no class, there are more classes than neurons of the output, or the pixels are of another
-            sensor.
+        ModelError: one has no class, there are more classes than neurons of the output, the pixels are of another
+            sensor, or the window leaves out too much of one.
     """
     from neuro_torch import Events
 
     shape = tuple(int(side) for side in net.populations[plan.input].shape)
     _check_labels(net, data, plan)
-    _check_sensor(data, shape, plan, hint)
+    if plan.window is None:
+        _check_sensor(data, shape, plan, hint)
     words: Any = {"shape": shape, "step": net.resolution, "duration": plan.duration}
     words |= {"scale": plan.scale, "start": plan.start}
     parts = []
     for k in range(len(data)):
-        parts.append(Events.of_recordings([data[k].load()], plan.input, **words))
+        parts.append(Events.of_recordings([_seen(data[k], shape, plan)], plan.input, **words))
         report("reading recordings", k + 1, len(data))
     return Shown(Events.join(parts), data.labels, data.classes, shape, data.fingerprint()[:32])
+
+
+def _seen(item: Sample, shape: tuple[int, ...], plan: Plan) -> Recorded:
+    """The events of a recording, those of the window where there is one."""
+    events = item.load()
+    if plan.window is None:
+        return events
+    rows, columns = shape[-2:]
+    size = columns * plan.scale, rows * plan.scale
+    return windowed(events, size, corner(plan.window), plan.start, plan.duration, str(item.path))
 
 
 def _check_labels(net: neuro.Network, data: Recordings, plan: Plan) -> None:
@@ -144,9 +158,15 @@ def _check_sensor(data: Recordings, shape: tuple[int, ...], plan: Plan, hint: st
 
 
 def moved(
-    events: Events, population: str, shape: tuple[int, ...], shift: int, warp: float, rng: np.random.Generator
+    events: Events,
+    population: str,
+    shape: tuple[int, ...],
+    shift: int,
+    warp: float,
+    rng: np.random.Generator,
+    mirror: float = 0.0,
 ) -> Events:
-    """Move each recording at random; events that leave the field are lost.
+    """Move, warp and mirror each recording at random; events that leave the field are lost.
 
     Args:
         events: a batch.
@@ -155,6 +175,7 @@ def moved(
         shift: px on each axis, at most.
         warp: by how much each is turned (rad), made larger and sheared (shares) about the middle, at most.
         rng: draws.
+        mirror: share of them that are mirrored, left to right.
     """
     from neuro_torch import Events
 
@@ -163,6 +184,8 @@ def moved(
     recording = np.repeat(np.arange(events.batch), np.diff(train.ends))
     place, x = np.divmod(train.neuron.astype(np.int64), columns)
     sheet, y = np.divmod(place, rows)
+    if mirror:
+        x = np.where((rng.random(events.batch) < mirror)[recording], columns - 1 - x, x)
     if warp:
         middle = (columns - 1) / 2, (rows - 1) / 2
         by = rng.uniform(-warp, warp, (3, events.batch))
@@ -172,7 +195,7 @@ def moved(
     inside = (x >= 0) & (x < columns) & (y >= 0) & (y < rows)
     neuron = ((sheet * rows + y) * columns + x)[inside].astype(np.int32)
     step, recording = train.step[inside], recording[inside]
-    if warp:  # pixels may have come to one, and lie in another order
+    if warp or mirror:  # pixels may have come to one, and lie in another order
         return Events(events.batch, events.steps, {population: (recording, step, neuron)})
     ends = np.concatenate(([0], np.cumsum(np.bincount(recording, minlength=events.batch))))
     return Events.of_trains(events.steps, {population: type(train)(ends, step, neuron)})

@@ -9,11 +9,13 @@ from typing import Any
 
 from neuro import ModelError
 from neuro.apps import unknown
+from neuro_train.window import corner
 
 __all__ = ["LOSSES", "Plan", "augmentation", "costs"]
 
 LOSSES = ("count", "potential", "first_spike")
-AUGMENTATIONS = {"shift": "a whole number of px >= 0", "warp": "a share, 0 to less than 1"}
+SHARE = "a share, 0 to less than 1"
+AUGMENTATIONS = {"shift": "a whole number of px >= 0", "warp": SHARE, "mirror": SHARE}
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -28,6 +30,8 @@ class Plan:
         duration: of a recording, ms.
         start: ms from a recording's first event to its first step.
         scale: pixels in a row and in a column that are one neuron.
+        window: the part of a larger sensor that is seen: "centred" round what each recording shows, or column and row
+            of its first pixel, as in "40,32"; None: the sensor is as large as the population.
         batch: recordings between two steps of learning.
         rate: the largest learning rate of the cycle.
         decay: of weights, a share of themselves x the learning rate in each step.
@@ -36,6 +40,7 @@ class Plan:
         surrogate, slope: see `neuro_torch.surrogates`.
         shift: px by which recordings are moved at random on each axis.
         warp: by how much recordings are turned (rad), made larger and sheared (shares) at random.
+        mirror: share of the recordings, drawn at random, that are mirrored, left to right.
         cost: what a microjoule of a recording adds to the loss, by chip.
         bits: of the weights while they learn, on the first chip of `cost`, or Loihi; None: as they are.
         prune: share of the synapses that go, the smallest, after half of the epochs.
@@ -54,6 +59,7 @@ class Plan:
     duration: float = 100.0
     start: float = 0.0
     scale: int = 1
+    window: str | None = None
     batch: int = 20
     rate: float = 0.01
     decay: float = 0.01
@@ -63,6 +69,7 @@ class Plan:
     slope: float = 1.0
     shift: int = 0
     warp: float = 0.0
+    mirror: float = 0.0
     cost: Mapping[str, float] = field(default_factory=dict)
     bits: int | None = None
     prune: float = 0.0
@@ -77,11 +84,13 @@ class Plan:
             _expect(name, getattr(self, name), lambda v: 0.0 < v < math.inf, f"a number > 0{unit}")
         for name in ("decay", "start"):
             _expect(name, getattr(self, name), lambda v: 0.0 <= v < math.inf, "a number >= 0")
-        for name in ("prune", "warp"):
-            _expect(name, getattr(self, name), lambda v: 0.0 <= v < 1.0, "a share, 0 to less than 1")
+        for name in ("prune", "warp", "mirror"):
+            _expect(name, getattr(self, name), lambda v: 0.0 <= v < 1.0, SHARE)
         for name in ("bits", "neurons_per_core"):
             if getattr(self, name) is not None:
                 self._whole(name, 1)
+        if self.window is not None:
+            corner(self.window)
         if self.loss not in LOSSES:
             raise unknown("loss", self.loss, LOSSES)
         for name, weight in self.cost.items():

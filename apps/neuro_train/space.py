@@ -16,7 +16,19 @@ __all__ = ["Space", "parted", "space"]
 Space = dict[str, list[Any]]
 """Values to choose from, by name."""
 
-OF_PLAN = ("prune", "rate", "decay", "slope", "temperature", "warp", "epochs", "batch", "bits", "neurons_per_core")
+OF_PLAN = (
+    "prune",
+    "rate",
+    "decay",
+    "slope",
+    "temperature",
+    "warp",
+    "mirror",
+    "epochs",
+    "batch",
+    "bits",
+    "neurons_per_core",
+)
 """Words of a plan that may vary, beside the duration."""
 
 STEPS = (1, 2, 4)

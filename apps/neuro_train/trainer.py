@@ -194,8 +194,8 @@ class _Training:
         """One step of learning; gives what is noted of it."""
         plan, labels = self._plan, self._labels[torch.from_numpy(chosen)].to(self._plan.device)
         events = self._shown.events[chosen.tolist()]
-        if plan.shift or plan.warp:
-            events = moved(events, plan.input, self._shown.shape, plan.shift, plan.warp, rng)
+        if plan.shift or plan.warp or plan.mirror:
+            events = moved(events, plan.input, self._shown.shape, plan.shift, plan.warp, rng, plan.mirror)
         rate = self._rate(self.done * self._batches + k)
         for group in self._optimiser.param_groups:
             group["lr"] = rate
