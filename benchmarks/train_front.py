@@ -11,11 +11,12 @@ from matplotlib.figure import Figure
 
 from neuro.apps import write_picture
 from neuro_recognise.evaluate import wilson
+from neuro_train.front import logarithmic
 
 REMUS = ((149.0, 217), (175.0, 218), (210.0, 224), (477.0, 220), (548.0, 224))
 """Microjoules, and right of 250 held out: docs/how-to/tune.md, two epochs."""
-WHOLE = (465.0, 910)
-"""ReMuS after eight epochs, and right of 1000 in five folds: docs/how-to/remus.md, docs/reference/recognisers.md."""
+WHOLE = (468.0, 914)
+"""ReMuS after eight epochs, and right of 1000 in five folds: docs/reference/recognisers.md."""
 
 
 def figure(rows):
@@ -30,7 +31,7 @@ def figure(rows):
     drawn(axis, held, "D", "#0072B2", "its front, learnt anew, held out")
     drawn(axis, [(*each, 250) for each in REMUS], "s", "#D55E00", "ReMuS, two epochs, held out")
     drawn(axis, [(*WHOLE, 1000)], "*", "#D55E00", "ReMuS, eight epochs, five folds")
-    axis.set_xscale("log")
+    logarithmic(axis)
     axis.set_xlabel("microjoules of a recording on Loihi")
     axis.set_ylabel("right decisions, %")
     axis.legend(frameon=False, fontsize="small", loc="lower right")

@@ -13,9 +13,10 @@ from neuro.apps import Kind, console, table, write_picture, write_text
 from neuro_recognise.evaluate import wilson
 
 if TYPE_CHECKING:
+    from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-__all__ = ["Place", "draw", "show", "write"]
+__all__ = ["Place", "draw", "logarithmic", "show", "write"]
 
 CSV = Kind("a table of 'neuro train --search'", lambda path: path.read_bytes()[:8] == b"network,")
 GREY, BLUE = "0.65", "#0072B2"
@@ -94,11 +95,22 @@ def draw(places: Sequence[Place], chip: str) -> Figure:
     axis.errorbar(
         spent, share, yerr=(below, above), fmt="D", color=BLUE, label=label, markersize=5, linewidth=1.2, capsize=2
     )
-    axis.set_xscale("log")
+    logarithmic(axis)
     axis.set_xlabel(f"microjoules of a recording on {chip}")
     axis.set_ylabel("right decisions, %")
     axis.legend(frameon=False, fontsize="small", loc="lower right")
     return figure
+
+
+def logarithmic(axis: Axes) -> None:
+    """Logarithms of what is there along the axis, with numbers as people write them."""
+    from matplotlib.ticker import LogLocator, MaxNLocator, NullFormatter
+
+    axis.set_xscale("log")
+    low, high = axis.get_xlim()
+    axis.xaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)) if high > 5.0 * low else MaxNLocator(6))
+    axis.xaxis.set_major_formatter("{x:g}")
+    axis.xaxis.set_minor_formatter(NullFormatter())
 
 
 def _at(places: Sequence[Place]) -> tuple[list[float], list[float]]:

@@ -90,9 +90,10 @@ def _parts(plan: Plan, trained: Trained, tried: Sequence[Tried], recordings: int
         yield tag("p", ABOUT)
     if len(trained.curves["loss"]):
         yield tag("h2", "While it learnt")
-        yield html.picture(curves(trained.curves), "loss, accuracy and joules by epoch")
+        drawn = (html.picture(drawing, f"{label} by epoch") for label, drawing in curves(trained.curves).items())
+        yield tag("div", *drawn, class_="grid")
     yield tag("h2", "How it was trained")
-    words = ((name, str(value)) for name, value in plan.as_words().items() if value not in (None, [], {}, 0.0, ""))
+    words = ((name, _word(value)) for name, value in plan.as_words().items() if value not in (None, [], {}, 0.0, ""))
     yield html.table(("what", "value"), list(words))
     yield tag("pre", str(trained.module.plan))
     if sources := list(footnotes([each.bill for each in tried if each.bill], True)):
@@ -100,17 +101,30 @@ def _parts(plan: Plan, trained: Trained, tried: Sequence[Tried], recordings: int
         yield tag("ul", *(tag("li", line) for line in sources))
 
 
-def curves(noted: Mapping[str, npt.NDArray[np.float64]]) -> Figure:
-    """Loss and accuracy on what is learnt from, epoch by epoch; joules where they were asked for."""
+def _word(value: Any) -> str:
+    """As it is written on the command line."""
+    if isinstance(value, Mapping):
+        return ", ".join(f"{name}={_word(each)}" for name, each in value.items())
+    if isinstance(value, list):
+        return ", ".join(value)
+    return f"{value:g}" if isinstance(value, float) else str(value)
+
+
+def curves(noted: Mapping[str, npt.NDArray[np.float64]]) -> dict[str, Figure]:
+    """Loss and accuracy on what is learnt from, epoch by epoch; joules where they were asked for: drawings by label."""
     from matplotlib.figure import Figure
+    from matplotlib.ticker import MaxNLocator
 
     shown = [("loss", "loss", 1.0), ("right", "right, %", 100.0)]
     if noted["joules"].any():
         shown.append(("joules", "joules of a recording, uJ", 1e6))
-    figure = Figure(figsize=(3.4 * len(shown), 2.6), dpi=140, layout="constrained")
-    for axis, (name, label, unit) in zip(np.atleast_1d(figure.subplots(1, len(shown))), shown, strict=True):
+    drawn = {}
+    for name, label, unit in shown:
+        drawn[label] = figure = Figure(figsize=(3.4, 2.6), dpi=140, layout="constrained")
+        axis = figure.subplots()
         axis.plot(np.arange(1, len(noted[name]) + 1), unit * noted[name], color="#0072B2", lw=1.4)
         axis.set_xlabel("epoch")
         axis.set_ylabel(label)
+        axis.xaxis.set_major_locator(MaxNLocator("auto", integer=True))
         axis.spines[["top", "right"]].set_visible(False)
-    return figure
+    return drawn

@@ -15,6 +15,7 @@ import neuro_models
 from neuro import ModelError
 from neuro.events import recordings
 from neuro_train import trainer
+from neuro_train.front import Place, draw
 from neuro_train.plan import Plan
 from neuro_train.search import divided
 from neuro_train.space import parted, space
@@ -179,3 +180,19 @@ def test_recordings_to_test_on_have_no_place_in_a_search(neuro, folder, tmp_path
     assert status == 2
     assert "--search with --test: a search tests on recordings of --data that it holds out" in err
     assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize(
+    ("spent", "numbers"), [((1.8, 3.5), "2 2.4 2.8 3.2 3.6"), ((1.0, 500.0), "1 2 5 10 20 50 100 200 500")]
+)
+def test_joules_along_the_figure_are_numbers_as_people_write_them(spent, numbers, tmp_path):
+    places = [
+        Place({"hidden": k}, 0.9, joules, tmp_path / "net.yaml", (9, 10, joules)) for k, joules in enumerate(spent)
+    ]
+    figure = draw(places, "loihi")
+    figure.draw_without_rendering()
+    axis = figure.axes[0]
+    low, high = axis.get_xlim()
+    labels = [tick for tick in axis.xaxis.get_major_ticks() if low <= tick.get_loc() <= high]
+    assert " ".join(tick.label1.get_text() for tick in labels) == numbers
+    assert not any(label.get_text() for label in axis.get_xticklabels(minor=True))

@@ -67,7 +67,14 @@ def test_the_command_writes_a_network_and_a_page_and_tells_of_chips(neuro, folde
     assert not np.array_equal(net.projections["in_hidden"].weight, before.projections["in_hidden"].weight)
     with open("trained.html", encoding="utf-8") as opened:
         page = opened.read()
-    for word in ("loss, accuracy and joules by epoch", str(file), "one scan over all steps"):
+    for word in (
+        "loss by epoch",
+        "right, % by epoch",
+        "uJ by epoch",
+        "loihi=0.1<",
+        str(file),
+        "one scan over all steps",
+    ):
         assert word in page
     import os
 
