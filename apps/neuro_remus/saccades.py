@@ -172,6 +172,8 @@ def _run(jobs: list[Job], workers: int, progress: bool) -> None:
         def show(told: None) -> None:
             if bar is not None:
                 now = next(done)
+                if now <= workers:  # each process compiles before its first
+                    bar.begin(now)
                 bar.show(now, len(jobs), f"recordings: {now:,} of {len(jobs):,}")
 
         side_by_side(_record, jobs, workers, show)

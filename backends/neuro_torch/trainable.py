@@ -50,6 +50,9 @@ def trainable(program: Program, given: Iterable[str] | Mapping[str, Iterable[str
             _check_delay(program, name, each)
             found[0][name] = each
         elif name in neurons and isinstance(asked, Mapping):
+            if "weight" in each:
+                told = f"'{name}' is a population, whose neurons have no weight: expected the name of a projection"
+                raise ModelError(f"trainable: {told}", hint=f"known: {', '.join(projections)}")
             _check_parameters(name, each, neurons[name].parameters)
             found[1][name] = each
         else:

@@ -87,9 +87,15 @@ def number(value: Any) -> Any:
 def network(text: str) -> Path:
     """A file, or that of a published network by its name; a file of that name comes first."""
     from neuro.cli.shipped import published
+    from neuro.core.hints import near
 
     path = Path(text)
-    return path if path.suffix or path.exists() else published().get(text, path)
+    if path.suffix or path.exists():
+        return path
+    known = published()
+    if text not in known and (hint := near(text, known)):
+        raise typer.BadParameter(f"'{text}': no such file, and no published network of that name: {hint}")
+    return known.get(text, path)
 
 
 NetworkFile = Annotated[

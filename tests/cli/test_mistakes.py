@@ -44,6 +44,11 @@ OTHERS = {
     "rnu": "unknown command 'rnu'\n  hint: did you mean 'run'?",
     "run": "Missing argument 'FILE'\n  hint: see 'neuro run --help'",
     "run nope.yaml": "nope.yaml: no such file\n  hint: did you mean 'net.yaml'?",
+    "run microcirciut": (
+        "Invalid value for 'FILE': 'microcirciut': no such file, and no published network of that name: "
+        "did you mean 'microcircuit'?\n  hint: see 'neuro run --help'"
+    ),
+    "run nope": "nope: no such file\n  hint: known: net.yaml",
     "check nope.yaml": "nope.yaml: no such file\n  hint: did you mean 'net.yaml'?",
     "check net.yaml --backend refrence": "unknown backend 'refrence'\n  hint: did you mean 'reference'?",
     "plot nope.h5": "nope.h5: no such file",

@@ -6,6 +6,7 @@ import pytest
 
 from neuro.events import EventFileError, load, recordings
 from neuro_recognise.parts.segmenters import Msd
+from neuro_remus import saccades
 from neuro_remus.digits import RESOURCE, mnist_5k
 from neuro_remus.saccades import Saccades, make_dataset
 
@@ -141,3 +142,24 @@ def test_other_folders_are_left_alone(digits, tmp_path):
     with pytest.raises(EventFileError) as error:
         make_dataset(tmp_path / "set", 0, 0, seed=1, progress=False)
     assert str(error.value) == f"{tmp_path / 'set'}: holds a data set made with other settings, expected a new folder"
+
+
+def test_the_time_left_does_not_count_that_processes_compile_before_their_first(tmp_path, monkeypatch):
+    told = []
+
+    class Told:
+        def __enter__(self):
+            return self
+
+        def __exit__(self, *error):
+            pass
+
+        def begin(self, done):
+            told.append(("begin", done))
+
+        def show(self, done, total, text):
+            told.append((done, total, text))
+
+    monkeypatch.setattr(saccades, "Bar", Told)
+    make_dataset(tmp_path / "set", 3, 0, workers=1)
+    assert told == [("begin", 1), *((k, 3, f"recordings: {k} of 3") for k in (1, 2, 3))]

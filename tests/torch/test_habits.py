@@ -156,6 +156,11 @@ def test_dense_spikes_may_have_a_gradient():
         ({"trainable": None}, "trainable = None: expected names of projections"),
         ({"trainable": [1]}, "trainable = [1]: expected names of projections"),
         ({"trainable": {"up": []}}, "trainable: 'up': found []: expected what of it learns"),
+        (
+            {"trainable": {"out": "weight"}},
+            "trainable: 'out' is a population, whose neurons have no weight: expected the name of a projection\n"
+            "  hint: known: up, down",
+        ),
         ({"duration": 0.0}, "duration = 0.0: expected a time > 0 in ms"),
         ({"duration": "long"}, "duration = 'long': expected a time > 0 in ms"),
         ({"dtype": torch.int64}, "dtype = torch.int64: expected a floating type of torch"),

@@ -1,4 +1,4 @@
-"""Tables of pages in a browser: none runs out of a page of usual width, and on a narrow one they can still be read."""
+"""What pages make of little room, in a browser: tables fit a page of usual width, and nothing is cut on a narrow one."""
 
 import re
 
@@ -51,3 +51,11 @@ def test_many_columns_are_a_list_where_there_is_little_room(shown):
 
 def test_two_columns_stay_a_table(shown):
     assert shown(*SHORT, 600) == ["true", "table-header-group"]
+
+
+def test_titles_of_panels_wrap(chromium, tmp_path):
+    measure = "const h = document.querySelector('h2'); document.title = h.scrollWidth <= h.clientWidth"
+    panel = "<section style='width:150px'><h2>Event camera <span>brighter darker true place</span></h2></section>"
+    page = f"<title>x</title><style>{html.player_style()}</style>{panel}<script>{measure}</script>"
+    (tmp_path / "page.html").write_text(page, "utf-8")
+    assert "<title>true</title>" in chromium("--dump-dom", f"file://{tmp_path / 'page.html'}")
