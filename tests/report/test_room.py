@@ -1,4 +1,4 @@
-"""What pages make of little room, in a browser: tables fit a page of usual width, and nothing is cut on a narrow one."""
+"""What pages make of little room, in a browser: tables fit usual widths, and nothing is cut on a narrow page."""
 
 import re
 
