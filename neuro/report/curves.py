@@ -163,12 +163,20 @@ def _round(ms: float) -> float:
 def ticks(low: float, high: float, most: int) -> list[float]:
     """At most so many round numbers from `low` to `high`, evenly apart, at least two if they can be round."""
     ten = 10.0 ** math.floor(math.log10((high - low) / most))
-    found = [
-        [step * k for k in range(math.ceil(low / step - slack), math.floor(high / step + slack) + 1)]
-        for step in (n * ten for n in (1, 2, 5, 10, 20))
-        for slack in (1e-9, 0.0)  # also those that lie just outside, where there is room for them
-    ]
-    return next((marks for marks in found if len(marks) <= most), found[-1])
+    found = [_multiples(low, high, n * ten, slack) for n in (1, 2, 5, 10, 20) for slack in _SLACK]
+    best = next((marks for marks in found if len(marks) <= most), found[-1])
+    if len(best) > 1:
+        return best
+    threes = (_multiples(low, high, 3 * ten, slack) for slack in _SLACK)  # -2 to 4: not 0 alone, but 0 and 3
+    return next((marks for marks in threes if 1 < len(marks) <= most), best)
+
+
+_SLACK = (1e-9, 0.0)
+"""Of a step: multiples that lie just outside are marks, too, where there is room for them."""
+
+
+def _multiples(low: float, high: float, step: float, slack: float) -> list[float]:
+    return [step * k for k in range(math.ceil(low / step - slack), math.floor(high / step + slack) + 1)]
 
 
 def _number(mark: float, marks: Sequence[float]) -> str:

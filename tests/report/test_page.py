@@ -270,6 +270,9 @@ def test_curves_have_units_round_ticks_and_names():
 
 @given(st.floats(-1e300, 1e300), st.floats(-1e300, 1e300), st.integers(2, 6))
 @example(3.999999998e16, -1.999999998e16, 3)
+@example(-2.0, 4.0, 3)
+@example(-95.0, -7.0, 3)
+@example(-45.4, 40.6, 4)
 def test_ticks_are_few_and_inside(a, b, most):
     picture = curves(np.arange(2.0), [np.array([a, b])], None, 1.0, "mV", "v")
     assert "nan" not in picture
