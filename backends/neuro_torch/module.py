@@ -197,7 +197,8 @@ class Module(torch.nn.Module):
             if each is not None
         }
         if task.device not in self._steppers:
-            self._steppers = {task.device: Stepper(self.program, device=task.device, surrogate=self.surrogate)}
+            with torch.inference_mode(False):
+                self._steppers = {task.device: Stepper(self.program, device=task.device, surrogate=self.surrogate)}
         delays = {name: delay if self.training else self._whole(delay) for name, delay in self.delays.items()}
         tensors = Tensors(dict(self.weights.items()), delays, parameters)
         return stepped(self._steppers[task.device], task, tensors, inputs)
@@ -297,7 +298,9 @@ class Module(torch.nn.Module):
         """The weights of a projection; those that do not learn are the network's in the type of the others."""
         name, key = self.program.projections[projection].name, (projection, task.dtype, task.device)
         if name not in self.weights and key not in self._kept:
-            self._kept[key] = torch.tensor(self._shaped(projection), dtype=task.dtype, device=task.device)
+            # What is made in inference mode could never be trained with.
+            with torch.inference_mode(False):
+                self._kept[key] = torch.tensor(self._shaped(projection), dtype=task.dtype, device=task.device)
         weight: Tensor = self.weights[name] if name in self.weights else self._kept[key]
         return weight
 

@@ -48,6 +48,18 @@ def test_copies_are_equal_and_apart(by):
 
 
 @pytest.mark.parametrize("by", BY)
+def test_training_after_inference(by):
+    asked, fresh = (module_of(trainable={"up": ["weight", "delay"]}, by=by) for _ in range(2))
+    with torch.inference_mode():
+        told = asked(EVENTS)
+        assert told.counts["hidden"].sum() > 0
+    for module in (asked, fresh):
+        module(EVENTS).spikes["out"].sum().backward()
+    assert asked.weights["up"].grad.abs().sum() > 0
+    assert torch.equal(asked.weights["up"].grad, fresh.weights["up"].grad)
+
+
+@pytest.mark.parametrize("by", BY)
 def test_silence_can_be_learnt_from(by):
     module = module_of(by=by)
     outcome = module(neuro_torch.Events(2, 20, {"pixels": ([], [], [])}))
