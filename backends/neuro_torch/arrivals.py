@@ -62,12 +62,14 @@ class Arrivals(torch.autograd.Function):
         x = torch.zeros(max(2, wires.receptors), batch, wires.n_target, dtype=torch.float64, device=wires.device)
         wires.add(x, None, learnt.weights, sent)
         ctx.wires, ctx.learnt, ctx.sent = wires, learnt, sent
+        ctx.save_for_backward(learnt.weights)  # so that torch sees a change of them before the gradients are asked for
         return x
 
     @staticmethod
     def backward(ctx, g):
         """Of the weights: what their synapses brought; of a spike: what all its synapses would have brought."""
-        wires, weights, g = ctx.wires, ctx.learnt.weights, g.contiguous()
+        (weights,) = ctx.saved_tensors
+        wires, g = ctx.wires, g.contiguous()
         asked = zip(ctx.needs_input_grad[5:], ctx.sent, strict=True)
         of_spikes = [_of_spikes(wires, weights, g, d) if needed else None for needed, (d, _) in asked]
         if ctx.needs_input_grad[2] and not wires.relay:

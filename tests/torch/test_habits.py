@@ -60,6 +60,21 @@ def test_training_after_inference(by):
 
 
 @pytest.mark.parametrize("by", BY)
+@pytest.mark.parametrize("recurrent", [False, True], ids=["layers", "recurrent"])
+def test_weights_that_change_before_backward_are_refused(by, recurrent):
+    net = network()
+    net.connect("hidden", "hidden", neuro.all_to_all(), weight=0.1, name="around")
+    module = neuro_torch.Module(net, ["up", "down", "around"], slope=1.0, by=by, dtype=torch.float64)
+    optimiser = torch.optim.SGD([module.weights["around" if recurrent else "down"]], lr=0.1)
+    for part in module.parameters():
+        part.grad = torch.ones_like(part)
+    spikes = module(EVENTS).spikes["out"]
+    optimiser.step()
+    with pytest.raises(RuntimeError, match="modified by an inplace operation"):
+        spikes.sum().backward()
+
+
+@pytest.mark.parametrize("by", BY)
 def test_silence_can_be_learnt_from(by):
     module = module_of(by=by)
     outcome = module(neuro_torch.Events(2, 20, {"pixels": ([], [], [])}))

@@ -206,7 +206,7 @@ class _Scan(torch.autograd.Function):
     def forward(ctx: Any, part: Component, task: Task, learns: bool, *tensors: Tensor) -> tuple[Tensor, ...]:
         n = len(part.cells)
         ctx.set_materialize_grads(False)
-        ctx.part, ctx.task, ctx.weights = part, task, tensors[n:]
+        ctx.part, ctx.task = part, task
         # What spikes of inside bring is added to the input in place: it was made for this scan.
         drives = [each.detach().clone() if part.inside else each.detach().contiguous() for each in tensors[:n]]
         all_ = {
