@@ -27,7 +27,7 @@ from neuro_torch.scan import compiled, layers, operations
 from neuro_torch.scan.task import Task
 from neuro_torch.stepped import Tensors, stepped
 from neuro_torch.stepping import Stepper
-from neuro_torch.surrogates import Surrogate, surrogate_of
+from neuro_torch.surrogates import Plain, Surrogate, surrogate_of
 
 __all__ = ["Module"]
 
@@ -40,8 +40,9 @@ class Module(torch.nn.Module):
         trainable: names of the projections whose weights learn; or what learns by name of a projection or a population:
             {"in_hidden": ["weight", "delay"], "hidden": ["tau_m", "V_th"]}. Weights that synapses share, such as
             kernels of a grid or one number for a projection, are one parameter.
-        surrogate: stands in for the derivative of a spike, by name or itself, see `neuro_torch.surrogates`.
-        slope: of a surrogate that is given by name.
+        surrogate: stands in for the derivative of a spike, by name or itself, see `neuro_torch.surrogates`; or a plain
+            function of x and slope, see `neuro_torch.surrogates.Own`.
+        slope: of a surrogate that is given by name or as a function.
         duration: of a recording in ms; that of each batch if not given.
         outputs: populations whose spikes and potentials are wanted in time; if not given those from which no
             projection starts.
@@ -69,7 +70,7 @@ class Module(torch.nn.Module):
         net: neuro.Network,
         trainable: Iterable[str] | Mapping[str, Iterable[str] | str],
         *,
-        surrogate: str | Surrogate = "fast_sigmoid",
+        surrogate: str | Surrogate | Plain = "fast_sigmoid",
         slope: float | None = None,
         duration: float | None = None,
         outputs: Sequence[str] | None = None,

@@ -191,7 +191,7 @@ class _Adjoint:
         """Through a stretch, from its last step to its first."""
         potential, spikes, fate = self.saved
         grad, slope = self.grad.numpy(), self.c.dtype.type(surrogate.slope)
-        cells.through_spikes(first, last, self.c, potential, surrogate.code, slope, self.to_spikes.numpy(), grad)
+        cells.through_spikes(surrogate.at)(first, last, self.c, potential, slope, self.to_spikes.numpy(), grad)
         known = (first, last, self.c, spikes, fate, self.to_potential, self.carry)
         if self.part.model == "iaf_psc_delta":
             cells.delta_adjoint(*known, grad)
