@@ -141,6 +141,50 @@ def test_weights_set_by_hand():
         module.weights["upp"]
 
 
+@pytest.mark.parametrize("quantised", [False, True])
+@pytest.mark.parametrize(
+    ("value", "found"),
+    [
+        (torch.zeros(3), "(3,) of torch.float32"),
+        (torch.zeros(8, 12), "(8, 12) of torch.float32"),
+        (torch.zeros(1, 12, 8), "(1, 12, 8) of torch.float32"),
+        (torch.zeros(12, 8, dtype=torch.float64), "(12, 8) of torch.float64"),
+        (torch.zeros(12, 8, dtype=torch.complex64), "(12, 8) of torch.complex64"),
+        (torch.zeros(12, 8, dtype=torch.int64), "(12, 8) of torch.int64"),
+        (np.zeros((12, 8), np.float32), "ndarray"),
+        (0.5, "float"),
+    ],
+    ids=lambda each: each if isinstance(each, str) else "",
+)
+def test_weights_that_do_not_fit(value, found, quantised):
+    module = neuro_torch.quantised(module_of(), 4) if quantised else module_of()
+    before = module.weights["up"].clone()
+    with pytest.raises(neuro.ModelError) as error:
+        module.weights["up"] = value
+    expected = "expected a tensor of the shape (12, 8) of torch.float32"
+    assert str(error.value) == f"projection whose weights learn 'up': found {found}: {expected}"
+    assert torch.equal(module.weights["up"], before)
+
+
+def test_parameters_that_do_not_fit():
+    module = module_of(trainable={"up": ["weight", "delay"], "hidden": ["tau_m", "V_th"]})
+    module.neurons["hidden"]["tau_m"] = torch.tensor([12.0])
+    module.delays["up"] = torch.tensor([2.0])
+    assert module.network().populations["hidden"].model.tau_m == 12.0
+    for place, name, told in (
+        (
+            module.neurons,
+            "hidden",
+            "population whose parameters learn 'hidden': expected a tensor for one of V_th, tau_m",
+        ),
+        (module.neurons["hidden"], "tau_m", "parameter of 'hidden' that learns 'tau_m': found (8,) of torch.float32: "),
+        (module.delays, "up", "projection whose delays learn 'up': found (8,) of torch.float32: expected a tensor of "),
+    ):
+        with pytest.raises(neuro.ModelError) as error:
+            place[name] = torch.ones(8)
+        assert str(error.value).startswith(told)
+
+
 @pytest.mark.parametrize("name", ["in.hidden", "keys", "pop", "training", "type", "parametrizations", "weight"])
 def test_any_name_of_a_network(name):
     module = neuro_torch.Module(network(name, "a.b"), {name: ["weight", "delay"], "a.b": "weight"}, slope=1.0)
