@@ -12,6 +12,7 @@ from typing import Any
 import torch
 from torch import Tensor
 
+from neuro_torch.scan.once import once
 from neuro_torch.wires import Emitted, Sent, Wires, added
 
 
@@ -44,6 +45,7 @@ class _Token(torch.autograd.Function):
         return torch.zeros((), dtype=weights.dtype, device=weights.device)
 
     @staticmethod
+    @once
     def backward(ctx, g):
         found, ctx.learnt.gathered = ctx.learnt.gathered, None
         return found, None
@@ -66,6 +68,7 @@ class Arrivals(torch.autograd.Function):
         return x
 
     @staticmethod
+    @once
     def backward(ctx, g):
         """Of the weights: what their synapses brought; of a spike: what all its synapses would have brought."""
         (weights,) = ctx.saved_tensors

@@ -2,6 +2,7 @@
 
 import copy
 import pickle
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -72,6 +73,34 @@ def test_weights_that_change_before_backward_are_refused(by, recurrent):
     optimiser.step()
     with pytest.raises(RuntimeError, match="modified by an inplace operation"):
         spikes.sum().backward()
+
+
+@pytest.mark.parametrize("by", ["kernels", "steps"])
+@pytest.mark.parametrize("name", ["up", "down"])
+def test_a_gradient_of_a_gradient_is_refused(by, name):
+    module = module_of(by=by)
+    (gradient,) = torch.autograd.grad(module(EVENTS).spikes["out"].sum(), module.weights[name], create_graph=True)
+    with pytest.raises(neuro.ModelError) as error:
+        (module(EVENTS).spikes["out"].sum() + gradient.square().sum()).backward()
+    assert str(error.value) == (
+        "a gradient of a gradient: compiled kernels and steps have none\n"
+        "  hint: neuro_torch.Module(..., by='torch') has, where the network is scanned"
+    )
+
+
+def test_a_gradient_of_a_gradient_by_torch():
+    def found(scale):
+        module = module_of(by="torch", dtype=torch.float64, surrogate="arctan")
+        with torch.no_grad():
+            module.weights["down"] += scale
+        potential = module(EVENTS).V_m["out"][:, :6].square().sum()
+        (gradient,) = torch.autograd.grad(potential, module.weights["down"], create_graph=True)
+        return gradient, module.weights["down"]
+
+    gradient, weight = found(0.0)
+    (second,) = torch.autograd.grad(gradient.square().sum(), weight)
+    ends = [found(step)[0].square().sum().item() for step in (-1e-6, 1e-6)]
+    assert second.sum().item() == pytest.approx((ends[1] - ends[0]) / 2e-6, rel=1e-5)
 
 
 @pytest.mark.parametrize("by", BY)
@@ -243,6 +272,73 @@ def test_mistakes(words, told):
 def test_what_is_no_tensor(given, told):
     with pytest.raises(neuro.ModelError, match=f"batch: 'pixels': found {told}: expected a tensor"):
         module_of()({"pixels": given})
+
+
+@pytest.mark.parametrize("by", BY)
+@pytest.mark.parametrize(
+    "given",
+    [
+        DENSE.to_sparse(),
+        DENSE.bool(),
+        DENSE.numpy().astype(bool),
+        DENSE.view(6, 20, 3, 2, 2),
+        DENSE.view(6, 20, 3, 2, 2).to_sparse(),
+        DENSE.view(6, 20, 3, 2, 2).numpy(),
+    ],
+    ids=["sparse", "bool", "numpy", "images", "sparse images", "numpy images"],
+)
+def test_kinds_of_dense_input(given, by):
+    net = network()
+    net.populations["pixels"] = replace(net.populations["pixels"], shape=(3, 2, 2))
+    module = neuro_torch.Module(net, ["up"], by=by)
+    assert torch.equal(module({"pixels": given}).spikes["out"], module(EVENTS).spikes["out"])
+    assert module(EVENTS).counts["hidden"].sum() > 0
+
+
+def test_sparse_input_may_have_a_gradient():
+    found = []
+    for given in (DENSE.clone().requires_grad_(), DENSE.to_sparse().requires_grad_()):
+        module_of()({"pixels": given}).spikes["out"].sum().backward()
+        found.append(given.grad.to_dense() * DENSE)
+    assert found[0].abs().sum() > 0
+    torch.testing.assert_close(found[0], found[1])
+
+
+def holding(value):
+    given = DENSE.clone()
+    given[2, 3, 4] = value
+    return given
+
+
+@pytest.mark.parametrize(
+    ("given", "told"),
+    [
+        (holding(float("nan")), "'pixels': found nan of recording 2, step 3, neuron 4: expected numbers"),
+        (holding(float("-inf")), "'pixels': found -inf of recording 2, step 3, neuron 4: expected numbers"),
+        (holding(float("nan")).to_sparse(), "'pixels': found nan of recording 2, step 3, neuron 4: expected numbers"),
+        (DENSE.to(torch.complex64), "'pixels': found torch.complex64: expected real numbers"),
+        (DENSE[:, :, 0], "'pixels': found the shape (6, 20): expected (batch, steps, neurons)"),
+        (DENSE[0, 0], "'pixels': found the shape (12,): expected (batch, steps, neurons)"),
+        (DENSE.view(6, 20, 3, 4), "'pixels': found the shape (6, 20, 3, 4): expected (batch, steps, 12)"),
+        (DENSE[:0], "found 0 recordings of 20 steps: expected at least one of each"),
+    ],
+)
+@pytest.mark.parametrize("by", BY)
+def test_dense_input_that_does_not_fit(given, told, by):
+    with pytest.raises(neuro.ModelError) as error:
+        module_of(by=by)({"pixels": given})
+    assert str(error.value) == f"batch: {told}"
+
+
+def test_dense_input_of_a_grid_that_does_not_fit():
+    net = network()
+    net.populations["pixels"] = replace(net.populations["pixels"], shape=(3, 2, 2))
+    with pytest.raises(neuro.ModelError, match=r"expected \(batch, steps, 12\) or \(batch, steps, 3, 2, 2\)$"):
+        neuro_torch.Module(net, ["up"])({"pixels": DENSE.view(6, 20, 2, 3, 2)})
+
+
+def test_large_numbers_are_numbers():
+    module_of()({"pixels": torch.full((1, 2, 12), 3e38)})
 
 
 @pytest.mark.parametrize("by", BY)

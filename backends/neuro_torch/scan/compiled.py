@@ -9,11 +9,11 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 from torch import Tensor
-from torch.autograd.function import once_differentiable
 
 from neuro_torch.events import Train
 from neuro_torch.scan import cells, travel
 from neuro_torch.scan.layers import Cells, Component, Synapses
+from neuro_torch.scan.once import once
 from neuro_torch.scan.task import Task
 from neuro_torch.surrogates import Surrogate
 
@@ -68,7 +68,7 @@ class _Drive(torch.autograd.Function):
         return out
 
     @staticmethod
-    @once_differentiable
+    @once
     def backward(ctx: Any, *grads: Tensor) -> Any:
         part, task, (weight,), grad = ctx.part, ctx.task, ctx.saved_tensors, grads[0].contiguous()
         to_weight = to_spikes = None
@@ -227,7 +227,7 @@ class _Scan(torch.autograd.Function):
         return (*spikes, *potentials)
 
     @staticmethod
-    @once_differentiable
+    @once
     def backward(ctx: Any, *grads: Any) -> Any:
         part, task, n = ctx.part, ctx.task, len(ctx.part.cells)
         saved = ctx.saved_tensors
