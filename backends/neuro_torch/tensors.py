@@ -25,7 +25,10 @@ def fitted(part: Population, given: Any, task: Task) -> Tensor:
     Raises:
         ModelError: it has another shape, or holds what are no numbers.
     """
-    tensor = torch.as_tensor(given)
+    try:
+        tensor = torch.as_tensor(given)
+    except TypeError:
+        raise ModelError(f"batch: '{part.name}': found an array of {given.dtype}: expected numbers") from None
     shape = tuple(tensor.shape)
     if shape[2:] not in ((part.size,), part.shape):
         known = dict.fromkeys([(part.size,), part.shape])

@@ -317,6 +317,7 @@ def holding(value):
         (holding(float("-inf")), "'pixels': found -inf of recording 2, step 3, neuron 4: expected numbers"),
         (holding(float("nan")).to_sparse(), "'pixels': found nan of recording 2, step 3, neuron 4: expected numbers"),
         (DENSE.to(torch.complex64), "'pixels': found torch.complex64: expected real numbers"),
+        (DENSE.numpy().astype(object), "'pixels': found an array of object: expected numbers"),
         (DENSE[:, :, 0], "'pixels': found the shape (6, 20): expected (batch, steps, neurons)"),
         (DENSE[0, 0], "'pixels': found the shape (12,): expected (batch, steps, neurons)"),
         (DENSE.view(6, 20, 3, 4), "'pixels': found the shape (6, 20, 3, 4): expected (batch, steps, 12)"),
