@@ -104,6 +104,24 @@ def test_a_gradient_of_a_gradient_by_torch():
 
 
 @pytest.mark.parametrize("by", BY)
+@pytest.mark.parametrize("target", ["hidden", "pixels"], ids=["recurrent", "layers"])
+def test_no_synapse_can_be_learnt_from(by, target):
+    net = neuro.Network("none", resolution=1.0)
+    net.population("pixels", 3, neuro.spike_generator(spike_times=[[1.0]] * 3))
+    net.population("hidden", 2, neuro.iaf_psc_exp(I_e=400.0))
+    nobody = np.zeros(0, dtype=int)
+    net.connect(target, "hidden", neuro.pairs(pre=nobody, post=nobody), weight=np.zeros(0), name="none")
+    net.connect(target, "hidden", neuro.all_to_all(), weight=1.0, delay=90.0, name="late")
+    module = neuro_torch.Module(net, ["none", "late"], by=by)
+    outcome = module(neuro_torch.Events(2, 60, {"pixels": ([], [], [])}))
+    assert outcome.counts["hidden"].sum() > 0
+    gradients = torch.autograd.grad(
+        outcome.spikes["hidden"].sum() + outcome.V_m["hidden"].sum(), list(module.parameters())
+    )
+    assert [each.tolist() for each in gradients] == [[0.0], []]
+
+
+@pytest.mark.parametrize("by", BY)
 def test_silence_can_be_learnt_from(by):
     module = module_of(by=by)
     outcome = module(neuro_torch.Events(2, 20, {"pixels": ([], [], [])}))
