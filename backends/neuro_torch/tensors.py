@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from typing import Any
 
 import torch
@@ -46,7 +45,7 @@ def fitted(part: Population, given: Any, task: Task) -> Tensor:
 
 def _check_finite(part: Population, tensor: Tensor) -> None:
     # A sum is one pass without a copy; it may overflow where no number is at fault.
-    if math.isfinite(float(tensor.sum())) or bool(tensor.isfinite().all()):
+    if tensor.sum().isfinite() or tensor.isfinite().all():
         return
     b, t, i = (~tensor.isfinite()).nonzero()[0].tolist()
     told = f"found {float(tensor[b, t, i])} of recording {b}, step {t}, neuron {i}"

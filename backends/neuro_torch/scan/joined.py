@@ -25,5 +25,8 @@ class _Joined(torch.autograd.Function):
 
     @staticmethod
     def backward(ctx: Any, *grads: Tensor) -> Any:
-        zeros = (torch.zeros(shape, dtype=kind, device=device) for shape, kind, device in ctx.like)
-        return (grads[0], *(each if need else None for need, each in zip(ctx.needs_input_grad[1:], zeros, strict=True)))
+        zeros = [
+            torch.zeros(shape, dtype=kind, device=device) if needed else None
+            for needed, (shape, kind, device) in zip(ctx.needs_input_grad[1:], ctx.like, strict=True)
+        ]
+        return (grads[0], *zeros)
