@@ -37,8 +37,7 @@ def listed(train: Train, task: Task) -> Packed:
 def packed(spikes: Tensor) -> Packed:
     """The spikes of a dense tensor, (batch, steps, neurons)."""
     array = spikes.detach().contiguous().numpy()
-    number = int(np.count_nonzero(array))
-    return _pack(array, 0, array.shape[1], number)
+    return _pack(array, 0, array.shape[1], travel.number(array))
 
 
 def _pack(array: Array, first: int, width: int, room: int) -> Packed:
