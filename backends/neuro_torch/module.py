@@ -50,7 +50,8 @@ class Module(torch.nn.Module):
         dtype: of all numbers, torch's default if not given. With `torch.float64` spikes are those of `event`.
         damping: what gradients are multiplied by each time they go along a synapse of a recurrent part, 0 to 1.
         by: "kernels" (compiled, for CPUs), "torch" (torch's operations, for any device) or "steps"; what is fastest
-            where the parameters are if not given. What no scan fits is stepped anyway.
+            where the parameters are if not given. What no scan fits is stepped anyway. Gradients have gradients by
+            "torch" only.
 
     Attributes:
         weights: the parameters by projection, in mV or pA as the network has them: rows by source of an `all_to_all`,
@@ -120,12 +121,12 @@ class Module(torch.nn.Module):
         """Run a batch from step 0.
 
         Args:
-            batch: `Events`, or by population of generators a dense tensor, (batch, steps, neurons), of spikes or of any
-                numbers by which weights are multiplied; it may have a gradient. A spike_generator that is not named
-                emits what the network lists.
+            batch: `Events`, or by population of generators a tensor of spikes or of any numbers by which weights are
+                multiplied, (batch, steps, neurons) or (batch, steps, *shape of the population); it may have a gradient.
+                A spike_generator that is not named emits what the network lists.
 
         Raises:
-            ModelError: a name or a shape is wrong, or the batch needs more memory than is free.
+            ModelError: a name or a shape is wrong, something is no number, or the batch needs more memory than is free.
         """
         size, steps = feeding.sizes(self.program, batch, self._steps)
         task = self._task(size, steps)
