@@ -264,8 +264,9 @@ def test_some_of_a_batch():
 
 
 def test_dense_spikes_may_have_a_gradient():
-    events = neuro_torch.Events.of_dense({"pixels": DENSE.clone().requires_grad_()})
-    assert len(events.trains["pixels"].step) == int(DENSE.sum())
+    for given in (DENSE.clone(), DENSE.to_sparse()):
+        events = neuro_torch.Events.of_dense({"pixels": given.requires_grad_()})
+        assert len(events.trains["pixels"].step) == int(DENSE.sum())
 
 
 @pytest.mark.parametrize(
