@@ -135,6 +135,8 @@ class Triangle(Surrogate):
 class Own(Surrogate):
     """A function of one's own, in a file or a notebook: of x and slope, in plain arithmetic of numbers.
 
+    Numbers of its module that it reads count as they are when it is first compiled.
+
     ```python
     def gauss(x, slope):
         return math.exp(-((slope * x) ** 2))
