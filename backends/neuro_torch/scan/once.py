@@ -22,10 +22,10 @@ def once(backward: Backward) -> Backward:
 
     @wraps(backward)
     def numbers(ctx: Any, *grads: Any) -> Any:
+        if not torch.is_grad_enabled():
+            return backward(ctx, *grads)
         with torch.no_grad():
             found = backward(ctx, *grads)
-        if not torch.is_grad_enabled():
-            return found
         of: Any = _Last.apply
         each = found if isinstance(found, tuple) else (found,)
         return tuple(of(g.detach().requires_grad_()) if isinstance(g, Tensor) else g for g in each)
