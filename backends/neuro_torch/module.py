@@ -15,7 +15,7 @@ from neuro.compiler import compile_network
 from neuro.core.clock import Clock
 from neuro.core.errors import ModelError, unknown
 from neuro.program.program import Floats
-from neuro_torch import feeding, late, learnt
+from neuro_torch import bounds, feeding, late, learnt
 from neuro_torch import trainable as words
 from neuro_torch.active import active_updates
 from neuro_torch.events import Events
@@ -171,7 +171,8 @@ class Module(torch.nn.Module):
                 found.append((part, weights[part.projection]))
                 continue
             listed, weight = self._one_by_one(part.projection), weights[part.projection]
-            found += late.ways(listed, weight, self.delays[name], self.program.resolution, self.training)
+            steps = bounds.in_steps(self.delays[name], self.program.resolution, name)
+            found += late.ways(listed, weight, steps, self.training)
         return found
 
     def _one_by_one(self, projection: int) -> layers.Synapses:
@@ -185,7 +186,8 @@ class Module(torch.nn.Module):
         name = self.program.projections[projection].name
         if name not in self.delays:
             return layers.synapses(self.program, projection)
-        return layers.delayed(self._one_by_one(projection), late.rounded(self.delays[name] / self.program.resolution))
+        steps = bounds.in_steps(self.delays[name], self.program.resolution, name)
+        return layers.delayed(self._one_by_one(projection), late.rounded(steps))
 
     def _stepped(self, given: Mapping[int, Any], task: Task) -> tuple[dict[int, Any], dict[int, Tensor]]:
         """The same, step by step."""
@@ -198,16 +200,34 @@ class Module(torch.nn.Module):
         }
         if task.device not in self._steppers:
             self._steppers = {task.device: Stepper(self.program, device=task.device, surrogate=self.surrogate)}
-        delays = {name: delay if self.training else self._whole(delay) for name, delay in self.delays.items()}
+        delays = {name: delay if self.training else self._whole(name) for name, delay in self.delays.items()}
         tensors = Tensors(dict(self.weights.items()), delays, parameters)
         return stepped(self._steppers[task.device], task, tensors, inputs)
 
-    def _whole(self, delay: Tensor) -> Tensor:
-        """The nearest whole steps of delays in ms, in ms."""
-        return (delay / self.program.resolution).round().clamp(min=1.0) * self.program.resolution
+    def _whole(self, name: str) -> Tensor:
+        """The nearest whole steps of the delays of a projection, in ms."""
+        steps = bounds.in_steps(self.delays[name].detach().double(), self.program.resolution, name)
+        return steps.round() * self.program.resolution
+
+    def hold(self) -> None:
+        """Put what left its bounds back into them: for after each step of an optimiser.
+
+        Delays are at least one step, parameters of neurons within the bounds that their model has, and V_th is above
+        V_reset. What may not reach its bound, such as tau_m 0, is put 0.001 of its unit (ms, mV, pF) inside. Nothing
+        else is changed.
+
+        Raises:
+            ModelError: something that learns is no number any more, or a delay longer than any may be; it says what.
+        """
+        bounds.hold(self.program, self.weights, self.delays, self.neurons)
 
     def network(self) -> neuro.Network:
-        """The network with what was learnt, which every backend runs; what was drawn at random is listed in it."""
+        """The network with what was learnt, which every backend runs; what was drawn at random is listed in it.
+
+        Raises:
+            ModelError: something that was learnt is no number, or out of its bounds.
+        """
+        bounds.check(self.program, self.weights, self.delays, self.neurons)
         found = {part.name: q for q, part in enumerate(self.program.projections)}
         taken = {found[name]: w.detach().cpu().double().numpy().reshape(-1) for name, w in self.weights.items()}
         parameters = {
@@ -215,7 +235,7 @@ class Module(torch.nn.Module):
             for name, each in self.neurons.items()
             for word, values in each.items()
         }
-        delays = {name: self._whole(delay.detach().double()).cpu().numpy() for name, delay in self.delays.items()}
+        delays = {name: self._whole(name).cpu().numpy() for name in self.delays}
         return learnt.network_of(self._net, self._seed, taken, parameters, delays)
 
     def __getstate__(self) -> dict[str, Any]:
@@ -299,6 +319,10 @@ class Module(torch.nn.Module):
         if name not in self.weights and key not in self._kept:
             self._kept[key] = torch.tensor(self._shaped(projection), dtype=task.dtype, device=task.device)
         weight: Tensor = self.weights[name] if name in self.weights else self._kept[key]
+        part = self.program.projections[projection]
+        sizes = self.program.populations[part.source].size, self.program.populations[part.target].size
+        if weight.shape != (shape := layers.shape_of(part, sizes)):
+            raise ModelError(f"weights of '{name}': found {tuple(weight.shape)}: expected the shape {shape}")
         return weight
 
     def _first_weight(self, name: str, dtype: torch.dtype) -> torch.nn.Parameter:
