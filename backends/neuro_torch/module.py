@@ -55,8 +55,9 @@ class Module(torch.nn.Module):
         weights: the parameters by projection, in mV or pA as the network has them: rows by source of an `all_to_all`,
             kernels of a grid, else one for each synapse.
         delays: those that learn, by projection, in ms. While training they lie between two steps, and a spike arrives
-            in both in shares; after `module.eval()`, and in `module.network()`, they are the nearest whole steps.
-        neurons: parameters of neurons that learn, by population and word.
+            in both in shares; after `module.eval()`, and in `module.network()`, they are the nearest whole steps. One
+            below a step counts as one.
+        neurons: parameters of neurons that learn, by population and word; `hold` keeps them in their bounds.
         program: the network as backends see it.
         outputs: names of the populations that are wanted in time.
 
@@ -124,7 +125,8 @@ class Module(torch.nn.Module):
                 emits what the network lists.
 
         Raises:
-            ModelError: a name or a shape is wrong, or the batch needs more memory than is free.
+            ModelError: a name or a shape is wrong, the batch needs more memory than is free, or delays or parameters of
+                neurons are out of their bounds.
         """
         size, steps = feeding.sizes(self.program, batch, self._steps)
         task = self._task(size, steps)
