@@ -37,6 +37,7 @@ def sizes(program: Program, batch: Any, steps: int | None) -> tuple[int, int]:
             raise unknown("population of inputs", name, known)
     if isinstance(batch, Events):
         found = {(batch.batch, batch.steps)}
+        _check_trains(batch)
     else:
         for name, each in batch.items():
             if not isinstance(each, (torch.Tensor, np.ndarray)):
@@ -50,6 +51,17 @@ def sizes(program: Program, batch: Any, steps: int | None) -> tuple[int, int]:
     if steps is not None and given != steps:
         raise ModelError(f"batch: found {given} steps: expected {steps}, the module's duration")
     return size, given
+
+
+def _check_trains(batch: Events) -> None:
+    """Refuse spikes before the first neuron and outside of the steps: `Events.of_trains` takes any."""
+    for name, train in batch.trains.items():
+        least, first, last = train.neuron.min(initial=0), train.step.min(initial=0), train.step.max(initial=0)
+        if least < 0:
+            raise ModelError(f"batch: '{name}': found neuron {least}: expected at least 0")
+        if first < 0 or last >= batch.steps:
+            found = first if first < 0 else last
+            raise ModelError(f"batch: '{name}': found step {found}: expected 0 to {batch.steps - 1}")
 
 
 def given_to(part: Population, given: Any, task: Task) -> Train | torch.Tensor | None:

@@ -7,6 +7,7 @@ import neuro
 
 torch = pytest.importorskip("torch", reason="PyTorch is not installed")
 import neuro_torch  # noqa: E402
+from neuro_torch.events import Train  # noqa: E402
 
 BY = ["kernels", "torch", "steps"]
 SPIKE = torch.zeros(1, 30, 1, dtype=torch.float64)
@@ -219,3 +220,21 @@ def test_rounded_weights_that_are_no_numbers_are_told():
     fill(module.weights.parametrizations.w.original, float("nan"))
     with pytest.raises(neuro.ModelError, match="weights of 'w': found nan: expected numbers"):
         module.hold()
+
+
+@pytest.mark.parametrize("by", BY)
+@pytest.mark.parametrize(
+    ("word", "value", "told"),
+    [
+        ("neuron", 1, "neuron 1: expected 0 to 0"),
+        ("neuron", -9, "neuron -9: expected at least 0"),
+        ("step", 30, "step 30: expected 0 to 29"),
+        ("step", -1, "step -1: expected 0 to 29"),
+    ],
+)
+def test_spikes_that_no_array_has_are_refused(by, word, value, told):
+    train = {"ends": np.array([0, 1]), "step": np.array([2], dtype=np.int32), "neuron": np.array([0], dtype=np.int32)}
+    train[word] = np.array([value], dtype=np.int32)
+    batch = neuro_torch.Events.of_trains(30, {"a": Train(**train)})
+    with pytest.raises(neuro.ModelError, match=f"batch: 'a': found {told}"):
+        module_of(by=by)(batch)
