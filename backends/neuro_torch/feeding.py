@@ -16,6 +16,17 @@ from neuro_torch.scan.task import Task
 from neuro_torch.sources import Source
 
 
+def _check_trains(batch: Events) -> None:
+    """Refuse spikes before the first neuron and outside of the steps: `Events.of_trains` takes any."""
+    for name, train in batch.trains.items():
+        least, first, last = train.neuron.min(initial=0), train.step.min(initial=0), train.step.max(initial=0)
+        if least < 0:
+            raise ModelError(f"batch: '{name}': found neuron {least}: expected at least 0")
+        if first < 0 or last >= batch.steps:
+            found = first if first < 0 else last
+            raise ModelError(f"batch: '{name}': found step {found}: expected 0 to {batch.steps - 1}")
+
+
 def sizes(program: Program, batch: Any, steps: int | None) -> tuple[int, int]:
     """Recordings and steps of a batch.
 
@@ -51,17 +62,6 @@ def sizes(program: Program, batch: Any, steps: int | None) -> tuple[int, int]:
     if steps is not None and given != steps:
         raise ModelError(f"batch: found {given} steps: expected {steps}, the module's duration")
     return size, given
-
-
-def _check_trains(batch: Events) -> None:
-    """Refuse spikes before the first neuron and outside of the steps: `Events.of_trains` takes any."""
-    for name, train in batch.trains.items():
-        least, first, last = train.neuron.min(initial=0), train.step.min(initial=0), train.step.max(initial=0)
-        if least < 0:
-            raise ModelError(f"batch: '{name}': found neuron {least}: expected at least 0")
-        if first < 0 or last >= batch.steps:
-            found = first if first < 0 else last
-            raise ModelError(f"batch: '{name}': found step {found}: expected 0 to {batch.steps - 1}")
 
 
 def given_to(part: Population, given: Any, task: Task) -> Train | torch.Tensor | None:
