@@ -82,7 +82,7 @@ def test_weights_of_another_shape_are_refused(by):
     net.population("out", 3, neuro.iaf_psc_delta())
     net.connect("a", "out", neuro.pairs(pre=[0, 1, 2, 2], post=[0, 1, 2, 0]), weight=[1.0, 2.0, 3.0, 4.0], name="w")
     module = neuro_torch.Module(net, ["w"], by=by)
-    module.weights["w"] = torch.ones(2)
+    module.weights.w = torch.nn.Parameter(torch.ones(2))
     with pytest.raises(neuro.ModelError, match=r"weights of 'w': found \(2,\)"):
         module({"a": torch.ones(1, 5, 3)})
 
