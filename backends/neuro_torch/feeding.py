@@ -14,6 +14,7 @@ from neuro.program.program import Population, Program
 from neuro_torch.events import Events, Train
 from neuro_torch.scan.task import Task
 from neuro_torch.sources import Source
+from neuro_torch.tensors import fitted
 
 
 def _check_trains(batch: Events) -> None:
@@ -53,6 +54,9 @@ def sizes(program: Program, batch: Any, steps: int | None) -> tuple[int, int]:
         for name, each in batch.items():
             if not isinstance(each, (torch.Tensor, np.ndarray)):
                 raise ModelError(f"batch: '{name}': found {type(each).__name__}: expected a tensor")
+            if each.ndim < 3:
+                told = f"batch: '{name}': found the shape {tuple(each.shape)}"
+                raise ModelError(f"{told}: expected (batch, steps, neurons)")
         found = {tuple(each.shape[:2]) for each in batch.values()}
     if len(found) != 1:
         raise ModelError(f"batch: found (batch, steps) of {sorted(found)}: expected one of all inputs")
@@ -80,10 +84,7 @@ def given_to(part: Population, given: Any, task: Task) -> Train | torch.Tensor |
             told = f"batch: '{part.name}': found neuron {given.neuron.max()}"
             raise ModelError(f"{told}: expected 0 to {part.size - 1}")
         return given
-    if given.ndim != 3 or given.shape[2] != part.size:
-        told = f"batch: '{part.name}': found the shape {tuple(given.shape)}"
-        raise ModelError(f"{told}: expected (batch, steps, {part.size})")
-    return torch.as_tensor(given).to(task.device, task.dtype)
+    return fitted(part, given, task)
 
 
 def emitted(program: Program, part: Population, given: Train | torch.Tensor | None, task: Task, scans: Any) -> Any:
