@@ -57,7 +57,7 @@ def train(
         Option(metavar="X,Y", help="Of a larger sensor: its part from that pixel, or 'centred' on each recording."),
     ] = None,
     batch: Annotated[int, Option(metavar="N", help="Recordings between two steps of learning.")] = 20,
-    rate: Annotated[float, Option(metavar="R", help="The largest learning rate.")] = 0.01,
+    rate: Annotated[float, Option(metavar="R", help="The largest learning rate, for weights of about 0.1.")] = 0.01,
     decay: Annotated[float, Option(metavar="R", help="Of weights, in each step, times the rate.")] = 0.01,
     loss: Annotated[str, Option(metavar="NAME", help=", ".join(LOSSES))] = "count",
     temperature: Annotated[
@@ -69,7 +69,11 @@ def train(
     slope: Annotated[float, Option(metavar="X", help="Of the surrogate, per V_th - V_reset.")] = 1.0,
     learn: Annotated[
         list[str],
-        Option("--learn", metavar="NAME", help="A projection whose weights learn, or NAME=weight,delay; repeatable."),
+        Option(
+            "--learn",
+            metavar="NAME",
+            help="A projection whose weights learn, NAME=weight,delay, or POPULATION=tau_m,V_th; repeatable.",
+        ),
     ] = [],  # noqa: B006
     augment: Annotated[
         list[str],

@@ -25,7 +25,8 @@ class Plan:
     Attributes:
         input: the population of the pixels.
         output: the population of which each neuron stands for a class.
-        trainable: projections whose weights learn, or NAME=weight,delay; all that carry spikes if there are none.
+        trainable: projections whose weights learn, or NAME=weight,delay, or POPULATION=tau_m,V_th; the weights of all
+            that carry spikes if there are none.
         epochs: how often each recording is shown; 0 trains nothing.
         duration: of a recording, ms.
         start: ms from a recording's first event to its first step.
@@ -33,8 +34,9 @@ class Plan:
         window: the part of a larger sensor that is seen: "centred" round what each recording shows, or column and row
             of its first pixel, as in "40,32"; None: the sensor is as large as the population.
         batch: recordings between two steps of learning.
-        rate: the largest learning rate of the cycle.
-        decay: of weights, a share of themselves x the learning rate in each step.
+        rate: the largest learning rate of the cycle, for weights of about 0.1 in their unit; ten times as much for
+            those ten times as large, and so on. For delays and parameters of neurons as it is, in their unit.
+        decay: of weights, a share of themselves x this rate in each step; nothing else decays.
         loss: a name of `LOSSES`.
         temperature: by how many spikes, mV or steps more one class is likelier by a factor of e.
         surrogate, slope: see `neuro_torch.surrogates`.
@@ -101,7 +103,7 @@ class Plan:
 
     @property
     def learns(self) -> dict[str, tuple[str, ...]]:
-        """What of which projection learns, where that is told."""
+        """What of which projection or population learns, where that is told."""
         parts = (text.partition("=") for text in self.trainable)
         return {name: tuple(words.split(",")) if equals else ("weight",) for name, equals, words in parts}
 

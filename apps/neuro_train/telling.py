@@ -94,7 +94,8 @@ def _parts(plan: Plan, trained: Trained, tried: Sequence[Tried], recordings: int
         yield tag("div", *drawn, class_="grid")
     yield tag("h2", "How it was trained")
     words = ((name, _word(value)) for name, value in plan.as_words().items() if value not in (None, [], {}, 0.0, ""))
-    yield html.table(("what", "value"), list(words))
+    rates = ((f"rate of {name}", f"{rate:g}") for name, rate in trained.rates.items() if rate != plan.rate)
+    yield html.table(("what", "value"), [*words, *rates])
     yield tag("pre", str(trained.module.plan))
     if sources := list(footnotes([each.bill for each in tried if each.bill], True)):
         yield tag("h2", "Where the joules come from")

@@ -25,7 +25,7 @@ from neuro.apps import Checkpoint, fingerprint
 from neuro_train.data import Shown, moved
 from neuro_train.plan import Plan
 
-__all__ = ["CURVES", "Trained", "begun", "identity", "learn", "module_of"]
+__all__ = ["CURVES", "Trained", "begun", "identity", "learn", "module_of", "sizes"]
 
 Array = npt.NDArray[Any]
 
@@ -52,12 +52,14 @@ class Trained:
         module: the same, as it learnt.
         curves: by name of `CURVES` a value for each epoch.
         cpu_s: seconds that a core worked for it, those before a kill included.
+        rates: the largest learning rate of the weights by projection, in their unit.
     """
 
     net: neuro.Network
     module: neuro_torch.Module
     curves: Mapping[str, npt.NDArray[np.float64]]
     cpu_s: float
+    rates: Mapping[str, float]
 
 
 def module_of(net: neuro.Network, plan: Plan) -> neuro_torch.Module:
@@ -79,6 +81,18 @@ def module_of(net: neuro.Network, plan: Plan) -> neuro_torch.Module:
     )
     module.to(device)
     return module
+
+
+def sizes(module: neuro_torch.Module) -> dict[str, float]:
+    """How large the weights of each projection are, in whole powers of ten: 1 where they are about 0.1 in their unit.
+
+    The learning rate is for weights of about 0.1 and is multiplied by this, so that weights in pA learn as those in mV.
+    """
+    found = {}
+    for name, weight in module.weights.items():
+        mean = float(weight.detach().double().square().mean().sqrt())
+        found[name] = 10.0 ** math.trunc(math.log10(mean / 0.1)) if mean > 0.0 else 1.0
+    return found
 
 
 def begun(net: neuro.Network, out: Path, shown: Shown, plan: Plan, which: str = "") -> Checkpoint:
@@ -117,8 +131,8 @@ def learn(
         report: is told the epochs that are done, and what was noted of the last.
 
     Raises:
-        ModelError: the network cannot be trained so, the loss is no number any more, or the checkpoint is of another
-            training.
+        ModelError: the network cannot be trained so, the loss or what learns is no number any more, or the
+            checkpoint is of another training.
     """
     training = _Training(net, shown, plan, "" if checkpoint is None else f" in {checkpoint.path}")
     kept = {} if checkpoint is None else checkpoint.resume()
@@ -150,7 +164,9 @@ class _Training:
         self._stay: dict[str, Array] = {}
         self._noted: dict[str, list[float]] = {name: [] for name in CURVES}
         self._labels = torch.from_numpy(shown.labels)
-        self._take(module_of(net, plan))
+        module = module_of(net, plan)
+        self._sizes = sizes(module)
+        self._take(module)
 
     def _take(self, module: neuro_torch.Module) -> None:
         """Train this module from now on."""
@@ -159,9 +175,22 @@ class _Training:
         self._bills = {
             chip: neuro_torch.Bill(self._module, chip, neurons_per_core=plan.neurons_per_core) for chip in plan.cost
         }
-        self._optimiser = torch.optim.AdamW(
-            self._module.parameters(), lr=plan.rate, weight_decay=plan.decay, fused=True
-        )
+        self._optimiser = torch.optim.AdamW(self._groups(), lr=plan.rate, fused=True)
+
+    def _groups(self) -> list[dict[str, Any]]:
+        """What learns, with the size of its steps: weights, by their unit; and the rest, which does not decay.
+
+        Of weights that are `size` times as large gradients are as much smaller, and steps are to be as much larger.
+        """
+        weights: dict[float, list[Tensor]] = {}
+        for name, weight in self._module.weights.learnt().items():
+            weights.setdefault(self._sizes[name], []).append(weight)
+        groups: list[dict[str, Any]] = [
+            {"params": each, "size": size, "weight_decay": self._plan.decay / size, "eps": 1e-8 / size}
+            for size, each in weights.items()
+        ]
+        rest = [*self._module.delays.parameters(), *self._module.neurons.parameters()]
+        return [*groups, {"params": rest, "size": 1.0, "weight_decay": 0.0}] if rest else groups
 
     @property
     def _batches(self) -> int:
@@ -171,7 +200,7 @@ class _Training:
         """Show every recording once.
 
         Raises:
-            ModelError: the loss is no number.
+            ModelError: the loss, or something that learns, is no number.
         """
         plan, began = self._plan, time.process_time()
         if plan.prune and self.done == (plan.epochs + 1) // 2:
@@ -184,7 +213,6 @@ class _Training:
             chosen = order[k * plan.batch : (k + 1) * plan.batch]
             for name, value in self._batch(chosen, k, rng).items():
                 sums[name] += value * len(chosen)
-        self._check_weights()
         for name, value in sums.items():
             self._noted[name].append(value / len(self._shown))
         self.done += 1
@@ -198,7 +226,7 @@ class _Training:
             events = moved(events, plan.input, self._shown.shape, plan.shift, plan.warp, rng, plan.mirror)
         rate = self._rate(self.done * self._batches + k)
         for group in self._optimiser.param_groups:
-            group["lr"] = rate
+            group["lr"] = rate * group["size"]
         found = self._module(events)
         loss = _loss(plan, found, labels)
         joules = {chip: bill(found) for chip, bill in self._bills.items()}
@@ -208,6 +236,7 @@ class _Training:
         self._optimiser.zero_grad()
         loss.backward()  # type: ignore[no-untyped-call]
         self._optimiser.step()
+        self._hold(k)
         right = neuro_torch.losses.decisions(found.spikes[plan.output].detach()) == labels
         spent = next(iter(joules.values()), torch.zeros(()))
         noted = (float(loss.detach()), float(right.double().mean()), float(spent.detach()), rate)
@@ -223,21 +252,21 @@ class _Training:
     def _check(self, loss: Tensor, batch: int) -> None:
         """Refuse to go on with a loss that is no number."""
         if not math.isfinite(float(loss.detach())):
-            self._stop(
-                f"epoch {self.done + 1}, batch {batch + 1} of {self._batches}: the loss is {float(loss.detach())}"
-            )
+            self._stop(batch, f"the loss is {float(loss.detach())}: expected a number")
 
-    def _check_weights(self) -> None:
-        """Refuse to keep weights that are no numbers."""
-        for name, weight in self._module.weights.items():
-            if not bool(torch.isfinite(weight).all()):
-                self._stop(f"epoch {self.done + 1}: weights of '{name}' are no numbers at its end")
+    def _hold(self, batch: int) -> None:
+        """Keep what learns in its bounds; refuse to go on with what is no number."""
+        try:
+            self._module.hold()
+        except ModelError as error:
+            self._stop(batch, error.message)
 
-    def _stop(self, told: str) -> NoReturn:
+    def _stop(self, batch: int, told: str) -> NoReturn:
+        where = f"epoch {self.done + 1}, batch {batch + 1} of {self._batches}"
         some = self.done and self._place
         kept = f"; what was learnt until the end of epoch {self.done} is kept{self._place}" if some else ""
         way = "a smaller --rate, or a smaller --cost" + (", under another --out" if some else "")
-        raise ModelError(f"{told}: expected a number{kept}", hint=way)
+        raise ModelError(f"{where}: {told}{kept}", hint=way)
 
     def _prune(self, stay: Mapping[str, Array] | None = None) -> None:
         """Drop the smallest weights, or all but some; the optimiser begins anew with those that are left."""
@@ -284,7 +313,8 @@ class _Training:
         with torch.no_grad():  # the grid of a chip is chosen for the last weights
             module(self._shown.events[[0]])
         curves = {name: np.array(values) for name, values in self._noted.items()}
-        return Trained(module.network(), module, curves, self._spent)
+        rates = {name: self._plan.rate * size for name, size in self._sizes.items()}
+        return Trained(module.network(), module, curves, self._spent, rates)
 
 
 def _loss(plan: Plan, found: neuro_torch.Outcome, labels: Tensor) -> Tensor:

@@ -17,6 +17,17 @@ from neuro_torch.sources import Source
 from neuro_torch.tensors import fitted
 
 
+def _check_trains(batch: Events) -> None:
+    """Refuse spikes before the first neuron and outside of the steps: `Events.of_trains` takes any."""
+    for name, train in batch.trains.items():
+        least, first, last = train.neuron.min(initial=0), train.step.min(initial=0), train.step.max(initial=0)
+        if least < 0:
+            raise ModelError(f"batch: '{name}': found neuron {least}: expected at least 0")
+        if first < 0 or last >= batch.steps:
+            found = first if first < 0 else last
+            raise ModelError(f"batch: '{name}': found step {found}: expected 0 to {batch.steps - 1}")
+
+
 def sizes(program: Program, batch: Any, steps: int | None) -> tuple[int, int]:
     """Recordings and steps of a batch.
 
@@ -38,6 +49,7 @@ def sizes(program: Program, batch: Any, steps: int | None) -> tuple[int, int]:
             raise unknown("population of inputs", name, known)
     if isinstance(batch, Events):
         found = {(batch.batch, batch.steps)}
+        _check_trains(batch)
     else:
         for name, each in batch.items():
             if not isinstance(each, (torch.Tensor, np.ndarray)):

@@ -10,13 +10,14 @@ from torch import Tensor
 
 from neuro.core.errors import ModelError, unknown
 from neuro.program.program import Program
+from neuro_torch.bounds import check_parameters, in_steps
 from neuro_torch.wires import Wires
 
 Tensors = Mapping[str, Tensor]
 
 
 def check(program: Program, weights: Tensors, delays: Tensors, parameters: Mapping[str, Tensors]) -> None:
-    """Refuse tensors for what is not there, or of another shape.
+    """Refuse tensors for what is not there, of another shape, or parameters out of their bounds.
 
     Raises:
         ModelError: it says which.
@@ -39,6 +40,7 @@ def check(program: Program, weights: Tensors, delays: Tensors, parameters: Mappi
             if word not in neurons[name].parameters:
                 raise unknown(f"parameter of '{name}'", word, neurons[name].parameters)
             _check_shape(f"{word} of '{name}'", values, neurons[name].size)
+        check_parameters(neurons[name], words)
 
 
 _RELAY = "parrot_neuron"
@@ -55,8 +57,7 @@ def between_steps(
 ) -> list[tuple[Wires, Tensor]]:
     """A projection whose delays lie between two steps: wires for the later and for the earlier, with their weights.
 
-    A spike arrives in both, in shares that say how near the delay is to each, so that a gradient moves it. No delay is
-    below one step.
+    A spike arrives in both, in shares that say how near the delay is to each, so that a gradient moves it.
 
     Args:
         program: the network.
@@ -64,8 +65,11 @@ def between_steps(
         device: where its arrays are.
         delays: in ms, of all synapses or of each.
         weights: likewise.
+
+    Raises:
+        ModelError: a delay is no number, or longer than any may be.
     """
-    steps = (delays / program.resolution).clamp(min=1.0)
+    steps = in_steps(delays, program.resolution, program.projections[index].name)
     whole = steps.detach().floor()
     late = steps - whole
     earlier = whole.cpu().numpy().astype(np.int64)

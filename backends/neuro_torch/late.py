@@ -13,18 +13,16 @@ Way = tuple[Synapses, Tensor]
 """Synapses that a spike goes along, and their weights."""
 
 
-def ways(part: Synapses, weight: Tensor, delay: Tensor, resolution: float, exact: bool) -> list[Way]:
+def ways(part: Synapses, weight: Tensor, steps: Tensor, exact: bool) -> list[Way]:
     """The ways of spikes along a projection.
 
     Args:
         part: its synapses, listed.
         weight: as a user sees it.
-        delay: in ms, of all or of each; below one step it counts as one.
-        resolution: length of a step.
+        steps: the delay, of all or of each, of `neuro_torch.bounds.in_steps`.
         exact: whether a spike arrives in the two steps between which the delay lies, in shares that say how near it is
             to each, so that a gradient moves it; else it arrives in the nearest step.
     """
-    steps = (delay / resolution).clamp(min=1.0)
     if not exact:
         return [(delayed(part, rounded(steps)), weight)]
     whole = steps.detach().floor()
@@ -37,8 +35,8 @@ def ways(part: Synapses, weight: Tensor, delay: Tensor, resolution: float, exact
 
 
 def rounded(steps: Tensor):  # type: ignore[no-untyped-def]
-    """The nearest whole steps, at least one, as an array."""
-    return steps.detach().round().clamp(min=1.0).long().cpu().numpy()
+    """The nearest whole steps, as an array."""
+    return steps.detach().round().long().cpu().numpy()
 
 
 def component(part: Component, inside: list[Way]) -> Component:

@@ -15,7 +15,7 @@ from neuro.compiler import compile_network
 from neuro.core.clock import Clock
 from neuro.core.errors import ModelError, unknown
 from neuro.program.program import Floats
-from neuro_torch import feeding, late, learnt
+from neuro_torch import bounds, feeding, late, learnt
 from neuro_torch import trainable as words
 from neuro_torch.active import active_updates
 from neuro_torch.events import Events
@@ -57,8 +57,9 @@ class Module(torch.nn.Module):
         weights: the parameters by projection, in mV or pA as the network has them: rows by source of an `all_to_all`,
             kernels of a grid, else one for each synapse.
         delays: those that learn, by projection, in ms. While training they lie between two steps, and a spike arrives
-            in both in shares; after `module.eval()`, and in `module.network()`, they are the nearest whole steps.
-        neurons: parameters of neurons that learn, by population and word.
+            in both in shares; after `module.eval()`, and in `module.network()`, they are the nearest whole steps. One
+            below a step counts as one.
+        neurons: parameters of neurons that learn, by population and word; `hold` keeps them in their bounds.
         program: the network as backends see it.
         outputs: names of the populations that are wanted in time.
 
@@ -126,7 +127,8 @@ class Module(torch.nn.Module):
                 A spike_generator that is not named emits what the network lists.
 
         Raises:
-            ModelError: a name or a shape is wrong, something is no number, or the batch needs more memory than is free.
+            ModelError: a name or a shape is wrong, something is no number, delays or parameters of neurons are out of
+                their bounds, or the batch needs more memory than is free.
         """
         size, steps = feeding.sizes(self.program, batch, self._steps)
         task = self._task(size, steps)
@@ -173,7 +175,8 @@ class Module(torch.nn.Module):
                 found.append((part, weights[part.projection]))
                 continue
             listed, weight = self._one_by_one(part.projection), weights[part.projection]
-            found += late.ways(listed, weight, self.delays[name], self.program.resolution, self.training)
+            steps = bounds.in_steps(self.delays[name], self.program.resolution, name)
+            found += late.ways(listed, weight, steps, self.training)
         return found
 
     def _one_by_one(self, projection: int) -> layers.Synapses:
@@ -187,7 +190,8 @@ class Module(torch.nn.Module):
         name = self.program.projections[projection].name
         if name not in self.delays:
             return layers.synapses(self.program, projection)
-        return layers.delayed(self._one_by_one(projection), late.rounded(self.delays[name] / self.program.resolution))
+        steps = bounds.in_steps(self.delays[name], self.program.resolution, name)
+        return layers.delayed(self._one_by_one(projection), late.rounded(steps))
 
     def _stepped(self, given: Mapping[int, Any], task: Task) -> tuple[dict[int, Any], dict[int, Tensor]]:
         """The same, step by step."""
@@ -201,16 +205,34 @@ class Module(torch.nn.Module):
         if task.device not in self._steppers:
             with torch.inference_mode(False):
                 self._steppers = {task.device: Stepper(self.program, device=task.device, surrogate=self.surrogate)}
-        delays = {name: delay if self.training else self._whole(delay) for name, delay in self.delays.items()}
+        delays = {name: delay if self.training else self._whole(name) for name, delay in self.delays.items()}
         tensors = Tensors(dict(self.weights.items()), delays, parameters)
         return stepped(self._steppers[task.device], task, tensors, inputs)
 
-    def _whole(self, delay: Tensor) -> Tensor:
-        """The nearest whole steps of delays in ms, in ms."""
-        return (delay / self.program.resolution).round().clamp(min=1.0) * self.program.resolution
+    def _whole(self, name: str) -> Tensor:
+        """The nearest whole steps of the delays of a projection, in ms."""
+        steps = bounds.in_steps(self.delays[name].detach().double(), self.program.resolution, name)
+        return steps.round() * self.program.resolution
+
+    def hold(self) -> None:
+        """Put what left its bounds back into them: for after each step of an optimiser.
+
+        Delays are at least one step, parameters of neurons within the bounds that their model has, and V_th is above
+        V_reset. What may not reach its bound, such as tau_m 0, is put 0.001 of its unit (ms, mV, pF) inside. Nothing
+        else is changed.
+
+        Raises:
+            ModelError: something that learns is no number any more, or a delay longer than any may be; it says what.
+        """
+        bounds.hold(self.program, self.weights, self.delays, self.neurons)
 
     def network(self) -> neuro.Network:
-        """The network with what was learnt, which every backend runs; what was drawn at random is listed in it."""
+        """The network with what was learnt, which every backend runs; what was drawn at random is listed in it.
+
+        Raises:
+            ModelError: something that was learnt is no number, or out of its bounds.
+        """
+        bounds.check(self.program, self.weights, self.delays, self.neurons)
         found = {part.name: q for q, part in enumerate(self.program.projections)}
         taken = {found[name]: w.detach().cpu().double().numpy().reshape(-1) for name, w in self.weights.items()}
         parameters = {
@@ -218,7 +240,7 @@ class Module(torch.nn.Module):
             for name, each in self.neurons.items()
             for word, values in each.items()
         }
-        delays = {name: self._whole(delay.detach().double()).cpu().numpy() for name, delay in self.delays.items()}
+        delays = {name: self._whole(name).cpu().numpy() for name in self.delays}
         return learnt.network_of(self._net, self._seed, taken, parameters, delays)
 
     def __getstate__(self) -> dict[str, Any]:
@@ -304,6 +326,10 @@ class Module(torch.nn.Module):
             with torch.inference_mode(False):
                 self._kept[key] = torch.tensor(self._shaped(projection), dtype=task.dtype, device=task.device)
         weight: Tensor = self.weights[name] if name in self.weights else self._kept[key]
+        part = self.program.projections[projection]
+        sizes = self.program.populations[part.source].size, self.program.populations[part.target].size
+        if weight.shape != (shape := layers.shape_of(part, sizes)):
+            raise ModelError(f"weights of '{name}': found {tuple(weight.shape)}: expected the shape {shape}")
         return weight
 
     def _first_weight(self, name: str, dtype: torch.dtype) -> torch.nn.Parameter:

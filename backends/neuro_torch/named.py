@@ -83,6 +83,14 @@ class Named(torch.nn.Module):
         """Names and they themselves."""
         return {name: self[name] for name in self._at}.items()
 
+    def learnt(self) -> dict[str, Any]:
+        """What optimisers change by name: beneath a parametrisation of one tensor, that."""
+        held: Any = getattr(self, "parametrizations", {})
+        return {
+            name: getattr(held[at], "original", self[name]) if at in held else self[name]
+            for name, at in self._at.items()
+        }
+
     def extra_repr(self) -> str:
         """What torch shows of it."""
         tensors = ((name, part) for name, part in self.items() if isinstance(part, torch.Tensor))

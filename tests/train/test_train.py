@@ -11,8 +11,6 @@ import pytest
 
 pytest.importorskip("torch", reason="PyTorch is not installed")
 
-import torch
-
 import neuro as snn
 from neuro import ModelError
 from neuro.events import recordings
@@ -160,20 +158,6 @@ def test_a_loss_that_is_no_number_stops_and_keeps_what_was_good(neuro, folder, f
     assert neuro(file, "--data", folder, *QUICK)[0] == 0
     assert neuro(file, "--data", folder, *QUICK, "--out", "other.yaml")[0] == 0
     assert snn.load("trained.yaml") == snn.load("other.yaml")
-
-
-def test_weights_that_are_no_numbers_are_not_kept(neuro, folder, file, monkeypatch):
-    def spoilt(self, *told):
-        noted = whole(self, *told)
-        with torch.no_grad():
-            self._module.weights["hidden_out"][0, 0] = float("inf")
-        return noted
-
-    whole = trainer._Training._batch
-    monkeypatch.setattr(trainer._Training, "_batch", spoilt)
-    status, _, err = neuro(file, "--data", folder, *QUICK)
-    assert status == 2
-    assert "epoch 1: weights of 'hidden_out' are no numbers at its end: expected a number\n" in err
 
 
 def test_joules_that_cost_something_are_fewer(told):

@@ -5,11 +5,15 @@ An infinite `tau_m` means no leak.
 
 Over h the membrane decays by e^-a, the current by e^-b. What the current leaves on the membrane is the slower of the
 two decays times a mean over s in 0..1 of e^(z s) with z = -|a - b|. Nothing overflows in it, however long h is, and it
-is exact also where the two are nearly equal and the closed form is a difference of nearly equal numbers.
+is exact also where the two are nearly equal and the closed form is a difference of nearly equal numbers. Nothing
+divides 0 by 0, not even on a way that is not taken: where tensors are neurons, gradients come from both.
 """
 
 # mypy: disable-error-code="no-untyped-def,no-untyped-call"
 import math
+
+NEARLY_0 = 1e-100
+"""So small that e^z - 1 is z in a double."""
 
 SERIES_TERMS = 15
 """Enough for the last term to vanish in a double where |z| is at most 1/2."""
@@ -43,20 +47,23 @@ def from_alpha(tau_m, tau_syn, c_m, h):
 
 def mean_decay(z):
     """Mean of e^(z s) over s in 0..1, z <= 0."""
-    return 1.0 if z == 0.0 else math.expm1(z) / z
+    z = min(z, -NEARLY_0)
+    return math.expm1(z) / z
 
 
 def mean_decay_weighted_late(z):
     """Mean of s e^(z s) over s in 0..1, z <= 0."""
     if z < -0.5:
-        return (1.0 - (1.0 - z) * math.exp(z)) / (z * z)
+        far = min(z, -0.5)
+        return (1.0 - (1.0 - far) * math.exp(far)) / (far * far)
     return mean_decay(z) - mean_decay_weighted_early(z)
 
 
 def mean_decay_weighted_early(z):
     """Mean of (1 - s) e^(z s) over s in 0..1, z <= 0."""
     if z < -0.5:
-        return (math.expm1(z) - z) / (z * z)
+        far = min(z, -0.5)
+        return (math.expm1(far) - far) / (far * far)
     total = term = 0.5
     for k in range(3, 3 + SERIES_TERMS):
         term *= z / k

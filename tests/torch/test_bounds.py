@@ -1,0 +1,240 @@
+"""What learns stays where it may lie: delays and parameters of neurons within their bounds, and all of it numbers."""
+
+import numpy as np
+import pytest
+
+import neuro
+
+torch = pytest.importorskip("torch", reason="PyTorch is not installed")
+import neuro_torch  # noqa: E402
+from neuro_torch.events import Train  # noqa: E402
+
+BY = ["kernels", "torch", "steps"]
+SPIKE = torch.zeros(1, 30, 1, dtype=torch.float64)
+SPIKE[0, 2, 0] = 1.0
+
+
+def one_synapse(resolution=1.0, **cell):
+    """One spike that makes a potential, never a spike."""
+    net = neuro.Network("one", resolution=resolution)
+    net.population("a", 1, neuro.spike_generator(spike_times=[]))
+    net.population("out", 1, neuro.iaf_psc_exp(**({"tau_syn_ex": 2.0, "tau_syn_in": 2.0, "V_th": 1000.0} | cell)))
+    net.connect("a", "out", neuro.all_to_all(), weight=300.0, delay=2.0, name="w")
+    return net
+
+
+def module_of(learns=("weight", "delay"), by=None, dtype=torch.float64, **neurons):
+    return neuro_torch.Module(one_synapse(), {"w": learns, **neurons}, dtype=dtype, by=by)
+
+
+def fill(tensor, value):
+    with torch.no_grad():
+        tensor.fill_(value)
+
+
+def potential(module):
+    return module({"a": SPIKE.to(module.weights["w"].dtype)}).V_m["out"]
+
+
+@pytest.mark.parametrize("by", BY)
+@pytest.mark.parametrize("training", [True, False])
+@pytest.mark.parametrize(
+    ("value", "told"),
+    [
+        (float("nan"), "found nan: expected numbers of ms"),
+        (float("inf"), "found inf: expected numbers of ms"),
+        (-float("inf"), "found -inf: expected numbers of ms"),
+        (1e20, "found 1e+20 ms: expected at most 65536 ms, 2^16 steps"),
+        (1e300, "found 1e+300 ms: expected at most 65536 ms, 2^16 steps"),
+    ],
+)
+def test_delays_that_no_array_has_are_refused(by, training, value, told):
+    module = module_of(by=by).train(training)
+    fill(module.delays["w"], value)
+    with pytest.raises(neuro.ModelError) as error:
+        potential(module)
+    assert str(error.value) == f"delays of 'w': {told}\n  hint: a smaller learning rate"
+
+
+def test_delays_are_looked_at_again_where_updates_are_counted_later():
+    module = module_of(by="kernels")
+    outcome = module({"a": SPIKE})
+    fill(module.delays["w"], float("nan"))
+    with pytest.raises(neuro.ModelError, match="delays of 'w': found nan"):
+        outcome.active["out"]
+
+
+@pytest.mark.parametrize("resolution", [1.0, 0.1])
+@pytest.mark.parametrize("dtype", [torch.float32, torch.float64])
+def test_the_longest_delay_is_one(resolution, dtype):
+    longest = 2.0**16 * resolution
+    net = one_synapse(resolution)
+    module = neuro_torch.Module(net, {"w": ["weight", "delay"]}, dtype=dtype)
+    fill(module.delays["w"], longest)
+    assert torch.equal(potential(module), torch.full((1, 30, 1), -70.0, dtype=dtype))
+    assert neuro.compile(module.network()).program.projections[0].delay.tolist() == [2**16]
+
+
+@pytest.mark.parametrize("by", BY)
+def test_weights_of_another_shape_are_refused(by):
+    net = neuro.Network("few", resolution=1.0)
+    net.population("a", 3, neuro.spike_generator(spike_times=[]))
+    net.population("out", 3, neuro.iaf_psc_delta())
+    net.connect("a", "out", neuro.pairs(pre=[0, 1, 2, 2], post=[0, 1, 2, 0]), weight=[1.0, 2.0, 3.0, 4.0], name="w")
+    module = neuro_torch.Module(net, ["w"], by=by)
+    module.weights.w = torch.nn.Parameter(torch.ones(2))
+    with pytest.raises(neuro.ModelError, match=r"weights of 'w': found \(2,\)"):
+        module({"a": torch.ones(1, 5, 3)})
+
+
+@pytest.mark.parametrize("by", BY)
+def test_a_delay_below_one_step_comes_back_where_that_is_better(by):
+    module = module_of(by=by)
+    fill(module.delays["w"], 6.0)
+    wanted = potential(module).detach()
+    fill(module.delays["w"], -0.5)
+    optimiser = torch.optim.Adam([module.delays["w"]], lr=0.3)
+    for _ in range(60):
+        optimiser.zero_grad()
+        (potential(module) - wanted).square().sum().backward()
+        optimiser.step()
+    assert module.delays["w"].item() == pytest.approx(6.0, abs=0.5)
+
+
+@pytest.mark.parametrize("by", BY)
+def test_a_delay_below_one_step_goes_no_further(by):
+    found = {}
+    for delay in (1.0, 0.4, -3.0):
+        module = module_of(by=by)
+        fill(module.delays["w"], delay)
+        for sign in (1.0, -1.0):
+            module.zero_grad()
+            (sign * potential(module)[:, :8].sum()).backward()
+            found[delay, sign] = module.delays["w"].grad.item()
+    outwards = 1.0 if found[1.0, 1.0] > 0 else -1.0  # descent makes it shorter
+    for delay in (0.4, -3.0):
+        assert found[delay, outwards] == 0.0
+        assert found[delay, -outwards] == found[1.0, -outwards] < 0.0
+
+
+@pytest.mark.parametrize(
+    ("word", "value", "told"),
+    [
+        ("tau_m", -1.0, "tau_m of 'out' = -1: expected a number > 0 ms"),
+        ("tau_m", 0.0, "tau_m of 'out' = 0: expected a number > 0 ms"),
+        ("C_m", -250.0, "C_m of 'out' = -250: expected a number > 0 pF"),
+        ("V_th", -71.0, "V_th of 'out' = -71: expected more than V_reset, -70 mV"),
+        ("V_reset", 1000.0, "V_th of 'out' = 1000: expected more than V_reset, 1000 mV"),
+    ],
+)
+def test_parameters_of_neurons_out_of_their_bounds_are_refused(word, value, told):
+    module = module_of("weight", out=[word])
+    fill(module.neurons["out"][word], value)
+    for run in (lambda: potential(module), module.network):
+        with pytest.raises(neuro.ModelError) as error:
+            run()
+        assert str(error.value).splitlines() == [
+            told,
+            "  hint: Module.hold() after each step of the optimiser keeps it in its bounds",
+        ]
+
+
+def test_what_left_its_bounds_is_put_back():
+    words = ["tau_m", "tau_syn_ex", "tau_syn_in", "V_th", "V_reset", "E_L"]
+    module = module_of(out=words)
+    before = {word: module.neurons["out"][word].item() for word in words}
+    module.hold()
+    assert {word: module.neurons["out"][word].item() for word in words} == before
+    for word, value in (("tau_m", -3.0), ("tau_syn_ex", 0.0), ("V_th", -80.0), ("V_reset", -60.0), ("E_L", -500.0)):
+        fill(module.neurons["out"][word], value)
+    fill(module.delays["w"], -3.0)
+    fill(module.weights["w"], -1e6)
+    module.hold()
+    found = {word: module.neurons["out"][word].item() for word in words}
+    assert found == {
+        "tau_m": 1e-3,
+        "tau_syn_ex": 1e-3,
+        "tau_syn_in": 2.0,
+        "V_th": pytest.approx(-59.999),
+        "V_reset": -60.0,
+        "E_L": -500.0,
+    }
+    assert (module.delays["w"].item(), module.weights["w"].item()) == (1.0, -1e6)
+    potential(module).sum().backward()
+    assert all(bool(torch.isfinite(p.grad).all()) for p in module.parameters() if p.grad is not None)
+
+
+@pytest.mark.parametrize("words", [["V_reset"], ["V_th"], ["V_th", "V_reset"]])
+@pytest.mark.parametrize("dtype", [torch.float32, torch.float64])
+def test_a_threshold_that_each_neuron_has_stays_above_its_reset(words, dtype):
+    net = one_synapse()
+    cell = neuro.iaf_psc_exp(V_th=np.array([-55.0, -50.0, -45.0]), V_reset=-70.0)
+    net.population("many", 3, cell)
+    net.connect("out", "many", neuro.all_to_all(), weight=1.0, delay=1.0)
+    module = neuro_torch.Module(net, {"w": "weight", "many": words}, dtype=dtype, outputs=["out"])
+    learns = module.neurons["many"]
+    with torch.no_grad():
+        if "V_th" in words:
+            learns["V_th"][0] = -75.0
+        if "V_reset" in words:
+            learns["V_reset"].fill_(-52.0)
+    module.hold()
+    top = learns["V_th"].detach().double() if "V_th" in words else torch.tensor([-55.0, -50.0, -45.0])
+    bottom = learns["V_reset"].detach().double() if "V_reset" in words else torch.tensor([-70.0])
+    assert (top - bottom).min().item() == pytest.approx(1e-3, abs=1e-4)
+    if "V_th" in words:
+        assert top[2].item() == -45.0
+    potential(module)
+
+
+@pytest.mark.parametrize("by", BY)
+@pytest.mark.parametrize("value", [float("nan"), float("inf")])
+def test_what_is_no_number_is_told_and_makes_no_network(by, value):
+    for learns, told in (
+        (lambda m: m.weights["w"], "weights of 'w'"),
+        (lambda m: m.delays["w"], "delays of 'w'"),
+        (lambda m: m.neurons["out"]["C_m"], "C_m of 'out'"),
+    ):
+        module = module_of(by=by, out=["C_m"])
+        fill(learns(module), value)
+        with pytest.raises(neuro.ModelError) as error:
+            module.hold()
+        assert str(error.value).startswith(f"{told}: found {value}: expected numbers\n  hint: a smaller learning rate")
+        with pytest.raises(neuro.ModelError, match=told):
+            module.network()
+
+
+def test_large_numbers_are_numbers():
+    module = module_of("weight", dtype=torch.float32)
+    fill(module.weights["w"], torch.finfo(torch.float32).max)
+    module.hold()
+
+
+def test_rounded_weights_that_are_no_numbers_are_told():
+    net = neuro.Network("rounded", resolution=1.0)
+    net.population("a", 3, neuro.spike_generator(spike_times=[]))
+    net.population("out", 2, neuro.iaf_psc_delta(E_L=0.0, V_reset=0.0, V_th=1.0))
+    net.connect("a", "out", neuro.all_to_all(), weight=[[0.1, 0.2]] * 3, name="w")
+    module = neuro_torch.quantised(neuro_torch.Module(net, ["w"]), 4)
+    module.hold()
+    fill(module.weights.parametrizations.w.original, float("nan"))
+    with pytest.raises(neuro.ModelError, match="weights of 'w': found nan: expected numbers"):
+        module.hold()
+
+
+@pytest.mark.parametrize("by", BY)
+@pytest.mark.parametrize(
+    ("word", "value", "told"),
+    [
+        ("neuron", 1, "neuron 1: expected 0 to 0"),
+        ("neuron", -9, "neuron -9: expected at least 0"),
+        ("step", 30, "step 30: expected 0 to 29"),
+        ("step", -1, "step -1: expected 0 to 29"),
+    ],
+)
+def test_spikes_that_no_array_has_are_refused(by, word, value, told):
+    train = {"ends": np.array([0, 1]), "step": np.array([2], dtype=np.int32), "neuron": np.array([0], dtype=np.int32)}
+    train[word] = np.array([value], dtype=np.int32)
+    batch = neuro_torch.Events.of_trains(30, {"a": Train(**train)})
+    with pytest.raises(neuro.ModelError, match=f"batch: 'a': found {told}"):
+        module_of(by=by)(batch)
