@@ -9,7 +9,6 @@ import numpy as np
 import torch
 
 from neuro.core.errors import ModelError, unknown
-from neuro.core.memory import free_memory
 from neuro.program.program import Population, Program
 from neuro_torch.events import Events, Train
 from neuro_torch.scan.task import Task
@@ -103,29 +102,10 @@ def dense(given: Train | torch.Tensor, part: Population, task: Task) -> torch.Te
     return given
 
 
-def refuse_large(program: Program, batch: int, steps: int, dtype: torch.dtype, scanned: bool) -> None:
-    """Refuse a batch for which memory does not suffice, before any is taken.
-
-    Raises:
-        ModelError: it needs more than is free.
-    """
-    one = bytes_of(program, steps, dtype, scanned)
-    free = free_memory()
-    if free is not None and batch * one > free:
-        raise ModelError(
-            f"a batch of {batch} recordings of {steps} steps needs about {batch * one / 1e9:.3g} GB: expected at most "
-            f"what is free, {free / 1e9:.3g} GB",
-            hint=f"a batch of {max(1, free // (2 * one))} takes half of that"
-            if one < free
-            else "a shorter duration or longer steps need less",
-        )
-
-
-def bytes_of(program: Program, steps: int, dtype: torch.dtype, scanned: bool) -> int:
-    """About how much memory a recording takes in training.
-
-    A scan keeps of each neuron and step input, potential, spike and their gradients, and what became of it; steps keep
-    about 30 doubles.
-    """
-    neurons = sum(part.size for part in program.populations if part.kind == "neuron")
-    return neurons * steps * (5 * dtype.itemsize + 1 if scanned else 240)
+def beginning(given: Train | torch.Tensor | None, steps: int) -> Train | torch.Tensor | None:
+    """The first steps of the first recording."""
+    if not isinstance(given, Train):
+        return None if given is None else given[:1, :steps]
+    one = given.of([0])
+    some = one.step < steps
+    return Train(np.array([0, some.sum()]), one.step[some], one.neuron[some])

@@ -15,7 +15,7 @@ from neuro.compiler import compile_network
 from neuro.core.clock import Clock
 from neuro.core.errors import ModelError, unknown
 from neuro.program.program import Floats
-from neuro_torch import feeding, late, learnt
+from neuro_torch import feeding, late, learnt, memory
 from neuro_torch import trainable as words
 from neuro_torch.active import active_updates
 from neuro_torch.events import Events
@@ -128,15 +128,30 @@ class Module(torch.nn.Module):
         """
         size, steps = feeding.sizes(self.program, batch, self._steps)
         task = self._task(size, steps)
-        feeding.refuse_large(self.program, size, steps, task.dtype, bool(self._plan.parts))
         asked = batch.trains if isinstance(batch, Events) else batch
         given = {
             k: feeding.given_to(part, asked.get(part.name), task)
             for k, part in enumerate(self.program.populations)
             if part.kind in ("listed", "poisson", "generator")
         }
+        memory.refuse_large(self._need(batch, given, task), task)
         emitted, potentials = self._scanned(given, task) if self._plan.parts else self._stepped(given, task)
         return self._outcome(batch, emitted, potentials, task)
+
+    def _need(self, batch: Any, given: Mapping[int, Any], task: Task) -> memory.Need:
+        """What a batch takes; how much steps keep is counted once."""
+
+        def run(steps: int) -> None:
+            begun = {k: feeding.beginning(each, steps) for k, each in given.items()}
+            self._stepped(begun, replace(task, batch=1, steps=steps))
+
+        def tape() -> float:
+            if "tape" not in self._kept:
+                self._kept["tape"] = memory.kept_by_steps(run, task.steps)
+            kept: float = self._kept["tape"]
+            return kept
+
+        return memory.need(self.program, self.plan, batch, task, tape)
 
     def _scanned(self, given: Mapping[int, Any], task: Task) -> tuple[dict[int, Any], dict[int, Tensor]]:
         """What populations emit, and potentials at the ends of steps."""
