@@ -51,8 +51,8 @@ def sizes(program: Program, batch: Any, steps: int | None) -> tuple[int, int]:
     return size, given
 
 
-def given_to(part: Population, given: Any, task: Task) -> Train | torch.Tensor | None:
-    """What a batch gives to a generator, checked: sparse spikes or a dense tensor, None where it does not name it.
+def checked(part: Population, given: Any) -> Any:
+    """What a batch gives to a generator: sparse spikes, a dense tensor or array, None where it does not name it.
 
     Raises:
         ModelError: a shape or a neuron is wrong, or what has no spikes of its own is not named.
@@ -70,7 +70,12 @@ def given_to(part: Population, given: Any, task: Task) -> Train | torch.Tensor |
     if given.ndim != 3 or given.shape[2] != part.size:
         told = f"batch: '{part.name}': found the shape {tuple(given.shape)}"
         raise ModelError(f"{told}: expected (batch, steps, {part.size})")
-    return torch.as_tensor(given).to(task.device, task.dtype)
+    return given
+
+
+def given_to(task: Task, given: Any) -> Train | torch.Tensor | None:
+    """What was checked, where and of the type that the pass has it."""
+    return given if given is None or isinstance(given, Train) else torch.as_tensor(given).to(task.device, task.dtype)
 
 
 def emitted(program: Program, part: Population, given: Train | torch.Tensor | None, task: Task, scans: Any) -> Any:
@@ -102,8 +107,8 @@ def dense(given: Train | torch.Tensor, part: Population, task: Task) -> torch.Te
     return given
 
 
-def beginning(given: Train | torch.Tensor | None, steps: int) -> Train | torch.Tensor | None:
-    """The first steps of the first recording."""
+def beginning(given: Any, steps: int) -> Any:
+    """The first steps of the first recording of what was checked."""
     if not isinstance(given, Train):
         return None if given is None else given[:1, :steps]
     one = given.of([0])

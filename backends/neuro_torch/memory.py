@@ -17,7 +17,7 @@ import torch
 from neuro.core.errors import ModelError
 from neuro.core.memory import free_memory
 from neuro.program.program import Population, Program
-from neuro_torch.events import Events, Train
+from neuro_torch.events import Train
 from neuro_torch.plan import Plan
 from neuro_torch.scan.layers import Component, Synapses
 from neuro_torch.scan.task import Task
@@ -76,22 +76,17 @@ def free(device: torch.device) -> int | None:
     return int(torch.cuda.mem_get_info(device)[0]) + put_by
 
 
-def need(program: Program, plan: Plan, batch: Any, task: Task, tape: Callable[[], float]) -> Need:
+def need(program: Program, plan: Plan, asked: Mapping[int, Any], task: Task, tape: Callable[[], float]) -> Need:
     """What a pass takes, with its way back where gradients are on.
 
     Args:
         program: the network.
         plan: what runs it.
-        batch: as given to `neuro_torch.Module`, and checked.
+        asked: what a batch gives to each generator, None where it does not name it.
         task: what the pass is about.
         tape: bytes that one recording keeps for the way back in a step, where it is stepped.
     """
-    given: Mapping[str, Any] = batch.trains if isinstance(batch, Events) else batch
-    inputs = {
-        k: _Input.of(part, given.get(part.name), task)
-        for k, part in enumerate(program.populations)
-        if part.kind in ("listed", "poisson", "generator")
-    }
+    inputs = {k: _Input.of(program.populations[k], given, task) for k, given in asked.items()}
     learns = torch.is_grad_enabled()
     if not plan.parts:
         return _steps(program, inputs.values(), task, tape() if learns else 0.0)
@@ -100,10 +95,10 @@ def need(program: Program, plan: Plan, batch: Any, task: Task, tape: Callable[[]
 
 @dataclass(frozen=True, slots=True)
 class _Input:
-    """What a generator emits, of a mean recording.
+    """What a generator emits in a recording.
 
     Attributes:
-        spikes: that are given.
+        spikes: that are given: the mean of all, or of a dense tensor those of the first recording.
         numbers: of a dense tensor of all steps and neurons.
         sparse: whether it stays sparse.
         copied: whether a dense tensor is made of what is given.
@@ -125,8 +120,8 @@ class _Input:
             return cls(spikes / task.batch, numbers, not own, own, False)
         tensor = torch.as_tensor(given)
         same = tensor.dtype == task.dtype and tensor.device == task.device
-        spikes = int(torch.count_nonzero(tensor))
-        return cls(spikes / task.batch, numbers, False, own or not same, tensor.requires_grad)
+        spikes = int(torch.count_nonzero(tensor[0]))
+        return cls(spikes, numbers, False, own or not same, tensor.requires_grad)
 
 
 Inputs = Mapping[int, _Input]

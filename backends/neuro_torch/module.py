@@ -128,21 +128,22 @@ class Module(torch.nn.Module):
         """
         size, steps = feeding.sizes(self.program, batch, self._steps)
         task = self._task(size, steps)
-        asked = batch.trains if isinstance(batch, Events) else batch
-        given = {
-            k: feeding.given_to(part, asked.get(part.name), task)
+        named = batch.trains if isinstance(batch, Events) else batch
+        asked = {
+            k: feeding.checked(part, named.get(part.name))
             for k, part in enumerate(self.program.populations)
             if part.kind in ("listed", "poisson", "generator")
         }
-        memory.refuse_large(self._need(batch, given, task), task)
+        memory.refuse_large(self._need(asked, task), task)
+        given = {k: feeding.given_to(task, each) for k, each in asked.items()}
         emitted, potentials = self._scanned(given, task) if self._plan.parts else self._stepped(given, task)
         return self._outcome(batch, emitted, potentials, task)
 
-    def _need(self, batch: Any, given: Mapping[int, Any], task: Task) -> memory.Need:
+    def _need(self, asked: Mapping[int, Any], task: Task) -> memory.Need:
         """What a batch takes; how much steps keep is counted once."""
 
         def run(steps: int) -> None:
-            begun = {k: feeding.beginning(each, steps) for k, each in given.items()}
+            begun = {k: feeding.given_to(task, feeding.beginning(each, steps)) for k, each in asked.items()}
             self._stepped(begun, replace(task, batch=1, steps=steps))
 
         def tape() -> float:
@@ -151,7 +152,7 @@ class Module(torch.nn.Module):
             kept: float = self._kept["tape"]
             return kept
 
-        return memory.need(self.program, self.plan, batch, task, tape)
+        return memory.need(self.program, self.plan, asked, task, tape)
 
     def _scanned(self, given: Mapping[int, Any], task: Task) -> tuple[dict[int, Any], dict[int, Tensor]]:
         """What populations emit, and potentials at the ends of steps."""
@@ -348,6 +349,7 @@ class Module(torch.nn.Module):
             Told("population of neurons", active),
             task.steps,
             self.program.resolution,
+            self.program,
         )
 
     def _count(self, batch: Any, index: int, emitted: Any, task: Task) -> Tensor:

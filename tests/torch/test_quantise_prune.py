@@ -1,5 +1,7 @@
 """Weights on a chip's grid while they learn, and fewer of them."""
 
+import copy
+
 import numpy as np
 import pytest
 
@@ -104,6 +106,69 @@ def test_it_trains_to_what_fits_the_grid():
     after = module.eval()(batch()) and module.weights["in"].detach()
     assert len(after.unique()) <= 8
     assert not torch.equal(before, after)
+
+
+def test_quantising_again_takes_the_place_of_what_was():
+    """Of weights on a grid of 2 bits a grid of 8 has few levels; so what is below the first rounding is still there."""
+    again = neuro_torch.quantised(neuro_torch.quantised(module_of(), 2), 8)
+    once = neuro_torch.quantised(module_of(), 8)
+    for name, weight in once.weights.items():
+        torch.testing.assert_close(again.weights[name], weight, rtol=0, atol=0)
+    optimiser = torch.optim.SGD(again.parameters(), lr=0.1)
+    neuro_torch.losses.count_cross_entropy(again(batch()).spikes["out"], torch.tensor([0, 1, 2, 0])).backward()
+    optimiser.step()
+    assert len(again.eval()(batch()) and again.weights["in"].unique()) > 50
+
+
+def test_bits_that_are_refused_leave_a_quantised_module_as_it_was():
+    module = neuro_torch.quantised(module_of(), 3)
+    before = module.weights["in"].detach().clone()
+    with pytest.raises(ModelError, match="bits = 9"):
+        neuro_torch.quantised(module, 9)
+    module.eval()(batch())
+    assert torch.equal(module.weights["in"], before)
+
+
+def test_without_weights_that_learn_nothing_is_quantised():
+    module = neuro_torch.Module(network(), {"hidden": "tau_m"})
+    told = "quantised: no weights of the module learn: expected those of a projection at least"
+    with pytest.raises(ModelError, match=told):
+        neuro_torch.quantised(module, 4)
+
+
+@pytest.mark.parametrize(("bits", "target"), [(3, "loihi"), (4, "spinnaker")])
+def test_a_quantised_module_stays_so_when_it_is_pruned(bits, target):
+    module = neuro_torch.quantised(module_of(), bits, target)
+    pruned = neuro_torch.prune(module, {"in": 0.75})
+    optimiser = torch.optim.Adam(pruned.parameters(), lr=0.05)
+    for _ in range(3):
+        optimiser.zero_grad()
+        pruned(batch()).spikes["out"].sum().backward()
+        optimiser.step()
+    pruned.eval()(batch())
+    assert all(len(weight.unique()) <= 2**bits for weight in pruned.weights.values())
+    for wires in quantise(neuro.compile(pruned.network()).program, chip(target)).projections:
+        assert wires.rounding.rms < 1e-12
+
+
+def test_a_bill_of_another_network_is_refused():
+    module = module_of()
+    bill, pruned = neuro_torch.Bill(module), neuro_torch.prune(module, 0.5)
+    outcome = pruned(batch())
+    with pytest.raises(ModelError, match="Bill: the outcome is of a network of 258 synapses") as caught:
+        bill(outcome)
+    assert "expected that of the bill, which has 516" in str(caught.value)
+    assert caught.value.hint == "neuro_torch.Bill(module) of the module that made the outcome"
+    assert float(neuro_torch.Bill(pruned)(outcome).detach()) > 0.0
+
+
+def test_a_bill_goes_on_for_a_copy_and_for_what_was_learnt():
+    module = module_of()
+    bill = neuro_torch.Bill(module)
+    copied, learnt = copy.deepcopy(module), module.on(module.network())
+    expected = float(bill(module(batch())).detach())
+    for each in (copied, learnt):
+        assert float(bill(each(batch())).detach()) == expected
 
 
 def test_a_state_dict_brings_back_the_grid():
