@@ -82,7 +82,7 @@ def train(
     cost: Annotated[
         list[str], Option("--cost", metavar="CHIP=X", help="Add X to the loss for each microjoule; repeatable.")
     ] = [],  # noqa: B006
-    bits: Annotated[int | None, Option(metavar="N", help="Of weights while they learn, as a chip rounds.")] = None,
+    bits: Annotated[int | None, Option(metavar="N", help="Of weights while they learn, on a chip's grid.")] = None,
     prune: Annotated[float, Option(metavar="SHARE", help="Drop so many synapses, the smallest, half way.")] = 0.0,
     neurons_per_core: Annotated[
         int | None, Option("--neurons-per-core", metavar="N", help="Of a chip, fewer than it allows.")

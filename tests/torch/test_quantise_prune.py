@@ -64,6 +64,54 @@ def test_what_was_rounded_loses_nothing_on_loihi(bits, dtype):
         assert len(levels) > min(2 ** (bits - 2), part.size // 4)
 
 
+def several(seed, learn):
+    """A hidden layer that pixels, itself and other inputs reach; a module of some of its projections."""
+    rng, net = np.random.default_rng(seed), neuro.Network("several", resolution=1.0)
+    cell = neuro.iaf_psc_delta(tau_m=float(rng.uniform(5.0, 30.0)), E_L=0.0, V_reset=0.0, V_th=1.0)
+    net.population("pixels", 40, neuro.spike_generator())
+    net.population("others", 20, neuro.spike_generator())
+    net.population("hidden", 12, cell)
+    for name, source in (("in", "pixels"), ("beside", "others"), ("round", "hidden")):
+        weight = neuro.normal(mean=0.1, std=float(rng.uniform(0.05, 1.0)))
+        net.connect(source, "hidden", neuro.all_to_all(), weight=weight, delay=1.0, name=name)
+    return neuro_torch.Module(net, learn, seed=seed, dtype=[torch.float32, torch.float64][seed % 2])
+
+
+def moved(module, target):
+    """By how much the chip rounds learnt weights anew, the rms of a projection relative to that of its weights."""
+    fixed = quantise(neuro.compile(module.network()).program, chip(target))
+    return max(wires.rounding.rms for wires in fixed.projections if wires.name in module.weights)
+
+
+@pytest.mark.parametrize("seed", range(12))
+def test_on_loihi_nothing_moves_where_all_weights_onto_a_population_learn(seed):
+    module = several(seed, ["in", "beside", "round"])
+    assert moved(neuro_torch.quantised(module, 1 + seed % 8), "loihi") < 1e-12
+
+
+def test_beside_weights_that_do_not_learn_little_moves_on_loihi():
+    found = [moved(neuro_torch.quantised(several(seed, ["in"]), 2 + seed % 3), "loihi") for seed in range(16)]
+    assert max(found) < 2e-3
+    assert min(found) < 1e-12
+
+
+@pytest.mark.parametrize("seed", range(8))
+def test_on_spinnaker_the_words_are_those_of_the_training(seed):
+    bits = 4 + seed % 5
+    module = neuro_torch.quantised(several(seed, ["in", "round"]), bits)
+    neuro_torch.quantised(module, bits, "spinnaker")
+    grid = module.weights.parametrizations["in"][-1]
+    weight = module.weights["in"].detach()
+    levels = np.rint((weight / torch.where(weight < 0, grid.below, grid.step)).double().numpy()).ravel()
+    fixed = quantise(neuro.compile(module.network()).program, chip("spinnaker"))
+    words = next(wires.mantissas for wires in fixed.projections if wires.name == "in")
+    assert np.any(levels)
+    np.testing.assert_array_equal(np.sign(words), np.sign(levels))
+    for sign in (1, -1):
+        assert len(np.unique(words[levels * sign > 0] / levels[levels * sign > 0])) <= 1
+    assert moved(module, "spinnaker") < (2.0**-15 if module.weights["in"].dtype == torch.float32 else 2.0**-43)
+
+
 def test_eight_bits_are_what_the_chip_rounds_to_by_itself():
     net = network()
     fixed = quantise(neuro.compile(net).program, chip("loihi"))
