@@ -55,9 +55,9 @@ def compiling_is_not_told() -> None:
 @pytest.fixture(scope="session", autouse=True)
 def small_networks_are_shared_by_threads() -> None:
     """The networks of tests are too small to be worth it, and threads are what some of them are about."""
-    from neuro_event import layout
+    from neuro_event import shares
 
-    layout.WORTH_MEETING = 0
+    shares.WORTH_MEETING = 0
 
 
 @pytest.fixture(scope="session")

@@ -14,7 +14,7 @@ from neuro.program.program import Ints
 from neuro.testing import observe
 from neuro.testing.case import differences
 from neuro.testing.strategies import networks
-from neuro_event import engine, layout, loop
+from neuro_event import engine, layout, loop, shares
 from neuro_event import tables as t
 from neuro_event.threads import LINE
 
@@ -89,9 +89,12 @@ def test_delays_of_their_own(few: int, many: int, monkeypatch: pytest.MonkeyPatc
     derandomize=True,
     suppress_health_check=[HealthCheck.too_slow, HealthCheck.data_too_large, HealthCheck.function_scoped_fixture],
 )
-@given(net=networks(largest=1300), seed=st.integers(0, 5), threads=st.integers(2, 3))
-def test_random_networks(net: Network, seed: int, threads: int, monkeypatch: pytest.MonkeyPatch):
+@given(net=networks(largest=1300), seed=st.integers(0, 5), threads=st.integers(2, 3), whole=st.booleans())
+def test_random_networks(net: Network, seed: int, threads: int, whole: bool, monkeypatch: pytest.MonkeyPatch):
     alone = ran(net, 1, [60 * net.resolution], seed)
     with monkeypatch.context() as patched:
         patched.setattr(engine, "Threads", InTurn)
+        if whole:
+            patched.setattr(shares, "SCATTERED", 0)
+            patched.setattr(shares, "EVEN", np.inf)
         assert differences(alone, ran(net, threads, [60 * net.resolution], seed), exact=True) == []

@@ -4,10 +4,13 @@ from typing import Any
 
 import numpy as np
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 
 import neuro
 from neuro.compiler import compile_network
-from neuro_event import layout, loop, threads
+from neuro.program.program import Program
+from neuro_event import layout, loop, shares, threads
 
 
 def network() -> neuro.Network:
@@ -81,7 +84,7 @@ def parted(sizes: list[int], n: int, delay: float = 1.0) -> np.ndarray[Any, np.d
         net.population(f"p{k}", size, neuro.iaf_psc_exp())
     net.connect("p0", "p0", neuro.one_to_one(), weight=1.0, delay=delay)
     program = compile_network(net, 0)
-    return np.diff(layout.thread_edges(program, layout.places(program), n), axis=1)
+    return np.diff(shares.thread_edges(program, layout.places(program), n), axis=1)
 
 
 def test_threads_share_each_population_evenly():
@@ -91,21 +94,69 @@ def test_threads_share_each_population_evenly():
 
 
 def test_what_cannot_be_shared_is_made_up_for():
-    shares = parted([500] * 6, 2)
-    assert sorted(shares.tolist()) == [[0, 8]] * 3 + [[8, 0]] * 3
+    blocks = parted([500] * 6, 2)
+    assert sorted(blocks.tolist()) == [[0, 8]] * 3 + [[8, 0]] * 3
     assert parted([1536, 1536], 2).sum(axis=0).tolist() == [24, 24]
+
+
+def circuit(sizes: list[int], between: list[tuple[int, int, int]]) -> Program:
+    """Populations, each driven by a generator, and so many synapses with delays of their own between them."""
+    net = neuro.Network("circuit", resolution=0.1)
+    for k, size in enumerate(sizes):
+        net.population(f"p{k}", size, neuro.iaf_psc_exp())
+        net.population(f"noise{k}", size, neuro.poisson_generator(rate=100.0))
+        net.connect(f"noise{k}", f"p{k}", neuro.one_to_one(), weight=1.0)
+    for source, target, n in between:
+        late = neuro.uniform(low=1.0, high=2.0)
+        net.connect(f"p{source}", f"p{target}", neuro.fixed_total_number(n=n), weight=1.0, delay=late)
+    return compile_network(net, 0)
+
+
+def test_populations_stay_whole_where_synapses_lie_beyond_the_caches(monkeypatch: pytest.MonkeyPatch):
+    program = circuit([1500, 1500, 3000, 3000], [(0, 1, 70_000), (1, 0, 50_000), (1, 2, 40_000), (2, 3, 59_000)])
+    where = layout.places(program)
+    monkeypatch.setattr(shares, "SCATTERED", 219_000)
+    edges = shares.thread_edges(program, where, 2)
+    assert edges[:, 0].tolist() == [place.begin // 64 for place in where]
+    assert edges[:, 2].tolist() == [-(-place.end // 64) for place in where]
+    assert (np.diff(edges, axis=1) == 0).sum(axis=1).tolist() == [1] * 8
+    whose = np.diff(edges, axis=1).argmax(axis=1).reshape(4, 2)
+    assert (whose[:, 0] == whose[:, 1]).all()  # noise goes with who hears it
+    assert sorted(whose[:, 0]) == [0, 0, 1, 1]
+    monkeypatch.setattr(shares, "SCATTERED", 219_001)
+    assert (np.diff(shares.thread_edges(program, where, 2), axis=1) > 0).all()
+
+
+@settings(max_examples=100, deadline=None)
+@given(sizes=st.lists(st.integers(1, 900), min_size=1, max_size=9), threads=st.integers(2, 4))
+def test_populations_stay_whole_only_where_the_work_is_even(sizes: list[int], threads: int):
+    owners = shares.whole_populations(circuit(sizes, []), threads)
+    works = np.repeat(sizes, 2) * 1.0
+    works[::2] += np.array(sizes) / 200  # a synapse from each generator
+    if owners is not None:
+        work = np.bincount(owners, works, threads)
+        assert work.max() <= 1.02 * work.mean() + 1e-6
+    elif threads == 2 and len(sizes) <= 2:
+        assert max(sizes) > 0.51 * sum(sizes)
+
+
+def test_what_is_uneven_at_first_is_exchanged():
+    """Largest first, to whom has least, would give shares of 0.52 and 0.48."""
+    owners = shares.whole_populations(circuit([349, 209, 126, 108, 103, 80, 24, 10], []), 2)
+    assert owners is not None
+    assert np.bincount(owners[::2], [349, 209, 126, 108, 103, 80, 24, 10]).max() <= 1.02 * 504.5
 
 
 @pytest.mark.parametrize(("size", "delay", "found"), [(4000, 0.1, 1), (30_000, 0.1, 2), (4000, 1.5, 2)])
 def test_a_network_is_cut_only_where_threads_meet_seldom_enough(
     size: int, delay: float, found: int, monkeypatch: pytest.MonkeyPatch
 ):
-    monkeypatch.setattr(layout, "WORTH_MEETING", 12_000)
+    monkeypatch.setattr(shares, "WORTH_MEETING", 12_000)
     net = neuro.Network("cut", resolution=0.1)
     net.population("cells", size, neuro.iaf_psc_exp())
     net.connect("cells", "cells", neuro.one_to_one(), weight=1.0, delay=delay)
-    assert layout.parts(compile_network(net, 0), 2) == found
-    assert layout.parts(compile_network(net, 0), 1) == 1
+    assert shares.parts(compile_network(net, 0), 2) == found
+    assert shares.parts(compile_network(net, 0), 1) == 1
 
 
 def test_a_state_saved_with_one_edge_for_all_populations_goes_on(monkeypatch: pytest.MonkeyPatch):
@@ -113,11 +164,11 @@ def test_a_state_saved_with_one_edge_for_all_populations_goes_on(monkeypatch: py
 
     def flat(program: Any, where: list[layout.Place], n: int) -> Any:
         words = layout.total(program) // layout.WORD
-        return layout.edges_of(np.arange(n + 1) * words // n * 8, where)
+        return shares.edges_of(np.arange(n + 1) * words // n * 8, where)
 
     alone = ran([40.0])
     with monkeypatch.context() as patched:
-        patched.setattr(layout, "thread_edges", flat)
+        patched.setattr(shares, "thread_edges", flat)
         sim = neuro.compile(network(), seed=4, threads=2)
         sim.run(15.3)
         arrays = sim._engine.snapshot()

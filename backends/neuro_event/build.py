@@ -13,7 +13,7 @@ from neuro.kernels.lanes import LANES
 from neuro.model.neurons import Generator, Neuron
 from neuro.model.parts import lateral_reset, local_winners, winner_take_all
 from neuro.program.program import Floats, Ints, Program
-from neuro_event import layout, memory
+from neuro_event import layout, memory, shares
 from neuro_event import tables as t
 from neuro_event.arrays import Arrays
 from neuro_event.late import add_delays
@@ -33,7 +33,7 @@ def build(program: Program, threads: int, eager: bool = True, edges: Ints | None
     longest = _longest_delay(program)
     slots = layout.power_of_two(2 * longest + 2)
     if edges is None:
-        edges = layout.thread_edges(program, where, layout.parts(program, threads))
+        edges = shares.thread_edges(program, where, shares.parts(program, threads))
     net: dict[str, Any] = {"edges": edges}
     arrays = Arrays(
         program, where, arranged, {q: k for k, q in enumerate(learning)}, net, {}, max(1, program.min_delay), longest, 0

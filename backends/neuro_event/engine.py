@@ -16,7 +16,20 @@ from neuro.program.backend import EngineCounts, Outcome, Sent, Spikes, Trial, Wi
 from neuro.program.currents import Currents
 from neuro.program.program import Floats, Ints, Program, Trials
 from neuro.program.rates import Rates
-from neuro_event import build, late, layout, lazy, learning, loop, projections, reading, rewards, snapshot, sources
+from neuro_event import (
+    build,
+    late,
+    layout,
+    lazy,
+    learning,
+    loop,
+    projections,
+    reading,
+    rewards,
+    shares,
+    snapshot,
+    sources,
+)
 from neuro_event import tables as t
 from neuro_event.changes import Changes
 from neuro_event.currents import apply
@@ -499,9 +512,9 @@ class EventEngine:
         Raises:
             ModelError: it was taken with another number of threads.
         """
-        edges = layout.edges_of(arrays["engine.edges"], self._a.places)
+        edges = shares.edges_of(arrays["engine.edges"], self._a.places)
         n = edges.shape[1] - 1
-        if n not in (layout.parts(self._program, self._n_threads), self._n_threads):
+        if n not in (shares.parts(self._program, self._n_threads), self._n_threads):
             raise ModelError(f"the state was saved with threads={n}: expected the same to continue")
         self._start_over(None, snapshot.is_eager(arrays), edges)
         snapshot.restore(self._a, arrays)

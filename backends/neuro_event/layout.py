@@ -19,13 +19,6 @@ from neuro_event.operations import entry, generator_entry
 WORD = t.BLOCK * t.GROUPED
 """Neurons of a group of blocks; populations begin at multiples of it."""
 
-WORTH_MEETING = 12_000
-"""Steps of single neurons between two meetings of threads, about a nanosecond each, from which on they gain by sharing.
-
-A meeting, and what each reads of the other's spikes, take one to three microseconds.
-"""
-
-
 _KINDS = {
     "poisson": t.POISSON,
     "listed": t.LISTED,
@@ -207,50 +200,6 @@ def split_rows(row_ends: Ints, targets: NDArray[np.int32], edges: Ints) -> Ints:
         count = below[row_ends[1:]] - below[row_ends[:-1]] if k else 0
         rows[k:-1:threads] = row_ends[:-1] + count
     return rows
-
-
-def thread_edges(program: Program, where: list[Place], threads: int) -> Ints:
-    """Blocks at which the threads' neurons of each population begin, and the end: (populations, threads + 1).
-
-    Each has a like share of every population, since no one knows before how busy one will be; what cannot be shared
-    out evenly, of small ones or of groups that stay whole, is made up for in the next populations.
-    """
-    grouped = {g.population for g in program.groups}
-    edges = np.zeros((len(program.populations), threads + 1), dtype=np.int64)
-    below, total = np.zeros(threads + 1), 0.0  # the work of the threads before each, and of all
-    for index, (population, place) in enumerate(zip(program.populations, where, strict=True)):
-        first, last, end = place.begin // WORD, -(-place.end // WORD), -(-place.end // t.BLOCK)
-        pieces = 1 if index in grouped else last - first
-        incoming = sum(_count(p, program) for p in program.projections if p.target == index)
-        work = (population.size + incoming / 200.0) / pieces
-        total += work * pieces
-        cut = 0
-        for k in range(1, threads):
-            cut = min(max(cut, round((total * k / threads - below[k]) / work)), pieces)
-            edges[index, k] = min((first + cut * (last - first) // pieces) * t.GROUPED, end)
-            below[k] += cut * work
-        edges[index, 0], edges[index, threads] = first * t.GROUPED, end
-    return edges
-
-
-def parts(program: Program, threads: int) -> int:
-    """Into how many parts a program is cut for some threads: one where they would meet more often than is worth it."""
-    steps = sum(p.size for p in program.populations) * max(1, program.min_delay)
-    return threads if steps >= WORTH_MEETING else 1
-
-
-def edges_of(saved: Ints, where: list[Place]) -> Ints:
-    """The edges of a saved state as of `thread_edges`; in version 0.1.0 they were those of all populations."""
-    if saved.ndim == 2:
-        return saved
-    return np.array([np.clip(saved, place.begin // t.BLOCK, -(-place.end // t.BLOCK)) for place in where])
-
-
-def _count(p: Projection, program: Program) -> int:
-    if p.layout == "grid":
-        assert p.grid is not None
-        return p.grid.maps * p.grid.rows * p.grid.columns * p.grid.kernel_height * p.grid.kernel_width
-    return p.size
 
 
 def called(model: type[Any]) -> tuple[int, int]:
