@@ -239,7 +239,10 @@ class Module(torch.nn.Module):
         return self.__dict__ | {"_kept": {}, "_listed": {}, "_steppers": {}}
 
     def on(self, net: neuro.Network) -> Module:
-        """A module of another network that learns the same projections in the same way, with the same outputs."""
+        """A module of another network that learns the same projections in the same way, with the same outputs.
+
+        Its weights are not quantised.
+        """
         like, learns = self._like(), {name: ["weight"] for name in self.weights}
         for name in self.delays:
             learns[name] = [*learns.get(name, []), "delay"]
