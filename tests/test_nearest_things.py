@@ -3,6 +3,7 @@
 import pytest
 
 import neuro
+import neuro_models
 from neuro import ModelError
 from neuro.events import Events
 
@@ -64,6 +65,18 @@ def test_files_and_formats(tmp_path):
     assert told(lambda: neuro.events.load(tmp_path / "other")).endswith("no such file")
     message = told(lambda: neuro.events.load(tmp_path / "walk.dat", format="aedat9"))
     assert message.endswith("hint: did you mean 'aedat2' or 'aedat3' or 'aedat4'?")
+
+
+@pytest.mark.parametrize("name", ["dense", "dense.yaml"])
+def test_a_published_network_by_name(name, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    hint = "the published network is neuro.load(neuro_models.path('dense'))"
+    assert told(lambda: neuro.load(name)) == f"no such file\n  hint: {hint}"
+    assert neuro.load(neuro_models.path("dense")).populations
+    assert told(lambda: neuro.load("dens")) == "no such file"
+    neuro.Network("mine").save(tmp_path / "mine.yaml")
+    (tmp_path / "mine.yaml").rename(tmp_path / name)
+    assert neuro.load(name).name == "mine"
 
 
 @pytest.mark.parametrize("micro", ["\N{MICRO SIGN}", "\N{GREEK SMALL LETTER MU}"])

@@ -12,6 +12,7 @@ from typing import Any
 import torch
 from torch import Tensor
 
+from neuro_torch.scan.once import once
 from neuro_torch.wires import Emitted, Sent, Wires, added
 
 
@@ -44,6 +45,7 @@ class _Token(torch.autograd.Function):
         return torch.zeros((), dtype=weights.dtype, device=weights.device)
 
     @staticmethod
+    @once
     def backward(ctx, g):
         found, ctx.learnt.gathered = ctx.learnt.gathered, None
         return found, None
@@ -62,12 +64,15 @@ class Arrivals(torch.autograd.Function):
         x = torch.zeros(max(2, wires.receptors), batch, wires.n_target, dtype=torch.float64, device=wires.device)
         wires.add(x, None, learnt.weights, sent)
         ctx.wires, ctx.learnt, ctx.sent = wires, learnt, sent
+        ctx.save_for_backward(learnt.weights)  # so that torch sees a change of them before the gradients are asked for
         return x
 
     @staticmethod
+    @once
     def backward(ctx, g):
         """Of the weights: what their synapses brought; of a spike: what all its synapses would have brought."""
-        wires, weights, g = ctx.wires, ctx.learnt.weights, g.contiguous()
+        (weights,) = ctx.saved_tensors
+        wires, g = ctx.wires, g.contiguous()
         asked = zip(ctx.needs_input_grad[5:], ctx.sent, strict=True)
         of_spikes = [_of_spikes(wires, weights, g, d) if needed else None for needed, (d, _) in asked]
         if ctx.needs_input_grad[2] and not wires.relay:

@@ -86,7 +86,8 @@ class Events:
             ModelError: they hold something else, or their shapes do not agree.
         """
         held = {
-            name: tensor.detach().cpu() if hasattr(tensor, "detach") else tensor for name, tensor in tensors.items()
+            name: tensor.detach().to_dense().cpu() if hasattr(tensor, "detach") else tensor
+            for name, tensor in tensors.items()
         }
         arrays = {name: np.asarray(tensor) for name, tensor in held.items()}
         sizes = {name: array.shape[:2] for name, array in arrays.items()}

@@ -13,6 +13,7 @@ from neuro.program.program import Population, Program
 from neuro_torch.events import Events, Train
 from neuro_torch.scan.task import Task
 from neuro_torch.sources import Source
+from neuro_torch.tensors import check, fitted
 
 
 def sizes(program: Program, batch: Any, steps: int | None) -> tuple[int, int]:
@@ -40,6 +41,9 @@ def sizes(program: Program, batch: Any, steps: int | None) -> tuple[int, int]:
         for name, each in batch.items():
             if not isinstance(each, (torch.Tensor, np.ndarray)):
                 raise ModelError(f"batch: '{name}': found {type(each).__name__}: expected a tensor")
+            if each.ndim < 3:
+                told = f"batch: '{name}': found the shape {tuple(each.shape)}"
+                raise ModelError(f"{told}: expected (batch, steps, neurons)")
         found = {tuple(each.shape[:2]) for each in batch.values()}
     if len(found) != 1:
         raise ModelError(f"batch: found (batch, steps) of {sorted(found)}: expected one of all inputs")
@@ -67,15 +71,17 @@ def checked(part: Population, given: Any) -> Any:
             told = f"batch: '{part.name}': found neuron {given.neuron.max()}"
             raise ModelError(f"{told}: expected 0 to {part.size - 1}")
         return given
-    if given.ndim != 3 or given.shape[2] != part.size:
-        told = f"batch: '{part.name}': found the shape {tuple(given.shape)}"
-        raise ModelError(f"{told}: expected (batch, steps, {part.size})")
+    check(part, given)
     return given
 
 
-def given_to(task: Task, given: Any) -> Train | torch.Tensor | None:
-    """What was checked, where and of the type that the pass has it."""
-    return given if given is None or isinstance(given, Train) else torch.as_tensor(given).to(task.device, task.dtype)
+def given_to(part: Population, given: Any, task: Task) -> Train | torch.Tensor | None:
+    """What was checked, as a pass has it.
+
+    Raises:
+        ModelError: something is no number.
+    """
+    return given if given is None or isinstance(given, Train) else fitted(part, given, task)
 
 
 def emitted(program: Program, part: Population, given: Train | torch.Tensor | None, task: Task, scans: Any) -> Any:
@@ -109,8 +115,10 @@ def dense(given: Train | torch.Tensor, part: Population, task: Task) -> torch.Te
 
 def beginning(given: Any, steps: int) -> Any:
     """The first steps of the first recording of what was checked."""
-    if not isinstance(given, Train):
-        return None if given is None else given[:1, :steps]
-    one = given.of([0])
-    some = one.step < steps
-    return Train(np.array([0, some.sum()]), one.step[some], one.neuron[some])
+    if isinstance(given, Train):
+        one = given.of([0])
+        some = one.step < steps
+        return Train(np.array([0, some.sum()]), one.step[some], one.neuron[some])
+    if isinstance(given, torch.Tensor) and given.layout is not torch.strided:
+        return given[0].to_dense()[None, :steps]
+    return None if given is None else given[:1, :steps]

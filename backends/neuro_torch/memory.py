@@ -118,10 +118,17 @@ class _Input:
         if given is None or isinstance(given, Train):
             spikes = 0 if given is None else len(given.step)
             return cls(spikes / task.batch, numbers, not own, own, False)
-        tensor = torch.as_tensor(given)
-        same = tensor.dtype == task.dtype and tensor.device == task.device
-        spikes = int(torch.count_nonzero(tensor[0]))
-        return cls(spikes, numbers, False, own or not same, tensor.requires_grad)
+        same = getattr(given, "dtype", None) == task.dtype and given.device == task.device
+        learns = isinstance(given, torch.Tensor) and given.requires_grad
+        return cls(_spikes(given), numbers, False, own or not same, learns)
+
+
+def _spikes(given: Any) -> int:
+    """How many numbers of the first recording of a tensor or an array are not 0."""
+    one = torch.as_tensor(given[0])
+    if one.is_meta:
+        return 0
+    return int(torch.count_nonzero(one if one.layout is torch.strided else one.to_dense()))
 
 
 Inputs = Mapping[int, _Input]

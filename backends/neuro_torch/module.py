@@ -27,7 +27,7 @@ from neuro_torch.scan import compiled, layers, operations
 from neuro_torch.scan.task import Task
 from neuro_torch.stepped import Tensors, stepped
 from neuro_torch.stepping import Stepper
-from neuro_torch.surrogates import Surrogate, surrogate_of
+from neuro_torch.surrogates import Plain, Surrogate, surrogate_of
 
 __all__ = ["Module"]
 
@@ -40,8 +40,9 @@ class Module(torch.nn.Module):
         trainable: names of the projections whose weights learn; or what learns by name of a projection or a population:
             {"in_hidden": ["weight", "delay"], "hidden": ["tau_m", "V_th"]}. Weights that synapses share, such as
             kernels of a grid or one number for a projection, are one parameter.
-        surrogate: stands in for the derivative of a spike, by name or itself, see `neuro_torch.surrogates`.
-        slope: of a surrogate that is given by name.
+        surrogate: stands in for the derivative of a spike, by name or itself, see `neuro_torch.surrogates`; or a plain
+            function of x and slope, see `neuro_torch.surrogates.Own`.
+        slope: of a surrogate that is given by name or as a function.
         duration: of a recording in ms; that of each batch if not given.
         outputs: populations whose spikes and potentials are wanted in time; if not given those from which no
             projection starts.
@@ -49,7 +50,8 @@ class Module(torch.nn.Module):
         dtype: of all numbers, torch's default if not given. With `torch.float64` spikes are those of `event`.
         damping: what gradients are multiplied by each time they go along a synapse of a recurrent part, 0 to 1.
         by: "kernels" (compiled, for CPUs), "torch" (torch's operations, for any device) or "steps"; what is fastest
-            where the parameters are if not given. What no scan fits is stepped anyway.
+            where the parameters are if not given. What no scan fits is stepped anyway. Gradients have gradients by
+            "torch" only.
 
     Attributes:
         weights: the parameters by projection, in mV or pA as the network has them: rows by source of an `all_to_all`,
@@ -69,7 +71,7 @@ class Module(torch.nn.Module):
         net: neuro.Network,
         trainable: Iterable[str] | Mapping[str, Iterable[str] | str],
         *,
-        surrogate: str | Surrogate = "fast_sigmoid",
+        surrogate: str | Surrogate | Plain = "fast_sigmoid",
         slope: float | None = None,
         duration: float | None = None,
         outputs: Sequence[str] | None = None,
@@ -119,12 +121,12 @@ class Module(torch.nn.Module):
         """Run a batch from step 0.
 
         Args:
-            batch: `Events`, or by population of generators a dense tensor, (batch, steps, neurons), of spikes or of any
-                numbers by which weights are multiplied; it may have a gradient. A spike_generator that is not named
-                emits what the network lists.
+            batch: `Events`, or by population of generators a tensor of spikes or of any numbers by which weights are
+                multiplied, (batch, steps, neurons) or (batch, steps, *shape of the population); it may have a gradient.
+                A spike_generator that is not named emits what the network lists.
 
         Raises:
-            ModelError: a name or a shape is wrong, or the batch needs more memory than is free.
+            ModelError: a name or a shape is wrong, something is no number, or the batch needs more memory than is free.
         """
         size, steps = feeding.sizes(self.program, batch, self._steps)
         task = self._task(size, steps)
@@ -134,17 +136,20 @@ class Module(torch.nn.Module):
             for k, part in enumerate(self.program.populations)
             if part.kind in ("listed", "poisson", "generator")
         }
-        memory.refuse_large(self._need(asked, task), task)
-        given = {k: feeding.given_to(task, each) for k, each in asked.items()}
+        if not torch.compiler.is_compiling():
+            memory.refuse_large(self._need(asked, task), task)
+        given = {k: feeding.given_to(self.program.populations[k], each, task) for k, each in asked.items()}
         emitted, potentials = self._scanned(given, task) if self._plan.parts else self._stepped(given, task)
         return self._outcome(batch, emitted, potentials, task)
 
     def _need(self, asked: Mapping[int, Any], task: Task) -> memory.Need:
         """What a batch takes; how much steps keep is counted once."""
+        parts = self.program.populations
 
         def run(steps: int) -> None:
-            begun = {k: feeding.given_to(task, feeding.beginning(each, steps)) for k, each in asked.items()}
-            self._stepped(begun, replace(task, batch=1, steps=steps))
+            few = replace(task, batch=1, steps=steps)
+            begun = {k: feeding.beginning(each, steps) for k, each in asked.items()}
+            self._stepped({k: feeding.given_to(parts[k], each, few) for k, each in begun.items()}, few)
 
         def tape() -> float:
             if "tape" not in self._kept:
@@ -213,7 +218,8 @@ class Module(torch.nn.Module):
             if each is not None
         }
         if task.device not in self._steppers:
-            self._steppers = {task.device: Stepper(self.program, device=task.device, surrogate=self.surrogate)}
+            with torch.inference_mode(False):
+                self._steppers = {task.device: Stepper(self.program, device=task.device, surrogate=self.surrogate)}
         delays = {name: delay if self.training else self._whole(delay) for name, delay in self.delays.items()}
         tensors = Tensors(dict(self.weights.items()), delays, parameters)
         return stepped(self._steppers[task.device], task, tensors, inputs)
@@ -316,7 +322,9 @@ class Module(torch.nn.Module):
         """The weights of a projection; those that do not learn are the network's in the type of the others."""
         name, key = self.program.projections[projection].name, (projection, task.dtype, task.device)
         if name not in self.weights and key not in self._kept:
-            self._kept[key] = torch.tensor(self._shaped(projection), dtype=task.dtype, device=task.device)
+            # What is made in inference mode could never be trained with.
+            with torch.inference_mode(False):
+                self._kept[key] = torch.tensor(self._shaped(projection), dtype=task.dtype, device=task.device)
         weight: Tensor = self.weights[name] if name in self.weights else self._kept[key]
         return weight
 

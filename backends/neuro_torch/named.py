@@ -8,7 +8,7 @@ from typing import Any
 import torch
 from torch.nn.utils import parametrize
 
-from neuro.core.errors import unknown
+from neuro.core.errors import ModelError, unknown
 
 __all__ = ["Named"]
 
@@ -46,10 +46,21 @@ class Named(torch.nn.Module):
 
     def __setitem__(self, name: str, value: torch.Tensor) -> None:
         at = self.attribute(name)
+        self._check(name, value)
         if parametrize.is_parametrized(self, at):
             setattr(self, at, value.detach())
         else:
             setattr(self, at, value if isinstance(value, torch.nn.Parameter) else torch.nn.Parameter(value.detach()))
+
+    def _check(self, name: str, value: Any) -> None:
+        """Refuse what cannot stand in the place of a tensor."""
+        old = self[name]
+        if not isinstance(old, torch.Tensor):
+            raise ModelError(f"{self._kind} '{name}': expected a tensor for one of {', '.join(old)}, not for all")
+        found = f"{tuple(value.shape)} of {value.dtype}" if isinstance(value, torch.Tensor) else type(value).__name__
+        expected = f"{tuple(old.shape)} of {old.dtype}"
+        if found != expected:
+            raise ModelError(f"{self._kind} '{name}': found {found}: expected a tensor of the shape {expected}")
 
     def __contains__(self, name: object) -> bool:
         return name in self._at

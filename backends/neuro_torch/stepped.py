@@ -8,6 +8,7 @@ from typing import Any, NamedTuple
 import torch
 from torch import Tensor
 
+from neuro_torch.scan.joined import joined
 from neuro_torch.scan.task import Task
 from neuro_torch.stepping import Stepper
 
@@ -56,17 +57,4 @@ def stepped(
 
 
 def _stacked(found: Mapping[int, list[Any]], task: Task, learns: list[Tensor]) -> dict[int, Tensor]:
-    joined: Any = _Joined.apply
-    return {k: joined(torch.stack(each, 1).to(task.dtype), *learns) for k, each in found.items()}
-
-
-class _Joined(torch.autograd.Function):
-    """A tensor in the graph of what learns, also where nothing has arrived: silence has a gradient, 0."""
-
-    @staticmethod
-    def forward(ctx: Any, tensor: Tensor, *learns: Tensor) -> Tensor:
-        return tensor.view_as(tensor)
-
-    @staticmethod
-    def backward(ctx: Any, *grads: Tensor) -> Any:
-        return (grads[0], *(None for _ in ctx.needs_input_grad[1:]))
+    return {k: joined(torch.stack(each, 1).to(task.dtype), learns) for k, each in found.items()}

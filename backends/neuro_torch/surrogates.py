@@ -9,13 +9,17 @@ are; and all are 1 at the threshold, so that a slope only says how far from it a
 | `arctan` | 1 / (1 + (pi / 2 slope x)^2) | Fang et al., ICCV 2021 |
 | `slayer` | exp(-slope abs(x)) | Shrestha and Orchard, NeurIPS 2018 |
 | `triangle` | max(0, 1 - slope abs(x)) | Esser et al., PNAS 113(41):11441, 2016; Bellec et al., NeurIPS 2018 |
+
+One's own is a plain function of x and slope: kernels compile it, and tensors run it as they run models.
 """
 
 from __future__ import annotations
 
+import inspect
 import math
-from collections.abc import Mapping
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from types import FunctionType
 from typing import TYPE_CHECKING, Any, ClassVar
 
 from neuro.core.errors import ModelError, unknown
@@ -23,7 +27,10 @@ from neuro.core.errors import ModelError, unknown
 if TYPE_CHECKING:
     from torch import Tensor
 
-__all__ = ["SURROGATES", "ArcTan", "FastSigmoid", "Slayer", "Surrogate", "Triangle", "derivative_at", "surrogate_of"]
+__all__ = ["SURROGATES", "ArcTan", "FastSigmoid", "Own", "Slayer", "Surrogate", "Triangle", "surrogate_of"]
+
+Plain = Callable[[float, float], float]
+"""The derivative of one neuron from x and slope, in plain arithmetic: kernels compile it."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -32,7 +39,6 @@ class Surrogate:
 
     Attributes:
         slope: how fast it falls with the distance from the threshold, per V_th - V_reset; > 0.
-        code: its number in kernels, see `derivative_at`.
         name: as given to `neuro_torch.Module`.
 
     Raises:
@@ -40,13 +46,17 @@ class Surrogate:
     """
 
     slope: float
-    code: ClassVar[int]
     name: ClassVar[str]
 
     def __post_init__(self) -> None:
         slope = self.slope
         if isinstance(slope, bool) or not isinstance(slope, (int, float)) or not 0.0 < slope < math.inf:
             raise ModelError(f"surrogate '{self.name}': slope = {slope!r}: expected a number > 0")
+
+    @property
+    def at(self) -> Plain:
+        """The same for one number and its slope, in plain arithmetic: kernels compile it."""
+        raise NotImplementedError
 
     def derivative(self, x: Tensor) -> Tensor:
         """At x = (V_m - V_th) / (V_th - V_reset), element by element."""
@@ -58,8 +68,12 @@ class FastSigmoid(Surrogate):
     """1 / (1 + slope abs(x))^2, with long tails: neurons far from the threshold learn, too. The default."""
 
     slope: float = 1.0
-    code: ClassVar[int] = 0
     name: ClassVar[str] = "fast_sigmoid"
+
+    @property
+    def at(self) -> Plain:
+        """The same for one number and its slope."""
+        return _fast_sigmoid
 
     def derivative(self, x: Tensor) -> Tensor:
         """At x = (V_m - V_th) / (V_th - V_reset), element by element."""
@@ -71,8 +85,12 @@ class ArcTan(Surrogate):
     """1 / (1 + (pi / 2 slope x)^2): flat at the threshold."""
 
     slope: float = 10.0
-    code: ClassVar[int] = 1
     name: ClassVar[str] = "arctan"
+
+    @property
+    def at(self) -> Plain:
+        """The same for one number and its slope."""
+        return _arctan
 
     def derivative(self, x: Tensor) -> Tensor:
         """At x = (V_m - V_th) / (V_th - V_reset), element by element."""
@@ -84,8 +102,12 @@ class Slayer(Surrogate):
     """exp(-slope abs(x)), of SLAYER."""
 
     slope: float = 10.0
-    code: ClassVar[int] = 2
     name: ClassVar[str] = "slayer"
+
+    @property
+    def at(self) -> Plain:
+        """The same for one number and its slope."""
+        return _slayer
 
     def derivative(self, x: Tensor) -> Tensor:
         """At x = (V_m - V_th) / (V_th - V_reset), element by element."""
@@ -97,24 +119,72 @@ class Triangle(Surrogate):
     """max(0, 1 - slope abs(x)): nobody farther than 1 / slope from the threshold learns."""
 
     slope: float = 1.0
-    code: ClassVar[int] = 3
     name: ClassVar[str] = "triangle"
+
+    @property
+    def at(self) -> Plain:
+        """The same for one number and its slope."""
+        return _triangle
 
     def derivative(self, x: Tensor) -> Tensor:
         """At x = (V_m - V_th) / (V_th - V_reset), element by element."""
         return (1.0 - self.slope * x.abs()).clamp(min=0.0)
 
 
+@dataclass(frozen=True, slots=True, repr=False)
+class Own(Surrogate):
+    """A function of one's own, in a file or a notebook: of x and slope, in plain arithmetic of numbers.
+
+    Numbers of its module that it reads count as they are when it is first compiled.
+
+    ```python
+    def gauss(x, slope):
+        return math.exp(-((slope * x) ** 2))
+
+
+    module = neuro_torch.Module(net, ["in_hidden"], surrogate=gauss, slope=2.0)
+    ```
+
+    Raises:
+        ModelError: it takes something else, cannot run for all neurons at once, or gives no number.
+    """
+
+    function: Plain
+    slope: float = field(default=1.0, kw_only=True)
+    name: ClassVar[str] = "own"
+
+    def __post_init__(self) -> None:
+        super(Own, self).__post_init__()
+        _check(self)
+
+    def __repr__(self) -> str:
+        return f"Own({self.function.__name__}, slope={self.slope:g})"
+
+    @property
+    def at(self) -> Plain:
+        """The function itself."""
+        return self.function
+
+    def derivative(self, x: Tensor) -> Tensor:
+        """At x = (V_m - V_th) / (V_th - V_reset), element by element."""
+        import torch
+
+        from neuro_torch.lanes import Lanes
+
+        found = Lanes(x.device).run(self.function, x, self.slope)
+        return torch.as_tensor(found, device=x.device).to(x.dtype).expand_as(x)
+
+
 SURROGATES: Mapping[str, type[Surrogate]] = {each.name: each for each in (FastSigmoid, ArcTan, Slayer, Triangle)}
 """Surrogates by name."""
 
 
-def surrogate_of(told: str | Surrogate, slope: float | None = None) -> Surrogate:
+def surrogate_of(told: str | Surrogate | Plain, slope: float | None = None) -> Surrogate:
     """The surrogate that a user asked for.
 
     Args:
-        told: its name, or itself.
-        slope: of a name; None takes the surrogate's own.
+        told: its name, itself, or a function as `Own` takes it.
+        slope: of a name or a function; None takes the surrogate's own.
 
     Raises:
         ModelError: there is none of that name, the slope cannot be, or it is told twice.
@@ -124,27 +194,69 @@ def surrogate_of(told: str | Surrogate, slope: float | None = None) -> Surrogate
             raise ModelError(
                 f"slope = {slope!r}: the surrogate has one already, {told.slope:g}", hint="give one of them"
             )
+        if type(told).at is Surrogate.at:
+            raise ModelError(f"surrogate: {type(told).__name__} has no function of one number: {_EXPECTED}", hint=_LIKE)
         return told
+    if isinstance(told, FunctionType):
+        return Own(told) if slope is None else Own(told, slope=slope)
+    if not isinstance(told, str):
+        raise ModelError(f"surrogate: found {told!r}: {_EXPECTED}", hint=_LIKE)
     if told not in SURROGATES:
-        raise unknown("surrogate", str(told), SURROGATES)
+        raise unknown("surrogate", told, SURROGATES)
     kind: Any = SURROGATES[told]
     surrogate: Surrogate = kind() if slope is None else kind(slope)
     return surrogate
 
 
-def derivative_at(code: int, slope: float, x: float) -> float:
-    """The same for one number, in plain arithmetic: kernels compile it.
+_EXPECTED = f"expected {', '.join(SURROGATES)}, or a plain function of x and slope"
+_LIKE = "def gauss(x, slope): return math.exp(-((slope * x) ** 2))"
 
-    Args:
-        code: `Surrogate.code`.
-        slope: its slope.
-        x: (V_m - V_th) / (V_th - V_reset).
-    """
+
+def _check(own: Own) -> None:
+    """Refuse a function that cannot run as compiled and for all neurons at once."""
+    import torch
+
+    from neuro_torch.translate import Untranslatable
+
+    function = own.function
+    name = getattr(function, "__name__", repr(function))
+    if not isinstance(function, FunctionType) or name == "<lambda>":
+        raise ModelError(f"surrogate '{name}': found no function made by def: {_EXPECTED}", hint=_LIKE)
+    taken = list(inspect.signature(function).parameters)
+    if len(taken) != 2:
+        raise ModelError(f"surrogate '{name}': it takes ({', '.join(taken)}): expected (x, slope)", hint=_LIKE)
+    if function.__closure__:
+        around = ", ".join(function.__code__.co_freevars)
+        raise ModelError(f"surrogate '{name}': it reads {around} of the function around it: expected x and slope alone")
+    try:
+        inspect.getsource(function)
+    except OSError:
+        raise ModelError(f"surrogate '{name}': its source is not there: expected it in a file or a notebook") from None
+    try:
+        numbers = [float(function(x, own.slope)) for x in (-1.0, 0.0, 1.0)]
+        own.derivative(torch.linspace(-1.0, 1.0, 3))
+    except Untranslatable as error:
+        raise ModelError(f"surrogate '{name}': it cannot run for all neurons at once: {error}", hint=_LIKE) from None
+    except Exception as error:
+        told = f"surrogate '{name}': {type(error).__name__}: {error}: expected plain arithmetic of one number"
+        raise ModelError(told, hint=_LIKE) from None
+    if not all(map(math.isfinite, numbers)):
+        raise ModelError(f"surrogate '{name}': found {numbers} at x = -1, 0 and 1: expected numbers")
+
+
+def _fast_sigmoid(x: float, slope: float) -> float:
     far = slope * abs(x)
-    if code == 0:
-        return 1.0 / ((1.0 + far) * (1.0 + far))
-    if code == 1:
-        return 1.0 / (1.0 + (0.5 * math.pi * far) * (0.5 * math.pi * far))
-    if code == 2:
-        return math.exp(-far)
-    return max(0.0, 1.0 - far)
+    return 1.0 / ((1.0 + far) * (1.0 + far))
+
+
+def _arctan(x: float, slope: float) -> float:
+    far = slope * abs(x)
+    return 1.0 / (1.0 + (0.5 * math.pi * far) * (0.5 * math.pi * far))
+
+
+def _slayer(x: float, slope: float) -> float:
+    return math.exp(-slope * abs(x))
+
+
+def _triangle(x: float, slope: float) -> float:
+    return max(0.0, 1.0 - slope * abs(x))

@@ -86,7 +86,7 @@ def number(value: Any) -> Any:
 
 def network(text: str) -> Path:
     """A file, or that of a published network by its name; a file of that name comes first."""
-    from neuro.cli.shipped import published
+    from neuro.model.language.published import published
 
     path = Path(text)
     return path if path.suffix or path.exists() else published().get(text, path)

@@ -1,11 +1,9 @@
-"""What the package ships: folders to start from (`neuro new`), files of the pages (`neuro example`), networks."""
+"""What the package ships: folders to start from (`neuro new`) and files of the pages (`neuro example`)."""
 
 from __future__ import annotations
 
 from importlib.resources import files
 from importlib.resources.abc import Traversable
-from importlib.util import find_spec
-from pathlib import Path
 
 
 def shipped(what: str) -> dict[str, Traversable]:
@@ -15,13 +13,6 @@ def shipped(what: str) -> dict[str, Traversable]:
         what: "templates", which are folders, or "examples", which are files.
     """
     return by_name(files("neuro.cli").joinpath(what))
-
-
-def published() -> dict[str, Path]:
-    """The files of the published networks, by name; none where they are not installed."""
-    found = find_spec("neuro_models")
-    folders = (found and found.submodule_search_locations) or ()
-    return {file.stem: file for folder in folders for file in sorted(Path(folder).glob("*.yaml"))}
 
 
 def by_name(folder: Traversable) -> dict[str, Traversable]:

@@ -2,6 +2,7 @@
 
 import copy
 import pickle
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -45,6 +46,79 @@ def test_copies_are_equal_and_apart(by):
             twin.weights["up"].zero_()
         assert twin(EVENTS).counts["hidden"].sum() == 0
     assert torch.equal(module(EVENTS).spikes["out"], outcome.spikes["out"])
+
+
+@pytest.mark.parametrize("by", BY)
+def test_training_after_inference(by):
+    asked, fresh = (module_of(trainable={"up": ["weight", "delay"]}, by=by) for _ in range(2))
+    with torch.inference_mode():
+        told = asked(EVENTS)
+        assert told.counts["hidden"].sum() > 0
+    for module in (asked, fresh):
+        module(EVENTS).spikes["out"].sum().backward()
+    assert asked.weights["up"].grad.abs().sum() > 0
+    assert torch.equal(asked.weights["up"].grad, fresh.weights["up"].grad)
+
+
+@pytest.mark.parametrize("by", BY)
+@pytest.mark.parametrize("recurrent", [False, True], ids=["layers", "recurrent"])
+def test_weights_that_change_before_backward_are_refused(by, recurrent):
+    net = network()
+    net.connect("hidden", "hidden", neuro.all_to_all(), weight=0.1, name="around")
+    module = neuro_torch.Module(net, ["up", "down", "around"], slope=1.0, by=by, dtype=torch.float64)
+    optimiser = torch.optim.SGD([module.weights["around" if recurrent else "down"]], lr=0.1)
+    for part in module.parameters():
+        part.grad = torch.ones_like(part)
+    spikes = module(EVENTS).spikes["out"]
+    optimiser.step()
+    with pytest.raises(RuntimeError, match="modified by an inplace operation"):
+        spikes.sum().backward()
+
+
+@pytest.mark.parametrize("by", ["kernels", "steps"])
+@pytest.mark.parametrize("name", ["up", "down"])
+def test_a_gradient_of_a_gradient_is_refused(by, name):
+    module = module_of(by=by)
+    (gradient,) = torch.autograd.grad(module(EVENTS).spikes["out"].sum(), module.weights[name], create_graph=True)
+    with pytest.raises(neuro.ModelError) as error:
+        (module(EVENTS).spikes["out"].sum() + gradient.square().sum()).backward()
+    assert str(error.value) == (
+        "a gradient of a gradient: compiled kernels and steps have none\n"
+        "  hint: neuro_torch.Module(..., by='torch') has, where the network is scanned"
+    )
+
+
+def test_a_gradient_of_a_gradient_by_torch():
+    def found(scale):
+        module = module_of(by="torch", dtype=torch.float64, surrogate="arctan")
+        with torch.no_grad():
+            module.weights["down"] += scale
+        potential = module(EVENTS).V_m["out"][:, :6].square().sum()
+        (gradient,) = torch.autograd.grad(potential, module.weights["down"], create_graph=True)
+        return gradient, module.weights["down"]
+
+    gradient, weight = found(0.0)
+    (second,) = torch.autograd.grad(gradient.square().sum(), weight)
+    ends = [found(step)[0].square().sum().item() for step in (-1e-6, 1e-6)]
+    assert second.sum().item() == pytest.approx((ends[1] - ends[0]) / 2e-6, rel=1e-5)
+
+
+@pytest.mark.parametrize("by", BY)
+@pytest.mark.parametrize("target", ["hidden", "pixels"], ids=["recurrent", "layers"])
+def test_no_synapse_can_be_learnt_from(by, target):
+    net = neuro.Network("none", resolution=1.0)
+    net.population("pixels", 3, neuro.spike_generator(spike_times=[[1.0]] * 3))
+    net.population("hidden", 2, neuro.iaf_psc_exp(I_e=400.0))
+    nobody = np.zeros(0, dtype=int)
+    net.connect(target, "hidden", neuro.pairs(pre=nobody, post=nobody), weight=np.zeros(0), name="none")
+    net.connect(target, "hidden", neuro.all_to_all(), weight=1.0, delay=90.0, name="late")
+    module = neuro_torch.Module(net, ["none", "late"], by=by)
+    outcome = module(neuro_torch.Events(2, 60, {"pixels": ([], [], [])}))
+    assert outcome.counts["hidden"].sum() > 0
+    gradients = torch.autograd.grad(
+        outcome.spikes["hidden"].sum() + outcome.V_m["hidden"].sum(), list(module.parameters())
+    )
+    assert [each.tolist() for each in gradients] == [[0.0], []]
 
 
 @pytest.mark.parametrize("by", BY)
@@ -114,6 +188,50 @@ def test_weights_set_by_hand():
         module.weights["upp"]
 
 
+@pytest.mark.parametrize("quantised", [False, True])
+@pytest.mark.parametrize(
+    ("value", "found"),
+    [
+        (torch.zeros(3), "(3,) of torch.float32"),
+        (torch.zeros(8, 12), "(8, 12) of torch.float32"),
+        (torch.zeros(1, 12, 8), "(1, 12, 8) of torch.float32"),
+        (torch.zeros(12, 8, dtype=torch.float64), "(12, 8) of torch.float64"),
+        (torch.zeros(12, 8, dtype=torch.complex64), "(12, 8) of torch.complex64"),
+        (torch.zeros(12, 8, dtype=torch.int64), "(12, 8) of torch.int64"),
+        (np.zeros((12, 8), np.float32), "ndarray"),
+        (0.5, "float"),
+    ],
+    ids=lambda each: each if isinstance(each, str) else "",
+)
+def test_weights_that_do_not_fit(value, found, quantised):
+    module = neuro_torch.quantised(module_of(), 4) if quantised else module_of()
+    before = module.weights["up"].clone()
+    with pytest.raises(neuro.ModelError) as error:
+        module.weights["up"] = value
+    expected = "expected a tensor of the shape (12, 8) of torch.float32"
+    assert str(error.value) == f"projection whose weights learn 'up': found {found}: {expected}"
+    assert torch.equal(module.weights["up"], before)
+
+
+def test_parameters_that_do_not_fit():
+    module = module_of(trainable={"up": ["weight", "delay"], "hidden": ["tau_m", "V_th"]})
+    module.neurons["hidden"]["tau_m"] = torch.tensor([12.0])
+    module.delays["up"] = torch.tensor([2.0])
+    assert module.network().populations["hidden"].model.tau_m == 12.0
+    for place, name, told in (
+        (
+            module.neurons,
+            "hidden",
+            "population whose parameters learn 'hidden': expected a tensor for one of V_th, tau_m",
+        ),
+        (module.neurons["hidden"], "tau_m", "parameter of 'hidden' that learns 'tau_m': found (8,) of torch.float32: "),
+        (module.delays, "up", "projection whose delays learn 'up': found (8,) of torch.float32: expected a tensor of "),
+    ):
+        with pytest.raises(neuro.ModelError) as error:
+            place[name] = torch.ones(8)
+        assert str(error.value).startswith(told)
+
+
 @pytest.mark.parametrize("name", ["in.hidden", "keys", "pop", "training", "type", "parametrizations", "weight"])
 def test_any_name_of_a_network(name):
     module = neuro_torch.Module(network(name, "a.b"), {name: ["weight", "delay"], "a.b": "weight"}, slope=1.0)
@@ -146,8 +264,9 @@ def test_some_of_a_batch():
 
 
 def test_dense_spikes_may_have_a_gradient():
-    events = neuro_torch.Events.of_dense({"pixels": DENSE.clone().requires_grad_()})
-    assert len(events.trains["pixels"].step) == int(DENSE.sum())
+    for given in (DENSE.clone(), DENSE.to_sparse()):
+        events = neuro_torch.Events.of_dense({"pixels": given.requires_grad_()})
+        assert len(events.trains["pixels"].step) == int(DENSE.sum())
 
 
 @pytest.mark.parametrize(
@@ -172,6 +291,74 @@ def test_mistakes(words, told):
 def test_what_is_no_tensor(given, told):
     with pytest.raises(neuro.ModelError, match=f"batch: 'pixels': found {told}: expected a tensor"):
         module_of()({"pixels": given})
+
+
+@pytest.mark.parametrize("by", BY)
+@pytest.mark.parametrize(
+    "given",
+    [
+        DENSE.to_sparse(),
+        DENSE.bool(),
+        DENSE.numpy().astype(bool),
+        DENSE.view(6, 20, 3, 2, 2),
+        DENSE.view(6, 20, 3, 2, 2).to_sparse(),
+        DENSE.view(6, 20, 3, 2, 2).numpy(),
+    ],
+    ids=["sparse", "bool", "numpy", "images", "sparse images", "numpy images"],
+)
+def test_kinds_of_dense_input(given, by):
+    net = network()
+    net.populations["pixels"] = replace(net.populations["pixels"], shape=(3, 2, 2))
+    module = neuro_torch.Module(net, ["up"], by=by)
+    assert torch.equal(module({"pixels": given}).spikes["out"], module(EVENTS).spikes["out"])
+    assert module(EVENTS).counts["hidden"].sum() > 0
+
+
+def test_sparse_input_may_have_a_gradient():
+    found = []
+    for given in (DENSE.clone().requires_grad_(), DENSE.to_sparse().requires_grad_()):
+        module_of()({"pixels": given}).spikes["out"].sum().backward()
+        found.append(given.grad.to_dense() * DENSE)
+    assert found[0].abs().sum() > 0
+    torch.testing.assert_close(found[0], found[1])
+
+
+def holding(value):
+    given = DENSE.clone()
+    given[2, 3, 4] = value
+    return given
+
+
+@pytest.mark.parametrize(
+    ("given", "told"),
+    [
+        (holding(float("nan")), "'pixels': found nan of recording 2, step 3, neuron 4: expected numbers"),
+        (holding(float("-inf")), "'pixels': found -inf of recording 2, step 3, neuron 4: expected numbers"),
+        (holding(float("nan")).to_sparse(), "'pixels': found nan of recording 2, step 3, neuron 4: expected numbers"),
+        (DENSE.to(torch.complex64), "'pixels': found torch.complex64: expected real numbers"),
+        (DENSE.numpy().astype(object), "'pixels': found an array of object: expected numbers"),
+        (DENSE[:, :, 0], "'pixels': found the shape (6, 20): expected (batch, steps, neurons)"),
+        (DENSE[0, 0], "'pixels': found the shape (12,): expected (batch, steps, neurons)"),
+        (DENSE.view(6, 20, 3, 4), "'pixels': found the shape (6, 20, 3, 4): expected (batch, steps, 12)"),
+        (DENSE[:0], "found 0 recordings of 20 steps: expected at least one of each"),
+    ],
+)
+@pytest.mark.parametrize("by", BY)
+def test_dense_input_that_does_not_fit(given, told, by):
+    with pytest.raises(neuro.ModelError) as error:
+        module_of(by=by)({"pixels": given})
+    assert str(error.value) == f"batch: {told}"
+
+
+def test_dense_input_of_a_grid_that_does_not_fit():
+    net = network()
+    net.populations["pixels"] = replace(net.populations["pixels"], shape=(3, 2, 2))
+    with pytest.raises(neuro.ModelError, match=r"expected \(batch, steps, 12\) or \(batch, steps, 3, 2, 2\)$"):
+        neuro_torch.Module(net, ["up"])({"pixels": DENSE.view(6, 20, 2, 3, 2)})
+
+
+def test_large_numbers_are_numbers():
+    module_of()({"pixels": torch.full((1, 2, 12), 3e38)})
 
 
 @pytest.mark.parametrize("by", BY)

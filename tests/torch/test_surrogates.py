@@ -1,31 +1,79 @@
 """Surrogates: the shape that is told, the same in tensors and in kernels."""
 
+import math
+import pickle
+
 import numpy as np
 import pytest
 
+import neuro
 from neuro import ModelError
-from neuro.kernels.jit import inner, kernel
-from neuro_torch.surrogates import SURROGATES, ArcTan, FastSigmoid, Slayer, Triangle, derivative_at, surrogate_of
+from neuro.kernels.jit import compiled, kernel
+from neuro_torch.surrogates import SURROGATES, ArcTan, FastSigmoid, Own, Slayer, Surrogate, Triangle, surrogate_of
 
 torch = pytest.importorskip("torch", reason="PyTorch is not installed")
+import neuro_torch  # noqa: E402
+
 X = np.linspace(-3.0, 3.0, 241)
 
 
-@pytest.mark.parametrize("kind", SURROGATES.values(), ids=SURROGATES)
+def gauss(x, slope):
+    return math.exp(-((slope * x) ** 2))
+
+
+def flat(x, slope):
+    """Of two parts, one of them a number alone."""
+    if abs(x) > 1.0 / slope:
+        return 0.0
+    return 1.0
+
+
+def scaled(x, slope):
+    return max(0.1, gauss(x, slope) - slope)
+
+
+@pytest.mark.parametrize("told", [*SURROGATES, gauss, flat, scaled], ids=[*SURROGATES, "gauss", "flat", "scaled"])
 @pytest.mark.parametrize("slope", [None, 0.7, 40.0])
-def test_tensors_and_kernels_agree(kind, slope):
-    surrogate = surrogate_of(kind.name, slope)
-    at = inner(derivative_at)
+def test_tensors_and_kernels_agree(told, slope):
+    surrogate = surrogate_of(told, slope)
+    at = compiled(surrogate.at)
 
     @kernel
-    def every(code, slope, x, out):
+    def every(slope, x, out):
         for i in range(x.size):
-            out[i] = at(code, slope, x[i])
+            out[i] = at(x[i], slope)
 
     found = np.empty_like(X)
-    every(surrogate.code, surrogate.slope, X, found)
+    every(surrogate.slope, X, found)
     np.testing.assert_allclose(surrogate.derivative(torch.from_numpy(X)).numpy(), found, rtol=1e-14, atol=1e-300)
-    assert found == pytest.approx([derivative_at(surrogate.code, surrogate.slope, x) for x in X], rel=1e-14)
+    assert found == pytest.approx([surrogate.at(x, surrogate.slope) for x in X], rel=1e-14)
+
+
+@pytest.mark.parametrize("told", [*SURROGATES, gauss, flat], ids=[*SURROGATES, "gauss", "flat"])
+def test_all_ways_learn_by_it(told):
+    net, rng = neuro.Network("small", resolution=1.0), np.random.default_rng(1)
+    net.population("a", 6, neuro.spike_generator())
+    net.population("hidden", 5, neuro.iaf_psc_delta(V_th=-62.0))
+    net.population("out", 2, neuro.iaf_psc_delta(V_th=-62.0))
+    net.connect("a", "hidden", neuro.all_to_all(), weight=rng.normal(2.0, 2.0, 30))
+    net.connect("hidden", "out", neuro.all_to_all(), weight=rng.normal(2.0, 2.0, 10))
+    given = {"a": torch.from_numpy((rng.random((3, 20, 6)) < 0.4).astype(np.float64))}
+    found = []
+    for by in ("kernels", "torch", "steps"):
+        module = neuro_torch.Module(net, "a_hidden", surrogate=told, slope=1.5, dtype=torch.float64, by=by)
+        module(given).spikes["out"].sum().backward()
+        found.append(module.weights["a_hidden"].grad)
+    assert found[0].abs().sum() > 0
+    for each in found[1:]:
+        torch.testing.assert_close(each, found[0], rtol=1e-12, atol=1e-13)
+    copy = pickle.loads(pickle.dumps(module))
+    assert copy.surrogate == module.surrogate
+
+
+def test_a_function_of_ones_own_keeps_types():
+    for kind in (torch.float32, torch.bfloat16):
+        assert surrogate_of(flat).derivative(torch.zeros(2, 3, dtype=kind)).dtype is kind
+    assert repr(Own(gauss, slope=2.0)) == "Own(gauss, slope=2)"
 
 
 @pytest.mark.parametrize("kind", SURROGATES.values(), ids=SURROGATES)
@@ -53,6 +101,49 @@ def test_it_is_the_derivative_of_what_it_is_named_after(surrogate, integral):
     np.testing.assert_allclose(surrogate.derivative(torch.from_numpy(X)).numpy()[smooth], difference[smooth], atol=1e-8)
 
 
+class Bare(Surrogate):
+    name = "bare"
+
+    def derivative(self, x):
+        return torch.exp(-x.square())
+
+
+def around():
+    k = 2.0
+
+    def inside(x, slope):
+        return math.exp(-k * abs(x))
+
+    return inside
+
+
+def of_one(x):
+    return x
+
+
+def of_tensors(x, slope):
+    return torch.exp(-x.square())
+
+
+def of_words(x, slope):
+    return {"near": x, "far": slope}["near"]
+
+
+def nowhere():
+    made = {}
+    exec("def made(x, slope): return x", made)
+    return made["made"]
+
+
+def divided(x, slope):
+    return math.inf if x == 0.0 else slope
+
+
+KNOWN = (
+    "expected fast_sigmoid, arctan, slayer, triangle, or a plain function of x and slope\n  hint: def gauss(x, slope)"
+)
+
+
 @pytest.mark.parametrize(
     ("told", "slope", "message"),
     [
@@ -60,6 +151,16 @@ def test_it_is_the_derivative_of_what_it_is_named_after(surrogate, integral):
         ("triangle", 0, "surrogate 'triangle': slope = 0: expected a number > 0"),
         ("arctan", float("nan"), "surrogate 'arctan': slope = nan: expected a number > 0"),
         (FastSigmoid(3.0), 2.0, "slope = 2.0: the surrogate has one already, 3"),
+        (gauss, -1.0, "surrogate 'own': slope = -1.0: expected a number > 0"),
+        (Bare(2.0), None, f"surrogate: Bare has no function of one number: {KNOWN}"),
+        (FastSigmoid, None, f"surrogate: found <class 'neuro_torch.surrogates.FastSigmoid'>: {KNOWN}"),
+        (lambda x, slope: x, None, f"surrogate '<lambda>': found no function made by def: {KNOWN}"),
+        (around(), None, "surrogate 'inside': it reads k of the function around it: expected x and slope alone"),
+        (of_one, None, "surrogate 'of_one': it takes (x): expected (x, slope)\n  hint: def gauss(x, slope)"),
+        (of_tensors, None, "surrogate 'of_tensors': AttributeError: 'float' object has no attribute 'square': "),
+        (of_words, None, f"surrogate 'of_words': it cannot run for all neurons at once: {__name__}.of_words, line "),
+        (nowhere(), None, "surrogate 'made': its source is not there: expected it in a file or a notebook"),
+        (divided, None, "surrogate 'divided': found [1.0, inf, 1.0] at x = -1, 0 and 1: expected numbers"),
     ],
 )
 def test_mistakes(told, slope, message):

@@ -9,8 +9,9 @@ A spike resets V, and through a reset flows no gradient: what V was before no lo
 """
 
 # mypy: ignore-errors
+from functools import cache
+
 from neuro.kernels.jit import compiled, kernel, merged
-from neuro_torch.surrogates import derivative_at
 
 E_L, P33, V_TH, V_RESET, REFRACTORY, V_MIN, P32, P11 = range(8)
 """Rows of `c`; `V_MIN` is of `iaf_psc_delta`, `P32` and `P11` of `iaf_psc_exp`."""
@@ -18,30 +19,22 @@ CONSTANTS = 8
 FREE, LOW, HELD = range(3)
 """What became of V in a step: it moved, was held from below by V_min, or was refractory."""
 
-surrogate = compiled(derivative_at, merged)
 
+@cache
+def through_spikes(at):
+    """The kernel of a surrogate, `Surrogate.at`: what the gradients of the spikes of a stretch are for V."""
+    derivative = compiled(at, merged)
 
-@kernel
-def through_spikes(first, last, c, potential, code, slope, grad_spikes, grad):
-    """What the gradients of the spikes of a stretch are for V. A loop of one surrogate does several neurons at once."""
-    if code == 0:
-        _through(0, first, last, c, potential, slope, grad_spikes, grad)
-    elif code == 1:
-        _through(1, first, last, c, potential, slope, grad_spikes, grad)
-    elif code == 2:
-        _through(2, first, last, c, potential, slope, grad_spikes, grad)
-    else:
-        _through(3, first, last, c, potential, slope, grad_spikes, grad)
+    @kernel
+    def through_spikes(first, last, c, potential, slope, grad_spikes, grad):
+        for b in range(grad.shape[0]):
+            for t in range(first, last):
+                for i in range(grad.shape[2]):
+                    width = c[V_TH, i] - c[V_RESET, i]
+                    x = (potential[b, t, i] - c[V_TH, i]) / width
+                    grad[b, t, i] = grad_spikes[b, t, i] * derivative(x, slope) / width
 
-
-@merged
-def _through(code, first, last, c, potential, slope, grad_spikes, grad):
-    for b in range(grad.shape[0]):
-        for t in range(first, last):
-            for i in range(grad.shape[2]):
-                width = c[V_TH, i] - c[V_RESET, i]
-                x = (potential[b, t, i] - c[V_TH, i]) / width
-                grad[b, t, i] = grad_spikes[b, t, i] * surrogate(code, slope, x) / width
+    return through_spikes
 
 
 @kernel

@@ -9,11 +9,11 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 from torch import Tensor
-from torch.autograd.function import once_differentiable
 
 from neuro_torch.events import Train
 from neuro_torch.scan import cells, travel
 from neuro_torch.scan.layers import Cells, Component, Synapses
+from neuro_torch.scan.once import once
 from neuro_torch.scan.task import Task
 from neuro_torch.surrogates import Surrogate
 
@@ -37,8 +37,7 @@ def listed(train: Train, task: Task) -> Packed:
 def packed(spikes: Tensor) -> Packed:
     """The spikes of a dense tensor, (batch, steps, neurons)."""
     array = spikes.detach().contiguous().numpy()
-    number = int(np.count_nonzero(array))
-    return _pack(array, 0, array.shape[1], number)
+    return _pack(array, 0, array.shape[1], travel.number(array))
 
 
 def _pack(array: Array, first: int, width: int, room: int) -> Packed:
@@ -68,7 +67,7 @@ class _Drive(torch.autograd.Function):
         return out
 
     @staticmethod
-    @once_differentiable
+    @once
     def backward(ctx: Any, *grads: Tensor) -> Any:
         part, task, (weight,), grad = ctx.part, ctx.task, ctx.saved_tensors, grads[0].contiguous()
         to_weight = to_spikes = None
@@ -191,7 +190,7 @@ class _Adjoint:
         """Through a stretch, from its last step to its first."""
         potential, spikes, fate = self.saved
         grad, slope = self.grad.numpy(), self.c.dtype.type(surrogate.slope)
-        cells.through_spikes(first, last, self.c, potential, surrogate.code, slope, self.to_spikes.numpy(), grad)
+        cells.through_spikes(surrogate.at)(first, last, self.c, potential, slope, self.to_spikes.numpy(), grad)
         known = (first, last, self.c, spikes, fate, self.to_potential, self.carry)
         if self.part.model == "iaf_psc_delta":
             cells.delta_adjoint(*known, grad)
@@ -206,7 +205,7 @@ class _Scan(torch.autograd.Function):
     def forward(ctx: Any, part: Component, task: Task, learns: bool, *tensors: Tensor) -> tuple[Tensor, ...]:
         n = len(part.cells)
         ctx.set_materialize_grads(False)
-        ctx.part, ctx.task, ctx.weights = part, task, tensors[n:]
+        ctx.part, ctx.task = part, task
         # What spikes of inside bring is added to the input in place: it was made for this scan.
         drives = [each.detach().clone() if part.inside else each.detach().contiguous() for each in tensors[:n]]
         all_ = {
@@ -227,7 +226,7 @@ class _Scan(torch.autograd.Function):
         return (*spikes, *potentials)
 
     @staticmethod
-    @once_differentiable
+    @once
     def backward(ctx: Any, *grads: Any) -> Any:
         part, task, n = ctx.part, ctx.task, len(ctx.part.cells)
         saved = ctx.saved_tensors

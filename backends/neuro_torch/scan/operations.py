@@ -13,6 +13,7 @@ from torch import Tensor
 
 from neuro_torch.events import Train
 from neuro_torch.scan import cells as rows
+from neuro_torch.scan.joined import joined
 from neuro_torch.scan.layers import Cells, Component, Synapses
 from neuro_torch.scan.task import Task
 
@@ -37,7 +38,8 @@ def listed(train: Train, task: Task) -> Listed:
 
 def drive(part: Synapses, spikes: Tensor | Listed, weight: Tensor, task: Task) -> Tensor:
     """The input that spikes bring along a projection, (batch, steps, targets)."""
-    out = torch.zeros(task.batch, task.steps, part.sizes[1], dtype=task.dtype, device=task.device)
+    nothing = torch.zeros(task.batch, task.steps, part.sizes[1], dtype=task.dtype, device=task.device)
+    out = joined(nothing, [weight])
     for delay, matrix in matrices(part, weight).items():
         if delay >= task.steps:
             continue
@@ -145,7 +147,7 @@ def scan(
         task: what it is about.
         fire: what a potential makes; tests put something smooth there.
     """
-    all_ = {k: _Population(cell, drives[k], task, fire) for k, cell in part.cells.items()}
+    all_ = {k: _Population(cell, joined(drives[k], weights), task, fire) for k, cell in part.cells.items()}
     inside = [(s, matrices(s, w)) for s, w in zip(part.inside, weights, strict=True)]
     for t in range(task.steps):
         for each in all_.values():

@@ -14,6 +14,7 @@ from neuro.model.equations import made
 from neuro.model.language.choices import choice, part, value, with_parameters
 from neuro.model.language.nodes import about, follow, plain, within, words
 from neuro.model.language.parameters import resolve
+from neuro.model.language.published import refuse_name
 from neuro.model.language.reader import Node
 from neuro.model.language.sources import gather
 from neuro.model.language.views import neurons
@@ -40,6 +41,7 @@ def load(path: str | Path, params: Mapping[str, Any] | None = None) -> Network:
         ModelError: with the file, line and column of the first mistake, and what was expected.
     """
     file = file_path(path, "path")
+    refuse_name(file)
     with gathering() as read:
         net = build(resolve(gather(file), {} if params is None else params, Where(str(file))))
     net.inputs = tuple(read)

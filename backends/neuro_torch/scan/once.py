@@ -1,0 +1,48 @@
+"""Gradients that have none themselves: asked for one, they say so, where torch would be silent."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from functools import wraps
+from typing import Any
+
+import torch
+from torch import Tensor
+
+from neuro.core.errors import ModelError
+
+Backward = Callable[..., Any]
+
+
+def once(backward: Backward) -> Backward:
+    """A `backward` whose gradients are numbers; whoever asks for a gradient of them is told.
+
+    torch's `once_differentiable` is silent where what comes in has no gradient, as that of a sum.
+    """
+
+    @wraps(backward)
+    def numbers(ctx: Any, *grads: Any) -> Any:
+        if not torch.is_grad_enabled():
+            return backward(ctx, *grads)
+        with torch.no_grad():
+            found = backward(ctx, *grads)
+        of: Any = _Last.apply
+        each = found if isinstance(found, tuple) else (found,)
+        return tuple(of(g.detach().requires_grad_()) if isinstance(g, Tensor) else g for g in each)
+
+    return numbers
+
+
+class _Last(torch.autograd.Function):
+    """A gradient as it is, without one."""
+
+    @staticmethod
+    def forward(ctx: Any, gradient: Tensor) -> Tensor:
+        return gradient.view_as(gradient)
+
+    @staticmethod
+    def backward(ctx: Any, *grads: Tensor) -> Any:
+        raise ModelError(
+            "a gradient of a gradient: compiled kernels and steps have none",
+            hint="neuro_torch.Module(..., by='torch') has, where the network is scanned",
+        )
