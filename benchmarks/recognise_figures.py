@@ -1,7 +1,10 @@
-"""Pictures of docs/reference/recognisers.md: `python benchmarks/recognise_figures.py N-MNIST POKER`.
+"""Pictures of docs/reference/recognisers.md: `python benchmarks/recognise_figures.py [N-MNIST POKER]`.
 
-The arguments are folders of `neuro recognise compare`, whose commands that page names. Draws the accuracies of all
-methods, and confusion matrices beside those of the thesis' figures 85 (BOE without and with TAR) and 86 (TAR-HATS).
+Draws the accuracies of all methods from what benchmarks/measured/recognisers.json keeps: right decisions of each seed.
+The arguments are folders of `neuro recognise compare`, whose commands that page names: what they have of all recordings
+is counted and kept first, and confusion matrices are drawn beside those of the thesis' figures 85 (BOE without and with
+TAR) and 86 (TAR-HATS). `conv`, `dense`, `learnt_delays` and `recurrent` on N-MNIST are of `neuro train --folds 5`, of
+seeds 1 to 3, the last two of one: docs/how-to/train.md has their folds.
 """
 
 from __future__ import annotations
@@ -9,7 +12,9 @@ from __future__ import annotations
 import argparse
 import json
 from collections import defaultdict
+from collections.abc import Mapping, Sequence
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 from matplotlib.figure import Figure
@@ -22,20 +27,51 @@ from neuro_recognise.telling.pictures import INK, ORANGE, PAPER, SHADES, accurac
 ROOT = Path(__file__).resolve().parents[1]
 DATA = ROOT.parent / "shared" / "data"
 NMNIST, POKER = DATA / "nmnist" / "nmnist_train1000_bin.zip", DATA / "poker_dvs" / "poker_dvs_shared_aedat2.zip"
+KEPT = ROOT / "benchmarks" / "measured" / "recognisers.json"
 MATRICES = {"boe": "BOE", "boe-tar": "BOE behind TAR", "tar_hats": "TAR-HATS"}
+
+
+class Right(NamedTuple):
+    """Right decisions of one seed."""
+
+    right: int
+    n: int
+
+    @property
+    def accuracy(self) -> float:
+        """Their share."""
+        return self.right / self.n
 
 
 def main() -> None:
     """Draw all."""
     options = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    options.add_argument("nmnist", type=Path, help="folder of N-MNIST's comparison")
-    options.add_argument("poker", type=Path, help="folder of POKER-DVS'")
+    options.add_argument("folders", type=Path, nargs="*", help="of N-MNIST's and of POKER-DVS' comparison")
     asked = options.parse_args()
-    digits, pips = found(asked.nmnist, recordings(NMNIST)), found(asked.poker, recordings(POKER))
     folder = ROOT / "docs" / "reference"
-    write_picture(folder / "recognisers_nmnist.png", accuracies(list(digits.items())))
-    write_picture(folder / "recognisers_poker.png", accuracies(list(pips.items())))
-    write_picture(folder / "recognisers_confusion.png", matrices({name: digits[name][0] for name in MATRICES}))
+    if asked.folders:
+        nmnist, poker = asked.folders
+        digits, pips = found(nmnist, recordings(NMNIST)), found(poker, recordings(POKER))
+        keep({"N-MNIST": digits, "POKER-DVS": pips})
+        write_picture(folder / "recognisers_confusion.png", matrices({name: digits[name][0] for name in MATRICES}))
+    for data, file in (("N-MNIST", "recognisers_nmnist.png"), ("POKER-DVS", "recognisers_poker.png")):
+        write_picture(folder / file, accuracies(list(kept(data).items())))
+
+
+def keep(counted: Mapping[str, Mapping[str, Sequence[Evaluation]]]) -> None:
+    """Keep the right decisions of methods that were tested on all recordings."""
+    told = json.loads(KEPT.read_text())
+    for data, methods in counted.items():
+        every = told[data]["recordings"]
+        whole = {name: each for name, each in methods.items() if all(one.n == every for one in each)}
+        told[data]["right"] |= {name: [one.correct for one in each] for name, each in whole.items()}
+    KEPT.write_text(json.dumps(told, indent=1) + "\n")
+
+
+def kept(data: str) -> dict[str, list[Right]]:
+    """Of each method the right decisions of each seed."""
+    told = json.loads(KEPT.read_text())[data]
+    return {name: [Right(right, told["recordings"]) for right in each] for name, each in told["right"].items()}
 
 
 def found(folder: Path, data: Recordings) -> dict[str, list[Evaluation]]:

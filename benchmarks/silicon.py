@@ -35,7 +35,7 @@ class Row:
         quantity: what was measured, in J of the whole run, W, J a synaptic event, or s of the whole run.
         measured: the published figure.
         own: whether the table's best values were taken from this measurement.
-        ends: whether an end of the range was, so that it lies within by itself.
+        ends: whether an end of a figure's range was, so that it lies within by itself.
         source, how: where it is published, and how it was measured.
         assumed: what the papers do not tell.
     """
@@ -199,7 +199,7 @@ ROWS = (
             quantity="W",
             measured=watts,
             own=own,
-            ends=volts == 0.775,
+            ends=volts == 0.775 or rate == 20.07,
             source=source,
             how="one chip, all of it, 128 active synapses a neuron",
             assumed=f"{RANDOM}; the table is of 0.8 V" if volts != 0.8 else RANDOM,

@@ -281,3 +281,34 @@ def test_what_is_read_in_a_block_is_gathered(tmp_path):
         note(tmp_path / "a")
     note(tmp_path / "b")
     assert [*found] == [str(tmp_path / "a")]
+
+
+REFUSED = {
+    "set": lambda sim: sim.set("cells", tau_m=-1.0),
+    "set nothing": lambda sim: sim.set("cells"),
+    "set of two, one of them wrong": lambda sim: sim.set("cells", V_m=-60.0, tau_m=-1.0),
+    "set a projection": lambda sim: sim.set("in", weight="large"),
+    "set_weights": lambda sim: sim.set_weights("in", [1.0, 2.0, 3.0]),
+    "inject": lambda sim: sim.inject("spikes", [0.05]),
+    "inject into neurons": lambda sim: sim.inject("cells", [5.0]),
+    "feed": lambda sim: sim.feed("spikes", []),
+    "signal": lambda sim: sim.signal("reward", 1.0),
+    "reset": lambda sim: sim.reset(weights="all"),
+    "a port": lambda sim: sim.port("cells", "tau_m").set(-1.0),
+}
+
+
+@pytest.mark.parametrize("call", REFUSED)
+def test_what_is_refused_does_not_steer(call):
+    net = neuro.Network("refused", resolution=0.1)
+    net.population("spikes", 1, neuro.spike_generator(spike_times=[1.0]))
+    net.population("cells", 1, neuro.iaf_psc_exp())
+    net.connect("spikes", "cells", neuro.all_to_all(), weight=100.0, delay=0.1, name="in")
+    sim = neuro.compile(net, backend="reference")
+    sim.run(1.0)
+    with pytest.raises(neuro.ModelError):
+        REFUSED[call](sim)
+    assert list(sim.steered) == []
+    assert sim.get("cells", "V_m")[0] == -70.0
+    sim.set("cells", V_m=-60.0)
+    assert list(sim.steered) == ["set"]

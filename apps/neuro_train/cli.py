@@ -3,16 +3,19 @@
 from __future__ import annotations
 
 import warnings
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Any
 
 import typer
 
-from neuro.apps import NETWORK, Bar, NetworkFile, Seed, Set, assignments, check_output, install, plain, read, whole
-from neuro_train.plan import LOSSES, Plan, augmentation, costs
+from neuro.apps import NETWORK, Bar, NetworkFile, Seed, Set, assignments, check_output, install, plain, read
+from neuro_train import options
+from neuro_train.plan import Plan, augmentation, costs
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping
+    from collections.abc import Mapping, Sequence
 
     import neuro
     from neuro.events import Recordings
@@ -23,122 +26,58 @@ app = typer.Typer(
 )
 
 
-def folds(text: str) -> int:
-    """A whole number >= 2."""
-    return whole(text, 2)
-
-
-Option = typer.Option
-
-
 @app.command()
 def train(
     file: NetworkFile,
-    data: Annotated[Path, Option("--data", metavar="FOLDER", help="Recordings: a folder, zip or HDF5 data set.")],
-    input: Annotated[str, Option("--input", metavar="NAME", help="The population of the pixels.")] = "pixels",
-    output: Annotated[str, Option("--output", metavar="NAME", help="The population with a neuron a class.")] = "out",
-    out: Annotated[Path, Option("--out", metavar="FILE", help="The network to write.")] = Path("trained.yaml"),
-    part: Annotated[str, Option("--part", metavar="NAME", help="Of recordings in parts, such as Train.")] = "Train",
-    without: Annotated[
-        list[str], Option("--without", metavar="PATTERN", help="Leave out names like '*i.aedat'; repeatable.")
-    ] = [],  # noqa: B006
-    test: Annotated[Path | None, Option("--test", metavar="FOLDER", help="Recordings to test on.")] = None,
-    backends: Annotated[str, Option(metavar="A,B,...", help="What to test on.")] = "event,loihi,spinnaker",
-    folds: Annotated[
-        int | None,
-        Option("--folds", metavar="N", parser=folds, help="Test each Nth on what the others taught instead."),
-    ] = None,
-    epochs: Annotated[int, Option(metavar="N", help="How often each recording is shown; 0 tests only.")] = 60,
-    duration: Annotated[float, Option(metavar="MS", help="Of each recording, in ms.")] = 100.0,
-    start: Annotated[float, Option(metavar="MS", help="What is left out before that, in ms.")] = 0.0,
-    scale: Annotated[int, Option(metavar="N", help="Pixels in a row and column that are one neuron.")] = 1,
-    window: Annotated[
-        str | None,
-        Option(metavar="X,Y", help="Of a larger sensor: its part from that pixel, or 'centred' on each recording."),
-    ] = None,
-    batch: Annotated[int, Option(metavar="N", help="Recordings between two steps of learning.")] = 20,
-    rate: Annotated[float, Option(metavar="R", help="The largest learning rate, for weights of about 0.1.")] = 0.01,
-    decay: Annotated[float, Option(metavar="R", help="Of weights, in each step, times the rate.")] = 0.01,
-    loss: Annotated[str, Option(metavar="NAME", help=", ".join(LOSSES))] = "count",
-    temperature: Annotated[
-        float, Option(metavar="N", help="Spikes, mV or steps that make a class e times likelier.")
-    ] = 3.0,
-    surrogate: Annotated[
-        str, Option(metavar="NAME", help="fast_sigmoid, arctan, slayer or triangle.")
-    ] = "fast_sigmoid",
-    slope: Annotated[float, Option(metavar="X", help="Of the surrogate, per V_th - V_reset.")] = 1.0,
-    learn: Annotated[
-        list[str],
-        Option(
-            "--learn",
-            metavar="NAME",
-            help="A projection whose weights learn, NAME=weight,delay, or POPULATION=tau_m,V_th; repeatable.",
-        ),
-    ] = [],  # noqa: B006
-    augment: Annotated[
-        list[str],
-        Option(
-            "--augment",
-            metavar="NAME=N",
-            help="shift=2: move by up to 2 px; warp=0.1: turn, scale, shear; mirror=0.5: every second; repeatable.",
-        ),
-    ] = [],  # noqa: B006
-    cost: Annotated[
-        list[str], Option("--cost", metavar="CHIP=X", help="Add X to the loss for each microjoule; repeatable.")
-    ] = [],  # noqa: B006
-    bits: Annotated[int | None, Option(metavar="N", help="Of weights while they learn, as a chip rounds.")] = None,
-    prune: Annotated[float, Option(metavar="SHARE", help="Drop so many synapses, the smallest, half way.")] = 0.0,
-    neurons_per_core: Annotated[
-        int | None, Option("--neurons-per-core", metavar="N", help="Of a chip, fewer than it allows.")
-    ] = None,
-    search: Annotated[
-        str | None,
-        Option("--search", metavar="A,B=1:2,...", help="Vary step, duration, hidden, prune, ...: accuracy by joules."),
-    ] = None,
-    budget: Annotated[int, Option(metavar="N", min=1, help="Networks that a search trains.")] = 20,
-    device: Annotated[str, Option(metavar="NAME", help="A device of torch, such as cuda.")] = "cpu",
-    page: Annotated[Path | None, Option(metavar="FILE", help="The page to write; that of --out if not given.")] = None,
+    data: options.Data,
+    input: options.Input = "pixels",
+    output: options.Output = "out",
+    out: options.Out = Path("trained.yaml"),
+    part: options.Part = "Train",
+    without: options.Without = [],  # noqa: B006
+    test: options.Test = None,
+    backends: options.Backends = "event,loihi,spinnaker",
+    folds: options.Folds = None,
+    epochs: options.Epochs = 60,
+    duration: options.Duration = 100.0,
+    start: options.Start = 0.0,
+    scale: options.Scale = 1,
+    window: options.Window = None,
+    batch: options.Batch = 20,
+    rate: options.Rate = 0.01,
+    decay: options.Decay = 0.01,
+    loss: options.Loss = "count",
+    temperature: options.Temperature = 3.0,
+    surrogate: options.Surrogate = "fast_sigmoid",
+    slope: options.Slope = 1.0,
+    learn: options.Learn = [],  # noqa: B006
+    augment: options.Augment = [],  # noqa: B006
+    cost: options.Cost = [],  # noqa: B006
+    bits: options.Bits = None,
+    prune: options.Prune = 0.0,
+    neurons_per_core: options.NeuronsPerCore = None,
+    search: options.Search = None,
+    budget: options.Budget = 20,
+    device: options.Device = "cpu",
+    page: options.Page = None,
     seed: Seed = 0,
-    threads: Annotated[int, Option(metavar="N", min=1, help="Threads to compute with.")] = 1,
+    threads: options.Threads = 1,
     set: Set = [],  # noqa: B006
 ) -> None:
     """Train a network on recordings, write it, and test it; after a kill the same command goes on where it was."""
     _need_torch()
-    import neuro
-    from neuro_train.data import but
-
     plan = Plan(
-        input=input,
-        output=output,
-        trainable=tuple(learn),
-        epochs=epochs,
-        duration=duration,
-        start=start,
-        scale=scale,
-        window=window,
-        batch=batch,
-        rate=rate,
-        decay=decay,
-        loss=loss,
-        temperature=temperature,
-        surrogate=surrogate,
-        slope=slope,
-        **augmentation(augment),
-        cost=costs(cost),
-        bits=bits,
-        prune=prune,
-        neurons_per_core=neurons_per_core,
-        seed=seed,
-        device=device,
-    )
-    net = neuro.load(file, params=assignments(set))
+        input=input, output=output, trainable=tuple(learn), epochs=epochs, duration=duration, start=start, scale=scale,
+        window=window, batch=batch, rate=rate, decay=decay, loss=loss, temperature=temperature, surrogate=surrogate,
+        slope=slope, **augmentation(augment), cost=costs(cost), bits=bits, prune=prune,
+        neurons_per_core=neurons_per_core, seed=seed, device=device,
+    )  # fmt: skip
+    net, names = _network(file, set), [name.strip() for name in backends.split(",") if name.strip()]
     _threads(threads)
-    names = [name.strip() for name in backends.split(",") if name.strip()]
-    if folds and test is not None:
-        raise neuro.ModelError("--folds and --test: expected one of them", hint="folds test on what they leave out")
+    _check_tests(folds, test)
     _check_before(net, plan, names if folds or test else [], out, page)
-    learnt_from = but(_recordings(data, part), without)
-    try:
+    learnt_from = _recordings(data, part, without=without)
+    with _going_on_later():
         if search is not None:
             told = (file, data, part, without)
             _search(told, net, plan, assignments(set), search, budget, folds, test, out.with_suffix(""))
@@ -147,6 +86,13 @@ def train(
         else:
             unseen = None if test is None else _recordings(test, "Test", learnt_from.classes)
             _train(net, learnt_from, unseen, plan, names, out, page or out.with_suffix(".html"))
+
+
+@contextmanager
+def _going_on_later() -> Iterator[None]:
+    """Tell, where work is interrupted, that it is kept."""
+    try:
+        yield
     except KeyboardInterrupt:
         typer.echo("interrupted: the same command goes on where it was", err=True)
         raise typer.Exit(130) from None
@@ -244,6 +190,14 @@ def _tell(bar: Bar, plan: Plan, epoch: int, noted: Mapping[str, float]) -> None:
     bar.show(epoch, plan.epochs, told)
 
 
+def _check_tests(folds: int | None, test: Path | None) -> None:
+    """Refuse two ways to test at once."""
+    from neuro import ModelError
+
+    if folds and test is not None:
+        raise ModelError("--folds and --test: expected one of them", hint="folds test on what they leave out")
+
+
 def _check_before(net: neuro.Network, plan: Plan, backends: list[str], out: Path, page: Path | None) -> None:
     """Refuse what would fail after long work."""
     import neuro
@@ -263,10 +217,20 @@ def _check_before(net: neuro.Network, plan: Plan, backends: list[str], out: Path
             neuro.compile(net, backend=name)
 
 
-def _recordings(path: Path, part: str, classes: tuple[str, ...] | None = None) -> Recordings:
-    from neuro.events import recordings
+def _network(file: Path, set: list[str]) -> neuro.Network:
+    import neuro
 
-    return recordings(path, part=part, classes=classes)
+    return neuro.load(file, params=assignments(set))
+
+
+def _recordings(
+    path: Path, part: str, classes: tuple[str, ...] | None = None, without: Sequence[str] | None = None
+) -> Recordings:
+    from neuro.events import recordings
+    from neuro_train.data import but
+
+    found = recordings(path, part=part, classes=classes)
+    return found if without is None else but(found, without)
 
 
 def _threads(number: int) -> None:

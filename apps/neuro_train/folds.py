@@ -46,7 +46,8 @@ def cross_validate(
         report: is told how far it is.
 
     Returns:
-        Of each fold `n`, `right` by backend, `equal` decisions by backend, joules by chip, and seconds of one core.
+        Of each fold `n`, `right` by backend, `equal` decisions by backend, overflows and joules by chip, and seconds of
+        one core.
     """
     return [_fold(net, shown, k, parts, len(folds), plan, backends, out, report) for k, parts in enumerate(folds)]
 
@@ -83,6 +84,7 @@ def _fold(
     told |= {"right": {one.backend: one.own.correct for one in tried}}
     told |= {"equal": {one.backend: one.agrees(tried[0]) for one in tried}}
     told |= {"same_spikes": {one.backend: one.same_spikes(tried[0]) for one in tried}}
+    told |= {"overflows": {one.backend: one.overflows for one in tried if one.overflows}}
     told |= {"joules": {one.backend: one.bill.total_j for one in tried if one.bill}}
     write_text(file, json.dumps(told, indent=1), RESULT)
     checkpoint.remove()

@@ -23,6 +23,7 @@ import numpy.typing as npt
 import neuro
 from neuro import ModelError
 from neuro.apps import fingerprint, install, kept_json, make_folder, sealed, write_text
+from neuro_train import overflows
 from neuro_train.data import but, show
 from neuro_train.front import Place
 from neuro_train.plan import Plan
@@ -176,6 +177,7 @@ def point(
     trained = learn(net, mine, told, checkpoint)
     trained.net.save(out)
     tried = on_backend(trained.net, told.chip, shown.take(judged), told)
+    overflows.tell(told.chip, tried.overflows, len(judged))
     if tried.bill is None:
         raise ModelError(f"{told.chip}: has no costs: expected a chip that has")
     given = {"accuracy": tried.own.accuracy, "microjoules": 1e6 * tried.bill.total_j}

@@ -12,6 +12,7 @@ import numpy.typing as npt
 from neuro.apps import console, html, quantity, sealed, table, write_text
 from neuro.chips import footnotes
 from neuro_recognise.evaluate import wilson
+from neuro_train import overflows
 from neuro_train.tested import Tried
 
 if TYPE_CHECKING:
@@ -50,23 +51,27 @@ def rows(tried: Sequence[Tried]) -> list[tuple[str, ...]]:
 
 
 def show(tried: Sequence[Tried]) -> None:
-    """Print a row for each backend, and what is assumed in the bills."""
+    """Print a row for each backend, and what is assumed in the bills; warn of what overflowed."""
     if not tried:
         return
+    for one in tried:
+        overflows.tell(one.backend, one.overflows, len(one.labels))
     for line in footnotes([one.bill for one in tried if one.bill], False):
         print(f"- {line}")
     console().print(table(HEAD, rows(tried), title=f"{len(tried[0].labels)} recordings"))
 
 
 def show_folds(told: Sequence[Mapping[str, Any]]) -> None:
-    """Print a row for each fold, and the mean of all."""
-    names = list(told[0]["right"])
+    """Print a row for each fold, and the mean of all; warn of what overflowed in any."""
+    names, n = list(told[0]["right"]), sum(one["n"] for one in told)
+    for name in names:
+        each = (one.get("overflows", {}).get(name, {}) for one in told)
+        overflows.tell(name, overflows.summed(each), n)
     cells = [
         (str(k + 1), *(f"{one['right'][name] / one['n']:.1%}" for name in names), f"{one['cpu_s']:.1f} s")
         for k, one in enumerate(told)
     ]
     console().print(table(("fold", *(f">{name}" for name in names), ">CPU time"), cells))
-    n = sum(one["n"] for one in told)
     for name in names:
         right = sum(one["right"][name] for one in told)
         low, high = wilson(right, n)

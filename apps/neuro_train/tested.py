@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -16,6 +16,7 @@ import neuro_torch
 from neuro.chips import chip, chips, place, price
 from neuro_recognise.evaluate import Evaluation, evaluate
 from neuro_train.data import Shown
+from neuro_train.overflows import Overflows, noted
 from neuro_train.plan import Plan
 
 if TYPE_CHECKING:
@@ -40,6 +41,7 @@ class Tried:
         classes: names.
         first_ms: the first spike of the output, the mean of the recordings that have one.
         bill: of a recording, where the backend is a chip that has costs.
+        overflows: of the registers of a chip, in how many recordings.
     """
 
     backend: str
@@ -49,6 +51,7 @@ class Tried:
     classes: tuple[str, ...]
     first_ms: float
     bill: Energy | None = None
+    overflows: Overflows = field(default_factory=dict)
 
     @property
     def own(self) -> Evaluation:
@@ -97,16 +100,19 @@ def on_backend(
     events, h = shown.events, net.resolution
     spikes = torch.zeros(len(shown), events.steps, math.prod(int(side) for side in net.populations[plan.output].shape))
     taken: Any = None
+    overflows: dict[str, tuple[int, str]] = {}
     for k in range(len(shown)):
         sim.reset()
         train = events.trains[plan.input].of([k])
         sim.inject(plan.input, (train.step + 1.0) * h, train.neuron)
-        sim.run(events.steps * h)
+        with noted(overflows):
+            sim.run(events.steps * h)
         times, ids = sim.spikes(plan.output)
         np.add.at(spikes[k].numpy(), (np.rint(times / h).astype(np.int64) - 1, ids), 1.0)
         taken = sim.taken() if taken is None else taken + sim.taken()
         report(f"{backend}: testing", k + 1, len(shown))
-    return _tried(backend, spikes, shown, h, _bill(sim, taken, backend, len(shown), plan.neurons_per_core))
+    bill = _bill(sim, taken, backend, len(shown), plan.neurons_per_core)
+    return _tried(backend, spikes, shown, h, bill, overflows)
 
 
 def _bill(
@@ -122,9 +128,16 @@ def _bill(
     return price(sim.program, taken.raw_counts, placed, priced).per(recordings, "recording")
 
 
-def _tried(backend: str, spikes: torch.Tensor, shown: Shown, step: float, bill: Energy | None = None) -> Tried:
+def _tried(
+    backend: str,
+    spikes: torch.Tensor,
+    shown: Shown,
+    step: float,
+    bill: Energy | None = None,
+    overflows: Overflows | None = None,
+) -> Tried:
     decided = neuro_torch.losses.decisions(spikes).numpy()
     first = neuro_torch.losses.first_spike_steps(spikes).amin(dim=1)
     some = first < spikes.shape[1]
     mean = float((first[some] + 1.0).mean()) * step if bool(some.any()) else float("nan")
-    return Tried(backend, spikes.numpy(), decided, shown.labels, shown.classes, mean, bill)
+    return Tried(backend, spikes.numpy(), decided, shown.labels, shown.classes, mean, bill, overflows or {})

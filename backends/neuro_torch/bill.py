@@ -55,6 +55,8 @@ class Compiled(Protocol):
 class Bill:
     """The bill of a recording on a chip; called with an outcome it gives joules.
 
+    It is that of one wiring, whatever the weights: after `neuro_torch.prune` another is made, of the pruned module.
+
     Args:
         module: the network, a `neuro_torch.Module`.
         chip: name of a chip or processor with published costs, or a table file.
@@ -72,6 +74,7 @@ class Bill:
         self, module: Compiled, chip: str | PathLike[str] = "loihi", *, neurons_per_core: int | None = None
     ) -> None:
         self.chip, self.program = chip_of(chip), module.program
+        self._known = self.program
         check_costs(self.chip)
         if "mac" in self.chip.costs:
             what = f"target '{self.chip.name}' prices every synapse in every step, whatever spikes there are"
@@ -85,11 +88,16 @@ class Bill:
         self._time = _Time(self.program, self.chip, self.placement)
 
     def __call__(self, outcome: Counted) -> Tensor:
-        """Joules of a recording, the mean of the batch."""
+        """Joules of a recording, the mean of the batch.
+
+        Raises:
+            ModelError: the outcome is of a network with other synapses; `dynamic`, `static`, `seconds` raise it, too.
+        """
         return self.dynamic(outcome) + self.static(outcome)
 
     def dynamic(self, outcome: Counted) -> Tensor:
         """Joules of what is done."""
+        self._check(outcome)
         total = self._updates(outcome)
         for name, joules in self._spike.items():
             total = total + (_mean(outcome.counts[name]) * joules.to(outcome.counts[name].device)).sum()
@@ -97,6 +105,7 @@ class Bill:
 
     def static(self, outcome: Counted) -> Tensor:
         """Joules of chips being on; 0 where no figure is published."""
+        self._check(outcome)
         figure = self.chip.costs.get(STATIC)
         if figure is None:
             return self._updates(outcome) * 0.0
@@ -105,7 +114,20 @@ class Bill:
 
     def seconds(self, outcome: Counted) -> Tensor:
         """How long the chip takes for a recording, s; 0 where no figure is published."""
+        self._check(outcome)
         return self._time(outcome)
+
+    def _check(self, outcome: Counted) -> None:
+        """Refuse what a network of other synapses made."""
+        found = getattr(outcome, "program", self._known)
+        if not _alike(found, self._known):
+            has, expected = (sum(part.size for part in each.projections) for each in (found, self.program))
+            raise ModelError(
+                f"Bill: the outcome is of a network of {has:,} synapses: expected that of the bill, which has "
+                f"{expected:,}",
+                hint="neuro_torch.Bill(module) of the module that made the outcome",
+            )
+        self._known = found
 
     def _cost(self, what: str) -> float:
         figure = self.chip.costs.get(what)
@@ -174,6 +196,23 @@ class _Time:
 
 
 _UPDATES = ("neuron_update_active", "neuron_update_inactive")
+
+
+def _alike(one: Program, other: Program) -> bool:
+    """Whether networks have the same neurons and synapses, whatever their weights."""
+    if one is other:
+        return True
+    neurons = [[(part.name, part.size) for part in each.populations] for each in (one, other)]
+    synapses = [[(part.name, part.size) for part in each.projections] for each in (one, other)]
+    return (
+        neurons[0] == neurons[1]
+        and synapses[0] == synapses[1]
+        and all(
+            np.array_equal(ours, theirs)
+            for index in range(len(one.projections))
+            for ours, theirs in zip(one.connections(index), other.connections(index), strict=True)
+        )
+    )
 
 
 def _mean(counts: Tensor) -> Tensor:

@@ -9,12 +9,11 @@ import numpy as np
 import torch
 
 from neuro.core.errors import ModelError, unknown
-from neuro.core.memory import free_memory
 from neuro.program.program import Population, Program
 from neuro_torch.events import Events, Train
 from neuro_torch.scan.task import Task
 from neuro_torch.sources import Source
-from neuro_torch.tensors import fitted
+from neuro_torch.tensors import check, fitted
 
 
 def _check_trains(batch: Events) -> None:
@@ -68,8 +67,8 @@ def sizes(program: Program, batch: Any, steps: int | None) -> tuple[int, int]:
     return size, given
 
 
-def given_to(part: Population, given: Any, task: Task) -> Train | torch.Tensor | None:
-    """What a batch gives to a generator, checked: sparse spikes or a dense tensor, None where it does not name it.
+def checked(part: Population, given: Any) -> Any:
+    """What a batch gives to a generator: sparse spikes, a dense tensor or array, None where it does not name it.
 
     Raises:
         ModelError: a shape or a neuron is wrong, or what has no spikes of its own is not named.
@@ -84,7 +83,17 @@ def given_to(part: Population, given: Any, task: Task) -> Train | torch.Tensor |
             told = f"batch: '{part.name}': found neuron {given.neuron.max()}"
             raise ModelError(f"{told}: expected 0 to {part.size - 1}")
         return given
-    return fitted(part, given, task)
+    check(part, given)
+    return given
+
+
+def given_to(part: Population, given: Any, task: Task) -> Train | torch.Tensor | None:
+    """What was checked, as a pass has it.
+
+    Raises:
+        ModelError: something is no number.
+    """
+    return given if given is None or isinstance(given, Train) else fitted(part, given, task)
 
 
 def emitted(program: Program, part: Population, given: Train | torch.Tensor | None, task: Task, scans: Any) -> Any:
@@ -116,29 +125,12 @@ def dense(given: Train | torch.Tensor, part: Population, task: Task) -> torch.Te
     return given
 
 
-def refuse_large(program: Program, batch: int, steps: int, dtype: torch.dtype, scanned: bool) -> None:
-    """Refuse a batch for which memory does not suffice, before any is taken.
-
-    Raises:
-        ModelError: it needs more than is free.
-    """
-    one = bytes_of(program, steps, dtype, scanned)
-    free = free_memory()
-    if free is not None and batch * one > free:
-        raise ModelError(
-            f"a batch of {batch} recordings of {steps} steps needs about {batch * one / 1e9:.3g} GB: expected at most "
-            f"what is free, {free / 1e9:.3g} GB",
-            hint=f"a batch of {max(1, free // (2 * one))} takes half of that"
-            if one < free
-            else "a shorter duration or longer steps need less",
-        )
-
-
-def bytes_of(program: Program, steps: int, dtype: torch.dtype, scanned: bool) -> int:
-    """About how much memory a recording takes in training.
-
-    A scan keeps of each neuron and step input, potential, spike and their gradients, and what became of it; steps keep
-    about 30 doubles.
-    """
-    neurons = sum(part.size for part in program.populations if part.kind == "neuron")
-    return neurons * steps * (5 * dtype.itemsize + 1 if scanned else 240)
+def beginning(given: Any, steps: int) -> Any:
+    """The first steps of the first recording of what was checked."""
+    if isinstance(given, Train):
+        one = given.of([0])
+        some = one.step < steps
+        return Train(np.array([0, some.sum()]), one.step[some], one.neuron[some])
+    if isinstance(given, torch.Tensor) and given.layout is not torch.strided:
+        return given[0].to_dense()[None, :steps]
+    return None if given is None else given[:1, :steps]

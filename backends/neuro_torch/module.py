@@ -15,7 +15,7 @@ from neuro.compiler import compile_network
 from neuro.core.clock import Clock
 from neuro.core.errors import ModelError, unknown
 from neuro.program.program import Floats
-from neuro_torch import bounds, feeding, late, learnt
+from neuro_torch import bounds, feeding, late, learnt, memory
 from neuro_torch import trainable as words
 from neuro_torch.active import active_updates
 from neuro_torch.events import Events
@@ -132,15 +132,34 @@ class Module(torch.nn.Module):
         """
         size, steps = feeding.sizes(self.program, batch, self._steps)
         task = self._task(size, steps)
-        feeding.refuse_large(self.program, size, steps, task.dtype, bool(self._plan.parts))
-        asked = batch.trains if isinstance(batch, Events) else batch
-        given = {
-            k: feeding.given_to(part, asked.get(part.name), task)
+        named = batch.trains if isinstance(batch, Events) else batch
+        asked = {
+            k: feeding.checked(part, named.get(part.name))
             for k, part in enumerate(self.program.populations)
             if part.kind in ("listed", "poisson", "generator")
         }
+        if not torch.compiler.is_compiling():
+            memory.refuse_large(self._need(asked, task), task)
+        given = {k: feeding.given_to(self.program.populations[k], each, task) for k, each in asked.items()}
         emitted, potentials = self._scanned(given, task) if self._plan.parts else self._stepped(given, task)
         return self._outcome(batch, emitted, potentials, task)
+
+    def _need(self, asked: Mapping[int, Any], task: Task) -> memory.Need:
+        """What a batch takes; how much steps keep is counted once."""
+        parts = self.program.populations
+
+        def run(steps: int) -> None:
+            few = replace(task, batch=1, steps=steps)
+            begun = {k: feeding.beginning(each, steps) for k, each in asked.items()}
+            self._stepped({k: feeding.given_to(parts[k], each, few) for k, each in begun.items()}, few)
+
+        def tape() -> float:
+            if "tape" not in self._kept:
+                self._kept["tape"] = memory.kept_by_steps(run, task.steps)
+            kept: float = self._kept["tape"]
+            return kept
+
+        return memory.need(self.program, self.plan, asked, task, tape)
 
     def _scanned(self, given: Mapping[int, Any], task: Task) -> tuple[dict[int, Any], dict[int, Tensor]]:
         """What populations emit, and potentials at the ends of steps."""
@@ -248,7 +267,10 @@ class Module(torch.nn.Module):
         return self.__dict__ | {"_kept": {}, "_listed": {}, "_steppers": {}}
 
     def on(self, net: neuro.Network) -> Module:
-        """A module of another network that learns the same projections in the same way, with the same outputs."""
+        """A module of another network that learns the same projections in the same way, with the same outputs.
+
+        Its weights are not quantised.
+        """
         like, learns = self._like(), {name: ["weight"] for name in self.weights}
         for name in self.delays:
             learns[name] = [*learns.get(name, []), "delay"]
@@ -364,6 +386,7 @@ class Module(torch.nn.Module):
             Told("population of neurons", active),
             task.steps,
             self.program.resolution,
+            self.program,
         )
 
     def _count(self, batch: Any, index: int, emitted: Any, task: Task) -> Tensor:

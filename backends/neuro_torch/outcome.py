@@ -12,6 +12,8 @@ from neuro.core.errors import unknown
 if TYPE_CHECKING:
     from torch import Tensor
 
+    from neuro.program.program import Program
+
 __all__ = ["Outcome"]
 
 
@@ -29,6 +31,7 @@ class Outcome:
         active: by population of neurons, how many updates had an arrival or a spike, (batch,).
         steps: of each recording.
         step: length of one in ms.
+        program: the network that made it.
     """
 
     spikes: Mapping[str, Tensor]
@@ -37,6 +40,7 @@ class Outcome:
     active: Mapping[str, Tensor]
     steps: int
     step: float
+    program: Program
 
     @cached_property
     def batch(self) -> int:

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 import neuro
 from neuro.core.errors import ModelError, unknown
 from neuro_torch.module import Module
+from neuro_torch.quantise import quantised_as
 
 __all__ = ["largest", "prune"]
 
@@ -23,7 +24,8 @@ def prune(
     """A module of the same network without its smallest weights, by magnitude; it learns on.
 
     The synapses are gone, not 0: the network that it gives lists those that are left, which is what a chip stores and
-    what a bill counts. Optimisers are made anew, since parameters are.
+    what a bill counts. Optimisers and bills are made anew, since parameters and synapses are. A module whose weights
+    are quantised gives one that is, to the same bits of the same chip; it begins with the rounded weights.
 
     Args:
         module: the network; it is not changed.
@@ -46,7 +48,7 @@ def prune(
     for name, kept in stay.items():
         if not np.any(kept):
             raise ModelError(f"prune: projection '{name}': none of its {len(kept)} synapses stays: expected some")
-    return module.on(_with(module, stay))
+    return quantised_as(module, module.on(_with(module, stay)))
 
 
 def largest(module: Module, share: float) -> dict[str, Bools]:

@@ -12,17 +12,16 @@ from neuro.program.program import Population
 from neuro_torch.scan.task import Task
 
 
-def fitted(part: Population, given: Any, task: Task) -> Tensor:
-    """What is given to a population, (batch, steps, neurons).
+def check(part: Population, given: Any) -> None:
+    """Refuse a tensor or an array that does not fit a population, whatever its numbers are.
 
     Args:
         part: the population.
         given: a tensor or an array, (batch, steps, neurons) or (batch, steps, *shape of the population); it may be
             sparse.
-        task: what the pass is about.
 
     Raises:
-        ModelError: it has another shape, or holds what are no numbers.
+        ModelError: it has another shape, or another kind of numbers.
     """
     try:
         tensor = torch.as_tensor(given)
@@ -35,9 +34,23 @@ def fitted(part: Population, given: Any, task: Task) -> Tensor:
         raise ModelError(f"batch: '{part.name}': found the shape {shape}: expected {expected}")
     if tensor.is_complex():
         raise ModelError(f"batch: '{part.name}': found {tensor.dtype}: expected real numbers")
+
+
+def fitted(part: Population, given: Any, task: Task) -> Tensor:
+    """What fits a population, (batch, steps, neurons).
+
+    Args:
+        part: the population.
+        given: what `check` lets pass.
+        task: what the pass is about.
+
+    Raises:
+        ModelError: it holds what are no numbers.
+    """
+    tensor = torch.as_tensor(given)
     if tensor.layout is not torch.strided:
         tensor = tensor.to_dense()
-    tensor = tensor.reshape(*shape[:2], part.size)
+    tensor = tensor.reshape(*tensor.shape[:2], part.size)
     if tensor.is_floating_point() and not tensor.is_meta:
         _check_finite(part, tensor.detach())
     return tensor.to(task.device, task.dtype)

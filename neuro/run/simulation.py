@@ -207,16 +207,16 @@ class Simulation:
         Raises:
             ModelError: a name is unknown, a value is out of bounds, or no synapse is chosen.
         """
-        self.steered["set"] = None
         new = {word_of(word): value for word, value in (_mapping(values) | named).items()}
         neurons = self.handles.neurons_or_projection(part)
         if not new:
             raise ModelError("set: found no value: expected one by name", hint="sim.set(cells, V_m=-60.0)")
         if isinstance(neurons, int):
             self._synapses.set(neurons, new, self._synapses.chosen(neurons, of, pre, post, some=True))
-            return
-        _refuse_ends(neurons, of, pre, post)
-        self._cells.set(neurons, new)
+        else:
+            _refuse_ends(neurons, of, pre, post)
+            self._cells.set(neurons, new)
+        self.steered["set"] = None
 
     def get(
         self,
@@ -300,8 +300,8 @@ class Simulation:
 
     def set_weights(self, of: Projection | str, weights: ArrayLike) -> None:
         """Replace the weights of a projection: one for all, or an array in the form that `weights` gives."""
-        self.steered["set_weights"] = None
         self._synapses.set_weights(self.handles.projection(of), weights, None)
+        self.steered["set_weights"] = None
 
     # input and output
 
@@ -314,8 +314,8 @@ class Simulation:
             ids: its neurons, one for each time; of a view these are ids of the population, too, and must be among
                 those of the view. If not given, each neuron emits at all times.
         """
-        self.steered["inject"] = None
         self._inputs.inject(self.handles.neurons(of), times, ids)
+        self.steered["inject"] = None
 
     def feed(self, of: Population | str, events: Any) -> None:
         """Let an event camera emit more events than those of its recording, while it runs.
@@ -328,13 +328,13 @@ class Simulation:
         Raises:
             ModelError: they are of another sensor, or one comes too late: its step is not after the present.
         """
-        self.steered["feed"] = None
         self._inputs.feed(self.handles.neurons(of), events)
+        self.steered["feed"] = None
 
     def signal(self, of: Signal | str, values: ArrayLike) -> None:
         """Set a signal: one value for all neurons of its population or one for each; acts from the next step on."""
-        self.steered["signal"] = None
         self._inputs.signal(self.handles.signal(of), values)
+        self.steered["signal"] = None
 
     def spikes(
         self, of: Population | View | str, since: float | None = None, until: float | None = None

@@ -69,6 +69,17 @@ def test_rows_that_nothing_was_taken_from():
     assert len([row for row in silicon.ROWS if not row.own]) >= 10
 
 
+def test_the_page_counts_the_rows_that_are_predictions():
+    rows = silicon.ROWS
+    own, ends, free = (
+        sum(test(row) for row in rows)
+        for test in (lambda row: row.own, lambda row: row.ends, lambda row: not row.own and not row.ends)
+    )
+    told = f"of the other {own + ends}, {own} give the table its best figures and {ends} an end of a range"
+    assert f"**{free} of the {len(rows)} rows are predictions through and through**" in PAGE
+    assert told in " ".join(PAGE.split())
+
+
 @pytest.mark.parametrize("row", silicon.ROWS, ids=[row.what for row in silicon.ROWS])
 def test_every_row_has_its_source(row):
     assert re.search(r"\b(19|20)\d\d\b|arXiv:\d", row.source)

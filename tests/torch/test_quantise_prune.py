@@ -1,5 +1,7 @@
 """Weights on a chip's grid while they learn, and fewer of them."""
 
+import copy
+
 import numpy as np
 import pytest
 
@@ -62,6 +64,54 @@ def test_what_was_rounded_loses_nothing_on_loihi(bits, dtype):
         assert len(levels) > min(2 ** (bits - 2), part.size // 4)
 
 
+def several(seed, learn):
+    """A hidden layer that pixels, itself and other inputs reach; a module of some of its projections."""
+    rng, net = np.random.default_rng(seed), neuro.Network("several", resolution=1.0)
+    cell = neuro.iaf_psc_delta(tau_m=float(rng.uniform(5.0, 30.0)), E_L=0.0, V_reset=0.0, V_th=1.0)
+    net.population("pixels", 40, neuro.spike_generator())
+    net.population("others", 20, neuro.spike_generator())
+    net.population("hidden", 12, cell)
+    for name, source in (("in", "pixels"), ("beside", "others"), ("round", "hidden")):
+        weight = neuro.normal(mean=0.1, std=float(rng.uniform(0.05, 1.0)))
+        net.connect(source, "hidden", neuro.all_to_all(), weight=weight, delay=1.0, name=name)
+    return neuro_torch.Module(net, learn, seed=seed, dtype=[torch.float32, torch.float64][seed % 2])
+
+
+def moved(module, target):
+    """By how much the chip rounds learnt weights anew, the rms of a projection relative to that of its weights."""
+    fixed = quantise(neuro.compile(module.network()).program, chip(target))
+    return max(wires.rounding.rms for wires in fixed.projections if wires.name in module.weights)
+
+
+@pytest.mark.parametrize("seed", range(12))
+def test_on_loihi_nothing_moves_where_all_weights_onto_a_population_learn(seed):
+    module = several(seed, ["in", "beside", "round"])
+    assert moved(neuro_torch.quantised(module, 1 + seed % 8), "loihi") < 1e-12
+
+
+def test_beside_weights_that_do_not_learn_little_moves_on_loihi():
+    found = [moved(neuro_torch.quantised(several(seed, ["in"]), 2 + seed % 3), "loihi") for seed in range(16)]
+    assert max(found) < 2e-3
+    assert min(found) < 1e-12
+
+
+@pytest.mark.parametrize("seed", range(8))
+def test_on_spinnaker_the_words_are_those_of_the_training(seed):
+    bits = 4 + seed % 5
+    module = neuro_torch.quantised(several(seed, ["in", "round"]), bits)
+    neuro_torch.quantised(module, bits, "spinnaker")
+    grid = module.weights.parametrizations["in"][-1]
+    weight = module.weights["in"].detach()
+    levels = np.rint((weight / torch.where(weight < 0, grid.below, grid.step)).double().numpy()).ravel()
+    fixed = quantise(neuro.compile(module.network()).program, chip("spinnaker"))
+    words = next(wires.mantissas for wires in fixed.projections if wires.name == "in")
+    assert np.any(levels)
+    np.testing.assert_array_equal(np.sign(words), np.sign(levels))
+    for sign in (1, -1):
+        assert len(np.unique(words[levels * sign > 0] / levels[levels * sign > 0])) <= 1
+    assert moved(module, "spinnaker") < (2.0**-15 if module.weights["in"].dtype == torch.float32 else 2.0**-43)
+
+
 def test_eight_bits_are_what_the_chip_rounds_to_by_itself():
     net = network()
     fixed = quantise(neuro.compile(net).program, chip("loihi"))
@@ -104,6 +154,69 @@ def test_it_trains_to_what_fits_the_grid():
     after = module.eval()(batch()) and module.weights["in"].detach()
     assert len(after.unique()) <= 8
     assert not torch.equal(before, after)
+
+
+def test_quantising_again_takes_the_place_of_what_was():
+    """Of weights on a grid of 2 bits a grid of 8 has few levels; so what is below the first rounding is still there."""
+    again = neuro_torch.quantised(neuro_torch.quantised(module_of(), 2), 8)
+    once = neuro_torch.quantised(module_of(), 8)
+    for name, weight in once.weights.items():
+        torch.testing.assert_close(again.weights[name], weight, rtol=0, atol=0)
+    optimiser = torch.optim.SGD(again.parameters(), lr=0.1)
+    neuro_torch.losses.count_cross_entropy(again(batch()).spikes["out"], torch.tensor([0, 1, 2, 0])).backward()
+    optimiser.step()
+    assert len(again.eval()(batch()) and again.weights["in"].unique()) > 50
+
+
+def test_bits_that_are_refused_leave_a_quantised_module_as_it_was():
+    module = neuro_torch.quantised(module_of(), 3)
+    before = module.weights["in"].detach().clone()
+    with pytest.raises(ModelError, match="bits = 9"):
+        neuro_torch.quantised(module, 9)
+    module.eval()(batch())
+    assert torch.equal(module.weights["in"], before)
+
+
+def test_without_weights_that_learn_nothing_is_quantised():
+    module = neuro_torch.Module(network(), {"hidden": "tau_m"})
+    told = "quantised: no weights of the module learn: expected those of a projection at least"
+    with pytest.raises(ModelError, match=told):
+        neuro_torch.quantised(module, 4)
+
+
+@pytest.mark.parametrize(("bits", "target"), [(3, "loihi"), (4, "spinnaker")])
+def test_a_quantised_module_stays_so_when_it_is_pruned(bits, target):
+    module = neuro_torch.quantised(module_of(), bits, target)
+    pruned = neuro_torch.prune(module, {"in": 0.75})
+    optimiser = torch.optim.Adam(pruned.parameters(), lr=0.05)
+    for _ in range(3):
+        optimiser.zero_grad()
+        pruned(batch()).spikes["out"].sum().backward()
+        optimiser.step()
+    pruned.eval()(batch())
+    assert all(len(weight.unique()) <= 2**bits for weight in pruned.weights.values())
+    for wires in quantise(neuro.compile(pruned.network()).program, chip(target)).projections:
+        assert wires.rounding.rms < 1e-12
+
+
+def test_a_bill_of_another_network_is_refused():
+    module = module_of()
+    bill, pruned = neuro_torch.Bill(module), neuro_torch.prune(module, 0.5)
+    outcome = pruned(batch())
+    with pytest.raises(ModelError, match="Bill: the outcome is of a network of 258 synapses") as caught:
+        bill(outcome)
+    assert "expected that of the bill, which has 516" in str(caught.value)
+    assert caught.value.hint == "neuro_torch.Bill(module) of the module that made the outcome"
+    assert float(neuro_torch.Bill(pruned)(outcome).detach()) > 0.0
+
+
+def test_a_bill_goes_on_for_a_copy_and_for_what_was_learnt():
+    module = module_of()
+    bill = neuro_torch.Bill(module)
+    copied, learnt = copy.deepcopy(module), module.on(module.network())
+    expected = float(bill(module(batch())).detach())
+    for each in (copied, learnt):
+        assert float(bill(each(batch())).detach()) == expected
 
 
 def test_a_state_dict_brings_back_the_grid():

@@ -84,11 +84,11 @@ def test_recordings_to_test_on_of_a_class_that_is_not_learnt(neuro, folder, file
 
 
 def test_a_batch_beyond_memory(neuro, folder, file, monkeypatch, tmp_path):
-    monkeypatch.setattr("neuro_torch.feeding.free_memory", lambda: 6000)
+    monkeypatch.setattr("neuro_torch.memory.free_memory", lambda: 12000)
     status, out, err = neuro(file, "--data", folder, *QUICK)
     assert (status, out) == (2, "")
     assert "error: a batch of 6 recordings of 12 steps needs about" in err
-    assert "expected at most what is free, 6e-06 GB\n  hint: a batch of 1 takes half of that" in err
+    assert "expected at most what is free, 1.2e-05 GB\n  hint: a batch of 1 takes half of that" in err
     assert list(tmp_path.iterdir()) == []
 
 

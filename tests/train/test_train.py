@@ -298,7 +298,7 @@ def test_a_file_that_is_not_ours_stays(neuro, folder, file, tmp_path):
 
 
 def test_a_batch_beyond_memory_is_refused_before_any_is_taken(told, monkeypatch):
-    monkeypatch.setattr("neuro_torch.feeding.free_memory", lambda: 2000)
+    monkeypatch.setattr("neuro_torch.memory.free_memory", lambda: 2000)
     net, shown, plan = told()
     with pytest.raises(ModelError, match="a batch of 6 recordings of 12 steps needs about"):
         trainer.learn(net, shown, plan)

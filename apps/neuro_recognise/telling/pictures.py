@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import Protocol
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -58,11 +59,23 @@ def confusion(evaluation: Evaluation, by: str = "") -> Figure:
     return figure
 
 
-def accuracies(found: Sequence[tuple[str, Sequence[Evaluation]]]) -> Figure:
+class Rated(Protocol):
+    """What an accuracy is: an `Evaluation`, or less."""
+
+    @property
+    def accuracy(self) -> float:
+        """Share of right decisions."""
+
+    @property
+    def n(self) -> int:
+        """Of so many."""
+
+
+def accuracies(found: Sequence[tuple[str, Sequence[Rated]]]) -> Figure:
     """Accuracy of each method, a dot a seed, over the 95 % interval of the mean; the best at the top.
 
     Args:
-        found: names with an evaluation for each seed.
+        found: names with an accuracy for each seed.
     """
     ordered = sorted(found, key=lambda pair: np.mean([one.accuracy for one in pair[1]]))
     figure = Figure(figsize=(7.6, 0.9 + 0.36 * len(ordered)), dpi=140, layout="constrained", facecolor=PAPER)
