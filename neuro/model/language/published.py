@@ -21,6 +21,6 @@ def refuse_name(path: Path) -> None:
     Raises:
         ModelError: it says how the published network is read.
     """
-    if path == Path(path.name) and path.suffix in ("", ".yaml") and not path.exists() and path.stem in published():
+    if path == Path(path.name) and path.suffix in ("", ".yaml") and path.stem in published() and not path.exists():
         hint = f"the published network is neuro.load(neuro_models.path('{path.stem}'))"
         raise ModelError("no such file", where=Where(str(path)), hint=hint)
