@@ -12,7 +12,7 @@ from neuro.compiler import drawn, resolve
 from neuro.model.network import Network
 from neuro.program.program import Ints
 from neuro.testing import observe
-from neuro.testing.case import differences
+from neuro.testing.case import differences, run_on
 from neuro.testing.strategies import networks
 from neuro_event import engine, layout, loop, shares
 from neuro_event import tables as t
@@ -53,7 +53,7 @@ def ran(net: Network, threads: int, pieces: list[float], seed: int = 1) -> dict[
     """What is seen after some runs."""
     sim = neuro.compile(net, "event", seed=seed, threads=threads)
     for ms in pieces:
-        sim.run(ms)
+        run_on(sim, ms)
     return observe(sim)
 
 
