@@ -140,7 +140,7 @@ def test_populations_stay_whole_only_where_the_work_is_even(sizes: list[int], th
         assert max(sizes) > 0.51 * sum(sizes)
 
 
-def test_what_is_uneven_at_first_is_exchanged():
+def test_a_division_is_found_where_the_largest_first_is_uneven():
     """Largest first, to whom has least, would give shares of 0.52 and 0.48."""
     owners = shares.whole_populations(circuit([349, 209, 126, 108, 103, 80, 24, 10], []), 2)
     assert owners is not None

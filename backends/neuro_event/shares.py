@@ -20,6 +20,9 @@ SCATTERED = 1 << 22
 EVEN = 0.02
 """By how much the busiest thread may have more than its share of the work where populations are left whole."""
 
+PATIENCE_S = 2.0
+"""How long a division is looked for."""
+
 SYNAPSES = 200
 """So many, each with a few spikes a second, are as much work as the steps of a neuron."""
 
@@ -61,19 +64,36 @@ def whole_populations(program: Program, threads: int) -> Ints | None:
     many lines of memory again. A generator goes with the population that it drives.
     """
     units = _units(program)
-    work = np.array([sum(_work(program, index) for index in unit) for unit in units])
-    owner, load = np.zeros(len(units), dtype=np.int64), np.zeros(threads, dtype=np.int64)
-    for unit in np.argsort(-work, kind="stable"):
-        owner[unit] = load.argmin()
-        load[owner[unit]] += work[unit]
-    most = (1.0 + EVEN) * work.sum() / threads
-    while load.max() > most:
-        if not _exchange(owner, load, work):
-            return None
+    owner = _divided(np.array([sum(_work(program, index) for index in unit) for unit in units]), threads)
+    if owner is None:
+        return None
     owners = np.zeros(len(program.populations), dtype=np.int64)
     for unit, thread in zip(units, owner, strict=True):
         owners[unit] = thread
     return owners
+
+
+def _divided(work: Ints, threads: int) -> Ints | None:
+    """The thread of each unit, so that the most that any has is least; None if that is not found to be even."""
+    from scipy.optimize import LinearConstraint, milp
+
+    share = work * threads / work.sum()
+    once = np.kron(np.eye(work.size), np.ones(threads))
+    load = np.kron(share, np.eye(threads))
+    found = milp(
+        np.append(np.zeros(work.size * threads), 1.0),  # unknown: whether a thread has a unit, and the largest load
+        integrality=np.append(np.ones(work.size * threads), 0.0),
+        bounds=(0.0, np.append(np.ones(work.size * threads), np.inf)),
+        constraints=(
+            LinearConstraint(np.c_[once, np.zeros(work.size)], 1.0, 1.0),
+            LinearConstraint(np.c_[load, -np.ones(threads)], -np.inf, 0.0),
+        ),
+        options={"mip_rel_gap": EVEN / 2.0, "time_limit": PATIENCE_S},
+    )
+    if found.x is None:
+        return None
+    owner = found.x[:-1].reshape(-1, threads).argmax(axis=1)
+    return owner if np.bincount(owner, share, threads).max() <= 1.0 + EVEN else None
 
 
 def _units(program: Program) -> list[list[int]]:
@@ -84,23 +104,6 @@ def _units(program: Program) -> list[list[int]]:
         leads = population.kind == "neuron" or len(driven) != 1
         units.setdefault(index if leads else min(driven), []).append(index)
     return list(units.values())
-
-
-def _exchange(owner: Ints, load: Ints, work: Ints) -> bool:
-    """Let the busiest and the idlest thread exchange two units, or move one, so that they are most alike, if any do."""
-    busy, idle = int(load.argmax()), int(load.argmin())
-    given, taken = np.flatnonzero(owner == busy), np.flatnonzero(owner == idle)
-    moved = work[given][:, None] - np.append(work[taken], 0)
-    gap = load[busy] - load[idle]
-    left = np.abs(gap - 2 * moved)
-    k, m = np.unravel_index(int(left.argmin()), left.shape)
-    if left[k, m] >= gap:
-        return False
-    owner[given[k]] = idle
-    owner[taken[m : m + 1]] = busy
-    load[busy] -= moved[k, m]
-    load[idle] += moved[k, m]
-    return True
 
 
 def _whole(owners: Ints, where: list[Place], threads: int) -> Ints:
