@@ -53,12 +53,20 @@ def test_no_way_changes_a_bit(n: int, tried: tuple[int, int], monkeypatch: pytes
 
 def test_the_faster_way_is_kept_and_tried_again_ever_more_rarely():
     ways = threads.Threads(2)
-    assert tried(ways, together=2.0, alone=1.0) == (False, threads.SHORTEST)
-    assert tried(ways, together=2.0, alone=1.0) == (False, 2 * threads.SHORTEST)
-    assert tried(ways, together=1.0, alone=2.0) == (True, threads.SHORTEST)
+    assert tried(ways, together=2e-6, alone=1e-6) == (False, threads.SHORTEST)
+    assert tried(ways, together=2e-6, alone=1e-6) == (False, 2 * threads.SHORTEST)
+    assert tried(ways, together=1e-6, alone=2e-6) == (True, threads.SHORTEST)
     for _ in range(20):
-        kept = tried(ways, together=1.0, alone=2.0)
+        kept = tried(ways, together=1e-6, alone=2e-6)
     assert kept == (True, threads.LONGEST)
+
+
+def test_long_slices_are_tried_again_after_some_time():
+    ways = threads.Threads(2)
+    for _ in range(20):
+        kept = tried(ways, together=2e-3, alone=1e-3)
+    assert kept == (False, threads.LATEST / 1e-3)
+    assert tried(ways, together=1.0, alone=2.0) == (True, threads.SHORTEST)
 
 
 def tried(ways: threads.Threads, together: float, alone: float) -> tuple[bool, int]:

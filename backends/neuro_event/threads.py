@@ -12,11 +12,14 @@ from neuro_event import loop
 FEWEST, MOST = 4, 64
 """Slices for which each way is tried, twice in turn."""
 
-TRIAL = 5e-4
-"""Seconds that a trial takes about, so that it is not the start of the threads that is measured."""
+TRIAL = 1e-2
+"""Seconds that a trial takes about, so that it is not the start of the threads, and of their caches, that is measured."""
 
 SHORTEST, LONGEST = 512, 1 << 16
 """Slices after which it is tried again which way is faster: twice as many each time that it is the same."""
+
+LATEST = 2.0
+"""Seconds after which it is tried again at the latest where slices are long: others may have been in the way."""
 
 REST = 1e-6
 """Seconds for which a thread sleeps at least that has waited for others in vain."""
@@ -70,8 +73,9 @@ class Threads:
         self._trials.append((together, seconds))
         self._tried = min(max(int(TRIAL / seconds), FEWEST), MOST)
         if len(self._trials) == 4:
-            faster = min(self._trials, key=lambda trial: trial[1])[0]
-            self._kept = min(2 * self._kept, LONGEST) if faster == self._together else SHORTEST
+            faster, least = min(self._trials, key=lambda trial: trial[1])
+            most = min(LONGEST, max(SHORTEST, int(LATEST / least)))
+            self._kept = min(2 * self._kept, most) if faster == self._together else SHORTEST
             self._together, self._left, self._trials = faster, self._kept, []
 
     def _share(self, view: int, first: int, last: int, longest: int, reach: int, h: float) -> int:
