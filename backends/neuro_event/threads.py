@@ -13,7 +13,7 @@ FEWEST, MOST = 4, 64
 """Slices for which each way is tried, twice in turn."""
 
 TRIAL = 1e-2
-"""Seconds that a trial takes about, so that it is not the start of the threads, and of their caches, that is measured."""
+"""Seconds that a trial takes about, so that it is not the start of the threads and their caches that is measured."""
 
 SHORTEST, LONGEST = 512, 1 << 16
 """Slices after which it is tried again which way is faster: twice as many each time that it is the same."""
