@@ -30,7 +30,7 @@ SYNAPSES = 200
 def thread_edges(program: Program, where: list[Place], threads: int) -> Ints:
     """Blocks at which the threads' neurons of each population begin, and the end: (populations, threads + 1)."""
     scattered = sum(p.size for p in program.projections if in_runs(program, p))
-    owners = whole_populations(program, threads) if scattered >= SCATTERED else None
+    owners = whole_populations(program, threads) if threads > 1 and scattered >= SCATTERED else None
     return _alike(program, where, threads) if owners is None else _whole(owners, where, threads)
 
 
