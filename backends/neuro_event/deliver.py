@@ -212,20 +212,19 @@ def scatter(view, q, source_id, m, thread, lo, hi, n, receptors, out, between, m
 
 
 @merged
-def emitted(net, source, j):
-    """Whether a population emitted spikes in step j."""
-    slot = j & (net.log_ends.shape[1] - 1)
-    some = False
+def spikes(net, source, slot):
+    """How many neurons of a population fired in the step whose ends are kept at a slot."""
+    n = 0
     for t in range(net.edges.shape[1] - 1):
-        some |= net.log_ends[t, slot, source] < net.log_ends[t, slot, source + 1]
-    return some
+        n += net.log_ends[t, slot, source + 1] - net.log_ends[t, slot, source]
+    return n
 
 
 @merged
 def log_delivery(view, q, j, k, thread, ring):
     """Deliver what projection q's source emitted in step j, if it did, as `deliver_log`."""
     net = net_of(view)
-    if emitted(net, net.projections[q, SOURCE], j):
+    if spikes(net, net.projections[q, SOURCE], j & (net.log_ends.shape[1] - 1)) > 0:
         deliver_log(view, q, j, k, thread, ring)
 
 
@@ -263,13 +262,13 @@ def deliver_log(view, q, j, k, thread, ring):
     out += base_of(row) * between
     apart = told_apart(row, receptors)
     slot = (at & slots) * blocks
-    wide = row[WAKE_ALL] == 1 and not own_delays
-    mark = -1 if wide else slot + target[FIRST_BLOCK]
     spot = target[BEGIN] // LANES if target[COLLECTS] >= 0 else -1
+    wide = not own_delays and spot < 0 and spikes(net, row[SOURCE], step_slot) >= row[WAKE_ALL]
+    mark = -1 if wide else slot + target[FIRST_BLOCK]
     mask = net.log_ids.shape[1] - 1
     if row[LAYOUT] == CSR and row[WEIGHT_STRIDE] == 0 and not own_delays:
         to = out + receptor(net.weights[row[WEIGHT]], apart) * between
-        deliver_alike(view, q, source[BEGIN], step_slot, thread, to, mark, spot)
+        deliver_alike(view, q, source[BEGIN], step_slot, thread, lo, hi, to, mark, spot)
         if wide:
             net.due[thread, slot + first_block : slot + last_block] = 1
         return

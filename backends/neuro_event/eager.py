@@ -274,7 +274,7 @@ def eager_entry(model, row_of):
             net.buf[(ring + second + target) & FORWARD] += 1.0 if relay == 1 else weight
         if row[WAKE_ALL] == 1 and first < end:
             due_everywhere(net, target_row, at, thread)
-        elif row[WAKE_ALL] == 0:
+        elif row[WAKE_ALL] > 1:
             blocks = net.awake.shape[0]
             mark = (at & slot_mask(net)) * blocks + target_row[FIRST_BLOCK]
             due, place = net.due[thread], np.uint64(mark)

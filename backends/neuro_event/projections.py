@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from neuro.core.clock import NEVER
 from neuro.core.threads import mapped
 from neuro.model.neurons import Neuron
 from neuro.program.program import Floats, Grid, Ints, Population, Program, Projection
@@ -57,7 +58,7 @@ def add_projections(a: Arrays) -> None:
         delays.append(delay.astype(np.int32))
         n_delays += delay.size
         blocks = a.net["pops"][p.target, t.LAST_BLOCK] - a.net["pops"][p.target, t.FIRST_BLOCK]
-        row[t.WAKE_ALL] = int(s.layout == t.DENSE or _blocks_reached(p, s) > blocks)
+        row[t.WAKE_ALL] = _wake_all(p, s, int(blocks))
         row[t.DENSE_COUNTS] = 0
         if timed:
             row[t.LAG] = p.delay_range(program.resolution)[1]
@@ -102,12 +103,15 @@ def _fill_runs(a: Arrays, q: int) -> None:
     fill_runs(s.row_ends, s.targets, delay, int(row[t.SHORTEST]), int(row[t.DELAYS]), local, runs)
 
 
-def _blocks_reached(p: Projection, s: layout.Synapses) -> float:
-    """About how many marks tell of the blocks that a spike reaches."""
-    if p.grid is not None:
+def _wake_all(p: Projection, s: layout.Synapses, blocks: int) -> int:
+    """How many spikes of a step reach about all blocks of the target, so that these need not be marked one by one."""
+    if s.layout == t.DENSE:
+        return 1
+    if p.grid is not None:  # what several spikes reach may be the same blocks
         rows, columns = (-(-n // p.grid.stride) for n in (p.grid.kernel_height, p.grid.kernel_width))
-        return min(rows, p.grid.rows) * (1 + min(columns, p.grid.columns) * p.grid.maps / t.BLOCK)
-    return s.targets.size / max(1, s.row_ends.size - 1) / 2 if s.layout == t.CSR else 0.0
+        marks = min(rows, p.grid.rows) * (1 + min(columns, p.grid.columns) * p.grid.maps / t.BLOCK)
+        return 1 if marks > blocks else NEVER
+    return 1 + 2 * blocks * (s.row_ends.size - 1) // s.targets.size if s.targets.size else NEVER
 
 
 def internal_weights(a: Arrays, q: int) -> Floats:
@@ -214,6 +218,6 @@ def _first_collected(a: Arrays, k: int, population: Population) -> int:
 def _all_marked(a: Arrays, into: list[int]) -> bool:
     """Whether deliveries over all of some projections mark where input arrives, and reach few."""
     return all(
-        row[t.LAYOUT] == t.CSR and row[t.LAG] > 0 and row[t.RUN] < 0 and row[t.WAKE_ALL] == 0
+        row[t.LAYOUT] == t.CSR and row[t.LAG] > 0 and row[t.RUN] < 0 and row[t.WAKE_ALL] > 1
         for row in a.net["projections"][into]
     )
