@@ -49,6 +49,35 @@ class InTurn:
         assert (told[: self._n, 0] == end).all()
 
 
+class AtRandom(InTurn):
+    """In place of `Threads`: some steps of one thread after some of another, as far as they let each other go."""
+
+    def __init__(self, n: int) -> None:
+        super().__init__(n)
+        self._random = np.random.default_rng(n)
+
+    def run(self, view: Ints, first: int, last: int, longest: int, reach: int, h: float) -> int:
+        told = np.full((self._n + 1, LINE), first, dtype=np.int64)
+        step, end = told[: self._n, 0], told[self._n :, 0]
+        while True:
+            thread, allowed = int(self._random.integers(self._n)), int(end[0])
+            upto = min(last, int(step[thread] + self._random.integers(1, longest + 2)))
+            if thread > 0:
+                end[0] = min(upto, allowed)
+            halted = loop.share(view, told, thread, upto, longest, reach, h)
+            assert step.max() - step.min() <= longest
+            if thread > 0:
+                end[0] = allowed
+            elif halted:
+                assert (step == step[0]).all()
+                if step[0] == last or step[0] < upto:
+                    break
+                end[0] = step[0]
+        for thread in range(self._n):
+            loop.finish(view, thread, int(step[0]) - 1, h)
+        return int(step[0])
+
+
 def ran(net: Network, threads: int, pieces: list[float], seed: int = 1) -> dict[str, Any]:
     """What is seen after some runs."""
     sim = neuro.compile(net, "event", seed=seed, threads=threads)
@@ -57,9 +86,13 @@ def ran(net: Network, threads: int, pieces: list[float], seed: int = 1) -> dict[
     return observe(sim)
 
 
+@pytest.mark.parametrize("order", [InTurn, AtRandom])
+@pytest.mark.parametrize("shortest", [0.1, 0.7])
 @pytest.mark.parametrize("few", [0, 1 << 16], ids=["into a ring", "in runs"])
 @pytest.mark.parametrize("many", [100, 1 << 20], ids=["by delay", "by target"])
-def test_delays_of_their_own(few: int, many: int, monkeypatch: pytest.MonkeyPatch):
+def test_delays_of_their_own(
+    few: int, many: int, shortest: float, order: type[InTurn], monkeypatch: pytest.MonkeyPatch
+):
     """Synapses of one source lie by delay in very large networks, and those of all threads' targets between another."""
     for module in (drawn, resolve):
         monkeypatch.setattr(module, "MANY", many)
@@ -68,7 +101,7 @@ def test_delays_of_their_own(few: int, many: int, monkeypatch: pytest.MonkeyPatc
     cell = neuro.iaf_psc_exp(tau_syn_ex=0.5, tau_syn_in=0.5, I_e=450.0)
     net.population("cells", 1500, cell, initial={"V_m": neuro.uniform(low=-70.0, high=-55.0)})
     net.population("others", 1200, cell)
-    late = neuro.uniform(low=0.1, high=2.0)
+    late = neuro.uniform(low=shortest, high=2.0)
     weight = neuro.normal(mean=200.0, std=90.0)
     net.connect("cells", "others", neuro.fixed_total_number(n=9000), weight=weight, delay=late)
     net.connect("others", "cells", neuro.fixed_indegree(n=5), weight=80.0, delay=late)
@@ -77,23 +110,31 @@ def test_delays_of_their_own(few: int, many: int, monkeypatch: pytest.MonkeyPatc
     alone = ran(net, 1, [20.0])
     assert alone["spikes of others: steps"].size > 100
     with monkeypatch.context() as patched:
-        patched.setattr(engine, "Threads", InTurn)
+        patched.setattr(engine, "Threads", order)
         for threads in (2, 3):
             assert differences(alone, ran(net, threads, [20.0]), exact=True) == []
             assert differences(alone, ran(net, threads, [0.1] * 5 + [19.5]), exact=True) == []
 
 
 @settings(
-    max_examples=25,
+    max_examples=40,
     deadline=None,
     derandomize=True,
     suppress_health_check=[HealthCheck.too_slow, HealthCheck.data_too_large, HealthCheck.function_scoped_fixture],
 )
-@given(net=networks(largest=1300), seed=st.integers(0, 5), threads=st.integers(2, 3), whole=st.booleans())
-def test_random_networks(net: Network, seed: int, threads: int, whole: bool, monkeypatch: pytest.MonkeyPatch):
+@given(
+    net=networks(largest=1300),
+    seed=st.integers(0, 5),
+    threads=st.integers(2, 3),
+    whole=st.booleans(),
+    order=st.sampled_from([InTurn, AtRandom]),
+)
+def test_random_networks(
+    net: Network, seed: int, threads: int, whole: bool, order: type[InTurn], monkeypatch: pytest.MonkeyPatch
+):
     alone = ran(net, 1, [60 * net.resolution], seed)
     with monkeypatch.context() as patched:
-        patched.setattr(engine, "Threads", InTurn)
+        patched.setattr(engine, "Threads", order)
         if whole:
             patched.setattr(shares, "SCATTERED", 0)
             patched.setattr(shares, "EVEN", np.inf)

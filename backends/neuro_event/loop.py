@@ -41,10 +41,13 @@ from neuro_event.tables import (
     RUN,
     WINNER,
 )
-from neuro_event.views import net_of, slot_mask
+from neuro_event.views import net_of, plastic_of, slot_mask
 
 HALT = -1
 """What is told in place of a step where threads are to return."""
+
+STRIDES = 5
+"""So many times threads tell how far they are while a spike is under way."""
 
 PATIENCE = 50_000
 """Looks at what others tell, about 100 us, before a thread gives up its processor."""
@@ -160,39 +163,63 @@ def run(view, first, last, longest, reach, h):
     return last
 
 
+@inner
+def only_spikes(view):
+    """Whether threads need nothing of each other but spikes that arrive: no ring to fill, no learning, no currents."""
+    net = net_of(view)
+    return net.at_emission.shape[0] + plastic_of(view).table.shape[0] + net.lines.shape[0] == 0
+
+
+@inner
+def slowest(told):
+    """The step up to which all threads are done."""
+    step = look(told, 0)
+    for thread in range(1, told.shape[0] - 1):
+        step = min(step, look(told, thread))
+    return step
+
+
+@inner
+def allow(view, told, last, ahead, reach):
+    """Let all threads run on, as far as there is room for whatever fires; or halt them where all are at the end."""
+    threads = told.shape[0] - 1
+    step, end = slowest(told), look(told, threads)
+    # A thread that is ahead has used room that is counted once more.
+    to = step + room(view, step, min(ahead, last - step), reach)
+    if to > end:
+        tell(told, threads, to)
+    elif step == end:
+        tell(told, threads, HALT)
+
+
 @kernel
 def share(view, told, thread, last, longest, reach, h):
-    """Run one thread's part of the steps up to `last`, slice by slice, beside the other threads that do so.
+    """Run one thread's part of the steps up to `last` beside the other threads that do so.
 
-    Rows of `told` say up to which step each thread is done; the last one says up to which step all may run, as thread 0
-    decides, or `HALT`. Return 1 where all is done or there is no room for more steps; 0 where the others have been
-    waited for in vain: who calls again after some time goes on from there.
+    No spike needs less than `longest` steps: a thread that waits for nothing but spikes may be so many steps ahead of
+    the slowest. Else threads begin each slice of so many together. Rows of `told` say up to which step each thread is
+    done; the last one says up to which step all may run, as thread 0 decides, or `HALT`. Return 1 where all is done or
+    there is no room for more steps; 0 where the others have been waited for in vain: who calls again after some time
+    goes on from there.
     """
     threads = told.shape[0] - 1
-    while True:
-        step = look(told, thread)
-        patience = PATIENCE
+    free = only_spikes(view)
+    stride, ahead = (max(1, longest // STRIDES), 2 * longest) if free else (longest, longest)
+    patience = PATIENCE
+    while patience > 0:
         if thread == 0:
-            for other in range(1, threads):
-                while look(told, other) < step:
-                    patience -= 1
-                    if patience == 0:
-                        return 0
-            steps = room(view, step, min(longest, last - step), reach)
-            if steps < 1:
-                tell(told, threads, HALT)
-                return 1
-            tell(told, threads, step + steps)
-        else:
-            while look(told, threads) == step:
-                patience -= 1
-                if patience == 0:
-                    return 0
-        end = look(told, threads)
+            allow(view, told, last, ahead, reach)
+        step, end = look(told, thread), look(told, threads)
         if end == HALT:
             return 1
-        advance(view, thread, step, end, h)
-        tell(told, thread, end)
+        end = min(step + stride, end)
+        if step < end and slowest(told) >= (end - longest if free else step):
+            advance(view, thread, step, end, h)
+            tell(told, thread, end)
+            patience = PATIENCE
+        else:
+            patience -= 1
+    return 0
 
 
 @kernel
