@@ -11,9 +11,6 @@ from neuro_event.views import address, net_of, prefetch
 LINE = 16
 """Targets of a cache line."""
 
-RANGE = 1 << 15
-"""Targets whose input takes a quarter of the second cache."""
-
 _SHIFT = np.uint64(6)
 assert BLOCK == 1 << 6
 _SPOT = np.uint64(3)
@@ -21,63 +18,12 @@ assert LANES == 1 << 3
 
 
 @inner
-def deliver_in_ranges(view, q, first_source, step_slot, thread, lo, hi, out):
-    """Deliver the spikes of a step as `deliver_alike`, to some targets after the other, whose input stays in the cache."""
-    net = net_of(view)
-    row = net.projections[q]
-    mask = net.log_ids.shape[1] - 1
-    queue = net.queue[thread]
-    n = 0
-    for t in range(net.edges.shape[1] - 1):
-        for place in range(net.log_ends[t, step_slot, row[SOURCE]], net.log_ends[t, step_slot, row[SOURCE] + 1]):
-            at = row_of(view, row, first_source, thread, t, place)
-            queue[n, 0], queue[n, 1] = net.rows[at], net.rows[at + 1]
-            queue[n, 2] = net.log_counts[t, place & mask]
-            n += 1
-            if n == queue.shape[0]:
-                add_in_ranges(net.targets, queue, n, net.weights[row[WEIGHT]], net.buf, out, lo, hi)
-                n = 0
-    add_in_ranges(net.targets, queue, n, net.weights[row[WEIGHT]], net.buf, out, lo, hi)
-
-
-@inner
-def add_in_ranges(targets, queue, n, weight, buf, out, lo, hi):
-    """Add the first n rows of a queue, of ascending targets in lo:hi."""
-    ranges = -(-(hi - lo) // RANGE)
-    for r in range(1, ranges + 1):
-        below = hi if r == ranges else lo + (hi - lo) * r // ranges
-        for k in range(n):
-            ahead = address(targets) + 4 * queue[min(k + 1, n - 1), 0]
-            value = weight * np.float64(queue[k, 2])
-            queue[k, 0] = add_below(targets, queue[k, 0], queue[k, 1], below, value, buf, out, ahead)
-
-
-@inner
-def add_below(targets, first, last, below, value, buf, out, ahead):
-    """Add one value to those of the targets first:last that are less than a bound; return where the others begin."""
-    begin = np.uint64(out)
-    e = first
-    while e + LINE <= last and targets[e + LINE - 1] < below:
-        prefetch(ahead + 4 * (e - first))
-        for k in range(np.uint64(LINE)):
-            buf[begin + np.uint64(targets[np.uint64(e) + k])] += value
-        e += LINE
-    while e < last and targets[e] < below:
-        buf[begin + np.uint64(targets[np.uint64(e)])] += value
-        e += 1
-    return e
-
-
-@inner
-def deliver_alike(view, q, first_source, step_slot, thread, lo, hi, out, mark, spot):
-    """Deliver the spikes of a step to this thread's targets, lo:hi; `out` is the place of target 0 in `buf`.
+def deliver_alike(view, q, first_source, step_slot, thread, out, mark, spot):
+    """Deliver the spikes of a step to this thread's targets; `out` is the place of target 0 in `buf`.
 
     `mark` is the place of the targets' first block in `due`, or -1 where all blocks are marked at once; `spot` that of
     their first spot, or -1 where none are marked.
     """
-    if mark < 0 and spot < 0 and hi - lo > RANGE:
-        deliver_in_ranges(view, q, first_source, step_slot, thread, lo, hi, out)
-        return
     net = net_of(view)
     row = net.projections[q]
     mask = net.log_ids.shape[1] - 1

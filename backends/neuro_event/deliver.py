@@ -10,6 +10,7 @@ import numpy as np
 from neuro.kernels.jit import inner, merged
 from neuro.kernels.lanes import LANES
 from neuro_event.alike import deliver_alike, mark_spots
+from neuro_event.ranges import RANGE, deliver_in_ranges
 from neuro_event.tables import (
     BEGIN,
     BLOCK,
@@ -268,7 +269,10 @@ def deliver_log(view, q, j, k, thread, ring):
     mask = net.log_ids.shape[1] - 1
     if row[LAYOUT] == CSR and row[WEIGHT_STRIDE] == 0 and not own_delays:
         to = out + receptor(net.weights[row[WEIGHT]], apart) * between
-        deliver_alike(view, q, source[BEGIN], step_slot, thread, lo, hi, to, mark, spot)
+        if wide and hi - lo > RANGE:
+            deliver_in_ranges(view, q, source[BEGIN], step_slot, thread, lo, hi, to)
+        else:
+            deliver_alike(view, q, source[BEGIN], step_slot, thread, to, mark, spot)
         if wide:
             net.due[thread, slot + first_block : slot + last_block] = 1
         return
