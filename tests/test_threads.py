@@ -43,7 +43,7 @@ def ran(pieces: list[float], **options: Any) -> list[Any]:
 def test_no_way_changes_a_bit(n: int, tried: tuple[int, int], monkeypatch: pytest.MonkeyPatch):
     monkeypatch.setattr(threads, "FEWEST", tried[0])
     monkeypatch.setattr(threads, "MOST", tried[0])
-    monkeypatch.setattr(threads, "SHORTEST", tried[1])
+    monkeypatch.setattr(threads, "KEPT", tried[1])
     monkeypatch.setattr(threads, "LONGEST", tried[1])
     alone = ran([40.0])
     assert alone[0].size > 500
@@ -52,10 +52,10 @@ def test_no_way_changes_a_bit(n: int, tried: tuple[int, int], monkeypatch: pytes
 
 
 def test_the_faster_way_is_kept_and_tried_again_ever_more_rarely():
-    ways = threads.Threads(2)
-    assert tried(ways, together=2e-6, alone=1e-6) == (False, threads.SHORTEST)
-    assert tried(ways, together=2e-6, alone=1e-6) == (False, 2 * threads.SHORTEST)
-    assert tried(ways, together=1e-6, alone=2e-6) == (True, threads.SHORTEST)
+    ways, shortest = threads.Threads(2), threads.KEPT * threads.MOST
+    assert tried(ways, together=2e-6, alone=1e-6) == (False, shortest)
+    assert tried(ways, together=2e-6, alone=1e-6) == (False, 2 * shortest)
+    assert tried(ways, together=1e-6, alone=2e-6) == (True, shortest)
     for _ in range(20):
         kept = tried(ways, together=1e-6, alone=2e-6)
     assert kept == (True, threads.LONGEST)
@@ -66,7 +66,7 @@ def test_long_slices_are_tried_again_after_some_time():
     for _ in range(20):
         kept = tried(ways, together=2e-3, alone=1e-3)
     assert kept == (False, threads.LATEST / 1e-3)
-    assert tried(ways, together=1.0, alone=2.0) == (True, threads.SHORTEST)
+    assert tried(ways, together=1.0, alone=2.0) == (True, threads.KEPT * threads.FEWEST)
 
 
 def tried(ways: threads.Threads, together: float, alone: float) -> tuple[bool, int]:

@@ -15,8 +15,8 @@ FEWEST, MOST = 4, 64
 TRIAL = 1e-2
 """Seconds that a trial takes about, so that it is not the start of the threads and their caches that is measured."""
 
-SHORTEST, LONGEST = 512, 1 << 16
-"""Slices after which it is tried again which way is faster: twice as many each time that it is the same."""
+KEPT, LONGEST = 32, 1 << 16
+"""A choice is kept for so many times the slices of a trial, and for twice as many each time that it is the same."""
 
 LATEST = 2.0
 """Seconds after which it is tried again at the latest where slices are long: others may have been in the way."""
@@ -39,7 +39,7 @@ class Threads:
         self._pool = ThreadPoolExecutor(n - 1) if n > 1 else None
         self._told = np.zeros((n + 1, LINE), dtype=np.int64)
         self._together = True
-        self._kept = SHORTEST
+        self._kept = 0
         self._left = 0
         self._tried = FEWEST
         self._trials: list[tuple[bool, float]] = []
@@ -74,8 +74,9 @@ class Threads:
         self._tried = min(max(int(TRIAL / seconds), FEWEST), MOST)
         if len(self._trials) == 4:
             faster, least = min(self._trials, key=lambda trial: trial[1])
-            most = min(LONGEST, max(SHORTEST, int(LATEST / least)))
-            self._kept = min(2 * self._kept, most) if faster == self._together else SHORTEST
+            shortest = KEPT * self._tried
+            most = max(shortest, min(LONGEST, int(LATEST / least)))
+            self._kept = min(max(2 * self._kept, shortest), most) if faster == self._together else shortest
             self._together, self._left, self._trials = faster, self._kept, []
 
     def _share(self, view: int, first: int, last: int, longest: int, reach: int, h: float) -> int:
