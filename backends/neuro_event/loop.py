@@ -180,11 +180,13 @@ def slowest(told):
 
 
 @inner
-def allow(view, told, last, ahead, reach):
-    """Let all threads run on, as far as there is room for whatever fires; or halt them where all are at the end."""
+def allow(view, told, step, last, ahead, reach):
+    """Let all threads run on where all have done the steps up to `step`, or halt them where none can.
+
+    They may go as far as there is room for whatever fires; what one that is ahead has logged is counted twice.
+    """
     threads = told.shape[0] - 1
-    step, end = slowest(told), look(told, threads)
-    # A thread that is ahead has used room that is counted once more.
+    end = look(told, threads)
     to = step + room(view, step, min(ahead, last - step), reach)
     if to > end:
         tell(told, threads, to)
@@ -205,15 +207,17 @@ def share(view, told, thread, last, longest, reach, h):
     threads = told.shape[0] - 1
     free = only_spikes(view)
     stride, ahead = (max(1, longest // STRIDES), 2 * longest) if free else (longest, longest)
-    patience = PATIENCE
+    patience, known = PATIENCE, HALT
     while patience > 0:
-        if thread == 0:
-            allow(view, told, last, ahead, reach)
+        least = slowest(told)
+        if thread == 0 and least != known:
+            allow(view, told, least, last, ahead, reach)
+            known = least
         step, end = look(told, thread), look(told, threads)
         if end == HALT:
             return 1
         end = min(step + stride, end)
-        if step < end and slowest(told) >= (end - longest if free else step):
+        if step < end and least >= (end - longest if free else step):
             advance(view, thread, step, end, h)
             tell(told, thread, end)
             patience = PATIENCE
