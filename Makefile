@@ -51,6 +51,9 @@ define environment
 $(PYTHON) -m venv $(2) $(1)
 endef
 
+# Tests start hundreds of processes, each of which would compile all modules anew where bytecode is not kept.
+unexport PYTHONDONTWRITEBYTECODE
+
 .DEFAULT_GOAL := help
 .PHONY: help test test-bounds test-nest test-mpi test-oracles demo bench bench-peers constraints clean distclean
 
