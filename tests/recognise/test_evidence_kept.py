@@ -45,6 +45,7 @@ def own(tmp_path, monkeypatch):
     folder = tmp_path / "own"
     folder.mkdir()
     monkeypatch.syspath_prepend(folder)
+    monkeypatch.setattr(sys, "dont_write_bytecode", True)  # Python does not see an edit of the same second and length
 
     def run(sums, more=""):
         file = folder / "my_sums.py"
