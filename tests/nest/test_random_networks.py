@@ -1,6 +1,8 @@
 """Random networks, steered on the way: the event backend and the reference do what NEST does.
 
-`NEURO_RANDOM_NETWORKS` says how many; `make test-nest` runs 5,000. What differs must be shown to be one of two things:
+`NEURO_RANDOM_NETWORKS` says how many; `make test-nest` runs 5,000. NEST gives up a few: a potential leaves its bounds,
+or a change is none that it takes, such as t_ref = 0 of one model. What came before is compared. What differs must be
+shown to be one of two things:
 
 - Rounding is amplified: with a few last places of the network moved, the event backend's own results move as far.
 - NEST's propagators are inexact for nearly equal time constants: event and reference agree, and with NEST's propagators
@@ -39,12 +41,16 @@ SETTINGS = settings(
 
 
 def readings(scenario: Scenario, backend: str = "event") -> list[Found]:
+    """What is read after each part; of NEST up to that in which it gives up."""
+    found: list[Found] = []
     try:
         sim = neuro.compile(scenario.net, backend, seed=scenario.seed)
-        return [read(sim) for sim in scenario.play(sim)]
+        found.extend(read(sim) for sim in scenario.play(sim))
     except neuro.ModelError as error:
         traceback.clear_frames(error.__traceback__)  # a process has one NEST: let go of it
-        raise
+        if not str(error).startswith("NEST: "):
+            raise
+    return found
 
 
 def nest_exponential(tau_m: float, tau_syn: float, c_m: float, h: float) -> float:
@@ -75,7 +81,7 @@ def propagators_of_nest() -> Iterator[None]:
 
 def first_difference(judged: list[Found], ours: list[Found]) -> tuple[int, dict[str, float]] | None:
     """After which part two backends differ, and how far."""
-    for k, (expected, found) in enumerate(zip(judged, ours, strict=True)):
+    for k, (expected, found) in enumerate(zip(judged, ours[: len(judged)], strict=True)):
         if apart := differences(expected, found):
             return k, apart
     return None
@@ -109,14 +115,17 @@ def test_event_and_reference_do_what_nest_does(part: int, nest, record_property)
     found: Counter[str] = Counter()
 
     def check(scenario: Scenario) -> None:
-        told = causes(scenario, {backend: readings(scenario, backend) for backend in ("event", *scenario.judges)})
+        readouts = {backend: readings(scenario, backend) for backend in ("event", *scenario.judges)}
+        told = causes(scenario, readouts)
         found.update({"networks": 1, "long silences": int(any(steps > SILENCE // 2 for _, steps in scenario.parts))})
+        found.update({"given up by NEST": int(len(readouts["nest"]) < len(readouts["event"]))})
         found.update(told)
 
     seed(part)(SETTINGS(given(scenarios())(check)))()
-    explained = found.total() - found["networks"] - found["long silences"]
+    explained = found.total() - found["networks"] - found["long silences"] - found["given up by NEST"]
     record_property("random networks", dict(found))
     assert explained <= 1 + FEW * found["networks"], "too much is explained to trust the explanations"
+    assert found["given up by NEST"] <= 1 + FEW * found["networks"], "too little is compared"
 
 
 def fed(weight: float = 3000.0, **words: float) -> Scenario:
