@@ -147,3 +147,16 @@ def test_a_weight_that_is_no_number_is_told(backend: str, on_pre: str, shown: tu
         for number in shown
     }
     assert len(told_by) == 1
+
+
+def test_a_conductance_that_ran_away_is_given_up():
+    """Its neuron would need 10^12 steps of the integrator in one of the grid."""
+    net = neuro.Network("away", resolution=0.1)
+    net.population("spike", 1, neuro.spike_generator(spike_times=[[1.0]]))
+    net.population("cells", 2, neuro.aeif_cond_exp())
+    net.connect("spike", "cells[:1]", neuro.all_to_all(), weight=1e15, delay=0.5)
+    sim = neuro.compile(net)
+    with pytest.raises(neuro.ModelError) as error:
+        sim.run(2.0)
+    assert "V_m of neuron 0 is nan at 2 ms: a numerical instability of aeif_cond_exp" in str(error.value)
+    assert abs(sim.get("cells", "V_m")[1]) < 100.0

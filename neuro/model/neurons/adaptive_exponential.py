@@ -7,8 +7,19 @@ Source: NEST 3.10, `aeif_cond_exp` and `aeif_psc_exp`.
 """
 
 # mypy: disable-error-code="no-untyped-def,no-untyped-call"
+import math
+
 from neuro.model.neurons.base import State
-from neuro.model.neurons.integrators import advance, fehlberg, finite_exp, is_still, rows, runge_kutta, step_whole
+from neuro.model.neurons.integrators import (
+    MOST_STEPS,
+    advance,
+    fehlberg,
+    finite_exp,
+    is_still,
+    rows,
+    runge_kutta,
+    step_whole,
+)
 
 HIDDEN = (
     State("refractory", "steps", "steps left to hold V_m", hidden=True),
@@ -65,9 +76,13 @@ def step_adaptively(rates, system, s, c, i_0, lo, hi, fired):
         if not fired[i]:
             fired[i] = reset(s, c, i)
             continue
-        t, size, spikes = 0.0, s[SIZE, i], 0
+        t, size, spikes, taken = 0.0, s[SIZE, i], 0, 0
         while t < h:
-            y, t, size = advance(rkf45_by_slope, rates, take(s, i), system(s, c, i_0, i), t, h, size, tolerance)
+            y, p = take(s, i), system(s, c, i_0, i)
+            y, t, size = advance(rkf45_by_slope, rates, y, p, t, h, size, tolerance)
+            taken += 1
+            if taken == MOST_STEPS:
+                y, t, size = rkf45_by_slope(rates, y, p, math.nan)[0], h, 0.0
             put(s, i, y)
             spikes += reset(s, c, i)
         s[SIZE, i] = size

@@ -32,6 +32,10 @@ from types import FunctionType
 ACCEPTED = 1.1
 """A step is accepted with an error up to so many times the tolerance."""
 
+MOST_STEPS = 1_000_000
+"""Adaptive steps within one of the grid after which a neuron is given up: its variables become no numbers, which is
+told as a numerical instability. A conductance that has run away would take for ever."""
+
 TINY = 1e-300
 """What an error of 0 counts as."""
 
@@ -105,9 +109,12 @@ def step_adaptively(attempt, take, put, rates, system, s, c, i_0, lo, hi, h, siz
     step_whole(attempt, take, put, rates, system, s, c, i_0, lo, hi, h, size, tolerance, left)
     for i in range(lo, hi):
         if left[i]:
-            y, p, t, next_size = take(s, i), system(s, c, i_0, i), 0.0, s[size, i]
+            y, p, t, next_size, taken = take(s, i), system(s, c, i_0, i), 0.0, s[size, i], 0
             while t < h:
                 y, t, next_size = advance(attempt, rates, y, p, t, h, next_size, tolerance)
+                taken += 1
+                if taken == MOST_STEPS:
+                    y, t, next_size = attempt(rates, y, p, math.nan)[0], h, 0.0
             put(s, i, y)
             s[size, i] = next_size
 
