@@ -121,8 +121,9 @@ def test_event_and_reference_do_what_nest_does(part: int, nest, record_property)
     def check(scenario: Scenario) -> None:
         readouts = {backend: readings(scenario, backend) for backend in ("event", *scenario.judges)}
         told = causes(scenario, readouts)
-        found.update({"networks": 1, "long silences": int(any(steps > SILENCE // 2 for _, steps in scenario.parts))})
-        found.update({"given up by NEST": int(len(readouts["nest"]) < len(readouts["event"]))})
+        silent = any(steps > SILENCE // 2 for _, steps in scenario.parts)
+        given_up = len(readouts["nest"]) < len(readouts["event"])
+        found.update({"networks": 1, "long silences": silent, "given up by NEST": given_up})
         found.update(told)
 
     seed(part)(SETTINGS(given(scenarios())(check)))()
