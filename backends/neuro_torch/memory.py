@@ -69,11 +69,11 @@ def refuse_large(told: Need, task: Task) -> None:
 
 
 def free(device: torch.device) -> int | None:
-    """Bytes that are free on a device: of a GPU with what torch has put by there; None if unknown."""
+    """Bytes that are free on a device: of a GPU with what torch has cached there; None if unknown."""
     if device.type != "cuda":
         return free_memory()
-    put_by = torch.cuda.memory_reserved(device) - torch.cuda.memory_allocated(device)
-    return int(torch.cuda.mem_get_info(device)[0]) + put_by
+    cached = torch.cuda.memory_reserved(device) - torch.cuda.memory_allocated(device)
+    return int(torch.cuda.mem_get_info(device)[0] + cached)
 
 
 def need(program: Program, plan: Plan, asked: Mapping[int, Any], task: Task, tape: Callable[[], float]) -> Need:
@@ -136,7 +136,7 @@ Inputs = Mapping[int, _Input]
 
 def _given(inputs: Iterable[_Input], task: Task) -> float:
     """What inputs take that scans are given: lists of spikes with their places, or a copy, and its gradient twice."""
-    size = task.dtype.itemsize
+    size: int = task.dtype.itemsize
     listed = sum(each.spikes * (3 * INDEX + size) for each in inputs)
     return listed + sum(size * each.numbers * (each.copied + 2 * each.learns) for each in inputs)
 
