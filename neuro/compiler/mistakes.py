@@ -122,7 +122,9 @@ class _Search:
                 if root is None:
                     self.tell(error)
                     return None
-                self.mend(root, path, error)
+                if not self.follows(root, path, error):
+                    self.tell(error)
+                self.leave_out(root, path, error)
         return None
 
     def read(self, path: Path) -> Node:
@@ -156,15 +158,20 @@ class _Search:
                     if not self.mended:
                         self.tell(error)
                     return
-                self.mend(root, path, error, compiled=net is not None)
+                others = [(places.of(other), other) for other in error.others]
+                for where, one in [(path, error), *others]:  # before anything is left out for one of them
+                    if not self.follows(root, where, one, compiled=net is not None):
+                        self.tell(one)
+                self.leave_out(root, path, error)
+                for where, one in others:
+                    if has(root, where):
+                        self.leave_out(root, where, one)
 
     def tell(self, error: ModelError) -> None:
-        self.told.append(error)
+        self.told.append(ModelError(error.message, where=error.where, hint=error.hint))
 
-    def mend(self, root: Node, path: Words, error: ModelError, compiled: bool = False) -> None:
-        """Tell a mistake unless it follows from another, and leave out or replace what it is about."""
-        if not self.follows(root, path, error, compiled):
-            self.tell(error)
+    def leave_out(self, root: Node, path: Words, error: ModelError) -> None:
+        """Leave out or replace what a mistake is about."""
         population = chosen_from(root.value, path)
         if population and path not in self.mended:
             place = at(root, path[:3])
@@ -221,7 +228,7 @@ class _Search:
             self.lost |= set(names(gone)) if gone is not None else set()
             self.lost |= set(names(at(root, path[:2]))) if has(root, path[:2]) else set()
 
-    def follows(self, root: Node, path: Words, error: ModelError, compiled: bool) -> bool:
+    def follows(self, root: Node, path: Words, error: ModelError, compiled: bool = False) -> bool:
         """Whether a mistake may only be there since something was mended."""
         told = error.message
         itself = re.search(rf"unknown \w+ '{re.escape(path[-1])}'$", told)
@@ -235,7 +242,7 @@ class _Search:
             return True
         if path[0] == "parameters" and path[-1] in self.params:
             return bool(self.mended)
-        if path[0] == "populations" and "auto" in named and path[1] in self.lost:
+        if path[0] == "populations" and "auto" in named and path[1:] and path[1] in self.lost:
             return True
         return (compiled or path[0] == "models") and self.hangs(path, f"{told} {error.hint}")
 

@@ -41,6 +41,8 @@ def stand_in(sections: Mapping[str, Node], path: Words, gone: Node | None, error
         error: what was wrong with it.
         turn: 0 or 1, the first or the second stand-in.
     """
+    if path in (("parameters",), ("populations",)):
+        return None
     if path[0] == "parameters":
         return turn + 1
     if path[0] == "populations" and path[2:] in ((), ("model",)):

@@ -44,21 +44,32 @@ class ModelError(ValueError):
         hint: the nearest right name or the way out, if there is one.
         path: the words (and positions in lists) that lead to the value inside the part,
             e.g. `("initial", "V_m", "3")`.
+        others: mistakes that were found with it, as all those of units in the equations of one model.
     """
 
-    def __init__(self, message: str, *, where: Where | None = None, hint: str = "", path: tuple[str, ...] = ()) -> None:
-        self.message, self.where, self.hint, self.path = message, where, hint, path
+    def __init__(
+        self,
+        message: str,
+        *,
+        where: Where | None = None,
+        hint: str = "",
+        path: tuple[str, ...] = (),
+        others: tuple[ModelError, ...] = (),
+    ) -> None:
+        self.message, self.where, self.hint, self.path, self.others = message, where, hint, path, others
         super().__init__(str(self))
 
     def __str__(self) -> str:
         place = f"{self.where}: " if self.where else ""
-        return place + self.message + (f"\n  hint: {self.hint}" if self.hint else "")
+        own = place + self.message + (f"\n  hint: {self.hint}" if self.hint else "")
+        return "\n".join([own, *map(str, self.others)])
 
     def at(self, where: Where | None, context: str = "") -> ModelError:
         """The same error with a place, and with `context` before the message, where it had none."""
         fresh = context and not self.message.startswith(context)
         message = f"{context}: {self.message}" if fresh else self.message
-        return ModelError(message, where=self.where or where, hint=self.hint, path=self.path)
+        others = tuple(other.at(where, context) for other in self.others)
+        return ModelError(message, where=self.where or where, hint=self.hint, path=self.path, others=others)
 
 
 def unknown(

@@ -1,11 +1,14 @@
 """Mistakes in models as equations tell the file, the line and the column in the expression."""
 
+import copy
+import re
 from pathlib import Path
 
 import pytest
 
 import neuro
 from neuro import ModelError
+from neuro.compiler.mistakes import mistakes
 
 HERE = Path(__file__).parent
 MISTAKES = {
@@ -22,14 +25,16 @@ MISTAKES = {
         "V_m >= w",
         "43:16: model 'own_aeif_cond_exp': threshold, column 5: 'V_m' is in mV, 'w' in pA: expected the same unit\n"
         "    V_m >= w\n"
-        "        ^",
+        "        ^\n"
+        "  hint: multiply 'w' by a number in GOhm",
     ),
     "whole": (
         "C_m: 281 pF",
         "C_m: 281 ms",
         "39:12: model 'own_aeif_cond_exp': equations.V_m, column 2: the whole is in pA/ms: expected it in mV/ms\n"
         "    (-g_L*(V_m - E_L) + g_L*Delta_T*exp((V_m - V_th)/Delta_T) - \n"
-        "     ^",
+        "     ^\n"
+        "  hint: multiply the whole by a number in GOhm",
     ),
     "argument": (
         "exp((V_m - V_th)/Delta_T)",
@@ -37,7 +42,8 @@ MISTAKES = {
         "39:12: model 'own_aeif_cond_exp': equations.V_m, column 33: exp of 'V_m - V_th', which is in mV: "
         "expected a number without unit\n"
         "    g_L*(V_m - E_L) + g_L*Delta_T*exp(V_m - V_th) - w + I_syn + \n"
-        "                                  ^",
+        "                                  ^\n"
+        "  hint: multiply 'V_m - V_th' by a number in 1/mV",
     ),
     "unit": (
         "C_m: 281 pF",
@@ -95,6 +101,83 @@ def test_a_mistake_in_a_file(name, tmp_path):
     with pytest.raises(ModelError) as raised:
         neuro.load(file)
     assert str(raised.value) == f"{file}:{expected}"
+
+
+UNITLESS = {
+    "izhikevich": {
+        "equations": {"V_m": "0.04*V_m^2 + 5*V_m + 140 - u + I", "u": "a*(b*V_m - u)"},
+        "threshold": "V_m >= 30",
+        "reset": {"V_m": "c", "u": "u + d"},
+        "parameters": {"a": 0.02, "b": 0.2, "c": -65, "d": 8},
+        "integrator": "euler",
+    },
+    "inner sums": {
+        "let": {"x": "3*(V_m - 4)", "y": "max(5 pA, V_m)"},
+        "equations": {"V_m": "(x + r*y)/tau + exp(V_m)", "z": "1 - z/tau", "q": "where(z > tau, q, x)/(2*z) - q"},
+        "threshold": "V_m > y",
+        "initial": {"z": "-1", "q": "tau + z_0"},
+        "reset": {"q": "q + 5"},
+        "parameters": {"tau": "10 ms", "z_0": "2 pF", "r": "1 GOhm"},
+        "integrator": "euler",
+    },
+    "rule": {
+        "states": {"e": {"tau": "tau"}},
+        "on_pre": {"w": "w + e*step", "e": "e + log(tau)"},
+        "on_post": {"w": "w*step + e", "e": "e - tau - 1"},
+        "parameters": {"step": "3 pA", "tau": "10 ms"},
+    },
+}
+
+
+@pytest.mark.parametrize(("name", "count"), [("izhikevich", 9), ("inner sums", 10), ("rule", 4)])
+def test_all_mistakes_of_units_are_told_and_each_hint_repairs_one(name, count):
+    words, counts = copy.deepcopy(UNITLESS[name]), []
+    for _ in range(20):
+        try:
+            neuro.equations("m", **words)
+            break
+        except ModelError as error:
+            counts.append(1 + len(error.others))
+            repair(words, max((error, *error.others), key=place))
+    assert counts == list(range(count, 0, -1))
+
+
+def place(error):
+    return error.message.partition(", column")[0], int(re.search(r"column (\d+)", error.message)[1])
+
+
+def repair(words, error):
+    """Do what the hint says, in the text behind the column."""
+    where, column = place(error)
+    part = words
+    *path, last = where.split(": ")[-1].split(".")
+    for word in path:
+        part = part[word]
+    begin, text = column - 1, str(part[last])
+    if found := re.fullmatch(r"write (-?[\d.]+)(.*)", error.hint):
+        old, new = found[1], f"{found[1]}{found[2]}"
+    else:
+        old, unit = re.fullmatch(r"multiply '?(.*?)'? by a number in ([^,]*).*", error.hint).groups()
+        old = text if old == "the whole" else old
+        new = (f"({old})" if " " in old else old) + f"*1*{unit}".replace("1*1/", "1/").replace(" ", "*")
+    assert old in text[begin:], (error, text)
+    part[last] = text[:begin] + text[begin:].replace(old, new, 1)
+
+
+def test_each_of_several_mistakes_of_units_has_its_place(tmp_path):
+    file = tmp_path / "net.yaml"
+    text = (HERE / "models.yaml").read_text()
+    file.write_text(text.replace("exp((V_m - V_th)/Delta_T)", "exp(V_m)", 1).replace("V_m >= V_peak", "V_m >= w", 1))
+    with pytest.raises(ModelError) as raised:
+        neuro.load(file)
+    assert re.findall(r"^.*?:(\d+:\d+): model .* column (\d+)", str(raised.value), re.M) == [
+        ("39:12", "33"),
+        ("43:16", "5"),
+    ]
+    assert [str(error) for error in mistakes(file, None, 0).mistakes] == [
+        str(raised.value).partition(f"\n{file}:43")[0],
+        str(raised.value.others[0]),
+    ]
 
 
 def test_a_mistake_in_python_tells_the_line_of_the_call():

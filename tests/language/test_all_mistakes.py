@@ -190,3 +190,18 @@ def test_what_only_follows_is_not_told(folder, name):
     assert len(found) == len(expected), found
     for error, begin in itertools.zip_longest(found, expected):
         assert error.startswith(begin)
+
+
+@pytest.mark.parametrize(
+    ("text", "expected"),
+    [
+        ("populations: [1, 2]", "net.yaml:2:14: populations: found [1, 2]: expected a mapping from names to parts"),
+        ("populations:", "net.yaml:2:1: populations has no value"),
+        ("populations: auto", "net.yaml:2:14: populations: found 'auto': expected a mapping from names to parts"),
+        ("parameters: 3", "net.yaml:2:13: parameters: found 3: expected a mapping from names to parts"),
+        ("models: {a: 1}", "net.yaml:2:13: model 'a': found 1: expected the words of a model: "),
+    ],
+)
+def test_a_section_or_a_part_of_another_kind(folder, text, expected):
+    (folder / "net.yaml").write_text(f"neuro: 1\n{text}\nprobes: {{v: {{of: auto}}}}\n")
+    assert str(mistakes("net.yaml", None, 0).mistakes[0]).startswith(expected)

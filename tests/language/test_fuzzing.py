@@ -1,10 +1,17 @@
 """Whatever stands in a description, the answer is a network or a `ModelError` with a place."""
 
+import copy
+import shutil
+from pathlib import Path
+
 import pytest
+import typer
+import yaml
 from hypothesis import HealthCheck, example, given, settings
 from hypothesis import strategies as st
 
 import neuro
+from neuro.cli.check import check
 
 TEXT = """\
 neuro: 1
@@ -111,3 +118,76 @@ def test_a_broken_text(path, data):
 @given(data=st.binary(max_size=60))
 def test_any_bytes(path, data):
     answer(path, data)
+
+
+ROOT = Path(__file__).parents[2]
+RICH = {
+    path: yaml.safe_load((ROOT / path).read_text())
+    for path in (
+        "neuro/cli/templates/closed-loop/network.yaml",
+        "models/neuro_models/dopamine_conditioning.yaml",
+        "models/neuro_models/mozafari.yaml",
+        "tests/equations/models.yaml",
+    )
+}
+KINDS = [
+    *(None, True, -7, 0, 3, 0.5, -2.5e9, 10**30, float("inf"), float("nan")),
+    *("", "word", "auto", "[1, 2]", "1 mV", "$x", "$(1/0)"),
+    *([], [1, 2], [[1], [2, 3]], ["a", "b"], [{"a": 1}, {"b": 2}]),
+    *({}, {"a": 1}, {"1": {"model": 1}}, {1: 2}, {None: 1}, {True: {}}, {1.5: "x"}, {"a b: c": {}, "": 1}),
+    *({"iaf_psc_exp": {"tau_m": "x"}}, {"file": "w.h5", "key": "x"}),
+]
+"""A value of each kind that may stand in place of a node."""
+
+
+def paths(value, before=()):
+    yield before
+    for word in value if isinstance(value, dict) else range(len(value)) if isinstance(value, list) else ():
+        yield from paths(value[word], (*before, word))
+
+
+def replaced(root, path, value):
+    if not path:
+        return value
+    root = copy.deepcopy(root)
+    within = root
+    for word in path[:-1]:
+        within = within[word]
+    within[path[-1]] = value
+    return root
+
+
+PLACES = [(name, path) for name, root in RICH.items() for path in paths(root)]
+
+
+@pytest.fixture(scope="module")
+def beside(tmp_path_factory):
+    """The rich files' folders without the files, so that what these name is there."""
+    folder = tmp_path_factory.mktemp("rich")
+    for name in RICH:
+        for file in (ROOT / name).parent.glob("*.h5"):
+            shutil.copy(file, folder)
+    return folder / "net.yaml"
+
+
+@settings(max_examples=100, deadline=None, suppress_health_check=list(HealthCheck))
+@given(place=st.sampled_from(PLACES), kind=st.sampled_from(KINDS))
+@example(place=(next(iter(RICH)), ("populations",)), kind=[1, 2])
+@example(place=(next(iter(RICH)), ("populations",)), kind="auto")
+@example(place=("tests/equations/models.yaml", ("models",)), kind={"a": 1})
+@example(place=("tests/equations/models.yaml", ("models", "own_iaf_psc_exp", "refractory", "hold")), kind=[[1], [2, 3]])
+def test_a_node_of_another_kind_is_a_message_and_status_2(beside, capsys, place, kind):
+    name, path = place
+    beside.write_text(yaml.safe_dump(replaced(RICH[name], path, kind), sort_keys=False))
+    try:
+        neuro.compile(neuro.load(beside), backend="reference")
+        right = True
+    except neuro.ModelError:
+        right = False
+    status = 0
+    try:
+        check(beside, backend="reference")
+    except typer.Exit as end:
+        status = end.exit_code
+    told = capsys.readouterr().err
+    assert (status, bool(told)) == ((0, False) if right else (2, True))

@@ -31,7 +31,7 @@ def equations(name: str, **words: Any) -> Any:
         The class of the model; the same words give the same class.
 
     Raises:
-        ModelError: the first mistake, with its column where it is in an expression.
+        ModelError: the first mistake, with its column where it is in an expression; of names and units all mistakes.
     """
     try:
         return made(name, {word: said for word, said in words.items() if said is not None})
@@ -45,7 +45,7 @@ def made(name: str, words: Mapping[str, Any]) -> type[EquationNeuron] | type[Equ
     Raises:
         ModelError: the first mistake in the words; its path leads there.
     """
-    mapping(words, *_known(words))
+    mapping(words, *_known(words if isinstance(words, Mapping) else {}))
     try:
         check_name(name)
     except ModelError:

@@ -11,10 +11,17 @@ from neuro.core.checks import check
 from neuro.core.errors import ModelError, unknown
 from neuro.core.grammar import Binary, Expression, Name, Tree
 from neuro.core.quantities import Quantity
-from neuro.core.units import CONDUCTANCE, CURRENT, NONE, TIME, VOLTAGE, Dimension
+from neuro.core.units import CONDUCTANCE, CURRENT, TIME, VOLTAGE, Dimension
 from neuro.core.values import shown
 from neuro.model.equations import algebra, habits
-from neuro.model.equations.dimensions import Dimensions, Powers, is_comparison, refuse_inner_comparisons, unit_unknown
+from neuro.model.equations.dimensions import (
+    Dimensions,
+    Powers,
+    is_comparison,
+    placed,
+    refuse_inner_comparisons,
+    unit_unknown,
+)
 from neuro.model.equations.functions import ARGUMENTS
 from neuro.model.equations.habits import parse
 from neuro.model.equations.parameters import NAME, Parameter, read_parameters
@@ -117,9 +124,7 @@ def at(*path: str) -> Iterator[None]:
     try:
         yield
     except ModelError as error:
-        place = ".".join(path)
-        message = f"{place}{', ' if error.message.startswith('column') else ': '}{error.message}"
-        raise ModelError(message, where=error.where, hint=error.hint, path=(*path, *error.path)) from None
+        raise placed(error, path) from None
 
 
 def read(name: str, said: Mapping[str, Any]) -> Definition:
@@ -240,7 +245,7 @@ def _refractory(said: Any, states: Mapping[str, Any], parameters: Mapping[str, P
         if not isinstance(hold, list | tuple):
             raise ModelError(f"hold = {shown(hold)}: expected a list of states", path=("hold",))
         for name in hold:
-            if name not in states:
+            if not isinstance(name, str) or name not in states:
                 raise unknown("state", name, states, path=("hold",))
         return tuple(hold)
 
@@ -308,26 +313,31 @@ def _checked(d: Definition) -> Definition:
     """The definition with its dimensions.
 
     Raises:
-        ModelError: a name is unknown, or units do not fit.
+        ModelError: names are unknown, or units do not fit; all of these.
     """
     kernels = [r.name for r in d.receptors if r.kernel != "delta"]
     states = (*d.states, *kernels)
+    for name in d.initial:
+        if name not in states:
+            raise unknown("state", name, states, path=("initial", name))
     known = {name: p.dimension for name, p in d.parameters.items()} | {CURRENT_NAME: CURRENT}
-    dims = Dimensions(known, ())
-    _check_taus(d, dims)
-    _check_initial(d, known, states)
     potential = {"V_m": VOLTAGE} if "V_m" in d.states else {}
     dims = Dimensions(known | potential, tuple(name for name in states if name not in potential))
+    for receptor in d.receptors:
+        if receptor.tau is not None:
+            with dims.at("receptors", receptor.name, "tau"):
+                dims.only(known).check(receptor.tau, Powers(TIME, {}))
     for name, expression in d.let.items():
-        with at("let", name):
+        with dims.at("let", name):
             dims.names[name] = dims.powers(expression, expression.tree)
     for name, expression in d.states.items():
-        with at("equations", name):
+        with dims.at("equations", name):
             dims.check(expression, dims.name(name, -1))
     _check_spike(d, dims)
     for name, expression in d.initial.items():
-        with at("initial", name):
-            dims.check(expression, dims.name(name))
+        with dims.at("initial", name):
+            dims.only(d.parameters).check(expression, dims.name(name))
+    dims.refuse()
     found = {}
     for name in states:
         dimension = dims.of(name)
@@ -345,43 +355,25 @@ def is_conductance(dimension: Dimension) -> bool:
     return dimension == CONDUCTANCE
 
 
-def _check_taus(d: Definition, dims: Dimensions) -> None:
-    for receptor in d.receptors:
-        if receptor.tau is not None:
-            with at("receptors", receptor.name, "tau"):
-                dims.check(receptor.tau, Powers(TIME, {}))
-
-
-def _check_initial(d: Definition, known: Mapping[str, Dimension], states: tuple[str, ...]) -> None:
-    """Initial values are of parameters only."""
-    for name, expression in d.initial.items():
-        if name not in states:
-            raise unknown("state", name, states, path=("initial", name))
-        with at("initial", name):
-            parameters = {word: dimension for word, dimension in known.items() if word != CURRENT_NAME}
-            Dimensions(parameters, ()).powers(expression, expression.tree)
-
-
 def _check_spike(d: Definition, dims: Dimensions) -> None:
     if d.threshold is None:
         for section in ("reset", "refractory"):
             if section in d.plain:
                 raise ModelError(f"{section} without 'threshold': expected one, e.g. V_m >= V_th", path=(section,))
         return
-    with at("threshold"):
+    with dims.at("threshold"):
         if not is_comparison(d.threshold.tree):
             raise d.threshold.mistake(0, "expected a comparison, e.g. V_m >= V_th")
         assert isinstance(d.threshold.tree, Binary)
         for side in (d.threshold.tree.left, d.threshold.tree.right):
             refuse_inner_comparisons(d.threshold, side)
-        alike = dims.same(dims.powers(d.threshold, d.threshold.tree), Powers(NONE, {}))  # keeps what follows from it
-        assert alike
+        dims.powers(d.threshold, d.threshold.tree)
     for word, text in {"threshold": d.threshold, **{f"reset.{name}": e for name, e in d.reset.items()}}.items():
         if CURRENT_NAME in algebra.names(d.full(text.tree)):
-            message = f"{word}: found {CURRENT_NAME}, the current from outside: expected states and parameters"
-            raise ModelError(message, path=tuple(word.split(".")))
+            with dims.at(*word.split(".")):
+                raise ModelError(f"found {CURRENT_NAME}, the current from outside: expected states and parameters")
     for name, expression in d.reset.items():
         if name not in dims.names or name in d.parameters or name in d.let or name == CURRENT_NAME:
             raise unknown("state", name, [*d.states, *(r.name for r in d.receptors)], path=("reset", name))
-        with at("reset", name):
+        with dims.at("reset", name):
             dims.check(expression, dims.name(name))

@@ -1,19 +1,26 @@
-"""Whether the two sides of every sum, comparison and equation have one dimension.
+"""Whether the terms of every sum, both sides of every comparison and of every equation have one dimension.
 
 The dimensions of parameters are known, those of states follow: each sum, comparison and equation is one linear
 equation between powers, solved as it is met. So no state needs a unit of its own.
+
+A mistake is kept and its dimension taken as unknown. So all mistakes are found, and what is around a sum tells which of
+its terms are wrong.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from copy import copy
 from dataclasses import dataclass
 from fractions import Fraction
+from itertools import count
+from typing import Self
 
 from neuro.core.errors import ModelError
 from neuro.core.grammar import COMPARISONS, Binary, Call, Expression, Name, Negative, Number, Tree
 from neuro.core.hints import nearest
-from neuro.core.units import NONE, UNITS, Dimension, times, told
+from neuro.core.units import NONE, UNITS, Dimension, times, told, unit_of
 from neuro.model.equations import habits
 from neuro.model.equations.functions import ARGUMENTS
 
@@ -36,6 +43,20 @@ class Powers:
         return Powers(times(self.known, other.known, power), {n: p for n, p in powers.items() if p})
 
 
+@dataclass(frozen=True)
+class Sum:
+    """A sum or a comparison whose terms differ.
+
+    Attributes:
+        terms: with the signs before them (the first has none) and their dimensions.
+        of: the dimension of the sum, which what is around it tells.
+    """
+
+    whole: Expression
+    terms: tuple[tuple[Binary | None, Tree, Powers], ...]
+    of: Powers
+
+
 class Dimensions:
     """The dimensions of all names of a model, found by and by.
 
@@ -48,7 +69,75 @@ class Dimensions:
         self.names = {name: Powers(dimension, {}) for name, dimension in known.items()}
         self.names |= {name: Powers(NONE, {name: Fraction(1)}) for name in unknown}
         self.found: dict[str, Powers] = {}
-        self.zeros = 0
+        self.count = count()
+        self.path: tuple[str, ...] = ()
+        self.wrong: list[tuple[tuple[str, ...], ModelError | Sum]] = []
+
+    def only(self, names: Mapping[str, object]) -> Self:
+        """The same, which knows some of the names."""
+        fewer = copy(self)
+        fewer.names = {name: powers for name, powers in self.names.items() if name in names}
+        return fewer
+
+    @contextmanager
+    def at(self, *path: str) -> Iterator[None]:
+        """Say where in the words an expression stands; a mistake in it is kept."""
+        before, self.path = self.path, path
+        try:
+            yield
+        except ModelError as error:
+            self.wrong.append((path, error))
+        self.path = before
+
+    def refuse(self) -> None:
+        """Raise what was kept.
+
+        Raises:
+            ModelError: the first mistake, with the others.
+        """
+        errors = [placed(error, path) for path, wrong in self.wrong for error in self._errors(wrong)]
+        if errors:
+            errors[0].others = tuple(errors[1:])
+            raise errors[0]
+
+    def _errors(self, wrong: ModelError | Sum) -> Iterator[ModelError]:
+        """What is wrong with each term that is not what the sum is, or else the first term that has a dimension."""
+        if isinstance(wrong, ModelError):
+            yield wrong
+            return
+        tells = map(self.reduced, (wrong.of, *(powers for _, _, powers in wrong.terms)))
+        of = next((of for of in tells if not of.unknown and all(p.denominator == 1 for p in of.known)), wrong.of)
+        so_far = True
+        for sign, tree, powers in wrong.terms:
+            if self.same(powers, of):
+                continue
+            place, message = _begin(tree), f"'{text_of(tree)}' is {self.told(powers)}: expected it {self.told(of)}"
+            if so_far and sign is not None:
+                left, right = f"'{text_of(sign.left)}' is {self.told(of)}", f"'{text_of(tree)}' {self.told(powers)}"
+                place, message = sign.at, f"{left}, {right}: expected the same unit"
+            so_far = False
+            yield wrong.whole.mistake(place, message, self.factor(wrong.whole, tree, powers, of))
+
+    def unknown(self, what: str) -> Powers:
+        """A dimension that what is around it tells."""
+        return Powers(NONE, {f"{what} {next(self.count)}": Fraction(1)})
+
+    def mistake(self, error: ModelError) -> Powers:
+        """Keep a mistake; the dimension of what is wrong may be any."""
+        self.wrong.append((self.path, error))
+        return self.unknown("mistake")
+
+    def factor(self, whole: Expression, tree: Tree, found: Powers, expected: Powers) -> str:
+        """How a part of an expression gets the dimension that is expected."""
+        missing = self.reduced(expected.times(found, -1))
+        if missing.unknown:
+            return ""
+        unit = unit_of(missing.known)
+        if _number(tree) is None or any(power.denominator > 1 for power in missing.known):
+            part = "the whole" if tree is whole.tree else f"'{text_of(tree)}'"
+            return f"multiply {part} by a number in {unit}"
+        over, _, under = unit.replace(" ", "*").partition("/")
+        return f"write {text_of(tree)}{f' {over}' * (over != '1')}{f'/{under}' * bool(under)}"
 
     def of(self, name: str) -> Dimension | None:
         """The dimension of a name, None if nothing tells it."""
@@ -56,15 +145,11 @@ class Dimensions:
         return None if powers.unknown else powers.known
 
     def check(self, whole: Expression, expected: Powers) -> None:
-        """An expression has a dimension.
-
-        Raises:
-            ModelError: it has another one, or its parts do not fit; it tells both and the column.
-        """
-        found = self.powers(whole, whole.tree)
+        """An expression has a dimension; else that is kept with both dimensions and the column."""
+        found = self.powers(whole, whole.tree, expected)
         if not self.same(found, expected):
             what = f"the whole is {self.told(found)}: expected it {self.told(expected)}"
-            raise whole.mistake(_begin(whole.tree), what)
+            self.mistake(whole.mistake(_begin(whole.tree), what, self.factor(whole, whole.tree, found, expected)))
 
     def name(self, name: str, power_of_time: int = 0) -> Powers:
         """The dimension of a name, times a power of time."""
@@ -94,18 +179,18 @@ class Dimensions:
         powers = self.reduced(powers)
         return told(powers.known) if not powers.unknown else "in a unit that nothing tells"
 
-    def powers(self, whole: Expression, tree: Tree) -> Powers:
-        """The dimension of a part of an expression."""
+    def powers(self, whole: Expression, tree: Tree, expected: Powers | None = None) -> Powers:
+        """The dimension of a part of an expression, of which one may be expected; what is wrong with it is kept."""
         match tree:
             case Number(0.0, ""):
-                self.zeros += 1
-                return Powers(NONE, {f"0 number {self.zeros}": Fraction(1)})
+                return self.unknown("0 number")
             case Number(_, ""):
                 return Powers(NONE, {})
             case Number(_, unit):
                 if unit not in UNITS:
                     hint = f"write *{unit}" if unit in self.names else nearest(unit, UNITS)
-                    raise whole.mistake(tree.at, f"found '{unit}' after a number: expected a unit or an operator", hint)
+                    message = f"found '{unit}' after a number: expected a unit or an operator"
+                    return self.mistake(whole.mistake(tree.at, message, hint))
                 return Powers(UNITS[unit][1], {})
             case Name(name):
                 return self._of_name(whole, name, tree.at)
@@ -117,10 +202,11 @@ class Dimensions:
                 return self._of_power(whole, tree)
             case Binary("*" | "/" as sign, left, right):
                 return self.powers(whole, left).times(self.powers(whole, right), 1 if sign == "*" else -1)
-            case Binary(_, left, right):
-                a, b = self.powers(whole, left), self.powers(whole, right)
-                self._alike(whole, tree, a, b)
-                return Powers(NONE, {}) if tree.sign in COMPARISONS else a
+            case Binary(sign) if sign in COMPARISONS:
+                self._alike(whole, [(None, tree.left), (tree, tree.right)])
+                return Powers(NONE, {})
+            case Binary():
+                return self._alike(whole, list(_terms(tree)), expected)
 
     def _of_name(self, whole: Expression, name: str, at: int) -> Powers:
         if name in self.names:
@@ -128,56 +214,87 @@ class Dimensions:
         if name in UNITS:
             return Powers(UNITS[name][1], {})
         if name in ARGUMENTS:
-            raise whole.mistake(at, f"found '{name}' alone: expected its arguments", f"write {name}(...)")
-        raise whole.mistake(at, f"unknown name '{name}'", habits.NAMES.get(name) or nearest(name, self.names))
+            message, hint = f"found '{name}' alone: expected its arguments", f"write {name}(...)"
+        else:
+            message, hint = f"unknown name '{name}'", habits.NAMES.get(name) or nearest(name, self.names)
+        return self.mistake(whole.mistake(at, message, hint))
 
-    def _alike(self, whole: Expression, tree: Binary, a: Powers, b: Powers) -> None:
-        if not self.same(a, b):
-            left, right = text_of(tree.left), text_of(tree.right)
-            message = f"'{left}' is {self.told(a)}, '{right}' {self.told(b)}: expected the same unit"
-            raise whole.mistake(tree.at, message)
+    def _alike(
+        self, whole: Expression, terms: list[tuple[Binary | None, Tree]], expected: Powers | None = None
+    ) -> Powers:
+        """The dimension that all terms have; those without one of their own take that of the others."""
+        found = [(sign, tree, self.powers(whole, tree)) for sign, tree in terms]
+        own = [self.reduced(powers) for _, _, powers in found]
+        of = next((powers for powers in own if not powers.unknown), own[0])
+        if expected is not None and not self.reduced(expected).unknown and any(powers.unknown for powers in own):
+            of = self.reduced(expected)
+        if any(not powers.unknown and powers != of for powers in own):
+            of = self.unknown("sum") if expected is None else expected
+            self.wrong.append((self.path, Sum(whole, tuple(found), of)))
+            own = [powers for powers in own if powers.unknown]
+        for powers in own:
+            self.same(powers, of)
+        return of
+
+    def _without_unit(self, whole: Expression, tree: Tree, found: Powers, at: int, what: str) -> None:
+        """A part of an expression is a number without unit."""
+        if not self.same(found, Powers(NONE, {})):
+            hint = self.factor(whole, tree, found, Powers(NONE, {}))
+            message = what.format(text_of(tree), self.told(found))
+            self.mistake(whole.mistake(at, f"{message}: expected a number without unit", hint))
 
     def _of_call(self, whole: Expression, tree: Call) -> Powers:
         if tree.name not in ARGUMENTS:
             if tree.name in self.names:
-                raise whole.mistake(tree.at, f"'{tree.name}' is no function", f"write {tree.name}*(...)")
-            hint = habits.FUNCTIONS.get(tree.name) or nearest(tree.name, ARGUMENTS)
-            raise whole.mistake(tree.at, f"unknown function '{tree.name}'", hint)
+                message, hint = f"'{tree.name}' is no function", f"write {tree.name}*(...)"
+            else:
+                message = f"unknown function '{tree.name}'"
+                hint = habits.FUNCTIONS.get(tree.name) or nearest(tree.name, ARGUMENTS)
+            return self.mistake(whole.mistake(tree.at, message, hint))
         count = ARGUMENTS[tree.name]
         if len(tree.arguments) != count:
-            raise whole.mistake(tree.at, f"{tree.name} takes {count}: found {len(tree.arguments)}")
+            return self.mistake(whole.mistake(tree.at, f"{tree.name} takes {count}: found {len(tree.arguments)}"))
         arguments = tree.arguments
         if tree.name == "where":
             if not is_comparison(arguments[0]):
-                raise whole.mistake(_begin(arguments[0]), "expected a comparison, e.g. V_m > 0 mV")
+                self.mistake(whole.mistake(_begin(arguments[0]), "expected a comparison, e.g. V_m > 0 mV"))
             self.powers(whole, arguments[0])
             arguments = arguments[1:]
-        found = [self.powers(whole, argument) for argument in arguments]
         if tree.name not in _SAME:
-            if not self.same(found[0], Powers(NONE, {})):
-                message = f"{tree.name} of '{text_of(arguments[0])}', which is {self.told(found[0])}"
-                raise whole.mistake(tree.at, f"{message}: expected a number without unit")
+            found = self.powers(whole, arguments[0])
+            self._without_unit(whole, arguments[0], found, tree.at, f"{tree.name} of '{{}}', which is {{}}")
             return Powers(NONE, {})
-        if len(found) == 2 and not self.same(*found):
-            left, right = (text_of(argument) for argument in arguments)
-            message = f"'{left}' is {self.told(found[0])}, '{right}' {self.told(found[1])}"
-            raise whole.mistake(tree.at, f"{message}: expected the same unit")
-        return found[0]
+        if len(arguments) == 1:
+            return self.powers(whole, arguments[0])
+        left, right = arguments
+        return self._alike(whole, [(None, left), (Binary(",", left, right, tree.at), right)])
 
     def _of_power(self, whole: Expression, tree: Binary) -> Powers:
         base, exponent = self.powers(whole, tree.left), self.powers(whole, tree.right)
-        if not self.same(exponent, Powers(NONE, {})):
-            told_ = self.told(exponent)
-            raise whole.mistake(tree.at, f"an exponent {told_}: expected a number without unit")
+        self._without_unit(whole, tree.right, exponent, tree.at, "an exponent {1}")
         number = _number(tree.right)
         if number is None:
-            if not self.same(base, Powers(NONE, {})):
-                message = f"'{text_of(tree.left)}' is {self.told(base)} and its exponent is no number"
-                raise whole.mistake(tree.at, f"{message}: expected a number without unit")
+            self._without_unit(whole, tree.left, base, tree.at, "'{}' is {} and its exponent is no number")
             return Powers(NONE, {})
         if abs(number) > _MAX_POWER:
-            raise whole.mistake(tree.at, f"an exponent of {number:g}: expected at most {_MAX_POWER}")
+            message = f"an exponent of {number:g}: expected at most {_MAX_POWER}"
+            return self.mistake(whole.mistake(tree.at, message))
         return Powers(NONE, {}).times(base, Fraction(number).limit_denominator(1000))
+
+
+def placed(error: ModelError, path: tuple[str, ...]) -> ModelError:
+    """An error with the place in the words before it."""
+    message = f"{'.'.join(path)}{', ' if error.message.startswith('column') else ': '}{error.message}"
+    return ModelError(message, where=error.where, hint=error.hint, path=(*path, *error.path))
+
+
+def _terms(tree: Tree) -> Iterator[tuple[Binary | None, Tree]]:
+    """The terms of a sum with the signs before them."""
+    if isinstance(tree, Binary) and tree.sign in ("+", "-"):
+        yield from _terms(tree.left)
+        yield tree, tree.right
+    else:
+        yield None, tree
 
 
 def is_comparison(tree: Tree) -> bool:

@@ -8,7 +8,7 @@ from typing import Any
 
 from neuro.core.errors import ModelError, unknown
 from neuro.core.grammar import Expression, Name
-from neuro.core.units import CONDUCTANCE, CURRENT, NONE, TIME, VOLTAGE, Dimension, told
+from neuro.core.units import CONDUCTANCE, CURRENT, NONE, TIME, VOLTAGE, Dimension, times, told, unit_of
 from neuro.core.values import shown
 from neuro.model.equations.algebra import within
 from neuro.model.equations.definition import at, check_name, expressions, mapping
@@ -174,13 +174,13 @@ def _checked(pairs: Pairs) -> Pairs:
         for name, expression in changes.items():
             if name not in changed:
                 raise unknown("state of a synapse", name, list(changed), path=(word, name))
-            with at(word, name):
+            with dims.at(word, name):
                 if pairs.drift is not None:
                     _refuse(expression, (SIGNAL,), "is the signal, which acts between spikes", "use it in on_signal")
                 dims.check(expression, dims.name(name))
                 _check_weight(expression, dims)
     if pairs.drift is not None:
-        with at("on_signal", WEIGHT):
+        with dims.at("on_signal", WEIGHT):
             way = "keep it in a state, which on_pre or on_post sets"
             _refuse(pairs.drift, traces, "is a trace, which is known at spikes only", way)
             dims.check(pairs.drift, dims.name(WEIGHT, -1))
@@ -188,9 +188,9 @@ def _checked(pairs: Pairs) -> Pairs:
     for name, expression in pairs.initial.items():
         if name not in pairs.states:
             raise unknown("state of a synapse", name, list(pairs.states), path=("initial", name))
-        with at("initial", name):
-            Dimensions(own, ()).powers(expression, expression.tree)
-            dims.check(expression, dims.name(name))
+        with dims.at("initial", name):
+            dims.only(own).check(expression, dims.name(name))
+    dims.refuse()
     return Pairs(**{**vars(pairs), "dimensions": {name: dims.of(name) for name in pairs.states}})
 
 
@@ -199,7 +199,10 @@ def _check_weight(expression: Expression, dims: Dimensions) -> None:
     found = dims.of(WEIGHT)
     if found not in (None, NONE, CURRENT, CONDUCTANCE, VOLTAGE):
         assert found is not None
-        raise expression.mistake(0, f"'{WEIGHT}' would be {told(found)}: expected it in pA, nS or mV, or without unit")
+        message = f"'{WEIGHT}' would be {told(found)}: expected it in pA, nS or mV, or without unit"
+        factors = ", ".join(unit_of(times(unit, found, -1)) for unit in (CURRENT, CONDUCTANCE, VOLTAGE, NONE))
+        hint = f"multiply what changes '{WEIGHT}' by a number in {factors}"
+        dims.names[WEIGHT] = dims.mistake(expression.mistake(0, message, hint))
 
 
 def _refuse(expression: Expression, names: Collection[str], what: str, way: str) -> None:

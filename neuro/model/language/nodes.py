@@ -73,15 +73,20 @@ def _unknown_word(word: str, value: Node, names: list[str], kind: str) -> ModelE
 @contextmanager
 def about(node: Node, context: str = "") -> Iterator[None]:
     """Give an error raised inside the place of the value of `node` that its path leads to."""
-    try:
-        yield
-    except ModelError as error:
+
+    def told(error: ModelError) -> ModelError:
         at = follow(node, error.path)
-        raise ModelError(
+        return ModelError(
             error.at(None, context).message,
             where=place(at),
             hint=_joined(error.hint, at.source),
-        ) from None
+            others=tuple(map(told, error.others)),
+        )
+
+    try:
+        yield
+    except ModelError as error:
+        raise told(error) from None
 
 
 @contextmanager
