@@ -149,6 +149,86 @@ def test_a_weight_that_is_no_number_is_told(backend: str, on_pre: str, shown: tu
     assert len(told_by) == 1
 
 
+@pytest.mark.parametrize("backend", ["reference", "event", "torch", "nest"])
+def test_input_without_bounds_is_told_of_a_linear_neuron(backend: str):
+    if backend in ("torch", "nest"):
+        pytest.importorskip(backend)
+    net = neuro.Network("flooded", resolution=0.1)
+    net.population("spikes", 3, neuro.spike_generator(spike_times=[[1.0]] * 3))
+    net.population("cells", 2, neuro.iaf_psc_delta())
+    net.connect("spikes", "cells[1:]", neuro.all_to_all(), weight=-1e308, delay=1.0)
+    sim = neuro.compile(net, backend)
+    sim.run(1.0)
+    assert told(sim.run, 2.0) == (
+        "population 'cells': V_m of neuron 1 is -inf at 3 ms: a numerical instability of iaf_psc_delta\n"
+        f"  hint: {STEPS}"
+    )
+    sim.reset()
+    sim.run(1.0)
+    assert "V_m of neuron 1 is -inf" in told(sim.run, 1.5)
+
+
+@pytest.mark.parametrize("backend", ["reference", "event", "torch"])
+def test_linear_equations_that_grow_by_themselves_are_told_even_in_runs_of_one_step(backend: str):
+    if backend == "torch":
+        pytest.importorskip(backend)
+    growing = neuro.equations("growing", equations={"V_m": "V_m/tau"}, parameters={"tau": "1 ms"})
+    sim = neuro.compile(cells(growing(), 100.0, V_m=[0.0, 1.0]), backend)
+    message = told(lambda: [sim.run(100.0) for _ in range(30)])
+    assert message.startswith(
+        "population 'cells': V_m of neuron 1 is inf at 800 ms: a numerical instability of growing"
+    )
+
+
+DIVISORS = {
+    "(E_L - V_m)/tau_m": (12, "'tau_m' is 0: expected a divisor other than 0", "tau_m = 0 ms"),
+    "(E_L - V_m)/b + 1 mV/ms/0": (24, "'0' is 0: expected a divisor other than 0", ""),
+    "(E_L - V_m)/(b*0)": (12, "'b*0' is 0: expected a divisor other than 0", "b = 10 ms"),
+    "(E_L - V_m)/(b - b)": (12, "'b - b' is 0: expected a divisor other than 0", "b = 10 ms"),
+    "(E_L - V_m)/b*9**9**9**9": (19, "'9^(9^9)' is inf: expected a finite number", ""),
+    "(E_L - V_m)/b*exp(1e3*b/(1 ms))": (15, "'exp(1000*b/1 ms)' is inf: expected a finite number", "b = 10 ms"),
+    "(E_L - V_m)/b*log(0 + 0*b/(1 ms))": (15, "'log(0 + 0*b/1 ms)' is -inf: expected a finite number", "b = 10 ms"),
+}
+
+
+@pytest.mark.parametrize("text", DIVISORS)
+def test_constants_that_are_not_finite_are_refused(text: str):
+    column, found, hint = DIVISORS[text]
+    parameters = {"E_L": "-70 mV", "tau_m": "0 ms", "b": "10 ms"}
+    message = told(neuro.equations, "m", equations={"V_m": text}, parameters=parameters)
+    first, _, _, *rest = message.split("\n")
+    assert first == f"model 'm': equations.V_m, column {column}: {found}"
+    assert rest == [f"  hint: {hint}"] * bool(hint)
+
+
+def test_values_that_make_a_divisor_0_are_refused():
+    parameters = {"E_L": "-70 mV", "a": "10 ms", "b": "5 ms"}
+    words = {"let": {"tau": "a - b"}, "equations": {"V_m": "where(b > 7 ms, E_L - V_m, 2*E_L - 2*V_m)/tau"}}
+    model = neuro.equations("own", **words, parameters=parameters, integrator="euler")
+    assert told(neuro.compile, cells(model(b=[1.0, 10.0]))) == (
+        "population 'cells': own: equations.V_m, column 42: 'tau' is 0: expected a divisor other than 0\n"
+        f"    where(b > 7 ms, E_L - V_m, 2*E_L - 2*V_m)/tau\n    {' ' * 41}^\n  hint: a = 10 ms, b[1] = 10 ms"
+    )
+
+
+def test_what_is_never_chosen_may_divide_by_0():
+    guarded = {"V_m": "where(b > 0 ms, V_m/b, -V_m/tau)", "x": "1 mV/ms*where(b > 0 ms, 1 ms/b, 2) - x/tau"}
+    model = neuro.equations(
+        "guarded", equations=guarded, parameters={"b": "0 ms", "tau": "5 ms"}, integrator="euler", initial={"x": "1 mV"}
+    )
+    sim = neuro.compile(cells(model()), "reference")
+    sim.run(1.0)
+    assert sim.get("cells", "V_m")[0] == 0.0
+
+
+def test_time_constants_of_0_are_refused_in_rules():
+    words = {"on_pre": {"w": "w + a/b"}, "traces": {"K": {"of": "pre", "tau": "tau"}}, "on_post": {"w": "w + K"}}
+    rule = neuro.equations("own", **words, parameters={"a": 1, "b": 1, "tau": "5 ms"})
+    assert told(rule, b=0.0).startswith("own: on_pre.w, column 6: 'b' is 0: expected a divisor other than 0")
+    message = told(neuro.equations, "none", **words, parameters={"a": 1, "b": 1, "tau": "0 ms"})
+    assert message.startswith("model 'none': parameters.tau, column 1: 'tau' is not above 0: expected a time constant")
+
+
 def test_a_conductance_that_ran_away_is_given_up():
     """Its neuron would need 10^12 steps of the integrator in one of the grid."""
     net = neuro.Network("away", resolution=0.1)

@@ -1,4 +1,4 @@
-"""What is no number any more: a numerical instability is told, where it would go on without a word."""
+"""NaN and infinite states: a numerical instability is reported, where it would go on silently."""
 
 from __future__ import annotations
 
@@ -11,11 +11,17 @@ from neuro.program.backend import Engine, unreadable
 from neuro.program.program import Floats, Population, Program
 
 _STATES = "take smaller steps, weaker input or currents, and states nearer to where they rest"
+_LONGEST = 10_000
+"""Steps after which every state is looked at again."""
 _WEIGHTS = "bound what the rule adds to the weight, e.g. min(w + ..., Wmax), and divide by nothing that can be 0"
 
 
 class Watch:
-    """Looks at states that can run away: of models that are not linear, and where a rule of a user sends its weights.
+    """Looks at states at the end of runs, whatever backend runs them.
+
+    States that can run away by themselves are looked at each time: those of models that are not linear, and where a
+    third-party rule sends its weights. Of all others only input without bounds makes NaN, which then stays: they are
+    looked at when the time has doubled since, and after 10,000 steps at the latest. So runs of one step cost nothing.
 
     Args:
         program: the network.
@@ -31,23 +37,37 @@ class Watch:
             for part in program.projections
             if part.synapse.learns and not type(part.synapse).__module__.startswith("neuro.model.synapses.")
         }
-        self.watched = [
-            (index, [name for name in _finite_at_first(part) if name not in hidden])
-            for index, part in enumerate(program.populations)
-            if isinstance(part.model, Neuron) and (index in taught or not part.model.linear) and part.size
-        ]
+        self.steady: list[tuple[int, list[str]]] = []
+        self.watched: list[tuple[int, list[str]]] = []
+        for index, part in enumerate(program.populations):
+            if isinstance(part.model, Neuron) and part.size:
+                names = [name for name in _finite_at_first(part) if name not in hidden]
+                (self.watched if index in taught or not part.model.linear else self.steady).append((index, names))
+        self.due = 0
 
     def look(self) -> None:
-        """Refuse to go on with a state that is no number.
+        """Refuse to go on with a state that is NaN or infinite.
 
         Raises:
             ModelError: one is; it names the projection whose weights brought it, or the neuron.
         """
         for index, names in self.watched:
-            for name in names:
-                values = self.engine.get(index, name)
-                if not np.isfinite(values).all():
-                    raise self._told(index, name, values)
+            self._look_at(index, names)
+        step = self.engine.step
+        if step >= self.due:
+            self.due = step + min(step, _LONGEST)
+            for index, names in self.steady:
+                self._look_at(index, names)
+
+    def begin(self) -> None:
+        """Begin anew, as after a reset."""
+        self.due = 0
+
+    def _look_at(self, index: int, names: list[str]) -> None:
+        for name in names:
+            values = self.engine.get(index, name)
+            if not np.isfinite(values).all():
+                raise self._told(index, name, values)
 
     def _told(self, index: int, name: str, values: Floats) -> ModelError:
         for projection, into in enumerate(self.program.projections):
@@ -64,7 +84,7 @@ class Watch:
 
 def _finite_at_first(part: Population) -> list[str]:
     """The states that show; one that is infinite at step 0 means something by it."""
-    return [s.name for s in part.model.states if not s.hidden and np.isfinite(part.initial[s.name]).all()]
+    return [s.name for s in part.model.states if not s.hidden and not np.isinf(part.initial[s.name]).any()]
 
 
 def check_weights(projection: str, rule: str, weights: Floats) -> Floats:

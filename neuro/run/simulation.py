@@ -117,7 +117,8 @@ class Simulation:
 
         Raises:
             ModelError: the time is no such multiple, a recording that is played is damaged, before which the run
-                stops, or a state is no number at the end: a numerical instability.
+                stops, or a state is NaN or infinite at the end: a numerical instability. Of models that cannot run away
+                by themselves that is looked for when the time has doubled, and every 10,000 steps.
         """
         steps = self._clock.step(ms, "run")
         if not 0 <= steps < NEVER:
@@ -171,6 +172,7 @@ class Simulation:
         self._inflow.check_again("reset")
         self.steered["reset"] = None
         self._engine.reset(weights)
+        self._watch.begin()
         self._inflow.rewind()
         self._records.clear()
         self._ports.begin()
@@ -456,12 +458,15 @@ class Simulation:
             epoch: how often all has been seen, for the decay of dropout.
 
         Raises:
-            ModelError: the network has no trials, or the batch does not fit them.
+            ModelError: the network has no trials, the batch does not fit them, or a state is NaN or infinite at the
+                end, as of `run`.
         """
         if self.program.trials is None:
             raise ModelError("the network has no section 'trials'", hint="net.trials(input=..., duration=...) adds one")
         self.steered["trials"] = None
-        return self._trials.run(times, ids, offsets, labels, learn, samples, epoch)
+        results = self._trials.run(times, ids, offsets, labels, learn, samples, epoch)
+        self._watch.look()
+        return results
 
     # accounts
 
@@ -542,6 +547,7 @@ class Simulation:
         self.steered["restore"] = None
         self._inflow.check_again("restore")
         self._saved.read(file_path(path, "path"), None if self.program.trials is None else self._trials)
+        self._watch.begin()
         self._ports.begin()
 
 

@@ -9,7 +9,7 @@ its terms are wrong.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from copy import copy
 from dataclasses import dataclass
@@ -95,10 +95,7 @@ class Dimensions:
         Raises:
             ModelError: the first mistake, with the others.
         """
-        errors = [placed(error, path) for path, wrong in self.wrong for error in self._errors(wrong)]
-        if errors:
-            errors[0].others = tuple(errors[1:])
-            raise errors[0]
+        refuse(placed(error, path) for path, wrong in self.wrong for error in self._errors(wrong))
 
     def _errors(self, wrong: ModelError | Sum) -> Iterator[ModelError]:
         """What is wrong with each term that is not what the sum is, or else the first term that has a dimension."""
@@ -280,6 +277,14 @@ class Dimensions:
             message = f"an exponent of {number:g}: expected at most {_MAX_POWER}"
             return self.mistake(whole.mistake(tree.at, message))
         return Powers(NONE, {}).times(base, Fraction(number).limit_denominator(1000))
+
+
+def refuse(errors: Iterable[ModelError]) -> None:
+    """Raise the first of some errors with the others, if there is one."""
+    found = [*errors]
+    if found:
+        found[0].others = tuple(found[1:])
+        raise found[0]
 
 
 def placed(error: ModelError, path: tuple[str, ...]) -> ModelError:

@@ -9,11 +9,14 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from neuro.core.grammar import Binary, Call, Name, Negative, Tree
+from neuro.core.errors import ModelError
+from neuro.core.grammar import Binary, Call, Expression, Name, Negative, Tree
 from neuro.core.quantities import Quantity, Value
 from neuro.core.units import TIME, times, unit_of
 from neuro.model.equations import steps
 from neuro.model.equations.definition import CURRENT_NAME, HELD, Definition, read
+from neuro.model.equations.dimensions import refuse
+from neuro.model.equations.divisions import Divisions, Words
 from neuro.model.equations.exact import matrix_lines, quiet_lines, room, slope_of, system
 from neuro.model.equations.functions import PUBLIC
 from neuro.model.equations.generated import module
@@ -35,9 +38,11 @@ class EquationNeuron(Neuron):
 
     Class attributes:
         definition: the words that define it, as they were given.
+        divisions: finds parameters with which a constant of it is not finite.
     """
 
     definition: ClassVar[Mapping[str, Any]] = {}
+    divisions: ClassVar[Divisions]
 
     @classmethod
     def identity(cls) -> str:
@@ -64,6 +69,14 @@ class EquationNeuron(Neuron):
             arithmetic.begin([float(value) for value in p], z)
         return {state.name: values[:, k] for k, state in enumerate(cls.states)}
 
+    @classmethod
+    def check_steps(cls, parameters: Mapping[str, Any], resolution: float) -> None:
+        """Refuse a division by 0, and any other constant that is not finite."""
+        try:
+            refuse(cls.divisions.mistakes(parameters))
+        except ModelError as error:
+            raise error.at(None, cls.__name__) from None
+
 
 def neuron(name: str, said: Mapping[str, Any]) -> type[EquationNeuron]:
     """The class of a neuron in equations; the same words give the same class.
@@ -79,6 +92,8 @@ def neuron(name: str, said: Mapping[str, Any]) -> type[EquationNeuron]:
 
 def _made(d: Definition) -> type[EquationNeuron]:
     constants = Constants(d.parameters, 1, {*d.states, *d.let, *(r.name for r in d.receptors), CURRENT_NAME}, d.full)
+    divisions = Divisions(d.parameters, constants.variables, d.let, *_expressions(d))
+    refuse(divisions.mistakes({name: p.default for name, p in d.parameters.items()}))
     linear = system(d)
     whole = steps.checked(steps.Neuron(d, linear, constants))
     text, width = _text(whole)
@@ -92,6 +107,7 @@ def _made(d: Definition) -> type[EquationNeuron]:
     namespace = {
         "__doc__": d.plain.get("doc") or f"A neuron in equations, integrated by {whole.integrator}.",
         "definition": d.plain,
+        "divisions": divisions,
         "equation": _told(d, threshold),
         "source": d.plain.get("source", ""),
         "states": _states(whole),
@@ -109,6 +125,17 @@ def _made(d: Definition) -> type[EquationNeuron]:
     made.__module__ = arithmetic.__name__
     result: type[EquationNeuron] = made
     return result
+
+
+def _expressions(d: Definition) -> tuple[dict[Words, Expression], list[Words]]:
+    """All expressions but abbreviations, by the words that lead to them, and which of them are time constants."""
+    found: dict[Words, Expression] = {("receptors", r.name, "tau"): r.tau for r in d.receptors if r.tau is not None}
+    taus = [*found]
+    if d.threshold is not None:
+        found["threshold",] = d.threshold
+    for section, expressions in (("equations", d.states), ("reset", d.reset), ("initial", d.initial)):
+        found |= {(section, name): expression for name, expression in expressions.items()}
+    return found, taus
 
 
 def _field(q: Quantity, default: float) -> Any:

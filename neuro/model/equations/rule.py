@@ -3,18 +3,21 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import field, make_dataclass
 from typing import Any, ClassVar
 
-from neuro.core.grammar import Expression
+from neuro.core.errors import ModelError, here
+from neuro.core.grammar import Expression, Name
 from neuro.core.units import unit_of
 from neuro.model.equations.algebra import names
 from neuro.model.equations.definition import at
+from neuro.model.equations.dimensions import refuse
+from neuro.model.equations.divisions import Divisions, Words
 from neuro.model.equations.drift import advance_lines
 from neuro.model.equations.functions import PUBLIC
 from neuro.model.equations.generated import module
-from neuro.model.equations.pairs import SPIKES, WEIGHT, Pairs, read
+from neuro.model.equations.pairs import DECAY_OF_SIGNAL, SPIKES, WEIGHT, Pairs, read
 from neuro.model.equations.writing import Constants, function, local, written
 from neuro.model.neurons.base import State
 from neuro.model.synapses.base import Synapse
@@ -30,9 +33,18 @@ class EquationSynapse(Synapse):
 
     Class attributes:
         definition: the words that define it, as they were given.
+        divisions: finds parameters with which a constant of it is not finite.
     """
 
     definition: ClassVar[Mapping[str, Any]] = {}
+    divisions: ClassVar[Divisions]
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        try:
+            refuse(self.divisions.mistakes({word: getattr(self, word) for word in self.numbers()}))
+        except ModelError as error:
+            raise error.at(here(), self.name) from None
 
     @classmethod
     def identity(cls) -> str:
@@ -71,8 +83,11 @@ def rule(name: str, said: Mapping[str, Any]) -> type[EquationSynapse]:
 
 def _made(pairs: Pairs) -> type[EquationSynapse]:
     constants = Constants(pairs.parameters, 0, {WEIGHT, *pairs.traces, *pairs.states}, lambda tree: tree)
+    lasting = {trace.tau for _, trace in pairs.traces.values()} | {DECAY_OF_SIGNAL}
+    taus = lasting | {*pairs.states.values()}  # a state may last no time, where its author says so
+    divisions = Divisions(pairs.parameters, constants.variables, {}, *_expressions(pairs, lasting))
+    refuse(divisions.mistakes({name: p.default for name, p in pairs.parameters.items()}))
     arithmetic = module(_text(pairs, constants))
-    taus = {trace.tau for _, trace in pairs.traces.values()} | {*pairs.states.values(), "tau_n"}
     fields = [
         (word, float, field(default=p.default, metadata={"quantity": p.quantity(word in taus, arrays=False)}))
         for word, p in pairs.parameters.items()
@@ -80,6 +95,7 @@ def _made(pairs: Pairs) -> type[EquationSynapse]:
     namespace = {
         "__doc__": pairs.plain.get("doc") or "A rule of spike pairs in equations.",
         "definition": pairs.plain,
+        "divisions": divisions,
         "equation": _told(pairs),
         "source": pairs.plain.get("source", ""),
         "learns": "pairs",
@@ -95,6 +111,19 @@ def _made(pairs: Pairs) -> type[EquationSynapse]:
     made.__module__ = arithmetic.__name__
     result: type[EquationSynapse] = made
     return result
+
+
+def _expressions(pairs: Pairs, taus: Collection[str]) -> tuple[dict[Words, Expression], list[Words]]:
+    """All expressions by the words that lead to them, and which of them are time constants."""
+    found: dict[Words, Expression] = {
+        ("parameters", word): Expression(word, Name(word, 0)) for word in pairs.parameters if word in taus
+    }
+    last = [*found]
+    if pairs.drift is not None:
+        found["on_signal", WEIGHT] = pairs.drift
+    for section, expressions in (*pairs.spikes.items(), ("initial", pairs.initial)):
+        found |= {(section, name): expression for name, expression in expressions.items()}
+    return found, last
 
 
 def _told(pairs: Pairs) -> str:
