@@ -27,6 +27,7 @@ from neuro import (
 )
 from neuro.compiler import compile_network
 from neuro.core.errors import ModelError
+from neuro.model.synapses import Synapse
 
 
 def base(resolution: float = 0.1) -> Network:
@@ -520,3 +521,60 @@ def test_what_is_right_compiles():
     program = compile_network(net, 1)
     assert program.populations[-1].shape == (4, 3, 4)
     assert program.projections[0].size == 4 * 2 * 3 * 3
+
+
+def modulated(rule: Synapse) -> Network:
+    net = base()
+    connect("noise", "cells", all_to_all(), rule, weight=0.5)(net)
+    return net
+
+
+@pytest.mark.parametrize(
+    ("rule", "source", "way_out"),
+    [
+        (stdp_dopa(), "'signal' and 'dopamine'", ", or the population that releases dopamine"),
+        (neuro.mstdpet(), "'signal'", ""),
+        (neuro.td_ltp(), "'signal'", ""),
+        (neuro.td_moves(), "'signal'", ""),
+    ],
+    ids=lambda part: getattr(part, "name", None),
+)
+def test_a_modulated_rule_without_a_modulator_that_can_never_learn(rule: Synapse, source: str, way_out: str):
+    with pytest.raises(ModelError) as caught:
+        compile_network(modulated(rule), 1)
+    assert caught.value.message == (
+        f"projection 'p': {rule.name} without {source}: n stays 0, at which its weights never change: "
+        "expected a source of n"
+    )
+    assert caught.value.hint == f"name a signal to 'cells'{way_out}; static has weights that stay"
+
+
+ALONE = neuro.equations(
+    "alone", states={"z": {"tau": "tau"}}, on_pre={"w": "w + z", "z": "z + 1"}, parameters={"tau": "5 ms"}
+)
+
+
+@pytest.mark.parametrize("rule", [stdp_dopa(b=0.1), neuro.mstdpet(b=-0.2), neuro.hedonistic(), ALONE()])
+def test_modulated_rules_that_do_something_without_a_modulator(rule: Synapse):
+    compile_network(modulated(rule), 1)
+
+
+def test_a_part_that_is_added_after_compilation_is_told_at_the_next_run():
+    net = Network("growing")
+    net.population("cells", 2, parrot_neuron())
+    first = neuro.compile(net, "reference")
+    first.run(1.0)
+    net.connect("cells", "cells", all_to_all(), name="late")
+    with pytest.raises(ModelError) as caught:
+        first.run(1.0)
+    assert caught.value.message == (
+        "network 'growing': projection 'late' was added after it was compiled, and has no effect here: "
+        "expected the network as it was"
+    )
+    assert caught.value.hint == "compile the network again"
+    assert caught.value.where is not None
+    second = neuro.compile(net, "reference")
+    second.run(1.0)
+    net.trials(input="cells", duration=5.0)
+    with pytest.raises(ModelError, match="network 'growing': trials were added after it was compiled"):
+        second.run(1.0)

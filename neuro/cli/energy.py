@@ -51,6 +51,7 @@ def energy(
 ) -> None:
     """Run a network and print what that would take on chips: counts, joules, and the sums last."""
     from neuro.chips.pricing.price import price
+    from neuro.cli.run import silent_inputs, tell_silence
     from neuro.core.clock import Clock
     from neuro.core.progress import Bar
     from neuro.model.language import load
@@ -82,6 +83,7 @@ def energy(
         typer.echo(json.dumps(plain(sim, bills, placements[0], per), indent=2))
     else:
         tell([priced.per(*per) for priced in bills], sources)
+    tell_silence(silent_inputs(sim))
 
 
 def priceable(name: str) -> Chip:

@@ -66,12 +66,14 @@ def run(
                     bar.say("writing")
                 results = read(out)
             taken = time.perf_counter() - began - first_s
+            silent = silent_inputs(sim)
         except KeyboardInterrupt:
             bar.stop()
             _tell_interrupted(out)
             raise typer.Exit(130) from None
     if speaks():
         report(results, out)
+        tell_silence(silent)
         # What differs from run to run is not among what can be compared.
         typer.echo(f"{duration:g} ms took {taken:.3g} s, {taken * 1000.0 / duration:.3g} x its own time", err=True)
 
@@ -117,6 +119,20 @@ def together(backend: str) -> None:
     if processes() > 1 and getattr(find_backend(backend), "distributed", False):
         share()
         signal.signal(signal.SIGTERM, lambda *_: sys.exit(143))
+
+
+def silent_inputs(sim: Simulation) -> list[str]:
+    """The generators of spikes, if there are some and none of them has emitted any."""
+    counts = sim.counts().populations
+    inputs = [part.name for part in sim.program.populations if part.kind not in ("neuron", "current")]
+    return [] if any(counts[name].spikes for name in inputs) else inputs
+
+
+def tell_silence(inputs: list[str]) -> None:
+    """Warn that what was counted, and is priced, is the network without input."""
+    if inputs:
+        told = f"the input emitted no spike ({', '.join(inputs)}): these are the figures of a network without input"
+        typer.echo(f"warning: {told}\n  hint: give it spikes or rates; a program may inject them", err=True)
 
 
 def keep_spikes(net: Network, names: list[str]) -> None:

@@ -210,6 +210,12 @@ def _check_dopamine(net: Network, part: Projection, synapse: Modulated, shapes: 
                 f"{synapse.name}.signal '{synapse.signal}' goes to '{to}': expected one to '{part.target}', the target",
             )
     if synapse.dopamine is None:
+        if synapse.signal is None and _stays(synapse):
+            fades = "tau_n" in synapse.numbers()
+            sources = "'signal' and 'dopamine'" if fades else "'signal'"
+            told = f"{synapse.name} without {sources}: n stays 0, at which its weights never change"
+            way_out = f"name a signal to '{part.target}'" + ", or the population that releases dopamine" * fades
+            refuse(part, f"{told}: expected a source of n", f"{way_out}; static has weights that stay")
         return
     if synapse.dopamine not in net.populations:
         error = unknown("population", synapse.dopamine, net.populations)
@@ -224,6 +230,31 @@ def _check_dopamine(net: Network, part: Projection, synapse: Modulated, shapes: 
             f"{synapse.name}.dopamine_rule one_to_one from '{synapse.dopamine}' of {n} neurons "
             f"to '{part.target}' of {m}: expected as many",
         )
+
+
+def _stays(rule: Modulated) -> bool:
+    """Whether neither spikes nor time change a weight while n is 0: its own arithmetic is tried.
+
+    The states are such as spikes of either order may leave, and the weight is within its bounds. A rule whose states
+    decide what is sent does something without n, too.
+    """
+    kernels: Any = rule.arithmetic
+    if hasattr(kernels, "sent"):
+        return False
+    constants = rule.constants_of(rule.vector(), 0.1)
+    low, high = (min(max(float(end), -1e6), 1e6) for end in rule.bounds())
+    traces = [np.full(max(1, len(side)), 0.5) for side in (rule.pre, rule.post)]
+    for sign in (1.0, -1.0):
+        y = np.full((1 + len(rule.states), 1), sign)
+        y[0] = before = 0.25 * low + 0.75 * high
+        for steps in (1, 1000):
+            kernels.on_pre(y, 0, constants, *traces, *([0.5] if rule.draws else []))
+            kernels.advance(y, 0, constants, 0, steps, 0.0, 1)
+            kernels.on_post(y, 0, constants, *traces)
+            kernels.advance(y, 0, constants, steps, 2 * steps, 0.0, 1)
+        if y[0, 0] != before:
+            return False
+    return True
 
 
 def _check_groups(net: Network, shapes: Mapping[str, Shape]) -> None:

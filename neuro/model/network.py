@@ -57,6 +57,7 @@ class Network(Description):
     Attributes:
         place: where the next part comes from; None means the caller's line.
         inputs: the files that it was read from; none of one that was made in Python.
+        latest: the part that was added last.
     """
 
     inputs: tuple[str, ...] = ()
@@ -69,6 +70,7 @@ class Network(Description):
         self.signals, self.groups, self.probes = {}, {}, {}
         self.trials_section = None
         self.trials_origin: Where | None = None
+        self.latest: Part | Trials | None = None
 
     def population(
         self,
@@ -235,6 +237,7 @@ class Network(Description):
         except ModelError as error:
             raise error.at(self._where(), "trials") from None
         self.trials_section, self.trials_origin = section, self._where()
+        self.latest = section
         return section
 
     def save(self, path: str | Path) -> None:
@@ -246,7 +249,7 @@ class Network(Description):
     def __eq__(self, other: object) -> bool:
         if not isinstance(other, Network):
             return NotImplemented
-        skip = ("trials_origin", "place", "inputs")
+        skip = ("trials_origin", "place", "inputs", "latest")
         mine, theirs = vars(self), vars(other)
         return all(same(mine[k], theirs[k]) for k in mine if k not in skip)
 
@@ -274,7 +277,7 @@ class Network(Description):
         check_name(part.name, part.word, self._where())
         if part.name in table:
             raise ModelError(f"{part.word} '{part.name}' is defined twice", where=self._where(), path=(part.name,))
-        table[part.name] = part
+        table[part.name] = self.latest = part
         return part
 
     def _where(self) -> Where | None:

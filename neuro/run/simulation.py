@@ -6,7 +6,7 @@ from collections.abc import Collection, Iterator, Mapping
 from contextlib import contextmanager
 from functools import cached_property
 from os import PathLike
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NoReturn
 
 from numpy.typing import ArrayLike
 
@@ -20,7 +20,7 @@ from neuro.core.tables import Table, as_html, as_text
 from neuro.core.values import shown
 from neuro.files.run_tables import projection_table, run_table
 from neuro.model.network import Network
-from neuro.model.parts import Population, Probe, Projection, Side, Signal
+from neuro.model.parts import Part, Population, Probe, Projection, Side, Signal
 from neuro.model.views import View
 from neuro.program.backend import Engine, Registers
 from neuro.program.counts import Counts, Tally
@@ -66,7 +66,7 @@ class Simulation:
 
     def __init__(self, net: Network, backend: str, program: Any, engine: Engine) -> None:
         self.backend, self.program = backend, program
-        self._net, self._engine = net, engine
+        self._net, self._engine, self._latest = net, engine, net.latest
         self._clock = Clock(program.resolution)
         self.handles = Handles(net, program)
         self._rules = {index: part.synapse for index, part in enumerate(program.projections)}
@@ -116,10 +116,13 @@ class Simulation:
             out: a file to which what is recorded goes, as of `record_to`.
 
         Raises:
-            ModelError: the time is no such multiple, a recording that is played is damaged, before which the run
-                stops, or a state is NaN or infinite at the end: a numerical instability. Of models that cannot run away
-                by themselves that is looked for when the time has doubled, and every 10,000 steps.
+            ModelError: the network got a part since it was compiled, the time is no such multiple, a recording that is
+                played is damaged, before which the run stops, or a state is NaN or infinite at the end: a numerical
+                instability. Of models that cannot run away by themselves that is looked for when the time has doubled,
+                and every 10,000 steps.
         """
+        if self._net.latest is not self._latest:
+            self._refuse_changed()
         steps = self._clock.step(ms, "run")
         if not 0 <= steps < NEVER:
             raise ModelError(f"run = {ms:g} ms: expected a finite time >= 0 ms")
@@ -134,6 +137,14 @@ class Simulation:
         for stretch in self._inflow.stretches(steps):
             self._records.run(stretch)
         self._watch.look()
+
+    def _refuse_changed(self) -> NoReturn:
+        """Say which part the network got since it was compiled: files would tell a network that did not run."""
+        added = self._net.latest
+        what = f"{added.word} '{added.name}' was" if isinstance(added, Part) else "trials were"
+        where = getattr(added, "origin", self._net.trials_origin)
+        told = f"network '{self._net.name}': {what} added after it was compiled, and has no effect here"
+        raise ModelError(f"{told}: expected the network as it was", where=where, hint="compile the network again")
 
     @contextmanager
     def record_to(

@@ -1,11 +1,13 @@
 import json
 from functools import partial
+from pathlib import Path
 
 import pytest
 
 import neuro as framework
 from neuro.chips import chip, price
 from neuro.cli.energy import energy
+from neuro.cli.run import run as simulate
 
 RUN = ("net.yaml", "--backend", "reference", "--for", "50")
 
@@ -143,3 +145,15 @@ def test_an_unknown_target_is_told_of_those_with_costs(neuro, network):
     answer = neuro("energy", network, "--target", "loihi22")
     assert (answer.status, answer.out) == (2, "")
     assert answer.err == "error: unknown target 'loihi22'\n  hint: did you mean 'loihi'?\n"
+
+
+def test_silent_input_is_told(run, network):
+    text = Path(network).read_text()
+    Path(network).write_text(text.replace("rate: 100.0}", "rate: 0.0}"))
+    for command, words in ((energy, ("--target", "loihi")), (simulate, ())):
+        status, _, err = run.func(command, *RUN, *words)
+        assert status == 0
+        assert err.startswith(
+            "warning: the input emitted no spike (noise): these are the figures of a network without input\n"
+            "  hint: give it spikes or rates; a program may inject them\n"
+        )
