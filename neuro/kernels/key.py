@@ -161,9 +161,10 @@ def _value(function: FunctionType, name: str, value: Any, called: list[Any]) -> 
 
 
 def _intrinsic(definition: FunctionType) -> object:
-    """Code that writes machine code: the whole source of its module counts, and the numbers that it closes over."""
+    """Code that writes machine code: its module's whole source counts, and the numbers and types that it closes over."""
     closed = [cell.cell_contents for cell in definition.__closure__ or ()]
-    numbers = [value for value in closed if isinstance(value, int | str)]
+    numbers = [_typed(value) if isinstance(value, types.Type) else value for value in closed]
+    numbers = [value for value in numbers if isinstance(value, int | str)]
     return definition.__qualname__, _source(definition.__code__.co_filename), definition.__code__.co_code, numbers
 
 

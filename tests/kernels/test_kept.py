@@ -4,6 +4,7 @@ import os
 import pickle
 import time
 
+import numpy as np
 import pytest
 
 from neuro.kernels import kept
@@ -159,3 +160,22 @@ def test_a_kernel_may_not_read_what_the_key_cannot_see():
     expected = "reads 'closure', a dict: expected numbers, words, tuples, arrays, modules or compiled functions"
     with pytest.raises(TypeError, match=expected):
         read()
+
+
+def test_a_table_of_other_arrays_is_other_code():
+    """A kernel that names one array of a table finds it elsewhere where another array comes before it."""
+    from neuro.kernels.jit import kernel
+    from neuro.kernels.views import Views, fields_of, table_of, viewer
+
+    def second(text):
+        fields = fields_of(text)
+        net_of = viewer(Views("Net", 0, fields))
+
+        @kernel
+        def first_number(view):
+            return net_of(view).b[0]
+
+        arrays = {name: np.full(1, k) for k, name in enumerate("abc")}
+        return first_number(table_of((fields, arrays)).ctypes.data)
+
+    assert second("a i8 1\nb i8 1") == second("a i8 1\nc i8 1\nb i8 1") == 1
