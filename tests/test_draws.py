@@ -1,5 +1,6 @@
 """Numbers of Poisson generators: the same on every backend, however they are found, and of the right distribution."""
 
+import math
 from typing import Any
 
 import numpy as np
@@ -107,6 +108,26 @@ def test_counted_spikes_are_those_of_the_reference(
         runs.append(told(sim))
     for found in runs[1:]:
         assert all(np.array_equal(a, b) for a, b in zip(found, runs[0], strict=True))
+
+
+@pytest.mark.parametrize("delay", [0.1, 0.4])
+def test_weights_that_are_set_reach_no_count_that_was_emitted(delay: float):
+    """Weights are set in every step, twice; what is under way keeps the old ones."""
+    runs = []
+    for backend in ("reference", "event"):
+        net = neuro.Network("counted", resolution=0.1)
+        net.population("noise", 70, neuro.poisson_generator(rate=5e3))
+        for name in ("cells", "others"):
+            net.population(name, 70, neuro.iaf_psc_delta(tau_m=math.inf, V_th=1e9))
+            net.connect("noise", name, neuro.one_to_one(), weight=1.0, delay=delay, name=f"to_{name}")
+        sim = neuro.compile(net, backend, seed=4)
+        for k in range(8):
+            sim.run(0.1)
+            for weight in (-5.0, 2.0**k):
+                sim.set_weights("to_cells", weight)
+        sim.run(0.1)
+        runs.append([sim.get(name, "V_m") for name in ("cells", "others")])
+    assert all(np.array_equal(a, b) for a, b in zip(*runs, strict=True))
 
 
 def test_tallies_never_run_over():

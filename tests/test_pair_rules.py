@@ -74,6 +74,22 @@ def test_traces_of_nest_come_out(shared: Path, tmp_path: Path, backend: str):
     assert [f"{r.case} {r.quantity}: {r.message}" for r in results if not r.ok] == []
 
 
+@pytest.mark.parametrize("rule", [neuro.tsodyks2(U=0.0), neuro.hedonistic(), neuro.stdp(Wmax=-5.0, lambda_=0.0)])
+@pytest.mark.parametrize("delay", [1.0, [1.0, 2.0]], ids=["one delay", "two delays"])
+def test_a_spike_that_brings_nothing_has_arrived(rule: Synapse, delay: float | list[float]):
+    """A synapse that inhibits and releases nothing sends -0.0: its target counts as active all the same."""
+    found = []
+    for backend in ("reference", "event"):
+        net = neuro.Network("nothing", resolution=1.0)
+        net.population("source", 2, neuro.spike_generator(spike_times=[[5.0, 7.0, 9.0], [20.0]]))
+        net.population("cells", 2, neuro.iaf_psc_exp())
+        net.connect("source", "cells", neuro.one_to_one(), rule, weight=-5.0, delay=delay)
+        sim = neuro.compile(net, backend)
+        sim.run(30.0)
+        found.append(sim.counts().populations["cells"].neuron_updates_active)
+    assert found == [4, 4]
+
+
 def test_weights_drift_to_where_independent_spikes_hold_them():
     """Poisson spikes of 20 Hz on both sides; steps of finite size end 1 % below the fixed point."""
     found = drifted(FIXED_POINTS, settle=60.0, reads=20)

@@ -50,6 +50,7 @@ def arrays_of(fixed: FixedProgram) -> Arrays:
     a["active"] = np.zeros(n_pops, dtype=np.int64)
     a["native"] = np.zeros((n_pops, t.NATIVE_COLUMNS), dtype=np.int64)
     a["potential"] = np.zeros(total, dtype=np.int32)
+    a["set_out"] = np.zeros(len(program.projections), dtype=np.int64)
     a["emitted"], a["emitted_times"] = np.zeros(total, dtype=np.int64), np.zeros(total, dtype=np.int64)
     a["keys"] = _keys(program, "poisson", [p.name for p in program.populations])
     a["group_keys"] = _keys(program, "tie", [g.name for g in program.groups])

@@ -174,6 +174,7 @@ class ChipEngine:
 
     def set_weights(self, projection: int, weights: Floats, chosen: NDArray[np.bool_] | None = None) -> None:
         """Replace all weights, or those that are chosen: the host writes them, rounded to mantissas."""
+        self._machine.send_ahead(projection)
         self._machine.weights.set(projection, weights, chosen)
         if projection in self._machine.learners:
             self._machine.learners.set(projection, self._machine.weights.mantissas[projection])

@@ -69,8 +69,8 @@ def emit(net, pop, row, i, times, step):
 def send_all(net, step):
     """The spikes of the last step set out; they are sorted by population.
 
-    They set out when the next step begins, not when they are emitted: the host may write weights in between, and what
-    learning changes in a step is sent from the next on.
+    They set out when the next step begins, not when they are emitted: what learning changes in a step is sent from the
+    next on. What generators have emitted is sent before the host writes weights in between (`send_ahead`).
     """
     total = net.clock[EMITTED]
     first = 0
@@ -80,15 +80,37 @@ def send_all(net, step):
             last += 1
         if first < last:
             for k in range(net.out_ends[pop], net.out_ends[pop + 1]):
-                q = net.out[k]
-                row = net.projections[q]
-                if may_gather(net, row, net.pops[row[TARGET], RECEPTORS] == 2):
-                    send_grids(net, row, begin, first, last, step)
-                else:
-                    for at in range(first, last):
-                        send(net, q, net.emitted[at] - begin, net.emitted_times[at], step)
+                if net.set_out[net.out[k]] < step:
+                    send_along(net, net.out[k], begin, first, last, step)
         first = last
     net.clock[EMITTED] = 0
+
+
+@inner
+def send_along(net, q, begin, first, last, step):
+    """The spikes first:last of those emitted in a step, of the population that begins at a neuron, set out along q."""
+    row = net.projections[q]
+    if may_gather(net, row, net.pops[row[TARGET], RECEPTORS] == 2):
+        send_grids(net, row, begin, first, last, step)
+    else:
+        for at in range(first, last):
+            send(net, q, net.emitted[at] - begin, net.emitted_times[at], step)
+
+
+@kernel
+def send_ahead(view, words, pop, q):
+    """What a population emitted in the last step sets out along a projection with the words of now."""
+    net = net_of(view, words)
+    total, step, begin, end = net.clock[EMITTED], net.clock[STEP], net.pops[pop, BEGIN], net.pops[pop, END]
+    first = 0
+    while first < total and net.emitted[first] < begin:
+        first += 1
+    last = first
+    while last < total and net.emitted[last] < end:
+        last += 1
+    if net.set_out[q] < step:
+        send_along(net, q, begin, first, last, step)
+        net.set_out[q] = step
 
 
 @inner

@@ -22,7 +22,7 @@ from neuro_chip.delays import Delays
 from neuro_chip.families.every import family_of
 from neuro_chip.learners import Learners
 from neuro_chip.listed import Listed
-from neuro_chip.loop import advance
+from neuro_chip.loop import advance, send_ahead
 from neuro_chip.net import Bound
 from neuro_chip.presenting import open_all
 from neuro_chip.record import Record
@@ -31,7 +31,7 @@ from neuro_chip.weights import Weights
 
 _CLEARED = (
     *("ring", "arrived", "arrived_all", "v", "u", "g_inh", "hold", "first"),
-    *("events", "spikes", "active", "native"),
+    *("events", "spikes", "active", "native", "set_out"),
 )
 _LIVE = (*_CLEARED, "emitted", "emitted_times", "groups", "clock", "potential", "mean", "nothing")
 _WON = ("muted", "standing", "map_wins")
@@ -116,6 +116,12 @@ class Machine:
             if group >= 0 and self.arrays["groups"][group, t.CLOSED]:
                 break
         clock[t.STOP_GROUP] = t.NONE
+
+    def send_ahead(self, projection: int) -> None:
+        """What a generator emitted in the last step is sent with the words of now, before these change."""
+        part = self.program.projections[projection]
+        if self.program.sends_at_once(part):
+            send_ahead(self.bound.view, self.bound.words, part.source, projection)
 
     def _apply_currents(self) -> None:
         """The host writes the bias that holds from the next step on."""
@@ -206,7 +212,7 @@ class Machine:
         for k in range(len(self.program.populations)):
             write_registers(self.arrays, self.fixed, k, self.cells.fixed[k])
         for name in self._live:
-            value = arrays[f"live.{_STORED.get(name, name)}"]
+            value = arrays.get(f"live.{_STORED.get(name, name)}", np.zeros(1, dtype=np.int64))  # set_out came later
             if name == "groups":
                 self.arrays[name][:, : value.shape[1]] = value  # fewer columns in version 0.1.0
             else:

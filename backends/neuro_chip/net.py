@@ -61,6 +61,7 @@ native i8 2         what only chips count, columns of `tables`
 potential i4 1      v at a decision
 emitted i8 1        who fired in the last step
 emitted_times i8 1  how often
+set_out i8 1        of each projection: the step whose spikes were sent before its weights changed
 keys u8 1           of the generators' draws
 group_keys u8 1
 mean f8 1           of a poisson_generator's neurons, per step

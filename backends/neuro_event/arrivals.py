@@ -183,6 +183,8 @@ def at_emission(view, q, step, after, thread):
     """Put what the source of a projection emitted in a step, and what of it arrives after another, into its ring."""
     net = net_of(view)
     row = net.projections[q]
+    if step <= net.set_out[q]:
+        return
     if row[RUN] < 0:
         log_delivery(view, q, step, 0, thread, True)
         return

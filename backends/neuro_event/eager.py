@@ -269,7 +269,7 @@ def eager_entry(model, row_of):
             target, c = np.int64(net.targets[e & FORWARD]), p.rule[row_of(q, table, z)]
             learn_pre(p, q, z, c, step, nth, pre, post_values(p, (to_target + target) & FORWARD, left, step, h))
             p.sent[z] = p.y[0, z]
-            weight = sent(p.y, z, c)
+            weight = sent(p.y, z, c) + 0.0  # -0.0 would be no input
             second = size if receptors == 2 and weight < 0.0 else 0
             net.buf[(ring + second + target) & FORWARD] += 1.0 if relay == 1 else weight
         if row[WAKE_ALL] == 1 and first < end:

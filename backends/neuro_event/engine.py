@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Mapping
+from collections.abc import Collection, Mapping
 from types import ModuleType
 from typing import Any
 
@@ -381,32 +381,38 @@ class EventEngine:
         if row[t.DENSE_COUNTS] == 1:
             self._list_counts(projection, weights)
             return
-        if self._step > 0 and projection not in self._a.plastic_of and row[t.LAG] > 0:
-            self._deliver_ahead(projection, lazy.deliver_between)
+        if self._step > 0 and projection not in self._a.plastic_of:
+            self._deliver_ahead(projection)
         self._write_weights(projection, weights, chosen)
 
-    def _deliver_ahead(self, projection: int, deliver: Callable[..., None]) -> None:
-        """Put what is under way into a ring, with the weights of now."""
+    def _deliver_ahead(self, projection: int) -> None:
+        """Put what has set out into the ring of a projection, with the weights of now."""
+        at_once = self._program.sends_at_once(self._program.projections[projection])
+        last, lag = self._step if at_once else self._step - 1, self._give_ring(projection)
+        lazy.deliver_between(self._view, projection, self._step - lag + 1, last, self._step)
+        self._a.net["set_out"][projection] = last
+
+    def _give_ring(self, projection: int) -> int:
+        """Let a projection have a ring; return how many of the last steps may have sent what is not in it."""
         lag = int(self._a.net["projections"][projection, t.LAG])
+        if lag == 0:
+            return 1
         projections.give_ring(self._a, projection)
         self._pack()
-        deliver(self._view, projection, self._step - lag + 1, self._step - 1)
+        return lag
 
     def _list_counts(self, projection: int, weights: Floats) -> None:
         """Replace the weights behind a generator that keeps counts; from now on it lists its spikes.
 
-        Counts are added with the one weight of now, so what is under way is delivered first. Those of the present
-        step are sent under the new weights, as listed spikes are.
+        Counts are added with the one weight of now, so what is under way is delivered first.
         """
         source = self._program.projections[projection].source
-        outgoing = [q for q, p in enumerate(self._program.projections) if p.source == source]
-        for q in outgoing:
-            self._deliver_ahead(q, lazy.deliver_counts)
-        self._write_weights(projection, weights)
-        for q in outgoing:
-            lazy.deliver_counts(self._view, q, self._step, self._step)
+        for q in [q for q, p in enumerate(self._program.projections) if p.source == source]:
+            lag = self._give_ring(q)
+            lazy.deliver_counts(self._view, q, self._step - lag + 1, self._step)
             self._a.net["projections"][q, t.DENSE_COUNTS] = 0
         self._a.net["pops"][source, t.COUNTS] = t.NONE
+        self._write_weights(projection, weights)
 
     def _write_weights(self, projection: int, weights: Floats, chosen: NDArray[np.bool_] | None = None) -> None:
         p, row = self._program.projections[projection], self._a.net["projections"][projection]

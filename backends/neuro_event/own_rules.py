@@ -289,7 +289,7 @@ def rule_entry(model, row_of):
             newest = newest_before(p.past[history], step - delay)
             post = post_values(net, p, q, column, history, newest, neuron, step - delay, h)
             learn_pre(p, q, z, step, nth, pre, post)
-            weight = sent(p.y, z, p.rule[row_of(q, p.table[q], z)])
+            weight = sent(p.y, z, p.rule[row_of(q, p.table[q], z)]) + 0.0  # -0.0 would be no input
             second = 1 if receptors == 2 and weight < 0.0 else 0
             at = step + taken(p, q, z, delay, h)
             ring = row[RING] + ((at & row[RING_MASK]) * receptors + second) * row[RING_SIZE]

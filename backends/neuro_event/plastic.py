@@ -204,7 +204,7 @@ def _pre_spike(row_of):
                 neuron + target,
             )
             on_pre(number, y, z, rule, (0.0,), (k_minus,))
-            weight = y[0, z]  # sent after its own update, as NEST does
+            weight = y[0, z] + 0.0  # sent after its own update, as NEST does; -0.0 would be no input
             second = 1 if receptors == 2 and weight < 0.0 else 0
             at = step + delay
             ring = ring_at + ((at & ring_mask) * receptors + second) * ring_size

@@ -72,6 +72,7 @@ def add_projections(a: Arrays) -> None:
         if p.grid is not None:
             _grid_columns(row, p.grid, a.places[p.source].inside is not None)
     a.net["projections"] = table
+    a.net["set_out"] = np.full(len(table), t.NONE, dtype=np.int64)
     a.net["rows"] = _joined(rows, np.int64)
     a.net["runs"] = np.zeros(n_runs, dtype=np.uint32)
     threads = a.net["edges"].shape[1] - 1

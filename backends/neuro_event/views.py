@@ -29,6 +29,7 @@ pops i8 2          columns of `tables`, a row per population
 projections i8 2   likewise, a row per projection
 incoming i8 1      projections by target: those delivered on arrival, then those with a ring
 at_emission i8 1   static projections that are delivered into a ring at emission
+set_out i8 1       of each projection: the step up to which what was emitted lies in its ring, before its weights changed
 edges i8 2         (populations, threads + 1) first block of each thread in each, and the end
 most i8 1          spikes that a step of each thread can make
 parameters f8 2    of each population, or of each neuron where they differ

@@ -13,7 +13,7 @@ from neuro_nest.kernel import set_nodes, told
 from neuro_nest.noise import is_noise
 from neuro_nest.ranks import Ranks
 from neuro_nest.sources import Train
-from neuro_nest.tables import ENDLESS, NODES, RK4, UNREADABLE
+from neuro_nest.tables import DEVICE, ENDLESS, NODES, RK4, UNREADABLE
 
 _WITH_E_L = ("V_th", "V_reset", "V_min", "V_m")
 """What NEST holds relative to E_L: told again with it, so that no rounding moves it."""
@@ -29,9 +29,11 @@ class Cells:
         clock: of the network.
         ranks: the processes.
         number: of nodes, if it is not that of its neurons.
+        devices: whether those of a generator send along synapses that do not learn.
 
     Attributes:
         first: the number of the first node; the others follow.
+        first_device: likewise of the devices.
     """
 
     def __init__(
@@ -42,10 +44,13 @@ class Cells:
         clock: Clock,
         ranks: Ranks,
         number: int | None = None,
+        devices: bool = False,
     ) -> None:
         self.part, self.parameters, self._clock, self._ranks = part, parameters, clock, ranks
         self._nest, self.nodes = nest, nest.Create(NODES[part.model.name], number or part.size)
         self.first = int(self.nodes[0].global_id)
+        self._emitting = [self.nodes, *([nest.Create(DEVICE, part.size)] if devices else [])]
+        self.first_device = int(self._emitting[-1][0].global_id)
         self._tell(self._first_words())
         if part.kind == "current" and part.schedule is not None:
             self._tell_schedule(part.schedule)
@@ -69,14 +74,15 @@ class Cells:
         set_nodes(self._nest, self.nodes, [{"amplitude_times": times, "amplitude_values": row.copy()} for row in rows])
 
     def emit(self, spikes: Train) -> None:
-        """Let the injectors fire."""
+        """Let the injectors fire, and the devices."""
         order = np.argsort(spikes.ids, kind="stable")
         ids, begin = np.unique(spikes.ids[order], return_index=True)
         times = np.split(self._clock.array_ms(spikes.steps[order]), begin[1:])
         numbers = np.split(spikes.multiplicity[order], begin[1:])
         if ids.size:
             words = [{"spike_times": t, "spike_multiplicities": m} for t, m in zip(times, numbers, strict=True)]
-            set_nodes(self._nest, self.nodes[ids.tolist()], words)
+            for nodes in self._emitting:
+                set_nodes(self._nest, nodes[ids.tolist()], words)
 
     def get(self, name: str, ids: Ints | None = None) -> Floats:
         """A state or parameter of every neuron, or of some."""

@@ -10,7 +10,7 @@ import numpy as np
 from neuro.core.clock import Clock
 from neuro.model.synapses.base import common
 from neuro.program.currents import Currents
-from neuro.program.program import Floats, Ints, Program
+from neuro.program.program import Floats, Ints, Program, Projection
 from neuro_nest.cells import Cells
 from neuro_nest.kernel import set_nodes, sign, told
 from neuro_nest.noise import Noise, is_noise, nodes_of
@@ -51,6 +51,7 @@ class Net:
         self.program, self.nest, self.step = program, nest, 0
         self.clock = Clock(program.resolution)
         self.rules = rules
+        sent_at_once = {p.source for p in program.projections if self._is_at_once(p)}
         with told():
             nest.local_num_threads = threads
             nest.set(resolution=program.resolution)
@@ -58,7 +59,7 @@ class Net:
             nest.set(min_delay=program.resolution, max_delay=self.clock.ms(self._longest_delay()))
             sign(nest)
             self.cells = [
-                Cells(nest, part, own, self.clock, self.ranks, nodes_of(program, k))
+                Cells(nest, part, own, self.clock, self.ranks, nodes_of(program, k), k in sent_at_once)
                 for k, (part, own) in enumerate(zip(program.populations, parameters, strict=True))
             ]
             self.wires = [Wires(program, i, w) for i, w in enumerate(weights)]
@@ -145,7 +146,12 @@ class Net:
 
     def ends(self, wires: Wires) -> tuple[int, int]:
         """The first node of source and target."""
-        return self.cells[wires.part.source].first, self.cells[wires.part.target].first
+        source = self.cells[wires.part.source]
+        return source.first_device if self._is_at_once(wires.part) else source.first, self.cells[wires.part.target].first
+
+    def _is_at_once(self, part: Projection) -> bool:
+        """Whether devices send along a projection: a spike takes the weights of its emission."""
+        return part.carries == "spikes" and self.program.sends_at_once(part)
 
     def words(self, wires: Wires) -> dict[str, Any]:
         """The numbers of a synapse model in NEST's words, and the states in which its synapses start.

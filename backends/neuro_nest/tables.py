@@ -27,6 +27,9 @@ NODES = {
 }
 """Our models and NEST's. An injector is a node as neurons are: it may be the source of plastic synapses."""
 
+DEVICE = "spike_generator"
+"""What stands beside an injector for synapses that do not learn: a device sends with the weights of its emission."""
+
 RECEPTORS_OF_CURRENTS = {("iaf_psc_exp", "ex"): 1}
 """Receptors to which a current may be sent, by model and our name, and NEST's number."""
 

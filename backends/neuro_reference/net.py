@@ -31,7 +31,8 @@ class Net:
 
     Attributes:
         step: the last finished step.
-        ids, multiplicity: what each population emitted in that step; it teaches and sets out when the next begins.
+        ids, multiplicity: what each population emitted in that step. It teaches and sets out when the next begins; what
+            generators send along synapses that do not learn sets out at once.
         potentials: the first state of each population in that step, before spikes reset it.
         closed: whether no neuron of each group may fire any more.
         won: who fired of each group in that step, the best first.
@@ -102,10 +103,12 @@ class Net:
         for index, (x, _, heard) in enumerate(inputs):
             self._emit(index, step, reached[index], x, presented)
             self._record(index, step, heard)
-        for wires in self.wires:
+        for index, wires in enumerate(self.wires):
             if self._carries_current(wires):
                 self._charge(wires, step)
                 wires.send_current(self._sent_by(wires), step)
+            elif wires.at_once:
+                self.send(index, step)
         for pairs in self.pairs.values():
             pairs.emit_post(self.ids[pairs.part.target], self.multiplicity[pairs.part.target], step)
             pairs.arrive(step)
@@ -129,22 +132,28 @@ class Net:
         return cells.parameters if cells.part.schedule is None else {"amplitude": cells.part.schedule.at(self.step + 1)}
 
     def _send(self) -> None:
-        """The spikes of the last step teach and set out."""
+        """The spikes of the last step teach and set out, but those that have."""
         for index, wires in enumerate(self.wires):
-            model = self.cells[wires.part.target].part.model
-            assert isinstance(model, Neuron)
-            origin = wires.part.source
-            for source, multiplicity in zip(self.ids[origin], self.multiplicity[origin], strict=True):
-                if index not in self.pairs:
-                    if wires.part.synapse.delays:
-                        wires.set_out(wires.row(source), wires.late[wires.row(source)])
-                    weights = wires.weights[wires.slot[wires.row(source)]]
-                    wires.send(source, multiplicity, self.step, weights, model.relay)
-                    continue
-                for nth in range(int(multiplicity)):
-                    weights = self.pairs[index].spike(source, self.step, nth)
-                    self.notes.add(self.pairs[index], index, source, self.step)
-                    wires.send(source, 1, self.step, weights, model.relay)
+            if not wires.at_once:
+                self.send(index, self.step)
+
+    def send(self, index: int, step: int) -> None:
+        """What the source of a projection emitted in a step teaches and sets out."""
+        wires = self.wires[index]
+        model = self.cells[wires.part.target].part.model
+        assert isinstance(model, Neuron)
+        origin = wires.part.source
+        for source, multiplicity in zip(self.ids[origin], self.multiplicity[origin], strict=True):
+            if index not in self.pairs:
+                if wires.part.synapse.delays:
+                    wires.set_out(wires.row(source), wires.late[wires.row(source)])
+                weights = wires.weights[wires.slot[wires.row(source)]]
+                wires.send(source, multiplicity, step, weights, model.relay)
+                continue
+            for nth in range(int(multiplicity)):
+                weights = self.pairs[index].spike(source, step, nth)
+                self.notes.add(self.pairs[index], index, source, step)
+                wires.send(source, 1, step, weights, model.relay)
 
     def _arrivals(self, index: int, step: int) -> tuple[Floats, Floats, Bools]:
         """Input by receptor, external current, and which neurons hear a spike, of one population."""

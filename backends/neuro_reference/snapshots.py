@@ -12,10 +12,13 @@ from neuro_reference.net import Net
 
 Arrays = Mapping[str, NDArray[Any]]
 
+AT_ONCE = "at_once"
+"""Present where what generators emitted in the last step has set out; up to version 0.1.0 it waited for the next."""
+
 
 def take(net: Net) -> dict[str, NDArray[Any]]:
     """Copies of everything that changes while a net runs."""
-    arrays = {}
+    arrays = {AT_ONCE: np.array(True)}
     for path, part in _parts(net):
         for name in part.kept:
             arrays[f"{path}/{name}"] = np.array(getattr(part, name))
@@ -45,6 +48,9 @@ def put(net: Net, arrays: Arrays) -> None:
     net.rules = {index: arrays[f"rule/{index}"].copy() for index in net.rules}
     for pairs in net.pairs.values():
         pairs.refresh()
+    if AT_ONCE not in arrays:
+        for index in [index for index, wires in enumerate(net.wires) if wires.at_once]:
+            net.send(index, net.step)
 
 
 def _first_version(net: Net, arrays: Arrays) -> dict[str, NDArray[Any]]:

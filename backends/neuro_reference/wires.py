@@ -20,6 +20,8 @@ class Wires:
     Attributes:
         source, target, delay: of every synapse, sorted by source, then target; a delay in steps, that of the last spike
             where it learns.
+        at_once: whether spikes set out when they are emitted: those of generators, along synapses that do not learn by
+            pairs.
         late: the delays in ms that a rule for trials changes.
         fewest, most: steps that a spike may take.
         receptors: of its target.
@@ -40,6 +42,7 @@ class Wires:
     def __init__(self, program: Program, index: int) -> None:
         self.part = part = program.projections[index]
         n_source = program.populations[part.source].size
+        self.at_once = program.sends_at_once(part)
         self.n_target = program.populations[part.target].size
         self.source, self.target, self.slot = program.synapses(index)
         self.delay: Ints = np.broadcast_to(part.delay, len(self.source)).astype(np.int64)

@@ -162,11 +162,13 @@ class Stepper:
         return self.versions[projection][-1][1]
 
     def set_weights(self, projection: int, weights: Tensor) -> None:
-        """Let spikes from the last step on set out with other weights; those under way keep theirs."""
-        kept = [version for version in self.versions[projection] if version[0] < self.now]
+        """Let spikes that have not set out do so with other weights: of neurons, those of the last step are among them."""
+        part = self.program.projections[projection]
+        since = self.now + 1 if self.now and self.program.sends_at_once(part) else self.now
+        kept = [version for version in self.versions[projection] if version[0] < since]
         while len(kept) > 1 and kept[1][0] + self._longest < self.now:
             del kept[0]
-        self.versions[projection] = [*kept, (self.now, weights)]
+        self.versions[projection] = [*kept, (since, weights)]
 
     def step(self, inputs: Mapping[str, Tensor] | None = None) -> dict[str, Tensor]:
         """One step.
@@ -272,7 +274,7 @@ class Stepper:
 
 
 Versions = list[tuple[int, Tensor]]
-"""Weights with the step after which they hold."""
+"""Weights with the first step whose spikes set out with them."""
 
 
 def _times(versions: Versions) -> Iterator[tuple[int, int, Tensor]]:

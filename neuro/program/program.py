@@ -334,6 +334,14 @@ class Program:
     trials: Trials | None
     synapse_probes: tuple[SynapseProbe, ...] = ()
 
+    def sends_at_once(self, part: Projection) -> bool:
+        """Whether a spike takes the weights of the step of its emission along a projection, not those of the next step.
+
+        NEST's generators are devices, which send while they update; neurons send when the next step begins, and so does
+        whoever sends along synapses that learn by pairs.
+        """
+        return self.populations[part.source].kind != "neuron" and part.synapse.learns != "pairs"
+
     def connections(self, index: int) -> tuple[Ints, Ints]:
         """Source and target of every synapse of a projection, in the order of its weights (not for a grid)."""
         part = self.projections[index]

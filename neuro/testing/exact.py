@@ -15,7 +15,7 @@ from neuro.model.distributions import uniform
 from neuro.model.network import Network
 from neuro.model.neurons import iaf_psc_delta, parrot_neuron, spike_generator
 from neuro.model.rules import all_to_all, fixed_indegree, grid, one_to_one, pairs
-from neuro.testing.case import Found, Start, after, case, integers_too, network, observe
+from neuro.testing.case import Found, Start, after, case, integers_too, law, network, observe
 
 INF = float("inf")
 
@@ -142,6 +142,33 @@ def exact_parrots(start: Start) -> Found:
     net.connect("first", "second", one_to_one(), weight=-2.0, delay=np.arange(1.0, 6.0))
     net.connect("second", "cells", all_to_all(), weight=1.0, delay=2.0)
     return after(start, net, 220.0)
+
+
+@integers_too
+@law
+def exact_weights_set_at_an_emission(start: Start) -> tuple[Found, Found]:
+    """What generators emit in a step keeps the weights of that step; what neurons emit takes those that are set then."""
+    net = network(1.0)
+    net.population("source", 6, spike_generator(spike_times=[[4.0, 5.0]] * 6))
+    net.population("parrots", 6, parrot_neuron())
+    net.connect("source", "parrots", one_to_one())
+    ways = {"one": (one_to_one(), 2.0), "all": (all_to_all(), 3.0), "listed": (pairs(pre=[0, 3, 5], post=[4, 1, 1]), 1.0)}
+    ways |= {"late": (all_to_all(), np.arange(1.0, 37.0).reshape(6, 6)), "some": (pairs(pre=[2, 5], post=[0, 3]), [9.0, 2.0])}
+    expected = {}
+    for source, each in (("source", 8.0 + 8.0), ("parrots", 0.0 + 8.0)):
+        for way, (rule, delay) in ways.items():
+            net.population(f"{source}_{way}", 6, cell(V_th=1000.0))
+            net.connect(source, f"{source}_{way}", rule, weight=8.0, delay=delay)
+            arriving = {"one": [1] * 6, "listed": [0, 2, 0, 0, 1, 0], "some": [1, 0, 0, 1, 0, 0]}.get(way, [6] * 6)
+            expected[f"{source}_{way}"] = each * np.array(arriving)
+    sim = start(net)
+    for weights in ((4.0, 0.0), (8.0,)):
+        sim.run(5.0 if len(weights) == 2 else 1.0)
+        for name in expected:
+            for weight in weights:
+                sim.set_weights(f"{name.partition('_')[0]}_{name}", weight)
+    sim.run(60.0)
+    return {name: sim.get(name, "V_m") for name in expected}, expected
 
 
 @integers_too
