@@ -15,8 +15,10 @@ from neuro.model.network import Network
 from neuro.model.neurons import (
     INTEGRATED,
     Model,
+    ac_generator,
     aeif_cond_exp,
     aeif_psc_exp,
+    dc_generator,
     hh_psc_alpha,
     iaf_cond_alpha,
     iaf_cond_exp,
@@ -25,7 +27,9 @@ from neuro.model.neurons import (
     iaf_psc_exp,
     izhikevich,
     mat2_psc_exp,
+    noise_generator,
     parrot_neuron,
+    step_current_generator,
 )
 from neuro.model.synapses import (
     Synapse,
@@ -140,6 +144,15 @@ def kick(net: Network, post: str) -> float:
     return 30.0 * float(words["C_m"]) / shortest
 
 
+def changes_of_currents(model: Model) -> dict[str, list[float]]:
+    """What may be set of a generator of currents while it runs, each with some values."""
+    if isinstance(model, dc_generator):
+        return {"amplitude": [0.0, 300.0, -2.0]}
+    if isinstance(model, ac_generator):
+        return {"amplitude": [0.0, 300.0], "offset": [-2.0], "frequency": [0.0, 30.0]}
+    return {"mean": [-2.0, 100.0], "std": [2.0, 50.0]} if isinstance(model, noise_generator) else {}
+
+
 def changes(model: Model, h: float) -> dict[str, list[float]]:
     """What may be set of cells while they run, each with some values."""
     if isinstance(model, parrot_neuron):
@@ -162,16 +175,42 @@ def changes(model: Model, h: float) -> dict[str, list[float]]:
 
 
 @st.composite
-def synapses(draw: st.DrawFn, net: Network, post: str, shortest: int, interval: int) -> Synapse:
+def currents(draw: st.DrawFn, h: float) -> Model:
+    """A generator of currents of two neurons, of about 1 pA, between two moments."""
+    start, length = draw(st.integers(0, 20)), draw(st.integers(0, 200))
+    window = {"start": start * h, "stop": (start + length) * h}
+    match draw(st.integers(0, 5)):
+        case 3:
+            steps = sorted(draw(st.sets(st.integers(1, 150), min_size=1, max_size=4)))
+            values = [draw(st.sampled_from([1.0, -2.0, 0.0, 0.5])) for _ in steps]
+            return step_current_generator(amplitude_times=[k * h for k in steps], amplitude_values=values, **window)
+        case 4:
+            frequency = draw(st.sampled_from([5.0, 80.0])) / h
+            return ac_generator(amplitude=uniform(low=0.5, high=2.0), offset=0.3, frequency=frequency, phase=40.0, **window)
+        case 5:
+            own, dt = draw(st.booleans()), draw(st.sampled_from([1, 3])) * h
+            mod = {"std_mod": draw(st.sampled_from([0.0, 1.0])), "frequency": 10.0 / h}
+            return noise_generator(mean=0.5, std=1.5, dt=dt, individual_noise=own, **mod, **window)
+    return dc_generator(amplitude=1.0, **window)
+
+
+def _each(draw: st.DrawFn, value: float) -> Any:
+    """A number of a rule for all synapses, or one for each."""
+    return draw(st.sampled_from([value, value, uniform(low=0.5 * value, high=value)])) if value else value
+
+
+@st.composite
+def synapses(draw: st.DrawFn, net: Network, ends: tuple[str, str], shortest: int, interval: int) -> Synapse:
     """A fixed synapse, one of spike pairs, or one under dopamine of a signal or of any who spike."""
+    post = ends[1]
     w_max = draw(st.sampled_from([1.0, 0.1])) * kick(net, post)
     match draw(st.integers(0, 4)):
         case 0:
             return static()
         case 1:
-            mus = {"mu_plus": draw(st.sampled_from(MUS)), "mu_minus": draw(st.sampled_from(MUS))}
-            tau_plus, step = draw(st.sampled_from([20.0, 2.0])), draw(st.sampled_from([0.01, 0.5]))
-            return stdp(lambda_=step, alpha=1.1, tau_plus=tau_plus, Wmax=w_max, **mus)
+            mus = {word: _each(draw, draw(st.sampled_from(MUS))) for word in ("mu_plus", "mu_minus")}
+            tau_plus, step = draw(st.sampled_from([20.0, 2.0])), _each(draw, draw(st.sampled_from([0.01, 0.5])))
+            return stdp(lambda_=step, alpha=_each(draw, 1.1), tau_plus=tau_plus, Wmax=w_max, **mus)
         case 2 | 3:
             return draw(_pair_rules(w_max))
     source: dict[str, Any] = {}
@@ -181,6 +220,8 @@ def synapses(draw: st.DrawFn, net: Network, post: str, shortest: int, interval: 
         late = draw(st.sampled_from([shortest, shortest + 1, shortest + 20]))
         spiking = draw(st.sampled_from([name for name in net.populations if name != "current"]))
         source = {"dopamine": spiking, "dopamine_delay": late * net.resolution}
+        if net.populations[spiking].shape == net.populations[post].shape and draw(st.booleans()):
+            source["dopamine_rule"] = "one_to_one"
     step = draw(st.sampled_from([0.01, 0.3])) * w_max
     return stdp_dopa(
         A_plus=step,
@@ -189,6 +230,7 @@ def synapses(draw: st.DrawFn, net: Network, post: str, shortest: int, interval: 
         tau_c=draw(st.sampled_from([1000.0, 10.0])),
         tau_n=draw(st.sampled_from([200.0, 5.0])),
         b=draw(st.sampled_from([0.0, 0.02, -0.01])),
+        Wmin=draw(st.sampled_from([0.0, 0.0, -0.5, 0.3])) * w_max,
         Wmax=w_max,
         deliver_interval=interval,
         **source,
@@ -200,8 +242,9 @@ def _pair_rules(draw: st.DrawFn, w_max: float) -> Synapse:
     """A rule of pairs or triplets, or of short-term plasticity; some inhibit."""
     signed, step = w_max * draw(st.sampled_from([1.0, -1.0])), draw(st.sampled_from([0.01, 0.5]))
     tau = draw(st.sampled_from([20.0, 2.0]))
-    mus = {"mu_plus": draw(st.sampled_from(MUS)), "mu_minus": draw(st.sampled_from(MUS))}
-    pairs: dict[str, Any] = {"lambda_": step, "alpha": 1.1, "tau_plus": tau, "Wmax": signed, **mus}
+    mus = {word: _each(draw, draw(st.sampled_from(MUS))) for word in ("mu_plus", "mu_minus")}
+    pairs: dict[str, Any] = {"lambda_": _each(draw, step), "alpha": _each(draw, 1.1), "tau_plus": tau, "Wmax": signed}
+    pairs |= mus
     a = step * w_max
     match draw(st.integers(0, 6)):
         case 0:
@@ -213,10 +256,11 @@ def _pair_rules(draw: st.DrawFn, w_max: float) -> Synapse:
         case 3:
             return stdp_pl_hom(lambda_=step, alpha=0.1, tau_plus=tau, mu=draw(st.sampled_from([0.4, 1.0])))
         case 4:
-            return vogels_sprekeler(tau=tau, eta=a, Wmax=signed)
+            return vogels_sprekeler(tau=tau, eta=_each(draw, a), Wmax=signed)
         case 5:
             u, fac = draw(st.sampled_from([0.1, 0.8])), draw(st.sampled_from([0.0, 50.0]))
-            return tsodyks2(U=u, tau_rec=draw(st.sampled_from([800.0, 10.0])), tau_fac=fac)
+            return tsodyks2(U=_each(draw, u), tau_rec=draw(st.sampled_from([800.0, 10.0])), tau_fac=fac)
     slow = {"tau_plus": tau, "tau_plus_triplet": draw(st.sampled_from([100.0, 2.0]))}
-    sizes = {"Aplus": 0.5 * a, "Aplus_triplet": 0.2 * a, "Aminus": 0.6 * a, "Aminus_triplet": 0.2 * a}
+    shares = {"Aplus": 0.5, "Aplus_triplet": 0.2, "Aminus": 0.6, "Aminus_triplet": 0.2}
+    sizes = {word: _each(draw, share * a) for word, share in shares.items()}
     return stdp_triplet(**sizes, **slow, Wmax=signed)

@@ -1,8 +1,8 @@
 """Random small networks that are run, steered and read on the way, for hypothesis: what NEST, too, can do.
 
 Everything is drawn wider than a modeller would: time constants that nearly equal, thresholds that are met exactly,
-silence of 10,000 steps, delays of 1 step and of 60, synapses of a neuron onto itself and several between two, weights
-at their bounds. Needs the package hypothesis, which only tests install.
+silence of 10,000 steps, delays of 1 step and of 150, synapses of a neuron onto itself and several between two, weights
+at their bounds; resets and returns to a saved state. Needs the package hypothesis, which only tests install.
 """
 
 from __future__ import annotations
@@ -11,6 +11,8 @@ from collections import Counter
 from collections.abc import Callable, Iterator, Sequence, Set
 from copy import copy
 from dataclasses import dataclass, fields, replace
+from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import Any, TypeVar
 
 import numpy as np
@@ -20,12 +22,12 @@ from neuro.core.choice import Choice
 from neuro.core.quantities import word_of
 from neuro.model.distributions import uniform
 from neuro.model.network import Network
-from neuro.model.neurons import INTEGRATED, dc_generator, parrot_neuron, poisson_generator, spike_generator
+from neuro.model.neurons import INTEGRATED, parrot_neuron, poisson_generator, spike_generator
 from neuro.model.parts import Projection
 from neuro.model.rules import Rule, all_to_all, fixed_indegree, one_to_one, pairs
 from neuro.run.simulation import Simulation
 from neuro.testing.case import Found, run_on
-from neuro.testing.scenario_parts import PLAIN, cells, changes, kick, synapses
+from neuro.testing.scenario_parts import PLAIN, cells, changes, changes_of_currents, currents, kick, synapses
 
 SILENCE = 10_000
 """Steps of a long silence."""
@@ -48,6 +50,9 @@ FIXED = {"Wmin", "Wmax", "deliver_interval", "mu_plus", "mu_minus", "mu", "pre_a
 STEEP = {"hh_psc_alpha": 1e-6, "aeif_cond_exp": 1e-4, "aeif_psc_exp": 1e-4}
 """What V_m may differ by, mV, where it rises steeply within an adaptive step, so that rounding grows."""
 
+MANY = 400
+"""The most synapses of an `all_to_all`."""
+
 C = TypeVar("C", bound=Choice)
 
 RESOLUTIONS = (0.05, 0.1, 0.2, 0.5, 1.0)
@@ -63,12 +68,29 @@ class Act:
 
     def on(self, sim: Simulation) -> None:
         """Do it; times of spikes are counted from the present."""
-        arguments = list(self.arguments)
-        if self.method == "inject":
+        method, arguments = self.method, list(self.arguments)
+        if method == "inject":
             population, ahead, ids = arguments
             now = round(sim.time / sim.program.resolution)
             arguments = [population, (np.array(ahead) + now) * sim.program.resolution, list(ids)]
-        getattr(sim, self.method)(*arguments, **dict(self.values))
+        elif method == "spread":
+            projection, weight = arguments
+            size = next(part.size for part in sim.program.projections if part.name == projection)
+            method, arguments = "set_weights", [projection, weight * np.linspace(-0.5, 1.0, size)]
+        elif method == "return":
+            _return(sim, *arguments)
+            return
+        getattr(sim, method)(*arguments, **dict(self.values))
+
+
+def _return(sim: Simulation, steps: int) -> None:
+    """Save, run ahead, and return to what was saved; NEST, which cannot, stays where it is."""
+    if sim.backend == "nest":
+        return
+    with TemporaryDirectory() as folder:
+        sim.save(Path(folder) / "state.h5")
+        run_on(sim, steps * sim.program.resolution)
+        sim.restore(Path(folder) / "state.h5")
 
 
 @dataclass(frozen=True, slots=True)
@@ -77,17 +99,23 @@ class Scenario:
 
     Attributes:
         grain: steps of which all moments are a multiple: NEST brings synapses under dopamine up to date on this grid.
+        threads: of the backends that have some.
+        refused: whether NEST refuses an act: then only the reference judges.
     """
 
     net: Network
     seed: int
     grain: int
     parts: tuple[tuple[tuple[Act, ...], int], ...]
+    threads: int = 1
+    refused: bool = False
 
     @property
     def judges(self) -> tuple[str, ...]:
         """The backends that tell what is right. The reference takes minutes where neurons are integrated."""
         integrated = any(isinstance(part.model, INTEGRATED) for part in self.net.populations.values())
+        if self.refused:
+            return ("reference",)
         return ("nest",) if integrated else ("reference", "nest")
 
     def play(self, sim: Simulation) -> Iterator[Simulation]:
@@ -128,10 +156,11 @@ def scenarios(draw: st.DrawFn) -> Scenario:
     net = Network("random", resolution=h)
     _add_sources(draw, net)
     names, kinds = [f"cells{index}" for index in range(draw(st.integers(1, 3)))], PLAIN
-    if draw(st.booleans()):
+    refused = draw(st.integers(0, 5)) == 4
+    if not refused and draw(st.booleans()):
         kinds += INTEGRATED
     for name in names:
-        net.population(name, draw(st.integers(1, 5)), draw(cells(h, kinds)))
+        net.population(name, draw(_sizes()), draw(cells(h, kinds)))
     _drive(draw, net, names, shortest)
     for name in names:
         if draw(st.booleans()):
@@ -140,13 +169,19 @@ def scenarios(draw: st.DrawFn) -> Scenario:
         _connect(draw, net, names, shortest, interval)
     grain = shortest * interval
     parts = [
-        (_acts(draw, net, names), grain * draw(st.integers(1, -(-90 // grain)))) for _ in range(draw(st.integers(1, 4)))
+        (_acts(draw, net, names, refused), grain * draw(st.integers(1, -(-90 // grain))))
+        for _ in range(draw(st.integers(1, 4)))
     ]
     if draw(st.integers(0, 11)) == 7:  # the simplest draws, which come first, have none
         hush = Act("set", ("noise",), (("rate", 0.0),))
         rouse = Act("inject", ("listed", tuple(range(2, 30)), tuple(k % 3 for k in range(28))))
         parts += [((hush,), SILENCE // grain * grain), ((rouse,), grain * -(-60 // grain))]
-    return Scenario(net, draw(st.integers(0, 99)), grain, tuple(parts))
+    return Scenario(net, draw(st.integers(0, 99)), grain, tuple(parts), draw(st.integers(1, 2)), refused)
+
+
+def _sizes() -> st.SearchStrategy[int]:
+    """Mostly a few neurons; some are more than a block of the event backend."""
+    return st.one_of(st.integers(1, 5), st.integers(1, 5), st.sampled_from([3, 9, 30, 70]))
 
 
 def _add_sources(draw: st.DrawFn, net: Network) -> None:
@@ -156,8 +191,7 @@ def _add_sources(draw: st.DrawFn, net: Network) -> None:
     net.population("noise", 3, poisson_generator(rate=per_step * 1000.0 / h))
     rows = draw(st.lists(st.lists(st.integers(1, 90), max_size=8), min_size=3, max_size=3))
     net.population("listed", 3, spike_generator(spike_times=[[k * h for k in sorted(row)] for row in rows]))
-    start, length = draw(st.integers(0, 20)), draw(st.integers(0, 200))
-    net.population("current", 2, dc_generator(amplitude=1.0, start=start * h, stop=(start + length) * h))
+    net.population("current", 2, draw(currents(h)))
     net.population("relay", 3, parrot_neuron())
 
 
@@ -178,7 +212,7 @@ def _drive(draw: st.DrawFn, net: Network, names: list[str], shortest: int) -> No
 
 @st.composite
 def _delays(draw: st.DrawFn, h: float, shortest: int) -> Any:
-    steps = draw(st.one_of(st.integers(shortest, shortest + 4), st.integers(shortest, 60)))
+    steps = draw(st.one_of(st.integers(shortest, shortest + 4), st.integers(shortest, 60), st.integers(61, 150)))
     return draw(st.sampled_from([steps * h, uniform(low=shortest * h, high=(steps + 1) * h)]))
 
 
@@ -186,8 +220,10 @@ def _delays(draw: st.DrawFn, h: float, shortest: int) -> Any:
 def _rules(draw: st.DrawFn, n_pre: int, n_post: int) -> Rule:
     ids = st.tuples(st.integers(0, n_pre - 1), st.integers(0, n_post - 1))
     listed = draw(st.lists(ids, min_size=1, max_size=10))
-    choices = [all_to_all(), fixed_indegree(n=draw(st.integers(1, 4)))]
+    choices: list[Rule] = [fixed_indegree(n=draw(st.integers(1, 4)))]
     choices.append(pairs(pre=[pre for pre, _ in listed], post=[post for _, post in listed]))
+    if n_pre * n_post <= MANY:  # the reference takes long
+        choices.insert(0, all_to_all())
     return draw(st.sampled_from([*choices, one_to_one()] if n_pre == n_post else choices))
 
 
@@ -197,12 +233,13 @@ def _connect(draw: st.DrawFn, net: Network, names: list[str], shortest: int, int
     parrots = [name for name, part in net.populations.items() if part.model.name == "parrot_neuron"]
     deaf = ["current", *(parrots if post in parrots else [])]
     pre = draw(st.sampled_from([name for name in net.populations if name not in deaf]))
-    synapse = draw(synapses(net, post, shortest, interval))
+    synapse = draw(synapses(net, (pre, post), shortest, interval))
     unit = 0.5 * kick(net, post)
     weight: Any = draw(st.sampled_from([unit, -unit, 0.0, uniform(low=-unit, high=unit)]))
     if synapse.learns:
         w_max = float(synapse.parameters().get("Wmax", unit))
         none = 0.0 if w_max > 0.0 else 1e-3 * w_max  # NEST refuses 0 where Wmax is below it
+        none = float(synapse.parameters().get("Wmin", none))
         low, high = sorted((none, w_max))
         weight = draw(st.sampled_from([none, w_max, 0.5 * w_max, uniform(low=low, high=high)]))
     rule = draw(_rules(*(int(net.populations[name].shape[0]) for name in (pre, post))))
@@ -211,14 +248,14 @@ def _connect(draw: st.DrawFn, net: Network, names: list[str], shortest: int, int
     )
 
 
-def _acts(draw: st.DrawFn, net: Network, names: list[str]) -> tuple[Act, ...]:
-    """Up to four changes between two runs."""
-    return tuple(_act(draw, net, names) for _ in range(draw(st.integers(0, 4))))
+def _acts(draw: st.DrawFn, net: Network, names: list[str], refused: bool) -> tuple[Act, ...]:
+    """Up to four changes between two runs; of those that NEST refuses only if asked."""
+    return tuple(_act(draw, net, names, refused) for _ in range(draw(st.integers(0, 4))))
 
 
-def _act(draw: st.DrawFn, net: Network, names: list[str]) -> Act:
+def _act(draw: st.DrawFn, net: Network, names: list[str], refused: bool) -> Act:
     name = draw(st.sampled_from(names))
-    match draw(st.integers(0, 5)):
+    match draw(st.integers(0, 8)):
         case 0:
             ahead = draw(st.lists(st.integers(1, 100), min_size=1, max_size=6))
             return Act("inject", ("listed", tuple(ahead), tuple(k % 3 for k in ahead)))
@@ -230,10 +267,36 @@ def _act(draw: st.DrawFn, net: Network, names: list[str]) -> Act:
             fixed = [p.name for p in net.projections.values() if not p.synapse.learns]
             chosen = net.projections[draw(st.sampled_from(fixed))]
             unit = 1.0 if chosen.source == "current" else kick(net, chosen.target)
-            return Act("set_weights", (chosen.name, draw(st.sampled_from([0.0, 0.4, 1.0])) * unit))
-        case 4:
-            return Act("set", ("current",), (("amplitude", draw(st.sampled_from([0.0, 300.0, -2.0]))),))
+            how = draw(st.sampled_from(["set_weights", "set_weights", "spread"]))
+            return Act(how, (chosen.name, draw(st.sampled_from([0.0, 0.4, 1.0])) * unit))
+        case 4 if choices := changes_of_currents(net.populations["current"].model):
+            word = draw(st.sampled_from(list(choices)))
+            return Act("set", ("current",), ((word, draw(st.sampled_from(choices[word]))),))
+        case 5:
+            return Act("return", (draw(st.integers(1, 30)),))
+        case 6:
+            return Act("reset", (draw(st.booleans()),))
+        case 7 if learning := _learning(net, refused):
+            return _other_synapses(draw, net.projections[draw(st.sampled_from(learning))])
     return _change(draw, net, name)
+
+
+def _learning(net: Network, refused: bool) -> list[str]:
+    """The projections whose weights and numbers may be set on the way: in NEST of those under dopamine only."""
+    learning = [part for part in net.projections.values() if part.synapse.learns]
+    return [part.name for part in learning if refused or part.synapse.modulated]
+
+
+def _other_synapses(draw: st.DrawFn, part: Projection) -> Act:
+    """Weights or a number of the rule of synapses that learn."""
+    words = part.synapse.parameters()
+    numbers = [word for word in ("lambda_", "A_plus", "A_minus", "tau_plus", "tau_c", "tau_n", "b", "U") if word in words]
+    if numbers and draw(st.booleans()):
+        word = draw(st.sampled_from(numbers))
+        value = 0.5 * words[word] if isinstance(words[word], float) else 0.25
+        return Act("set", (part.name,), ((word, value),))
+    high = float(words.get("Wmax", 1.0))
+    return Act("set_weights", (part.name, draw(st.sampled_from([0.5, 1.0])) * high))
 
 
 def _change(draw: st.DrawFn, net: Network, name: str) -> Act:
@@ -290,7 +353,7 @@ def _moved_projection(part: Projection, rng: np.random.Generator) -> Projection:
 
 
 def _moved_act(act: Act, rng: np.random.Generator) -> Act:
-    if act.method in ("set_weights", "signal"):
+    if act.method in ("set_weights", "spread", "signal"):
         name, value = act.arguments
         return replace(act, arguments=(name, _off(value, rng)))
     values = tuple((word, _off(value, rng) if word in ELECTRIC else value) for word, value in act.values)
