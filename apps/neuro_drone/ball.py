@@ -15,7 +15,7 @@ from neuro_drone.hop import hop
 from neuro_drone.paths import FIXED, Path, Variation, star
 from neuro_drone.scenario import Ball
 from neuro_drone.scene import Scene
-from neuro_drone.tasks import FARTHEST, Judged, border
+from neuro_drone.tasks import FARTHEST, LARGEST_ERROR, NEARER, Judged, border
 
 __all__ = ["BallTask"]
 
@@ -23,8 +23,6 @@ PIECES = 100
 NEAR = 0.05
 WINDOW = 10
 COVERED = 0.8
-LARGEST_ERROR = 20.0
-NEARER = 0.75
 SPREAD = 50.0
 TRIES = 1000
 FARTHEST_START = 10.0

@@ -11,7 +11,7 @@ from neuro_drone.geometry import AIM, Pose, View
 from neuro_drone.paths import FIXED, Variation, hexagon
 from neuro_drone.scenario import Line
 from neuro_drone.scene import Scene
-from neuro_drone.tasks import FARTHEST, Judged, border
+from neuro_drone.tasks import FARTHEST, LARGEST_ERROR, NEARER, Judged, border
 
 __all__ = ["LineTask"]
 
@@ -20,6 +20,11 @@ SPREAD_DEGREES = 15.0
 ALONG = radians(45.0)
 SLOWEST = 1.5
 SIDES = 6
+EVENLY = radians(15.0)
+"""How far a heading that turns evenly is off those of the sides, on average: 30 degrees at the corners, 0 half way.
+
+A quarter of the mean turn at a corner; of a hexagon that is stretched it is more.
+"""
 
 
 class LineTask:
@@ -31,9 +36,16 @@ class LineTask:
 
     Progress is that of the point of the hexagon nearest to where the camera aims: ways back are taken off, ways
     forward are added once the heading is within 45 degrees of the side's direction of travel, if that takes no more
-    than half a side. A lap counts when the progress is the whole hexagon and the heading is 360 degrees, 45 more or
-    less, beyond that of the first side, in the direction of travel. After 1.5 times the time that a lap takes along
-    the line the episode ends without one.
+    than half a side. A lap counts when
+
+    - the progress is the whole hexagon, and the line was never lost,
+    - the heading is 360 degrees, 45 more or less, beyond that of the first side, in the direction of travel,
+    - after the first tenth the line was, on average, at most 20 px beside the middle,
+    - and the heading at most 11.25 degrees off that of the nearest side: 3/4 of the 15 degrees of one that turns
+      evenly.
+
+    So one action all the time does not score, though its circle may stay within 5 px of the line (the last).
+    After 1.5 times the time that a lap takes along the line the episode ends without one.
 
     Args:
         line: path, speed and width.
@@ -59,6 +71,7 @@ class LineTask:
         self._place: float | None = None
         self._last = (0.0, 0.0)
         self.way = self.time = 0.0
+        self._sum, self._off, self._count = 0.0, 0.0, 0
 
     def reset(
         self,
@@ -116,15 +129,19 @@ class LineTask:
         if u == inf:
             (u, _), lean = border(self._last), self._last[1]
         lost = not view.sees(u, AIM)
-        self._go(view, pose.yaw)
+        off = self._go(view, pose.yaw)
+        progress = max(0.0, min(1.0, self.way / SIDES))
+        du, _ = self._last = (u - AIM, lean)
+        if progress > 0.1:
+            self._sum += abs(du)
+            self._off += abs(off)
+            self._count += 1
         turned = (pose.yaw - self._headings[0]) * self.direction
         whole = self.way >= SIDES
-        lap = whole and not lost and abs(turned - 2.0 * pi) <= ALONG
+        lap = whole and not lost and abs(turned - 2.0 * pi) <= ALONG and self._follows()
         done = whole or self.time > SLOWEST * self.path.length / self.forward
-        du, _ = self._last = (u - AIM, lean)
         reward = 0.0 if lost else 1.0 - 0.5 * (abs(du) / FARTHEST + abs(lean) / 90.0)
         scaled = (max(-1.0, min(1.0, du / 64.0)), lean / 90.0)
-        progress = max(0.0, min(1.0, self.way / SIDES))
         return Judged((u, AIM), (du, lean), scaled, abs(du), reward, progress, lost, done, lap)
 
     def _crossing(self, view: View) -> tuple[float, float]:
@@ -146,22 +163,24 @@ class LineTask:
                 best, lean = u, degrees(atan2(up * (u1 - u), up * (v - v1)))
         return best, lean
 
-    def _go(self, view: View, yaw: float) -> None:
-        """Take account of the way made since the last moment."""
+    def _follows(self) -> bool:
+        return self._sum <= LARGEST_ERROR * self._count and self._off <= NEARER * EVENLY * self._count
+
+    def _go(self, view: View, yaw: float) -> float:
+        """Take account of the way made since the last moment; how far the heading is off the nearest side's."""
         aim = view.ground(AIM, AIM)
         if aim is None:
-            return
+            return pi
         place, side = self._nearest(*aim)
+        off = (yaw - self._headings[side] + pi) % (2.0 * pi) - pi
         if self._place is None:
             self._place = place
-            return
         way = (place - self._place + 0.5 * SIDES) % SIDES - 0.5 * SIDES
-        off = (yaw - self._headings[side] + pi) % (2.0 * pi) - pi
         leap = way > 0.5
-        if way > 0.0 and abs(off) > ALONG and not leap:
-            return  # it counts when the heading is right again
-        self.way += 0.0 if leap else way
-        self._place = place
+        if way <= 0.0 or abs(off) <= ALONG or leap:  # else it counts when the heading is right again
+            self.way += 0.0 if leap else way
+            self._place = place
+        return off
 
     def _nearest(self, x: float, y: float) -> tuple[float, int]:
         """Where on the hexagon the point nearest to a place is: sides from the first corner, and the side it is on."""

@@ -11,10 +11,16 @@ from neuro_drone.geometry import AIM, Pose, View
 from neuro_drone.paths import FIXED, Path, Variation
 from neuro_drone.scene import Scene
 
-__all__ = ["FARTHEST", "Judged", "Task", "border"]
+__all__ = ["FARTHEST", "LARGEST_ERROR", "NEARER", "Judged", "Task", "border"]
 
 FARTHEST = 64.5
 """Largest error that is still in the picture, px: from the aim to the right or the lower border."""
+
+LARGEST_ERROR = 20.0
+"""Mean distance of a target from the aim with which a lap still counts, px."""
+
+NEARER = 0.75
+"""What a lap needs at most of the mean error that is to be had without following, as a share of it."""
 
 
 def border(error: tuple[float, ...]) -> tuple[float, float]:
