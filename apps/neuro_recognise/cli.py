@@ -133,7 +133,7 @@ def predict(
     trained = Recogniser.load(model).changed(assignments(set))
     found, wrong = predict_files(trained, recordings, backend, allow, assurance)
     if found or json:
-        report.show_predicted(trained, found, json)
+        report.show_predicted(trained, found, json, allow)
     for error in wrong:
         typer.echo(f"error: {error}", err=True)
     if wrong:

@@ -1,5 +1,6 @@
 """When to stop: bounds from held-out decisions, rules for an allowed error, learning them, and their place in files."""
 
+import html
 from dataclasses import replace
 
 import hypothesis.strategies as st
@@ -25,6 +26,7 @@ from neuro_recognise.recogniser import Recogniser, fit, method_of
 from neuro_recognise.telling.predicted import predict_files
 
 N, K = 30, 4
+SAME = "an allowed error holds for recordings drawn like those that 'early' learnt from, with the same mix of classes"
 DECIDING = "deciding on recordings held out"
 NAN = float("nan")
 
@@ -53,6 +55,18 @@ def test_the_error_of_a_margin_is_that_of_all_as_large():
     assert [held.error(1000, m) for m in (1, 2, 3, 4, 5, 9)] == [3 / 8, 2 / 7, 2 / 7, 1 / 5, 1 / 5, 1 / 5]
     assert [held.error(1500, m) for m in (0.5, 1.5)] == [3 / 8, 3 / 8]
     assert np.isnan([held.error(999, 5), held.error(1000, NAN)]).all()
+
+
+def test_the_worst_class_is_the_most_that_another_mix_can_make_of_the_error():
+    rng = np.random.default_rng(3)
+    labels = rng.choice(3, 300, p=[0.6, 0.3, 0.1])
+    right = rng.random((300, 1)) > np.array([0.02, 0.1, 0.4])[labels][:, None]
+    found = outcome(Held(np.array([1000]), rng.random((300, 1)), right, labels), 0.15, 0.5)
+    each = [float((~right[labels == label]).mean()) for label in range(3)]
+    assert (found.worst, found.worst_error) == (2, max(each))
+    assert found.worst_interval[0] < found.worst_error < found.worst_interval[1]
+    assert found.error == pytest.approx(np.bincount(labels) @ each / 300)
+    assert outcome(held_of([[(1, 1)]] * 9), 0.3, 0.5).worst is None  # older files have no classes
 
 
 @given(HELD)
@@ -358,8 +372,16 @@ def test_commands(data, folder, tmp_path, monkeypatch):
     assert "24 recordings, each held out once" in learnt.output
     assert "with an assurance of 0.9 they support an allowed error of 9.2% or more" in learnt.output
     assert "rules of nine tenths of them, tried on the last, in the mean" in learnt.output
+    assert "of the worst class" in learnt.output
+    assert f"{SAME}; of another mix as many may be wrong as of the worst class" in " ".join(learnt.output.split())
     assert "with an assurance of 0.9 they support" in run.invoke(app, ["show", str(model)]).output
     assert sorted(one.name for one in tmp_path.iterdir() if one.is_file()) == ["m.h5"]
     told = run.invoke(app, ["predict", str(model), file, "--allow", "0.2", "--json"])
     assert '"class": "lying"' in told.output
     assert '"settled": true' in told.output
+    assert SAME not in told.output
+    told = run.invoke(app, ["predict", str(model), file, "--allow", "0.2"])
+    assert SAME in " ".join(told.output.split())
+    page = tmp_path / "page.html"
+    assert run.invoke(app, ["watch", str(model), file, "--allow", "0.2", "--out", str(page)]).exit_code == 0
+    assert SAME in html.unescape(page.read_text())

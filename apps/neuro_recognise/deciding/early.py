@@ -6,6 +6,7 @@ In the file of a recogniser:
 /early/times_us   moments since the first event, us
 /early/margins    (recordings, moments) of held-out recordings
 /early/right      (recordings, moments) whether the decision was right
+/early/labels     (recordings,) index of the class of each; older files have none
 /early/learnt/0   arrays and texts by name, of the first moment; and so on; none where all moments ask what was learnt
                   of whole recordings
 ```
@@ -46,6 +47,8 @@ class Early:
     def write(self, group: Any) -> None:
         """Put it into an open group of a file."""
         group["times_us"], group["margins"], group["right"] = self.held.times_us, self.held.margins, self.held.right
+        if self.held.labels is not None:
+            group["labels"] = self.held.labels
         for moment, learnt in enumerate(self.learnt):
             for name, part in learnt.items():
                 group[f"learnt/{moment}/{name}"] = part
@@ -53,7 +56,8 @@ class Early:
     @classmethod
     def read(cls, group: Any) -> Early:
         """What `write` put there."""
-        held = Held(group["times_us"][()], group["margins"][()], group["right"][()])
+        labels = group["labels"][()] if "labels" in group else None
+        held = Held(group["times_us"][()], group["margins"][()], group["right"][()], labels)
         several = group.get("learnt", {})
         learnt = tuple({name: part_of(data) for name, data in several[str(k)].items()} for k in range(len(several)))
         return cls(held, learnt)

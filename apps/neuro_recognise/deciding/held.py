@@ -35,11 +35,13 @@ class Held:
         times_us: (moments,) since the first event, ascending.
         margins: (recordings, moments), NaN where nothing was decided.
         right: (recordings, moments) whether the decision was right.
+        labels: (recordings,) index of the class of each; None if not known, as in older files.
     """
 
     times_us: Ints
     margins: Floats
     right: npt.NDArray[np.bool_]
+    labels: Ints | None = None
 
     def __len__(self) -> int:
         """The number of recordings."""
@@ -47,7 +49,8 @@ class Held:
 
     def take(self, chosen: Ints | npt.NDArray[np.bool_]) -> Held:
         """Some of the recordings."""
-        return Held(self.times_us, self.margins[chosen], self.right[chosen])
+        labels = None if self.labels is None else self.labels[chosen]
+        return Held(self.times_us, self.margins[chosen], self.right[chosen], labels)
 
     def error(self, after_us: int, margin: float) -> float:
         """How likely a decision of this margin is wrong, at the moment before a time.

@@ -121,16 +121,19 @@ def _decided(work: HeldOut, checkpoint: Checkpoint) -> Early:
     learnt: dict[str, Array] = dict(kept.get("learnt", {}))
     if not kept:  # before any other file, so that other options are refused by what they are called here
         checkpoint.keep(done=np.array(0), margins=found, right=right, learnt=learnt)
-    labels = np.broadcast_to(work.data.labels[:, None], shape)
+    labels = work.data.labels
     for k in range(int(kept.get("done", 0)), work.steps):
         work.report(Progress("deciding on recordings held out", k, work.steps))
         made = work.step(k)
         decided = choose(made.scores.reshape(-1, made.scores.shape[-1])).reshape(made.scores.shape[:-1])
-        found[made.where], right[made.where] = margins(made.scores), decided == labels[made.where]
+        found[made.where], right[made.where] = (
+            margins(made.scores),
+            decided == np.broadcast_to(labels[:, None], shape)[made.where],
+        )
         learnt |= {f"{k}.{name}": np.asarray(part) for name, part in made.learnt.items()}
         checkpoint.keep(done=np.array(k + 1), margins=found, right=right, learnt=learnt)
     work.report(Progress("deciding on recordings held out", work.steps, work.steps))
-    return Early(Held(work.times, found, right), _by_moment(learnt, len(work.times)) if learnt else ())
+    return Early(Held(work.times, found, right, labels), _by_moment(learnt, len(work.times)) if learnt else ())
 
 
 def _by_moment(kept: Mapping[str, Array], moments: int) -> tuple[Learnt, ...]:

@@ -7,22 +7,40 @@ most the allowed share of all recordings is decided wrongly.
 Held-out recordings are judged by what the others tell of margins, so no decision vouches for itself. Levels are tried
 from the strictest on, and the first whose bound on the error exceeds what is allowed ends it: so trying many does not
 weaken the assurance (fixed sequence testing: Angelopoulos et al., Learn then Test, arXiv 2110.01052, 2021).
+
+All of this is of the mean over recordings drawn like those that were held out. It promises nothing of each class, so
+with another mix of classes more may be wrong, at most as many as of the worst class (`Outcome.worst`).
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
+import numpy.typing as npt
 
 from neuro import ModelError
 from neuro_recognise.deciding.held import Held
 from neuro_recognise.shown import Floats, Ints
 
-__all__ = ["ASSURANCE", "Outcome", "Rule", "least_allowed", "outcome", "stopped", "stopping_rule", "upper_bound"]
+__all__ = [
+    "ASSUMES",
+    "ASSURANCE",
+    "Outcome",
+    "Rule",
+    "least_allowed",
+    "outcome",
+    "stopped",
+    "stopping_rule",
+    "upper_bound",
+]
 
 ASSURANCE = 0.9
 """By default one rule in ten may be wrong more often than allowed."""
+ASSUMES = (
+    "an allowed error holds for recordings drawn like those that 'early' learnt from, with the same mix of classes"
+)
+"""What the bound assumes, for people."""
 NEVER = -1.0
 """The strictest level: all are decided at their end."""
 LEVELS = 60
@@ -57,11 +75,17 @@ class Outcome:
         error: share of wrong decisions.
         interval: its 95 % interval (Clopper and Pearson).
         mean_ms: when was decided.
+        worst: index of the class of which most are wrong, as a share; None where classes are not known.
+        worst_error: that share, the largest that another mix of the same classes can make of `error`.
+        worst_interval: its 95 % interval.
     """
 
     error: float
     interval: tuple[float, float]
     mean_ms: float
+    worst: int | None = None
+    worst_error: float = float("nan")
+    worst_interval: tuple[float, float] = (0.0, 1.0)
 
 
 def stopping_rule(held: Held, allowed: float, assurance: float = ASSURANCE) -> Rule:
@@ -102,9 +126,12 @@ def outcome(held: Held, allowed: float, assurance: float = ASSURANCE) -> Outcome
     at = np.empty(len(held), np.int64)
     for own, others in held.parts:
         at[own] = stopped(others.errors(held.margins[own]), _level(others, allowed, assurance))
-    wrong, n = _wrong(held, at), len(held)
-    low = 1.0 - upper_bound(n - wrong, n, 0.975)
-    return Outcome(wrong / n, (low, upper_bound(wrong, n, 0.975)), float(held.times_us[at].mean()) / 1000.0)
+    wrong = ~held.right[np.arange(len(at)), at]
+    found = Outcome(*_share(wrong), float(held.times_us[at].mean()) / 1000.0)
+    if held.labels is None:
+        return found
+    error, worst = max((float(wrong[held.labels == label].mean()), int(label)) for label in np.unique(held.labels))
+    return replace(found, worst=worst, worst_error=error, worst_interval=_share(wrong[held.labels == worst])[1])
 
 
 def stopped(errors: Floats, level: float) -> Ints:
@@ -147,6 +174,12 @@ def _level(held: Held, allowed: float, assurance: float) -> float:
 def _wrong(held: Held, at: Ints) -> int:
     """How many are decided wrongly at these moments."""
     return int(np.count_nonzero(~held.right[np.arange(len(at)), at]))
+
+
+def _share(wrong: npt.NDArray[np.bool_]) -> tuple[float, tuple[float, float]]:
+    """Of wrong decisions, and its 95 % interval."""
+    k, n = int(np.count_nonzero(wrong)), len(wrong)
+    return k / n, (1.0 - upper_bound(n - k, n, 0.975), upper_bound(k, n, 0.975))
 
 
 def _check_shares(allowed: float, assurance: float) -> None:

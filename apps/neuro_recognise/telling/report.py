@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from neuro.apps import console, install, number, table, write_picture
-from neuro_recognise.deciding.stopping import ASSURANCE, Outcome, least_allowed, outcome
+from neuro_recognise.deciding.stopping import ASSUMES, ASSURANCE, Outcome, least_allowed, outcome
 from neuro_recognise.evaluate import Evaluation
 from neuro_recognise.method import METHODS, SILENT
 from neuro_recognise.recogniser import Recogniser, method_of
@@ -87,8 +87,10 @@ def show(recogniser: Recogniser, tried: Tried) -> None:
     out.print(table(columns, cells, title=f"decided by {name}"))
 
 
-def show_predicted(recogniser: Recogniser, predicted: list[Predicted], as_json: bool) -> None:
-    """Print what is said of files, as a table or as JSON."""
+def show_predicted(
+    recogniser: Recogniser, predicted: list[Predicted], as_json: bool, allow: float | None = None
+) -> None:
+    """Print what is said of files, as a table or as JSON; with an allowed error what that assumes, beside a table."""
     if as_json:
         print(json.dumps([_words(recogniser, one) for one in predicted], indent=1))
         return
@@ -100,6 +102,8 @@ def show_predicted(recogniser: Recogniser, predicted: list[Predicted], as_json: 
         told = "-" if one.label == SILENT else ", ".join(f"{which} {number(score)}" for which, score in best)
         rows.append((one.path, name, when, told))
     console().print(table(("recording", "class", ">decided after", "scores"), rows))
+    if allow is not None:
+        console().print(ASSUMES)
 
 
 def show_early(recogniser: Recogniser, assurance: float = ASSURANCE) -> None:
@@ -120,15 +124,23 @@ def show_early(recogniser: Recogniser, assurance: float = ASSURANCE) -> None:
     least = least_allowed(held, assurance)
     out.print(f"with an assurance of {assurance:g} they support an allowed error of {least:.1%} or more")
     if supported := [allowed for allowed in ALLOWED if allowed >= least]:
-        heads = (">--allow", ">decided after", ">wrong", ">95 % interval")
-        rules = [_tried_out(allowed, outcome(held, allowed, assurance)) for allowed in supported]
+        heads = (">--allow", ">decided after", ">wrong", ">95 % interval", ">of the worst class", ">95 % interval")
+        rules = [_tried_out(recogniser, allowed, outcome(held, allowed, assurance)) for allowed in supported]
         out.print("rules of nine tenths of them, tried on the last, in the mean")
         out.print(table(heads, rules))
+    out.print(f"{ASSUMES}; of another mix as many may be wrong as of the worst class")
 
 
-def _tried_out(allowed: float, found: Outcome) -> tuple[str, ...]:
-    low, high = found.interval
-    return f"{allowed:.1%}", f"{found.mean_ms:.0f} ms", f"{found.error:.1%}", f"{low:.1%} to {high:.1%}"
+def _tried_out(recogniser: Recogniser, allowed: float, found: Outcome) -> tuple[str, ...]:
+    shares = f"{found.error:.1%}", _interval(found.interval)
+    of_class = "-", "-"
+    if found.worst is not None:
+        of_class = f"{recogniser.classes[found.worst]}: {found.worst_error:.1%}", _interval(found.worst_interval)
+    return f"{allowed:.1%}", f"{found.mean_ms:.0f} ms", *shares, *of_class
+
+
+def _interval(ends: tuple[float, float]) -> str:
+    return f"{ends[0]:.1%} to {ends[1]:.1%}"
 
 
 def write_confusion(tried: Tried, folder: Path) -> None:

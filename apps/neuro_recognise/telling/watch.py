@@ -20,7 +20,7 @@ from neuro import ModelError
 from neuro.apps import html, output, sealed
 from neuro.events import Events, load
 from neuro_recognise.deciding.session import Decision
-from neuro_recognise.deciding.stopping import ASSURANCE
+from neuro_recognise.deciding.stopping import ASSUMES, ASSURANCE
 from neuro_recognise.method import SILENT
 from neuro_recognise.recogniser import Recogniser
 from neuro_recognise.views import Pictures, Trials, View
@@ -146,7 +146,7 @@ def page(
     data = seen | _said(recogniser, said) | {"views": [_view(one) for one in views]}
     return filled(
         f"{title} by {recogniser.method.called()}",
-        [told(recogniser, said, allow), recogniser.method.title, *about],
+        [told(recogniser, said, allow), recogniser.method.title, *about, *([] if allow is None else [ASSUMES])],
         data,
     )
 
