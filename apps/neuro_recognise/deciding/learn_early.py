@@ -126,10 +126,8 @@ def _decided(work: HeldOut, checkpoint: Checkpoint) -> Early:
         work.report(Progress("deciding on recordings held out", k, work.steps))
         made = work.step(k)
         decided = choose(made.scores.reshape(-1, made.scores.shape[-1])).reshape(made.scores.shape[:-1])
-        found[made.where], right[made.where] = (
-            margins(made.scores),
-            decided == np.broadcast_to(labels[:, None], shape)[made.where],
-        )
+        found[made.where] = margins(made.scores)
+        right[made.where] = decided == np.broadcast_to(labels[:, None], shape)[made.where]
         learnt |= {f"{k}.{name}": np.asarray(part) for name, part in made.learnt.items()}
         checkpoint.keep(done=np.array(k + 1), margins=found, right=right, learnt=learnt)
     work.report(Progress("deciding on recordings held out", work.steps, work.steps))
