@@ -109,6 +109,7 @@ def _train(
 ) -> None:
     """One training, its network, its page and its tests."""
     from neuro_train import telling
+    from neuro_train.room import rooms
     from neuro_train.tested import by_module, on_backend
     from neuro_train.trainer import begun, learn
 
@@ -118,15 +119,18 @@ def _train(
         checkpoint = begun(net, out, shown, plan)
         trained = learn(net, shown, plan, checkpoint, lambda epoch, noted: _tell(bar, plan, epoch, noted))
         trained.net.save(out)
+        targets = [plan.chip] if plan.bits else []
+        targets += [] if other is None else backends
+        room = [one for target in dict.fromkeys(targets) for one in rooms(trained.net, target, shown, plan)]
         tried = []
         if other is not None:
             bar.say("testing")
             tried = [by_module(trained.module, other, plan)]
             words = (other, plan, lambda what, done, n: bar.show(done, n, what))
-            tried += [on_backend(trained.net, backend, *words) for backend in backends]
-        telling.write(page, plan, trained, tried, len(shown))
+            tried += [on_backend(trained.net, backend, *words, room) for backend in backends]
+        telling.write(page, plan, trained, tried, len(shown), room)
         checkpoint.remove()
-    telling.show(tried)
+    telling.show(tried, room)
     noted = trained.curves
     if plan.epochs:
         told = f"loss {noted['loss'][-1]:.4g}, {noted['right'][-1]:.1%} of {len(shown)} right"

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
@@ -14,6 +15,7 @@ import neuro
 from neuro.apps import kept_json, sealed, write_text
 from neuro_train.data import Shown
 from neuro_train.plan import Plan
+from neuro_train.room import rooms
 from neuro_train.tested import by_module, on_backend
 from neuro_train.trainer import begun, identity, learn
 
@@ -46,8 +48,8 @@ def cross_validate(
         report: is told how far it is.
 
     Returns:
-        Of each fold `n`, `right` by backend, `equal` decisions by backend, overflows and joules by chip, and seconds of
-        one core.
+        Of each fold `n`, `right` by backend, `equal` decisions by backend, overflows and joules by chip, `room` in
+        registers, and seconds of one core.
     """
     return [_fold(net, shown, k, parts, len(folds), plan, backends, out, report) for k, parts in enumerate(folds)]
 
@@ -75,16 +77,19 @@ def _fold(
     def tell(epoch: int, noted: Mapping[str, float]) -> None:
         report(f"{name}: learning, {noted.get('right', 0.0):.1%} right", epoch, plan.epochs)
 
-    trained = learn(net, shown.take(parts[0]), plan, checkpoint, tell)
+    learnt_from = shown.take(parts[0])
+    trained = learn(net, learnt_from, plan, checkpoint, tell)
     trained.net.save(own)
+    room = [one for name in dict.fromkeys(backends) for one in rooms(trained.net, name, learnt_from, plan)]
     unseen = shown.take(parts[1])
     tried = [by_module(trained.module, unseen, plan)]
-    tried += [on_backend(trained.net, backend, unseen, plan) for backend in backends]
+    tried += [on_backend(trained.net, backend, unseen, plan, room=room) for backend in backends]
     told = {"format": FORMAT, "of": of, "n": len(unseen), "cpu_s": trained.cpu_s}
     told |= {"right": {one.backend: one.own.correct for one in tried}}
     told |= {"equal": {one.backend: one.agrees(tried[0]) for one in tried}}
     told |= {"same_spikes": {one.backend: one.same_spikes(tried[0]) for one in tried}}
     told |= {"overflows": {one.backend: one.overflows for one in tried if one.overflows}}
+    told |= {"room": [asdict(one) for one in room]}
     told |= {"joules": {one.backend: one.bill.total_j for one in tried if one.bill}}
     write_text(file, json.dumps(told, indent=1), RESULT)
     checkpoint.remove()

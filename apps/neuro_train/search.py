@@ -27,6 +27,7 @@ from neuro_train import overflows
 from neuro_train.data import but, show
 from neuro_train.front import Place
 from neuro_train.plan import Plan
+from neuro_train.room import rooms
 from neuro_train.space import Space, parted
 from neuro_train.tested import on_backend
 from neuro_train.trainer import begun, identity, learn, module_of
@@ -176,7 +177,8 @@ def point(
     checkpoint = begun(net, out, mine, told, which)
     trained = learn(net, mine, told, checkpoint)
     trained.net.save(out)
-    tried = on_backend(trained.net, told.chip, shown.take(judged), told)
+    room = rooms(trained.net, told.chip, mine, told)
+    tried = on_backend(trained.net, told.chip, shown.take(judged), told, room=room)
     overflows.tell(told.chip, tried.overflows, len(judged))
     if tried.bill is None:
         raise ModelError(f"{told.chip}: has no costs: expected a chip that has")

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -13,6 +14,7 @@ from neuro.apps import console, html, quantity, sealed, table, write_text
 from neuro.chips import footnotes
 from neuro_recognise.evaluate import wilson
 from neuro_train import overflows
+from neuro_train.room import MARGIN, Room, told
 from neuro_train.tested import Tried
 
 if TYPE_CHECKING:
@@ -34,6 +36,11 @@ ABOUT = (
     "recording, the mean: counts times published figures. The host that sends the events is not in the bill. The first "
     "spike of the output is told in the network's time."
 )
+ROOM = (
+    "The largest input of any neuron in a step, of the recordings learnt from, as a share of its register; 100 % "
+    f"wraps. Scales are halved until it fits {MARGIN:g} times or a weight would lose a bit; neuro.compile takes them "
+    "as scales={...}."
+)
 
 
 def rows(tried: Sequence[Tried]) -> list[tuple[str, ...]]:
@@ -50,8 +57,10 @@ def rows(tried: Sequence[Tried]) -> list[tuple[str, ...]]:
     return found
 
 
-def show(tried: Sequence[Tried]) -> None:
-    """Print a row for each backend, and what is assumed in the bills; warn of what overflowed."""
+def show(tried: Sequence[Tried], room: Sequence[Room] = ()) -> None:
+    """Print the room in registers, a row for each backend, and what the bills assume; warn of what overflowed."""
+    for line in told(room):
+        print(f"- {line}")
     if not tried:
         return
     for one in tried:
@@ -61,30 +70,38 @@ def show(tried: Sequence[Tried]) -> None:
     console().print(table(HEAD, rows(tried), title=f"{len(tried[0].labels)} recordings"))
 
 
-def show_folds(told: Sequence[Mapping[str, Any]]) -> None:
-    """Print a row for each fold, and the mean of all; warn of what overflowed in any."""
-    names, n = list(told[0]["right"]), sum(one["n"] for one in told)
+def show_folds(folds: Sequence[Mapping[str, Any]]) -> None:
+    """Print a row for each fold, and the mean of all, and the least room; warn of what overflowed in any."""
+    names, n = list(folds[0]["right"]), sum(one["n"] for one in folds)
+    every = [Room(**one) for fold in folds for one in fold.get("room", ())]
+    least = {(one.chip, one.population): one for one in sorted(every, key=lambda one: one.share)}
+    for line in told([replace(one, chosen=False) for one in least.values()]):  # each fold has scales of its own
+        print(f"- {line}")
     for name in names:
-        each = (one.get("overflows", {}).get(name, {}) for one in told)
+        each = (one.get("overflows", {}).get(name, {}) for one in folds)
         overflows.tell(name, overflows.summed(each), n)
     cells = [
         (str(k + 1), *(f"{one['right'][name] / one['n']:.1%}" for name in names), f"{one['cpu_s']:.1f} s")
-        for k, one in enumerate(told)
+        for k, one in enumerate(folds)
     ]
     console().print(table(("fold", *(f">{name}" for name in names), ">CPU time"), cells))
     for name in names:
-        right = sum(one["right"][name] for one in told)
+        right = sum(one["right"][name] for one in folds)
         low, high = wilson(right, n)
         print(f"{name}: {right / n:.2%} of {n} right (95 % interval {low:.1%} - {high:.1%})")
 
 
-def write(path: Path, plan: Plan, trained: Trained, tried: Sequence[Tried], recordings: int) -> None:
+def write(
+    path: Path, plan: Plan, trained: Trained, tried: Sequence[Tried], recordings: int, room: Sequence[Room] = ()
+) -> None:
     """Write the page; errors as of `neuro.apps.write_text`."""
     title = f"{trained.net.name}: trained by gradients"
-    write_text(path, html.page("neuro train", title, _parts(plan, trained, tried, recordings)), PAGE)
+    write_text(path, html.page("neuro train", title, _parts(plan, trained, tried, recordings, room)), PAGE)
 
 
-def _parts(plan: Plan, trained: Trained, tried: Sequence[Tried], recordings: int) -> Iterator[Any]:
+def _parts(
+    plan: Plan, trained: Trained, tried: Sequence[Tried], recordings: int, room: Sequence[Room]
+) -> Iterator[Any]:
     tag = html.tag
     yield tag("h1", f"{trained.net.name}: trained by gradients")
     lead = f"{recordings} recordings, {plan.epochs} epochs, {trained.cpu_s:.1f} s of one core."
@@ -93,6 +110,11 @@ def _parts(plan: Plan, trained: Trained, tried: Sequence[Tried], recordings: int
         yield tag("h2", f"On {len(tried[0].labels)} recordings that it has not seen")
         yield html.table(HEAD, rows(tried))
         yield tag("p", ABOUT)
+    if room:
+        yield tag("h2", "Room in registers")
+        cells = ((one.chip, one.population, f"{one.share:.1%}", f"{one.scale:.6g}", _own(one)) for one in room)
+        yield html.table(("chip", "population", ">largest input of a step", ">units per mV", "scale"), cells)
+        yield tag("p", ROOM)
     if len(trained.curves["loss"]):
         yield tag("h2", "While it learnt")
         drawn = (html.picture(drawing, f"{label} by epoch") for label, drawing in curves(trained.curves).items())
@@ -105,6 +127,10 @@ def _parts(plan: Plan, trained: Trained, tried: Sequence[Tried], recordings: int
     if sources := list(footnotes([each.bill for each in tried if each.bill], True)):
         yield tag("h2", "Where the joules come from")
         yield tag("ul", *(tag("li", line) for line in sources))
+
+
+def _own(room: Room) -> str:
+    return "smaller, to leave room" if room.chosen else "the chip's own"
 
 
 def _word(value: Any) -> str:

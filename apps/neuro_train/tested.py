@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
@@ -13,11 +13,12 @@ import torch
 
 import neuro
 import neuro_torch
-from neuro.chips import chip, chips, place, price
+from neuro.chips import place, price
 from neuro_recognise.evaluate import Evaluation, evaluate
 from neuro_train.data import Shown
 from neuro_train.overflows import Overflows, noted
 from neuro_train.plan import Plan
+from neuro_train.room import AT_ONCE, Room, chip_of, scales
 
 if TYPE_CHECKING:
     from neuro.chips import Energy
@@ -25,8 +26,6 @@ if TYPE_CHECKING:
 __all__ = ["Tried", "by_module", "on_backend"]
 
 Ints = npt.NDArray[np.int64]
-AT_ONCE = 50
-"""Recordings that the module is shown at once."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -83,6 +82,7 @@ def on_backend(
     shown: Shown,
     plan: Plan,
     report: Callable[[str, int, int], None] = lambda what, done, total: None,
+    room: Sequence[Room] = (),
 ) -> Tried:
     """By a backend, one recording after the other, each from the beginning.
 
@@ -92,11 +92,13 @@ def on_backend(
         shown: the recordings.
         plan: how they are seen.
         report: is told how many are done.
+        room: in its registers, whose scales it takes.
 
     Raises:
         ModelError: the backend refuses the network.
     """
-    sim = neuro.compile(net, backend=backend, seed=plan.seed)
+    options = {"scales": own} if (own := scales(room, backend)) else {}
+    sim = neuro.compile(net, backend=backend, seed=plan.seed, **options)
     events, h = shown.events, net.resolution
     spikes = torch.zeros(len(shown), events.steps, math.prod(int(side) for side in net.populations[plan.output].shape))
     taken: Any = None
@@ -119,10 +121,8 @@ def _bill(
     sim: neuro.Simulation, taken: Any, target: str, recordings: int, neurons_per_core: int | None
 ) -> Energy | None:
     """What a recording takes on the chip that a backend emulates."""
-    if target not in chips() and not target.endswith((".yaml", ".yml")):
-        return None
-    priced = chip(target)
-    if not priced.costs:
+    priced = chip_of(target)
+    if priced is None or not priced.costs:
         return None
     placed = place(sim.program, priced, neurons_per_core=neurons_per_core) if priced.mesh is not None else None
     return price(sim.program, taken.raw_counts, placed, priced).per(recordings, "recording")

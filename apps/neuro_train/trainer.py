@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, NoReturn
@@ -62,8 +62,13 @@ class Trained:
     rates: Mapping[str, float]
 
 
-def module_of(net: neuro.Network, plan: Plan) -> neuro_torch.Module:
+def module_of(net: neuro.Network, plan: Plan, outputs: Sequence[str] | None = None) -> neuro_torch.Module:
     """The network as a module, on the device that is asked for.
+
+    Args:
+        net: the network.
+        plan: what the training is told.
+        outputs: populations whose spikes are wanted; that of the plan if not given.
 
     Raises:
         ModelError: the network cannot learn by gradients, or there is no such device.
@@ -76,7 +81,7 @@ def module_of(net: neuro.Network, plan: Plan) -> neuro_torch.Module:
         surrogate=plan.surrogate,
         slope=plan.slope,
         duration=plan.duration,
-        outputs=[plan.output],
+        outputs=outputs or [plan.output],
         seed=plan.seed,
     )
     module.to(device)

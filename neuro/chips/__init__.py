@@ -24,6 +24,7 @@ if TYPE_CHECKING:
     from neuro.chips.pricing.price import price
     from neuro.chips.quantising.fixed_program import FixedProgram
     from neuro.chips.quantising.quantise import quantise
+    from neuro.chips.quantising.room import filled
 
 _HOMES = {
     "neuro.chips.description": ("Chip",),
@@ -37,6 +38,7 @@ _HOMES = {
     "neuro.chips.pricing.price": ("price",),
     "neuro.chips.quantising.fixed_program": ("FixedProgram",),
     "neuro.chips.quantising.quantise": ("quantise",),
+    "neuro.chips.quantising.room": ("filled",),
 }
 
 __all__ = [
@@ -47,6 +49,7 @@ __all__ = [
     "bill",
     "chip",
     "chips",
+    "filled",
     "footnotes",
     "neurobench",
     "place",

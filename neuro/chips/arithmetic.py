@@ -15,7 +15,7 @@ from neuro.chips.quantising.fixed import FixedPopulation, FixedProjection
 from neuro.chips.quantising.inputs import Inputs, Options
 from neuro.model.neurons import Neuron
 from neuro.program.backend import Problem
-from neuro.program.program import Population, Program
+from neuro.program.program import Floats, Population, Program
 
 Projections = dict[int, FixedProjection]
 """Projections in words, by their index in the program."""
@@ -60,6 +60,8 @@ class Arithmetic:
             is refused and what is approximated.
         kept_options: the options with which a population gets the scale that it has; of the population and the
             projections onto it.
+        filled: the largest share of its registers that a population's input takes, of what arrives in each step, in
+            words, (recordings, steps, neurons); None where registers saturate, or hang on more.
         told_scale: how the weights of a projection are scaled, for the report; of its target and itself.
         lossless: the way out where weights that are described in registers lose bits, "" where they cannot.
         notes: what is to be known of a program on the machine.
@@ -80,6 +82,7 @@ class Arithmetic:
     relay_projection: Callable[[Inputs, int], FixedProjection]
     give_rules: Callable[[Program, Chip, Projections, Options], Iterator[Problem]]
     kept_options: Callable[[FixedPopulation, tuple[FixedProjection, ...]], Options]
+    filled: Callable[[FixedPopulation, Floats], float] | None
     told_scale: Callable[[FixedPopulation, FixedProjection], str]
     lossless: Callable[[FixedProjection], str]
     notes: Callable[[Program], Iterator[str]]

@@ -1,5 +1,6 @@
 """Registers of chips that overflow while recordings are tested: told once, with in how many of them."""
 
+import json
 import re
 import warnings
 from dataclasses import replace
@@ -9,7 +10,13 @@ import pytest
 pytest.importorskip("torch", reason="PyTorch is not installed")
 
 import neuro as snn
+from neuro.events import recordings
+from neuro_train.data import show
 from neuro_train.overflows import noted, summed, tell
+from neuro_train.plan import Plan
+from neuro_train.tested import on_backend
+
+PLAN = Plan(input="pixels", output="out", duration=60.0)
 
 pytestmark = [
     pytest.mark.filterwarnings("ignore::neuro.ApproximationWarning"),
@@ -18,8 +25,9 @@ pytestmark = [
 
 
 @pytest.fixture
-def wide(tmp_path, file):
-    """A network whose weights lie so far above its threshold that sums of a step wrap on Loihi."""
+def wide(tmp_path, file, monkeypatch):
+    """A network whose weights lie so far above its threshold that sums of a step wrap on Loihi, with no room left."""
+    monkeypatch.setattr("neuro_train.room.MARGIN", 0.0)
     net = snn.load(file)
     net.projections["in_hidden"] = replace(net.projections["in_hidden"], weight=snn.normal(mean=0.0, std=100.0))
     net.save(tmp_path / "wide.yaml")
@@ -47,6 +55,45 @@ def test_of_all_folds_it_is_told_once_also_when_they_are_there_already(neuro, wi
     assert 0 < int(some) <= int(all_) == 24
     assert err.count("input wraps") == 1
     assert wraps(neuro(*words)[2]) == [(some, all_)]
+
+
+@pytest.fixture
+def strong(tmp_path, file):
+    """A network whose sums of a step wrap on Loihi at the chip's own scale, though its weights are small."""
+    net = snn.load(file)
+    net.projections["in_hidden"] = replace(net.projections["in_hidden"], weight=snn.normal(mean=0.0, std=4.0))
+    net.save(tmp_path / "strong.yaml")
+    return tmp_path / "strong.yaml"
+
+
+def wrapping(net, folder):
+    """How often inputs wrap at the chip's own scale."""
+    shown = show(net, recordings(folder, part="Test"), PLAN, lambda *told: None)
+    return on_backend(net, "loihi", shown, PLAN).overflows.get("input wraps of hidden", (0, ""))[0]
+
+
+def test_scales_leave_room_for_what_was_learnt_from(neuro, strong, folder):
+    words = ("--duration", 60, "--epochs", 1, "--bits", 8, "--test", folder, "--backends", "loihi")
+    status, out, err = neuro(strong, "--data", folder, *words)
+    assert (status, wraps(err)) == (0, [])
+    assert wrapping(snn.load("trained.yaml"), folder) > 0
+    told = r"loihi: input registers on the recordings learnt from: at most (\d+)% of that of 'hidden', (\d+)% of .*"
+    some, scale = re.search(told + r"; scales=({'hidden': .*}) leaves this room", out).group(1, 3)
+    assert 25 < int(some) <= 50
+    with open("trained.html", encoding="utf-8") as page:
+        assert "Room in registers" in page.read()
+    snn.compile(snn.load("trained.yaml"), backend="loihi", scales=eval(scale))
+
+
+def test_folds_keep_how_much_room_there_is(neuro, strong, folder):
+    words = ("--duration", 60, "--epochs", 1, "--bits", 8, "--folds", 2, "--backends", "loihi")
+    status, out, err = neuro(strong, "--data", folder, *words)
+    assert (status, wraps(err)) == (0, [])
+    with open("trained-1.json", encoding="utf-8") as file:
+        hidden, _ = json.load(file)["room"]
+    assert hidden["chosen"]
+    assert 0.25 < hidden["share"] <= 0.5
+    assert "input registers on the recordings learnt from: at most" in out
 
 
 def test_other_warnings_are_told_as_they_come():

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import numpy as np
+
 from neuro.chips.arithmetic import Arithmetic, Option
 from neuro.chips.loihi import neurons, words
 from neuro.chips.loihi.learning_rules import give_rules
@@ -9,6 +11,7 @@ from neuro.chips.quantising.fixed import FixedPopulation, FixedProjection
 from neuro.chips.quantising.inputs import Options
 from neuro.chips.quantising.options import is_positive, is_whole
 from neuro.model.neurons import iaf_psc_delta, iaf_psc_exp
+from neuro.program.program import Floats
 
 _OPTIONS = (
     Option("scales", "populations", is_positive, "units per mV, a number > 0"),
@@ -30,6 +33,18 @@ def _told_scale(cells: FixedPopulation, wires: FixedProjection) -> str:
     return f"exponent {wires.exponent}"
 
 
+def _filled(cells: FixedPopulation, arriving: Floats) -> float:
+    """Of the 22 bits of a step's input, or of the 24 of u, which also keeps what came before."""
+    if "du" not in cells.registers:
+        return 0.0
+    keep = (4095 - cells.registers["du"]) / 4096
+    u, most = np.zeros(arriving[:, 0].shape), 64.0 * float(np.abs(arriving).max(initial=0.0)) / words.INPUT_LIMIT
+    for step in range(arriving.shape[1]):
+        u = keep * u + 64.0 * arriving[:, step]
+        most = max(most, float(np.abs(u).max(initial=0.0)) / words.U_LIMIT)
+    return most
+
+
 LOIHI = Arithmetic(
     name="loihi",
     title="Loihi",
@@ -46,6 +61,7 @@ LOIHI = Arithmetic(
     relay_projection=words.relay_projection,
     give_rules=give_rules,
     kept_options=_kept_options,
+    filled=_filled,
     told_scale=_told_scale,
     lossless=words.lossless,
     notes=lambda program: iter(()),

@@ -69,6 +69,7 @@ SPINNAKER = Arithmetic(
     relay_projection=neurons.relay_projection,
     give_rules=refuse_rules,
     kept_options=_kept_options,
+    filled=None,
     told_scale=_told_scale,
     lossless=lambda wires: "",
     notes=_notes,
