@@ -11,7 +11,7 @@ import typer
 
 from neuro import ModelError
 from neuro.apps import console, number, quantity, sourced, table
-from neuro.chips import chip, footnotes
+from neuro.chips import COLUMNS, between, chip, footnotes
 from neuro_drone.controllers.agents import DQNSettings
 from neuro_drone.controllers.dense import Flier
 from neuro_drone.controllers.spiking import Spiking
@@ -42,6 +42,7 @@ class Dense:
         what: network.
         macs: multiply-accumulates of a control step.
         joules: of a control step, without idle power.
+        range: between what these lie.
         source: of the joules of one.
     """
 
@@ -49,6 +50,7 @@ class Dense:
     what: str
     macs: int
     joules: float
+    range: tuple[float, float]
     source: str
 
 
@@ -124,7 +126,9 @@ def _dense(name: str, layers: Iterable[tuple[int, ...]], targets: Iterable[str])
     for target in targets:
         mac = chip(target).costs.get("mac")
         if mac is not None:
-            out.append(Dense(target, what, macs, macs * mac.value, sourced(mac.source, mac.conditions)))
+            low, high = mac.range()
+            joules, ends = macs * mac.value, (macs * low, macs * high)
+            out.append(Dense(target, what, macs, joules, ends, sourced(mac.source, mac.conditions)))
     return tuple(out)
 
 
@@ -145,6 +149,7 @@ def words(bills: Bills) -> str:
     ]
     told["dense"] = [
         {"target": d.target, "what": d.what, "macs": d.macs, "total_j": d.joules, "source": d.source}
+        | dict(zip(("total_low_j", "total_high_j"), d.range, strict=True))
         for d in bills.dense
     ]
     return json.dumps(told | {"notes": notes(bills)}, indent=1)
@@ -166,13 +171,7 @@ def _counted(bills: Bills) -> dict[str, float]:
 
 def notes(bills: Bills) -> list[str]:
     """What the bills do not include."""
-    on = [
-        f"{bill.target} {quantity(bill.static_j / share, 'J')}"
-        for bill in bills.spiking
-        if bill.static_known and (share := bills.share(bill)) and share < 1.0
-    ]
-    waiting = f"static energy is of the time on the chip; of one that is on for the whole step: {', '.join(on)}"
-    return [*([waiting] if on else []), CAMERA, *([POISSON] if bills.spiking else []), BATCH]
+    return [CAMERA, *([POISSON] if bills.spiking else []), BATCH]
 
 
 def _in_time(share: float | None) -> bool | None:
@@ -185,13 +184,13 @@ def show(bills: Bills, sources: bool = False) -> None:
     rows: list[tuple[str, ...]] = []
     for bill in bills.spiking:
         share = bills.share(bill)
-        time = ("-", "-") if share is None else (f"{share * step * 1000.0:,.1f}", f"{share:.2%}")
+        told = "-" if share is None else f"{share:.2%}"
         fits = {None: "-", True: "yes", False: "no"}[_in_time(share)]
-        rows.append((bill.target, f"{model.controller}, {bill.title}", *bill.sums(), *time, fits))
+        rows.append((bill.target, f"{model.controller}, {bill.title}", *bill.cells(), told, fits))
     for one in bills.dense:
-        joules = quantity(one.joules, "J")
-        rows.append((one.target, one.what, joules, "not priced", joules, "-", "-", "-"))
-    columns = ("target", "what", ">dynamic", ">static", ">total", ">time, us", ">of the step", "in time")
+        joules = f"{between(one.joules, *one.range)} dynamic"
+        rows.append((one.target, one.what, quantity(one.joules, "J"), joules, joules, "-", "-", "-", "-"))
+    columns = ("target", "what", *COLUMNS, ">of the step", "in time")
     title = (
         f"energy per control step of {step:g} ms; {model.controller} in {model.scenario.name}, "
         f"{bills.error_px:.2f} px, mean of {bills.steps:,} steps"

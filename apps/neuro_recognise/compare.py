@@ -324,8 +324,9 @@ def _bills(answer: Answer, recordings: int, targets: Iterable[str]) -> dict[str,
 
 
 def _priced(kept: Mapping[str, Any], targets: Iterable[str]) -> bool:
-    """Whether a result has a bill for each target, if it has any."""
-    return kept["bills"] is None or set(targets) <= set(kept["bills"])
+    """Whether a result has a bill for each target at both clocks, if it has any."""
+    bills = kept["bills"]
+    return bills is None or all({"real_time", "refused"} & set(bills.get(target, ())) for target in targets)
 
 
 def _observing_ms(method: Method, data: Recordings) -> float:

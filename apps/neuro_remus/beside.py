@@ -8,7 +8,8 @@ from __future__ import annotations
 from collections.abc import Mapping
 
 import neuro
-from neuro.apps import console, quantity, table
+from neuro.apps import console, table
+from neuro.chips import COLUMNS
 from neuro.events import Recordings
 from neuro_models import path
 from neuro_recognise.methods.gradients import Dense
@@ -40,10 +41,9 @@ def show(found: Mapping[str, tuple[Tried, Priced]]) -> None:
     Args:
         found: what came of each and its bills, by name.
     """
-    heads = ("recogniser", ">accuracy", ">95 % interval", ">dynamic", ">static", ">total", ">chip time")
+    heads = ("recogniser", ">accuracy", ">95 % interval", *COLUMNS)
     rows = []
     for name, (tried, priced) in found.items():
-        (low, high), bill = tried.own.interval, priced.bills[TARGET]
-        time = "-" if bill.chip_time_s is None else quantity(bill.chip_time_s, "s")
-        rows.append((name, f"{tried.own.accuracy:.1%}", f"{low:.1%} - {high:.1%}", *bill.sums(), time))
+        low, high = tried.own.interval
+        rows.append((name, f"{tried.own.accuracy:.1%}", f"{low:.1%} - {high:.1%}", *priced.bills[TARGET].cells()))
     console().print(table(heads, rows, title=f"a recording on {TARGET}"))

@@ -10,8 +10,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import numpy.typing as npt
 
-from neuro.apps import console, html, quantity, sealed, table, write_text
-from neuro.chips import footnotes
+from neuro.apps import console, html, sealed, table, write_text
+from neuro.chips import COLUMNS, footnotes
 from neuro_recognise.evaluate import wilson
 from neuro_train import overflows
 from neuro_train.room import MARGIN, Room, told
@@ -27,14 +27,14 @@ __all__ = ["PAGE", "rows", "show", "show_folds", "write"]
 
 PAGE = sealed("a page of 'neuro train'", '<meta name="generator" content="neuro train">', "<!-- digest {} -->")
 HEAD = (
-    "runs on", ">accuracy", ">95 % interval", ">equal decisions", ">equal spikes", ">dynamic", ">static", ">total",
-    ">chip time", ">first spike",
+    "runs on", ">accuracy", ">95 % interval", ">equal decisions", ">equal spikes", ">first spike", *COLUMNS,
 )  # fmt: skip
 ABOUT = (
     "Accuracy is that of the recordings to test on, with Wilson's interval; silence is wrong. Equal are decisions, and "
     "recordings whose output spikes are all equal, to those of the first row. Joules and chip time are those of a "
-    "recording, the mean: counts times published figures. The host that sends the events is not in the bill. The first "
-    "spike of the output is told in the network's time."
+    "recording, the mean: counts times published figures, in brackets the range of these; the chip is on while it "
+    "works, or in real time as long as the recording lasts. The host that sends the events is not in the bill. The "
+    "first spike of the output is told in the network's time."
 )
 ROOM = (
     "The largest input of any neuron in a step, of the recordings learnt from, as a share of its register; 100 % "
@@ -48,12 +48,11 @@ def rows(tried: Sequence[Tried]) -> list[tuple[str, ...]]:
     found: list[tuple[str, ...]] = []
     for one in tried:
         low, high = one.own.interval
-        bill = one.bill.sums() if one.bill else ("-",) * 3
-        time = quantity(one.bill.chip_time_s, "s") if one.bill and one.bill.chip_time_s is not None else "-"
+        bill = one.bill.cells() if one.bill else ("-",) * len(COLUMNS)
         equal = f"{one.agrees(tried[0]):.1%}", f"{one.same_spikes(tried[0])} of {len(one.labels)}"
         first = "-" if np.isnan(one.first_ms) else f"{one.first_ms:.1f} ms"
         accuracy = f"{one.own.accuracy:.1%}", f"{low:.1%} - {high:.1%}"
-        found.append((one.backend, *accuracy, *equal, *bill, time, first))
+        found.append((one.backend, *accuracy, *equal, first, *bill))
     return found
 
 
@@ -149,7 +148,7 @@ def curves(noted: Mapping[str, npt.NDArray[np.float64]]) -> dict[str, Figure]:
 
     shown = [("loss", "loss", 1.0), ("right", "right, %", 100.0)]
     if noted["joules"].any():
-        shown.append(("joules", "joules of a recording, uJ", 1e6))
+        shown.append(("joules", "uJ of a recording,\nas fast as the chip can", 1e6))
     drawn = {}
     for name, label, unit in shown:
         drawn[label] = figure = Figure(figsize=(3.4, 2.6), dpi=140, layout="constrained")

@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from neuro.chips.placing.place import place
     from neuro.chips.placing.placement import Placement
     from neuro.chips.pricing.bill import bill
-    from neuro.chips.pricing.energy import Energy
+    from neuro.chips.pricing.energy import COLUMNS, Energy, between, cells
     from neuro.chips.pricing.footnotes import footnotes
     from neuro.chips.pricing.neurobench import neurobench
     from neuro.chips.pricing.price import price
@@ -32,7 +32,7 @@ _HOMES = {
     "neuro.chips.placing.place": ("place",),
     "neuro.chips.placing.placement": ("Placement",),
     "neuro.chips.pricing.bill": ("bill",),
-    "neuro.chips.pricing.energy": ("Energy",),
+    "neuro.chips.pricing.energy": ("COLUMNS", "Energy", "between", "cells"),
     "neuro.chips.pricing.footnotes": ("footnotes",),
     "neuro.chips.pricing.neurobench": ("neurobench",),
     "neuro.chips.pricing.price": ("price",),
@@ -42,11 +42,14 @@ _HOMES = {
 }
 
 __all__ = [
+    "COLUMNS",
     "Chip",
     "Energy",
     "FixedProgram",
     "Placement",
+    "between",
     "bill",
+    "cells",
     "chip",
     "chips",
     "filled",

@@ -124,11 +124,12 @@ def plain(sim: Simulation, bills: list[Energy], placement: Placement | None, per
 
 def tell(bills: list[Energy], sources: bool) -> None:
     """Print the bills and, if there are several, a row of each."""
+    from neuro.chips.pricing.energy import COLUMNS, FASTEST
     from neuro.core.tables import console, table
 
     for priced in bills:
         typer.echo(f"{priced.told(sources)}\n")
     if len(bills) > 1:
-        rows = [(e.target, *e.sums(), e.span(), *e.machine()) for e in bills]
-        columns = ("target", ">dynamic", ">static", ">total", ">range", ">chip time", ">chips")
+        rows = [(e.target, *e.cells()) for e in bills]
+        columns = ("target", *(name.replace(FASTEST, bills[0].clock) for name in COLUMNS))
         console().print(table(columns, rows, title=f"energy per {bills[0].of}"))

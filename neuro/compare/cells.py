@@ -4,17 +4,17 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
-from neuro.chips.pricing.energy import quantity
+from neuro.chips.pricing.energy import COLUMNS
 from neuro.compare.result import Bill, Comparison, PopulationResult, Run
 from neuro.compare.spikes import Divergence
 
 INPUTS = {"same": "the same", "merged": "the same, several spikes in a step as one", "other": "not the same"}
 
 COUNTS = (">spikes", ">synaptic ops", ">active updates", ">learning")
-SUMMARY = ("backend", *COUNTS, ">distance", "first difference", ">energy")
+SUMMARY = ("backend", *COUNTS, ">distance", "first difference")
 POPULATIONS = ("population", "backend", ">neurons", ">spikes", ">rate Hz", "first difference", ">distance")
 PROJECTIONS = ("projection", "backend", ">largest", ">rms", ">relative rms", ">by rounding")
-ENERGY = ("target", "counts of", ">dynamic", ">static", ">total", ">range", ">chip time", ">chips")
+ENERGY = ("target", "counts of", *COLUMNS)
 NATIVE = ("backend", "counted on it only", ">count")
 
 
@@ -22,12 +22,11 @@ def summary(comparison: Comparison) -> Iterator[tuple[str, ...]]:
     """A row for each backend, with what it is refused for."""
     for run in comparison.runs:
         if run.counts is None:
-            yield (run.backend, *5 * "-", f"refused: {reason(run)}", "-")
+            yield (run.backend, *5 * "-", f"refused: {reason(run)}")
             continue
         c = run.counts
         numbers = (f"{n:,}" for n in (c.spikes, c.synaptic_ops, c.neuron_updates_active, c.learning_updates))
-        energy = "-" if run.own is None else quantity(run.own.total_j, "J")
-        yield (run.backend, *numbers, far(run.per_spike), earliest(comparison, run), energy)
+        yield (run.backend, *numbers, far(run.per_spike), earliest(comparison, run))
 
 
 def reason(run: Run) -> str:
@@ -85,7 +84,7 @@ def bills(comparison: Comparison) -> Iterator[tuple[str, ...]]:
     for bill in comparison.bills:
         e = bill.energy
         if e is not None:
-            yield (bill.target, bill.counted_on, *e.sums(), e.span(), *e.machine())
+            yield (bill.target, bill.counted_on, *e.cells())
 
 
 def unpriced(comparison: Comparison) -> Iterator[Bill]:

@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 from neuro.chips.known import chip
-from neuro.chips.pricing.energy import quantity
 from neuro.chips.quantising.fixed_program import FixedProgram
 from neuro.compare import cells
 from neuro.compare.chipmap import chip_map
@@ -26,7 +25,8 @@ DISTANCE = (
     "costs 1, moving it by 10 ms costs 1. 0 is equal; at 1 no spike has a partner."
 )
 ENERGY = (
-    "Counts times published figures, and static power times the time of the emulated chip. cpu and gpu do the same "
+    "Counts times published figures, and static power times the time of the emulated chip, which works as fast as it "
+    "can or waits for each step in real time; in brackets the range of the figures. cpu and gpu do the same "
     "work as dense layers: every synapse in every step."
 )
 ROUNDED = ("population", "quantity", ">described", ">on the chip", "unit", ">error")
@@ -74,7 +74,7 @@ def _card(comparison: Comparison, run: Run) -> Html:
         big, below = f"{equal} of {len(run.neurons)}", "populations fire exactly the same spikes"
         facts += [("first difference", cells.earliest(comparison, run)), ("distance", cells.far(run.per_spike))]
     if run.own is not None:
-        facts.append(("energy", quantity(run.own.total_j, "J")))
+        facts.append(("energy", run.own.totals()))
     rows = [part for what, value in facts for part in (tag("dt", what), tag("dd", value))]
     return tag("section", name, tag("p", big, class_="big"), tag("p", below), tag("dl", *rows), class_="card")
 

@@ -6,7 +6,7 @@ import math
 from collections.abc import Sequence
 
 from neuro.chips.description import COSTS
-from neuro.chips.pricing.energy import STATIC, Energy, Item, number, quantity, sourced
+from neuro.chips.pricing.energy import FASTEST, REAL_TIME, STATIC, Energy, Item, number, quantity, sourced
 from neuro.core import html
 from neuro.core.html import Html, tag
 
@@ -14,6 +14,13 @@ MOST_LINES = 300
 COLOURS = 8
 FIGURE_COLUMNS = ("target", "what", ">each", "source")
 ITEM_COLUMNS = ("what", "of", ">count", ">each", ">energy", ">source")
+
+_SPENT = {
+    "dynamic": "dynamic: what is done",
+    "static": f"static: chips that are on, {FASTEST}",
+    "waiting": f"static: chips that are on, {REAL_TIME}",
+}
+"""What joules are spent on, by the class that draws it."""
 
 Bills = Sequence[tuple[str, Energy]]
 """What is counted, as "counts of event", and its bill."""
@@ -33,25 +40,28 @@ def _row(about: str, e: Energy, *parts: object) -> Html:
 
 
 def _totals(bills: Bills) -> Html:
-    """Dynamic and static joules on a logarithmic scale: dots, since such a scale has no zero to begin a bar at."""
-    values = [j for _, e in bills for j in (e.dynamic_j, e.static_j) if j > 0.0] or [1.0]
+    """Joules on a logarithmic scale: dots, since such a scale has no zero to begin a bar at."""
+    values = [j for _, e in bills for j in _spent(e).values()] or [1.0]
     low, high = math.floor(math.log10(min(values))), math.ceil(math.log10(max(values)) + 1e-9)
     high = max(high, low + 1)
     rows = []
     for about, e in bills:
-        told = [(kind, j) for kind, j in (("dynamic", e.dynamic_j), ("static", e.static_j)) if j > 0.0]
-        dots = (_dot(kind, j, 100.0 * (math.log10(j) - low) / (high - low)) for kind, j in told)
-        words = ", ".join(f"{kind} {quantity(j, 'J')}" for kind, j in told) or "0 J"
-        words += f"; in all {e.span()}"
-        rows.append(_row(about, e, tag("div", *dots, class_="track"), tag("small", words)))
+        dots = (_dot(kind, j, 100.0 * (math.log10(j) - low) / (high - low)) for kind, j in _spent(e).items())
+        rows.append(_row(about, e, tag("div", *dots, class_="track"), tag("small", e.totals())))
     ends = tag("div", *(tag("span", quantity(10.0**n, "J")) for n in (low, high)), class_="ends")
     scale = tag("div", tag("p"), ends, class_="bill")
-    key = html.legend(("dynamic", "dynamic: what is done"), ("static", "static: chips that are on"))
+    key = html.legend(*_SPENT.items())
     return html.figure(html.join([key, *rows, scale]), "Joules of the whole run on a logarithmic scale.")
 
 
+def _spent(e: Energy) -> dict[str, float]:
+    """Joules by what they are spent on, in both clocks; what is nothing is left out."""
+    found = zip(_SPENT, (e.dynamic_j, e.static_j, e.real_time.static_j), strict=True)
+    return {kind: j for kind, j in found if j > 0.0}
+
+
 def _dot(kind: str, j: float, percent: float) -> Html:
-    return tag("i", class_=kind, style=f"left:{percent:.1f}%", title=f"{kind}: {quantity(j, 'J')}")
+    return tag("i", class_=kind, style=f"left:{percent:.1f}%", title=f"{_SPENT[kind]}: {quantity(j, 'J')}")
 
 
 def _shares(bills: Bills, kinds: list[str]) -> Html:
@@ -59,11 +69,14 @@ def _shares(bills: Bills, kinds: list[str]) -> Html:
     rows = []
     for about, e in bills:
         dynamic = [(f"item{kinds.index(name) % COLOURS}", name, j) for name, j in e.by_cost().items() if name != STATIC]
-        both = [("dynamic", "dynamic", e.dynamic_j), ("static", "static", e.static_j)]
+        kinds_of = [[(k, k, j) for k, j in _spent(e).items() if k != left_out] for left_out in ("waiting", "static")]
         told = f"{about}: {quantity(e.dynamic_j, 'J')}"
-        rows.append(_row(told, e, _bar(dynamic, "bar"), _bar(both, "bar thin")))
+        rows.append(_row(told, e, _bar(dynamic, "bar"), *(_bar(each, "bar thin") for each in kinds_of)))
     key = html.legend(*((f"item{i % COLOURS}", _meaning(name)) for i, name in enumerate(kinds)))
-    caption = "Thick: dynamic joules by what they are spent on. Thin: dynamic and static of the total."
+    caption = (
+        "Thick: dynamic joules by what they are spent on. "
+        f"Thin: dynamic and static of the total, {FASTEST} and, below, {REAL_TIME}."
+    )
     return html.figure(html.join([key, *rows]), caption)
 
 
@@ -73,7 +86,7 @@ def _bar(parts: Sequence[tuple[str, str, float]], class_: str) -> Html:
 
 
 def _share(kind: str, name: str, j: float, total: float) -> Html:
-    told = f"{_meaning(name)}: {quantity(j, 'J')}, {j / total:.1%}"
+    told = f"{_SPENT.get(name, _meaning(name))}: {quantity(j, 'J')}, {j / total:.1%}"
     return tag("i", class_=kind, style=f"width:{100.0 * j / total:.2f}%", title=told)
 
 
@@ -102,14 +115,13 @@ def _details(about: str, e: Energy) -> Html:
     rows = [_line(item, sources) for item in e.items[:MOST_LINES]]
     if len(e.items) > MOST_LINES:
         rows.append((f"{len(e.items) - MOST_LINES:,} more lines", "", "", "", "", ""))
-    sums = (*zip(("dynamic", "static", "total"), e.sums(), strict=True), ("range of the total", e.span()))
-    rows += [(name, "", "", "", told, "") for name, told in sums]
-    time = "" if e.chip_time_s is None else f", {quantity(e.chip_time_s, 's')} of chip time"
-    head = f"{e.title}, {about}: {quantity(e.total_j, 'J')}{time}"
+    (_, *clocks), *sums = e.sums()
+    both = html.table(("", *(f">{clock}" for clock in clocks)), sums)
     foot = tag("ol", *(tag("li", source) for source in sources))
     told = e.noted(sources=True)
     notes = tag("ul", *(tag("li", note) for note in told)) if told else None
-    return tag("details", tag("summary", head), html.table(ITEM_COLUMNS, rows), tag("h4", "Sources"), foot, notes)
+    head = tag("summary", f"{e.title}, {about}: {e.totals()}")
+    return tag("details", head, html.table(ITEM_COLUMNS, rows), both, tag("h4", "Sources"), foot, notes)
 
 
 def _line(item: Item, sources: list[str]) -> tuple[object, ...]:

@@ -99,11 +99,8 @@ def _cards(results: Results, bill: Energy | None, target: str) -> Iterator[Html]
     told = f"in {some(len(projections), 'projection')} carried {carried}"
     yield _card("synapses", f"{synapses:,}", told)
     if bill is not None:
-        yield _card(
-            f"energy on {target}",
-            quantity(bill.total_j, "J"),
-            f"{quantity(bill.dynamic_j, 'J')} of it dynamic; {bill.span()}",
-        )
+        joules = quantity(bill.total_j, "J")
+        yield _card(f"energy on {target}", joules, bill.totals().removeprefix(f"{joules} "))
 
 
 def _card(what: str, big: str, below: str) -> Html:

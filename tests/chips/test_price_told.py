@@ -34,7 +34,7 @@ def test_what_is_not_known_is_null_in_json(run, tmp_path):
     free = price(*run, None, chip(tmp_path / "free.yaml"))  # its figure is 0 and published
     assert free.static_known
     assert (free.as_dict()["static_j"], free.as_dict()["chips"]) == (0.0, 1)
-    assert [energy.machine() for energy in (dense, free)] == [("-", "-"), ("10 ms", "1")]
+    assert [energy.cells()[-2:] for energy in (dense, free)] == [("-", "-"), ("10 ms of 10 ms", "1")]
 
 
 HEAD = """\
@@ -59,9 +59,11 @@ NOTES = """\
 not the chip of 22 nm
 """
 SUMS = """
-dynamic     71.1 nJ
-static   not priced
-total       71.1 nJ   71.1 nJ to 284.4 nJ"""
+                    as fast as the chip can                      in real time
+chip time                              5 ms                              5 ms
+dynamic                             71.1 nJ                           71.1 nJ
+static                           not priced                        not priced
+total      71.1 nJ (71.1 to 284 nJ) dynamic  71.1 nJ (71.1 to 284 nJ) dynamic"""
 
 
 def test_the_text(run):

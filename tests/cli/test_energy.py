@@ -40,8 +40,8 @@ def test_sources_if_asked_for(run, bill):
     assert "Davies" not in plain
     assert "[1] Davies et al., IEEE Micro 38(1):82, 2018, Table 2 (" in asked
     assert "- chip time: learning_update 6.1 ns: Davies et al." in asked
-    assert [line.split()[0] for line in asked.splitlines() if line][-3:] == ["dynamic", "static", "total"]
-    assert [line.split()[0] for line in plain.splitlines() if line][-3:] == ["dynamic", "static", "total"]
+    for text in (asked, plain):
+        assert [line.split()[0] for line in text.splitlines() if line][-3:] == ["dynamic", "static", "total"]
 
 
 def test_several_bills_and_a_row_of_each(run, bill):
@@ -51,12 +51,10 @@ def test_several_bills_and_a_row_of_each(run, bill):
     assert out.startswith(bills)
     rows = [line.split() for line in out.removeprefix(bills).splitlines() if line.strip()]
     assert rows[0] == ["energy", "per", "run"]
-    assert rows[1] == ["target", "dynamic", "static", "total", "range", "chip", "time", "chips"]
-    assert rows[3][0] == "truenorth"
-    assert rows[3][-3:] == ["500", "ms", "1"]  # 500 steps of 0.1 ms, each a tick
-    assert rows[4][0] == "cpu"
-    assert rows[4][-2:] == ["-", "-"]
-    assert "to" in rows[4]
+    assert " ".join(rows[1]) == "target dynamic as fast as the chip can in real time chip time chips"
+    assert rows[3] == ["truenorth", *" ".join(bill("truenorth").cells()).split()]
+    assert " ".join(rows[3]).endswith("late 500 ms of 50 ms 1")  # 500 steps of 0.1 ms, each a tick
+    assert rows[4][:4] == ["cpu", *bill("cpu").cells()[0].split(), *bill("cpu").cells()[1].split()[:1]]
 
 
 def test_the_time_of_a_step_and_the_chips_that_are_on(run, bill):
@@ -68,6 +66,10 @@ def test_the_time_of_a_step_and_the_chips_that_are_on(run, bill):
     assert told["static_high_j"] == pytest.approx(48 * 500 * 2e-3 * 1.0)
     assert "the network uses 1 chip, 48 are on, as given" in told["notes"]
     assert "chip time: a step of 0.1 ms takes 2 ms on the chip, as given" in told["notes"]
+    told = run(*RUN, "--target", "spinnaker", "--target", "cpu", "--step-time", "2")[1].splitlines()
+    heads = [" ".join(line.split()) for line in told if "in real time" in line]
+    clocks = "at the given steps in real time"
+    assert heads == [clocks, clocks, f"target dynamic {clocks} chip time chips"]
 
 
 def test_json(run, bill, network):

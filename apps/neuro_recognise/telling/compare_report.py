@@ -8,7 +8,8 @@ from typing import Any
 
 import numpy as np
 
-from neuro.apps import console, html, quantity, sealed, table, write_text
+from neuro.apps import console, html, sealed, table, write_text
+from neuro.chips import COLUMNS, cells
 from neuro_recognise.compare import Compared, Plan
 from neuro_recognise.evaluate import wilson
 from neuro_recognise.telling.pictures import accuracies, confusion
@@ -28,9 +29,11 @@ ABOUT = (
     "between seeds. The interval is Wilson's, of one seed's recordings. Times are of one core: to look at a recording, "
     "to learn from the other folds, to decide on a recording that was looked at."
 )
+BILLS = ("method", "target", *COLUMNS)
 BILL = (
     "Joules of a recording: what the network does, and what the chip takes while it does; the host that turns events "
-    "into its input is not in the bill. Counts times published figures."
+    "into its input is not in the bill. Counts times published figures, in brackets the range of these. The chip is on "
+    "for as long as it works, or, in real time, for as long as the network's steps last."
 )
 
 
@@ -39,7 +42,7 @@ def show(found: Sequence[Compared], plan: Plan) -> None:
     out = console()
     out.print(table(HEAD, [_row(one, plan) for one in found]))
     if bills := list(_bills(found)):
-        out.print(table(("method", *(f">{target}" for target in plan.targets)), bills, title="joules of a recording"))
+        out.print(table(BILLS, bills, title="joules of a recording"))
     for one in found:
         if one.refused:
             print(f"- {one.contestant.name}: {one.refused}")
@@ -61,7 +64,7 @@ def write(found: Sequence[Compared], plan: Plan, data: str) -> tuple[Path, Path]
     markdown, page = plan.folder / "table.md", plan.folder / "compare.html"
     told = _markdown(HEAD, [_row(one, plan) for one in found])
     if bills := list(_bills(found)):
-        told += "\nJoules of a recording:\n\n" + _markdown(("method", *plan.targets), bills)
+        told += "\nJoules of a recording:\n\n" + _markdown(BILLS, bills)
     if unpriced := list(_unpriced(found)):
         told += "\n" + "".join(f"- {line}\n" for line in unpriced)
     write_text(markdown, f"<!-- neuro recognise compare -->\n\n{told}", TABLE)
@@ -87,7 +90,7 @@ def _parts(found: Sequence[Compared], plan: Plan, data: str) -> Iterator[Any]:
     yield tag("p", ABOUT)
     if bills := list(_bills(found)):
         yield tag("h2", "Joules of a recording")
-        yield html.table(("method", *(f">{target}" for target in plan.targets)), bills)
+        yield html.table(BILLS, bills)
         yield tag("p", BILL)
     if unpriced := list(_unpriced(found)):
         yield tag("ul", *(tag("li", line) for line in unpriced))
@@ -118,10 +121,11 @@ def _row(one: Compared, plan: Plan) -> tuple[str, ...]:
 
 
 def _bills(found: Sequence[Compared]) -> Iterator[tuple[str, ...]]:
-    """Of each network the joules on each target; a refusal in its place."""
+    """Of each network the bill on each target; a refusal in its place."""
     for one in found:
-        if one.bills:
-            yield one.contestant.name, *map(_joules, one.bills.values())
+        for target, bill in (one.bills or {}).items():
+            refused = ("refused", *["-"] * (len(COLUMNS) - 1))
+            yield one.contestant.name, target, *(refused if "refused" in bill else cells(bill))
 
 
 def _unpriced(found: Sequence[Compared]) -> Iterator[str]:
@@ -130,7 +134,3 @@ def _unpriced(found: Sequence[Compared]) -> Iterator[str]:
         for target, bill in (one.bills or {}).items():
             if "refused" in bill:
                 yield f"{target} refuses {one.contestant.name}: {bill['refused']}"
-
-
-def _joules(bill: Any) -> str:
-    return "refused" if "refused" in bill else quantity(bill["total_j"], "J")

@@ -4,22 +4,18 @@ from __future__ import annotations
 
 import json
 from collections.abc import Iterable
-from typing import TYPE_CHECKING
 
 import typer
 
 import neuro
 from neuro import ModelError
 from neuro.apps import console, number, quantity, table
-from neuro.chips import footnotes
+from neuro.chips import COLUMNS, footnotes
 from neuro_recognise.priced import Priced, price
 from neuro_recognise.recogniser import Recogniser
 from neuro_recognise.telling.tried import Tried
 
 FORMAT = "neuro recognise energy 1"
-
-if TYPE_CHECKING:
-    from neuro.chips import Energy
 
 FRONT_END = (
     "not in the bill: the camera, the front end, which makes spikes of events on the host, and the way between "
@@ -101,18 +97,12 @@ def show(recogniser: Recogniser, tried: Tried, priced: Priced, sources: bool = F
     low, high = own.interval
     right = f"{own.accuracy:.1%} of {own.n} right (95 % interval {low:.1%} - {high:.1%})"
     title = f"energy per recording; {right} by {recogniser.method.called()} on {priced.run[0].backend}"
-    columns = ("target", "what", ">dynamic", ">static", ">total", ">chip time, us", ">chips")
-    rows = [*map(_row, priced.bills.values()), *((name, "refused", *["-"] * 5) for name in priced.refused)]
+    rows = [(bill.target, bill.title, *bill.cells()) for bill in priced.bills.values()]
+    rows += [(name, "refused", *["-"] * len(COLUMNS)) for name in priced.refused]
     told = ", ".join(f"{number(count)} {name.replace('_', ' ')}" for name, count in counted(priced).items())
     typer.echo(f"a recording: {told}\n")
     refused = (f"{name} refuses the network: {why}" for name, why in priced.refused.items())
     for line in (*refused, *footnotes(priced.bills.values(), sources), *notes(priced)):
         typer.echo(f"- {line}")
     typer.echo()
-    console().print(table(columns, rows, title=title))
-
-
-def _row(bill: Energy) -> tuple[str, ...]:
-    if bill.chip_time_s is None:
-        return (bill.target, bill.title, *bill.sums(), "-", "-")
-    return (bill.target, bill.title, *bill.sums(), f"{bill.chip_time_s * 1e6:,.0f}", str(bill.chips))
+    console().print(table(("target", "what", *COLUMNS), rows, title=title))

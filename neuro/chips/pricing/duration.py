@@ -4,6 +4,8 @@ With `step_s` steps are real time: steps x `step_s`. Else they take as long as t
 the work of the busiest core: the updates of its neurons, and of each projection's synaptic operations and learning
 updates its share of the target's neurons. That is a lower bound: the busiest core may be another in every step, and
 the time that spikes travel is left out. The barrier is linear in the tiles of one chip, and from there in the chips.
+
+In real time the steps of the network last their own time, as events come: a chip that is done earlier waits.
 """
 
 from __future__ import annotations
@@ -67,6 +69,19 @@ def chip_time(
             for p in picks
         )
     )
+
+
+def waited(time: Duration | None, seconds: float) -> Duration:
+    """How long a chip is on in real time: as long as the steps last, or longer where it is late.
+
+    Args:
+        time: that it takes, None where that is not known: then it is taken to be in time.
+        seconds: that the steps last.
+    """
+    if time is None:
+        return Duration(seconds, seconds, seconds)
+    in_time = seconds * (1.0 - 1e-9)  # equal but for the last bits: no waiting
+    return Duration(*(seconds if each < in_time else each for each in (time.best, time.low, time.high)))
 
 
 def barrier(placement: Placement, chip: Chip, run: Run, pick: Pick = lambda figure: figure.value) -> float:

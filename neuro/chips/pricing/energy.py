@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from typing import Any
 
@@ -13,6 +13,10 @@ _PREFIXES = ((1.0, ""), (1e-3, "m"), (1e-6, "u"), (1e-9, "n"), (1e-12, "p"), (1e
 STATIC = "static_per_chip"
 CHIP_TIME = "chip time: "
 """How notes begin that say where figures of the chip time come from."""
+FASTEST, AS_GIVEN, REAL_TIME = "as fast as the chip can", "at the given steps", "in real time"
+"""What clock static energy goes by: steps follow each other at once, or in a given time, or each lasts its own time."""
+COLUMNS = (">dynamic", f">{FASTEST}", f">{REAL_TIME}", ">chip time", ">chips")
+"""Heads of the columns of a bill in a table, see `Energy.cells`."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -51,6 +55,8 @@ class Item:
 class Energy:
     """The bill of a run on a target, or of one part of it, see `per`.
 
+    Static energy depends on the clock: this bill goes by `clock`, `real_time` is the same bill in real time.
+
     Attributes:
         target: the name of the chip or processor.
         title: the same for people.
@@ -61,6 +67,9 @@ class Energy:
         notes: what is assumed, and what is not in the sums.
         of: what the bill is of: "run", or what it was divided by.
         chip_time_range_s: between what the chip time lies, by the ranges of its figures.
+        duration_s: how long the run is in the network's own time, in s.
+        clock: what the chip time goes by: `FASTEST`, `AS_GIVEN` or `REAL_TIME`.
+        waiting: the bill of a chip that waits for the end of each step, None where it has nothing to wait for.
     """
 
     target: str
@@ -72,6 +81,14 @@ class Energy:
     notes: tuple[str, ...]
     of: str = "run"
     chip_time_range_s: Range | None = None
+    duration_s: float = 0.0
+    clock: str = FASTEST
+    waiting: Energy | None = None
+
+    @property
+    def real_time(self) -> Energy:
+        """The same bill where each step lasts its own time, as it does while events come; a late chip does not wait."""
+        return self.waiting or self
 
     @property
     def total_j(self) -> float:
@@ -107,25 +124,34 @@ class Energy:
                 found.setdefault(item.extrapolated, {})[item.what] = None
         return {why: tuple(names) for why, names in found.items()}
 
-    def span(self) -> str:
-        """Between what the total lies, as text."""
-        if self.low_j == self.high_j:
-            return "no range is published"
-        return f"{quantity(self.low_j, 'J')} to {quantity(self.high_j, 'J')}"
-
     @property
     def static_known(self) -> bool:
         """Whether there is a figure of static power, and a time that it lasts."""
         return any(item.what == STATIC for item in self.items)
 
-    def sums(self) -> tuple[str, str, str]:
-        """Dynamic, static and total energy as text; static is "not priced" where no figure is published."""
-        static = quantity(self.static_j, "J") if self.static_known else "not priced"
-        return quantity(self.dynamic_j, "J"), static, quantity(self.total_j, "J")
+    @property
+    def late(self) -> bool:
+        """Whether the chip is slower than real time."""
+        return self.chip_time_s is not None and self.chip_time_s > self.duration_s * (1.0 + 1e-9)
 
-    def machine(self) -> tuple[str, str]:
-        """Chip time and chips as text; "-" where no time is known, since then nothing is said of chips either."""
-        return ("-", "-") if self.chip_time_s is None else (quantity(self.chip_time_s, "s"), f"{self.chips:,}")
+    def sums(self) -> list[tuple[str, ...]]:
+        """Rows of text: chip time, dynamic, static and total energy, each at the bill's clock and in real time."""
+        rows = zip(("chip time", "dynamic", "static"), self._column(), self.real_time._column(), strict=True)
+        return [("", self.clock, REAL_TIME), *rows, ("total", *_totals(self._both()))]
+
+    def _column(self) -> tuple[str, str, str]:
+        time = "-" if self.chip_time_s is None else quantity(self.chip_time_s, "s")
+        static = quantity(self.static_j, "J") if self.static_known else "not priced"
+        return time, quantity(self.dynamic_j, "J"), static
+
+    def cells(self) -> tuple[str, ...]:
+        """What stands below `COLUMNS`."""
+        return cells(self._both())
+
+    def totals(self) -> str:
+        """The total with its range at both clocks, in one line."""
+        one, other = _totals(self._both())
+        return f"{one} {self.clock}, {'the same' if one == other else other} {REAL_TIME}"
 
     def by_population(self) -> dict[str, float]:
         """Dynamic joules of each population's neurons."""
@@ -174,11 +200,25 @@ class Energy:
         )
         ends = self.chip_time_range_s
         span = None if ends is None else (ends[0] / n, ends[1] / n)
-        time = _share(self.chip_time_s, n)
-        return replace(self, items=items, chip_time_s=time, steps=self.steps / n, of=what, chip_time_range_s=span)
+        time, waiting = _share(self.chip_time_s, n), self.waiting and self.waiting.per(n, what)
+        parts = {"chip_time_s": time, "steps": self.steps / n, "duration_s": self.duration_s / n, "waiting": waiting}
+        return replace(self, items=items, of=what, chip_time_range_s=span, **parts)
 
     def as_dict(self) -> dict[str, Any]:
         """All of it as plain values, for JSON; what is not known is None."""
+        about = {"target": self.target, "title": self.title, "of": self.of, "clock": self.clock}
+        items = [asdict(item) for item in self.items]
+        extrapolated = [{"why": why, "costs": list(names)} for why, names in self.extrapolated.items()]
+        return {**about, **self._both(), "items": items, "extrapolated": extrapolated, "notes": list(self.notes)}
+
+    def _both(self) -> dict[str, Any]:
+        """The figures of both clocks."""
+        machine = {"chips": None if self.chip_time_s is None else self.chips, "steps": self.steps}
+        real = {"duration_s": self.duration_s, "late": self.late, "real_time": self.real_time._figures()}
+        return {**self._figures(), **machine, **real}
+
+    def _figures(self) -> dict[str, float | None]:
+        """Sums with their ranges and the chip time, of one clock."""
         static = self.static_j if self.static_known else None
         sums = {"total_j": self.total_j, "dynamic_j": self.dynamic_j, "static_j": static}
         dynamic, chips_on = self._dynamic(), self._static()
@@ -187,14 +227,9 @@ class Energy:
             for name, items in (("total", self.items), ("dynamic", dynamic), ("static", chips_on))
             for end, value in zip(("low", "high"), _ends(items), strict=True)
         }
-        about = {"target": self.target, "title": self.title, "of": self.of, **sums, **ranges}
-        chips = None if self.chip_time_s is None else self.chips
         ends = self.chip_time_range_s or (None, None)
         time = {"chip_time_s": self.chip_time_s, "chip_time_low_s": ends[0], "chip_time_high_s": ends[1]}
-        items = [asdict(item) for item in self.items]
-        extrapolated = [{"why": why, "costs": list(names)} for why, names in self.extrapolated.items()]
-        machine = {**time, "chips": chips, "steps": self.steps}
-        return {**about, **machine, "items": items, "extrapolated": extrapolated, "notes": list(self.notes)}
+        return {**sums, **ranges, **time}
 
     def _dynamic(self) -> tuple[Item, ...]:
         return tuple(item for item in self.items if item.what != STATIC)
@@ -215,13 +250,12 @@ class Energy:
         table = [("item", "of", "count", "each", "energy", "source"), *(_row(item, cited) for item in self.items)]
         rows = aligned(table if sources else [row[:-1] for row in table])
         listed = [f"[{i}] {each}" for i, each in enumerate(cited, 1)] if sources else []
-        sums = zip(("dynamic", "static", "total"), self.sums(), strict=True)
         parts = (
             [self._head()],
             rows,
             listed,
             [f"- {note}" for note in self.noted(sources)],
-            [f"{a:8} {b:>10}" + f"   {self.span()}" * (a == "total") for a, b in sums],
+            aligned(self.sums(), (False, True, True)),
         )
         return "\n\n".join("\n".join(part) for part in parts if part)
 
@@ -273,12 +307,39 @@ def sourced(source: str, conditions: str) -> str:
     return f"{source} ({conditions})" if conditions else source
 
 
-def quantity(value: float, unit: str) -> str:
-    """Four digits with a prefix, e.g. "23.6 pJ"."""
+def quantity(value: float, unit: str, digits: int = 4) -> str:
+    """Some digits with a prefix, e.g. "23.6 pJ"."""
     if value == 0:
         return f"0 {unit}"
-    scale, prefix = next((pair for pair in _PREFIXES if abs(value) >= pair[0] * 0.99995), _PREFIXES[-1])
-    return f"{value / scale:.4g} {prefix}{unit}"
+    least = 1.0 - 0.5 * 10.0**-digits
+    scale, prefix = next((pair for pair in _PREFIXES if abs(value) >= pair[0] * least), _PREFIXES[-1])
+    return f"{value / scale:.{digits}g} {prefix}{unit}"
+
+
+def between(value: float, low: float, high: float) -> str:
+    """Joules with their range, e.g. "8.234 uJ (4.14 to 45.1 uJ)"."""
+    if low == high:
+        return f"{quantity(value, 'J')} (no range)"
+    least, most = (quantity(end, "J", 3) for end in (low, high))
+    number, unit = least.split()
+    return f"{quantity(value, 'J')} ({number if most.endswith(f' {unit}') else least} to {most})"
+
+
+def cells(bill: Mapping[str, Any]) -> tuple[str, ...]:
+    """What stands below `COLUMNS`, of a bill as plain values; "-" where no time is known, and so no chips."""
+    time, chips = "-", "-" if bill["chips"] is None else f"{bill['chips']:,}"
+    if bill["chip_time_s"] is not None:
+        time = f"{quantity(bill['chip_time_s'], 's')} of {quantity(bill['duration_s'], 's')}"
+    return quantity(bill["dynamic_j"], "J"), *_totals(bill), time, chips
+
+
+def _totals(bill: Mapping[str, Any]) -> tuple[str, str]:
+    """The total with its range at both clocks; only what is dynamic, where static energy is not known."""
+    one, other = (
+        between(*(each[f"total{end}_j"] for end in ("", "_low", "_high"))) + " dynamic" * (each["static_j"] is None)
+        for each in (bill, bill["real_time"])
+    )
+    return one, other + " late" * bill["late"]
 
 
 def number(count: float) -> str:
@@ -288,10 +349,12 @@ def number(count: float) -> str:
     return f"{count:,.0f}" if abs(count) >= 1000 else f"{count:.4g}"
 
 
-def aligned(rows: Sequence[tuple[str, ...]]) -> list[str]:
+def aligned(
+    rows: Sequence[tuple[str, ...]], right: Sequence[bool] = (False, False, True, True, True, False)
+) -> list[str]:
     """Columns of equal width; what is counted is set to the right."""
     widths = [max(len(row[i]) for row in rows) for i in range(len(rows[0]))]
-    right = (False, False, True, True, True, False)[: len(widths)]
+    right = right[: len(widths)]
     cells = (
         [cell.rjust(w) if r else cell.ljust(w) for cell, w, r in zip(row, widths, right, strict=True)] for row in rows
     )

@@ -10,19 +10,12 @@ __all__ = ["footnotes"]
 
 
 def footnotes(priced: Iterable[Energy], sources: bool = True) -> Iterator[str]:
-    """Figures by their source, if asked for, the bills' notes and ranges; what holds for several is told once."""
+    """Figures by their source, if asked for, and the bills' notes; what holds for several is told once."""
     targets: dict[str, list[str]] = {}
     for bill in priced:
-        for line in (*(_sources(bill) if sources else ()), *bill.noted(sources), _range(bill)):
+        for line in (*(_sources(bill) if sources else ()), *bill.noted(sources)):
             targets.setdefault(line, []).append(bill.target)
     return (f"{', '.join(names)}: {line}" for line, names in targets.items())
-
-
-def _range(bill: Energy) -> str:
-    known = bill.low_j < bill.high_j
-    return (
-        f"the total lies between {quantity(bill.low_j, 'J')} and {quantity(bill.high_j, 'J')}" if known else bill.span()
-    )
 
 
 def _sources(bill: Energy) -> list[str]:

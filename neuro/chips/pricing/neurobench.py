@@ -210,11 +210,13 @@ class _Report:
 
 
 def _joules(energy: Energy, samples: int) -> dict[str, Any]:
-    """Joules of one sample by what they are spent on."""
+    """Joules of one sample by what they are spent on, the chip working at the bill's clock, and all in real time."""
     sums = dict.fromkeys(("synop", "neuron", "route", "learn", "static"), 0.0)
     for what, joules in energy.by_cost().items():
         sums[_COSTS[what]] += joules / samples
-    return {"model": energy.target, "total": energy.total_j / samples, **sums}
+    one, real = ({"total": e.total_j, "low": e.low_j, "high": e.high_j} for e in (energy, energy.real_time))
+    one, real = ({name: joules / samples for name, joules in each.items()} for each in (one, real))
+    return {"model": energy.target, "clock": energy.clock, **one, **sums, "real_time": real}
 
 
 def _sources(energy: Energy) -> list[str]:

@@ -1,7 +1,8 @@
 """Counts x figures: what a run would take on a chip, whatever backend it ran on.
 
 Dynamic energy is the counts that all backends share, and the ways of the spikes by the placement, times the table's
-figures. Static energy is the power of the chips times the emulated chip time. Where a table has `mac`, the same work
+figures. Static energy is the power of the chips times the emulated chip time, and in real time the power times what
+the steps last. Where a table has `mac`, the same work
 is priced as dense layers instead: every synapse in every step.
 """
 
@@ -15,8 +16,8 @@ from neuro.chips.arithmetics import ARITHMETICS, arithmetic_of
 from neuro.chips.description import Chip
 from neuro.chips.placing.capacity import too_late
 from neuro.chips.placing.fan_out import dense_size, spiking
-from neuro.chips.pricing.duration import Duration, chip_time, told_times
-from neuro.chips.pricing.energy import STATIC, Energy, Item, number
+from neuro.chips.pricing.duration import Duration, chip_time, told_times, waited
+from neuro.chips.pricing.energy import AS_GIVEN, FASTEST, REAL_TIME, STATIC, Energy, Item, number, quantity
 from neuro.chips.pricing.holding import range_of, run_of, why_extrapolated
 from neuro.chips.quantising.quantise import refusals
 from neuro.core.errors import ModelError
@@ -122,33 +123,31 @@ class _Bill:
         self.program, self.counts, self.chip = program, counts, chip
         self.placement, self.chips, self.step_s = placement, chips, step_s
         self.run = run_of(program, counts, placement, chips)
+        self.seconds = counts.steps * program.resolution * 1e-3
         self.items: list[Item] = []
         self.notes: list[str] = []
 
     def add(self, what: str, kind: str, of: str, count: float) -> None:
         """Add an item if there is anything to count."""
-        if not count:
-            return
-        figure = self.chip.costs.get(what)
-        if figure is None:
+        if count and what not in self.chip.costs:
             self.items.append(Item(what, kind, of, count, None, None, "", ""))
-            return
-        low, high = (count * end for end in range_of(figure, self.run))
-        self._append(what, kind, of, count, low, high)
+        elif count:
+            self.items.append(self._item(what, kind, of, count, count, count))
 
-    def _append(self, what: str, kind: str, of: str, count: float, low: float, high: float) -> None:
+    def _item(self, what: str, kind: str, of: str, count: float, least: float, most: float) -> Item:
+        """A line with a figure, of which there are between `least` and `most`."""
         figure = self.chip.costs[what]
+        low, high = range_of(figure, self.run)
         known = (figure.value, count * figure.value, figure.source, figure.conditions)
         why = why_extrapolated(figure, self.run)
-        self.items.append(Item(what, kind, of, count, *known, low, high, figure.spread, why))
+        return Item(what, kind, of, count, *known, least * low, most * high, figure.spread, why)
 
-    def on(self, time: Duration) -> None:
+    def on(self, time: Duration | None) -> list[Item]:
         """Chips that are on: the range is that of their power and that of the time."""
-        if STATIC not in self.chip.costs or not time.best:
-            return
-        low, high = range_of(self.chip.costs[STATIC], self.run)
-        seconds = (self.chips * each for each in (time.best, time.low * low, time.high * high))
-        self._append(STATIC, "chip", self.chip.name, *seconds)
+        if STATIC not in self.chip.costs or time is None or not time.best:
+            return []
+        seconds = (self.chips * each for each in (time.best, time.low, time.high))
+        return [self._item(STATIC, "chip", self.chip.name, *seconds)]
 
     def dense(self) -> Energy:
         """Every synapse in every step."""
@@ -171,8 +170,6 @@ class _Bill:
             by_host = part.synapse.learns == "trials" or part.synapse.delays
             self.add("weight_write" if by_host else "learning_update", "projection", part.name, made.learning_updates)
         time = chip_time(self.program, self.counts, placement, self.chip, self.run, self.step_s)
-        if time is not None:
-            self.on(time)
         self.explain(raw, time)
         return self.done(time)
 
@@ -209,8 +206,13 @@ class _Bill:
         if placement is not None and self.chips != placement.chips_used:
             used, on = placement.chips_used, self.chips
             self.notes.append(f"the network uses {used} chip{'s' * (used > 1)}, {on} are on, as given")
-        if STATIC not in self.chip.costs or time is None:
+        if time is not None and time.best > self.seconds * (1.0 + 1e-9):
+            takes, lasts = quantity(time.best, "s"), quantity(self.seconds, "s")
+            self.notes.append(f"late: real time is not kept, the chip takes {takes} for {lasts}")
+        if STATIC not in self.chip.costs:
             self.notes.append("static power is not in the sums: no figure is published")
+        elif time is None:
+            self.notes.append("static power is in the sums in real time only: no time of a step is published")
         elif placement is None and self.chip.costs[STATIC].value and self.chips == 1:
             self.notes.append("nothing is placed: one chip is taken")
         if any(part.kind != "neuron" for part in self.program.populations):
@@ -229,7 +231,14 @@ class _Bill:
 
     def done(self, time: Duration | None) -> Energy:
         """The bill."""
+        real = waited(time, self.seconds)
+        known = time is not None or (STATIC in self.chip.costs and "mac" not in self.chip.costs)
+        waiting = self._timed(real, REAL_TIME) if known and real != time else None
+        return self._timed(time, FASTEST if self.step_s is None else AS_GIVEN, waiting)
+
+    def _timed(self, time: Duration | None, clock: str, waiting: Energy | None = None) -> Energy:
         chip, steps = self.chip, self.counts.steps
         best, ends = (None, None) if time is None else (time.best, (time.low, time.high))
-        lines = tuple(self.items), tuple(self.notes)
-        return Energy(chip.name, chip.title, self.chips, best, steps, *lines, chip_time_range_s=ends)
+        lines = (*self.items, *self.on(time)), tuple(self.notes)
+        named = {"chip_time_range_s": ends, "duration_s": self.seconds, "clock": clock, "waiting": waiting}
+        return Energy(chip.name, chip.title, self.chips, best, steps, *lines, **named)
