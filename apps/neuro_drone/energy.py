@@ -184,13 +184,14 @@ def show(bills: Bills, sources: bool = False) -> None:
     rows: list[tuple[str, ...]] = []
     for bill in bills.spiking:
         share = bills.share(bill)
-        told = "-" if share is None else f"{share:.2%}"
         fits = {None: "-", True: "yes", False: "no"}[_in_time(share)]
-        rows.append((bill.target, f"{model.controller}, {bill.title}", *bill.cells(), told, fits))
+        rows.append((bill.target, *bill.cells(), fits))
     for one in bills.dense:
-        joules = f"{between(one.joules, *one.range)} dynamic"
-        rows.append((one.target, one.what, quantity(one.joules, "J"), joules, joules, "-", "-", "-", "-"))
-    columns = ("target", "what", *COLUMNS, ">of the step", "in time")
+        joules = f"> {between(one.joules, *one.range)}"
+        rows.append(
+            (f"{one.target}, {one.what.partition(':')[0]}", quantity(one.joules, "J"), joules, joules, "-", "-", "-")
+        )
+    columns = ("target", *COLUMNS, "in time")
     title = (
         f"energy per control step of {step:g} ms; {model.controller} in {model.scenario.name}, "
         f"{bills.error_px:.2f} px, mean of {bills.steps:,} steps"

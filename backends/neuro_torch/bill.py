@@ -1,6 +1,6 @@
 """What a recording takes on a chip, in joules, as a tensor with a gradient: a regulariser, and a bill.
 
-It is the bill of `neuro.chips.price`: spikes x (fan-out x a synaptic operation + their ways between cores), updates of
+It is the bill of `neuro.chips.price`, without the ranges: spikes x (fan-out x a synaptic operation + their ways between cores), updates of
 neurons, and static power x the time of the chip, which its busiest core decides. All but the busiest core is linear in
 the spikes, so a batch takes what its mean recording takes. Spikes have the gradient that the surrogate gives them;
 updates that are active only since something arrives have none.
@@ -86,14 +86,20 @@ class Bill:
         parts = enumerate(self.program.populations)
         self._spike = {part.name: torch.from_numpy(self._of_spikes(index)) for index, part in parts}
         self._time = _Time(self.program, self.chip, self.placement)
+        self._watts = self._cost(STATIC) * (1 if self.placement is None else self.placement.chips_used)
 
     def __call__(self, outcome: Counted) -> Tensor:
-        """Joules of a recording, the mean of the batch.
+        """Joules of a recording, the mean of the batch, as fast as the chip can.
 
         Raises:
-            ModelError: the outcome is of a network with other synapses; `dynamic`, `static`, `seconds` raise it, too.
+            ModelError: the outcome is of a network with other synapses; the other methods raise it, too.
         """
         return self.dynamic(outcome) + self.static(outcome)
+
+    def real_time(self, outcome: Counted) -> Tensor:
+        """The same in real time: a chip that is done before the recording is waits for its end."""
+        lasts = outcome.steps * self.program.resolution * 1e-3
+        return self.dynamic(outcome) + self._time(outcome).clamp(min=lasts) * self._watts
 
     def dynamic(self, outcome: Counted) -> Tensor:
         """Joules of what is done."""
@@ -106,11 +112,7 @@ class Bill:
     def static(self, outcome: Counted) -> Tensor:
         """Joules of chips being on; 0 where no figure is published."""
         self._check(outcome)
-        figure = self.chip.costs.get(STATIC)
-        if figure is None:
-            return self._updates(outcome) * 0.0
-        chips = 1 if self.placement is None else self.placement.chips_used
-        return self._time(outcome) * (chips * figure.value)
+        return self._time(outcome) * self._watts
 
     def seconds(self, outcome: Counted) -> Tensor:
         """How long the chip takes for a recording, s; 0 where no figure is published."""

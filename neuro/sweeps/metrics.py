@@ -22,6 +22,7 @@ METRICS: Registry[Metric] = Registry("metric", (), group="neuro.metrics")
 TOTALS = ("spikes", "synaptic_ops", "neuron_updates", "neuron_updates_active", "learning_updates")
 _OF_POPULATIONS = ("rate", "spikes", "cv")
 _OF_PROJECTIONS = ("weight", "weight_sd")
+_OF_CHIPS = ("energy", "energy_real_time")
 
 
 def check_metrics(names: Iterable[str], populations: Collection[str], projections: Collection[str]) -> None:
@@ -36,14 +37,14 @@ def check_metrics(names: Iterable[str], populations: Collection[str], projection
             raise unknown(f"population of the metric '{name}':", of, populations)
         if dot and word in _OF_PROJECTIONS and of not in projections:
             raise unknown(f"projection of the metric '{name}':", of, projections)
-        if dot and word == "energy":
+        if dot and word in _OF_CHIPS:
             from neuro.chips.known import chip
 
             chip(of)
-        if not (dot and word in (*_OF_POPULATIONS, *_OF_PROJECTIONS, "energy")) and name not in (*TOTALS, *METRICS):
+        if not (dot and word in (*_OF_POPULATIONS, *_OF_PROJECTIONS, *_OF_CHIPS)) and name not in (*TOTALS, *METRICS):
             of_parts = [f"{each}.{part}" for each in _OF_POPULATIONS for part in populations]
             of_parts += [f"{each}.{part}" for each in _OF_PROJECTIONS for part in projections]
-            raise unknown("metric", name, (*TOTALS, *of_parts, "energy.CHIP", *METRICS))
+            raise unknown("metric", name, (*TOTALS, *of_parts, *(f"{each}.CHIP" for each in _OF_CHIPS), *METRICS))
 
 
 def measured(sim: Simulation, names: Iterable[str], tables: Mapping[str, str] | None = None) -> dict[str, Any]:
@@ -53,7 +54,8 @@ def measured(sim: Simulation, names: Iterable[str], tables: Mapping[str, str] | 
         sim: the simulation.
         names: `spikes` and other totals; `rate.POPULATION` in Hz a neuron, `spikes.POPULATION`, `cv.POPULATION`, the
             mean coefficient of variation of the intervals; `weight.PROJECTION`, their mean at the end, and
-            `weight_sd.PROJECTION`; `energy.CHIP` in J; or that of a registered function.
+            `weight_sd.PROJECTION`; `energy.CHIP` in J, as fast as the chip can, and `energy_real_time.CHIP`; or
+            that of a registered function.
         tables: of chips by name, where the sweep changes their figures.
     """
     found: dict[str, Any] = {}
@@ -85,8 +87,9 @@ def _own(sim: Simulation, name: str, tables: Mapping[str, str]) -> Any:
     word, dot, of = name.partition(".")
     if not dot:
         return getattr(sim.counts(), name)
-    if word == "energy":
-        return sim.energy(tables.get(of, of)).total_j
+    if word in _OF_CHIPS:
+        bill = sim.energy(tables.get(of, of))
+        return (bill if word == "energy" else bill.real_time).total_j
     if word in _OF_PROJECTIONS:
         weight = sim.get(of, "weight")
         return float((weight.mean() if word == "weight" else weight.std()) if weight.size else np.nan)

@@ -59,11 +59,11 @@ NOTES = """\
 not the chip of 22 nm
 """
 SUMS = """
-                    as fast as the chip can                      in real time
-chip time                              5 ms                              5 ms
-dynamic                             71.1 nJ                           71.1 nJ
-static                           not priced                        not priced
-total      71.1 nJ (71.1 to 284 nJ) dynamic  71.1 nJ (71.1 to 284 nJ) dynamic"""
+              as fast as the chip can                in real time
+chip time                        5 ms                        5 ms
+dynamic                       71.1 nJ                     71.1 nJ
+static                     not priced                  not priced
+total      > 71.1 nJ (71.1 to 284 nJ)  > 71.1 nJ (71.1 to 284 nJ)"""
 
 
 def test_the_text(run):

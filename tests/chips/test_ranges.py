@@ -75,7 +75,7 @@ def test_by_hand(sim, table):
     )
     part = energy.per(4, "part")
     assert (part.low_j, part.high_j) == (energy.low_j / 4, energy.high_j / 4)
-    assert str(energy).endswith(f"  {energy.total_j:g} J ({energy.low_j:g} to {energy.high_j:g} J) dynamic")
+    assert str(energy).endswith(f"  > {energy.total_j:g} J ({energy.low_j:g} to {energy.high_j:g} J)")
 
 
 def test_static_energy_takes_both_ranges(sim, table):

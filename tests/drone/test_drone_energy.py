@@ -54,7 +54,10 @@ def test_table(bills, capsys):
     assert "dqn: 64-64-64-9" in out
     assert "Davies et al., IEEE Micro 38(1):82, 2018" in out
     assert "not in the bill: the camera" in out
-    assert "of one that is on for the whole step: loihi 2.08 mJ" in out
+    assert bills.spiking[0].real_time.static_j == pytest.approx(20e-3 * 0.104)
+    (row,) = [line for line in out.splitlines() if line.split()[:1] == ["loihi"]]
+    assert " 2.08 mJ (580 uJ to 3.42 mJ) " in row
+    assert row.split()[-1] == "yes"
 
 
 def test_a_dense_agent_is_priced_by_its_own_layers():

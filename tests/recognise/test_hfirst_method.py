@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 import neuro
+from neuro.chips import cells
 from neuro.events import Events
 from neuro_recognise import Recogniser
 from neuro_recognise.compare import Plan, compare, contestants
@@ -106,7 +107,7 @@ def test_its_bill_and_the_chips_that_refuse_it(bars, capsys):
     text = capsys.readouterr().out
     assert f"- loihi refuses the network: {REFUSED}\n" in text
     (row,) = [line for line in text.splitlines() if line.strip().startswith("loihi ")]
-    assert row.split() == ["loihi", "refused", *["-"] * 5]
+    assert row.split() == ["loihi", "refused", *["-"] * 4]
 
 
 def priced(bars):
@@ -124,4 +125,10 @@ def test_a_comparison_tells_who_refuses_it(capsys, learning, tmp_path):
     lines = capsys.readouterr().out.splitlines()
     assert lines[-1] == f"- loihi refuses hfirst: {REFUSED}"
     (row,) = [line for line in lines if line.strip().startswith("hfirst") and "refused" in line]
-    assert row.split()[-1].endswith("J")
+    assert row.split() == ["hfirst", "loihi", "refused", *["-"] * 4]
+    (row,) = [line for line in lines if line.strip().startswith("hfirst") and "spinnaker2" in line]
+    bill = found[0].bills["spinnaker2"]
+    dynamic, *_, time, _ = cells(bill)
+    assert row.split()[2:4] == dynamic.split()
+    assert " ".join(row.split()).endswith(f"{time} 1")
+    assert bill["late"], "steps of 0.1 ms"

@@ -61,7 +61,7 @@ def test_curves_follow(tmp_path, picture):
 
 def curve(pixels):
     """The height of the line of a trace in each of its columns, but those below its name."""
-    pixels = pixels[700:830, 90:300]
+    pixels = pixels[720:850, 90:300]
     teal = (pixels[..., 1] - pixels[..., 0] > 0.25) & (pixels[..., 2] - pixels[..., 0] > 0.25)
     rows, columns = np.nonzero(teal)
     long = [rows[columns == column].mean() for column in np.unique(columns)]

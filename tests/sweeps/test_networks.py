@@ -32,7 +32,7 @@ parameters:
   exc_inh.n: [2, 5]
   exc_inh.lambda: [0.01]
 seeds: 2
-metrics: [rate.exc, spikes.inh, cv.exc, weight.exc_inh, weight_sd.exc_inh, spikes, energy.loihi]
+metrics: [rate.exc, spikes.inh, cv.exc, weight.exc_inh, weight_sd.exc_inh, spikes, energy.loihi, energy_real_time.loihi]
 """
 
 
@@ -65,6 +65,7 @@ def test_a_sweep_gives_what_single_runs_give(folder, run, capsys):
         assert row["weight_sd.exc_inh"] == sim.get("exc_inh", "weight").std()
         assert sim.get("exc_inh", "weight").size == 5 * row["exc_inh.n"]
         assert row["energy.loihi"] == sim.energy("loihi").total_j
+        assert row["energy_real_time.loihi"] == sim.energy("loihi").real_time.total_j
         each = [np.diff(times[ids == k]) for k in range(10) if (ids == k).sum() >= 3]
         cv = float(np.mean([part.std() / part.mean() for part in each])) if each else float("nan")
         assert row["cv.exc"] == pytest.approx(cv, rel=1e-12, nan_ok=True)

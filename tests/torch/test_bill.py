@@ -65,6 +65,7 @@ def test_it_is_the_bill_of_the_chips(ran, target):
     assert float(bill.dynamic(outcome)) == pytest.approx(energy.dynamic_j, rel=1e-12)
     assert float(bill.static(outcome)) == pytest.approx(energy.static_j, rel=1e-12)
     assert float(bill(outcome)) == pytest.approx(energy.total_j, rel=1e-12)
+    assert float(bill.real_time(outcome)) == pytest.approx(energy.real_time.total_j, rel=1e-12)
     assert float(bill.seconds(outcome)) == pytest.approx(energy.chip_time_s or 0.0, rel=1e-12)
 
 

@@ -97,12 +97,12 @@ def show(recogniser: Recogniser, tried: Tried, priced: Priced, sources: bool = F
     low, high = own.interval
     right = f"{own.accuracy:.1%} of {own.n} right (95 % interval {low:.1%} - {high:.1%})"
     title = f"energy per recording; {right} by {recogniser.method.called()} on {priced.run[0].backend}"
-    rows = [(bill.target, bill.title, *bill.cells()) for bill in priced.bills.values()]
-    rows += [(name, "refused", *["-"] * len(COLUMNS)) for name in priced.refused]
+    rows = [(bill.target, *bill.cells()) for bill in priced.bills.values()]
+    rows += [(name, "refused", *["-"] * (len(COLUMNS) - 1)) for name in priced.refused]
     told = ", ".join(f"{number(count)} {name.replace('_', ' ')}" for name, count in counted(priced).items())
     typer.echo(f"a recording: {told}\n")
     refused = (f"{name} refuses the network: {why}" for name, why in priced.refused.items())
     for line in (*refused, *footnotes(priced.bills.values(), sources), *notes(priced)):
         typer.echo(f"- {line}")
     typer.echo()
-    console().print(table(("target", "what", *COLUMNS), rows, title=title))
+    console().print(table(("target", *COLUMNS), rows, title=title))

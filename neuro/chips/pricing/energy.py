@@ -200,9 +200,10 @@ class Energy:
         )
         ends = self.chip_time_range_s
         span = None if ends is None else (ends[0] / n, ends[1] / n)
-        time, waiting = _share(self.chip_time_s, n), self.waiting and self.waiting.per(n, what)
-        parts = {"chip_time_s": time, "steps": self.steps / n, "duration_s": self.duration_s / n, "waiting": waiting}
-        return replace(self, items=items, of=what, chip_time_range_s=span, **parts)
+        time, lasts = _share(self.chip_time_s, n), self.duration_s / n
+        waiting = None if self.waiting is None else self.waiting.per(n, what)
+        times = replace(self, chip_time_s=time, chip_time_range_s=span, duration_s=lasts, waiting=waiting)
+        return replace(times, items=items, steps=self.steps / n, of=what)
 
     def as_dict(self) -> dict[str, Any]:
         """All of it as plain values, for JSON; what is not known is None."""
@@ -329,14 +330,14 @@ def cells(bill: Mapping[str, Any]) -> tuple[str, ...]:
     """What stands below `COLUMNS`, of a bill as plain values; "-" where no time is known, and so no chips."""
     time, chips = "-", "-" if bill["chips"] is None else f"{bill['chips']:,}"
     if bill["chip_time_s"] is not None:
-        time = f"{quantity(bill['chip_time_s'], 's')} of {quantity(bill['duration_s'], 's')}"
+        time = " of ".join(quantity(bill[name], "s", 3) for name in ("chip_time_s", "duration_s"))
     return quantity(bill["dynamic_j"], "J"), *_totals(bill), time, chips
 
 
 def _totals(bill: Mapping[str, Any]) -> tuple[str, str]:
-    """The total with its range at both clocks; only what is dynamic, where static energy is not known."""
+    """The total with its range at both clocks; ">" where static energy is not known and so not in it."""
     one, other = (
-        between(*(each[f"total{end}_j"] for end in ("", "_low", "_high"))) + " dynamic" * (each["static_j"] is None)
+        "> " * (each["static_j"] is None) + between(*(each[f"total{end}_j"] for end in ("", "_low", "_high")))
         for each in (bill, bill["real_time"])
     )
     return one, other + " late" * bill["late"]
