@@ -189,7 +189,7 @@ def _shown(net: neuro.Network, data: Recordings, plan: Plan, bar: Bar, *hint: st
 
 
 def _tell(bar: Bar, plan: Plan, epoch: int, noted: Mapping[str, float]) -> None:
-    spent = f", {1e6 * noted['joules']:.3g} uJ" if noted.get("joules") else ""
+    spent = f", {1e6 * noted['joules']:.3g} uJ as fast as the chip can" if noted.get("joules") else ""
     told = f"epoch {epoch}: loss {noted['loss']:.4g}, {noted['right']:.1%} right{spent}"
     bar.show(epoch, plan.epochs, told)
 

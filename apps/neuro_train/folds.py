@@ -90,7 +90,7 @@ def _fold(
     told |= {"same_spikes": {one.backend: one.same_spikes(tried[0]) for one in tried}}
     told |= {"overflows": {one.backend: one.overflows for one in tried if one.overflows}}
     told |= {"room": [asdict(one) for one in room]}
-    told |= {"joules": {one.backend: one.bill.total_j for one in tried if one.bill}}
+    told |= {"bills": {one.backend: one.bill.as_dict() for one in tried if one.bill}}
     write_text(file, json.dumps(told, indent=1), RESULT)
     checkpoint.remove()
     return told

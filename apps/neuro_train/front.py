@@ -10,13 +10,17 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from neuro.apps import Kind, console, table, write_picture, write_text
+from neuro.chips import COLUMNS, between
 from neuro_recognise.evaluate import wilson
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-__all__ = ["Place", "draw", "logarithmic", "show", "write"]
+__all__ = ["SPENT", "Place", "draw", "logarithmic", "show", "write"]
+
+SPENT = tuple(f"{clock}microjoules{end}" for clock in ("", "real_time_") for end in ("", "_low", "_high"))
+"""What a recording takes, with its range, as fast as the chip can and in real time."""
 
 CSV = Kind("a table of 'neuro train --search'", lambda path: path.read_bytes()[:8] == b"network,")
 GREY, BLUE = "0.65", "#0072B2"
@@ -29,16 +33,16 @@ class Place:
     Attributes:
         varied: the values of what varied, by name.
         accuracy: where it was judged, mean of the folds.
-        microjoules: of a recording on the chip, likewise.
+        microjoules: of a recording on the chip as fast as it can, likewise.
         file: the network; that of the front is learnt from all that is not held out.
-        tested: of the front how many are right of how many that are held out, and microjoules of one of them.
+        tested: of the front how many are `right` of `n` that are held out, and `SPENT` of one of them.
     """
 
     varied: Mapping[str, Any]
     accuracy: float
     microjoules: float
     file: Path
-    tested: tuple[int, int, float] | None
+    tested: Mapping[str, float] | None
 
 
 def show(places: Sequence[Place], chip: str) -> None:
@@ -48,23 +52,30 @@ def show(places: Sequence[Place], chip: str) -> None:
     cells = []
     for place in front:
         assert place.tested is not None, "it is of the front"
-        right, n, spent = place.tested
-        low, high = wilson(right, n)
+        share, (low, high) = _held_out(place.tested)
         values = (f"{value:g}" for value in place.varied.values())
-        searched = f"{place.accuracy:.1%}", f"{place.microjoules:.3g} uJ"
-        cells.append((*values, *searched, f"{right / n:.1%}", f"{low:.1%} - {high:.1%}", f"{spent:.3g} uJ"))
-    head = (*(f">{name}" for name in names), ">judged", f">on {chip}", ">held out", ">95 % interval", f">on {chip}")
-    console().print(table(head, cells, title=f"{len(front)} of {len(places)} networks that no other beats"))
+        joules = [1e-6 * place.tested[name] for name in SPENT]
+        spent = between(*joules[:3]), between(*joules[3:])
+        cells.append((*values, f"{place.accuracy:.1%}", f"{share:.1%}", f"{low:.1%} - {high:.1%}", *spent))
+    head = (*(f">{name}" for name in names), ">judged", ">held out", ">95 % interval", *COLUMNS[1:3])
+    title = f"{len(front)} of {len(places)} networks that no other beats, and a recording on {chip}"
+    console().print(table(head, cells, title=title))
+
+
+def _held_out(tested: Mapping[str, float]) -> tuple[float, tuple[float, float]]:
+    """The share of right decisions, and its 95 % interval."""
+    right, n = int(tested["right"]), int(tested["n"])
+    return right / n, wilson(right, n)
 
 
 def write(folder: Path, places: Sequence[Place], chip: str) -> tuple[Path, Path]:
     """Write front.csv and front.png; errors as of `neuro.apps.output`."""
     out = io.StringIO()
     writer = csv.writer(out, lineterminator="\n")
-    found = ("accuracy", "microjoules", "held_out_right", "held_out", "held_out_microjoules")
+    found = ("accuracy", "microjoules", "held_out_right", "held_out", *(f"held_out_{name}" for name in SPENT))
     writer.writerow(("network", *places[0].varied, *found))
     for place in places:
-        tested = place.tested or ("", "", "")
+        tested = [f"{place.tested[name]:.10g}" if place.tested else "" for name in ("right", "n", *SPENT)]
         name = place.file.relative_to(folder).as_posix()
         writer.writerow((name, *place.varied.values(), place.accuracy, place.microjoules, *tested))
     files = folder / "front.csv", folder / "front.png"
@@ -86,17 +97,17 @@ def draw(places: Sequence[Place], chip: str) -> Figure:
     axis.step(*_at(front), where="post", color=GREY, linewidth=1.0)
     axis.plot(*_at(front), "o", color="0.3", markersize=5, label="no other beats these")
     tests = [place.tested for place in front if place.tested]
-    share = [100.0 * right / n for right, n, _ in tests]
-    limits = [wilson(right, n) for right, n, _ in tests]
-    below = [at - 100.0 * low for at, (low, _) in zip(share, limits, strict=True)]
-    above = [100.0 * high - at for at, (_, high) in zip(share, limits, strict=True)]
-    spent = [joules for _, _, joules in tests]
+    held_out = [_held_out(tested) for tested in tests]
+    share = [100.0 * at for at, _ in held_out]
+    below = [100.0 * (at - low) for at, (low, _) in held_out]
+    above = [100.0 * (high - at) for at, (_, high) in held_out]
+    spent = [tested["microjoules"] for tested in tests]
     label = "the same, learnt anew, on recordings held out (95 %)"
     axis.errorbar(
         spent, share, yerr=(below, above), fmt="D", color=BLUE, label=label, markersize=5, linewidth=1.2, capsize=2
     )
     logarithmic(axis)
-    axis.set_xlabel(f"microjoules of a recording on {chip}")
+    axis.set_xlabel(f"microjoules of a recording on {chip}, as fast as it can")
     axis.set_ylabel("right decisions, %")
     axis.legend(frameon=False, fontsize="small", loc="lower right")
     return figure

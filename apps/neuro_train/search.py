@@ -25,7 +25,7 @@ from neuro import ModelError
 from neuro.apps import fingerprint, install, kept_json, make_folder, sealed, write_text
 from neuro_train import overflows
 from neuro_train.data import but, show
-from neuro_train.front import Place
+from neuro_train.front import SPENT, Place
 from neuro_train.plan import Plan
 from neuro_train.room import rooms
 from neuro_train.space import Space, parted
@@ -119,8 +119,7 @@ def search(
             tested = point(**words, **trial.point, fold=None, folds=folds or PARTS - 1)
         where = folder / ("front" if tested else "points") / f"{name}.yaml"
         values = trial.values or (float("nan"),) * 2
-        held = (int(tested["right"]), int(tested["n"]), float(tested["microjoules"])) if tested else None
-        found.append(Place(trial.point, values[0], values[1], where, held))
+        found.append(Place(trial.point, values[0], values[1], where, tested or None))
     return sorted(found, key=lambda place: place.microjoules)
 
 
@@ -155,7 +154,8 @@ def point(
         varied: values by name.
 
     Returns:
-        `accuracy` on the chip, `microjoules` of a recording on it, how many are `right` of `n`, and `cpu_s`.
+        `accuracy` on the chip, `microjoules` of a recording on it, as fast as it can, and all others of `SPENT`, how
+        many are `right` of `n`, and `cpu_s`.
     """
     of_file, of_plan = parted(varied)
     told = Plan(**{**json.loads(plan), **of_plan})
@@ -171,7 +171,7 @@ def point(
     which = f"part {'held out' if held else fold} of {folds + 1}"
     of = identity(net, shown, told) | {"part": which, "varied": dict(varied)}
     kept = kept_json(out.with_suffix(".json"))
-    if kept.get("of") == json.loads(json.dumps(of)) and out.exists():
+    if kept.get("of") == json.loads(json.dumps(of)) and out.exists() and set(SPENT) <= set(kept["found"]):
         return {str(name): float(value) for name, value in kept["found"].items()}
     mine = shown.take(learnt_from)
     checkpoint = begun(net, out, mine, told, which)
@@ -182,7 +182,8 @@ def point(
     overflows.tell(told.chip, tried.overflows, len(judged))
     if tried.bill is None:
         raise ModelError(f"{told.chip}: has no costs: expected a chip that has")
-    given = {"accuracy": tried.own.accuracy, "microjoules": 1e6 * tried.bill.total_j}
+    each = [joules for bill in (tried.bill, tried.bill.real_time) for joules in (bill.total_j, bill.low_j, bill.high_j)]
+    given = {"accuracy": tried.own.accuracy, **{name: 1e6 * joules for name, joules in zip(SPENT, each, strict=True)}}
     given |= {"right": float(tried.own.correct), "n": float(len(judged)), "cpu_s": trained.cpu_s}
     write_text(out.with_suffix(".json"), json.dumps({"format": FORMAT, "of": of, "found": given}, indent=1), RESULT)
     checkpoint.remove()

@@ -148,7 +148,7 @@ def curves(noted: Mapping[str, npt.NDArray[np.float64]]) -> dict[str, Figure]:
 
     shown = [("loss", "loss", 1.0), ("right", "right, %", 100.0)]
     if noted["joules"].any():
-        shown.append(("joules", "uJ of a recording,\nas fast as the chip can", 1e6))
+        shown.append(("joules", "as fast as the chip can, uJ", 1e6))
     drawn = {}
     for name, label, unit in shown:
         drawn[label] = figure = Figure(figsize=(3.4, 2.6), dpi=140, layout="constrained")

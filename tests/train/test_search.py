@@ -52,6 +52,12 @@ def test_every_point_is_a_network_that_runs_and_the_front_is_tested_on_what_is_h
     spent = [float(row["microjoules"]) for row in rows]
     assert spent == sorted(spent)
     front = [row for row in rows if row["held_out"]]
+    assert "in real time" in " ".join(out.split())
+    for row in front:
+        ends = [[float(row[f"held_out_{clock}microjoules{end}"]) for end in ("_low", "", "_high")]
+                for clock in ("", "real_time_")]  # fmt: skip
+        assert ends == [sorted(each) for each in ends]
+        assert ends[1][1] - ends[0][1] == pytest.approx(float(row["duration"]) * 104.0, rel=0.01)
     accuracy = [float(row["accuracy"]) for row in front]
     assert accuracy == sorted(accuracy)
     assert all(any(float(best["accuracy"]) >= float(row["accuracy"]) for best in front) for row in rows)
@@ -186,8 +192,10 @@ def test_recordings_to_test_on_have_no_place_in_a_search(neuro, folder, tmp_path
     ("spent", "numbers"), [((1.8, 3.5), "2 2.4 2.8 3.2 3.6"), ((1.0, 500.0), "1 2 5 10 20 50 100 200 500")]
 )
 def test_joules_along_the_figure_are_numbers_as_people_write_them(spent, numbers, tmp_path):
+    found = {"right": 9, "n": 10}
     places = [
-        Place({"hidden": k}, 0.9, joules, tmp_path / "net.yaml", (9, 10, joules)) for k, joules in enumerate(spent)
+        Place({"hidden": k}, 0.9, joules, tmp_path / "net.yaml", found | {"microjoules": joules})
+        for k, joules in enumerate(spent)
     ]
     figure = draw(places, "loihi")
     figure.draw_without_rendering()

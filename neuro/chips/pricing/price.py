@@ -240,5 +240,5 @@ class _Bill:
         chip, steps = self.chip, self.counts.steps
         best, ends = (None, None) if time is None else (time.best, (time.low, time.high))
         lines = (*self.items, *self.on(time)), tuple(self.notes)
-        clocks = ends, self.seconds, clock, waiting
-        return Energy(chip.name, chip.title, self.chips, best, steps, *lines, "run", *clocks)
+        about = chip.name, chip.title, self.chips, best, steps
+        return Energy(*about, *lines, "run", ends, self.seconds, clock, waiting)
