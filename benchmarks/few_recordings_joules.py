@@ -96,7 +96,7 @@ def _flown(scenario: Any, pilot: Any) -> dict[str, Any]:
 
 
 def in_words(bill: Energy) -> dict[str, Any]:
-    """Sums of a bill, and counts by what they are of; what has no published figure is counted only."""
+    """Sums of a bill at both clocks, and counts by what they are of; what has no published figure is counted only."""
     counts: dict[str, float] = {}
     unpriced = set()
     for item in bill.items:
@@ -104,9 +104,7 @@ def in_words(bill: Energy) -> dict[str, Any]:
         if item.joules_each is None:
             unpriced.add(item.what)
     return {
-        "dynamic_j": bill.dynamic_j,
-        "static_j": bill.static_j,
-        "chip_time_s": bill.chip_time_s,
+        **{name: value for name, value in bill.as_dict().items() if name not in ("items", "extrapolated", "notes")},
         "counts": counts,
         "by_cost": dict(bill.by_cost()),
         "not_priced": sorted(unpriced),

@@ -32,7 +32,7 @@ def figure(rows):
     drawn(axis, [(*each, 250) for each in REMUS], "s", "#D55E00", "ReMuS, two epochs, held out")
     drawn(axis, [(*WHOLE, 1000)], "*", "#D55E00", "ReMuS, eight epochs, five folds")
     logarithmic(axis)
-    axis.set_xlabel("microjoules of a recording on Loihi")
+    axis.set_xlabel("microjoules of a recording on Loihi, as fast as the chip can")
     axis.set_ylabel("right decisions, %")
     axis.legend(frameon=False, fontsize="small", loc="lower right")
     return made

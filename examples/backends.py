@@ -24,4 +24,4 @@ assert spikes["event"] == spikes["reference"]
 shared = len(spikes["loihi"] & spikes["event"]) / len(spikes["event"])
 bill = sim.energy("loihi")
 print(f"loihi fires {shared:.0%} of the spikes at the very step, since it learns in steps of 5 pA, and takes")
-print(f"{bill.dynamic_j * 1e6:.3g} uJ and {bill.static_j * 1e6:.3g} uJ of static power; print(bill) tells the sources")
+print(f"{bill.totals()}; print(bill) tells the sources")

@@ -1,9 +1,9 @@
 """What a recording takes on a chip, in joules, as a tensor with a gradient: a regulariser, and a bill.
 
 It is the bill of `neuro.chips.price`, without the ranges: spikes x (fan-out x a synaptic operation + their ways between
-cores), updates of neurons, and static power x the time of the chip, which its busiest core decides. All but the busiest core is linear in
-the spikes, so a batch takes what its mean recording takes. Spikes have the gradient that the surrogate gives them;
-updates that are active only since something arrives have none.
+cores), updates of neurons, and static power x the time of the chip, which its busiest core decides. All but the busiest
+core is linear in the spikes, so a batch takes what its mean recording takes. Spikes have the gradient that the
+surrogate gives them; updates that are active only since something arrives have none.
 """
 
 from __future__ import annotations
