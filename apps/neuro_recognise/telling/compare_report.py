@@ -33,7 +33,8 @@ BILLS = ("method", "target", *COLUMNS)
 BILL = (
     "Joules of a recording: what the network does, and what the chip takes while it does; the host that turns events "
     "into its input is not in the bill. Counts times published figures, in brackets the range of these. The chip is on "
-    "for as long as it works, or, in real time, for as long as the network's steps last."
+    "for as long as it works, or, in real time, for as long as the network's steps last; behind > its static energy is "
+    "missing, of which no figure is published."
 )
 
 
