@@ -1,5 +1,6 @@
 """Threads of the event backend: the same results in whichever way slices are run."""
 
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -38,42 +39,97 @@ def ran(pieces: list[float], **options: Any) -> list[Any]:
     return [*found, np.array([counts[name].spikes for name in counts])]
 
 
-@pytest.mark.parametrize("tried", [(1, 1), (3, 2), (10**6, 1)], ids=["in turn", "in turn, longer", "together"])
+WAYS = {
+    "in turn": {"STRETCH": 0.0, "SHARE": 1e9, "ENOUGH": 0.0, "MOST": 1e-9, "HELD": 0.0},
+    "together": {"GAIN": 1e-9, "AGAIN": np.inf, "HELD": 0.0},
+    "in one": {"ENOUGH": np.inf},
+}
+
+
+@pytest.mark.parametrize("way", WAYS)
 @pytest.mark.parametrize("n", [2, 3])
-def test_no_way_changes_a_bit(n: int, tried: tuple[int, int], monkeypatch: pytest.MonkeyPatch):
-    monkeypatch.setattr(threads, "FEWEST", tried[0])
-    monkeypatch.setattr(threads, "MOST", tried[0])
-    monkeypatch.setattr(threads, "KEPT", tried[1])
-    monkeypatch.setattr(threads, "LONGEST", tried[1])
+def test_no_way_changes_a_bit(n: int, way: str, monkeypatch: pytest.MonkeyPatch):
+    for name, value in WAYS[way].items():
+        monkeypatch.setattr(threads, name, value)
     alone = ran([40.0])
     assert alone[0].size > 500
     for pieces in ([40.0], [0.1, 7.3, 0.2, 32.4]):
         assert all(np.array_equal(a, b) for a, b in zip(ran(pieces, threads=n), alone, strict=True))
 
 
-def test_the_faster_way_is_kept_and_tried_again_ever_more_rarely():
-    ways, shortest = threads.Threads(2), threads.KEPT * threads.MOST
-    assert tried(ways, together=2e-6, alone=1e-6) == (False, shortest)
-    assert tried(ways, together=2e-6, alone=1e-6) == (False, 2 * shortest)
-    assert tried(ways, together=1e-6, alone=2e-6) == (True, shortest)
-    for _ in range(20):
-        kept = tried(ways, together=1e-6, alone=2e-6)
-    assert kept == (True, threads.LONGEST)
+class Timed(threads.Threads):
+    """In place of a run: so many seconds go by for a slice on one thread, and on all; who is busy has half the core."""
+
+    def __init__(self, monkeypatch: pytest.MonkeyPatch, slice_s: float) -> None:
+        super().__init__(2)
+        self.slice_s, self.gain, self.held = slice_s, 1.0, 1.0
+        self.now, self.cpu, self.trials = 0.0, 0.0, 0
+        clock = SimpleNamespace(perf_counter=lambda: self.now, thread_time=lambda: self.cpu)
+        monkeypatch.setattr(threads, "time", clock)
+        monkeypatch.setattr(threads, "loop", SimpleNamespace(run=self._alone, finish=lambda *_: None))
+
+    def _alone(self, view: int, first: int, last: int, *_: Any) -> int:
+        return self._go(last, (last - first) * self.slice_s)
+
+    def _share(self, view: int, first: int, last: int, *_: Any) -> int:
+        self.trials += first < last
+        return self._go(last, (last - first) * self.slice_s / self.gain + 1e-4)
+
+    def _go(self, last: int, seconds: float) -> int:
+        self.now, self.cpu = self.now + seconds / self.held, self.cpu + seconds
+        return last
+
+    def ratio(self, alone_s: float, pieces: int = 1) -> float:
+        """How long what takes so many seconds on one thread takes, in units of that."""
+        began, steps = self.now, round(alone_s / self.slice_s / pieces)
+        for _ in range(pieces):
+            self.run(0, 1, 1 + steps, 1, 1, 0.1)
+        return (self.now - began) * self.held / (steps * pieces * self.slice_s)
 
 
-def test_long_slices_are_tried_again_after_some_time():
-    ways = threads.Threads(2)
-    for _ in range(20):
-        kept = tried(ways, together=2e-3, alone=1e-3)
-    assert kept == (False, threads.LATEST / 1e-3)
-    assert tried(ways, together=1.0, alone=2.0) == (True, threads.KEPT * threads.FEWEST)
+@pytest.mark.parametrize("slice_s", [5e-5, 7e-4])
+@pytest.mark.parametrize("gain", [0.9, 0.7, 0.3])
+def test_threads_that_lose_cost_little(gain: float, slice_s: float, monkeypatch: pytest.MonkeyPatch):
+    ways = Timed(monkeypatch, slice_s)
+    ways.gain = gain
+    assert 1.0 < ways.ratio(0.5) < 1.04
+    assert 1.0 < ways.ratio(20.0) < 1.03
 
 
-def tried(ways: threads.Threads, together: float, alone: float) -> tuple[bool, int]:
-    """Which way is kept after a trial, and for how many slices."""
-    for way, seconds in ((True, together), (False, 9.0), (True, 9.0), (False, alone)):
-        ways._weigh(way, seconds)
-    return ways._together, ways._left
+@pytest.mark.parametrize("slice_s", [5e-5, 7e-4])
+@pytest.mark.parametrize("pieces", [1, 100])
+def test_threads_that_gain_are_kept_until_they_lose(slice_s: float, pieces: int, monkeypatch: pytest.MonkeyPatch):
+    ways = Timed(monkeypatch, slice_s)
+    ways.gain = 1.6
+    assert ways.ratio(1.0) < 0.7
+    assert ways.ratio(10.0, pieces) < 0.68
+    ways.gain = 0.7
+    assert ways.ratio(1.0, pieces) < 1.05
+    ways.gain = 1.6
+    ways.ratio(2.0, pieces)
+    assert ways.ratio(10.0, pieces) < 0.68
+
+
+def test_what_was_once_in_the_way_is_forgotten(monkeypatch: pytest.MonkeyPatch):
+    ways = Timed(monkeypatch, 1e-3)
+    ways.gain = 1e-3
+    ways.ratio(0.1)
+    ways.gain = 1.6
+    assert ways.ratio(2.0) == pytest.approx(1.0)
+    ways.ratio(0.5)
+    assert ways.ratio(2.0) < 0.68
+
+
+def test_busy_cores_are_no_place_for_trials(monkeypatch: pytest.MonkeyPatch):
+    ways = Timed(monkeypatch, 1e-3)
+    ways.held = 0.5
+    assert ways.ratio(100.0) == pytest.approx(1.0)
+    assert ways.trials == 0
+    ways.held, ways.gain = 1.0, 1.6
+    assert ways.ratio(10.0) < 0.7
+    trials, ways.held = ways.trials, 0.5
+    ways.ratio(10.0)
+    assert ways.trials <= trials + 1
 
 
 def test_a_thread_that_waits_in_vain_comes_back():

@@ -18,8 +18,8 @@ assert LANES == 1 << 3
 
 
 @inner
-def deliver_alike(view, q, first_source, step_slot, thread, out, mark, spot):
-    """Deliver the spikes of a step to this thread's targets; `out` is the place of target 0 in `buf`.
+def deliver_alike(view, q, first_source, step_slot, begin, stop, out, mark, spot):
+    """Deliver the spikes of a step to the targets of the threads begin:stop; `out` is the place of target 0 in `buf`.
 
     `mark` is the place of the targets' first block in `due`, or -1 where all blocks are marked at once; `spot` that of
     their first spot, or -1 where none are marked.
@@ -32,12 +32,19 @@ def deliver_alike(view, q, first_source, step_slot, thread, out, mark, spot):
     for t in range(net.edges.shape[1] - 1):
         end = net.log_ends[t, step_slot, row[SOURCE] + 1]
         for place in range(net.log_ends[t, step_slot, row[SOURCE]], end):
-            at = row_of(view, row, first_source, thread, t, place)
-            after = row_of(view, row, first_source, thread, t, min(place + 1, end - 1))
+            at = row_of(view, row, first_source, begin, t, place)
+            if place + 1 < end:
+                after = row_of(view, row, first_source, begin, t, place + 1)
+            else:
+                after = first_row(view, row, first_source, begin, t + 1, step_slot, at)
             ahead = address(net.targets) + 4 * net.rows[after]
             value = weight * np.float64(net.log_counts[t, place & mask])
-            first, last = net.rows[at], net.rows[at + 1]
-            add(net.targets, first, last, value, net.buf, out, net.due[thread], mark, ahead)
+            first, last = net.rows[at], net.rows[at + stop - begin]
+            add(net.targets, first, last, value, net.buf, out, ahead)
+            if mark >= 0:
+                for thread in range(begin, stop):
+                    k = at + thread - begin
+                    mark_blocks(net.targets, net.rows[k], net.rows[k + 1], net.due[thread], mark)
             if spot >= 0:
                 mark_spots(net.targets, first, last, net.spots, spot)
 
@@ -59,8 +66,20 @@ def row_of(view, row, first_source, thread, t, place):
 
 
 @inner
-def add(targets, first, last, value, buf, out, due, mark, ahead):
-    """Add one value to the targets first:last and mark their blocks; meanwhile ask for those of the next spike.
+def first_row(view, row, first_source, thread, t, step_slot, otherwise):
+    """The row of the first spike of a step in the logs of thread t and those after it, if there is one."""
+    net = net_of(view)
+    while t < net.edges.shape[1] - 1:
+        place = net.log_ends[t, step_slot, row[SOURCE]]
+        if place < net.log_ends[t, step_slot, row[SOURCE] + 1]:
+            return row_of(view, row, first_source, thread, t, place)
+        t += 1
+    return otherwise
+
+
+@inner
+def add(targets, first, last, value, buf, out, ahead):
+    """Add one value to the targets first:last; meanwhile ask for those of the next spike.
 
     These lie somewhere else in a table that is larger than the caches: at the address `ahead`.
     """
@@ -72,7 +91,14 @@ def add(targets, first, last, value, buf, out, due, mark, ahead):
             buf[begin + np.uint64(targets[line + k])] += value
     for e in range(np.uint64(whole), np.uint64(last)):
         buf[begin + np.uint64(targets[e])] += value
-    if mark >= 0:  # a second loop: the first is nothing but adds, and these few bytes stay in the cache
-        block = np.uint64(mark)
-        for e in range(np.uint64(first), np.uint64(last)):
-            due[block + (np.uint64(targets[e]) >> _SHIFT)] = 1
+
+
+@inner
+def mark_blocks(targets, first, last, due, mark):
+    """Mark the blocks of the targets first:last; `mark` is the place of the first of all.
+
+    It is a loop of its own: the other is nothing but adds, and these few bytes stay in the cache.
+    """
+    begin = np.uint64(mark)
+    for e in range(np.uint64(first), np.uint64(last)):
+        due[begin + (np.uint64(targets[e]) >> _SHIFT)] = 1

@@ -10,7 +10,7 @@ same for any number of threads, which own targets.
 import numpy as np
 
 from neuro.kernels.jit import inner, kernel
-from neuro_event.alike import add
+from neuro_event.alike import add, mark_blocks
 from neuro_event.deliver import base_of, csr_own, log_delivery, receptor, told_apart
 from neuro_event.tables import (
     BEGIN,
@@ -106,7 +106,9 @@ def add_run(view, row, thread, first, last, m, receptors, between, out, mark):
         weight = net.weights[row[WEIGHT]] * m
         at = out + receptor(weight, receptors) * between
         here = address(net.targets) + 4 * (e + first)  # asked for long before
-        add(net.targets, e + first, e + last, weight, net.buf, at, net.due[thread], mark, here)
+        add(net.targets, e + first, e + last, weight, net.buf, at, here)
+        if mark >= 0:
+            mark_blocks(net.targets, e + first, e + last, net.due[thread], mark)
     else:
         apart, at = receptors, out
         if receptors == 2 and row[SIGN] != MIXED:
@@ -186,7 +188,7 @@ def at_emission(view, q, step, after, thread):
     if step <= net.set_out[q]:
         return
     if row[RUN] < 0:
-        log_delivery(view, q, step, 0, thread, True)
+        log_delivery(view, q, step, 0, thread, thread + 1, True)
         return
     mask, slot = net.log_ids.shape[1] - 1, step & (net.log_ends.shape[1] - 1)
     for t in range(net.edges.shape[1] - 1):

@@ -94,16 +94,17 @@ def csr_own(targets, first, last, weights, w, m, receptors, stride, buf, out, du
 
 
 @inner
-def csr_delayed(view, q, source_id, m, step, thread, lo, hi, receptors, mark, slots):
+def csr_delayed(view, q, source_id, m, step, thread, lo, hi):
     """One spike over a projection whose synapses have delays of their own, into its ring, to the targets lo:hi.
 
     The synapses of a source may lie by delay, so those of one thread's targets are not together.
     """
     net = net_of(view)
     row = net.projections[q]
-    threads, blocks = net.edges.shape[1] - 1, net.awake.shape[0]
-    place = row[ROW] + source_id * threads
+    threads, blocks, slots = net.edges.shape[1] - 1, net.awake.shape[0], slot_mask(net)
+    place, receptors = row[ROW] + source_id * threads, net.pops[row[TARGET], RECEPTORS]
     size, base, apart = row[RING_SIZE], base_of(row), told_apart(row, receptors)
+    mark = net.pops[row[TARGET], FIRST_BLOCK]
     for e in range(net.rows[place], net.rows[place + threads]):
         target = np.int64(net.targets[e])
         if target < lo or target >= hi:
@@ -222,68 +223,75 @@ def spikes(net, source, slot):
 
 
 @merged
-def log_delivery(view, q, j, k, thread, ring):
+def log_delivery(view, q, j, k, begin, stop, ring):
     """Deliver what projection q's source emitted in step j, if it did, as `deliver_log`."""
     net = net_of(view)
     if spikes(net, net.projections[q, SOURCE], j & (net.log_ends.shape[1] - 1)) > 0:
-        deliver_log(view, q, j, k, thread, ring)
+        deliver_log(view, q, j, k, begin, stop, ring)
 
 
 @inner
-def deliver_log(view, q, j, k, thread, ring):
-    """Deliver the spikes that projection q's source emitted in step j, to this thread's targets.
+def deliver_log(view, q, j, k, begin, stop, ring):
+    """Deliver the spikes that projection q's source emitted in step j, to the targets of the threads begin:stop.
 
     With `ring` they go into the projection's ring, for the step in which they arrive; else to the input of
     step k, the present one.
     """
     net = net_of(view)
     row = net.projections[q]
-    source, target = net.pops[row[SOURCE]], net.pops[row[TARGET]]
-    threads = net.edges.shape[1] - 1
-    first_block = net.edges[target[NUMBER], thread]
-    last_block = net.edges[target[NUMBER], thread + 1]
-    step_slot = j & (net.log_ends.shape[1] - 1)
-    if first_block >= last_block:
+    target = net.pops[row[TARGET]]
+    edges = net.edges[target[NUMBER]]
+    if edges[begin] >= edges[stop]:
         return
-    blocks = net.awake.shape[0]
-    slots = slot_mask(net)
-    n = target[END] - target[BEGIN]
-    receptors = target[RECEPTORS]
-    lo = first_block * BLOCK - target[BEGIN]
-    hi = min(last_block * BLOCK - target[BEGIN], n)
     own_delays = ring and row[DELAY_STRIDE] == 1
     if ring:
         at = j + np.int64(net.delays[row[DELAY]])
-        out = row[RING] + (at & row[RING_MASK]) * receptors * row[RING_SIZE]
+        out = row[RING] + (at & row[RING_MASK]) * target[RECEPTORS] * row[RING_SIZE]
         between = row[RING_SIZE]
     else:
         at = k
         out = target[BEGIN]
         between = net.x.shape[1]
     out += base_of(row) * between
-    apart = told_apart(row, receptors)
-    slot = (at & slots) * blocks
+    step_slot = j & (net.log_ends.shape[1] - 1)
+    slot = (at & slot_mask(net)) * net.awake.shape[0]
     spot = target[BEGIN] // LANES if target[COLLECTS] >= 0 else -1
     wide = not own_delays and spot < 0 and spikes(net, row[SOURCE], step_slot) >= row[WAKE_ALL]
     mark = -1 if wide else slot + target[FIRST_BLOCK]
-    mask = net.log_ids.shape[1] - 1
     if row[LAYOUT] == CSR and row[WEIGHT_STRIDE] == 0 and not own_delays:
-        to = out + receptor(net.weights[row[WEIGHT]], apart) * between
-        if wide and hi - lo > RANGE:
-            deliver_in_ranges(view, q, source[BEGIN], step_slot, thread, lo, hi, to)
+        to = out + receptor(net.weights[row[WEIGHT]], told_apart(row, target[RECEPTORS])) * between
+        source, n = net.pops[row[SOURCE], BEGIN], (edges[stop] - edges[begin]) * BLOCK
+        if wide and n > RANGE:
+            lo = edges[begin] * BLOCK - target[BEGIN]
+            deliver_in_ranges(view, q, source, step_slot, begin, stop, lo, min(lo + n, target[END] - target[BEGIN]), to)
         else:
-            deliver_alike(view, q, source[BEGIN], step_slot, thread, to, mark, spot)
-        if wide:
-            net.due[thread, slot + first_block : slot + last_block] = 1
+            deliver_alike(view, q, source, step_slot, begin, stop, to, mark, spot)
+    else:
+        for thread in range(begin, stop):
+            deliver_each(view, q, j, step_slot, thread, out, between, mark, spot)
+    if wide:
+        for thread in range(begin, stop):
+            net.due[thread, slot + edges[thread] : slot + edges[thread + 1]] = 1
+
+
+@inner
+def deliver_each(view, q, j, step_slot, thread, out, between, mark, spot):
+    """Deliver the spikes of step j to a thread's targets, each synapse with a weight, or a delay, of its own."""
+    net = net_of(view)
+    row = net.projections[q]
+    source, target = net.pops[row[SOURCE]], net.pops[row[TARGET]]
+    n = target[END] - target[BEGIN]
+    lo = net.edges[target[NUMBER], thread] * BLOCK - target[BEGIN]
+    hi = min(net.edges[target[NUMBER], thread + 1] * BLOCK - target[BEGIN], n)
+    apart, mask = told_apart(row, target[RECEPTORS]), net.log_ids.shape[1] - 1
+    if lo >= hi:
         return
     # Threads own ascending ids, so going through them in order adds as one thread would.
-    for t in range(threads):
+    for t in range(net.edges.shape[1] - 1):
         for place in range(net.log_ends[t, step_slot, row[SOURCE]], net.log_ends[t, step_slot, row[SOURCE] + 1]):
             source_id = np.int64(net.log_ids[t, place & mask]) - source[BEGIN]
             m = np.float64(net.log_counts[t, place & mask])
-            if own_delays:
-                csr_delayed(view, q, source_id, m, j, thread, lo, hi, receptors, target[FIRST_BLOCK], slots)
+            if row[LAYOUT] == CSR and row[DELAY_STRIDE] == 1:
+                csr_delayed(view, q, source_id, m, j, thread, lo, hi)
             else:
                 scatter(view, q, source_id, m, thread, lo, hi, n, apart, out, between, mark, spot)
-    if wide:
-        net.due[thread, slot + first_block : slot + last_block] = 1

@@ -1,6 +1,7 @@
 """The compiled loop that runs every step of every network.
 
-`advance` runs the steps first:last of the neurons of one thread. Nothing is allocated in it.
+`advance` runs the steps first:last of the neurons of some threads, of all of them where one does the work of all: so a
+row of synapses is gone through as a whole. Nothing is allocated in it.
 """
 
 # mypy: ignore-errors
@@ -72,54 +73,73 @@ def act_at_emission(view, thread, upto, dopamine_upto, h):
 
 
 @inner
-def advance(view, thread, first, last, h):
-    """Run the steps first:last of one thread's neurons; all spikes before `first` are known."""
+def deliver(view, pop, begin, stop, step):
+    """Add what arrives in a step to the input of a population's neurons of the threads begin:stop."""
     net = net_of(view)
-    n_all = net.x.shape[1]
-    driven = net.lines.shape[0] > 0
-    blocks = net.awake.shape[0]
-    slots = slot_mask(net)
-    # Only now have all threads logged the spikes of the slice before; what they send arrives in `first` or later.
-    act_at_emission(view, thread, first - 1, first - 1, h)
+    row = net.pops[pop]
+    for k in range(row[ARRIVALS], row[ARRIVALS_END]):
+        q = net.incoming[k]
+        projection = net.projections[q]
+        if projection[RUN] >= 0:
+            for thread in range(begin, stop):
+                arrive(view, q, step, thread)
+            continue
+        j = step - projection[LAG]
+        if j <= net.clock[begin, HORIZON]:
+            continue
+        if projection[DENSE_COUNTS] == 1:
+            for thread in range(begin, stop):
+                add_counts(view, thread, q, step, net.x.shape[1], slot_mask(net), net.awake.shape[0])
+        else:
+            log_delivery(view, q, j, step, begin, stop, False)
+
+
+@inner
+def step_population(view, thread, pop, step, done, h):
+    """One step of a population's neurons of a thread, whose input is there."""
+    net = net_of(view)
+    row = net.pops[pop]
+    at, kind = net.log_at[thread, 0], row[KIND]
+    net.log_ends[thread, step & (net.log_ends.shape[1] - 1), pop] = at
+    if kind == NEURON:
+        slots, blocks = slot_mask(net), net.awake.shape[0]
+        if row[COLLECTS] >= 0:
+            at = step_collecting(view, thread, pop, step, at, done, h, slots, blocks)
+        else:
+            n_found, at = step_neurons(view, thread, pop, step, at, done, h, net.x.shape[1], slots, blocks)
+            if n_found > 0:
+                at = settle(view, thread, pop, row, n_found, step, at, done, h)
+    elif kind == POISSON:
+        at = draw_poisson(view, thread, pop, step, at, done, h)
+    elif kind == LISTED:
+        at = list_spikes(view, thread, pop, step, at, done, h)
+    elif kind == GENERATOR:
+        at = let_emit(view, thread, pop, step, at, done, h)
+    net.log_at[thread, 0] = at
+
+
+@inner
+def advance(view, begin, stop, first, last, h):
+    """Run the steps first:last of the neurons of the threads begin:stop; all spikes before `first` are known."""
+    net = net_of(view)
+    n, driven = net.pops.shape[0], net.lines.shape[0] > 0
     done = first - 1
+    # Only now have all threads logged the spikes of the slice before; what they send arrives in `first` or later.
+    for thread in range(begin, stop):
+        act_at_emission(view, thread, done, done, h)
     for step in range(first, last):
-        at = net.log_at[thread, 0]
-        slot = step & (net.log_ends.shape[1] - 1)
         if driven:
-            drive(view, thread, step)
-        for pop in range(net.pops.shape[0]):
-            row = net.pops[pop]
-            net.log_ends[thread, slot, pop] = at
-            if row[KIND] == NEURON:
-                for k in range(row[ARRIVALS], row[ARRIVALS_END]):
-                    q = net.incoming[k]
-                    projection = net.projections[q]
-                    if projection[RUN] >= 0:
-                        arrive(view, q, step, thread)
-                        continue
-                    j = step - projection[LAG]
-                    if j <= net.clock[thread, HORIZON]:
-                        continue
-                    if projection[DENSE_COUNTS] == 1:
-                        add_counts(view, thread, q, step, n_all, slots, blocks)
-                    else:
-                        log_delivery(view, q, j, step, thread, False)
-                if row[COLLECTS] >= 0:
-                    at = step_collecting(view, thread, pop, step, at, done, h, slots, blocks)
-                    continue
-                n_found, at = step_neurons(view, thread, pop, step, at, done, h, n_all, slots, blocks)
-                if n_found > 0:
-                    at = settle(view, thread, pop, row, n_found, step, at, done, h)
-            elif row[KIND] == POISSON:
-                at = draw_poisson(view, thread, pop, step, at, done, h)
-            elif row[KIND] == LISTED:
-                at = list_spikes(view, thread, pop, step, at, done, h)
-            elif row[KIND] == GENERATOR:
-                at = let_emit(view, thread, pop, step, at, done, h)
-        if driven:
-            charge(view, thread, step)
-        net.log_ends[thread, slot, net.pops.shape[0]] = at
-        net.log_at[thread, 0] = at
+            for thread in range(begin, stop):
+                drive(view, thread, step)
+        for pop in range(n):
+            if net.pops[pop, KIND] == NEURON:
+                deliver(view, pop, begin, stop, step)
+            for thread in range(begin, stop):
+                step_population(view, thread, pop, step, done, h)
+        for thread in range(begin, stop):
+            if driven:
+                charge(view, thread, step)
+            net.log_ends[thread, step & (net.log_ends.shape[1] - 1), n] = net.log_at[thread, 0]
 
 
 @inner
@@ -154,8 +174,7 @@ def run(view, first, last, longest, reach, h):
             return step
         while step < until:
             end = min(step + longest, until)
-            for thread in range(threads):
-                advance(view, thread, step, end, h)
+            advance(view, 0, threads, step, end, h)
             step = end
     # A read at the last step shows dopamine and post spikes up to it, but not the pre spikes emitted in it.
     for thread in range(threads):
@@ -218,7 +237,7 @@ def share(view, told, thread, last, longest, reach, h):
             return 1
         end = min(step + stride, end)
         if step < end and least >= (end - longest if free else step):
-            advance(view, thread, step, end, h)
+            advance(view, thread, thread + 1, step, end, h)
             tell(told, thread, end)
             patience = PATIENCE
         else:
@@ -257,8 +276,7 @@ def run_trial(view, group, first, last, at_decision, reach, h):
     for step in range(first, last):
         if room(view, step, 1, reach) < 1:
             return step
-        for thread in range(net.edges.shape[1] - 1):
-            advance(view, thread, step, step + 1, h)
+        advance(view, 0, net.edges.shape[1] - 1, step, step + 1, h)
         if at_decision and net.closed[group] == 1:
             return step + 1
     return last

@@ -17,17 +17,17 @@ RANGE = 1 << 15
 
 
 @inner
-def deliver_in_ranges(view, q, first_source, step_slot, thread, lo, hi, out):
-    """Deliver the spikes of a step to this thread's targets lo:hi; `out` is the place of target 0 in `buf`."""
+def deliver_in_ranges(view, q, first_source, step_slot, begin, stop, lo, hi, out):
+    """Deliver the spikes of a step to the targets lo:hi, of the threads begin:stop; that of 0 in `buf` is `out`."""
     net = net_of(view)
     row = net.projections[q]
     mask = net.log_ids.shape[1] - 1
-    queue = net.queue[thread]
+    queue = net.queue[begin]
     n = 0
     for t in range(net.edges.shape[1] - 1):
         for place in range(net.log_ends[t, step_slot, row[SOURCE]], net.log_ends[t, step_slot, row[SOURCE] + 1]):
-            at = row_of(view, row, first_source, thread, t, place)
-            queue[n, 0], queue[n, 1] = net.rows[at], net.rows[at + 1]
+            at = row_of(view, row, first_source, begin, t, place)
+            queue[n, 0], queue[n, 1] = net.rows[at], net.rows[at + stop - begin]
             queue[n, 2] = net.log_counts[t, place & mask]
             n += 1
             if n == queue.shape[0]:

@@ -9,17 +9,29 @@ import numpy as np
 
 from neuro_event import loop
 
-FEWEST, MOST = 4, 64
-"""Slices for which each way is tried, twice in turn."""
+STRETCH = 20e-3
+"""Seconds that a stretch on one thread takes about, after the first slice: so its end and its measuring cost nothing."""
 
-TRIAL = 1e-2
-"""Seconds that a trial takes about, so that it is not the start of the threads and their caches that is measured."""
+GAIN = 1.1
+"""How many times as fast as one thread all have to be, so that it is no accident of what was measured."""
 
-KEPT, LONGEST = 32, 1 << 16
-"""A choice is kept for so many times the slices of a trial, and for twice as many each time that it is the same."""
+SHARE = 0.02
+"""Of the time on one thread, how much trials of all may lose."""
 
-LATEST = 2.0
-"""Seconds after which it is tried again at the latest where slices are long: others may have been in the way."""
+ENOUGH, MOST = 5e-3, 20e-3
+"""Seconds that may be lost: with how many all threads are tried, and how many are saved up while they gain.
+
+A stretch on all threads is as long as it may lose, or `ENOUGH`: to begin one takes a tenth of a millisecond.
+"""
+
+DEBT = 2 * MOST
+"""Seconds that count at most as lost too much: whatever was in the way, all threads are tried again in 2.3 s."""
+
+HELD = 0.8
+"""Of the time of a stretch, for how much the thread that began it has a core at least; else cores are busy."""
+
+AGAIN = 1.0
+"""Seconds on all threads after which a stretch is run on one, to know what a slice takes there now."""
 
 REST = 1e-6
 """Seconds for which a thread sleeps at least that has waited for others in vain."""
@@ -29,38 +41,38 @@ LINE = 8
 
 
 class Threads:
-    """Runs the loop on n threads, or all parts on one where slices are too short to be worth meeting after each.
+    """Runs the loop on n threads, or all parts on one where that is as fast, as it is where others use the cores.
 
-    The result is the same, so the faster way is found by trying.
+    The result is the same, so both are tried. What all threads lose to one, or gain less than `GAIN`, is taken from
+    what may be lost; they run while there is some, and are tried again when there is enough. So little of the time is
+    lost to trials, whatever others do.
     """
 
     def __init__(self, n: int) -> None:
         self._n = n
         self._pool = ThreadPoolExecutor(n - 1) if n > 1 else None
         self._told = np.zeros((n + 1, LINE), dtype=np.int64)
-        self._together = True
-        self._kept = 0
-        self._left = 0
-        self._tried = FEWEST
-        self._trials: list[tuple[bool, float]] = []
+        self._begun = self._together = False
+        self._alone_slices = self._alone_s = self._since = 0.0
+        self._spare, self._slices = ENOUGH - SHARE * STRETCH, 1
 
     def run(self, view: int, first: int, last: int, longest: int, reach: int, h: float) -> int:
         """Run the steps first:last; return where there was no room for a whole slice, or `last`."""
         if self._pool is None:
             return int(loop.run(view, first, last, longest, reach, h))
+        if not self._begun:  # no steps: the kernels are compiled, which is not to be weighed
+            loop.run(view, first, first, longest, reach, h)
+            self._share(view, first, first, longest, reach, h)
+            self._begun = True
         step = first
         while step < last:
-            trying = self._left == 0
-            together = len(self._trials) % 2 == 0 if trying else self._together
-            slices = self._tried if trying else self._left
-            end = min(last, step + slices * longest)
-            began = time.perf_counter()
+            together = self._together and self._since < AGAIN
+            end = min(last, step + self._slices * longest)
+            began, cpu = time.perf_counter(), time.thread_time()
             reached = (self._share if together else loop.run)(view, step, end, longest, reach, h)
             done = int(reached) - step
-            if trying and done > 0:
-                self._weigh(together, (time.perf_counter() - began) * longest / done)
-            elif not trying:
-                self._left = max(0, self._left - -(-done // longest))
+            cpu, taken = time.thread_time() - cpu, time.perf_counter() - began
+            self._weigh(together, done / longest, taken, cpu < HELD * taken)
             step += done
             if step < end:
                 break
@@ -68,16 +80,22 @@ class Threads:
             loop.finish(view, thread, step - 1, h)
         return step
 
-    def _weigh(self, together: bool, seconds: float) -> None:
-        """Keep what a slice took in one way; after the fourth trial the way that was faster once is chosen."""
-        self._trials.append((together, seconds))
-        self._tried = min(max(int(TRIAL / seconds), FEWEST), MOST)
-        if len(self._trials) == 4:
-            faster, least = min(self._trials, key=lambda trial: trial[1])
-            shortest = KEPT * self._tried
-            most = max(shortest, min(LONGEST, int(LATEST / least)))
-            self._kept = min(max(2 * self._kept, shortest), most) if faster == self._together else shortest
-            self._together, self._left, self._trials = faster, self._kept, []
+    def _weigh(self, together: bool, slices: float, seconds: float, busy: bool) -> None:
+        """Enter what some slices took, and whether others used the core; choose how the next are run, and how many."""
+        if together:
+            self._since += seconds
+            self._spare += slices * self._alone_s / self._alone_slices / GAIN - seconds
+        elif slices > 0.0:
+            self._since = 0.0
+            self._alone_slices, self._alone_s = self._alone_slices + slices, self._alone_s + seconds
+            if self._alone_s > 2.0 * STRETCH:
+                self._alone_slices, self._alone_s = self._alone_slices / 2.0, self._alone_s / 2.0
+            self._spare += SHARE * seconds
+        self._spare = max(min(self._spare, 0.0 if busy else MOST), -DEBT)
+        self._together = self._spare > 0.0 if self._together else self._spare >= ENOUGH
+        if self._alone_s > 0.0:
+            stretch = max(self._spare, ENOUGH) if self._together else STRETCH
+            self._slices = max(1, int(stretch * self._alone_slices / self._alone_s))
 
     def _share(self, view: int, first: int, last: int, longest: int, reach: int, h: float) -> int:
         """Run on all threads; return the step that was reached."""
