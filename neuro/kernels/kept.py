@@ -1,12 +1,14 @@
 """Where machine code is kept: a file for each kernel and types of arguments, named by all that it follows from.
 
-A file is written aside and moved into place, and never changed: any number of processes may compile at once, and what
-is read is whole. No index says what there is. What has not been used for longest goes when there is too much.
+A file is written aside and moved into place, and never changed: any number of processes may compile at once. It begins
+with a digest of its name and of the rest: what a disk has changed since would end the process, or compute something
+else, and is compiled anew. No index says what there is. What has not been used for longest goes when there is too much.
 """
 
 # mypy: disable-error-code="no-untyped-call"
 from __future__ import annotations
 
+import hashlib
 import os
 import pickle
 import re
@@ -34,6 +36,7 @@ ROOM = 1 << 28
 
 _OURS = re.compile(r".+-[0-9a-f]{32}(\.\d+)?", re.DOTALL)
 _DAY_S = 86_400.0
+_DIGEST = hashlib.sha256().digest_size
 
 
 class Kept:
@@ -51,11 +54,11 @@ class Kept:
     def load_overload(self, signature: Any, target: Any) -> Any:
         """The machine code for these types of arguments, or None: it has to be compiled."""
         place = self._file(signature, target)
-        if place is not None:
-            # A damaged file may raise anything; whatever it is, compiling anew writes a whole one.
+        content = None if place is None else _read(place)
+        if content is not None:
+            # What was written whole may still be of other libraries, and raise anything; compiling anew replaces it.
             with suppress(Exception):
-                told = pickle.loads(place.read_bytes())
-                os.utime(place)
+                told = pickle.loads(content)
                 target.refresh()
                 return _result._rebuild(target, *told)
         _say_once(kept=place is not None)
@@ -110,10 +113,26 @@ def _places() -> Iterator[Path]:
         return
 
 
+def _digest(name: str, content: bytes) -> bytes:
+    """Of what a file of a name holds: of another kernel's file under this name it is another."""
+    return hashlib.sha256(name.encode() + b"/" + content).digest()
+
+
+def _read(place: Path) -> bytes | None:
+    """What was written to a file; None where there is none, or not that to the bit."""
+    try:
+        whole = place.read_bytes()
+        os.utime(place)
+    except OSError:
+        return None
+    content = whole[_DIGEST:]
+    return content if whole[:_DIGEST] == _digest(place.name, content) else None
+
+
 def _write(place: Path, content: bytes) -> None:
     aside = place.with_name(f"{place.name}.{os.getpid()}")
     try:
-        aside.write_bytes(content)
+        aside.write_bytes(_digest(place.name, content) + content)
         aside.replace(place)
     except OSError:
         aside.unlink(missing_ok=True)

@@ -148,6 +148,66 @@ def test_a_file_of_something_else_is_compiled_anew(content, places, tmp_path):
     assert sum(again.stats.cache_hits.values()) == 1
 
 
+@pytest.fixture
+def file(places, tmp_path):
+    """The file of a kernel, and how to make the kernel."""
+    from neuro.kernels.jit import kernel
+
+    def double(a):
+        return 2 * a
+
+    places(tmp_path)
+    assert kernel(double)(3) == 6
+    (found,) = tmp_path.iterdir()
+    return found, lambda: kernel(double)
+
+
+def _hits(kernel, argument):
+    assert kernel(argument) == 2 * argument
+    return sum(kernel.stats.cache_hits.values())
+
+
+def test_no_flipped_bit_is_run(file):
+    place, _ = file
+    whole = place.read_bytes()
+    content = kept._read(place)
+    assert content is not None
+    assert content in whole
+    for bit in range(0, 8 * len(whole), max(1, 8 * len(whole) // 2_000)):
+        damaged = bytearray(whole)
+        damaged[bit // 8] ^= 1 << bit % 8
+        place.write_bytes(damaged)
+        assert kept._read(place) is None, bit
+
+
+@pytest.mark.parametrize(
+    "damage",
+    [
+        lambda place, whole: place.write_bytes(whole[: len(whole) // 2]),
+        lambda place, whole: place.write_bytes(whole + b"0"),
+        lambda place, whole: place.write_bytes(whole[:1000] + bytes([whole[1000] ^ 16]) + whole[1001:]),
+        lambda place, whole: (place.unlink(), place.symlink_to(place)),
+        lambda place, whole: place.with_name(f"{place.name}.{os.getpid()}").write_bytes(whole[:100]),
+    ],
+    ids=["truncated", "longer", "flipped", "unreadable", "killed while writing"],
+)
+def test_what_is_not_as_it_was_written_is_compiled_anew(file, damage):
+    place, make = file
+    damage(place, place.read_bytes())
+    _hits(make(), 3)
+    assert _hits(make(), 3) == 1
+
+
+def test_a_file_under_the_name_of_another_kernel_is_not_run(file):
+    place, make = file
+    whole = place.read_bytes()
+    assert make()(1.5) == 3.0
+    (other,) = set(place.parent.iterdir()) - {place}
+    other.write_bytes(whole)
+    assert _hits(make(), 1.5) == 0
+    assert _hits(make(), 1.5) == 1
+
+
 def test_a_kernel_may_not_read_what_the_key_cannot_see():
     from neuro.kernels.jit import kernel
 
