@@ -1,5 +1,6 @@
 """Fixtures for all tests."""
 
+import os
 import shutil
 import signal
 import subprocess
@@ -47,9 +48,9 @@ SHARED = Path(__file__).resolve().parents[2] / "shared"
 @pytest.fixture(scope="session", autouse=True)
 def compiling_is_not_told() -> None:
     """What a test hears on stderr does not depend on whether an earlier run kept the kernels."""
-    from neuro.kernels import kept
+    from neuro.kernels import told
 
-    kept._said = True
+    os.environ[told.TOLD] = "1"
 
 
 @pytest.fixture(scope="session", autouse=True)

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import Any
 
 from numpy.typing import NDArray
 
-from neuro.program.program import Floats, Program
+from neuro.kernels.address import Entry
+from neuro.program.program import Floats, Ints, Program
 from neuro_event.layout import Place, Synapses
 
 
@@ -29,3 +31,8 @@ class Arrays:
     reach: int
     eager: bool = True
     late: dict[int, Floats] = field(default_factory=dict)
+    asked: list[tuple[Ints, int, Callable[[], Entry]]] = field(default_factory=list)
+
+    def ask(self, row: Ints, column: int, entry: Callable[[], Entry]) -> None:
+        """Ask for the address of an entry in a row of a table, when all are known: they compile side by side."""
+        self.asked.append((row, column, entry))

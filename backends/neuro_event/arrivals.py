@@ -11,7 +11,8 @@ import numpy as np
 
 from neuro.kernels.jit import inner, kernel
 from neuro_event.alike import add, mark_blocks
-from neuro_event.deliver import base_of, csr_own, log_delivery, receptor, told_apart
+from neuro_event.deliver import base_of, csr_own, receptor, told_apart
+from neuro_event.logs import log_delivery
 from neuro_event.tables import (
     BEGIN,
     DELAYS,
@@ -36,43 +37,10 @@ from neuro_event.tables import (
 )
 from neuro_event.views import address, net_of, prefetch, slot_mask
 
-QUEUE = 256
-"""Runs that are gathered before they are added, so that memory can be asked for ahead."""
-
 AHEAD = 6
 """How many runs ahead."""
 
 _LINE = 64
-
-
-@kernel
-def by_delay(row_ends, targets, delays):
-    """Whether the synapses of every source lie by delay, then target."""
-    for source in range(row_ends.size - 1):
-        late, to = delays[row_ends[source] : row_ends[source + 1]], targets[row_ends[source] : row_ends[source + 1]]
-        disorder = 0
-        for e in range(1, late.size):  # without a way out, so that lanes do it
-            disorder += (late[e] < late[e - 1]) | ((late[e] == late[e - 1]) & (to[e] < to[e - 1]))
-        if disorder > 0:
-            return False
-    return True
-
-
-@kernel
-def fill_runs(row_ends, targets, delays, shortest, n_delays, edges, runs):
-    """Where the runs of each source and delay begin, cut at the threads' edges (local targets); `runs` begins as 0."""
-    threads = edges.size - 1
-    for source in range(row_ends.size - 1):
-        place = source * n_delays * threads
-        thread = 0
-        for e in range(row_ends[source], row_ends[source + 1]):
-            if threads > 1:
-                thread = 0
-                while targets[e] >= edges[thread + 1]:
-                    thread += 1
-            runs[place + (np.int64(delays[e]) - shortest) * threads + thread + 1] += np.uint32(1)
-    for k in range(1, runs.size):
-        runs[k] += runs[k - 1]
 
 
 @inner
@@ -143,7 +111,7 @@ def add_queue(view, row, thread, n, total, slot):
         net.due[thread, slot + first_block : slot + last_block] = 1
 
 
-@inner
+@kernel
 def arrive(view, q, step, thread):
     """Add what arrives in a step over a projection to the input of this thread's targets."""
     net = net_of(view)
@@ -180,7 +148,7 @@ def arrive(view, q, step, thread):
         add_queue(view, row, thread, n, total, slot)
 
 
-@inner
+@kernel
 def at_emission(view, q, step, after, thread):
     """Put what the source of a projection emitted in a step, and what of it arrives after another, into its ring."""
     net = net_of(view)

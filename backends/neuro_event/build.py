@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -18,8 +19,10 @@ from neuro_event import tables as t
 from neuro_event.arrays import Arrays
 from neuro_event.late import add_delays
 from neuro_event.learning import add_learning
+from neuro_event.operations import entry, generator_entry
 from neuro_event.projections import add_projections
 from neuro_event.sources import add_generators
+from neuro_event.stages import STAGES
 
 LINE = 16
 """Numbers between what two threads write often, so that they share no cache line."""
@@ -34,7 +37,7 @@ def build(program: Program, threads: int, eager: bool = True, edges: Ints | None
     slots = layout.power_of_two(2 * longest + 2)
     if edges is None:
         edges = shares.thread_edges(program, where, shares.parts(program, threads))
-    net: dict[str, Any] = {"edges": edges}
+    net: dict[str, Any] = {"edges": edges, "stages": np.zeros(len(STAGES), dtype=np.int64)}
     arrays = Arrays(
         program, where, arranged, {q: k for k, q in enumerate(learning)}, net, {}, max(1, program.min_delay), longest, 0
     )
@@ -106,7 +109,8 @@ def _populations(a: Arrays) -> None:
         row[t.START], row[t.STOP] = p.start, p.stop
         row[t.RECEPTORS], row[t.RELAY], row[t.LINEAR] = 1, 0, 0
         if layout.computes(p):
-            row[t.MODEL], row[t.ENTRY] = layout.called(type(p.model))
+            own: Any = type(p.model)
+            a.ask(row, t.ENTRY, partial(entry if p.kind == "neuron" else generator_entry, own))
         if isinstance(p.model, Neuron):
             model = p.model
             row[t.RECEPTORS], row[t.RELAY], row[t.LINEAR] = model.receptors, int(model.relay), int(model.linear)

@@ -7,11 +7,12 @@ there is added and cleared: the input of 4,000 neurons is as large as half of th
 # mypy: ignore-errors
 import numpy as np
 
-from neuro.kernels.jit import inner
+from neuro.kernels.jit import inner, kernel
 from neuro.kernels.lanes import LANES, bits_of, lowest, marked, take
-from neuro_event.neurons import IDLE, emit, fire_one, is_quiet, step_bare, wake
+from neuro_event.neurons import IDLE, calm, emit, spike, wake
+from neuro_event.operations import BARE
 from neuro_event.tables import BLOCK, COLLECTS, END, GROUPED, NUMBER
-from neuro_event.views import net_of
+from neuro_event.views import call_entry, net_of
 
 SPOTS = BLOCK // LANES
 """Of a block."""
@@ -35,10 +36,10 @@ def collect(view, first_state, word):
 @inner
 def silent(view, pop, block):
     """Whether no neuron of a block can fire before its next input."""
-    return is_quiet(view, pop, block * BLOCK, min((block + 1) * BLOCK, net_of(view).pops[pop, END]))
+    return calm(view, pop, block * BLOCK, min((block + 1) * BLOCK, net_of(view).pops[pop, END]))
 
 
-@inner
+@kernel
 def step_collecting(view, thread, pop, step, at, done, h, slots, blocks):
     """One step of the population; return the next place in the log."""
     net = net_of(view)
@@ -60,7 +61,7 @@ def step_collecting(view, thread, pop, step, at, done, h, slots, blocks):
                     wake(view, thread, pop, block, step - 1, h)
                 continue
             if run < block:
-                step_bare(view, pop, run * BLOCK, min(block * BLOCK, row[END]))
+                call_entry(view, row, BARE, run * BLOCK, min(block * BLOCK, row[END]), thread, step, 0.0)
             run = block + 1
         if due:
             collect(view, row[COLLECTS], word)
@@ -75,7 +76,7 @@ def step_collecting(view, thread, pop, step, at, done, h, slots, blocks):
                 i = block * BLOCK + lowest(fired)
                 fired &= fired - _ONE
                 m = np.int64(net.fired[i])
-                fire_one(view, pop, i)
+                spike(view, pop, i)
                 at = emit(view, thread, pop, i, m, step, done, h, at)
             total += active
             if active:

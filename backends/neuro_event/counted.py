@@ -4,7 +4,7 @@
 import numpy as np
 
 from neuro.kernels.draws import poisson_by_sum, poisson_by_table, step_word, words_of
-from neuro.kernels.jit import inner
+from neuro.kernels.jit import inner, kernel
 from neuro_event.deliver import base_of, receptor, told_apart
 from neuro_event.tables import (
     BEGIN,
@@ -21,20 +21,18 @@ from neuro_event.tables import (
     START,
     STOP,
     TABLE,
+    TALLY_BITS,
     TARGET,
     WEIGHT,
 )
 from neuro_event.views import net_of
-
-TALLY_BITS = 20
-"""Of a tally, the lower bits that hold spikes; the others hold events, of which there are no more."""
 
 _FULL = np.uint32(1 << 31 | 1 << (TALLY_BITS - 1))
 _SPIKES = np.uint32((1 << TALLY_BITS) - 1)
 _EVENT, _SHIFT = np.uint32(1 << TALLY_BITS), np.uint32(TALLY_BITS)
 
 
-@inner
+@kernel
 def draw_counts(view, thread, pop, step):
     """One step of a poisson_generator that keeps counts. Neighbours that are awake are drawn in one go."""
     net = net_of(view)
@@ -92,7 +90,7 @@ def settle_tally(tally, events, spikes):
         tally[k] = 0
 
 
-@inner
+@kernel
 def add_counts(view, thread, q, step, n_all, slots, blocks):
     """One-to-one input from a poisson_generator that keeps its counts."""
     net = net_of(view)

@@ -7,9 +7,10 @@ projections whose spikes are delivered at emission. `due` marks the blocks that 
 # mypy: ignore-errors
 import numpy as np
 
-from neuro.kernels.jit import inner, merged
+from neuro.kernels.jit import inner, kernel
 from neuro.kernels.lanes import LANES
 from neuro_event.alike import deliver_alike, mark_spots
+from neuro_event.logs import spikes
 from neuro_event.ranges import RANGE, deliver_in_ranges
 from neuro_event.tables import (
     BEGIN,
@@ -213,24 +214,7 @@ def scatter(view, q, source_id, m, thread, lo, hi, n, receptors, out, between, m
         grid_add(row, source_id, m, weights, lo, hi, buf, o, 0, due, mark)
 
 
-@merged
-def spikes(net, source, slot):
-    """How many neurons of a population fired in the step whose ends are kept at a slot."""
-    n = 0
-    for t in range(net.edges.shape[1] - 1):
-        n += net.log_ends[t, slot, source + 1] - net.log_ends[t, slot, source]
-    return n
-
-
-@merged
-def log_delivery(view, q, j, k, begin, stop, ring):
-    """Deliver what projection q's source emitted in step j, if it did, as `deliver_log`."""
-    net = net_of(view)
-    if spikes(net, net.projections[q, SOURCE], j & (net.log_ends.shape[1] - 1)) > 0:
-        deliver_log(view, q, j, k, begin, stop, ring)
-
-
-@inner
+@kernel
 def deliver_log(view, q, j, k, begin, stop, ring):
     """Deliver the spikes that projection q's source emitted in step j, to the targets of the threads begin:stop.
 

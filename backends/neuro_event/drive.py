@@ -3,7 +3,7 @@
 # mypy: ignore-errors
 import numpy as np
 
-from neuro.kernels.jit import inner
+from neuro.kernels.jit import inner, kernel
 from neuro_event.tables import (
     AS_LISTED,
     BEGIN,
@@ -27,7 +27,7 @@ from neuro_event.tables import (
 from neuro_event.views import net_of
 
 
-@inner
+@kernel
 def drive(view, thread, step):
     """Before the neurons of a step: the external current of those whose current changes; they never sleep."""
     net = net_of(view)
@@ -43,7 +43,7 @@ def drive(view, thread, step):
                 add_line(view, k, row, lo, hi, step, net.current)
 
 
-@inner
+@kernel
 def charge(view, thread, step):
     """After the neurons of a step: what currents to a receptor add to the state in which it keeps its own."""
     net = net_of(view)

@@ -9,10 +9,9 @@ only, and one product gives it back. Passes are compiled for each rule by itself
 from functools import cache
 
 import numpy as np
-from numba import types
 
 from neuro.core.keyed_random import NTH_STRIDE
-from neuro.kernels.address import entry_of
+from neuro.kernels.address import Entry
 from neuro.kernels.draws import step_word, uniform
 from neuro.kernels.jit import compiled, inner, kernel, merged
 from neuro_event.own_rules import (
@@ -25,6 +24,8 @@ from neuro_event.own_rules import (
     TIME,
     due_everywhere,
     grown,
+    own_row,
+    shared_row,
     tuple_of,
 )
 from neuro_event.tables import (
@@ -52,7 +53,7 @@ from neuro_event.tables import (
     TARGET,
     WAKE_ALL,
 )
-from neuro_event.views import address, net_of, plastic_of, prefetch, slot_mask
+from neuro_event.views import RULE_TYPE, address, net_of, plastic_of, prefetch, slot_mask
 
 FORWARD = (1 << 62) - 1
 """A place and this is the place: so the compiler knows that it is not one from the end, and tests none."""
@@ -175,8 +176,9 @@ def ask_for_list(view, q, target):
 
 
 @cache
-def eager_entry(model, row_of):
-    """The address of the passes of one rule, whose constants `row_of` finds: `shared_row`, or `own_row`."""
+def eager_entry(model, own_rows):
+    """The passes of one rule, whose synapses share a row of constants or have their own."""
+    row_of = own_row if own_rows else shared_row
     arithmetic = model.arithmetic
     on_pre, on_post, sent = compiled(arithmetic.on_pre), compiled(arithmetic.on_post), compiled(model.sends())
     pre_lefts = tuple_of(pre_left, model.pre, "p, q, {j}, {kind}, step")
@@ -290,4 +292,4 @@ def eager_entry(model, row_of):
             arrivals(view, q, step, thread, h)
         return 0
 
-    return entry_of(model, run, types.int64(*(types.int64,) * 6, types.float64))
+    return Entry(run, RULE_TYPE, model)

@@ -29,6 +29,7 @@ from neuro_event import (
     shares,
     snapshot,
     sources,
+    stages,
 )
 from neuro_event import tables as t
 from neuro_event.changes import Changes
@@ -80,6 +81,7 @@ class EventEngine:
         net["due_slots"] = net["due"].reshape(len(net["due"]), -1, net["awake"].size)
         net["spot_words"] = net["spots"].view(np.uint64)
         self._a.plastic["traces"] = self._a.plastic["past"].view(np.float64)
+        stages.link(self._a)
         self._table = table_of(net, self._a.plastic)
         self._view = self._table.ctypes.data
         self._overrun = net["clock"][:, t.OVERRUN]
@@ -197,11 +199,13 @@ class EventEngine:
             self._pack()
         self._a.net["muted"][place.begin : place.end] = trial.silenced[self._a.net["map_of"]]
         net, start, h = self._a.net, self._step, self._program.resolution
-        loop.begin_trial(self._view, spec.output, spec.group, start, h)
+        from neuro_event import trials
+
+        trials.begin_trial(self._view, spec.output, spec.group, start, h)
         peaks = Peaks(spec.output, self._program.populations[spec.output].size, h) if trial.peaks else None
         ticks = self._run_trial(spec, peaks)
         self._listed.drop(spec.input)
-        loop.end_trial(self._view, spec.output, spec.group, start + ticks, h)
+        trials.end_trial(self._view, spec.output, spec.group, start + ticks, h)
         self._trial_start, self._step = start, start + ticks
         inside, decided = (int(net["groups"][spec.group, column]) for column in (t.WINNER, t.DECIDED))
         winner, tick = (int(net["order"][inside]), decided - start - 1) if inside >= 0 else (-1, -1)
@@ -216,11 +220,13 @@ class EventEngine:
 
     def _run_trial(self, spec: Trials, peaks: Peaks | None) -> int:
         """Run a trial that has begun, up to the decision step by step if peaks are followed; return its ticks."""
+        from neuro_event import trials
+
         step, last = self._step + 1, self._step + 1 + spec.duration
         groups, closed = self._a.net["groups"], self._a.net["closed"]
         while step < last and not (spec.stop_at_decision and closed[spec.group]):
             end = min(last if peaks is None else step + 1, self._prepare(step - 1) + 1)
-            reached = loop.run_trial(
+            reached = trials.run_trial(
                 self._view, spec.group, step, end, spec.stop_at_decision, self._a.reach, self._program.resolution
             )
             if reached == step:

@@ -6,9 +6,9 @@ import numpy as np
 from neuro.kernels.draws import poisson_by_sum, reaching, step_word
 from neuro.kernels.jit import inner
 from neuro.kernels.lanes import LANES, lowest, marked
-from neuro_event.counted import draw_counts
 from neuro_event.neurons import emit
 from neuro_event.operations import STEP
+from neuro_event.stages import draw_counts
 from neuro_event.tables import (
     BEGIN,
     BLOCK,

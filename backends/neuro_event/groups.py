@@ -1,7 +1,7 @@
 """Groups: who of those at threshold fires, and whom that resets."""
 
 # mypy: ignore-errors
-from neuro.kernels.jit import inner
+from neuro.kernels.jit import kernel
 from neuro_event.candidates import choose, weigh_maps
 from neuro_event.lateral_reset import settle_rivals
 from neuro_event.local_winners import settle_locally
@@ -18,10 +18,11 @@ from neuro_event.tables import (
 from neuro_event.views import net_of
 
 
-@inner
-def settle(view, thread, pop, row, n, step, at, done, h):
+@kernel
+def settle(view, thread, pop, n, step, at, done, h):
     """Let the winner among the found neurons of a group fire; return the next place in the log."""
     net = net_of(view)
+    row = net.pops[pop]
     group = row[GROUP]
     if net.local[group, RADIUS] >= 0:
         return settle_locally(view, thread, pop, row, n, step, at, done, h)

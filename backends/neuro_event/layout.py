@@ -12,9 +12,7 @@ from numpy.typing import NDArray
 from neuro.model.neurons import Model, Neuron
 from neuro.program.program import Floats, Ints, Population, Program, Projection
 from neuro_event import tables as t
-from neuro_event.arrivals import by_delay
-from neuro_event.models import NEURONS
-from neuro_event.operations import entry, generator_entry
+from neuro_event.runs import by_delay
 
 WORD = t.BLOCK * t.GROUPED
 """Neurons of a group of blocks; populations begin at multiples of it."""
@@ -200,14 +198,6 @@ def split_rows(row_ends: Ints, targets: NDArray[np.int32], edges: Ints) -> Ints:
         count = below[row_ends[1:]] - below[row_ends[:-1]] if k else 0
         rows[k:-1:threads] = row_ends[:-1] + count
     return rows
-
-
-def called(model: type[Any]) -> tuple[int, int]:
-    """The number of a model in the loop and 0, or 0 and the address of a stranger's, which is compiled now."""
-    if model in NEURONS:
-        return NEURONS.index(model), 0
-    own: Any = model
-    return 0, entry(own) if issubclass(model, Neuron) else generator_entry(own)
 
 
 def aligned(rows: int, columns: int) -> Ints:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Mapping
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -19,9 +20,10 @@ from neuro_event.arrays import Arrays
 from neuro_event.decays import DECAYS
 from neuro_event.eager import eager_entry
 from neuro_event.epochs import acts_at_once, first_kept, length, no_spikes, pack
-from neuro_event.models import MODULATED_RULES, RULES
+from neuro_event.models import RULES
 from neuro_event.notes import add_notes
-from neuro_event.own_rules import ENTRY, NEWEST, OF_NEURON, OWN, TAU, TIME, own_row, rule_entry, shared_row
+from neuro_event.own_rules import ENTRY, NEWEST, OF_NEURON, OWN, TAU, TIME, rule_entry
+from neuro_event.pairwise import lazy_entry
 
 
 def add_learning(a: Arrays, learning: list[int]) -> None:
@@ -47,10 +49,10 @@ def add_learning(a: Arrays, learning: list[int]) -> None:
         if own_rule in RULES:
             row[t.RULE] = RULES.index(own_rule)
             if p.synapse.modulated:
-                row[t.MODULATED] = MODULATED_RULES.index(own_rule)
+                row[t.MODULATED] = 0
         else:
             row[t.SOURCE_STRIDE] = max(1, len(own_rule.pre))
-        _find_entry(row, own_rule, shared_row)
+        _ask_entry(a, row, own_rule, False)
         row[t.FIRST_SYNAPSE], row[t.FIRST_SOURCE], row[t.FIRST_TARGET] = n_synapses, n_sources, n_targets
         row[t.INCOMING] = n_incoming
         row[t.DOPAMINE], row[t.DOPAMINE_ONE_TO_ONE] = p.dopamine, int(p.dopamine_one_to_one)
@@ -107,12 +109,10 @@ def add_learning(a: Arrays, learning: list[int]) -> None:
     lay_constants(a, {q: program.projections[q].synapse.vector() for q in learning})
 
 
-def _find_entry(row: Ints, rule: Any, row_of: Any) -> None:
-    """The entry of a rule's passes over synapses; none where the loop itself has them."""
-    if row[t.EAGER] == 1:
-        row[t.RULE_ENTRY] = eager_entry(rule, row_of)
-    else:
-        row[t.RULE_ENTRY] = 0 if row[t.RULE] >= 0 else rule_entry(rule, row_of)
+def _ask_entry(a: Arrays, row: Ints, rule: Any, own_rows: bool) -> None:
+    """Ask for the entry of a rule's passes over synapses, which share a row of constants or have their own."""
+    entry = eager_entry if row[t.EAGER] == 1 else lazy_entry if row[t.RULE] >= 0 else rule_entry
+    a.ask(row, t.RULE_ENTRY, partial(entry, rule, own_rows))
 
 
 def _draw_key(program: Program, q: int) -> int:
@@ -254,7 +254,7 @@ def set_constants(a: Arrays, projection: int, vector: Floats) -> bool:
     if grows:
         row[t.CONSTANTS], row[t.CONSTANTS_STRIDE] = len(kept) - row[t.FIRST_SYNAPSE], 1
         a.plastic["rule"] = np.concatenate([kept, np.zeros((p.size, kept.shape[1]))])
-        _find_entry(row, type(p.synapse), own_row)
+        _ask_entry(a, row, type(p.synapse), True)
     first, n = (row[t.CONSTANTS] + row[t.FIRST_SYNAPSE], p.size) if row[t.CONSTANTS_STRIDE] else (k, 1)
     in_order = given[order] if given.ndim == 2 and order is not None else given
     a.plastic["rule"][first : first + n, : p.synapse.width] = in_order

@@ -8,39 +8,28 @@ row of synapses is gone through as a whole. Nothing is allocated in it.
 
 from neuro.kernels.atomic import look, tell
 from neuro.kernels.jit import inner, kernel
-from neuro_event.arrivals import arrive, at_emission
-from neuro_event.candidates import weigh_maps
-from neuro_event.collected import step_collecting
-from neuro_event.counted import add_counts
-from neuro_event.deliver import log_delivery
-from neuro_event.drive import charge, drive
 from neuro_event.generators import draw_poisson, let_emit, list_spikes
-from neuro_event.groups import settle
-from neuro_event.local_winners import admit_all, open_groups
+from neuro_event.logs import log_delivery
 from neuro_event.neurons import step_neurons, wake
-from neuro_event.plastic import learn_step
+from neuro_event.rules import learn_step
+from neuro_event.stages import add_counts, arrive, at_emission, charge, drive, settle, step_collecting
 from neuro_event.tables import (
     ARRIVALS,
     ARRIVALS_END,
-    BEGIN,
     COLLECTS,
     DENSE_COUNTS,
     DONE,
     DONE_DOPAMINE,
-    END,
     FIRST_BLOCK,
     GENERATOR,
     HORIZON,
-    IN_TRIAL,
     KIND,
     LAG,
     LAST_BLOCK,
     LISTED,
     NEURON,
     POISSON,
-    RADIUS,
     RUN,
-    WINNER,
 )
 from neuro_event.views import net_of, plastic_of, slot_mask
 
@@ -108,7 +97,7 @@ def step_population(view, thread, pop, step, done, h):
         else:
             n_found, at = step_neurons(view, thread, pop, step, at, done, h, net.x.shape[1], slots, blocks)
             if n_found > 0:
-                at = settle(view, thread, pop, row, n_found, step, at, done, h)
+                at = settle(view, thread, pop, n_found, step, at, done, h)
     elif kind == POISSON:
         at = draw_poisson(view, thread, pop, step, at, done, h)
     elif kind == LISTED:
@@ -249,64 +238,6 @@ def share(view, told, thread, last, longest, reach, h):
 def finish(view, thread, last, h):
     """What the end of a run shows of learning."""
     act_at_emission(view, thread, last - 1, last, h)
-
-
-@kernel
-def begin_trial(view, pop, group, start, h):
-    """Drop what is under way after step `start`, open the groups, and reset the population of the trials' own."""
-    net = net_of(view)
-    row = net.pops[pop]
-    drop_all(view, start)
-    open_groups(view)
-    net.groups[group, IN_TRIAL] = 1
-    net.groups[group, WINNER] = -1
-    for block in range(row[FIRST_BLOCK], row[LAST_BLOCK]):
-        if net.awake[block] == 0:
-            wake(view, 0, pop, block, start, h)
-    for k in range(net.resets.shape[0]):
-        r = net.resets[k]
-        for i in range(row[BEGIN], row[END]):
-            net.state[r, i] = net.initial[r, i]
-
-
-@kernel
-def run_trial(view, group, first, last, at_decision, reach, h):
-    """Run the steps first:last of a trial; return the next step: at a decision, where there was no room, or `last`."""
-    net = net_of(view)
-    for step in range(first, last):
-        if room(view, step, 1, reach) < 1:
-            return step
-        advance(view, 0, net.edges.shape[1] - 1, step, step + 1, h)
-        if at_decision and net.closed[group] == 1:
-            return step + 1
-    return last
-
-
-@kernel
-def end_trial(view, pop, group, end, h):
-    """Weigh the maps without a decision, let all neurons fire that nobody silenced, and finish step `end`."""
-    net = net_of(view)
-    row = net.pops[pop]
-    if net.groups[group, WINNER] < 0 or net.local[group, RADIUS] >= 0:
-        weigh_maps(view, 0, row, end, h)
-    admit_all(view, row)
-    for thread in range(net.edges.shape[1] - 1):
-        act_at_emission(view, thread, end - 1, end, h)
-    net.groups[group, IN_TRIAL] = 0
-
-
-@inner
-def drop_all(view, step):
-    """Forget every spike under way at the end of a step."""
-    net = net_of(view)
-    for thread in range(net.clock.shape[0]):
-        net.clock[thread, HORIZON] = step
-        net.clock[thread, DONE] = step
-        net.clock[thread, DONE_DOPAMINE] = step
-    ring = net.x.shape[0] * net.x.shape[1]
-    if net.buf.shape[0] > ring:
-        net.buf[ring:] = -0.0
-        net.due[:, :] = 0
 
 
 @kernel

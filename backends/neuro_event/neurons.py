@@ -5,14 +5,12 @@ import numpy as np
 
 from neuro.kernels.jit import inner
 from neuro.kernels.lanes import lowest, marked
-from neuro_event.models import NEURONS
-from neuro_event.operations import CATCH_UP, FIRE, QUIET, STEP, compiled_operations
-from neuro_event.plastic import post_spike
+from neuro_event.operations import CATCH_UP, FIRE, QUIET, STEP
+from neuro_event.stages import post_spike
 from neuro_event.tables import (
     BEGIN,
     BLOCK,
     END,
-    ENTRY,
     GROUP,
     GROUPED,
     HISTORY,
@@ -35,8 +33,6 @@ IDLE = 16
 
 _SIGN = np.int64(-(2**63))
 _ONE = np.uint64(1)
-
-catch_up, step_run, step_bare, is_quiet, fire_one = compiled_operations(NEURONS)
 
 
 @inner
@@ -68,10 +64,7 @@ def wake(view, thread, pop, block, last, h):
     n = last - net.slept[block]
     if n > 0 and row[LINEAR] == 1:
         lo, hi = block * BLOCK, min((block + 1) * BLOCK, row[END])
-        if row[ENTRY] == 0:
-            catch_up(view, thread, pop, lo, hi, n * h)
-        else:
-            call_entry(view, row, CATCH_UP, lo, hi, thread, last, n * h)
+        call_entry(view, row, CATCH_UP, lo, hi, thread, last, n * h)
     net.awake[block] = 1
     net.busy[block] = last
 
@@ -80,8 +73,6 @@ def wake(view, thread, pop, block, last, h):
 def calm(view, pop, lo, hi):
     """Whether no neuron of a block can fire before its next input."""
     row = net_of(view).pops[pop]
-    if row[ENTRY] == 0:
-        return is_quiet(view, pop, lo, hi)
     return call_entry(view, row, QUIET, lo, hi, 0, 0, 0.0) == 1
 
 
@@ -89,10 +80,7 @@ def calm(view, pop, lo, hi):
 def spike(view, pop, i):
     """What a spike does to its neuron."""
     row = net_of(view).pops[pop]
-    if row[ENTRY] == 0:
-        fire_one(view, pop, i)
-    else:
-        call_entry(view, row, FIRE, i, i + 1, 0, 0, 0.0)
+    call_entry(view, row, FIRE, i, i + 1, 0, 0, 0.0)
 
 
 @inner
@@ -171,10 +159,7 @@ def step_word_of_blocks(view, thread, pop, begin, end, slot, step, h, n_all):
 def step_neighbours(view, pop, lo, hi, step):
     """Step neighbouring neurons."""
     row = net_of(view).pops[pop]
-    if row[ENTRY] == 0:
-        step_run(view, pop, lo, hi)
-    else:
-        call_entry(view, row, STEP, lo, hi, 0, step, 0.0)
+    call_entry(view, row, STEP, lo, hi, 0, step, 0.0)
 
 
 @inner

@@ -3,12 +3,12 @@
 # mypy: ignore-errors
 import numpy as np
 
-from neuro.kernels.jit import inner, kernel
+from neuro.kernels.jit import kernel
 from neuro_event.tables import BEGIN, DONE, FIRST_SYNAPSE, NOTED, PROJECTION, ROW, SOURCE, SYNAPSE
 from neuro_event.views import net_of, plastic_of
 
 
-@inner
+@kernel
 def note(view, q, source, step, thread):
     """Keep the states of this thread's synapses of a source as its spike has just left them."""
     net, p = net_of(view), plastic_of(view)

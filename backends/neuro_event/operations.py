@@ -1,7 +1,7 @@
-"""What a run of neighbouring neurons does, for any choice of the models' functions.
+"""What a run of neighbouring neurons does, of any model.
 
-The loop has the operations of all models of the package compiled in, chosen by number. A stranger's model has an entry
-of its own, which the loop calls by its address, once for a run of neurons: so a new model compiles nothing but itself.
+Each model has an entry of its own, which the loop calls by its address, once for a run of neurons: so a network
+compiles the models that it has, and a new model compiles nothing but itself.
 """
 
 # mypy: ignore-errors
@@ -9,25 +9,37 @@ from functools import cache
 
 import numpy as np
 
-from neuro.kernels.address import entry_of
+from neuro.kernels.address import Entry
 from neuro.kernels.draws import step_word, uniform
 from neuro.kernels.jit import compiled, inner, kernel, merged
-from neuro_event.dispatch import chosen
+from neuro_event.models import NEURONS
 from neuro_event.nothing import no_current, no_input
-from neuro_event.tables import BEGIN, CARRIED, CONSTANT, CONSTANT_STRIDE, MODEL
+from neuro_event.tables import BEGIN, CARRIED, CONSTANT, CONSTANT_STRIDE
 from neuro_event.views import ENTRY_TYPE, moved, net_of
 
 _ONE = np.uint64(1)
 
-CATCH_UP, STEP, QUIET, FIRE = range(4)
-"""Operations of an entry."""
+CATCH_UP, STEP, BARE, QUIET, FIRE = range(5)
+"""Operations of an entry; `BARE` steps neurons that have neither input nor current."""
 
 
-def operations(constants, step, fire, quiet, foreign):
-    """The operations, compiled for functions that take a model's number first: see `neuro.model.neurons.base`.
+def taking(model, function, arguments):
+    """A function of a model, compiled, for these arguments; it may take fewer of them: the first ones."""
+    own = getattr(model.arithmetic, function)
+    taken = ", ".join(arguments.split(", ")[: own.__code__.co_argcount])
+    scope = {"own": compiled(own)}
+    exec(f"def {function}({arguments}):\n    return own({taken})", scope)
+    return merged(scope[function])
 
-    A foreign model may read the current in any way, so of no current it gets an array.
+
+def operations(model):
+    """What a run of neighbouring neurons of a model does; its functions are in `neuro.model.neurons.base`.
+
+    A model that is not in `NEURONS` may read the current in any way, so of no current it gets an array.
     """
+    constants, fire = taking(model, "constants", "p, h, c"), taking(model, "fire", "s, c, i")
+    step, quiet = taking(model, "step", "s, c, x, i_0, lo, hi, fired, u"), taking(model, "quiet", "s, c, i_0, lo, hi")
+    foreign = model not in NEURONS
 
     @inner
     def catch_up(view, thread, pop, lo, hi, interval):
@@ -36,13 +48,13 @@ def operations(constants, step, fire, quiet, foreign):
         row = net.pops[pop]
         c = net.scratch[thread]
         if row[CONSTANT_STRIDE] == 0:
-            constants(row[MODEL], net.parameters[row[CONSTANT]], interval, c)
-            step(row[MODEL], net.state, c, net.calm, net.current, np.uint64(lo), np.uint64(hi), net.fired, net.draws)
+            constants(net.parameters[row[CONSTANT]], interval, c)
+            step(net.state, c, net.calm, net.current, np.uint64(lo), np.uint64(hi), net.fired, net.draws)
         else:
             for i in range(lo, hi):
-                constants(row[MODEL], net.parameters[row[CONSTANT] + i - row[BEGIN]], interval, c)
+                constants(net.parameters[row[CONSTANT] + i - row[BEGIN]], interval, c)
                 u = np.uint64(i)
-                step(row[MODEL], net.state, c, net.calm, net.current, u, u + _ONE, net.fired, net.draws)
+                step(net.state, c, net.calm, net.current, u, u + _ONE, net.fired, net.draws)
 
     @merged
     def step_run(view, pop, lo, hi):
@@ -52,31 +64,38 @@ def operations(constants, step, fire, quiet, foreign):
         if row[CONSTANT_STRIDE] == 0:
             c, begin, end = net.constants[row[CONSTANT]], np.uint64(lo), np.uint64(hi)
             if row[CARRIED] == 1:
-                step(row[MODEL], net.state, c, net.x, net.current, begin, end, net.fired, net.draws)
+                step(net.state, c, net.x, net.current, begin, end, net.fired, net.draws)
             elif foreign:
-                step(row[MODEL], net.state, c, net.x, moved(net.none, lo), begin, end, net.fired, net.draws)
+                step(net.state, c, net.x, moved(net.none, lo), begin, end, net.fired, net.draws)
             else:
-                step(row[MODEL], net.state, c, net.x, no_current(), begin, end, net.fired, net.draws)
+                step(net.state, c, net.x, no_current(), begin, end, net.fired, net.draws)
             return
         for i in range(lo, hi):
             c = net.constants[row[CONSTANT] + i - row[BEGIN]]
             u = np.uint64(i)
-            step(row[MODEL], net.state, c, net.x, net.current, u, u + _ONE, net.fired, net.draws)
+            step(net.state, c, net.x, net.current, u, u + _ONE, net.fired, net.draws)
 
-    @inner
-    def step_bare(view, pop, lo, hi):
-        """Step neurons that have neither input nor current."""
-        net = net_of(view)
-        row = net.pops[pop]
-        none = no_input(), no_current()
-        if row[CONSTANT_STRIDE] == 0:
-            c = net.constants[row[CONSTANT]]
-            step(row[MODEL], net.state, c, none[0], none[1], np.uint64(lo), np.uint64(hi), net.fired, net.draws)
-            return
-        for i in range(lo, hi):
-            c = net.constants[row[CONSTANT] + i - row[BEGIN]]
-            u = np.uint64(i)
-            step(row[MODEL], net.state, c, none[0], none[1], u, u + _ONE, net.fired, net.draws)
+    if model.collects:
+
+        @inner
+        def step_bare(view, pop, lo, hi):
+            net = net_of(view)
+            row = net.pops[pop]
+            none = no_input(), no_current()
+            if row[CONSTANT_STRIDE] == 0:
+                c = net.constants[row[CONSTANT]]
+                step(net.state, c, none[0], none[1], np.uint64(lo), np.uint64(hi), net.fired, net.draws)
+                return
+            for i in range(lo, hi):
+                c = net.constants[row[CONSTANT] + i - row[BEGIN]]
+                u = np.uint64(i)
+                step(net.state, c, none[0], none[1], u, u + _ONE, net.fired, net.draws)
+
+    else:
+
+        @inner
+        def step_bare(view, pop, lo, hi):
+            pass
 
     @inner
     def is_quiet(view, pop, lo, hi):
@@ -84,10 +103,10 @@ def operations(constants, step, fire, quiet, foreign):
         net = net_of(view)
         row = net.pops[pop]
         if row[CONSTANT_STRIDE] == 0:
-            return quiet(row[MODEL], net.state, net.constants[row[CONSTANT]], net.current, lo, hi)
+            return quiet(net.state, net.constants[row[CONSTANT]], net.current, lo, hi)
         for i in range(lo, hi):
             c = net.constants[row[CONSTANT] + i - row[BEGIN]]
-            if not quiet(row[MODEL], net.state, c, net.current, i, i + 1):
+            if not quiet(net.state, c, net.current, i, i + 1):
                 return False
         return True
 
@@ -97,20 +116,9 @@ def operations(constants, step, fire, quiet, foreign):
         net = net_of(view)
         row = net.pops[pop]
         c = net.constants[row[CONSTANT] + (i - row[BEGIN]) * row[CONSTANT_STRIDE]]
-        fire(row[MODEL], net.state, c, i)
+        fire(net.state, c, i)
 
     return catch_up, step_run, step_bare, is_quiet, fire_one
-
-
-def compiled_operations(models, foreign=False):
-    """The operations of some models, chosen by their places in the list."""
-    return operations(
-        chosen("constants", "p, h, c", models),
-        chosen("step", "s, c, x, i_0, lo, hi, fired, u", models),
-        chosen("fire", "s, c, i", models),
-        chosen("quiet", "s, c, i_0, lo, hi", models),
-        foreign,
-    )
 
 
 @inner
@@ -124,12 +132,9 @@ def draw(view, pop, lo, hi, step):
 
 @cache
 def entry(model):
-    """The address of all operations of one model, compiled by themselves.
-
-    Its arguments are those of `neuro_event.views.call`.
-    """
-    catch_up, step_run, _, is_quiet, fire_one = compiled_operations([model], foreign=True)
-    draws, linear = model.draws, model.linear
+    """All operations of one model. Its arguments are those of `neuro_event.views.call_entry`."""
+    catch_up, step_run, step_bare, is_quiet, fire_one = operations(model)
+    draws, linear, foreign = model.draws, model.linear, model not in NEURONS
 
     @kernel
     def run(view, pop, operation, lo, hi, thread, step, interval):
@@ -138,20 +143,23 @@ def entry(model):
         elif operation == STEP:
             if draws:
                 draw(view, pop, lo, hi, step)
-            net_of(view).fired[lo:hi] = 0  # ours write it for each neuron; to set it where it is reached is enough
+            if foreign:  # ours write it for each neuron; to set it where it is reached is enough
+                net_of(view).fired[lo:hi] = 0
             step_run(view, pop, lo, hi)
+        elif operation == BARE:
+            step_bare(view, pop, lo, hi)
         elif operation == FIRE:
             fire_one(view, pop, lo)
         elif operation == QUIET:
             return 1 if is_quiet(view, pop, lo, hi) else 0
         return 0
 
-    return entry_of(model, run, ENTRY_TYPE)
+    return Entry(run, ENTRY_TYPE, model)
 
 
 @cache
 def generator_entry(model):
-    """The address of what a stranger's generator emits in a step."""
+    """What a stranger's generator emits in a step."""
     emit = compiled(model.arithmetic.emit)
 
     @kernel
@@ -172,4 +180,4 @@ def generator_entry(model):
             net.fired[i] = out[i] >= 1.0
         return 0
 
-    return entry_of(model, run, ENTRY_TYPE)
+    return Entry(run, ENTRY_TYPE, model)

@@ -9,10 +9,9 @@ import math
 from functools import cache
 
 import numpy as np
-from numba import types
 
 from neuro.core.keyed_random import NTH_STRIDE
-from neuro.kernels.address import entry_of
+from neuro.kernels.address import Entry
 from neuro.kernels.draws import step_word, uniform
 from neuro.kernels.jit import compiled, inner, kernel, merged
 from neuro.model.synapses.delays import DELAY as DELAY_ROW
@@ -47,7 +46,7 @@ from neuro_event.tables import (
     TARGET,
     WAKE_ALL,
 )
-from neuro_event.views import address, net_of, plastic_of, prefetch, slot_mask
+from neuro_event.views import RULE_TYPE, address, net_of, plastic_of, prefetch, slot_mask
 
 ENTRIES, APPLIED, NEWEST = range(3)
 ENTRY = 3
@@ -168,8 +167,9 @@ def _kind(trace):
 
 
 @cache
-def rule_entry(model, row_of):
-    """The address of the passes of one rule, whose constants `row_of` finds: `shared_row`, or `own_row`."""
+def rule_entry(model, own_rows):
+    """The passes of one rule, whose synapses share a row of constants or have their own."""
+    row_of = own_row if own_rows else shared_row
     arithmetic, modulated = model.arithmetic, model.modulated
     on_pre, on_post = compiled(arithmetic.on_pre), compiled(arithmetic.on_post)
     nearest = compiled(steps_of)
@@ -318,7 +318,7 @@ def rule_entry(model, row_of):
             z = table[FIRST_SYNAPSE] + np.int64(p.in_synapse[i])
             own = table[FIRST_SOURCE] + np.int64(p.in_source[i]) * table[SOURCE_STRIDE]
             if not modulated and p.past[history, APPLIED] <= p.spiked[thread, own]:
-                p.sent[z] = p.y[0, z]  # see `plastic.bring_target`
+                p.sent[z] = p.y[0, z]  # see `pairwise`
             delay = heard_after(net, row, z - table[FIRST_SYNAPSE])
             flow(view, q, z, own, thread, history, target, step, whole, delay, h)
 
@@ -330,4 +330,4 @@ def rule_entry(model, row_of):
             bring(view, q, index, step, thread, operation == BRING_WHOLE, h)
         return 0
 
-    return entry_of(model, run, types.int64(*(types.int64,) * 6, types.float64))
+    return Entry(run, RULE_TYPE, model)

@@ -15,7 +15,8 @@ from neuro.program.program import Floats, Grid, Ints, Population, Program, Proje
 from neuro_event import layout, memory
 from neuro_event import tables as t
 from neuro_event.arrays import Arrays
-from neuro_event.arrivals import QUEUE, fill_runs
+from neuro_event.models import NEURONS
+from neuro_event.runs import QUEUE, fill_runs
 
 
 def add_projections(a: Arrays) -> None:
@@ -211,7 +212,7 @@ def _first_collected(a: Arrays, k: int, population: Population) -> int:
     row, model = a.net["pops"][k], population.model
     if not isinstance(model, Neuron) or not model.collects:
         return t.NONE
-    if row[t.ENTRY] != 0 or row[t.GROUP] >= 0 or row[t.CARRIED] == 1:
+    if type(model) not in NEURONS or row[t.GROUP] >= 0 or row[t.CARRIED] == 1:
         return t.NONE
     return [state.name for state in type(model).states].index(model.collects[0])
 

@@ -88,7 +88,7 @@ class Copy:
     def give(self, k: int, step: int) -> None:
         """Before a signal acts: what a read of this step has brought to the present need not be brought there again."""
         a, row = self._a, self._a.plastic["table"][k]
-        if self._has == (k, step) and row[t.MODULATED] >= 0 and row[t.RULE_ENTRY] == 0:
+        if self._has == (k, step) and row[t.MODULATED] >= 0:
             first = row[t.FIRST_SYNAPSE]
             here = slice(first, first + a.program.projections[row[t.PROJECTION]].size)
             a.plastic["y"][:, here] = self._y[:, here]

@@ -10,7 +10,6 @@ from neuro.program.program import Floats, drawn_for
 from neuro_event import layout, memory
 from neuro_event import tables as t
 from neuro_event.arrays import Arrays
-from neuro_event.counted import TALLY_BITS
 from neuro_event.emitting import wake_emitting
 
 TABLE_WIDTH = 1400
@@ -41,8 +40,8 @@ def add_generators(a: Arrays) -> None:
 def settle(a: Arrays) -> None:
     """Move what generators have tallied to their events and spikes."""
     tally = a.net["tally"]
-    a.net["events"][: tally.size] += tally >> TALLY_BITS
-    a.net["spikes"][: tally.size] += tally & ((1 << TALLY_BITS) - 1)
+    a.net["events"][: tally.size] += tally >> t.TALLY_BITS
+    a.net["spikes"][: tally.size] += tally & ((1 << t.TALLY_BITS) - 1)
     tally[:] = 0
 
 

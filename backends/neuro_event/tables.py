@@ -14,7 +14,7 @@ POSITIVE, NEGATIVE, MIXED = range(3)
 # populations
 (
     KIND,
-    MODEL,
+    MODEL,  # of states that earlier versions have saved
     BEGIN,
     END,
     FIRST_BLOCK,
@@ -143,3 +143,6 @@ OPEN, WINS = range(2)
 
 # why a neuron must not fire: it is left out of a trial, silenced by a winner, or has won
 SILENCED, BLOCKED, WON = 1, 2, 4
+
+TALLY_BITS = 20
+"""Of a tally, see `counted`: the lower bits that hold spikes; the others hold events, of which there are no more."""

@@ -10,7 +10,7 @@ import numpy as np
 from neuro_event import loop
 
 STRETCH = 20e-3
-"""Seconds that a stretch on one thread takes about, after the first slice: so its end and its measuring cost nothing."""
+"""Seconds that a stretch on one thread takes about, after the first slice: its end and its measuring cost nothing."""
 
 GAIN = 1.1
 """How many times as fast as one thread all have to be, so that it is no accident of what was measured."""

@@ -15,7 +15,6 @@ from llvmlite import ir
 from numba import types
 from numba.core import cgutils
 from numba.extending import intrinsic
-from numba.np.arrayobj import populate_array
 from numpy.typing import NDArray
 
 from neuro.kernels import views
@@ -29,7 +28,7 @@ pops i8 2          columns of `tables`, a row per population
 projections i8 2   likewise, a row per projection
 incoming i8 1      projections by target: those delivered on arrival, then those with a ring
 at_emission i8 1   static projections that are delivered into a ring at emission
-set_out i8 1       of each projection: the step up to which what was emitted lies in its ring, before its weights changed
+set_out i8 1       of each projection: the step up to which what was emitted lies in its ring, with the weights of then
 edges i8 2         (populations, threads + 1) first block of each thread in each, and the end
 most i8 1          spikes that a step of each thread can make
 parameters f8 2    of each population, or of each neuron where they differ
@@ -110,6 +109,7 @@ map_of i8 1        map of each neuron of the trials' output
 potential f8 1     largest V_m of each map
 best i8 1          the neuron that has it
 resets i8 1        state rows that a trial starts anew
+stages i8 1        addresses of what is compiled apart, see `stages`
 """
 
 PLASTIC = """
@@ -174,8 +174,11 @@ def address(typingctx, array):
 ENTRY_TYPE = types.int64(*(types.int64,) * 7, types.float64)
 """Of the entry of a population's model."""
 
+RULE_TYPE = types.int64(*(types.int64,) * 6, types.float64)
+"""Of the entry of a rule."""
+
 _call_entry = caller(ENTRY_TYPE.return_type, *ENTRY_TYPE.args)
-_call = caller(types.int64, *(types.int64,) * 6, types.float64)
+_call = caller(RULE_TYPE.return_type, *RULE_TYPE.args)
 
 
 @merged
@@ -201,6 +204,8 @@ def moved(typingctx, array, first):
     """An array whose items from `first` on are those of a flat array; it has no others."""
 
     def codegen(context, builder, signature, arguments):
+        from numba.np.arrayobj import populate_array
+
         kind, start = signature.args[0], context.cast(builder, arguments[1], signature.args[1], types.intp)
         given = context.make_array(kind)(context, builder, arguments[0])
         view = context.make_array(kind)(context, builder)

@@ -147,7 +147,8 @@ class Net:
     def ends(self, wires: Wires) -> tuple[int, int]:
         """The first node of source and target."""
         source = self.cells[wires.part.source]
-        return source.first_device if self._is_at_once(wires.part) else source.first, self.cells[wires.part.target].first
+        first = source.first_device if self._is_at_once(wires.part) else source.first
+        return first, self.cells[wires.part.target].first
 
     def _is_at_once(self, part: Projection) -> bool:
         """Whether devices send along a projection: a spike takes the weights of its emission."""

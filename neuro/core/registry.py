@@ -10,10 +10,12 @@ import warnings
 from collections.abc import Callable, ItemsView, Iterable, Iterator, Mapping, ValuesView
 from functools import cache
 from importlib import import_module
-from importlib.metadata import EntryPoints, entry_points
-from typing import Any, Generic, TypeVar, overload
+from typing import TYPE_CHECKING, Any, Generic, TypeVar, overload
 
 from neuro.core.errors import ModelError, here
+
+if TYPE_CHECKING:
+    from importlib.metadata import EntryPoints
 
 T = TypeVar("T")
 R = TypeVar("R")
@@ -203,6 +205,8 @@ def installed(group: str) -> EntryPoints:
 
 @cache
 def _installed() -> Any:
+    from importlib.metadata import entry_points  # it takes as long as all models
+
     return entry_points()
 
 

@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import re
+from dataclasses import dataclass
 from typing import Any
 
 from llvmlite import ir
@@ -18,35 +19,42 @@ _KEPT: list[Any] = []
 """Whose machine code is called by address stays for good."""
 
 
-def address_of(kernel: Any, signature: Any) -> int:
-    """Compile a kernel for some types, numbers only, or take it from what is kept; and tell where it lies.
+@dataclass(frozen=True)
+class Entry:
+    """A kernel that is called by its address.
 
-    Args:
+    Attributes:
         kernel: of `neuro.kernels.jit.kernel`.
         signature: numba's, of integers and floats.
+        model: the class of which it calls the functions, if it does; its `arithmetic` is their module.
     """
-    kernel.compile(signature)
-    result = kernel.overloads[signature.args]
-    _KEPT.append(result)
-    address: int = result.library.get_pointer_to_function(result.fndesc.llvm_cfunc_wrapper_name)
-    return address
 
+    kernel: Any
+    signature: Any
+    model: Any = None
 
-def entry_of(model: Any, kernel: Any, signature: Any) -> int:
-    """The address of a kernel that calls the functions of a stranger's model.
+    @property
+    def kept(self) -> bool:
+        """Whether its machine code need not be compiled: it is there, or on disk."""
+        kernel = self.kernel
+        return self.signature.args in kernel.overloads or kernel._cache.has(self.signature, kernel.targetctx)
 
-    Args:
-        model: its class, which has an `arithmetic`.
-        kernel: see `address_of`.
-        signature: likewise.
+    def address(self) -> int:
+        """Where its machine code lies, which is compiled or taken from what is kept.
 
-    Raises:
-        ModelError: numba cannot compile them; it says why, and where if numba does.
-    """
-    try:
-        return address_of(kernel, signature)
-    except NumbaError as error:
-        raise _refused(model, str(error)) from None
+        Raises:
+            ModelError: numba cannot compile the model's functions; it says why, and where if numba does.
+        """
+        try:
+            self.kernel.compile(self.signature)
+        except NumbaError as error:
+            if self.model is None:
+                raise
+            raise _refused(self.model, str(error)) from None
+        result = self.kernel.overloads[self.signature.args]
+        _KEPT.append(result)
+        address: int = result.library.get_pointer_to_function(result.fndesc.llvm_cfunc_wrapper_name)
+        return address
 
 
 def _refused(model: Any, said: str) -> ModelError:

@@ -13,7 +13,6 @@ import os
 import pickle
 import re
 import stat
-import sys
 import tempfile
 import time
 from collections.abc import Iterator
@@ -26,6 +25,7 @@ import platformdirs
 from numba.core.compiler import CompileResult
 from numba.core.serialize import dumps
 
+from neuro.kernels import told
 from neuro.kernels.key import digest
 
 _result: Any = CompileResult
@@ -44,6 +44,7 @@ class Kept:
 
     def __init__(self, kernel: Any) -> None:
         self._kernel = kernel
+        self._began = told.NOW
 
     @property
     def cache_path(self) -> str | None:
@@ -58,21 +59,28 @@ class Kept:
         if content is not None:
             # What was written whole may still be of other libraries, and raise anything; compiling anew replaces it.
             with suppress(Exception):
-                told = pickle.loads(content)
-                target.refresh()
-                return _result._rebuild(target, *told)
-        _say_once(kept=place is not None)
+                parts = pickle.loads(content)
+                if self._kernel.targetoptions.get("_nrt", True):
+                    target.refresh()  # for what allocates; it imports most of numba
+                return _result._rebuild(target, *parts)
+        self._began = told.begin(kept=place is not None)
         return None
+
+    def has(self, signature: Any, target: Any) -> bool:
+        """Whether there is machine code for these types of arguments, be it damaged."""
+        place = self._file(signature, target)
+        return place is not None and place.exists()
 
     def save_overload(self, signature: Any, code: Any) -> None:
         """Keep what was compiled; where that fails, e.g. on a full disk, the next process compiles again."""
+        told.end(self._began)
         place = self._file(signature, code.target_context)
         if place is None:
             return
-        told = _dumps(code._reduce())
+        content = _dumps(code._reduce())
         try:
-            _clear(place.parent, ROOM - len(told))
-            _write(place, told)
+            _clear(place.parent, ROOM - len(content))
+            _write(place, content)
         except OSError:
             return
 
@@ -159,15 +167,3 @@ def _clear(place: Path, room: int) -> None:
         room -= size
         if room < 0:
             Path(path).unlink(missing_ok=True)
-
-
-_said = False
-
-
-def _say_once(kept: bool) -> None:
-    """Tell people on stderr, once in a process, why it takes a while."""
-    global _said
-    if not _said:
-        _said = True
-        way_out = "" if kept else "; they cannot be kept, as no cache folder can be written: set XDG_CACHE_HOME to one"
-        print(f"neuro: compiling kernels for this machine, once{way_out}", file=sys.stderr, flush=True)

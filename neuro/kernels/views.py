@@ -17,7 +17,6 @@ from llvmlite import ir
 from numba import types
 from numba.core.typing.templates import AttributeTemplate
 from numba.extending import infer_getattr, intrinsic, lower_getattr_generic, models, register_model
-from numba.np.arrayobj import populate_array
 from numpy.typing import NDArray
 
 Field = tuple[str, str, int]
@@ -79,6 +78,7 @@ class _Fields(AttributeTemplate):
 @lower_getattr_generic(Views)
 def _array(context, builder, views, table, name):
     """The array of a field. Its row never changes while a kernel runs, so it may be read once and early."""
+    from numba.np.arrayobj import populate_array  # where all is kept nothing needs it, and it takes a while
 
     def entry(column):
         word = builder.load(builder.gep(table, [context.get_constant(types.intp, 4 * views.rows[name] + column)]))

@@ -1,0 +1,44 @@
+"""What people are told of compiling, on stderr: that it goes on, and, when the process ends, how long it took."""
+
+from __future__ import annotations
+
+import atexit
+import os
+import sys
+import time
+
+TOLD = "NEURO_COMPILING_TOLD"
+"""Set in the environment where it is told already, or by another process of the same command."""
+
+NOW = (0.0, 0.0)
+"""A beginning that is not told of."""
+
+here = False
+"""Whether this process has told it."""
+
+_kernels = 0
+_seconds = 0.0
+
+
+def begin(kept: bool = True) -> tuple[float, float]:
+    """Something has to be compiled, which takes a while; return from when it counts."""
+    global here
+    if TOLD not in os.environ:
+        here = True
+        os.environ[TOLD] = "1"
+        way_out = "" if kept else "; they cannot be kept, as no cache folder can be written: set XDG_CACHE_HOME to one"
+        print(f"neuro: compiling kernels for this machine, once{way_out}", file=sys.stderr, flush=True)
+        atexit.register(_sum_up)
+    return time.perf_counter(), _seconds
+
+
+def end(began: tuple[float, float], kernels: int = 1) -> None:
+    """It is done. What was compiled meanwhile for it, or beside it, took no time of its own."""
+    global _kernels, _seconds
+    _kernels += kernels
+    _seconds = began[1] + time.perf_counter() - began[0]
+
+
+def _sum_up() -> None:
+    if _kernels:
+        print(f"neuro: compiled {_kernels} kernel{'s' * (_kernels > 1)} in {_seconds:.1f} s", file=sys.stderr)
