@@ -24,11 +24,12 @@ def begin(kept: bool = True) -> tuple[float, float]:
     """Something has to be compiled, which takes a while; return from when it counts."""
     global here
     if TOLD not in os.environ:
+        if not here:
+            atexit.register(_sum_up)
         here = True
         os.environ[TOLD] = "1"
         way_out = "" if kept else "; they cannot be kept, as no cache folder can be written: set XDG_CACHE_HOME to one"
         print(f"neuro: compiling kernels for this machine, once{way_out}", file=sys.stderr, flush=True)
-        atexit.register(_sum_up)
     return time.perf_counter(), _seconds
 
 

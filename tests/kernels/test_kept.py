@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from neuro.kernels import kept
+from neuro.kernels.told import TOLD
 
 
 @pytest.fixture
@@ -16,7 +17,7 @@ def places(monkeypatch):
 
     def choose(*found):
         monkeypatch.setattr(kept, "_places", lambda: iter(found))
-        monkeypatch.setattr(kept, "_said", False)
+        monkeypatch.delenv(TOLD, raising=False)
         kept.folder.cache_clear()
 
     yield choose
