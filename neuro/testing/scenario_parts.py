@@ -229,7 +229,7 @@ def synapses(draw: st.DrawFn, net: Network, ends: tuple[str, str], shortest: int
         tau_plus=draw(st.sampled_from([20.0, 2.0])),
         tau_c=draw(st.sampled_from([1000.0, 10.0])),
         tau_n=draw(st.sampled_from([200.0, 5.0])),
-        b=draw(st.sampled_from([0.0, 0.02, -0.01])),
+        b=draw(st.sampled_from([0.0, 0.02, -0.01] if source else [0.02, -0.01])),
         Wmin=draw(st.sampled_from([0.0, 0.0, -0.5, 0.3])) * w_max,
         Wmax=w_max,
         deliver_interval=interval,

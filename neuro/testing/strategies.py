@@ -132,7 +132,7 @@ def _synapses(draw: st.DrawFn, net: Network, post: str) -> Synapse:
             late = draw(st.integers(1, 4)) * net.resolution
             spiking = [name for name in net.populations if name != "current"]
             source = {"dopamine": draw(st.sampled_from(spiking)), "dopamine_delay": late}
-        b, grid = draw(st.sampled_from([0.0, 0.01])), draw(st.sampled_from([1, 7]))
+        b, grid = draw(st.sampled_from([0.0, 0.01] if source else [0.01])), draw(st.sampled_from([1, 7]))
         return stdp_dopa(A_plus=0.3, A_minus=0.2, tau_n=30.0, b=b, Wmax=8.0, deliver_interval=grid, **source)
     return static()
 
