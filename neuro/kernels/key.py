@@ -161,11 +161,14 @@ def _value(function: FunctionType, name: str, value: Any, called: list[Any]) -> 
 
 
 def _intrinsic(definition: FunctionType) -> object:
-    """Code that writes machine code: its module's whole source counts, and the numbers and types that it closes over."""
+    """Code that writes machine code: its module's whole source counts, and what it closes over of numbers and types."""
     closed = [cell.cell_contents for cell in definition.__closure__ or ()]
-    numbers = [_typed(value) if isinstance(value, types.Type) else value for value in closed]
-    numbers = [value for value in numbers if isinstance(value, int | str)]
-    return definition.__qualname__, _source(definition.__code__.co_filename), definition.__code__.co_code, numbers
+    said = [value if isinstance(value, int | str) else _typed(value) for value in closed if _counts(value)]
+    return definition.__qualname__, _source(definition.__code__.co_filename), definition.__code__.co_code, said
+
+
+def _counts(value: object) -> bool:
+    return isinstance(value, int | str | types.Type)
 
 
 @cache

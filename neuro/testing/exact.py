@@ -14,7 +14,7 @@ import numpy as np
 from neuro.model.distributions import uniform
 from neuro.model.network import Network
 from neuro.model.neurons import iaf_psc_delta, parrot_neuron, spike_generator
-from neuro.model.rules import all_to_all, fixed_indegree, grid, one_to_one, pairs
+from neuro.model.rules import Rule, all_to_all, fixed_indegree, grid, one_to_one, pairs
 from neuro.testing.case import Found, Start, after, case, integers_too, law, network, observe
 
 INF = float("inf")
@@ -147,13 +147,20 @@ def exact_parrots(start: Start) -> Found:
 @integers_too
 @law
 def exact_weights_set_at_an_emission(start: Start) -> tuple[Found, Found]:
-    """What generators emit in a step keeps the weights of that step; what neurons emit takes those that are set then."""
+    """What generators emit in a step keeps the weights of that step; what neurons emit takes those set after it."""
     net = network(1.0)
     net.population("source", 6, spike_generator(spike_times=[[4.0, 5.0]] * 6))
     net.population("parrots", 6, parrot_neuron())
     net.connect("source", "parrots", one_to_one())
-    ways = {"one": (one_to_one(), 2.0), "all": (all_to_all(), 3.0), "listed": (pairs(pre=[0, 3, 5], post=[4, 1, 1]), 1.0)}
-    ways |= {"late": (all_to_all(), np.arange(1.0, 37.0).reshape(6, 6)), "some": (pairs(pre=[2, 5], post=[0, 3]), [9.0, 2.0])}
+    ways: dict[str, tuple[Rule, Any]] = {
+        "one": (one_to_one(), 2.0),
+        "all": (all_to_all(), 3.0),
+        "listed": (pairs(pre=[0, 3, 5], post=[4, 1, 1]), 1.0),
+    }
+    ways |= {
+        "late": (all_to_all(), np.arange(1.0, 37.0).reshape(6, 6)),
+        "some": (pairs(pre=[2, 5], post=[0, 3]), [9.0, 2.0]),
+    }
     expected = {}
     for source, each in (("source", 8.0 + 8.0), ("parrots", 0.0 + 8.0)):
         for way, (rule, delay) in ways.items():

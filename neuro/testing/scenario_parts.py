@@ -186,7 +186,9 @@ def currents(draw: st.DrawFn, h: float) -> Model:
             return step_current_generator(amplitude_times=[k * h for k in steps], amplitude_values=values, **window)
         case 4:
             frequency = draw(st.sampled_from([5.0, 80.0])) / h
-            return ac_generator(amplitude=uniform(low=0.5, high=2.0), offset=0.3, frequency=frequency, phase=40.0, **window)
+            return ac_generator(
+                amplitude=uniform(low=0.5, high=2.0), offset=0.3, frequency=frequency, phase=40.0, **window
+            )
         case 5:
             own, dt = draw(st.booleans()), draw(st.sampled_from([1, 3])) * h
             mod = {"std_mod": draw(st.sampled_from([0.0, 1.0])), "frequency": 10.0 / h}

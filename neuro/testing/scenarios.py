@@ -50,6 +50,9 @@ FIXED = {"Wmin", "Wmax", "deliver_interval", "mu_plus", "mu_minus", "mu", "pre_a
 STEEP = {"hh_psc_alpha": 1e-6, "aeif_cond_exp": 1e-4, "aeif_psc_exp": 1e-4}
 """What V_m may differ by, mV, where it rises steeply within an adaptive step, so that rounding grows."""
 
+STEERED = ("lambda_", "A_plus", "A_minus", "tau_plus", "tau_c", "tau_n", "b", "U")
+"""Numbers of rules that are set on the way."""
+
 MANY = 400
 """The most synapses of an `all_to_all`."""
 
@@ -290,7 +293,7 @@ def _learning(net: Network, refused: bool) -> list[str]:
 def _other_synapses(draw: st.DrawFn, part: Projection) -> Act:
     """Weights or a number of the rule of synapses that learn."""
     words = part.synapse.parameters()
-    numbers = [word for word in ("lambda_", "A_plus", "A_minus", "tau_plus", "tau_c", "tau_n", "b", "U") if word in words]
+    numbers: list[str] = [word for word in STEERED if word in words]
     if numbers and draw(st.booleans()):
         word = draw(st.sampled_from(numbers))
         value = 0.5 * words[word] if isinstance(words[word], float) else 0.25
