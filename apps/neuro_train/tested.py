@@ -97,7 +97,7 @@ def on_backend(
     Raises:
         ModelError: the backend refuses the network.
     """
-    options = {"scales": own} if (own := scales(room, backend)) else {}
+    options: dict[str, Any] = {"scales": own} if (own := scales(room, backend)) else {}
     sim = neuro.compile(net, backend=backend, seed=plan.seed, **options)
     events, h = shown.events, net.resolution
     spikes = torch.zeros(len(shown), events.steps, math.prod(int(side) for side in net.populations[plan.output].shape))
