@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 import neuro
+from neuro.chips import chip, filled, quantise
 
 
 def constant_drive(tau_syn):
@@ -27,6 +28,20 @@ def test_automatic_scales_leave_room_for_input_in_every_step(tau_syn):
         spikes[backend] = sim.counts().spikes
         assert sim.counts().native == {}
     assert abs(spikes["loihi"] - spikes["event"]) <= 1
+
+
+@pytest.mark.parametrize(("tau_syn", "scale"), [(2.0, 1e5), (80.0, 1e5), (80.0, 2e4), (2.0, 5e5)])
+def test_how_much_of_its_registers_an_input_takes_says_whether_it_wraps(tau_syn, scale):
+    sim = neuro.compile(constant_drive(tau_syn), backend="loihi", scales={"out": scale})
+    fixed = quantise(sim.program, chip("loihi"), scales={"out": scale})
+    (share,) = filled(fixed, {"in": np.ones((1, 399, 4))}).values()
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", neuro.OverflowWarning)
+        sim.run(400.0)
+    wrapped = {f"{what} wraps of out" for what in ("input", "current")} & sim.counts().native.keys()
+    assert (share >= 1.0) == bool(wrapped)
+    on = quantise(sim.program, chip("spinnaker"))
+    assert filled(on, {"in": np.ones((1, 399, 4))}) == {}  # its slots saturate
 
 
 def test_an_overflow_is_told_once_with_a_way_out():
