@@ -26,9 +26,8 @@ if TYPE_CHECKING:
 __all__ = ["PAGE", "rows", "show", "show_folds", "write"]
 
 PAGE = sealed("a page of 'neuro train'", '<meta name="generator" content="neuro train">', "<!-- digest {} -->")
-HEAD = (
-    "runs on", ">accuracy", ">95 % interval", ">equal decisions", ">equal spikes", ">first spike", *COLUMNS,
-)  # fmt: skip
+HEAD = ("runs on", ">accuracy", ">95 % interval", ">equal decisions", ">equal spikes", ">first spike")
+BILLS = ("runs on", *COLUMNS)
 ABOUT = (
     "Accuracy is that of the recordings to test on, with Wilson's interval; silence is wrong. Equal are decisions, and "
     "recordings whose output spikes are all equal, to those of the first row. Joules and chip time are those of a "
@@ -48,16 +47,20 @@ def rows(tried: Sequence[Tried]) -> list[tuple[str, ...]]:
     found: list[tuple[str, ...]] = []
     for one in tried:
         low, high = one.own.interval
-        bill = one.bill.cells() if one.bill else ("-",) * len(COLUMNS)
         equal = f"{one.agrees(tried[0]):.1%}", f"{one.same_spikes(tried[0])} of {len(one.labels)}"
         first = "-" if np.isnan(one.first_ms) else f"{one.first_ms:.1f} ms"
         accuracy = f"{one.own.accuracy:.1%}", f"{low:.1%} - {high:.1%}"
-        found.append((one.backend, *accuracy, *equal, first, *bill))
+        found.append((one.backend, *accuracy, *equal, first))
     return found
 
 
+def bills(tried: Sequence[Tried]) -> list[tuple[str, ...]]:
+    """A row for each chip: what a recording takes."""
+    return [(one.backend, *one.bill.cells()) for one in tried if one.bill]
+
+
 def show(tried: Sequence[Tried], room: Sequence[Room] = ()) -> None:
-    """Print the room in registers, a row for each backend, and what the bills assume; warn of what overflowed."""
+    """Print the room in registers, a row for each backend, the bills and what they assume; warn of what overflowed."""
     for line in told(room):
         print(f"- {line}")
     if not tried:
@@ -67,6 +70,8 @@ def show(tried: Sequence[Tried], room: Sequence[Room] = ()) -> None:
     for line in footnotes([one.bill for one in tried if one.bill], False):
         print(f"- {line}")
     console().print(table(HEAD, rows(tried), title=f"{len(tried[0].labels)} recordings"))
+    if billed := bills(tried):
+        console().print(table(BILLS, billed, title="a recording"))
 
 
 def show_folds(folds: Sequence[Mapping[str, Any]]) -> None:
@@ -108,6 +113,8 @@ def _parts(
     if tried:
         yield tag("h2", f"On {len(tried[0].labels)} recordings that it has not seen")
         yield html.table(HEAD, rows(tried))
+        if billed := bills(tried):
+            yield html.table(BILLS, billed)
         yield tag("p", ABOUT)
     if room:
         yield tag("h2", "Room in registers")
