@@ -49,7 +49,7 @@ def test_another_file_is_neither_read_nor_replaced(kept):
     kept.path.unlink()
     with h5py.File(kept.path, "w") as file:
         file.attrs["format"] = "another 1"
-    with pytest.raises(neuro.ModelError, match=r"not a my training 1$"):
+    with pytest.raises(neuro.ModelError, match=r"not a my training 1\n  hint: it has no digest"):
         kept.resume()
     with pytest.raises(neuro.ModelError, match="expected a new name"):
         kept.keep(history=np.zeros(1))
@@ -63,7 +63,8 @@ def test_a_byte_that_flipped_is_found(tmp_path):
     whole = made.path.read_bytes()
     at = whole.index(weights.tobytes()) + 100
     made.path.write_bytes(whole[:at] + bytes([whole[at] ^ 1]) + whole[at + 1 :])
-    with pytest.raises(neuro.ModelError, match=r"model.h5.training: damaged my training 1\n  hint: delete the file"):
+    told = r"model.h5.training: damaged my training 1: it is not what was written\n  hint: delete the file"
+    with pytest.raises(neuro.ModelError, match=told):
         made.resume()
 
 
@@ -85,7 +86,7 @@ def test_whatever_h5py_says_of_a_damaged_file_is_told(kept, monkeypatch, error):
 def test_what_it_was_told_cannot_be_mended_by_hand(kept):
     with h5py.File(kept.path, "r+") as file:
         file.attrs["told"] = json.dumps({**TOLD, "seed": 4})
-    with pytest.raises(neuro.ModelError, match=r"damaged my training 1\n  hint: delete the file to begin anew"):
+    with pytest.raises(neuro.ModelError, match=r"it is not what was written\n  hint: delete the file to begin anew"):
         kept.resume()
 
 

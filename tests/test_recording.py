@@ -15,7 +15,8 @@ import pytest
 import neuro
 from neuro import ModelError
 from neuro.core import growing
-from neuro.core.growing import Growing, reading_grown
+from neuro.core.growing import Growing, Grown
+from neuro.core.hdf5 import FRONT, seal
 from neuro.files.stored import Stored
 
 
@@ -112,6 +113,7 @@ def test_a_file_of_the_format_before(path):
     with h5py.File(path, "a") as file:
         file.attrs["format"] = "neuro results 1"
         del file.attrs["finished"]
+    seal(path)
     results = neuro.results.read(path)
     assert results.finished
     assert results.spikes("cells")[0].size == results.counts().populations["cells"].spikes
@@ -171,7 +173,7 @@ def test_a_kill_within_a_commit_leaves_one_state(tmp_path, monkeypatch):
             write(disk, at, part)
             if committed:
                 shutil.copyfile(path, copy)
-                with reading_grown(copy) as file:
+                with Grown(copy, "a test", "of a test").reading() as file:
                     k = int(file.attrs["k"])
                     assert k in (len(committed) - 1, len(committed))
                     assert np.array_equal(file["x"][()], np.arange(file["x"].size))
@@ -179,8 +181,8 @@ def test_a_kill_within_a_commit_leaves_one_state(tmp_path, monkeypatch):
                     seen.add((len(committed), k))
 
     monkeypatch.setattr(growing, "_write", torn)
-    with Growing(path) as disk:
-        file = h5py.File(disk, "w")
+    with Growing(path, "of a test") as disk:
+        file = h5py.File(disk, "w", userblock_size=FRONT)
         data = file.create_dataset("x", (0,), "f8", maxshape=(None,), chunks=(500,), compression="gzip")
         for k in range(4):
             data.resize(700 * (k + 1), axis=0)
@@ -302,6 +304,7 @@ def test_a_file_with_a_column_of_a_mean(path):
         values = file["traces/mean/values"][:]
         del file["traces/mean/values"]
         file["traces/mean/values"] = values.reshape(4, 1)
+    seal(path)
     assert np.array_equal(neuro.results.read(path).trace("mean")[1], values)
     assert neuro.results.read(path).traces["mean"].values.shape == (4,)
 

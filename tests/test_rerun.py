@@ -4,6 +4,7 @@ import json
 import os
 import shutil
 import threading
+from pathlib import Path
 
 import h5py
 import numpy as np
@@ -12,6 +13,7 @@ import pytest
 import neuro
 from neuro.cli.shipped import shipped
 from neuro.core import provenance as provenances
+from neuro.core.hdf5 import seal
 from neuro.core.inputs import digest_of, gathering, note
 from neuro.core.provenance import ATTRIBUTE, differences, provenance
 from neuro.rerun.compared import first_difference
@@ -62,6 +64,7 @@ def record(file, **words):
     with h5py.File(file, "r+") as opened:
         told = json.loads(opened.attrs[ATTRIBUTE]) | words
         opened.attrs[ATTRIBUTE] = json.dumps(told)
+    seal(Path(file))
     return told
 
 
@@ -132,6 +135,7 @@ def test_what_differs_first_is_told(folder, run, again):
         weight = file["projections/noise_exc/weight"]
         before = weight[7]
         weight[7] = before + 1.0
+    seal(Path("a.h5"))
     (first,) = again("a.h5", status=1)
     assert first == (
         f"a.h5: not the same: projections/noise_exc/weight[7]: {float(before) + 1.0!r} then, {float(before)!r} now"

@@ -9,6 +9,7 @@ import h5py
 import numpy as np
 import pytest
 
+from neuro.core.hdf5 import seal
 from neuro.core.provenance import ATTRIBUTE
 from neuro.events import Events, save
 
@@ -60,6 +61,7 @@ def edit(model, name):
         values = file[name][()]
         values.flat[0] = np.nextafter(values.flat[0], np.inf)
         file[name][()] = values
+    seal(Path(model))
 
 
 def test_the_demonstrations_model_is_made_again(neuro, bars, tmp_path):

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from neuro import ModelError
+from neuro.core.hdf5 import seal
 from neuro.files.parts import Trace, Train, Weights
 from neuro.files.results import YAML, Results, read, write
 
@@ -63,6 +64,9 @@ def test_a_damaged_file_is_refused(results, tmp_path):
     write(results, tmp_path / "a.h5")
     with h5py.File(tmp_path / "a.h5", "a") as file:
         del file["populations/z/times_ms"]
+    with pytest.raises(ModelError, match=r"a\.h5: damaged neuro results 2: it is not what was written\n"):
+        read(tmp_path / "a.h5")
+    seal(tmp_path / "a.h5")
     with pytest.raises(ModelError, match=r"a\.h5: damaged: "):
         read(tmp_path / "a.h5")
 
@@ -78,6 +82,7 @@ def test_a_network_file_outside_the_network_is_refused(results, tmp_path, absolu
             file[name] = np.zeros(3, np.uint8)  # what the name leads to when it is looked up
     data = (tmp_path / "a.h5").read_bytes()
     (tmp_path / "a.h5").write_bytes(data.replace(name.replace("/", "%").encode(), name.encode()))
+    seal(tmp_path / "a.h5")
     with pytest.raises(ModelError) as error:
         read(tmp_path / "a.h5").network()
     assert str(error.value) == f"{tmp_path / 'a.h5'}: damaged: {name!r} is not the name of a file of the network"

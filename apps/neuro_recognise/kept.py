@@ -27,8 +27,8 @@ FORMAT = "neuro recognise evidence 1"
 
 
 def is_kept(file: Path) -> bool:
-    """Whether there is such a file."""
-    return hdf5.has_format(file, FORMAT)
+    """Whether there is such a file, whole."""
+    return hdf5.is_whole(file, FORMAT)
 
 
 def keep(file: Path, evidence: Sequence[Evidence]) -> None:

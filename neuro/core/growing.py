@@ -4,7 +4,8 @@ HDF5 changes its tables in place, so a file whose process is killed can be unrea
 the process down. So it writes into `Growing` instead. New bytes go behind all that was committed, where no table leads
 to them yet; changes of older bytes are held back, in pages. A commit writes these pages behind the end, then a mark
 that they are whole, then puts each in its place, and cuts the end off. Who finds the mark reads the pages from there,
-so a kill at any moment leaves the state before a commit or after it.
+so a kill at any moment leaves the state before a commit or after it. The front of the file, with its digest, is on the
+first page, so it is always of the same commit as the rest; see `neuro.core.hdf5`.
 """
 
 from __future__ import annotations
@@ -19,6 +20,8 @@ from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
+
+from neuro.core.hdf5 import BLOCK, FRONT, Front, damaged, not_ours, update
 
 PAGE = 4096
 _MARK = struct.Struct("<8sQQI")  # word, where the pages begin, their length, their checksum
@@ -55,18 +58,27 @@ class _Paged(io.RawIOBase):
     def readinto(self, buffer: Any) -> int:
         """Read, with the pages in their places."""
         view = memoryview(buffer).cast("B")
-        n = max(0, min(view.nbytes, self._size - self._at))
-        view[:n] = _read(self._disk, self._at, n)
-        _patch(view[:n], self._at, self._pages)
-        self._at += n
-        return n
+        found = self.at(self._at, view.nbytes)
+        view[: len(found)] = found
+        self._at += len(found)
+        return len(found)
+
+    def at(self, place: int, n: int) -> bytes | bytearray:
+        """Bytes at a place, with the pages in theirs; fewer at the end."""
+        n = max(0, min(n, self._size - place))
+        found = _read(self._disk, place, n)
+        if self._pages:
+            found = bytearray(found)
+            _patch(memoryview(found), place, self._pages)
+        return found
 
 
 class Growing(_Paged):
-    """A file for `h5py.File(..., "w")` that is whole on the disk after each commit.
+    """A file for `h5py.File(..., "w", userblock_size=FRONT)` that is whole on the disk after each commit.
 
     Args:
         path: of the file, which is emptied; nobody else may write it until it is closed.
+        format: of the file, e.g. "neuro results 2".
 
     Attributes:
         error: of the first failure; what comes after it is thrown away.
@@ -76,9 +88,9 @@ class Growing(_Paged):
         OSError: it cannot be written.
     """
 
-    def __init__(self, path: Path) -> None:
+    def __init__(self, path: Path, format: str) -> None:
         super().__init__(os.open(path, os.O_RDWR | os.O_CREAT, 0o666))
-        self._path = path
+        self._path, self._format, self._sums = path, format, bytearray()
         try:
             fcntl.flock(self._disk, fcntl.LOCK_EX | fcntl.LOCK_NB)
             os.ftruncate(self._disk, 0)
@@ -143,15 +155,30 @@ class Growing(_Paged):
     def _commit(self) -> None:
         if os.fstat(self._disk).st_nlink == 0:
             raise FileNotFoundError(errno.ENOENT, "it was removed", str(self._path))
+        if not self._committed:
+            os.ftruncate(self._disk, self._size)
+        self._seal()
         if self._pages:
+            end = max(self._committed, self._size)  # a file that becomes shorter keeps its end until the mark is there
             pages = b"".join(_HEAD.pack(n * PAGE, len(page)) + page for n, page in sorted(self._pages.items()))
-            mark = _MARK.pack(_WORD, self._size, len(pages), zlib.crc32(pages))
-            _write(self._disk, self._size, memoryview(pages))
-            _write(self._disk, self._size + len(pages), memoryview(mark))
+            mark = _MARK.pack(_WORD, end, len(pages), zlib.crc32(pages))
+            _write(self._disk, end, memoryview(pages))
+            _write(self._disk, end + len(pages), memoryview(mark))
             for number, page in self._pages.items():
                 _write(self._disk, number * PAGE, memoryview(page))
         os.ftruncate(self._disk, self._size)
         self._pages, self._committed = {}, self._size
+
+    def _seal(self) -> None:
+        """Write the front of what is to be committed."""
+        changed = {number * PAGE // BLOCK for number in self._pages}
+        changed.update(range(min(self._committed, self._size) // BLOCK, -(-self._size // BLOCK)))
+        update(self._sums, sorted(k for k in changed if k * BLOCK < self._size), self.at, self._size)
+        front = memoryview(Front.over(self._format, self._size, bytes(self._sums)).written())
+        if self._committed:
+            self._hold(front, 0)
+        else:
+            _write(self._disk, 0, front)
 
     def close(self) -> None:
         """Let go of the file; what was not committed is lost."""
@@ -161,17 +188,22 @@ class Growing(_Paged):
 
 
 class Grown:
-    """An HDF5 file to read, of `Growing` or any other; where another takes its name it stays this one.
+    """A file of ours to read, of `Growing` or any other; where another takes its name it stays this one.
 
     Args:
         path: of the file.
+        what: it is to be, for messages, e.g. "a file of results".
+        formats: that it may have.
 
     Raises:
+        ModelError: it is something else.
         OSError: it cannot be read.
     """
 
-    def __init__(self, path: Path) -> None:
+    def __init__(self, path: Path, what: str, *formats: str) -> None:
         self._disk = os.open(path, os.O_RDONLY)
+        self._path, self._what, self._formats = path, what, formats
+        self._whole = b""
 
     def __del__(self) -> None:
         if hasattr(self, "_disk"):
@@ -182,23 +214,30 @@ class Grown:
         """What is in it as of the last commit.
 
         Raises:
-            OSError: it is no HDF5 file, or cannot be read.
+            ModelError: it is something else, or damaged.
+            OSError: it cannot be read.
         """
         import h5py
 
-        with _Committed(self._disk) as disk, h5py.File(disk, "r") as file:
+        with self._checked() as disk, h5py.File(disk, "r") as file:
             yield file
 
-
-@contextmanager
-def reading_grown(path: Path) -> Iterator[Any]:
-    """Likewise of a file that need not be held.
-
-    Raises:
-        OSError: it is no HDF5 file, or cannot be read.
-    """
-    with Grown(path).reading() as file:
-        yield file
+    def _checked(self) -> _Committed:
+        """The file after its check; a run may commit meanwhile, then it is checked once more."""
+        before = None
+        while True:
+            disk = _Committed(self._disk)
+            front = disk.front
+            if front is None or front.format not in self._formats:
+                raise not_ours(self._path, self._what)
+            if front.written() == self._whole or front.fits(disk.at):
+                self._whole = front.written()
+                return disk
+            status = os.fstat(self._disk)
+            now = status.st_size, status.st_mtime_ns
+            if now == before:
+                raise damaged(self._path, front)
+            before = now
 
 
 class _Committed(_Paged):
@@ -207,6 +246,9 @@ class _Committed(_Paged):
     def __init__(self, disk: int) -> None:
         super().__init__(disk)
         self._pages, self._size = _held_pages(disk)
+        self.front = Front.of(bytes(self.at(0, FRONT)))
+        if self.front is not None:
+            self._size = min(self._size, self.front.size)
 
 
 def _held_pages(disk: int) -> tuple[dict[int, bytes], int]:

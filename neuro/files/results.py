@@ -42,8 +42,8 @@ from neuro.core.checks import check_span
 from neuro.core.clock import NEVER, Clock
 from neuro.core.english import a
 from neuro.core.errors import ModelError, unknown
-from neuro.core.growing import Grown, reading_grown
-from neuro.core.hdf5 import new_file
+from neuro.core.growing import Grown
+from neuro.core.hdf5 import has_format, new_file
 from neuro.core.inputs import note
 from neuro.core.outputs import Kind
 from neuro.core.paths import existing
@@ -75,15 +75,7 @@ RECORDING = "recording."
 """Attributes of this name and that of an event camera say where its recording lay."""
 
 
-def _is_ours(path: Path) -> bool:
-    try:
-        with reading_grown(path) as file:
-            return file.attrs.get("format") in FORMATS
-    except (OSError, RuntimeError, KeyError, TypeError, ValueError):
-        return False
-
-
-KIND = Kind("a file of results", _is_ours)
+KIND = Kind("a file of results", lambda path: has_format(path, *FORMATS))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -332,7 +324,7 @@ def _again(name: str, what: Any) -> str:
 
 def write(results: Results, path: str | PathLike[str]) -> None:
     """Write the file in the place of any other; the caller asks before, with `neuro.core.outputs.output` and `KIND`."""
-    with new_file(Path(path)) as file:
+    with new_file(Path(path), FORMAT) as file:
         write_head(file, results.about, results.files)
         for section in SECTIONS:
             for name, part in getattr(results, section).items():
@@ -355,7 +347,7 @@ def read(path: str | PathLike[str]) -> Results:
     """Read the file of a run, also of one that was ended while it wrote; arrays when they are asked for.
 
     Raises:
-        ModelError: there is no such file, or it is none of this format.
+        ModelError: there is no such file, it is none of this format, or not what was written.
     """
     path = Path(path)
     if not path.exists() and unfinished(path).exists():
@@ -364,15 +356,13 @@ def read(path: str | PathLike[str]) -> Results:
     path = existing(path)
     note(path)
     try:
-        held = Grown(path)
+        held = Grown(path, "a file of results, as 'neuro run' writes it", *FORMATS)
         with held.reading() as file:
-            if file.attrs.get("format") in FORMATS:
-                return read_file(file, held.reading, path)
-    except OSError:
-        pass
-    except (KeyError, TypeError, ValueError, AttributeError) as error:
+            return read_file(file, held.reading, path)
+    except ModelError:
+        raise
+    except (OSError, KeyError, TypeError, ValueError, AttributeError, RuntimeError) as error:
         raise ModelError(f"{path}: damaged: {error}") from None
-    raise ModelError(f"{path}: not a file of results, as 'neuro run' writes it")
 
 
 def unfinished(path: Path) -> Path:

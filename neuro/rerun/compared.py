@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 from neuro.core.errors import ModelError
+from neuro.core.hdf5 import check
 from neuro.core.provenance import ATTRIBUTE
 from neuro.core.values import shown
 from neuro.files.results import RECORDING
@@ -20,11 +21,13 @@ def first_difference(then: Path, now: Path) -> str:
     """What differs first in two HDF5 files, in words; "" if all arrays, texts and attributes are the same bits.
 
     Raises:
-        ModelError: one is no HDF5 file.
+        ModelError: one is no HDF5 file, or damaged.
     """
     import h5py
 
     try:
+        check(then)
+        check(now)
         with h5py.File(then) as a, h5py.File(now) as b:
             return _of_groups(a, b)
     except OSError:

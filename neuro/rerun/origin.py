@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from neuro.core.errors import ModelError
+from neuro.core.hdf5 import check
 from neuro.core.inputs import digest_of
 from neuro.core.provenance import ATTRIBUTE
 
@@ -20,18 +21,17 @@ def record_of(path: Path) -> dict[str, Any]:
     """The record in an HDF5 file or in a page.
 
     Raises:
-        ModelError: it holds none.
+        ModelError: it holds none, or is damaged.
     """
     import h5py
 
     text = ""
-    try:
+    if path.suffix in (".html", ".htm"):
+        found = _ON_PAGE.search(path.read_text("utf-8", "replace"))
+        text = html.unescape(found[1]) if found else ""
+    elif path.is_file() and check(path):
         with h5py.File(path) as file:
             text = str(file.attrs.get(ATTRIBUTE, ""))
-    except OSError:
-        if path.suffix in (".html", ".htm"):
-            found = _ON_PAGE.search(path.read_text("utf-8", "replace"))
-            text = html.unescape(found[1]) if found else ""
     try:
         told = json.loads(text)
     except ValueError:

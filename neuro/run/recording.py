@@ -17,10 +17,11 @@ from numpy.typing import NDArray
 from neuro.core.clock import Clock
 from neuro.core.errors import ModelError
 from neuro.core.growing import Growing
+from neuro.core.hdf5 import FRONT
 from neuro.core.outputs import Unwritable, check_output
 from neuro.core.paths import file_path
 from neuro.core.provenance import ATTRIBUTE
-from neuro.files.results import KIND, Results, read_file, unfinished, write_head, write_part
+from neuro.files.results import FORMAT, KIND, Results, read_file, unfinished, write_head, write_part
 from neuro.model.network import Network
 from neuro.program.backend import Engine
 from neuro.program.program import Probe, SynapseProbe
@@ -76,8 +77,8 @@ class Recording:
             check_output(each, KIND)
         files = collect.files_of(net)
         with self._telling():
-            self._disk = Growing(self.part)
-        self._file = h5py.File(self._disk, "w")
+            self._disk = Growing(self.part, FORMAT)
+        self._file = h5py.File(self._disk, "w", userblock_size=FRONT)
         self._origin = partial(collect.origin, sim, net, threads, record, all_weights)
         told = {**collect.about(sim, threads), **collect.recordings_of(net), ATTRIBUTE: self._origin()}
         write_head(self._file, {**told, "finished": False}, files)

@@ -70,7 +70,7 @@ class Beginnings:
         make_folder(self._folder)
         for k, file in enumerate(self._files):
             part = self._data[AT_ONCE * k : AT_ONCE * (k + 1)]
-            if not hdf5.has_format(file, FORMAT):
+            if not hdf5.is_whole(file, FORMAT):
                 _write(file, [beginnings(self._method, item, self._times) for item in part])
             yield AT_ONCE * k + len(part)
 

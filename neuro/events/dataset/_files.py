@@ -11,13 +11,12 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
+from neuro.core import hdf5
 from neuro.events.errors import EventFileError
 
 Files = Mapping[str, Callable[[], bytes]]
 """Path inside the folder or zip, with ``/``, to what gives the bytes."""
 
-HDF5 = b"\x89HDF\r\n\x1a\n"
-"""How an HDF5 file begins."""
 ARCHIVES = (".tar", ".gz", ".tgz", ".bz2", ".xz", ".7z", ".rar")
 """Endings of archives that have to be unpacked first."""
 
@@ -26,7 +25,7 @@ def is_hdf5(path: str) -> bool:
     """Whether there is an HDF5 file of this name."""
     try:
         with Path(path).open("rb") if Path(path).is_file() else io.BytesIO() as file:
-            return file.read(len(HDF5)) == HDF5
+            return hdf5.is_hdf5(file.read(hdf5.FRONT))
     except OSError:
         return False
 

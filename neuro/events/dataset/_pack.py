@@ -16,6 +16,9 @@ CHOICES = ("skip", "mend", "stop")
 """What may become of a damaged sample."""
 
 
+FORMAT = "neuro event batch 1"
+
+
 @dataclass(frozen=True, slots=True)
 class Job:
     """What all batches share.
@@ -57,7 +60,7 @@ def pack(job: Job, numbers: Sequence[int]) -> int:
 
     path = Path(job.folder) / f"{numbers[0]:08d}.h5"
     damaged = {}
-    with output(path, Kind("a batch"), replace=True) as part, new_file(part, libver=("v108", "v108")) as file:
+    with output(path, Kind("a batch"), replace=True) as part, new_file(part, FORMAT, libver=("v108", "v108")) as file:
         for number in numbers:
             events, fault = _loaded(job, job.samples[number])
             if fault:

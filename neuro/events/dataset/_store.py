@@ -22,11 +22,11 @@ from pathlib import Path, PurePosixPath
 from typing import Any
 
 from neuro.core.errors import unknown
+from neuro.core.hdf5 import has_format, is_whole, new_file
 from neuro.core.outputs import Kind, output, write_text
 from neuro.core.processes import Done, Lost, Processes, Raised, cores
 from neuro.events.dataset import _pack
-from neuro.events.dataset._files import is_hdf5
-from neuro.events.dataset._stored import CLASSES, NUMBER
+from neuro.events.dataset._stored import CLASSES, FORMAT, NUMBER, opened
 from neuro.events.errors import EventFileError
 
 BATCH = 64
@@ -104,12 +104,10 @@ def _finished(path: Path, samples: Sequence[Any], plan: str, choice: str) -> Sto
     """What a finished file holds.
 
     Raises:
-        EventFileError: it is another file.
+        EventFileError: it is another file, or damaged.
     """
-    import h5py
-
-    if is_hdf5(str(path)):
-        with h5py.File(path, "r") as file:
+    if has_format(path, FORMAT):
+        with opened(str(path)) as file:
             damaged = json.loads(file.attrs.get(DAMAGED, "{}"))
             if file.attrs.get(PLAN) == plan and (not damaged or file.attrs[CHOICE] == choice):
                 count = sum(len(file[name]) for name in file)
@@ -142,11 +140,11 @@ def _done(folder: Path) -> set[int]:
     for stray in folder.glob(".*.part"):
         stray.unlink(missing_ok=True)
     for part in folder.glob("*.h5"):
-        try:
-            with h5py.File(part, "r") as file:
-                done |= {*map(int, file), *map(int, json.loads(file.attrs[DAMAGED]))}
-        except (OSError, KeyError, ValueError):
+        if not is_whole(part, _pack.FORMAT):
             part.unlink()
+            continue
+        with h5py.File(part, "r") as file:
+            done |= {*map(int, file), *map(int, json.loads(file.attrs[DAMAGED]))}
     return done
 
 
@@ -187,13 +185,11 @@ def _join(
     """Copy all small files into one, in the order of the samples: the same bytes, however often it was gone on with."""
     import h5py
 
-    from neuro.core.hdf5 import new_file
-
     names = _names(samples, classes)
     places, damaged = _contents(folder)
     done, order = 0, sorted(places)
     tell("writing", done, len(order))
-    with output(path, Kind("a data set")) as part, new_file(part, libver=("v108", "v108")) as out:
+    with output(path, Kind("a data set")) as part, new_file(part, FORMAT, libver=("v108", "v108")) as out:
         for small, numbers in itertools.groupby(order, key=places.__getitem__):
             with h5py.File(small, "r") as file:
                 for number in numbers:

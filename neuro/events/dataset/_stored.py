@@ -6,40 +6,63 @@ import json
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
+from neuro.core.errors import ModelError
+from neuro.core.hdf5 import check, has_format
 from neuro.events._events import Events
 from neuro.events.dataset._files import natural
 from neuro.events.errors import EventFileError
+from neuro.events.formats._hdf5_chunks import FAILURES, one_line
 
+FORMAT = "neuro event data set 1"
 CLASSES = "classes"
 """Attribute of the file: names in the order of their labels, as JSON."""
 NUMBER = "number"
 """Attribute of a sample: its number in the data set that it was made of."""
 
 
-class _File:
-    """An HDF5 file that is opened when it is used, and anew in another process."""
+def opened(path: str, whole: bool = False) -> Any:
+    """An open HDF5 file.
 
-    def __init__(self, path: str) -> None:
-        self.path = path
+    Args:
+        path: of the file.
+        whole: whether it was checked before.
+
+    Raises:
+        EventFileError: it is no whole HDF5 file, or not what this package wrote.
+    """
+    import h5py
+
+    try:
+        if not whole:
+            check(Path(path))
+        return h5py.File(path, "r")
+    except ModelError as error:
+        raise EventFileError(path, error.message.removeprefix(f"{Path(path)}: "), hint=error.hint) from None
+    except OSError as error:
+        raise EventFileError(path, f"no whole HDF5: {error}") from None
+
+
+class _File:
+    """An HDF5 file that is opened when it is used, and anew in another process, which need not check it again."""
+
+    def __init__(self, path: str, whole: bool = False) -> None:
+        self.path, self._whole = path, whole
         self._open: Any = None
 
-    def __getstate__(self) -> str:
-        return self.path
+    def __getstate__(self) -> tuple[str, bool]:
+        return self.path, self._whole
 
-    def __setstate__(self, path: str) -> None:
-        self.__init__(path)  # type: ignore[misc]
+    def __setstate__(self, state: tuple[str, bool]) -> None:
+        self.__init__(*state)  # type: ignore[misc]
 
     @property
     def file(self) -> Any:
-        import h5py
-
         if self._open is None:
-            try:
-                self._open = h5py.File(self.path, "r")
-            except OSError as error:
-                raise EventFileError(self.path, f"no whole HDF5: {error}") from None
+            self._open = opened(self.path, self._whole)
+            self._whole = True
         return self._open
 
     def close(self) -> None:
@@ -68,7 +91,8 @@ class StoredSample:
     @property
     def number(self) -> int:
         """Its number in the data set that the file was made of; by name in a file of another library."""
-        return int(self._file.file[self.name].attrs.get(NUMBER, self._place))
+        with self._told():
+            return int(self._file.file[self.name].attrs.get(NUMBER, self._place))
 
     def load(self, *, sensor_size: tuple[int, int] | None = None, sort: bool = False, strict: bool = True) -> Events:
         """The events; arguments and errors as of `neuro.events.load`. Samples have no damage that could be left out."""
@@ -103,9 +127,9 @@ class StoredSample:
         except (Damage, EventFileError) as error:
             self._file.close()
             raise EventFileError(self.path, error.what, error.offset) from None
-        except (OSError, KeyError, ValueError) as error:
+        except FAILURES as error:
             self._file.close()
-            raise EventFileError(self.path, " ".join(str(error).split())) from None
+            raise EventFileError(self.path, one_line(error)) from None
 
 
 def stored_samples(path: str, classes: Sequence[str] | None = None) -> tuple[tuple[str, ...], tuple[StoredSample, ...]]:
@@ -124,6 +148,9 @@ def stored_samples(path: str, classes: Sequence[str] | None = None) -> tuple[tup
     except EventFileError:
         holder.close()
         raise
+    except FAILURES as error:
+        holder.close()
+        raise EventFileError(path, f"no whole HDF5: {one_line(error)}") from None
 
 
 def holds_samples(path: str) -> bool:
@@ -132,9 +159,15 @@ def holds_samples(path: str) -> bool:
     Raises:
         EventFileError: it is no whole HDF5 file.
     """
+    if has_format(Path(path), FORMAT):
+        return True
     holder = _File(path)
     try:
         return any(True for _ in _names(holder.file))
+    except EventFileError:
+        raise
+    except FAILURES as error:
+        raise EventFileError(path, f"no whole HDF5: {one_line(error)}") from None
     finally:
         holder.close()
 

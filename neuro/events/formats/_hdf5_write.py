@@ -14,6 +14,8 @@ from neuro.events._events import EVENT, Events
 from neuro.events.formats._format import Unsavable
 from neuro.events.formats._hdf5_attributes import describe
 
+FORMAT = "neuro events 1"
+
 SAMPLE = np.dtype([("ts", "<i8"), ("x", "<u2"), ("y", "<u2"), ("p", "u1")])
 """A row of a sample: aertb's field names, with times that are exact."""
 
@@ -34,7 +36,7 @@ def write(parts: Iterator[Events], path: Path) -> None:
         Unsavable: a time lies 2^63 us or more after the first.
     """
     # The format of HDF5 1.8 has room for attributes longer than 64 KiB.
-    with new_file(path, libver=("v108", "v108")) as file:
+    with new_file(path, FORMAT, libver=("v108", "v108")) as file:
         group = file.create_group("events")
         columns = {key: _column(group, key, EVENT[key]) for key in "txyp"}
         index, offset, done = _column(file, "ms_to_idx", np.dtype("<u8")), 0, 0

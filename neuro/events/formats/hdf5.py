@@ -24,6 +24,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 from typing import Any
 
+from neuro.core.hdf5 import FRONT, Front, is_hdf5
 from neuro.events._events import Events
 from neuro.events.errors import EventFileError
 from neuro.events.formats._format import Damage, Format, Piece, Size
@@ -34,7 +35,6 @@ from neuro.events.formats._hdf5_recording import of_rows
 from neuro.events.formats._hdf5_write import write, write_sample
 from neuro.events.source import WHOLE, Source
 
-MAGIC = b"\x89HDF\r\n\x1a\n"
 UNTESTED = "no recording in another layout than this library's was at hand"
 
 
@@ -54,10 +54,12 @@ class Hdf5:
         import h5py
 
         self._file: Any = None
+        self._bytes = source.head(0)
         try:
             self._file = h5py.File(source.path or Padded(source.all().data), "r")
             self._recording = find(self._file, where)
-            self._heaps = heaps_whole(source.all())
+            self._bytes = source.all()
+            self._heaps = heaps_whole(self._bytes)
             own, whole = (attributes(node, self._heaps) for node in (self._recording.node, self._file))
             self._sizes = own, whole, _calibration(self._recording.node)
             self.metadata: Mapping[str, Any] = metadata_of(own) | self._recording.told()
@@ -71,6 +73,7 @@ class Hdf5:
 
     def close(self) -> None:
         """Close all that is open of the file: HDF5 would take what is written to its place for the same file."""
+        self._bytes = self._bytes[:0]
         if self._file is not None:
             self._file.close()
 
@@ -95,6 +98,13 @@ class Hdf5:
         yield from self._recording.pieces(block, start_us)
         if not self._heaps:
             raise Damage("a heap of strings is damaged; attributes with strings were left out", None)
+        if start_us is None and not self._is_whole():
+            raise Damage("damaged: it is not what was written", None)
+
+    def _is_whole(self) -> bool:
+        """Whether a file that this library wrote is what was written; of others nothing is known."""
+        front = Front.of(bytes(self._bytes[:FRONT]))
+        return front is None or front.fits(lambda at, n: self._bytes[at : at + n])
 
 
 def read_sample(dataset: Any) -> Events:
@@ -137,7 +147,7 @@ def _calibration(node: Any) -> dict[str, Any]:
     return {} if resolution is None or getattr(resolution, "size", 0) != 2 else {"sensor_size": resolution[()]}
 
 
-HDF5 = Format("hdf5", "HDF5", (".h5", ".hdf5"), lambda head: head.startswith(MAGIC), Hdf5, write, inside=Hdf5)
+HDF5 = Format("hdf5", "HDF5", (".h5", ".hdf5"), is_hdf5, Hdf5, write, inside=Hdf5)
 """Read and written."""
 
 __all__ = ["HDF5", "Hdf5", "read_sample", "sample_size", "write", "write_sample"]

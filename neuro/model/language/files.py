@@ -2,15 +2,18 @@
 
 from __future__ import annotations
 
+import time
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from contextvars import ContextVar
+from functools import lru_cache
 from pathlib import Path, PurePosixPath, PureWindowsPath
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from neuro.core import hdf5 as hdf5_file
 from neuro.core.errors import ModelError, nearest
 from neuro.core.inputs import note
 from neuro.core.values import FromFile, shown
@@ -148,6 +151,7 @@ def hdf5(path: Path, file: Node, key: Node) -> NDArray[np.float64]:
     import h5py
 
     what = f"'{key.value}' in '{file.value}'"
+    check(path, file)
     try:
         with h5py.File(path, "r") as opened:
             data = opened
@@ -168,6 +172,23 @@ def hdf5(path: Path, file: Node, key: Node) -> NDArray[np.float64]:
         raise
     except (OSError, ValueError, KeyError, RuntimeError, TypeError, MemoryError):
         raise mistake(file, f"file '{file.value}': expected an HDF5 file that can be read") from None
+
+
+def check(path: Path, node: Node) -> None:
+    """Refuse a file of ours that is not what was written; of one that lies still it is seen once."""
+    try:
+        status = path.stat()
+        still = time.time_ns() - status.st_mtime_ns > 2 * 10**9  # two changes at once have the same time
+        (_checked if still else _checked.__wrapped__)(path, (status.st_ino, status.st_size, status.st_mtime_ns))
+    except ModelError as error:
+        raise mistake(node, error.message, error.hint) from None
+    except OSError as error:
+        raise mistake(node, f"file '{node.value}': cannot be read: {error.strerror}") from None
+
+
+@lru_cache(maxsize=64)
+def _checked(path: Path, status: tuple[int, ...]) -> str:
+    return hdf5_file.check(path)
 
 
 def _names(group: Any) -> list[str]:

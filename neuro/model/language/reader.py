@@ -12,6 +12,7 @@ from typing import Any
 import yaml
 
 from neuro.core.errors import ModelError, Where, nearest
+from neuro.core.hdf5 import is_hdf5
 from neuro.core.inputs import note
 
 MAX_BYTES = 32 * 2**20
@@ -88,13 +89,10 @@ def _bytes(path: Path) -> bytes:
     raise ModelError(f"found {kind}: expected a YAML file", where=where)
 
 
-_HDF5 = b"\x89HDF\r\n\x1a\n"
-
-
 def _kind(data: bytes) -> str:
     """A hint at what a file is that is no text."""
     told = "an HDF5 file, as results are: neuro report FILE tells what these hold, and their bill"
-    return told if data.startswith(_HDF5) else ""
+    return told if is_hdf5(data) else ""
 
 
 def _text(path: Path) -> str:

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from neuro.core.errors import Where
 from neuro.core.inputs import note
 from neuro.core.values import FromFile
-from neuro.model.language.files import ENDINGS, MAX_ELEMENTS, check_named, hdf5, held, named, npy
+from neuro.model.language.files import ENDINGS, MAX_ELEMENTS, check, check_named, hdf5, held, named, npy
 from neuro.model.language.nodes import mistake
 from neuro.model.language.reader import Node
 
@@ -53,6 +53,7 @@ def _rows(path: Path, file: Node, key: Node | None) -> NDArray[np.float64]:
 
 def _hdf5(path: Path, file: Node, key: Node) -> NDArray[np.float64]:
     """A group with a data set for each column, as results have for each population, or a data set of two columns."""
+    check(path, file)
     what, names = f"'{key.value}' in '{file.value}'", _names(path, key.value)
     if names is None:
         return _two_columns(hdf5(path, file, key), key, what)

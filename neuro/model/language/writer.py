@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from neuro.core.errors import ModelError, Where
-from neuro.core.hdf5 import new_file
+from neuro.core.hdf5 import has_format, new_file
 from neuro.core.outputs import Kind, Unwritable, output, sealed
 from neuro.core.paths import file_path
 from neuro.model.language.describe import Arrays, describe
@@ -22,7 +22,7 @@ WIDTH = 110
 ENDINGS = (".yaml", ".yml")
 MARK = "# saved by neuro"
 NETWORK = sealed("a network that was saved", MARK, ", digest {}")
-_ARRAYS = "arrays of a neuro network"
+_ARRAYS = "neuro arrays 1"
 _PLAIN = re.compile(r"[A-Za-z_][A-Za-z0-9_.-]*")
 _ELSEWHERE_BOOLEANS = ("yes", "no", "on", "off", "y", "n", "true", "false", "null")
 
@@ -111,25 +111,16 @@ def _word(text: str) -> str:
 def _claimed(path: Path) -> Iterator[Path]:
     """Where the arrays may be written."""
     try:
-        with output(path, Kind("the arrays of a network that was saved", _holds_arrays)) as part:
+        kind = Kind("the arrays of a network that was saved", lambda path: has_format(path, _ARRAYS))
+        with output(path, kind) as part:
             yield part
     except Unwritable as error:
         hint = "choose another name for the network's file, whose arrays go to an HDF5 file of the same stem"
         raise ModelError(error.message, hint=hint) from None
 
 
-def _holds_arrays(path: Path) -> bool:
-    import h5py
-
-    try:
-        with h5py.File(path, "r") as old:
-            return bool(old.attrs.get("content") == _ARRAYS)
-    except OSError:
-        return False
-
-
 def _write_arrays(path: Path, arrays: Arrays) -> None:
-    with new_file(path) as file:
-        file.attrs["content"] = _ARRAYS
+    with new_file(path, _ARRAYS) as file:
+        file.attrs["format"] = _ARRAYS
         for key, array in arrays.kept.items():
             file.create_dataset(key, data=array, track_times=False)
