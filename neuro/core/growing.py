@@ -65,12 +65,12 @@ class _Paged(io.RawIOBase):
 
     def at(self, place: int, n: int) -> bytes | bytearray:
         """Bytes at a place, with the pages in theirs; fewer at the end."""
-        n = max(0, min(n, self._size - place))
-        found = _read(self._disk, place, n)
-        if self._pages:
-            found = bytearray(found)
-            _patch(memoryview(found), place, self._pages)
-        return found
+        found = _read(self._disk, place, max(0, min(n, self._size - place)))
+        if not self._pages:
+            return found
+        patched = bytearray(found)
+        _patch(memoryview(patched), place, self._pages)
+        return patched
 
 
 class Growing(_Paged):

@@ -4,6 +4,7 @@ import pickle
 import re
 import tracemalloc
 import warnings
+from pathlib import Path
 
 import h5py
 import numpy as np
@@ -12,6 +13,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from neuro import ModelError
+from neuro.core.hdf5 import FRONT
 from neuro.events import Dataset, EventFileError, EventFileWarning, Events, Recordings, load, recordings, save
 from neuro.events.dataset import UNKNOWN
 from neuro.events.formats import FORMATS
@@ -167,6 +169,14 @@ def test_damaged_and_empty_recordings_are_told_apart(train, tmp_path):
 
 
 def test_a_damaged_recording_of_an_hdf5_file_is_named(stored):
+    """In a file of another library; one of ours has a digest, and is refused as a whole."""
+    whole = Path(stored).read_bytes()
+    Path(stored).write_bytes(whole[:-9] + b"\xff" + whole[-8:])
+    with pytest.raises(EventFileError) as error:
+        recordings(stored)
+    told = f"{stored}: damaged neuro event data set 1: it is not what was written\n  hint: make it again"
+    assert str(error.value).startswith(told)
+    Path(stored).write_bytes(whole[FRONT:])
     with h5py.File(stored) as file:
         at = file["7/2"].id.get_chunk_info(0).byte_offset
     with open(stored, "r+b") as file:

@@ -1,10 +1,10 @@
-"""A recording from a stranger brings nothing of another file into the events."""
+"""A third-party recording brings nothing of another file into the events; odd ones are refused with a message."""
 
 import h5py
 import numpy as np
 import pytest
 
-from neuro.events import EventFileError, load
+from neuro.events import Dataset, EventFileError, load, recordings, stream
 
 
 def linked(group):
@@ -56,3 +56,101 @@ def test_a_whole_recording_in_another_file_is_refused(tmp_path, monkeypatch):
         file["events"] = h5py.ExternalLink("secret.h5", "events")
     with pytest.raises(EventFileError, match="is kept in another file"):
         load("a.h5", sensor_size=(9, 9))
+
+
+def to_itself(file):
+    file["events/t"] = h5py.SoftLink("/events/t")
+
+
+def in_a_ring(file):
+    file["events/t"] = h5py.SoftLink("/ring")
+    file["ring"] = h5py.SoftLink("/events/t")
+
+
+def to_itself_by_name(file):
+    file["events/t"] = h5py.ExternalLink("a.h5", "/events/t")
+
+
+def to_nothing(file):
+    file["events/t"] = h5py.SoftLink("/nothing")
+
+
+def to_no_file(file):
+    file["events/t"] = h5py.ExternalLink("nothing.h5", "/t")
+
+
+def group(file):
+    file.create_group("events/t")
+
+
+def cyclic_groups(file):
+    file["events/t"] = file["/"]
+    file["events/again"] = file["events"]
+
+
+def references(file):
+    file.create_dataset("events/t", data=[file["events/x"].ref] * 3, dtype=h5py.ref_dtype)
+
+
+def regions(file):
+    file.create_dataset("events/t", data=[file["events/x"].regionref[:2]] * 3, dtype=h5py.regionref_dtype)
+
+
+def fields(file):
+    file["events/t"] = np.zeros(3, [("a", "i4"), ("b", "f8")])
+
+
+def texts(file):
+    file.create_dataset("events/t", data=["a"] * 3)
+
+
+def a_type(file):
+    file["events/t"] = np.dtype("i4")
+
+
+def nothing(file):
+    file["events/t"] = h5py.Empty("i8")
+
+
+def offset_to_itself(file):
+    file["events/t"] = np.arange(3)
+    file["t_offset"] = h5py.SoftLink("/t_offset")
+
+
+def no_width(file):
+    file["events/t"] = np.arange(3)
+    file.attrs["width"] = file.attrs["height"] = np.zeros(0)
+
+
+def empty_rows(file):
+    del file["events"]
+    file["cars/1"] = h5py.Empty(np.dtype([("ts", "i8"), ("x", "u2"), ("y", "u2"), ("p", "u1")]))
+
+
+ODD = [
+    to_itself, in_a_ring, to_itself_by_name, to_nothing, to_no_file, group, cyclic_groups, references, regions, fields,
+    texts, a_type, nothing, offset_to_itself, no_width, empty_rows,
+]  # fmt: skip
+
+
+READS = {
+    "load": load,
+    "at a place": lambda path: load(path, format="hdf5:/events/t"),
+    "stream": lambda path: list(stream(path)),
+    "recordings": lambda path: recordings(path)[0].load(),
+    "data set": lambda path: Dataset(path)[0],
+}
+
+
+@pytest.mark.parametrize("odd", ODD)
+@pytest.mark.parametrize("read", READS)
+def test_what_is_no_recording_is_told(tmp_path, monkeypatch, odd, read):
+    monkeypatch.chdir(tmp_path)
+    with h5py.File("a.h5", "w") as file:
+        for name in "xyp":
+            file["events/" + name] = np.zeros(3, np.uint16)
+        odd(file)
+    with pytest.raises(EventFileError) as error:
+        READS[read]("a.h5")
+    if odd is to_itself:
+        assert str(error.value) == "a.h5: /events/t cannot be opened: Special link traversal failed (too many links)"

@@ -14,7 +14,9 @@ from neuro.core.hdf5 import check, has_format
 from neuro.events._events import Events
 from neuro.events.dataset._files import natural
 from neuro.events.errors import EventFileError
+from neuro.events.formats._format import Damage
 from neuro.events.formats._hdf5_chunks import FAILURES, one_line
+from neuro.events.formats._hdf5_find import member
 
 FORMAT = "neuro event data set 1"
 CLASSES = "classes"
@@ -120,8 +122,6 @@ class StoredSample:
     @contextmanager
     def _told(self) -> Iterator[None]:
         """Tell what is wrong with the sample as an `EventFileError` that names it; the file is closed then."""
-        from neuro.events.formats import Damage
-
         try:
             yield
         except (Damage, EventFileError) as error:
@@ -150,7 +150,7 @@ def stored_samples(path: str, classes: Sequence[str] | None = None) -> tuple[tup
         raise
     except FAILURES as error:
         holder.close()
-        raise EventFileError(path, f"no whole HDF5: {one_line(error)}") from None
+        raise _told(path, error) from None
 
 
 def holds_samples(path: str) -> bool:
@@ -167,9 +167,14 @@ def holds_samples(path: str) -> bool:
     except EventFileError:
         raise
     except FAILURES as error:
-        raise EventFileError(path, f"no whole HDF5: {one_line(error)}") from None
+        raise _told(path, error) from None
     finally:
         holder.close()
+
+
+def _told(path: str, error: BaseException) -> EventFileError:
+    what = error.what if isinstance(error, Damage) else f"no whole HDF5: {one_line(error)}"
+    return EventFileError(path, what)
 
 
 def _names(file: Any) -> Iterator[tuple[str, str]]:
@@ -179,9 +184,9 @@ def _names(file: Any) -> Iterator[tuple[str, str]]:
     if "CD/events" in file:  # Prophesee's place for the events of a recording, see `neuro.events.formats.hdf5`
         return
     own = CLASSES in file.attrs  # then all are samples; to open each of 10,000 takes seconds
-    for group in sorted((name for name in file if isinstance(file.get(name), h5py.Group)), key=natural):
+    for group in sorted((name for name in file if isinstance(member(file, name), h5py.Group)), key=natural):
         members = file[group]
-        yield from ((group, name) for name in sorted(members, key=natural) if own or _has_rows(members.get(name)))
+        yield from ((group, name) for name in sorted(members, key=natural) if own or _has_rows(member(members, name)))
 
 
 def _listed(
@@ -192,7 +197,7 @@ def _listed(
     if not names:
         raise EventFileError(path, "holds no samples, expected /<class>/<sample> with rows ts, x, y, p")
     groups = list(dict.fromkeys(group for group, _ in names))
-    known = tuple(classes if classes is not None else _told(file, groups))
+    known = tuple(classes if classes is not None else _named(file, groups))
     if missing := [group for group in groups if group not in known]:
         raise EventFileError(path, f"class {missing[0]!r} is new, expected one of {', '.join(known)}")
     samples = (
@@ -206,7 +211,7 @@ def _has_rows(node: Any) -> bool:
     return getattr(getattr(node, "dtype", None), "names", None) is not None
 
 
-def _told(file: Any, groups: Sequence[str]) -> Sequence[str]:
+def _named(file: Any, groups: Sequence[str]) -> Sequence[str]:
     text = file.attrs.get(CLASSES)
     try:
         told = json.loads(text) if isinstance(text, str) else groups

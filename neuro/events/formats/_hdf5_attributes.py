@@ -82,7 +82,7 @@ def size_of(told: Mapping[str, Any]) -> Size | None:
     if "sensor_size" in told:
         size = np.ravel(told["sensor_size"]).tolist()
     elif {"width", "height"} <= told.keys():
-        size = [np.ravel(told[key]).tolist()[0] for key in ("width", "height")]
+        size = [number for key in ("width", "height") for number in np.ravel(told[key]).tolist()[:1]]
     elif "geometry" in told:
         size = [int(number) for number in re.findall(r"\d+", str(told["geometry"]))]
     elif "sensor_resolution" in told:

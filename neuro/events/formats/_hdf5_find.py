@@ -10,6 +10,7 @@ import numpy as np
 
 from neuro.events.formats._columns import Names, find_names
 from neuro.events.formats._format import Damage
+from neuro.events.formats._hdf5_chunks import FAILURES, one_line
 from neuro.events.formats._hdf5_recording import Recording, of_columns, of_rows, of_table
 from neuro.events.formats._hdf5_table import is_table
 
@@ -37,6 +38,19 @@ def find(file: Any, where: str = "") -> Recording:
     return recording
 
 
+def member(group: Any, name: str) -> Any:
+    """What a name in an open h5py group leads to, None where nothing is there.
+
+    Raises:
+        Damage: it cannot be followed, as a link to itself.
+    """
+    try:
+        return group.get(name)
+    except FAILURES as error:
+        place = name if name.startswith("/") else f"{group.name.rstrip('/')}/{name}"
+        raise Damage(f"{place} cannot be opened: {one_line(error)}", None) from None
+
+
 def _own(file: Any, dataset: Any) -> bool:
     """Whether a dataset has its items in this file: links and storage may name any other that the user can read."""
     from h5py import h5o
@@ -50,7 +64,7 @@ def _find(file: Any, where: str) -> Recording:
     place, order = _parted(where)
     if place:
         return _at(file, place, order)
-    for group in (file.get("events"), file):
+    for group in (member(file, "events"), file):
         if names := _columns(group):
             return of_columns(group, names, _offset(file, group))
     found = list(_candidates(file))
@@ -73,7 +87,7 @@ def _at(file: Any, place: str, order: str) -> Recording:
     """The recording at a place, or below it."""
     import h5py
 
-    node = file.get(place)
+    node = member(file, place)
     if isinstance(node, h5py.Group) and not _columns(node):
         found = list(_candidates(node))
         if len(found) > 1:
@@ -106,7 +120,7 @@ def _candidates(group: Any, depth: int = DEPTH) -> Iterator[Any]:
     import h5py
 
     for name in list(group)[: None if depth == DEPTH else LIMIT]:
-        node = group.get(name)
+        node = member(group, name)
         if isinstance(node, h5py.Dataset):
             if _rows(node) or (is_table(node) and name.lower().startswith("event")):
                 yield node
@@ -127,7 +141,7 @@ def _columns(group: Any) -> Names | None:
 
     if not isinstance(group, h5py.Group):
         return None
-    return find_names(name for name in group if isinstance(group.get(name), h5py.Dataset))
+    return find_names(name for name in group if isinstance(member(group, name), h5py.Dataset))
 
 
 def _offset(file: Any, group: Any) -> int:

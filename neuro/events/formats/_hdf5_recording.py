@@ -69,7 +69,7 @@ class Recording:
         """The number of events, if the datasets can hold so many."""
         shapes = {dataset.shape for dataset in self.datasets}
         axes = 2 if self.keys and isinstance(self.keys[0], int) else 1
-        if len(shapes) != 1 or len(self.datasets[0].shape) != axes:
+        if len(shapes) != 1 or len(self.datasets[0].shape or ()) != axes:
             told = ", ".join(f"{dataset.name} {dataset.shape}" for dataset in self.datasets)
             raise Damage(f"its columns have the shapes {told}, expected one axis and equal lengths", None)
         for dataset in self.datasets:

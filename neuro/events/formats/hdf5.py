@@ -54,7 +54,7 @@ class Hdf5:
         import h5py
 
         self._file: Any = None
-        self._bytes = source.head(0)
+        self._bytes: Any = b""
         try:
             self._file = h5py.File(source.path or Padded(source.all().data), "r")
             self._recording = find(self._file, where)
@@ -73,7 +73,7 @@ class Hdf5:
 
     def close(self) -> None:
         """Close all that is open of the file: HDF5 would take what is written to its place for the same file."""
-        self._bytes = self._bytes[:0]
+        self._bytes = b""
         if self._file is not None:
             self._file.close()
 
