@@ -1,4 +1,7 @@
-"""What version 0.1.0 wrote is read: a network, states, results, models; and what it did after them is done again."""
+"""What version 0.1.0 wrote is read: a network, states, results, models; and what it did after them is done again.
+
+Its HDF5 files had no digest: these were given one, as they would be refused without.
+"""
 
 from pathlib import Path
 
@@ -6,6 +9,7 @@ import numpy as np
 import pytest
 
 import neuro
+from neuro.core.hdf5 import FRONT
 from neuro.files import results
 from neuro_drone.evaluate import Start, try_out
 from neuro_drone.model import Model as DroneModel
@@ -52,6 +56,14 @@ def test_results():
     found = results.read(STORED / "results.h5")
     assert found.about["neuro"] == "0.1.0"
     assert found.about["counts.spikes"] > 0
+
+
+def test_without_a_digest_it_is_refused(tmp_path):
+    (tmp_path / "a.h5").write_bytes((STORED / "results.h5").read_bytes()[FRONT:])
+    with pytest.raises(neuro.ModelError) as error:
+        results.read(tmp_path / "a.h5")
+    told = "not a file of results, as 'neuro run' writes it\n  hint: it has no digest, as files of other tools and of"
+    assert str(error.value) == f"{tmp_path}/a.h5: {told} versions before digests: make it again"
 
 
 def test_a_drone_flies_as_it_did():

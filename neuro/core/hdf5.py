@@ -189,7 +189,7 @@ def not_ours(path: Path, what: str) -> ModelError:
 def damaged(path: Path, front: Front, hint: str = "") -> ModelError:
     """That a file is not what was written."""
     told = f"{path}: damaged {front.format}: it is not what was written"
-    return ModelError(told, hint=hint or "make it again, or take a copy; edited on purpose it needs hdf5.seal(path)")
+    return ModelError(told, hint=hint or "make it again, or take a copy; if you edited it: neuro.apps.hdf5.seal(path)")
 
 
 def seal(path: Path) -> None:

@@ -76,7 +76,7 @@ def read_state(path: Path, identity: Identity) -> Arrays:
     Raises:
         ModelError: there is no such file, it holds no state or one of something else, or it is damaged.
     """
-    with reading(path, FORMAT, "sim.save writes another", "a state written by sim.save") as file:
+    with reading(path, FORMAT, "sim.save writes it anew", "a state written by sim.save") as file:
         _check_identity(path, file, identity)
         arrays: Arrays = {}
         file.visititems(lambda name, item: _collect(arrays, name, item))
