@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 import neuro
+from neuro.core import hdf5
 from neuro.core.outputs import _HOST
 from neuro_recognise.evaluate import evaluate
 from neuro_recognise.method import choose
@@ -167,8 +168,8 @@ def test_files_of_something_else(tmp_path):
         with pytest.raises(neuro.ModelError) as error:
             Recogniser.load(file)
         assert str(error.value) == f"{file}: {message} neuro recogniser 1"
-    with h5py.File(file, "w") as f:
-        f.attrs["format"], f.attrs["method"], f.attrs["settings"] = "neuro recogniser 1", "remus", "{}"
+    with hdf5.writing(file, "neuro recogniser 1", replace=True) as f:
+        f.attrs["method"], f.attrs["settings"] = "remus", "{}"
     with pytest.raises(neuro.ModelError) as error:
         Recogniser.load(file)
     assert str(error.value) == f"{file}: damaged neuro recogniser 1: 'size'"

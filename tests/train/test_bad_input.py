@@ -238,7 +238,7 @@ def test_a_damaged_checkpoint_is_told(neuro, folder, file, monkeypatch, tmp_path
     kept.write_bytes(whole[:at] + bytes([whole[at] ^ 16]) + whole[at + 1 :])
     status, out, err = neuro(file, "--data", folder, *QUICK)
     assert (status, out) == (2, "")
-    assert err.startswith("error: trained.yaml.training: damaged neuro training by gradients 1\n")
+    assert err.startswith("error: trained.yaml.training: damaged neuro training by gradients 1: it is not ")
     assert "hint: delete the file to begin anew" in err
 
 
