@@ -12,15 +12,41 @@ import json
 import os
 import platform
 import time
+from collections.abc import Sequence
 from contextlib import suppress
+from dataclasses import asdict, dataclass
 from functools import cache
 from pathlib import Path
 from threading import Event, Thread
+from typing import Any
+
+from neuro.core.outputs import Unwritable
 
 LEASE_S = 60.0
-"""A claim from another machine that is not touched for so long is nobody's."""
+"""A claim from another machine that was touched longer ago, or that much in the future, is nobody's."""
+
+WRITING_S = 1.0
+"""The same of one that says nothing: who makes it may be about to write it."""
 
 BEAT_S = 10.0
+
+
+@dataclass(frozen=True, slots=True)
+class Holder:
+    """Who has a claim.
+
+    Attributes:
+        machine: as of `machine`.
+        process: its number there.
+        began: as of `began`.
+    """
+
+    machine: str
+    process: int
+    began: str
+
+    def __str__(self) -> str:
+        return f"process {self.process} on {self.machine.partition(' ')[0]}"
 
 
 class Claims:
@@ -32,16 +58,23 @@ class Claims:
 
     def __init__(self, folder: Path) -> None:
         self._folder = folder
-        self._mine = json.dumps({"machine": machine(), "process": os.getpid(), "began": began(os.getpid())}).encode()
+        self._mine = json.dumps(asdict(Holder(machine(), os.getpid(), began(os.getpid())))).encode()
         self._held: set[str] = set()
         self._stop = Event()
 
     def take(self, key: str) -> bool:
-        """Claim a run, unless somebody who is alive has it."""
+        """Claim a run, unless somebody who is alive has it.
+
+        Raises:
+            Unwritable: there can be no such file.
+        """
         path = self._folder / key
-        if self._make(path) or (not alive(path) and self._take_over(path)):
-            self._held.add(key)
-            return True
+        try:
+            if self._make(path) or (not alive(path) and self._take_over(path)):
+                self._held.add(key)
+                return True
+        except OSError as error:
+            raise Unwritable(path, f"cannot be written: {error.strerror or error}") from None
         return False
 
     def give_up(self, key: str) -> None:
@@ -94,18 +127,54 @@ def claimed(folder: Path) -> list[str]:
 
 
 def alive(path: Path) -> bool:
-    """Whether who made a claim is still at work, as far as can be seen from here."""
+    """Whether who made a claim is still at work, as far as can be seen from here.
+
+    The time of a file says so only near to now: it may be of a clock that was set, or of one that is wrong.
+    """
     try:
-        told = json.loads(path.read_bytes() or b"{}")
-        age = time.time() - path.stat().st_mtime
-    except FileNotFoundError:
+        touched = path.stat().st_mtime
+    except OSError:
         return False
-    except ValueError:
-        told, age = {}, time.time() - path.stat().st_mtime
-    if told.get("machine") == machine():
-        since = began(int(told["process"]))
-        return bool(since) and since == told["began"]
-    return age < (LEASE_S if told else 1.0)
+    holder = holder_of(path)
+    if holder is not None and holder.machine == machine():
+        since = began(holder.process)
+        return bool(since) and since == holder.began
+    return abs(time.time() - touched) < (WRITING_S if holder is None else LEASE_S)
+
+
+def holder_of(path: Path) -> Holder | None:
+    """Who made a claim; None if it does not say so."""
+    try:
+        told = parsed(path.read_bytes())
+        holder = Holder(**told)
+    except (OSError, ValueError, TypeError):
+        return None
+    kinds = (type(holder.machine), type(holder.process), type(holder.began))
+    return holder if kinds == (str, int, str) else None
+
+
+def waiting(folder: Path, keys: Sequence[str], what: str = "run") -> str:
+    """For whom one waits, in words.
+
+    Args:
+        folder: of the claims.
+        keys: of those that others work on.
+        what: these are.
+    """
+    holder = holder_of(folder / keys[0]) or "one that does not say who it is"
+    return f"waiting for {len(keys):,} {what}{'s' * (len(keys) != 1)} of others, first {holder} ({folder / keys[0]})"
+
+
+def parsed(content: bytes | str) -> Any:
+    """What JSON says.
+
+    Raises:
+        ValueError: it is none.
+    """
+    try:
+        return json.loads(content)
+    except RecursionError:
+        raise ValueError("too deep") from None
 
 
 @cache

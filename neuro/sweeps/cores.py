@@ -15,7 +15,7 @@ from neuro.core.outputs import Unwritable
 from neuro.core.processes import Done, Event, Lost, Processes, Raised
 from neuro.core.provenance import provenance
 from neuro.sweeps import worker
-from neuro.sweeps.claims import Claims
+from neuro.sweeps.claims import Claims, waiting
 from neuro.sweeps.definition import Item
 from neuro.sweeps.folder import FAILED, Folder, Outcome
 from neuro.sweeps.worker import KEPT, LOST, TAKEN
@@ -24,6 +24,9 @@ POLL_S = 0.25
 _HINT = "what was done is kept: the same command goes on"
 Tell = Callable[[str, bool], None]
 """Is told the key of each run that is there, and whether it failed."""
+
+Say = Callable[[str], None]
+"""Hears what is going on."""
 
 More = Callable[[int], Sequence[Item]]
 """Gives up to so many runs that are next; none where there is nothing to do now."""
@@ -55,13 +58,14 @@ class Cores:
         """End all processes, and what they work on."""
         self._processes.close()
 
-    def run(self, items: Iterable[Item], tell: Tell, more: More | None = None) -> None:
+    def run(self, items: Iterable[Item], tell: Tell, more: More | None = None, say: Say | None = None) -> None:
         """Do runs, and wait for those that others work on.
 
         Args:
             items: the runs.
             tell: hears of each when it is there.
             more: is asked for others whenever a process has nothing to do.
+            say: hears for whom it waits while nothing else is done.
 
         Raises:
             ModelError: no process can begin, or a run cannot be kept, as on a full disk.
@@ -74,6 +78,8 @@ class Cores:
         while pool.busy or elsewhere:
             if elsewhere and not pool.waiting:
                 elsewhere = self._look_again(elsewhere, tell)
+                if elsewhere and say is not None and not pool.busy:
+                    say(waiting(self._folder.claims, [item.key for item in elsewhere]))
             for event in pool.hear(POLL_S if elsewhere else None):
                 self._heard(event, elsewhere, tell)
             self._add(elsewhere, more)

@@ -79,7 +79,7 @@ def execute(
     if bar is not None:
         bar.say(str(count))
     if left:
-        with doing(sweep, folder, place, tell, wait=False) as do:
+        with doing(sweep, folder, place, tell, say=None if bar is None else bar.say, wait=False) as do:
             do(left)
     return count
 

@@ -32,7 +32,7 @@ from typing import Any
 
 from neuro.core.errors import ModelError
 from neuro.core.outputs import Kind, Unwritable, make_folder, sealed, write_text
-from neuro.sweeps.claims import began, machine
+from neuro.sweeps.claims import began, machine, parsed
 
 DONE, FAILED, PRUNED = "done", "failed", "pruned"
 _RUN = "neuro run of a sweep 1"
@@ -173,7 +173,7 @@ class Folder:
         path = self.path / self.holding.file
         what = self.holding.what
         try:
-            told = json.loads(path.read_text("utf-8"))
+            told = parsed(path.read_bytes())
         except FileNotFoundError:
             lack = f"{self.path}: holds no {what}: expected a folder with {path.name}"
             raise ModelError(lack, hint=self._other()) from None
@@ -181,10 +181,11 @@ class Folder:
             raise ModelError(f"{path}: cannot be read: {getattr(error, 'strerror', None) or 'damaged'}") from None
         if not isinstance(told, dict) or told.get("format") != self.holding.format:
             raise ModelError(f"{path}: not a {what}, as 'neuro {self.holding.command} run' writes it")
-        if "digest" in told and not self.holding.kind.ours(path):
+        if not self.holding.kind.ours(path):
             hint = "a copy of it brings the folder back"
+            lack = "damaged, or edited by hand" if "digest" in told else "damaged"
             wrote = f"expected what 'neuro {self.holding.command} run' wrote"
-            raise ModelError(f"{path}: damaged, or edited by hand: {wrote}", hint=hint)
+            raise ModelError(f"{path}: {lack}: {wrote}", hint=hint)
         return told
 
     def _other(self) -> str:
@@ -210,10 +211,10 @@ class Folder:
         raise ModelError(f"{begin}: its space is not the same, {runs}", hint=hint)
 
     def outcome(self, key: str) -> Outcome | None:
-        """What has come of a run; None if it is not there, or not whole."""
+        """What has come of a run; None if it is not there, not whole, or another one's."""
         try:
-            told = json.loads((self.runs / key / "run.json").read_bytes())
-            if told.pop(SUM, None) not in (None, sum_of(told)):
+            told = parsed((self.runs / key / "run.json").read_bytes())
+            if told.pop(SUM) != sum_of(told) or told["key"] != key:
                 return None
             return Outcome(**{name: told[name] for name in Outcome.__dataclass_fields__ if name in told})
         except (OSError, ValueError, TypeError, KeyError, AttributeError):
@@ -290,9 +291,14 @@ class Folder:
             raise Unwritable(path, f"cannot be written: {error.strerror or error}") from None
 
 
-def sum_of(told: Mapping[str, Any]) -> str:
-    """By which damage of plain data shows, whichever bit it is."""
-    return f"{zlib.crc32(json.dumps(told, separators=(',', ':'), sort_keys=True).encode()):08x}"
+def sum_of(told: Mapping[str, Any], before: str = "") -> str:
+    """By which damage of plain data shows, whichever bit it is.
+
+    Args:
+        told: the data.
+        before: what it follows.
+    """
+    return f"{zlib.crc32((before + json.dumps(told, separators=(',', ':'), sort_keys=True)).encode()):08x}"
 
 
 @cache

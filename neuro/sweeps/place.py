@@ -15,7 +15,8 @@ from neuro.core.errors import ModelError
 from neuro.core.processes import cores
 from neuro.core.quantities import Quantity
 from neuro.core.values import shown
-from neuro.sweeps.cores import POLL_S, Cores, More, Tell
+from neuro.sweeps.claims import waiting
+from neuro.sweeps.cores import POLL_S, Cores, More, Say, Tell
 from neuro.sweeps.definition import Item, Sweep
 from neuro.sweeps.folder import Folder
 from neuro.sweeps.network import NetworkRun
@@ -75,7 +76,14 @@ def _part_of(text: Any) -> tuple[int, int]:
 
 @contextmanager
 def doing(
-    runs: Sweep | Search, folder: Folder, place: Place, tell: Tell, more: More | None = None, *, wait: bool = True
+    runs: Sweep | Search,
+    folder: Folder,
+    place: Place,
+    tell: Tell,
+    more: More | None = None,
+    *,
+    say: Say | None = None,
+    wait: bool = True,
 ) -> Iterator[Do]:
     """What does runs at a place: those that it is given, and more as long as there are any.
 
@@ -85,6 +93,7 @@ def doing(
         place: where they are done.
         tell: hears of each when it is there.
         more: is asked for others whenever there is nothing to do.
+        say: hears for whom it waits; not from a cluster.
         wait: whether this process, where it is the place, waits for runs that others work on, as all other places do.
 
     Raises:
@@ -92,7 +101,7 @@ def doing(
     """
     if place.on == HERE:
         with closing(_worker(runs, folder)) as worker:
-            yield _here(worker, folder, tell, more, wait)
+            yield _here(worker, folder, tell, more, say, wait)
     elif place.cluster:
         from neuro.sweeps.cluster import on_cluster
 
@@ -100,7 +109,7 @@ def doing(
     else:
         threads = runs.run.threads if isinstance(runs.run, NetworkRun) else 1
         with Cores(folder, place.workers or cores(threads)) as pool:
-            yield lambda items: pool.run(items, tell, more)
+            yield lambda items: pool.run(items, tell, more, say)
 
 
 def _worker(runs: Sweep | Search, folder: Folder) -> Worker:
@@ -110,7 +119,7 @@ def _worker(runs: Sweep | Search, folder: Folder) -> Worker:
     return Worker(folder, runs.run, runs.limits, runs.inputs)
 
 
-def _here(worker: Worker, folder: Folder, tell: Tell, more: More | None, wait: bool) -> Do:
+def _here(worker: Worker, folder: Folder, tell: Tell, more: More | None, say: Say | None, wait: bool) -> Do:
     """One after the other in this process."""
 
     def next_ones() -> Sequence[Item]:
@@ -121,6 +130,8 @@ def _here(worker: Worker, folder: Folder, tell: Tell, more: More | None, wait: b
         while items:
             for item in items:
                 while (told := worker.do(item))["is"] == TAKEN and wait:
+                    if say is not None:
+                        say(waiting(folder.claims, [item.key]))
                     time.sleep(POLL_S)
                 if told["is"] == LOST:
                     raise ModelError(told["error"], hint="what was done is kept: the same command goes on")

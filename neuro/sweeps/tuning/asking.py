@@ -9,20 +9,18 @@ from __future__ import annotations
 from collections import deque
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from neuro.core.errors import ModelError
 from neuro.sweeps.claims import Claims
 from neuro.sweeps.definition import Item
 from neuro.sweeps.folder import PRUNED, Folder, Outcome
+from neuro.sweeps.space import Point
 from neuro.sweeps.tuning.journal import locked, optuna, quietly, study_of
 from neuro.sweeps.tuning.objectives import mean_metrics, worth
 from neuro.sweeps.tuning.plan import Plan
-from neuro.sweeps.tuning.pruning import pruner_of, report
-from neuro.sweeps.tuning.sampling import sampler_of, suggested
-
-if TYPE_CHECKING:
-    from optuna.trial import Trial
+from neuro.sweeps.tuning.pruning import Way
+from neuro.sweeps.tuning.sampling import draw, point_of
 
 
 @dataclass
@@ -30,12 +28,10 @@ class Going:
     """A trial under way.
 
     Attributes:
-        trial: of Optuna.
         items: its runs.
         asked: hashes of those that were handed out.
     """
 
-    trial: Trial
     items: tuple[Item, ...]
     asked: set[str] = field(default_factory=set)
 
@@ -61,9 +57,8 @@ class Asker:
         self._going: dict[int, Going] = {}
         self._queue: deque[Item] = deque()
         self._states = optuna().trial.TrialState
-        self._resting = optuna().samplers.RandomSampler(0)
         with self._alone():
-            self._study = study_of(folder, tuple(plan.objectives.values()), pruner=pruner_of(plan.prune))
+            self._study = study_of(folder, tuple(plan.objectives.values()))
 
     def close(self) -> None:
         """Leave trials under way to who asks next."""
@@ -71,10 +66,10 @@ class Asker:
 
     def more(self, number: int) -> Sequence[Item]:
         """Up to so many runs that are next; trials are asked for where there are none left of those before."""
-        while len(self._queue) < number and (trial := self._next()) is not None:
-            items = self._plan.items(self._before, suggested(trial, self._plan), trial.number)
-            self._going[trial.number] = Going(trial, items)
-            self._advance(trial.number)
+        while len(self._queue) < number and (asked := self._next()) is not None:
+            trial, point = asked
+            self._going[trial] = Going(self._plan.items(self._before, point, trial))
+            self._advance(trial)
         return [self._queue.popleft() for _ in range(min(number, len(self._queue)))]
 
     def tell(self, key: str) -> None:
@@ -87,6 +82,12 @@ class Asker:
         trials = self._study.get_trials(deepcopy=False)
         return len(trials) >= self._plan.most and all(trial.state.is_finished() for trial in trials)
 
+    def others(self) -> list[str]:
+        """The claims of trials that others have under way."""
+        trials = self._study.get_trials(deepcopy=False)
+        numbers = (trial.number for trial in trials if not trial.state.is_finished())
+        return [_claim(number) for number in numbers if number not in self._going]
+
     def counts(self) -> dict[str, int]:
         """How many trials are done, failed, pruned, and left."""
         return counted(self._study.get_trials(deepcopy=False), self._plan.most)
@@ -94,37 +95,32 @@ class Asker:
     def _alone(self) -> Any:
         return locked(self._folder.claims / ".ask")
 
-    def _next(self) -> Trial | None:
-        """A trial that somebody who died has left, or a new one."""
-        with self._alone(), quietly():
+    def _next(self) -> tuple[int, Point] | None:
+        """The number and the point of a trial that somebody who died has left, or of a new one."""
+        with self._alone():
             trials = self._study.get_trials(deepcopy=False)
-            for frozen in trials:
-                waits = not frozen.state.is_finished() and frozen.number not in self._going
-                if waits and self._claims.take(_claim(frozen.number)):
-                    self._study.sampler = sampler_of(self._plan, frozen.number)
-                    return self._whole(optuna().trial.Trial(self._study, frozen._trial_id))
-            if self._left <= 0 or len(trials) >= self._plan.most:
+            for trial in trials:
+                waits = not trial.state.is_finished() and trial.number not in self._going
+                if waits and self._claims.take(_claim(trial.number)):
+                    whole = len(trial.params) == len(self._plan.axes)
+                    point = point_of(self._plan, trial.params) if whole else draw(self._study, self._plan, trial.number)
+                    return trial.number, point
+            number = len(trials)
+            if self._left <= 0 or number >= self._plan.most:
                 return None
             self._left -= 1
-            self._study.sampler = sampler_of(self._plan, len(trials))
-            trial = self._study.ask()
-            self._claims.take(_claim(trial.number))
-            return self._whole(trial)
-
-    def _whole(self, trial: Any) -> Trial:
-        """A trial all parameters of which are in the journal."""
-        suggested(trial, self._plan)
-        whole: Trial = trial
-        return whole
+            self._claims.take(_claim(number))
+            return number, draw(self._study, self._plan, number)
 
     def _advance(self, number: int) -> None:
         """Hand out the next runs of a trial, or end it."""
         going = self._going[number]
         there = self._folder.outcomes(item.key for item in going.items)
         each = [there[item.key] for item in going.items if item.key in there]
+        worse = self._worse(number, there)
         if any(one.failed for one in each):
             self._end(number, self._states.FAIL)
-        elif any(one.outcome == PRUNED for one in each) or self._worse(going, there):
+        elif worse or any(one.outcome == PRUNED for one in each):
             self._end(number, self._states.PRUNED)
         elif len(there) == len({item.key for item in going.items}):
             self._judge(number, each)
@@ -141,24 +137,25 @@ class Asker:
                 self._queue.append(item)
             going.asked.add(item.key)
 
-    def _worse(self, going: Going, there: Mapping[str, Outcome]) -> bool:
-        """Whether others were better: after so many steps of a run, or after so many runs of a trial."""
+    def _worse(self, number: int, there: Mapping[str, Outcome]) -> bool:
+        """Whether others were better after so many runs of a trial; of a single run its steps are kept here, too."""
         if not self._plan.prune:
             return False
+        way, items = Way(self._study, self._plan.prune, number), self._going[number].items
         if self._plan.runs == 1:
             for one in there.values():
                 for step, value in one.steps.items():
-                    report(self._study, going.trial.number, int(step), value)
+                    way.worse(int(step), value)
             return False
         name, values = next(iter(self._plan.objectives)), list[float]()
-        for k, item in enumerate(going.items):
+        for k, item in enumerate(items):
             if item.key not in there:
                 return False
             try:
                 values += worth(there[item.key].metrics, {name: ""})
             except ModelError:
                 return False
-            if report(self._study, going.trial.number, k, sum(values) / len(values)) and k + 1 < len(going.items):
+            if way.worse(k, sum(values) / len(values)) and k + 1 < len(items):
                 return True
         return False
 
@@ -177,9 +174,8 @@ class Asker:
         going = self._going.pop(number)
         mine = {item.key for item in going.items} - {key for other in self._going.values() for key in other.asked}
         self._queue = deque(item for item in self._queue if item.key not in mine)
-        self._study.sampler = self._resting
         with quietly():
-            self._study.tell(going.trial, values, state=state, skip_if_finished=True)
+            self._study.tell(number, values, state=state, skip_if_finished=True)
         self._claims.give_up(_claim(number))
 
 

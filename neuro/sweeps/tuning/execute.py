@@ -9,6 +9,7 @@ from contextlib import closing
 from neuro.core.errors import ModelError
 from neuro.core.progress import Bar
 from neuro.core.provenance import provenance
+from neuro.sweeps.claims import waiting
 from neuro.sweeps.cores import POLL_S
 from neuro.sweeps.folder import Folder
 from neuro.sweeps.place import Place, doing
@@ -75,9 +76,12 @@ def _ask(
 
     if bar is not None:
         bar.say(as_text(asker.counts()))
-    with doing(search, folder, place, tell, asker.more) as do:
+    say = None if bar is None else bar.say
+    with doing(search, folder, place, tell, asker.more, say=say) as do:
         do(())
         while place.part is None and not asker.finished():
+            if say is not None and (others := asker.others()):
+                say(waiting(folder.claims, others, "trial"))
             time.sleep(POLL_S)  # others work on what is left, and may die
             if items := asker.more(1):
                 do(items)
@@ -106,7 +110,7 @@ def hold_out(search: Search, folder: Folder, points: Sequence[Point], place: Pla
         done += 1
         bar.show(done, len(left), f"{done:,} of {len(left):,} tested")
 
-    with doing(search, folder, place, tell) as do:
+    with doing(search, folder, place, tell, say=bar.say) as do:
         do(left)
 
 

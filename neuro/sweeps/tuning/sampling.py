@@ -1,7 +1,8 @@
 """Points from Optuna's samplers: the parameters of a space as its distributions, and one sampler for each trial.
 
 A sampler begins anew for each trial, with a seed from that of the search and the number of the trial. So what is asked
-next depends on the search alone, not on how often it was interrupted. A grid is shuffled once.
+next depends on the search alone, not on how often it was interrupted. A grid is shuffled once. A trial is drawn in
+memory and comes into the journal with all its parameters, in one line: a kill leaves it whole or not at all.
 """
 
 from __future__ import annotations
@@ -13,12 +14,13 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from neuro.sweeps.space import Axis, Point
-from neuro.sweeps.tuning.journal import optuna, quietly
+from neuro.sweeps.tuning.journal import Aside, optuna, quietly
 from neuro.sweeps.tuning.plan import Plan
 
 if TYPE_CHECKING:
     from optuna.samplers import BaseSampler
-    from optuna.trial import Trial
+    from optuna.study import Study
+    from optuna.trial import FrozenTrial, Trial
 
 POPULATION = 16
 """Of NSGA-II: so many trials are drawn at random before the first is bred."""
@@ -37,7 +39,7 @@ def sampler_of(plan: Plan, number: int) -> BaseSampler:
         if plan.sampler == "tpe":
             made = samplers.TPESampler(seed=seed, constant_liar=True)
         elif plan.sampler == "nsga2":
-            made = samplers.NSGAIISampler(seed=seed, population_size=POPULATION)
+            made = _nsga2(seed)
         elif plan.sampler == "grid":
             made = samplers.GridSampler({axis.name: _choices(axis) for axis in plan.axes}, seed=plan.draw)
         else:
@@ -45,18 +47,55 @@ def sampler_of(plan: Plan, number: int) -> BaseSampler:
     return made
 
 
-def suggested(trial: Trial, plan: Plan) -> Point:
-    """The values of all parameters; those that the trial has already stay."""
+def _nsga2(seed: int) -> BaseSampler:
+    """NSGA-II whose parents have one order, that of their numbers.
+
+    Optuna's first trial of a generation, which chooses its parents, has these by rank, and all others by number. So a
+    search that was killed after the choice would go on otherwise.
+    """
+    from optuna.samplers import NSGAIISampler
+
+    class InOrder(NSGAIISampler):
+        def select_parent(self, study: Study, generation: int) -> list[FrozenTrial]:
+            return sorted(super().select_parent(study, generation), key=lambda trial: trial.number)
+
+    return InOrder(seed=seed, population_size=POPULATION)
+
+
+def draw(study: Study, plan: Plan, number: int) -> Point:
+    """Let the trial of a number have all parameters.
+
+    Args:
+        study: gets the trial; where it is there with some parameters alone, as in journals of earlier versions, it
+            keeps these.
+        plan: how the search goes.
+        number: of the trial.
+    """
+    storage, trials = study._storage, study.get_trials(deepcopy=False)
     with quietly():
-        return {axis.name: _suggested(trial, axis, plan.sampler == "grid") for axis in plan.axes}
+        trial = optuna().trial.create_trial(state=optuna().trial.TrialState.RUNNING)
+        trial.number = trial._trial_id = number
+        asked = Aside(storage, trial).study(sampler=sampler_of(plan, number)).ask()
+        for axis in plan.axes:
+            _suggest(asked, axis, plan.sampler == "grid")
+        if number == len(trials):
+            study.add_trial(trial)
+            return point_of(plan, trial.params)
+        there = trials[number]
+        for name, value in trial.params.items():
+            if name not in there.params:
+                kind = trial.distributions[name]
+                storage.set_trial_param(there._trial_id, name, kind.to_internal_repr(value), kind)
+    return point_of(plan, {**trial.params, **there.params})
 
 
-def _suggested(trial: Trial, axis: Axis, is_grid: bool) -> Any:
+def _suggest(trial: Trial, axis: Axis, is_grid: bool) -> None:
     if axis.values or is_grid:
-        return read(axis, trial.suggest_categorical(axis.name, _choices(axis)))
-    if axis.whole:
-        return trial.suggest_int(axis.name, int(axis.low), int(axis.high), log=axis.log)
-    return trial.suggest_float(axis.name, axis.low, axis.high, log=axis.log)
+        trial.suggest_categorical(axis.name, _choices(axis))
+    elif axis.whole:
+        trial.suggest_int(axis.name, int(axis.low), int(axis.high), log=axis.log)
+    else:
+        trial.suggest_float(axis.name, axis.low, axis.high, log=axis.log)
 
 
 def read(axis: Axis, value: Any) -> Any:
