@@ -39,6 +39,7 @@ if TYPE_CHECKING:
     from neuro.core.quantities import Quantity
     from neuro.core.registry import Registry
     from neuro.core.tables import console, table
+    from neuro.core.values import literal
     from neuro.files.checkpoint import Checkpoint
     from neuro.files.state import fingerprint
     from neuro.kernels.jit import allocating, inner, kernel
@@ -91,6 +92,7 @@ _HOMES = {
         "console",
         "table",
     ),
+    "neuro.core.values": ("literal",),
     "neuro.chips.pricing.energy": (
         "number",
         "quantity",
@@ -149,6 +151,7 @@ __all__ = [
     "install",
     "kept_json",
     "kernel",
+    "literal",
     "make_folder",
     "mistake",
     "note",

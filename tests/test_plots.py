@@ -333,3 +333,24 @@ def test_mistakes(what, sim):
     with pytest.raises(ModelError) as told:
         call(sim)
     assert str(told.value) == message
+
+
+FORMULA = "$\\x_{^%$"
+"""A name that matplotlib cannot read as the formula that it looks like."""
+
+
+def test_names_are_no_formulas(tmp_path):
+    """Drawn letter by letter, in figures of ours and in axes of others, whose own formulas stay."""
+    plain = results()
+    names = {**plain.about, "network": FORMULA}
+    train, weights, probe = plain.populations["cells"], plain.projections["own"], plain.traces["v"]
+    run = Results(names, {}, {FORMULA: train, "cells": train}, {FORMULA: weights}, {FORMULA: probe})
+    for draw in (plots.raster, plots.rate, plots.trace, plots.isi, plots.cv, plots.overview):
+        draw(run).savefig(tmp_path / "a.png", dpi=20)
+    plots.weights(run, FORMULA).savefig(tmp_path / "a.png", dpi=20)
+    for draw in (plots.raster, plots.rate, plots.isi):
+        axis = Figure().subplots()
+        axis.set_title(r"$\alpha$")
+        whole = draw(run, ax=axis)
+        whole.savefig(tmp_path / "a.png", dpi=20)
+        assert axis.get_title() == r"$\alpha$"

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import numpy.typing as npt
 
+from neuro.apps import literal
 from neuro_drone.controllers import Learner
 from neuro_drone.evaluate import Tried
 from neuro_drone.geometry import AIM
@@ -76,7 +77,7 @@ def density(model: Model, tried: Tried) -> Figure:
     error = f"mean distance {tried.error_px:.2f} px"
     if line:
         error = f"mean absolute error {tried.absolute[0]:.1f} px and {tried.absolute[1]:.1f} degrees"
-    fig.suptitle(f"{model.controller} in {model.scenario.name}: {what}", x=0.02, ha="left", fontsize=12)
+    fig.suptitle(literal(f"{model.controller} in {model.scenario.name}: {what}"), x=0.02, ha="left", fontsize=12)
     fig.text(0.02, 0.93, f"{error} · {tried.laps} of {tried.starts} laps · all steps, log shade", color=SOFT)
     return fig
 
@@ -111,8 +112,8 @@ def training(model: Model) -> Figure:
     above.set_ylabel("steps")
     below.set_ylabel("mean error, px")
     below.set_xlabel(f"episode ({int(steps.sum()):,} steps in all)")
-    fig.suptitle(f"{model.controller} in {model.scenario.name}, seed {model.seed}: training", x=0.02, ha="left",
-                 fontsize=12)  # fmt: skip
+    fig.suptitle(literal(f"{model.controller} in {model.scenario.name}, seed {model.seed}: training"), x=0.02,
+                 ha="left", fontsize=12)  # fmt: skip
     fig.text(0.02, 0.915, f"each episode, learning on · running median of {WINDOW} · crosses: target lost", color=SOFT)
     return fig
 
@@ -162,8 +163,8 @@ def weights(model: Model) -> Figure:
     unit = "weight" if model.controller == "lms" else "weight, pA"
     box = every[-1].get_position()
     fig.colorbar(shown, cax=fig.add_axes((1.0 - 0.95 / width, box.y0, 0.12 / width, box.height)), label=unit)
-    fig.suptitle(f"{model.controller} in {model.scenario.name}, seed {model.seed}: what speaks for which action",
-                 x=0.02, ha="left", fontsize=12)  # fmt: skip
+    title = f"{model.controller} in {model.scenario.name}, seed {model.seed}: what speaks for which action"
+    fig.suptitle(literal(title), x=0.02, ha="left", fontsize=12)
     return fig
 
 

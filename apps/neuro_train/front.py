@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from neuro.apps import Kind, console, table, write_picture, write_text
+from neuro.apps import Kind, console, literal, table, write_picture, write_text
 from neuro.chips import COLUMNS, between
 from neuro_recognise.evaluate import wilson
 
@@ -107,7 +107,7 @@ def draw(places: Sequence[Place], chip: str) -> Figure:
         spent, share, yerr=(below, above), fmt="D", color=BLUE, label=label, markersize=5, linewidth=1.2, capsize=2
     )
     logarithmic(axis)
-    axis.set_xlabel(f"microjoules of a recording on {chip}, as fast as it can")
+    axis.set_xlabel(literal(f"microjoules of a recording on {chip}, as fast as it can"))
     axis.set_ylabel("right decisions, %")
     axis.legend(frameon=False, fontsize="small", loc="lower right")
     return figure

@@ -70,3 +70,8 @@ def _text(value: Any) -> str:
     if isinstance(value, Mapping):
         return "{" + ", ".join(f"{key}: {_text(item)}" for key, item in value.items()) + "}"
     return value if isinstance(value, str) else repr(value)
+
+
+def literal(text: str) -> str:
+    """A text as matplotlib shows it letter by letter, also with what would be a formula between two dollars."""
+    return text.replace("$", r"\$")

@@ -16,7 +16,7 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
 from neuro.core.errors import ModelError
-from neuro.core.values import shown
+from neuro.core.values import literal, shown
 from neuro.files.recorded import Train, Window
 
 COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#000000")
@@ -41,7 +41,7 @@ def panels(title: str, count: int, window: Window | None = None) -> tuple[Figure
     """A figure with panels below each other, which share an axis of time where a window is given."""
     height = min(TALLEST_IN, 0.9 + PANEL_IN * count)
     figure = Picture(figsize=(WIDTH_IN, height), layout="constrained", dpi=150)
-    figure.suptitle(title, fontsize=13)
+    figure.suptitle(literal(title), fontsize=13)
     axes = list(figure.subplots(count, 1, sharex=window is not None, squeeze=False)[:, 0])
     for axis in axes:
         tidy(axis)
@@ -76,8 +76,8 @@ def over_time(axis: Any, window: Window) -> None:
 
 def label(axis: Any, title: str, quantity: str) -> None:
     """Say what is drawn, and what goes up."""
-    axis.set_title(title, loc="left", fontsize=10)
-    axis.set_ylabel(quantity)
+    axis.set_title(literal(title), loc="left", fontsize=10)
+    axis.set_ylabel(literal(quantity))
 
 
 def legend(axis: Any, columns: int, side: str = "left") -> None:

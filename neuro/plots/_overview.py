@@ -6,6 +6,7 @@ from typing import Any
 
 from matplotlib.figure import Figure
 
+from neuro.core.values import literal
 from neuro.files.recorded import recorded, trains
 from neuro.plots._canvas import WIDTH_IN, Picture
 from neuro.plots._spikes import raster, rate
@@ -38,9 +39,8 @@ def overview(run: object, of: Any = None, *, window: Any = None) -> Figure:
     axes = figure.subplots(len(heights), 1, sharex=True, height_ratios=heights)
     neurons = sum(train.neurons.size for train in found)
     title = f"{told.network} on {told.backend}: {told.duration_ms:g} ms, {neurons:,} neurons"
-    figure.suptitle(
-        title + (f", {len(drawn)} of {len(probes)} probes" if len(drawn) < len(probes) else ""), fontsize=13
-    )
+    title += f", {len(drawn)} of {len(probes)} probes" if len(drawn) < len(probes) else ""
+    figure.suptitle(literal(title), fontsize=13)
     raster(run, of, window=window, ax=axes[0])
     rate(run, of, window=window, ax=axes[1])
     for axis, name in zip(axes[2:], drawn, strict=True):

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 from matplotlib.figure import Figure
 
+from neuro.core.values import literal
 from neuro.files.recorded import Train, recorded, trains
 from neuro.plots._canvas import colours, given, label, legend, panels
 from neuro.program.program import Floats, Ints
@@ -114,7 +115,7 @@ def _each(run: object, of: Any, window: Any, ax: Any, draw: Any, what: str, word
         axes = [given(ax)]
         figure = axes[0].get_figure(root=True)
         for train, colour in zip(found, colours(), strict=False):
-            axes[0].plot([], [], color=colour, label=f"{train.population}: {draw(axes[0], train, colour)}")
+            axes[0].plot([], [], color=colour, label=literal(f"{train.population}: {draw(axes[0], train, colour)}"))
         label(axes[0], "", words[1])
         legend(axes[0], columns=1)
     for axis in axes:

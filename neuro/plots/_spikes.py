@@ -14,7 +14,7 @@ from neuro.core.checks import is_number
 from neuro.core.clock import Clock
 from neuro.core.errors import ModelError
 from neuro.core.measures import in_ms
-from neuro.core.values import shown
+from neuro.core.values import literal, shown
 from neuro.files.recorded import Recorded, Train, recorded, trains, up_to
 from neuro.plots._canvas import about, colours, given, label, legend, over_time, panels, whole_numbers
 from neuro.program.program import Floats, Ints
@@ -74,7 +74,7 @@ def _stacked(found: list[Train], axis: Any) -> Figure:
         _dots(axis, times, end - band + 0.96 * band * rows, colour, points * band, train.neurons.size)
         notes += [train.population + note] if note else []
     axis.set_ylim(0.0, 1.0)
-    axis.set_yticks(ends - bands / 2, [train.population for train in found])
+    axis.set_yticks(ends - bands / 2, [literal(train.population) for train in found])
     axis.tick_params(axis="y", length=0.0)
     label(axis, "; ".join(notes), "")
     over_time(axis, found[0].window)
@@ -119,7 +119,7 @@ def rate(run: object, of: Any = None, *, bin: float | str | None = None, window:
     if ax is not None:
         axis = given(ax)
         for train, colour in zip(found, colours(), strict=False):
-            axis.stairs(binned(train, edges), edges, color=colour, label=train.population)
+            axis.stairs(binned(train, edges), edges, color=colour, label=literal(train.population))
         legend(axis, min(len(found), 6))
         label(axis, "", f"rate (Hz), {width:g} ms bins")
         axis.set_ylim(bottom=0.0)

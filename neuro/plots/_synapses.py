@@ -10,7 +10,7 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
 from neuro.core.errors import ModelError, nearest
-from neuro.core.values import shown
+from neuro.core.values import literal, shown
 from neuro.files.recorded import Recorded, Synapses, recorded
 from neuro.plots._canvas import COLOURS, Picture, given, label, tidy
 from neuro.plots._traces import trace
@@ -51,7 +51,7 @@ def weights(run: object, projection: Any, kind: str = "histogram", *, ax: Any = 
     if ax is None:
         figure: Figure = Picture(figsize=(7.0, 5.0), layout="constrained", dpi=150)
         axis = figure.subplots()
-        figure.suptitle(f"{told.network}: weights", fontsize=13)
+        figure.suptitle(literal(f"{told.network}: weights"), fontsize=13)
         tidy(axis)
     else:
         axis = given(ax)

@@ -9,6 +9,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from neuro.core.checks import is_number
+from neuro.core.values import literal
 from neuro.plots._canvas import Picture, colours, tidy
 from neuro.sweeps.shaped import Shaped, is_log, ordered, scaled, shaped, told
 from neuro.sweeps.table import SweepTable
@@ -29,7 +30,7 @@ def _in_a_name(metric: str) -> str:
 
 def _figure(table: SweepTable, wide: float = 7.0) -> tuple[Figure, Any]:
     figure = Picture(figsize=(wide, 4.4), layout="constrained", dpi=150)
-    figure.suptitle(table.name, fontsize=12)
+    figure.suptitle(literal(table.name), fontsize=12)
     axis = figure.subplots()
     tidy(axis)
     return figure, axis
@@ -40,12 +41,12 @@ def _lines(table: SweepTable, data: Shaped) -> Figure:
     figure, axis = _figure(table)
     lines = data.lines()
     for (name, x, mean, spread), colour in zip(lines, colours(), strict=False):
-        axis.plot(x, mean, "o-", color=colour, label=name, markersize=4, linewidth=1.3)
+        axis.plot(x, mean, "o-", color=colour, label=literal(name), markersize=4, linewidth=1.3)
         if spread.any():
             axis.fill_between(x, mean - spread, mean + spread, color=colour, alpha=0.18, linewidth=0)
     _named(axis.xaxis, data.axis(0))
-    axis.set_xlabel(data.names[0])
-    axis.set_ylabel(data.metric)
+    axis.set_xlabel(literal(data.names[0]))
+    axis.set_ylabel(literal(data.metric))
     if len(data.names) > 1:
         axis.legend(frameon=False, fontsize="small", loc="best")
     if is_log(data.axis(0)):
@@ -60,15 +61,15 @@ def _map(table: SweepTable, data: Shaped) -> Figure:
     image = axis.imshow(grid, origin="lower", aspect="auto", cmap="cividis", interpolation="nearest")
     for side, values, name in ((axis.xaxis, data.axis(0), data.names[0]), (axis.yaxis, data.axis(1), data.names[1])):
         every = max(1, -(-len(values) // 12))
-        side.set_ticks(range(0, len(values), every), [told(value) for value in values[::every]])
-        side.set_label_text(name)
+        side.set_ticks(range(0, len(values), every), [literal(told(value)) for value in values[::every]])
+        side.set_label_text(literal(name))
     if grid.size <= 64:
         middle = (np.nanmin(grid) + np.nanmax(grid)) / 2
         for (row, column), value in np.ndenumerate(grid):
             if np.isfinite(value):
                 ink = "white" if value < middle else "black"
                 axis.text(column, row, f"{value:.3g}", ha="center", va="center", color=ink, fontsize=8)
-    figure.colorbar(image, ax=axis, label=data.metric)
+    figure.colorbar(image, ax=axis, label=literal(data.metric))
     return figure
 
 
@@ -95,21 +96,21 @@ def _parallel(table: SweepTable, data: Shaped) -> Figure:
         axis.axvline(k, color="0.6", linewidth=0.8, zorder=0)
         for value in every if len(every) <= 6 else (every[0], every[-1]):
             share = (at[repr(value)] - low) / (high - low) if high > low else 0.5
-            axis.text(k, share, f" {told(value)}", fontsize=8, va="center")
+            axis.text(k, share, f" {literal(told(value))}", fontsize=8, va="center")
     order = np.argsort(metric)
     lines = np.stack([np.broadcast_to(np.arange(len(names)), (metric.size, len(names))), np.array(heights).T], axis=2)
     share = heights[-1]
     axis.add_collection(LineCollection(list(lines[order]), colors=colormaps["cividis"](share[order]), linewidths=1.0))
     axis.set_xlim(-0.15, len(names) - 0.6)
     axis.set_ylim(-0.05, 1.05)
-    axis.set_xticks(range(len(names)), names)
+    axis.set_xticks(range(len(names)), [literal(name) for name in names])
     axis.set_yticks([])
     return figure
 
 
 def _named(side: Any, values: list[Any]) -> None:
     if not all(map(is_number, values)):
-        side.set_ticks(range(len(values)), [told(value) for value in values])
+        side.set_ticks(range(len(values)), [literal(told(value)) for value in values])
 
 
 _DRAW = {"lines": _lines, "map": _map, "parallel": _parallel}

@@ -1,5 +1,7 @@
 """Pictures of flights and weights show what they say."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -68,3 +70,9 @@ def test_training_shows_the_error_of_frozen_weights():
     assert frozen.get_ydata() == pytest.approx(model.curve["error_px"])
     ends = np.cumsum(model.history["steps"])
     assert [ends[int(k) - 1] for k in frozen.get_xdata()] == model.curve["steps"].tolist()
+
+
+def test_the_name_of_a_scenario_is_no_formula(tmp_path):
+    lms = train(replace(SHORT, name="$\\x_{^%$"), "lms", steps=600)
+    for picture in (density(lms, try_out(lms, starts=[Start((30.0, 0.0))])), training(lms), weights(lms)):
+        picture.savefig(tmp_path / "a.png", dpi=20)

@@ -4,11 +4,16 @@ import numpy as np
 import pytest
 from scipy.ndimage import gaussian_filter
 
+from neuro.events import Events
+from neuro_recognise.detection.boxes import Boxes
+from neuro_recognise.detection.pictures import drawn
+from neuro_recognise.evaluate import Evaluation
 from neuro_recognise.method import METHODS
 from neuro_recognise.methods.framewise import Framewise
 from neuro_recognise.parts.gabor import gabor_bank
 from neuro_recognise.recogniser import fit, learn, method_of
 from neuro_recognise.telling.features import reconstructed
+from neuro_recognise.telling.pictures import accuracies, confusion, images, prototypes
 
 NETWORKS = {
     "masquelier_thorpe": ({"field": 5, "theta": 8.0, "maps": 8, "epochs": 1}, "features", 8),
@@ -81,3 +86,16 @@ def test_templates_of_hfirst():
     images = images_of(figure)
     assert np.unravel_index(images[1].argmax(), (16, 16)) == (6, 10)
     assert not images[0].any()
+
+
+def test_names_of_classes_are_no_formulas(tmp_path):
+    names = ("$\\x_{^%$", "$${")
+    table = Evaluation(names, np.array([[3, 1, 0], [1, 2, 1]]))
+    events = Events(np.array([1, 2]), np.array([1, 2]), np.array([3, 4]), np.array([1, 0]), (8, 8))
+    box = Boxes.of([(0, 10, 0, 0, 1.0, (1.0, 1.0, 3.0, 3.0))])
+    for figure in (
+        confusion(table, names[0]), accuracies([(names[0], [table]), (names[1], [table])]),
+        prototypes(np.ones((2, 1, 3, 3)), names, [0.0]), images(np.ones((2, 3, 3)), names, *names),
+        drawn(events, box, names, names[0]),
+    ):  # fmt: skip
+        figure.savefig(tmp_path / "a.png", dpi=20)

@@ -207,3 +207,32 @@ def test_a_line_of_a_journal_with_another_value_is_told(searched):
         path.write_bytes(b"".join(lines[:2]) + content + b"\n" + b"".join(lines[3:]))
         with pytest.raises(neuro.ModelError, match=r"^tuned/journal\.log: line [34]: damaged: "):
             neuro.tuned("tuned").rows()
+
+
+FORMULA = "$\\x_{^%$"
+"""A name that matplotlib cannot read as the formula that it looks like."""
+
+
+def test_names_are_no_formulas(made, told):
+    """Of metrics, parameters, values and of what is run: drawn letter by letter."""
+    study = f"""import neuro
+
+
+@neuro.register(kind="study")
+def formula(seed=0, **point):
+    return {{{FORMULA!r}: point["a"] + seed, "$${{": 1.0}}
+"""
+    (made / "my_formulas.py").write_text(study)
+    space = {FORMULA: [f"{FORMULA}1", f"{FORMULA}2"], "a": [1, 2, 3], "$b_{$": {"from": 0.0, "to": 1.0, "number": 2}}
+    sweep = {"name": FORMULA, "study": "formula", "seeds": 2}
+    for names, kind in ((["a", FORMULA], "map"), ([FORMULA, "a"], "lines"), ([*space], "parallel")):
+        said = {**sweep, "parameters": {"a": [1], **{name: space[name] for name in names}}}
+        (made / "sweep.yaml").write_text(json.dumps(said))
+        shutil.rmtree("formulas", ignore_errors=True)
+        told("sweep", "run", "sweep.yaml", "--on", "here", "--out", "formulas", "--with", "my_formulas.py", status=(0,))
+        told("sweep", "plot", "formulas", "--metric", FORMULA, "--as", kind, status=(0,))
+    pytest.importorskip("optuna", reason="the extra tune is not installed")
+    search = {"parameters": space, "objectives": {FORMULA: "max", "$${": "min"}, "trials": 9, "sampler": "grid"}
+    (made / "tune.yaml").write_text(json.dumps({"name": FORMULA, "study": "formula", **search}))
+    told("tune", "run", "tune.yaml", "--on", "here", "--with", "my_formulas.py", status=(0,))
+    assert "importance.png" in told("tune", "plot", "tuned", status=(0,))

@@ -9,6 +9,7 @@ import numpy as np
 from matplotlib.figure import Figure
 from matplotlib.patches import Rectangle
 
+from neuro.apps import literal
 from neuro.events import Events
 from neuro_recognise.detection.boxes import UNKNOWN, Boxes
 from neuro_recognise.detection.watching import COLOURS
@@ -40,7 +41,7 @@ def drawn(events: Events, boxes: Boxes, classes: Sequence[str], title: str) -> F
         figsize=(3.4 * columns, (3.4 * height / width + 0.35) * rows + 0.4), dpi=140, layout="constrained",
         facecolor=PAPER,
     )  # fmt: skip
-    figure.suptitle(title, x=0.01, ha="left", fontsize=11, color=INK)
+    figure.suptitle(literal(title), x=0.01, ha="left", fontsize=11, color=INK)
     axes = figure.subplots(rows, columns, squeeze=False).ravel()
     for axis in axes[len(spans) :]:
         axis.set_visible(False)
@@ -72,5 +73,5 @@ def _draw(axis: Any, boxes: Boxes, classes: Sequence[str]) -> None:
         axis.add_patch(Rectangle((left, top), right - left, bottom - top, fill=False, edgecolor=colour, linewidth=1.6))
         name = "?" if boxes.label[k] == UNKNOWN else classes[boxes.label[k]]
         above = top > 7
-        axis.text(left, top - 0.6 if above else bottom + 0.6, f"{name}  #{boxes.identity[k]}", color=colour,
+        axis.text(left, top - 0.6 if above else bottom + 0.6, f"{literal(name)}  #{boxes.identity[k]}", color=colour,
                   fontsize=8, fontweight="bold", va="bottom" if above else "top", clip_on=True)  # fmt: skip

@@ -13,6 +13,7 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Rectangle
 from numpy.typing import NDArray
 
+from neuro.apps import literal
 from neuro_recognise.evaluate import Evaluation, wilson
 from neuro_recognise.shown import Floats
 
@@ -41,8 +42,8 @@ def confusion(evaluation: Evaluation, by: str = "") -> Figure:
     for i, j in np.argwhere(table > 0):
         axis.text(j, i, str(table[i, j]), ha="center", va="center", fontsize=9.5,
                   color=PAPER if share[i, j] > 0.5 else (INK if i == j else ORANGE))  # fmt: skip
-    axis.set_xticks(range(len(names)), names)
-    axis.set_yticks(range(len(evaluation.classes)), evaluation.classes)
+    axis.set_xticks(range(len(names)), [literal(name) for name in names])
+    axis.set_yticks(range(len(evaluation.classes)), [literal(name) for name in evaluation.classes])
     axis.set_xticks(np.arange(len(names) + 1) - 0.5, minor=True)
     axis.set_yticks(np.arange(len(evaluation.classes) + 1) - 0.5, minor=True)
     axis.grid(which="minor", color="#e4e8ee", linewidth=0.8)
@@ -51,7 +52,7 @@ def confusion(evaluation: Evaluation, by: str = "") -> Figure:
     axis.set_xlabel("decided", color=INK)
     axis.set_ylabel("shown", color=INK)
     low, high = evaluation.interval
-    told = f" by {by}" if by else ""
+    told = f" by {literal(by)}" if by else ""
     axis.set_title(
         f"{evaluation.accuracy:.1%} of {evaluation.n} right{told}\n", loc="left", fontsize=12.5, color=INK, pad=8
     )
@@ -89,7 +90,7 @@ def accuracies(found: Sequence[tuple[str, Sequence[Rated]]]) -> Figure:
             f"{100 * np.mean(shares):.1f}", (100 * max(high, *shares), row), (6, 0), textcoords="offset points",
             va="center", color=INK, fontsize=9,
         )  # fmt: skip
-    axis.set_yticks(range(len(ordered)), [name for name, _ in ordered])
+    axis.set_yticks(range(len(ordered)), [literal(name) for name, _ in ordered])
     axis.set_xlim(right=min(axis.get_xlim()[1] + 2.0, 104.0))
     axis.set_ylim(-0.6, len(ordered) - 0.4)
     axis.tick_params(colors=INK, length=0)
@@ -122,7 +123,7 @@ def prototypes(kernels: Floats, classes: Sequence[str], orientations: Sequence[f
         axis = tiles[label // across * per_class + version, label % across]
         _bars(axis, kernel, orientations)
         if version == 0:
-            axis.set_title(classes[label], fontsize=15, color=INK, pad=4)
+            axis.set_title(literal(classes[label]), fontsize=15, color=INK, pad=4)
     return figure
 
 
@@ -143,7 +144,7 @@ def images(drawn: Floats, heads: Sequence[str], title: str, about: str, across: 
         largest = max(float(np.abs(image).max()), 1e-12)
         axis.imshow(image, cmap=SIGNED, vmin=-largest, vmax=largest, interpolation="nearest")
         axis.add_patch(Rectangle((0, 0), 1, 1, transform=axis.transAxes, fill=False, edgecolor="#e4e8ee", lw=0.8))
-        axis.set_title(head, fontsize=10, color=INK, pad=3)
+        axis.set_title(literal(head), fontsize=10, color=INK, pad=3)
     return figure
 
 
@@ -152,8 +153,8 @@ def _tiled(across: int, down: int, title: str, about: str, between: float = 0.0)
     high = TILE_IN + between
     figure = Figure(figsize=(max(0.1 + TILE_IN * across, LEAST_IN), HEAD_IN + high * down), dpi=120, facecolor=PAPER)
     width, height = figure.get_size_inches()
-    figure.text(0.1 / width, 1 - 0.22 / height, title, fontsize=14, color=INK, va="center")
-    figure.text(0.1 / width, 1 - 0.46 / height, about, fontsize=9, color=GREY, va="center")
+    figure.text(0.1 / width, 1 - 0.22 / height, literal(title), fontsize=14, color=INK, va="center")
+    figure.text(0.1 / width, 1 - 0.46 / height, literal(about), fontsize=9, color=GREY, va="center")
     tiles = figure.subplots(
         down, across, squeeze=False,
         gridspec_kw={"left": 0.1 / width, "right": (0.1 + TILE_IN * across - 0.08) / width, "wspace": 0.06,

@@ -10,6 +10,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from neuro.core.errors import ModelError, unknown
+from neuro.core.values import literal
 from neuro.plots._canvas import Picture, colours, tidy
 from neuro.sweeps.pictures import pictures as of_runs
 from neuro.sweeps.tuning.importance import importance
@@ -58,7 +59,7 @@ def _shows(kind: str, several: bool, done: int, parameters: int) -> bool:
 
 def _figure(table: TuneTable, rows: int = 1) -> tuple[Figure, list[Any]]:
     figure = Picture(figsize=(7.0, 4.4 if rows == 1 else 2.6 * rows), layout="constrained", dpi=150)
-    figure.suptitle(table.name, fontsize=12)
+    figure.suptitle(literal(table.name), fontsize=12)
     axes = list(np.atleast_1d(figure.subplots(rows, sharex=rows > 1)))
     for axis in axes:
         tidy(axis)
@@ -75,7 +76,7 @@ def _history(table: TuneTable, done: Sequence[Found]) -> Figure:
         axis.step(
             numbers, so_far(values, direction), where="post", color=_COLOURS[0], linewidth=1.4, label="best so far"
         )
-        axis.set_ylabel(name)
+        axis.set_ylabel(literal(name))
     axes[0].legend(frameon=False, fontsize="small")
     axes[-1].set_xlabel("trial")
     return figure
@@ -99,8 +100,8 @@ def _front(table: TuneTable, done: Sequence[Found]) -> Figure:
     tests = _tests(table, x_name, y_name)
     if tests:
         axis.plot(*zip(*tests, strict=True), "x", color=_COLOURS[1], markersize=7, label="the same, held out")
-    axis.set_xlabel(f"{x_name} ({table.plan.objectives[x_name]})")
-    axis.set_ylabel(f"{y_name} ({table.plan.objectives[y_name]})")
+    axis.set_xlabel(literal(f"{x_name} ({table.plan.objectives[x_name]})"))
+    axis.set_ylabel(literal(f"{y_name} ({table.plan.objectives[y_name]})"))
     axis.legend(frameon=False, fontsize="small", loc="best")
     return figure
 
@@ -124,8 +125,8 @@ def _importance(table: TuneTable, done: Sequence[Found]) -> Figure:
     tall = 0.8 / len(found)
     for k, (objective, shares) in enumerate(found.items()):
         places = np.arange(len(names)) + 0.4 - (k + 0.5) * tall
-        axis.barh(places, [shares[name] for name in names], tall * 0.9, color=_COLOURS[k], label=objective)
-    axis.set_yticks(range(len(names)), names)
+        axis.barh(places, [shares[name] for name in names], tall * 0.9, color=_COLOURS[k], label=literal(objective))
+    axis.set_yticks(range(len(names)), [literal(name) for name in names])
     axis.set_xlim(0.0, 1.0)
     axis.set_xlabel("share in what makes a trial one of the best tenth")
     if len(found) > 1:
