@@ -54,8 +54,7 @@ def neuro(answer, monkeypatch, tmp_path):
     return partial(answer, "recognise")
 
 
-@pytest.fixture(scope="session")
-def letters():
+def shapes():
     """Spikes of 24 noisy recordings of three shapes on a small sheet, three frames each; two more are empty."""
     rng = np.random.default_rng(2)
     shapes = [rng.permutation(4 * 64)[:30] for _ in range(3)]
@@ -75,6 +74,12 @@ def letters():
         one = {"codes": codes.astype(np.uint16), "ids": ids.astype(np.uint32)}
         evidence.append(one | {"lengths": np.array(lengths, np.int64), "ends": ends})
     return Shown(evidence, labels, tuple(f"{k}.bin" for k in range(26)), ("a", "b", "c"))
+
+
+@pytest.fixture(scope="session")
+def letters():
+    """What `shapes` draws."""
+    return shapes()
 
 
 @pytest.fixture(scope="session")

@@ -13,7 +13,7 @@ import neuro
 pytest.importorskip("optuna", reason="the extra tune is not installed")
 FOLDER = Path(__file__).parent
 EVERY = "NEURO_KILLS" in os.environ
-"""Whether at every line, not only at those of the last trials."""
+"""Whether at every line, not only at those of the last trial."""
 
 CREATED, ENDED = 4, 6
 """Operations of a journal, as of `optuna.storages.journal.JournalOperation`."""
@@ -82,7 +82,7 @@ def test_a_search_goes_on_from_any_line(runs, tmp_path, search):
     if "prune" in words:
         assert {trial.outcome for trial in whole.trials()} == {"done", "pruned"}
     trials = whole.trials()
-    for k in range(len(lines)) if EVERY else (0, *range(begins[-2], len(lines))):
+    for k in range(len(lines)) if EVERY else (0, *range(begins[-1], len(lines))):
         for rest in (b"", lines[k][: len(lines[k]) // 2]):
             out = tmp_path / f"{k}-{len(rest)}"
             cut(tmp_path / "whole", lines[:k], rest, out, trials)

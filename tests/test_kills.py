@@ -1,0 +1,32 @@
+"""What is killed again and again comes to the bits of what was never killed; see `helpers/kills.py`.
+
+`NEURO_KILLS=20 python -m pytest tests/test_kills.py -s` kills each kind 20 times and prints the table; without it two
+kinds are killed a few times.
+"""
+
+import os
+import subprocess
+import sys
+from importlib.util import find_spec
+from pathlib import Path
+
+import pytest
+
+KILLS = os.environ.get("NEURO_KILLS", "")
+FEW = {"sweep": "6", "tuning": "6"}
+SCRIPT = Path(__file__).parent / "helpers" / "kills.py"
+NEEDS = {"tuning": "optuna", "tuning-nsga2": "optuna", "training": "torch"}
+
+
+@pytest.mark.parametrize(
+    "kind", ["sweep", "sweep-cores", "tuning", "tuning-nsga2", "training", "drone", "drone-search", "remus"]
+)
+def test_the_same_bits_after_kills(kind):
+    if not KILLS and kind not in FEW:
+        pytest.skip("NEURO_KILLS is not set")
+    if (package := NEEDS.get(kind)) and find_spec(package) is None:
+        pytest.skip(f"{package} is not installed")
+    command = [sys.executable, SCRIPT, kind, KILLS or FEW[kind], "0"]
+    done = subprocess.run(command, capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stdout + done.stderr
+    print(done.stdout, end="")
