@@ -17,6 +17,7 @@ from neuro.compiler.places import Places, Words, at, has, names, subject
 from neuro.compiler.resolve import compile_network
 from neuro.compiler.stand_ins import as_node, chosen_from, meant, some_neurons, stand_in
 from neuro.core.errors import ModelError, Where
+from neuro.core.memory import uncollected
 from neuro.core.paths import file_path
 from neuro.model.language.loader import build
 from neuro.model.language.parameters import resolve
@@ -51,6 +52,7 @@ class Findings:
     unsure: set[Where]
 
 
+@uncollected()
 def mistakes(path: str | Path, params: Mapping[str, Any] | None, seed: int) -> Findings:
     """Find all mistakes of a network in a YAML file.
 
@@ -136,21 +138,23 @@ class _Search:
         """Build and compile, without what is wrong."""
         here = Where(str(self.file))
         root = Node(sections, here, here)
-        places = Places(root)
+        places: Places | None = None
         while len(self.mended) < MOST:
             net = None
             try:
                 net = build(sections)
                 self.program = compile_network(net, self.seed)
+                doubted = self.failed | self.touched
                 self.unsure = {
                     node.label
                     for parts in sections.values()
-                    if isinstance(parts.value, dict)
+                    if doubted and isinstance(parts.value, dict)
                     for name, node in parts.value.items()
-                    if {name, *names(node)} & (self.failed | self.touched)
+                    if {name, *names(node)} & doubted
                 }
                 return
             except ModelError as error:
+                places = places or Places(root)
                 path = places.of(error)
                 if net is not None and path and has(root, path):
                     path = subject(root, path, error.message)

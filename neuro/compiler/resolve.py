@@ -29,6 +29,7 @@ from neuro.core.checks import check
 from neuro.core.clock import NEVER, Clock
 from neuro.core.errors import ModelError
 from neuro.core.keyed_random import generator
+from neuro.core.memory import uncollected
 from neuro.core.quantities import word_of
 from neuro.core.threads import mapped
 from neuro.model.distributions import DISTRIBUTIONS, Distribution
@@ -43,7 +44,7 @@ from neuro.model.neurons import (
     spike_generator,
     spike_train,
 )
-from neuro.model.parts import Population, Probe, Projection
+from neuro.model.parts import Population, Projection
 from neuro.model.rules import RULES, grid
 from neuro.model.space import PROFILES
 from neuro.model.synapses import SYNAPSES, DelayRule, Modulated, Synapse
@@ -52,6 +53,7 @@ from neuro.program.program import Floats, Ints
 from neuro.program.streams import Stream
 
 
+@uncollected()
 def compile_network(net: Network, seed: int, threads: int = 1) -> resolved.Program:
     """Check a network and resolve it.
 
@@ -71,17 +73,19 @@ def compile_network(net: Network, seed: int, threads: int = 1) -> resolved.Progr
     check_network(net, shapes)
     check_probes(net, shapes, clock)
     declared = {name: part.model.name for name, part in net.populations.items()}
+    heard = _heard(net)
     net = with_generators(net, shapes, clock, seed)
     trials = resolve_trials(net, shapes, clock)
     check_memory(net, shapes)
+    alike: dict[tuple[int, Shape], dict[str, Any]] = {}
     populations = tuple(
-        _population(net, part, shapes[part.name], clock, seed, cameras.get(part.name), declared[part.name])
-        for part in net.populations.values()
+        _population(part, shapes[name], clock, seed, cameras.get(name), declared[name], name in heard, alike)
+        for name, part in net.populations.items()
     )
     many = many_synapses(net, shapes, MANY)
     made = rooms(net, shapes) if many else None
     projections = packed(_projections(net, shapes, clock, seed, threads, many, made), made)
-    names = list(net.populations)
+    names = {name: index for index, name in enumerate(net.populations)}
     program = resolved.Program(
         name=net.name,
         resolution=net.resolution,
@@ -89,8 +93,8 @@ def compile_network(net: Network, seed: int, threads: int = 1) -> resolved.Progr
         min_delay=min((d for p in projections for d in _delays(p, net.resolution)), default=1),
         populations=populations,
         projections=projections,
-        signals=tuple(resolved.Signal(s.name, names.index(s.to), s.origin) for s in net.signals.values()),
-        groups=tuple(resolved.Group(g.name, names.index(g.choice.of), g.choice, g.origin) for g in net.groups.values()),
+        signals=tuple(resolved.Signal(s.name, names[s.to], s.origin) for s in net.signals.values()),
+        groups=tuple(resolved.Group(g.name, names[g.choice.of], g.choice, g.origin) for g in net.groups.values()),
         probes=resolve_probes(net, shapes, clock),
         trials=trials,
         synapse_probes=resolve_synapse_probes(net, projections, shapes, clock),
@@ -109,9 +113,10 @@ def _projections(
     made: Mapping[str, Room] | None,
 ) -> Iterator[resolved.Projection]:
     """All projections, in order."""
+    names = {name: index for index, name in enumerate(net.populations)}
 
     def resolve(part: Projection) -> resolved.Projection:
-        return _projection(net, part, shapes, clock, seed, many, None if made is None else made[part.name])
+        return _projection(net, names, part, shapes, clock, seed, many, None if made is None else made[part.name])
 
     return mapped(resolve, list(net.projections.values()), threads)
 
@@ -124,56 +129,72 @@ def _delays(part: resolved.Projection, resolution: float) -> tuple[int, ...]:
 
 
 def _population(
-    net: Network, part: Population, shape: Shape, clock: Clock, seed: int, stream: Stream | None, declared: str
+    part: Population,
+    shape: Shape,
+    clock: Clock,
+    seed: int,
+    stream: Stream | None,
+    declared: str,
+    heard: bool,
+    alike: dict[tuple[int, Shape], dict[str, Any]],
 ) -> resolved.Population:
+    """A population; those of one model and shape that draw nothing are worked out once, as `alike`."""
+    model = part.model
+    found = None if part.initial else alike.get((id(model), shape))
+    if found is None:
+        found = _worked_out(part, shape, clock, seed)
+        drawn = any(isinstance(value, Distribution) for value in model.parameters().values())
+        if not part.initial and found["schedule"] is None and not drawn:
+            alike[id(model), shape] = found
+    heard = heard or not (isinstance(model, poisson_generator) or stream is not None)
+    return resolved.Population(
+        **found | {"parameters": {**found["parameters"]}, "initial": {**found["initial"]}},
+        name=part.name,
+        records=heard and not isinstance(model, CurrentGenerator),
+        origin=part.origin,
+        stream=stream,
+        declared="" if declared == model.name else declared,
+    )
+
+
+def _worked_out(part: Population, shape: Shape, clock: Clock, seed: int) -> dict[str, Any]:
+    """What a resolved population has that follows from model, shape, initial states and draws."""
     model = part.model
     parameters: dict[str, Floats] = {}
     start, stop = 0, NEVER
     timed = isinstance(model, Generator) and model.timed
+    values = model.parameters()
     for word, quantity in model.quantities().items():
         if quantity.kind not in ("number", "integer", "boolean") or (timed and word in ("start", "stop")):
             continue
         key = (seed, "parameter", f"{part.name}.{word}")
         with telling(part):
-            parameters[word] = per_neuron(model.parameters()[word], shape, f"{model.name}.{word}", key)
+            parameters[word] = per_neuron(values[word], shape, f"{model.name}.{word}", key)
     with telling(part):
         check_values(model, parameters, clock)
         if timed:
             start, stop = (clock.step(getattr(model, word), f"{model.name}.{word}") for word in ("start", "stop"))
         steps, ids = _listed_spikes(model, size(shape), clock)
         schedule = schedule_of(model, size(shape), clock)
-    return resolved.Population(
-        name=part.name,
-        model=model,
-        kind=model.role,
-        shape=shape,
-        size=size(shape),
-        parameters=parameters,
-        initial=_initial(part, shape, parameters, seed),
-        spike_steps=steps,
-        spike_ids=ids,
-        start=start,
-        stop=stop,
-        records=_records(net, part, stream),
-        origin=part.origin,
-        stream=stream,
-        schedule=schedule,
-        declared="" if declared == model.name else declared,
-    )
+    return {
+        "model": model,
+        "kind": model.role,
+        "shape": shape,
+        "size": size(shape),
+        "parameters": parameters,
+        "initial": _initial(part, shape, parameters, seed),
+        "spike_steps": steps,
+        "spike_ids": ids,
+        "start": start,
+        "stop": stop,
+        "schedule": schedule,
+    }
 
 
-def _records(net: Network, part: Population, stream: Stream | None) -> bool:
-    if isinstance(part.model, CurrentGenerator):
-        return False
-    asked = any(_sees_spikes(net, p, part.name) for p in net.probes.values())
-    return asked or not (isinstance(part.model, poisson_generator) or stream is not None)
-
-
-def _sees_spikes(net: Network, probe: Probe, population: str) -> bool:
-    """Whether a probe needs the spikes of a population."""
-    if probe.at is not None and probe.of in net.projections:
-        return net.projections[probe.of].source == population
-    return probe.of == population and probe.record == "spikes"
+def _heard(net: Network) -> set[str]:
+    """The populations of which a probe needs the spikes."""
+    sources = {p.of: net.projections[p.of].source for p in net.probes.values() if p.at and p.of in net.projections}
+    return {sources.get(p.of, p.of) for p in net.probes.values() if p.of in sources or p.record == "spikes"}
 
 
 def _initial(part: Population, shape: Shape, parameters: Mapping[str, Floats], seed: int) -> dict[str, Floats]:
@@ -222,6 +243,7 @@ def _recorded(model: spike_train, neurons: int, clock: Clock) -> tuple[Ints, Int
 
 def _projection(
     net: Network,
+    names: Mapping[str, int],
     part: Projection,
     shapes: Mapping[str, Shape],
     clock: Clock,
@@ -264,19 +286,18 @@ def _projection(
         current = carries == "current"
         receptor = receptor_of_current(part.synapse, onto, part.source) if current else receptor_of(part.synapse, onto)
         check_conductance(receptor, weight)
-    names = list(net.populations)
     signal, dopamine, one_to_one, later = -1, -1, False, 1
     if isinstance(rule, Modulated):
         signal = -1 if rule.signal is None else list(net.signals).index(rule.signal)
-        dopamine = -1 if rule.dopamine is None else names.index(rule.dopamine)
+        dopamine = -1 if rule.dopamine is None else names[rule.dopamine]
         one_to_one = rule.dopamine_rule == "one_to_one"
         if rule.dopamine_delay is not None:
             with telling(part):
                 later = int(one_delay(rule.dopamine_delay, clock, f"{rule.name}.dopamine_delay")[0])
     return resolved.Projection(
         name=part.name,
-        source=names.index(part.source),
-        target=names.index(part.target),
+        source=names[part.source],
+        target=names[part.target],
         carries=carries,
         layout=found.layout,
         row_ends=found.row_ends,

@@ -10,9 +10,9 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Iterable
-from dataclasses import dataclass
 from pathlib import Path
 from types import FrameType
+from typing import NamedTuple
 
 from neuro.core.hints import nearest
 
@@ -22,8 +22,7 @@ _BACKENDS = ("neuro_chip", "neuro_event", "neuro_nest", "neuro_reference", "neur
 _PACKAGES = ("neuro", *_BACKENDS, "dataclasses", "contextlib")
 
 
-@dataclass(frozen=True, slots=True)
-class Where:
+class Where(NamedTuple):
     """A place in the user's text: file, line and column (both from 1; 0 = not known)."""
 
     file: str

@@ -101,7 +101,7 @@ class Network(Description):
         sizes = self._checked(SHAPE, shape, f"{what}: shape", ("shape",))
         self._expect(model, Model, what, "a model such as neuro.iaf_psc_exp()")
         self._expect({} if initial is None else initial, Mapping, what, "states by name such as {'V_m': -60.0}")
-        states = {s.name: s.quantity() for s in model.states if not s.hidden}
+        states = {s.name: s.quantity() for s in model.states if not s.hidden} if initial else {}
         start = {}
         for state, value in (initial or {}).items():
             path = ("initial", str(state))
@@ -383,6 +383,6 @@ def _called(end: Population | View | str) -> str:
 
 def check_name(name: Any, what: str, where: Where | None) -> str:
     """Return the name of a network or a part if it can be one."""
-    if not isinstance(name, str) or not name or not all(c.isalnum() or c in "_-." for c in name):
+    if not isinstance(name, str) or not name or not (name.isalnum() or all(c.isalnum() or c in "_-." for c in name)):
         raise ModelError(f"{what} name {shown(name)}: expected letters, digits, '_', '-' or '.'", where=where)
     return name

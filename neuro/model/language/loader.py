@@ -7,8 +7,9 @@ from pathlib import Path
 from typing import Any
 
 from neuro.core.choice import Choice
-from neuro.core.errors import Where, unknown
+from neuro.core.errors import ModelError, Where, unknown
 from neuro.core.inputs import gathering
+from neuro.core.memory import uncollected
 from neuro.core.paths import file_path
 from neuro.model.equations import made
 from neuro.model.language.choices import choice, part, value, with_parameters
@@ -25,6 +26,7 @@ from neuro.model.synapses import static
 
 VALUES = {"weight": WEIGHT, "delay": DELAY}
 PLACES = {"positions": POSITIONS, "extent": EXTENT}
+OF_POPULATIONS = ("model", "shape", "initial", *PLACES, "periodic")
 
 
 def load(path: str | Path, params: Mapping[str, Any] | None = None) -> Network:
@@ -48,6 +50,7 @@ def load(path: str | Path, params: Mapping[str, Any] | None = None) -> Network:
     return net
 
 
+@uncollected()
 def build(sections: Mapping[str, Node]) -> Network:
     """The network that sections without `$names` describe; the same errors as of `load`."""
     return _Builder(sections).network()
@@ -61,6 +64,7 @@ class _Builder:
         self.net = Network()
         self.models: dict[str, type[Choice]] = {}
         self.synapses: dict[str, type[Choice]] = {}
+        self.named: dict[str, Model] = {}
 
     def network(self) -> Network:
         for word in ("name", "resolution"):
@@ -84,11 +88,14 @@ class _Builder:
     def each(self, section: str, add: Callable[[str, Node], None]) -> None:
         if section not in self.sections:
             return
+        word = section.removesuffix("s")
         for name, node in self.sections[section].value.items():
             self.net.place = node.label
-            check_name(name, section.removesuffix("s"), node.label)
-            with within(f"{section.removesuffix('s')} '{name}'"):
+            check_name(name, word, node.label)
+            try:
                 add(name, node)
+            except ModelError as error:
+                raise error.at(None, f"{word} '{name}'") from None
 
     def model(self, name: str, node: Node) -> None:
         with about(node):
@@ -97,9 +104,8 @@ class _Builder:
             of[name] = model
 
     def population(self, name: str, node: Node) -> None:
-        known = ("model", "shape", "initial", *PLACES, "periodic")
-        said = part(node, known, "a population", ("model", "shape"))
-        model = choice(said["model"], "model", self.models)
+        said = part(node, OF_POPULATIONS, "a population", ("model", "shape"))
+        model = self.by_name(said["model"])
         initial = {}
         if "initial" in said:
             quantities = {state.name: state.quantity() for state in model.states if not state.hidden}
@@ -110,6 +116,14 @@ class _Builder:
             places["periodic"] = plain(said["periodic"])
         with about(node):
             self.net.population(name, plain(said["shape"]), model, initial=initial, **places)
+
+    def by_name(self, node: Node) -> Model:
+        """The model of a population; one that is said by its name alone is made once."""
+        name = node.value if isinstance(node.value, str) else ""
+        model: Model = self.named[name] if name in self.named else choice(node, "model", self.models)
+        if name:
+            self.named[name] = model
+        return model
 
     def projection(self, name: str, node: Node) -> None:
         known = ("from", "to", "rule", "weight", "delay", "synapse")

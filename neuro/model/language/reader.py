@@ -4,16 +4,16 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, NoReturn
 
 import yaml
 
 from neuro.core.errors import ModelError, Where, nearest
 from neuro.core.hdf5 import is_hdf5
 from neuro.core.inputs import note
+from neuro.core.memory import uncollected
 
 MAX_BYTES = 32 * 2**20
 MAX_DEPTH = 32
@@ -34,7 +34,7 @@ _CONSTANTS = {
 _UNPRINTABLE = re.compile("[^\t\n\r\x20-\x7e\x85\xa0-\ud7ff\ue000-\ufffd\U00010000-\U0010ffff]")
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(slots=True)
 class Node:
     """A value of the document.
 
@@ -53,6 +53,7 @@ class Node:
     text: Where | None = None
 
 
+@uncollected()
 def read(
     path: Path, expected: str = "a network", begin: str = "neuro: 1", twice: list[ModelError] | None = None
 ) -> Node:
@@ -126,9 +127,20 @@ class _Reader:
 
     def __init__(self, text: str, file: str, twice: list[ModelError] | None) -> None:
         self.lines, self.file, self.twice = text.splitlines(), file, twice
-        self.events: Iterator[yaml.Event] = yaml.parse(text, Loader=_LOADER)
+        self.loader = _LOADER(text)
+        self.next = self.loader.get_event
 
     def document(self, expected: str, begin: str) -> Node:
+        try:
+            return self.one_document(expected, begin)
+        except yaml.MarkedYAMLError as error:
+            raise self.syntax(error) from None
+        except yaml.YAMLError as error:
+            raise ModelError(f"not YAML: {error}", where=Where(self.file)) from None
+        finally:
+            self.loader.dispose()
+
+    def one_document(self, expected: str, begin: str) -> Node:
         self.next()
         if isinstance(self.next(), yaml.StreamEndEvent):
             raise ModelError(
@@ -141,38 +153,34 @@ class _Reader:
             raise ModelError("found a second document: expected one", where=self.place(after.start_mark))
         return root
 
-    def next(self) -> yaml.Event:
-        try:
-            return next(self.events)
-        except yaml.MarkedYAMLError as error:
-            raise self.syntax(error) from None
-        except yaml.YAMLError as error:
-            raise ModelError(f"not YAML: {error}", where=Where(self.file)) from None
-
     def place(self, mark: Any) -> Where:
         return Where(self.file, mark.line + 1, mark.column + 1)
 
-    def node(self, event: yaml.Event, depth: int, label: Where | None = None) -> Node:
+    def node(self, event: Any, depth: int, label: Where | None = None) -> Node:
         where = self.place(event.start_mark)
-        self.plain(event, where)
+        kind = type(event)
+        if kind is yaml.AliasEvent or event.anchor is not None or event.tag is not None:
+            self.refuse(event, where)
         if depth > MAX_DEPTH:
             raise ModelError(f"found more than {MAX_DEPTH} levels: expected fewer", where=where)
-        if isinstance(event, yaml.ScalarEvent):
+        if kind is yaml.ScalarEvent:
             value: Any = scalar(event.value, where) if event.implicit[0] else event.value
-        elif isinstance(event, yaml.SequenceStartEvent):
+            return Node(value, where, label or where, text=_letters(event, where))
+        if kind is yaml.SequenceStartEvent:
             value = []
-            while not isinstance(item := self.next(), yaml.SequenceEndEvent):
+            while type(item := self.next()) is not yaml.SequenceEndEvent:
                 value.append(self.node(item, depth + 1))
         else:
             value = self.mapping(depth)
-        return Node(value, where, label or where, text=_letters(event, where))
+        return Node(value, where, label or where)
 
     def mapping(self, depth: int) -> dict[str, Node]:
         words: dict[str, Node] = {}
-        while not isinstance(key := self.next(), yaml.MappingEndEvent):
+        while type(key := self.next()) is not yaml.MappingEndEvent:
             where = self.place(key.start_mark)
-            self.plain(key, where)
-            if not isinstance(key, yaml.ScalarEvent) or not key.value:
+            if type(key) is yaml.AliasEvent or key.anchor is not None or key.tag is not None:
+                self.refuse(key, where)
+            if type(key) is not yaml.ScalarEvent or not key.value:
                 raise ModelError("expected a word before ':'", where=where)
             if key.value == "<<" and key.implicit[0]:
                 raise ModelError("'<<' merges mappings, which the language has not: write the words out", where=where)
@@ -187,19 +195,15 @@ class _Reader:
                 words[key.value] = node
         return words
 
-    def plain(self, event: Any, where: Where) -> None:
-        """Refuse anchors, aliases and tags."""
+    def refuse(self, event: Any, where: Where) -> NoReturn:
+        """Refuse an anchor, an alias or a tag."""
         if isinstance(event, yaml.AliasEvent):
-            raise ModelError(
-                f"found the alias '*{event.anchor}': expected a value", where=where, hint="use parameters and $names"
-            )
-        if event.anchor is not None:
-            raise ModelError(
-                f"found the anchor '&{event.anchor}': expected a value", where=where, hint="use parameters and $names"
-            )
-        if event.tag is not None:
-            tag = event.tag.replace("tag:yaml.org,2002:", "!!")
-            raise ModelError(f"found the tag '{tag}': expected a value without one", where=where)
+            found, hint = f"the alias '*{event.anchor}': expected a value", "use parameters and $names"
+        elif event.anchor is not None:
+            found, hint = f"the anchor '&{event.anchor}': expected a value", "use parameters and $names"
+        else:
+            found, hint = f"the tag '{event.tag.replace('tag:yaml.org,2002:', '!!')}': expected a value without one", ""
+        raise ModelError(f"found {found}", where=where, hint=hint)
 
     def syntax(self, error: yaml.MarkedYAMLError) -> ModelError:
         """The parser's error in plainer words."""
@@ -238,15 +242,14 @@ class _Reader:
         return ModelError(f"not YAML: {problem}", where=where)
 
 
-def _letters(event: yaml.Event, where: Where) -> Where | None:
+def _letters(event: Any, where: Where) -> Where | None:
     """Where the letters of a word begin, if they stand in the file as they are in its value."""
-    if not isinstance(event, yaml.ScalarEvent):
-        return None
     quotes = 1 if event.style else 0
-    begin: Any = event.start_mark
-    end: Any = event.end_mark
+    begin, end = event.start_mark, event.end_mark
     as_it_is = begin.line == end.line and end.column - begin.column == len(event.value) + 2 * quotes
-    return Where(where.file, where.line, where.column + quotes) if as_it_is else None
+    if not as_it_is:
+        return None
+    return Where(where.file, where.line, where.column + quotes) if quotes else where
 
 
 def scalar(text: str, where: Where) -> bool | int | float | str | None:
