@@ -114,7 +114,7 @@ def deliver_counts(view, q, first, last):
 
 @kernel
 def deliver_between(view, q, first, last, now):
-    """Put the spikes that a projection's source emitted in the steps first..last and that arrive after now in its ring."""
+    """Put the spikes of a projection's source of the steps first..last that arrive after now into its ring."""
     net = net_of(view)
     for thread in range(net.edges.shape[1] - 1):
         for step in range(max(first, net.clock[thread, t.HORIZON] + 1), last + 1):

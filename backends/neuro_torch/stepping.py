@@ -162,7 +162,7 @@ class Stepper:
         return self.versions[projection][-1][1]
 
     def set_weights(self, projection: int, weights: Tensor) -> None:
-        """Replace the weights of spikes that have not set out yet: of neurons, those of the last step are among them."""
+        """Replace the weights of spikes that have not set out: of neurons, those of the last step are among them."""
         part = self.program.projections[projection]
         since = self.now + 1 if self.now and self.program.sends_at_once(part) else self.now
         kept = [version for version in self.versions[projection] if version[0] < since]

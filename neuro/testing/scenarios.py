@@ -294,7 +294,7 @@ def _other_synapses(draw: st.DrawFn, part: Projection) -> Act:
     """Weights or a number of the rule of synapses that learn."""
     words = part.synapse.parameters()
     numbers: list[str] = [word for word in STEERED if word in words]
-    if numbers and draw(st.booleans()):
+    if draw(st.booleans()) and numbers:
         word = draw(st.sampled_from(numbers))
         value = 0.5 * words[word] if isinstance(words[word], float) else 0.25
         return Act("set", (part.name,), ((word, value),))
