@@ -325,3 +325,25 @@ def test_a_probe_of_each_step_does_not_let_the_log_of_spikes_grow():
         sim.run(2000.0)
         sim.forget(sim.time)
     assert sim.memory()["spikes"] == held
+
+
+def test_a_kill_within_a_commit_of_a_shorter_file_leaves_one_state(tmp_path, monkeypatch):
+    path, copy, write, states = tmp_path / "a.h5", tmp_path / "copy.h5", growing._write, []
+
+    def torn(disk, at, data):
+        for part in (data[: data.nbytes // 2], data):
+            write(disk, at, part)
+            shutil.copyfile(path, copy)
+            held = Grown(copy, "a test", "of a test")
+            found = held._checked()
+            states.append((found.front.size, bytes(found.at(FRONT, 1 << 20)).rstrip(b"\0")[:1]))
+
+    with Growing(path, "of a test") as disk:
+        for size, content in ((40_000, b"a"), (20_000, b"b")):
+            disk.seek(FRONT)
+            disk.write(content * (size - FRONT))
+            disk.truncate(size)
+            disk.commit()
+            monkeypatch.setattr(growing, "_write", torn)
+    assert set(states) == {(40_000, b"a"), (20_000, b"b")}
+    assert path.stat().st_size == 20_000
