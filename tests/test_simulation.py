@@ -411,3 +411,17 @@ def test_one_connection_of_each_kind_reads_alike():
     assert [x.tolist() for x in sim.weights("one")] == [[0, 1, 2], [0, 1, 2], [1.0, 2.0, 3.0]]
     assert sim.weights("all")[2].tolist() == list(range(9))
     assert [x.tolist() for x in sim.weights("others")] == [[0, 0, 1, 1, 2, 2], [1, 2, 0, 2, 0, 1], [1, 2, 3, 5, 6, 7]]
+
+
+@pytest.mark.parametrize("backend", ["reference", "event"])
+def test_populations_of_one_model_are_set_apart(backend: str):
+    model, net = neuro.iaf_psc_exp(), neuro.Network("alike")
+    for name in "ab":
+        net.population(name, 2, model)
+    sim = neuro.compile(net, backend)
+    sim.set("a", I_e=300.0)
+    sim.set("a", V_m=-60.0)
+    sim.run(1.0)
+    assert sim.get("b", "I_e").tolist() == [0.0, 0.0]
+    assert sim.get("b", "V_m").tolist() == [-70.0, -70.0]
+    assert neuro.compile(net, backend).get("a", "I_e").tolist() == [0.0, 0.0]

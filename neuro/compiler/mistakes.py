@@ -142,7 +142,7 @@ class _Search:
         while len(self.mended) < MOST:
             net = None
             try:
-                net = build(sections)
+                net = build(sections, together=True)
                 self.program = compile_network(net, self.seed)
                 doubted = self.failed | self.touched
                 self.unsure = {
@@ -162,7 +162,7 @@ class _Search:
                     if not self.mended:
                         self.tell(error)
                     return
-                others = [(places.of(other), other) for other in error.others]
+                others = [(places.of(other), other) for other in error.others[: MOST - len(self.mended)]]
                 for where, one in [(path, error), *others]:  # before anything is left out for one of them
                     if not self.follows(root, where, one, compiled=net is not None):
                         self.tell(one)

@@ -50,4 +50,6 @@ def uncollected() -> Iterator[None]:
         yield
     finally:
         if working:
+            gc.freeze()
+            gc.unfreeze()  # among the old ones, which are looked at least often
             gc.enable()

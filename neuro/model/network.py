@@ -114,9 +114,9 @@ class Network(Description):
             model,
             start,
             self._where(),
-            positions=self._array(POSITIONS, positions, f"{what}: positions", "positions"),
-            extent=self._array(EXTENT, extent, f"{what}: extent", "extent"),
-            periodic=self._checked(PERIODIC, periodic, f"{what}: periodic", ("periodic",)),
+            positions=None if positions is None else self._array(POSITIONS, positions, what, "positions"),
+            extent=None if extent is None else self._array(EXTENT, extent, what, "extent"),
+            periodic=periodic is not False and self._checked(PERIODIC, periodic, f"{what}: periodic", ("periodic",)),
         )
         return self._add(self.populations, part)
 
@@ -297,6 +297,7 @@ class Network(Description):
 
     def _array(self, q: Quantity, value: Any, what: str, word: str) -> Any:
         """Numbers that are no single one and not drawn."""
+        what = f"{what}: {word}"
         if isinstance(value, Distribution) or is_number(value):
             raise ModelError(f"{what} = {shown(value)}: expected a list or a file", where=self._where(), path=(word,))
         return self._checked(q, value, what, (word,))

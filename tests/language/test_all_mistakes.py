@@ -2,6 +2,7 @@
 
 import itertools
 import re
+import time
 from pathlib import Path
 
 import pytest
@@ -205,3 +206,14 @@ def test_what_only_follows_is_not_told(folder, name):
 def test_a_section_or_a_part_of_another_kind(folder, text, expected):
     (folder / "net.yaml").write_text(f"neuro: 1\n{text}\nprobes: {{v: {{of: auto}}}}\n")
     assert str(mistakes("net.yaml", None, 0).mistakes[0]).startswith(expected)
+
+
+def test_a_long_description_with_many_mistakes_is_checked_in_seconds(folder):
+    """A part is looked at a few times, however many mistakes there are: it took minutes."""
+    wrong = dict.fromkeys(range(0, 4000, 20), "-1")
+    lines = [f"  p{k}: {{model: iaf_psc_exp, shape: {wrong.get(k, 1)}}}" for k in range(4000)]
+    (folder / "net.yaml").write_text("\n".join(["neuro: 1", "populations:", *lines]))
+    began = time.process_time()
+    found = mistakes("net.yaml", None, 0).mistakes
+    assert time.process_time() - began < 5.0
+    assert [error.where.line for error in found] == [k + 3 for k in wrong]

@@ -51,16 +51,21 @@ def load(path: str | Path, params: Mapping[str, Any] | None = None) -> Network:
 
 
 @uncollected()
-def build(sections: Mapping[str, Node]) -> Network:
-    """The network that sections without `$names` describe; the same errors as of `load`."""
-    return _Builder(sections).network()
+def build(sections: Mapping[str, Node], together: bool = False) -> Network:
+    """The network that sections without `$names` describe; the same errors as of `load`.
+
+    Args:
+        sections: of the description.
+        together: whether the first mistake is raised with those of other parts in its section.
+    """
+    return _Builder(sections, together).network()
 
 
 class _Builder:
     """Adds the parts of each section to a network, in the order in which they refer to each other."""
 
-    def __init__(self, sections: Mapping[str, Node]) -> None:
-        self.sections = sections
+    def __init__(self, sections: Mapping[str, Node], together: bool) -> None:
+        self.sections, self.together = sections, together
         self.net = Network()
         self.models: dict[str, type[Choice]] = {}
         self.synapses: dict[str, type[Choice]] = {}
@@ -89,13 +94,20 @@ class _Builder:
         if section not in self.sections:
             return
         word = section.removesuffix("s")
+        wrong: list[ModelError] = []
         for name, node in self.sections[section].value.items():
             self.net.place = node.label
             check_name(name, word, node.label)
             try:
                 add(name, node)
             except ModelError as error:
-                raise error.at(None, f"{word} '{name}'") from None
+                told = error.at(None, f"{word} '{name}'")
+                if not self.together:
+                    raise told from None
+                wrong += [told, *told.others]
+        if wrong:
+            wrong[0].others = tuple(wrong[1:])
+            raise wrong[0]
 
     def model(self, name: str, node: Node) -> None:
         with about(node):

@@ -157,7 +157,8 @@ class _Reader:
         return Where(self.file, mark.line + 1, mark.column + 1)
 
     def node(self, event: Any, depth: int, label: Where | None = None) -> Node:
-        where = self.place(event.start_mark)
+        mark = event.start_mark
+        where = Where(self.file, mark.line + 1, mark.column + 1)
         kind = type(event)
         if kind is yaml.AliasEvent or event.anchor is not None or event.tag is not None:
             self.refuse(event, where)
@@ -165,7 +166,7 @@ class _Reader:
             raise ModelError(f"found more than {MAX_DEPTH} levels: expected fewer", where=where)
         if kind is yaml.ScalarEvent:
             value: Any = scalar(event.value, where) if event.implicit[0] else event.value
-            return Node(value, where, label or where, text=_letters(event, where))
+            return Node(value, where, label or where, "", _letters(event, where))
         if kind is yaml.SequenceStartEvent:
             value = []
             while type(item := self.next()) is not yaml.SequenceEndEvent:
@@ -177,7 +178,8 @@ class _Reader:
     def mapping(self, depth: int) -> dict[str, Node]:
         words: dict[str, Node] = {}
         while type(key := self.next()) is not yaml.MappingEndEvent:
-            where = self.place(key.start_mark)
+            mark = key.start_mark
+            where = Where(self.file, mark.line + 1, mark.column + 1)
             if type(key) is yaml.AliasEvent or key.anchor is not None or key.tag is not None:
                 self.refuse(key, where)
             if type(key) is not yaml.ScalarEvent or not key.value:
@@ -256,6 +258,8 @@ def scalar(text: str, where: Where) -> bool | int | float | str | None:
     """What a word without quotes means: yes, no, on and off are words, only true and false are booleans."""
     if text in _CONSTANTS:
         return _CONSTANTS[text]
+    if text[0] not in "+-.0123456789":
+        return text
     if _WHOLE.fullmatch(text) and len(text) <= MAX_DIGITS:
         return int(text)
     if _NUMBER.fullmatch(text):
