@@ -155,7 +155,7 @@ def test_a_browser_draws_it_moves_in_time_and_plays(flight, tmp_path, chromium):
 
 
 def test_a_controller_without_neurons_on_a_line(tmp_path, chromium):
-    quick = load("line", **{"task": {"line": {"side": 1.5, "speed": 0.3, "direction": 1}}})
+    quick = load("line", **{"task": {"line": {"side": 3.0, "speed": 0.3, "direction": 1}}})
     told = watch(train(quick, "oracle"), tmp_path / "lap.html", (5.0, 0.0), course=Course("fixed"))
     assert re.fullmatch(r"\d\d\.\d s, mean error \d\.\d\d px, a lap that counts", told)
     chromium(f"--screenshot={tmp_path / 'lap.png'}", f"file://{tmp_path / 'lap.html'}")
