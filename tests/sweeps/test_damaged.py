@@ -209,6 +209,14 @@ def test_a_line_of_a_journal_with_another_value_is_told(searched):
             neuro.tuned("tuned").rows()
 
 
+@pytest.mark.parametrize("name", ["journal.log", "claims/.ask", "claims/.journal"])
+def test_a_folder_in_the_place_of_a_file_is_told(searched, told, name):
+    (searched / name).unlink()
+    (searched / name).mkdir()
+    (searched.parent / "tune.yaml").write_text(TUNE.replace("trials: 4", "trials: 5"))
+    assert told("tune", "run", "tune.yaml", status=(2,)).startswith(f"error: tuned/{name}: cannot be ")
+
+
 FORMULA = "$\\x_{^%$"
 """A name that matplotlib cannot read as the formula that it looks like."""
 

@@ -53,13 +53,15 @@ class Journal:
         """All from a line on.
 
         Raises:
-            ModelError: a line is damaged.
+            ModelError: a line is damaged, or the file cannot be read.
         """
         number = min(log_number_from, len(self._after) - 1)
         try:
             file = self._path.open("rb")
         except FileNotFoundError:
             return
+        except OSError as error:
+            raise ModelError(f"{self._path}: cannot be read: {error.strerror or error}") from None
         with file:
             file.seek(self._after[number][0])
             for line in file:
@@ -207,8 +209,16 @@ class Aside:
 
 @contextmanager
 def locked(path: Path) -> Iterator[None]:
-    """Wait until nobody else has a lock, which a process that is killed gives back."""
-    with path.open("ab") as file:
+    """Wait until nobody else has a lock, which a process that is killed gives back.
+
+    Raises:
+        Unwritable: there can be no such file.
+    """
+    try:
+        file = path.open("ab")
+    except OSError as error:
+        raise Unwritable(path, f"cannot be written: {error.strerror or error}") from None
+    with file:
         fcntl.flock(file, fcntl.LOCK_EX)
         yield
 
