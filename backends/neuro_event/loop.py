@@ -7,7 +7,7 @@ row of synapses is gone through as a whole. Nothing is allocated in it.
 # mypy: ignore-errors
 
 from neuro.kernels.atomic import look, tell
-from neuro.kernels.jit import inner, kernel
+from neuro.kernels.jit import inner, kernel, merged
 from neuro_event.generators import draw_poisson, let_emit, list_spikes
 from neuro_event.logs import log_delivery
 from neuro_event.neurons import step_neurons, wake
@@ -61,7 +61,7 @@ def act_at_emission(view, thread, upto, dopamine_upto, h):
     clock[DONE_DOPAMINE] = max(clock[DONE_DOPAMINE], dopamine_upto)
 
 
-@inner
+@merged
 def deliver(view, pop, begin, stop, step):
     """Add what arrives in a step to the input of a population's neurons of the threads begin:stop."""
     net = net_of(view)
@@ -83,7 +83,7 @@ def deliver(view, pop, begin, stop, step):
             log_delivery(view, q, j, step, begin, stop, False)
 
 
-@inner
+@merged
 def step_population(view, thread, pop, step, done, h):
     """One step of a population's neurons of a thread, whose input is there."""
     net = net_of(view)

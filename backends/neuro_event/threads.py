@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import time
 from concurrent.futures import ThreadPoolExecutor
 
@@ -10,7 +11,7 @@ import numpy as np
 from neuro_event import loop
 
 STRETCH = 20e-3
-"""Seconds that a stretch on one thread takes about, after the first slice: its end and its measuring cost nothing."""
+"""Seconds that a stretch on one thread takes about, after the first slice: to end and to weigh it costs nothing."""
 
 GAIN = 1.1
 """How many times as fast as one thread all have to be, so that it is no accident of what was measured."""
@@ -51,6 +52,7 @@ class Threads:
     def __init__(self, n: int) -> None:
         self._n = n
         self._pool = ThreadPoolExecutor(n - 1) if n > 1 else None
+        self._process = os.getpid()
         self._told = np.zeros((n + 1, LINE), dtype=np.int64)
         self._begun = self._together = False
         self._alone_slices = self._alone_s = self._since = 0.0
@@ -99,6 +101,8 @@ class Threads:
 
     def _share(self, view: int, first: int, last: int, longest: int, reach: int, h: float) -> int:
         """Run on all threads; return the step that was reached."""
+        if self._process != os.getpid():  # a process that was forked has none of the threads
+            self._pool, self._process = ThreadPoolExecutor(self._n - 1), os.getpid()
         assert self._pool is not None
         self._told[:, 0] = first
         given = (view, last, longest, reach, h)

@@ -10,6 +10,7 @@ import math
 import sys
 from collections.abc import Callable
 from dataclasses import dataclass
+from threading import get_ident
 from typing import Any, Protocol
 from weakref import WeakSet
 
@@ -26,6 +27,7 @@ from neuro.program.backend import Engine, Fired
 from neuro.program.program import Floats, Ints, Program, synapse_states
 from neuro.run import settable
 from neuro.run.handles import Handles, Neurons
+from neuro.run.turn import NOW, Turn, refused
 
 _HUGE = sys.float_info.max
 _DOUBLE, _WHOLE = np.dtype(np.float64), np.dtype(np.int64)
@@ -62,8 +64,8 @@ class Port:
         text: what it is, for messages: "rate of 'cells'".
     """
 
-    def __init__(self, text: str) -> None:
-        self.text = text
+    def __init__(self, text: str, turn: Turn) -> None:
+        self.text, self._turn = text, turn
 
     def __repr__(self) -> str:
         return f"Port({self.text})"
@@ -75,8 +77,18 @@ class Port:
             values: as `Simulation.set` and `signal` take them; fastest is an array of float64, one for each.
 
         Raises:
-            ModelError: a value is out of bounds, or this can only be read.
+            ModelError: a value is out of bounds, this can only be read, or a call of the simulation is under way.
         """
+        turn, mine = self._turn, ("a port's set", get_ident())
+        try:
+            if turn.setdefault(NOW, mine) is not mine:
+                raise refused(f"port: {self.text}", turn)
+            self._set(values)
+        finally:
+            if turn.get(NOW) is mine:
+                del turn[NOW]
+
+    def _set(self, values: ArrayLike) -> None:
         raise ModelError(f"port: {self.text}: it is read and not set")
 
     def get(self, out: NDArray[Any] | None = None) -> NDArray[Any]:
@@ -90,8 +102,18 @@ class Port:
             `out`, of spikes the part of it that is filled, or a new array.
 
         Raises:
-            ModelError: `out` does not fit, or this can only be set.
+            ModelError: `out` does not fit, this can only be set, or a call of the simulation is under way.
         """
+        turn, mine = self._turn, ("a port's get", get_ident())
+        try:
+            if turn.setdefault(NOW, mine) is not mine:
+                raise refused(f"port: {self.text}", turn)
+            return self._get(out)
+        finally:
+            if turn.get(NOW) is mine:
+                del turn[NOW]
+
+    def _get(self, out: NDArray[Any] | None) -> NDArray[Any]:
         raise ModelError(f"port: {self.text}: it is set and not read")
 
     def begin(self) -> None:
@@ -134,7 +156,7 @@ class _OfNeurons(Port):
     """A state or parameter of neurons."""
 
     def __init__(self, net: _Net, of: Any, neurons: Neurons, word: str) -> None:
-        super().__init__(f"{word} of {neurons.text}")
+        super().__init__(f"{word} of {neurons.text}", net.turn)
         self._net, self._of, self._neurons, self._word = net, of, neurons, word
         self._engine, self._index, self._ids = net.engine, neurons.index, neurons.ids
         part = neurons.part
@@ -148,7 +170,7 @@ class _OfNeurons(Port):
             high = min(high, LARGEST_MEAN * 1000.0 / net.clock.resolution)
         self._bounds = _Bounds((size,), low, high, net.within)
 
-    def set(self, values: ArrayLike) -> None:
+    def _set(self, values: ArrayLike) -> None:
         if not self._bounds.fit(values):
             self._net.plain.set(self._of, **{self._word: values})
             return
@@ -163,7 +185,7 @@ class _OfNeurons(Port):
         self._engine.set(self._index, named)
         self._net.plain.steered["set"] = None
 
-    def get(self, out: NDArray[Any] | None = None) -> NDArray[Any]:
+    def _get(self, out: NDArray[Any] | None) -> NDArray[Any]:
         return self._filled(self._engine.get(self._index, self._word, self._ids), out)
 
 
@@ -172,14 +194,14 @@ class _OfSynapses(Port):
 
     def __init__(self, net: _Net, of: Any, index: int, word: str) -> None:
         part = net.program.projections[index]
-        super().__init__(f"{word} of '{part.name}'")
+        super().__init__(f"{word} of '{part.name}'", net.turn)
         self._net, self._of, self._index, self._word = net, of, index, word
         self._held = word in synapse_states(part)
 
-    def set(self, values: ArrayLike) -> None:
+    def _set(self, values: ArrayLike) -> None:
         self._net.plain.set(self._of, **{self._word: values})
 
-    def get(self, out: NDArray[Any] | None = None) -> NDArray[Any]:
+    def _get(self, out: NDArray[Any] | None) -> NDArray[Any]:
         found = self._net.engine.get_synapses(self._index, self._word) if self._held else None
         if found is None or not self._net.within(found, -_HUGE, _HUGE):
             found = self._net.plain.get(self._of, self._word)
@@ -191,12 +213,12 @@ class _OfSignal(Port):
 
     def __init__(self, net: _Net, of: Any, index: int) -> None:
         part = net.program.signals[index]
-        super().__init__(f"signal '{part.name}'")
+        super().__init__(f"signal '{part.name}'", net.turn)
         self._plain, self._of, self._engine, self._index = net.plain, of, net.engine, index
         size = net.program.populations[part.target].size
         self._bounds = _Bounds((size,), -_HUGE, _HUGE, net.within)
 
-    def set(self, values: ArrayLike) -> None:
+    def _set(self, values: ArrayLike) -> None:
         if self._bounds.fit(values):
             self._engine.signal(self._index, np.add(values, 0.0))
             self._plain.steered["signal"] = None
@@ -208,7 +230,7 @@ class _Counts(Port):
     """How often each neuron has fired since this was last read."""
 
     def __init__(self, net: _Net, neurons: Neurons) -> None:
-        super().__init__(f"counts of {neurons.text}")
+        super().__init__(f"counts of {neurons.text}", net.turn)
         self._engine, self._index, self._ids = net.engine, neurons.index, neurons.ids
         self._tells = net.engine if isinstance(net.engine, Fired) else None
         self.begin()
@@ -221,7 +243,7 @@ class _Counts(Port):
     def begin(self) -> None:
         self._before = self._now()
 
-    def get(self, out: NDArray[Any] | None = None) -> NDArray[Any]:
+    def _get(self, out: NDArray[Any] | None) -> NDArray[Any]:
         now = self._now()
         new = self._filled(now - self._before, out)
         self._before = now
@@ -232,14 +254,14 @@ class _Spikes(Port):
     """Who has fired since this was last read: ids in the order of time, then id."""
 
     def __init__(self, net: _Net, of: Any, neurons: Neurons) -> None:
-        super().__init__(f"spikes of {neurons.text}")
+        super().__init__(f"spikes of {neurons.text}", net.turn)
         self._net, self._of = net, of
         self.begin()
 
     def begin(self) -> None:
         self._since = self._net.clock.ms(self._net.engine.step)
 
-    def get(self, out: NDArray[Any] | None = None) -> NDArray[Any]:
+    def _get(self, out: NDArray[Any] | None) -> NDArray[Any]:
         if out is not None and (type(out) is not np.ndarray or out.dtype != _WHOLE or out.ndim != 1):
             raise self._unfit(out, _WHOLE, "one axis")
         ids = self._net.plain.spikes(self._of, since=self._since)[1]
@@ -258,6 +280,7 @@ class _Net:
     clock: Clock
     plain: Plain
     within: Within
+    turn: Turn
 
 
 class Ports:
@@ -268,17 +291,18 @@ class Ports:
         engine: it runs.
         clock: of the network.
         handles: finds its parts.
+        turn: who calls the simulation now.
     """
 
-    def __init__(self, program: Program, engine: Engine, clock: Clock, handles: Handles) -> None:
-        self._program, self._engine, self._clock, self._handles = program, engine, clock, handles
+    def __init__(self, program: Program, engine: Engine, clock: Clock, handles: Handles, turn: Turn) -> None:
+        self._program, self._engine, self._clock, self._handles, self._turn = program, engine, clock, handles, turn
         self._used: WeakSet[Port] = WeakSet()
 
     def port(self, plain: Plain, of: Part, what: str | None) -> Port:
         """A port of a simulation, see `Simulation.port`."""
         from neuro.kernels.bounds import within  # compiled: only who asks for a port needs it
 
-        net = _Net(self._program, self._engine, self._clock, plain, within)
+        net = _Net(self._program, self._engine, self._clock, plain, within, self._turn)
         made = self._made(net, of, what)
         self._used.add(made)
         return made

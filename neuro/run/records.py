@@ -23,6 +23,7 @@ from neuro.program.program import Floats, Ints, Program
 from neuro.run.handles import Handles, Neurons
 from neuro.run.recorder import Recorder
 from neuro.run.synapses import Synapses
+from neuro.run.turn import Turn, held
 
 if TYPE_CHECKING:
     from neuro.files.results import Results
@@ -71,21 +72,26 @@ class Records:
         threads: int,
         record: Collection[str],
         all_weights: bool,
+        turn: Turn | None,
     ) -> Iterator[None]:
         """Write what is recorded to a file of results within the block, and keep none of it."""
         from neuro.run.recording import Recording
 
-        self.refuse_while_recording("record_to")
-        parts = (sim, net, self._engine, self.recorder)
-        self.recording = Recording(*parts, path, threads=threads, record=record, all_weights=all_weights)
+        with held(turn, "record_to"):
+            self.refuse_while_recording("record_to")
+            parts = (sim, net, self._engine, self.recorder)
+            recording = Recording(*parts, path, threads=threads, record=record, all_weights=all_weights)
+            self.recording = recording
         try:
             yield
-            self.recording.finish()
-            self._left = self._engine.step, self.recording.path
+            with held(turn, "record_to", wait=True):
+                recording.finish()
+                self._left = self._engine.step, recording.path
         finally:
-            recording, self.recording = self.recording, None
-            recording.close()
-            self.held = self._engine.step
+            with held(turn, "record_to", wait=True):
+                self.recording = None
+                recording.close()
+                self.held = self._engine.step
 
     def refuse_while_recording(self, what: str) -> None:
         """Refuse what would turn back the time of a file that is being written."""

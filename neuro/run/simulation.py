@@ -6,7 +6,7 @@ from collections.abc import Collection, Iterator, Mapping
 from contextlib import contextmanager
 from functools import cached_property
 from os import PathLike
-from typing import TYPE_CHECKING, Any, NoReturn
+from typing import TYPE_CHECKING, Any, NoReturn, SupportsIndex
 
 from numpy.typing import ArrayLike
 
@@ -37,6 +37,7 @@ from neuro.run.records import Records
 from neuro.run.saved import Saved
 from neuro.run.synapses import Synapses
 from neuro.run.trials import TrialCounts, TrialLoop, TrialResults
+from neuro.run.turn import Turn, alone
 
 if TYPE_CHECKING:
     import neo
@@ -57,6 +58,10 @@ class Simulation:
     neurons are asked for, also by a view such as `exc[:100]`. Values of a view are in its order; ids are always those
     of the population.
 
+    One call at a time: while one is under way, others of another thread or of a callback are refused, and only `time`
+    can be read. Several simulations may run in as many threads. None is copied or pickled: `save` and `restore` take its
+    state to another.
+
     Attributes:
         backend: the name of the backend.
         program: the resolved network.
@@ -76,11 +81,22 @@ class Simulation:
         self._tally = Tally(program)
         self._inflow = Inflow(program, engine)
         self._watch = Watch(program, engine, self._clock)
-        self._ports = Ports(program, engine, self._clock, self.handles)
         self.steered: dict[str, None] = {}
+        turn: Turn = {}
+        self._ports = Ports(program, engine, self._clock, self.handles, turn)
+        self._turn: Turn | None = None
+        self._inner = object.__new__(type(self))
+        self._inner.__dict__ |= self.__dict__
+        self._turn = turn
 
     def __repr__(self) -> str:
         return f"Simulation({self.program.name!r}, backend={self.backend!r}, time={self.time:g} ms)"
+
+    def __reduce_ex__(self, protocol: SupportsIndex) -> NoReturn:
+        raise ModelError(
+            "a simulation cannot be copied or pickled, as its kernels know where its memory lies",
+            hint="sim.save(path), and restore(path) of another that was compiled from the network",
+        )
 
     def __str__(self) -> str:
         return as_text(repr(self), self._tables())
@@ -107,6 +123,7 @@ class Simulation:
         """The end of the last finished step in ms."""
         return self._clock.ms(self._engine.step)
 
+    @alone
     def run(self, ms: float, progress: bool = False, out: str | PathLike[str] | None = None) -> None:
         """Advance by a multiple of the resolution; running in parts gives the same bits.
 
@@ -172,10 +189,11 @@ class Simulation:
         Raises:
             ModelError: the file cannot be written, now or later, or the simulation records to a file already.
         """
-        parts = (self, self._net, path, threads, record, all_weights)
-        with self._records.to_file(*parts):
+        inner = self if self._turn is None else self._inner
+        with self._records.to_file(inner, self._net, path, threads, record, all_weights, self._turn):
             yield
 
+    @alone
     def reset(self, weights: bool = False) -> None:
         """Back to time 0 and the initial states; weights only if asked. Parameters that were set stay."""
         self._records.refuse_while_recording("reset")
@@ -192,6 +210,7 @@ class Simulation:
 
     # parameters, states and weights
 
+    @alone
     def set(
         self,
         part: Population | View | Projection | str,
@@ -231,6 +250,7 @@ class Simulation:
             self._cells.set(neurons, new)
         self.steered["set"] = None
 
+    @alone
     def get(
         self,
         part: Population | View | Projection | str,
@@ -280,6 +300,7 @@ class Simulation:
             raise ModelError(f"raw = True: expected False, as backend '{self.backend}' has no registers")
         return self._engine
 
+    @alone
     def weights(
         self,
         part: Projection | str,
@@ -311,6 +332,7 @@ class Simulation:
         chosen = self._synapses.chosen(index, of, pre, post)
         return self._synapses.rows(index, chosen, check(_FLAG, delays, "delays"))
 
+    @alone
     def set_weights(self, of: Projection | str, weights: ArrayLike) -> None:
         """Replace the weights of a projection: one for all, or an array in the form that `weights` gives."""
         self._synapses.set_weights(self.handles.projection(of), weights, None)
@@ -318,6 +340,7 @@ class Simulation:
 
     # input and output
 
+    @alone
     def inject(self, of: Population | View | str, times: ArrayLike, ids: ArrayLike | None = None) -> None:
         """Add spikes to a spike_generator.
 
@@ -330,6 +353,7 @@ class Simulation:
         self._inputs.inject(self.handles.neurons(of), times, ids)
         self.steered["inject"] = None
 
+    @alone
     def feed(self, of: Population | str, events: Any) -> None:
         """Let an event camera emit more events than those of its recording, while it runs.
 
@@ -344,11 +368,13 @@ class Simulation:
         self._inputs.feed(self.handles.neurons(of), events)
         self.steered["feed"] = None
 
+    @alone
     def signal(self, of: Signal | str, values: ArrayLike) -> None:
         """Set a signal: one value for all neurons of its population or one for each; acts from the next step on."""
         self._inputs.signal(self.handles.signal(of), values)
         self.steered["signal"] = None
 
+    @alone
     def spikes(
         self, of: Population | View | str, since: float | None = None, until: float | None = None
     ) -> tuple[Floats, Ints]:
@@ -368,6 +394,7 @@ class Simulation:
         """
         return self._records.spikes(self.handles.neurons(of), since, until)
 
+    @alone
     def trace(self, of: Probe | str) -> tuple[Floats, Any]:
         """What a probe has recorded.
 
@@ -385,6 +412,7 @@ class Simulation:
         """The time in ms after which spikes and traces are held: 0, or that up to which they were forgotten."""
         return self._records.held_ms
 
+    @alone
     def forget(self, before: float) -> None:
         """Free the memory of spikes and traces recorded up to a time in ms.
 
@@ -392,6 +420,7 @@ class Simulation:
         """
         self._records.forget(before)
 
+    @alone
     def port(self, of: Population | View | Projection | Signal | str, what: str | None = None) -> Port:
         """Something that a closed loop sets or reads at every step, found once: `set` and `get` in less time.
 
@@ -447,6 +476,7 @@ class Simulation:
     def _trials(self) -> TrialLoop:
         return TrialLoop(self.program, self._engine, self._clock, self._tally, self._rules)
 
+    @alone
     def trials(
         self,
         times: ArrayLike,
@@ -481,14 +511,17 @@ class Simulation:
 
     # accounts
 
+    @alone
     def counts(self) -> Counts:
         """What has happened since the start or the last reset."""
         return self._tally.between(None, self._engine.counts())
 
+    @alone
     def taken(self) -> TrialCounts:
         """What has happened since the start or the last reset, to be added up over several runs for one bill."""
         return TrialCounts(0, self._engine.counts(), self._tally)
 
+    @alone
     def energy(
         self,
         target: str | PathLike[str],
@@ -519,10 +552,12 @@ class Simulation:
         counts = self._engine.counts() if of is None else of.raw_counts
         return bill(self.program, counts, target, step_s=step_s, chips=chips)
 
+    @alone
     def memory(self) -> dict[str, int]:
         """Bytes of the engine by what they hold."""
         return self._engine.memory()
 
+    @alone
     def network(self) -> Network:
         """The network with what it has learnt: save it, or compile it for another backend."""
         self._synapses.check()
@@ -534,6 +569,7 @@ class Simulation:
     def _saved(self) -> Saved:
         return Saved(self.program, self.backend, self._engine, self._records, self._rules, self._inflow)
 
+    @alone
     def save(self, path: str | PathLike[str]) -> None:
         """Write the whole state to an HDF5 file.
 
@@ -548,6 +584,7 @@ class Simulation:
         trials = None if self.program.trials is None else self._trials
         self._saved.write(file_path(path, "path"), trials, record, files_of(self._net))
 
+    @alone
     def restore(self, path: str | PathLike[str]) -> None:
         """Continue from a file that `save` wrote for the same network, backend and seed, bit for bit.
 
