@@ -59,8 +59,8 @@ class Simulation:
     of the population.
 
     One call at a time: while one is under way, others of another thread or of a callback are refused, and only `time`
-    can be read. Several simulations may run in as many threads. None is copied or pickled: `save` and `restore` take its
-    state to another.
+    can be read. Several simulations may run in as many threads. A simulation is not copied or pickled: `save` and
+    `restore` take its state to another.
 
     Attributes:
         backend: the name of the backend.
