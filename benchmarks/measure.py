@@ -46,6 +46,34 @@ def running(net: neuro.Network, ms: float, threads: int = 1) -> dict[str, Any]:
     }
 
 
+def in_pairs(net: neuro.Network, ms: float, rounds: int, threads: int = 2) -> dict[str, Any]:
+    """Time windows of a network on one thread and on several, in turn; gains are one / several."""
+    sims = {n: neuro.compile(net, seed=12345, threads=n) for n in (1, threads)}
+    wall: dict[int, list[float]] = {n: [] for n in sims}
+    cpu: dict[int, list[float]] = {n: [] for n in sims}
+    for sim in sims.values():
+        sim.run(WARM_UP_MS)
+    for k in range(rounds):
+        for n, sim in list(sims.items())[:: 1 - 2 * (k % 2)]:
+            began = time.process_time()
+            wall[n].append(seconds(sim.run, ms) / ms * 1e3)
+            cpu[n].append((time.process_time() - began) / ms * 1e3)
+            sim.forget(sim.time)
+    gains = np.array(wall[1]) / wall[threads]
+    drawn = np.random.default_rng(0).choice(gains, (10_000, rounds))
+    low, high = np.quantile(np.median(drawn, axis=1), (0.025, 0.975))
+    return {
+        "one_s_per_bio_s": float(np.median(wall[1])),
+        "several_s_per_bio_s": float(np.median(wall[threads])),
+        "gain": float(np.median(gains)),
+        "gain_from": float(low),
+        "gain_to": float(high),
+        "gain_of_sums": sum(wall[1]) / sum(wall[threads]),
+        "gain_of_least": min(wall[1]) / min(wall[threads]),
+        "cpu_gain": float(np.median(np.array(cpu[1]) / cpu[threads])),
+    }
+
+
 def emitted(sim: neuro.Simulation) -> int:
     """Spikes of all neurons, without those of generators."""
     counts = sim.counts().populations
