@@ -155,7 +155,7 @@ def test_a_simulation_with_ports_is_dropped_at_once():
     gc.disable()
     try:
         sim = neuro.compile(net(), backend="reference", seed=1)
-        port, gone = sim.port("noise", "rate"), weakref.ref(sim)
+        port, gone = sim.port("noise", "rate"), weakref.ref(sim._engine)
         del sim
         assert gone() is not None
         del port
