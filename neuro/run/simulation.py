@@ -85,9 +85,9 @@ class Simulation:
         turn: Turn = {}
         self._ports = Ports(program, engine, self._clock, self.handles, turn)
         self._turn: Turn | None = None
-        self._inner = object.__new__(type(self))
-        self._inner.__dict__ |= self.__dict__
-        self._turn = turn
+        inner = object.__new__(type(self))
+        inner.__dict__ |= self.__dict__
+        self._inner, self._turn = inner, turn
 
     def __repr__(self) -> str:
         return f"Simulation({self.program.name!r}, backend={self.backend!r}, time={self.time:g} ms)"
