@@ -344,7 +344,8 @@ def nudged(scenario: Scenario, rng: np.random.Generator) -> Scenario:
         name: replace(part, model=_moved(part.model, rng, ELECTRIC)) for name, part in net.populations.items()
     }
     net.projections = {name: _moved_projection(part, rng) for name, part in net.projections.items()}
-    parts = tuple((tuple(_moved_act(act, rng) for act in acts), steps) for acts, steps in scenario.parts)
+    learning = set(_learning(net, refused=True))  # what is set of these may be a bound
+    parts = tuple((tuple(_moved_act(act, rng, learning) for act in acts), steps) for acts, steps in scenario.parts)
     return replace(scenario, net=net, parts=parts)
 
 
@@ -355,7 +356,9 @@ def _moved_projection(part: Projection, rng: np.random.Generator) -> Projection:
     return replace(part, synapse=_moved(part.synapse, rng, numbers))
 
 
-def _moved_act(act: Act, rng: np.random.Generator) -> Act:
+def _moved_act(act: Act, rng: np.random.Generator, fixed: Set[str]) -> Act:
+    if act.arguments and act.arguments[0] in fixed:
+        return act
     if act.method in ("set_weights", "spread", "signal"):
         name, value = act.arguments
         return replace(act, arguments=(name, _off(value, rng)))
