@@ -163,12 +163,12 @@ def _value(function: FunctionType, name: str, value: Any, called: list[Any]) -> 
 def _intrinsic(definition: FunctionType) -> object:
     """Code that writes machine code: its module's whole source counts, and what it closes over of numbers and types."""
     closed = [cell.cell_contents for cell in definition.__closure__ or ()]
-    said = [value if isinstance(value, int | str) else _typed(value) for value in closed if _counts(value)]
-    return definition.__qualname__, _source(definition.__code__.co_filename), definition.__code__.co_code, said
+    known = [_typed(v) if isinstance(v, types.Type) else repr(v) for v in closed if _counts(v)]
+    return definition.__qualname__, _source(definition.__code__.co_filename), definition.__code__.co_code, known
 
 
 def _counts(value: object) -> bool:
-    return isinstance(value, int | str | types.Type)
+    return isinstance(value, int | str | tuple | types.Type)
 
 
 @cache
