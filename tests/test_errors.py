@@ -22,6 +22,10 @@ INSIDE = {
     ("AttributeError", "neuro/files/stored.py"): "says that a field has no default, to Python of a dataclass",
     ("ValueError", "neuro/files/results.py"): "of a damaged file, beside those of h5py; read tells it as ModelError",
     ("OverflowError", "neuro/events/filters/_noise_kernel.py"): "a promise of a compiled kernel to its caller",
+    (
+        "ValueError",
+        "neuro/sweeps/claims.py",
+    ): "of JSON that is nested too deep, as those of json; readers count it as damage",
     ("PermissionError", "neuro/core/outputs.py"): "as of the system; _telling tells it as Unwritable",
     ("OSError", "neuro/core/outputs.py"): "as of the system; _telling tells it as Unwritable",
     ("AttributeError", "neuro/model/parts.py"): "of an attribute that a part does not have, to Python",
