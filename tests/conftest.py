@@ -48,9 +48,9 @@ SHARED = Path(__file__).resolve().parents[2] / "shared"
 @pytest.fixture(scope="session", autouse=True)
 def compiling_is_not_told() -> None:
     """What a test hears on stderr does not depend on whether an earlier run kept the kernels."""
-    from neuro.kernels import told
+    from neuro.kernels import compile_report
 
-    os.environ[told.TOLD] = "1"
+    os.environ[compile_report.REPORTED] = "1"
 
 
 @pytest.fixture(scope="session", autouse=True)

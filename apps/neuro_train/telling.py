@@ -33,7 +33,7 @@ ABOUT = (
     "recordings whose output spikes are all equal, to those of the first row. Joules and chip time are those of a "
     "recording, the mean: counts times published figures, in brackets the range of these; the chip is on while it "
     "works, or in real time as long as the recording lasts. The host that sends the events is not in the bill. The "
-    "first spike of the output is told in the network's time."
+    "first spike of the output is given in the network's time."
 )
 ROOM = (
     "The largest input of any neuron in a step, of the recordings learnt from, as a share of its register; 100 % "

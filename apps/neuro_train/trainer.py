@@ -67,7 +67,7 @@ def module_of(net: neuro.Network, plan: Plan, outputs: Sequence[str] | None = No
 
     Args:
         net: the network.
-        plan: what the training is told.
+        plan: the settings of the training.
         outputs: populations whose spikes are wanted; that of the plan if not given.
 
     Raises:
@@ -131,7 +131,7 @@ def learn(
     Args:
         net: the network; it is not changed.
         shown: what to learn from.
-        plan: what the training is told.
+        plan: the settings of the training.
         checkpoint: where it is kept; nowhere if not given.
         report: is told the epochs that are done, and what was noted of the last.
 

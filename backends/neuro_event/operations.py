@@ -159,7 +159,7 @@ def entry(model):
 
 @cache
 def generator_entry(model):
-    """What a stranger's generator emits in a step."""
+    """What a third-party generator emits in a step."""
     emit = compiled(model.arithmetic.emit)
 
     @kernel

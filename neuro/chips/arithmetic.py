@@ -61,7 +61,7 @@ class Arithmetic:
         kept_options: the options with which a population gets the scale that it has; of the population and the
             projections onto it.
         filled: the largest share of its registers that a population's input takes, of what arrives in each step, in
-            words, (recordings, steps, neurons); None where registers saturate, or hang on more.
+            words, (recordings, steps, neurons); None where registers saturate, or depend on more.
         told_scale: how the weights of a projection are scaled, for the report; of its target and itself.
         lossless: the way out where weights that are described in registers lose bits, "" where they cannot.
         notes: what is to be known of a program on the machine.

@@ -211,7 +211,7 @@ class Processes:
             process_group=0,
         )
         its.close()
-        os.environ["NEURO_COMPILING_TOLD"] = "1"  # one of the processes tells it, see `neuro.kernels.told`
+        os.environ["NEURO_COMPILING_REPORTED"] = "1"  # one process reports it, see `neuro.kernels.compile_report`
         each = _Process(process, mine, os.pidfd_open(process.pid))
         self._processes.append(each)
         script = {word: told for word, told in spawn.get_preparation_data("").items() if word.startswith("init_main")}

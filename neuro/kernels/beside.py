@@ -21,7 +21,7 @@ from typing import Any, TypeAlias
 
 import numba
 
-from neuro.kernels import told
+from neuro.kernels import compile_report
 from neuro.kernels.address import Entry
 from neuro.kernels.kept import folder
 
@@ -46,14 +46,14 @@ def addresses(asked: Sequence[Asked]) -> list[int]:
 
 def _has_room() -> bool:
     """Whether another process would help: it has a core, what it compiles is found, and it would compile the same."""
-    alone = told.TOLD in os.environ and not told.here
+    alone = compile_report.REPORTED in os.environ and not compile_report.here
     return len(os.sched_getaffinity(0)) > 1 and folder() is not None and not _config.BOUNDSCHECK and not alone
 
 
 @contextmanager
 def _beside(left: deque[Asked]) -> Iterator[None]:
     """Let another process compile the last of those that are left, too; at the end it is waited for."""
-    began, paths = told.begin(), [os.path.abspath(path) for path in sys.path]
+    began, paths = compile_report.begin(), [os.path.abspath(path) for path in sys.path]
     process = subprocess.Popen(
         [sys.executable, "-P", "-m", "neuro.kernels.beside"],
         stdin=subprocess.PIPE,
@@ -71,7 +71,7 @@ def _beside(left: deque[Asked]) -> Iterator[None]:
     finally:
         process.kill()
         process.communicate()
-        told.end(began, len(done))
+        compile_report.end(began, len(done))
 
 
 def _hand_out(process: subprocess.Popen[bytes], left: deque[Asked], done: list[Asked]) -> None:

@@ -25,7 +25,7 @@ import platformdirs
 from numba.core.compiler import CompileResult
 from numba.core.serialize import dumps
 
-from neuro.kernels import told
+from neuro.kernels import compile_report
 from neuro.kernels.key import digest
 
 _result: Any = CompileResult
@@ -44,7 +44,7 @@ class Kept:
 
     def __init__(self, kernel: Any) -> None:
         self._kernel = kernel
-        self._began = told.NOW
+        self._began = compile_report.NOW
 
     @property
     def cache_path(self) -> str | None:
@@ -63,7 +63,7 @@ class Kept:
                 if self._kernel.targetoptions.get("_nrt", True):
                     target.refresh()  # for what allocates; it imports most of numba
                 return _result._rebuild(target, *parts)
-        self._began = told.begin(kept=place is not None)
+        self._began = compile_report.begin(kept=place is not None)
         return None
 
     def has(self, signature: Any, target: Any) -> bool:
@@ -73,7 +73,7 @@ class Kept:
 
     def save_overload(self, signature: Any, code: Any) -> None:
         """Keep what was compiled; where that fails, e.g. on a full disk, the next process compiles again."""
-        told.end(self._began)
+        compile_report.end(self._began)
         place = self._file(signature, code.target_context)
         if place is None:
             return

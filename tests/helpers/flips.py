@@ -327,7 +327,7 @@ def outcomes(kind, paths, seed, first, last):
 
 
 def tried(kinds, flips, seed, folder):
-    """How often each outcome came, by kind, and of each that should not be its number and what was told."""
+    """How often each outcome came, by kind, and of each that should not be its number and its message."""
     counts, told = {kind: Counter() for kind in kinds}, []
     jobs = []
     for number, kind in enumerate(kinds):

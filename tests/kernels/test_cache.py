@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from neuro.kernels.told import TOLD
+from neuro.kernels.compile_report import REPORTED
 
 SAYS = "neuro: compiling kernels for this machine, once\nneuro: compiled 1 kernel in T s\n"
 REPOSITORY = Path(__file__).parents[2]
@@ -59,7 +59,7 @@ def python(tmp_path):
 def settings(folder):
     path = os.pathsep.join([str(folder), *sys.path])
     environment = {**os.environ, "PYTHONPATH": path, "XDG_CACHE_HOME": str(folder / "cache")}
-    environment.pop(TOLD, None)
+    environment.pop(REPORTED, None)
     return {"env": environment, "cwd": folder, "capture_output": True, "text": True}
 
 

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from neuro.kernels import kept
-from neuro.kernels.told import TOLD
+from neuro.kernels.compile_report import REPORTED
 
 
 @pytest.fixture
@@ -17,7 +17,7 @@ def places(monkeypatch):
 
     def choose(*found):
         monkeypatch.setattr(kept, "_places", lambda: iter(found))
-        monkeypatch.delenv(TOLD, raising=False)
+        monkeypatch.delenv(REPORTED, raising=False)
         kept.folder.cache_clear()
 
     yield choose

@@ -10,7 +10,7 @@ __all__ = ["footnotes"]
 
 
 def footnotes(priced: Iterable[Energy], sources: bool = True) -> Iterator[str]:
-    """Figures by their source, if asked for, and the bills' notes; what holds for several is told once."""
+    """Figures by their source, if asked for, and the bills' notes; what holds for several is said once."""
     targets: dict[str, list[str]] = {}
     for bill in priced:
         for line in (*(_sources(bill) if sources else ()), *bill.noted(sources)):

@@ -116,7 +116,7 @@ def to_piece(columns: Mapping[str, Array], unit: int, first: int, place: int | N
         fault for fault in (_time(columns["t"], unit), *(_place(columns, n) for n in "xy"), _sign(columns)) if fault
     ]
     end, what = min(faults, default=(len(columns["t"]), None))
-    none = np.zeros(0, np.uint8)  # a column of a type that is no number cannot be converted, even where it is empty
+    none = np.zeros(0, np.uint8)  # a column of a type that is not numeric cannot be converted, even where it is empty
     t, x, y, p = (columns[name][:end] if end else none for name in "txyp")
     sign = p.astype(np.int8, copy=False) if p.dtype.kind != "u" else p
     piece = Piece(

@@ -271,7 +271,7 @@ class Dimensions:
         self._without_unit(whole, tree.right, exponent, tree.at, "an exponent {1}")
         number = _number(tree.right)
         if number is None:
-            self._without_unit(whole, tree.left, base, tree.at, "'{}' is {} and its exponent is no number")
+            self._without_unit(whole, tree.left, base, tree.at, "'{}' is {} and its exponent is not a number")
             return Powers(NONE, {})
         if abs(number) > _MAX_POWER:
             message = f"an exponent of {number:g}: expected at most {_MAX_POWER}"

@@ -97,7 +97,7 @@ class Divisions:
                         known[path[1]] = found
 
     def _told(self, look: _Look, values: Mapping[str, Any]) -> str:
-        """The values of the parameters that a mistake hangs on."""
+        """The values of the parameters on which a mistake depends."""
         told = {}
         for name in self._written_out(look.blamed):
             if name in values:

@@ -1,4 +1,4 @@
-"""What people are told of compiling, on stderr: that it goes on, and, when the process ends, how long it took."""
+"""Reports compiling on stderr: when it begins, and, when the process ends, how many kernels and how long."""
 
 from __future__ import annotations
 
@@ -7,14 +7,14 @@ import os
 import sys
 import time
 
-TOLD = "NEURO_COMPILING_TOLD"
-"""Set in the environment where it is told already, or by another process of the same command."""
+REPORTED = "NEURO_COMPILING_REPORTED"
+"""Environment variable: a process of the same command has reported, or will, that kernels are compiled."""
 
 NOW = (0.0, 0.0)
-"""A beginning that is not told of."""
+"""A beginning that is not reported."""
 
 here = False
-"""Whether this process has told it."""
+"""Whether this process has reported it."""
 
 _kernels = 0
 _seconds = 0.0
@@ -23,11 +23,11 @@ _seconds = 0.0
 def begin(kept: bool = True) -> tuple[float, float]:
     """Something has to be compiled, which takes a while; return from when it counts."""
     global here
-    if TOLD not in os.environ:
+    if REPORTED not in os.environ:
         if not here:
             atexit.register(_sum_up)
         here = True
-        os.environ[TOLD] = "1"
+        os.environ[REPORTED] = "1"
         way_out = "" if kept else "; they cannot be kept, as no cache folder can be written: set XDG_CACHE_HOME to one"
         print(f"neuro: compiling kernels for this machine, once{way_out}", file=sys.stderr, flush=True)
     return time.perf_counter(), _seconds
