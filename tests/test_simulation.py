@@ -1,6 +1,8 @@
 """The calls of `Simulation`: what they return, and what they say when misused."""
 
 import os
+import subprocess
+import sys
 import warnings
 from collections.abc import Sequence
 from pathlib import Path
@@ -398,6 +400,35 @@ def test_a_state_replaces_the_old_file_at_once(tmp_path: Path):
     assert again.time == 1.0
     with pytest.raises(ModelError, match="cannot be written"):
         sim.save(tmp_path / "missing" / "state.h5")
+
+
+HALF = """
+import sys
+
+import neuro
+
+sim = neuro.compile(neuro.load(sys.argv[1]))
+sim.run(50.0)
+sim.save(sys.argv[2])
+"""
+
+
+def test_a_state_of_another_process_continues(tmp_path: Path):
+    """It holds no address of machine code: that lies elsewhere in each process."""
+    net = Network("learns")
+    net.population("in", 20, poisson_generator(rate=200.0))
+    net.population("out", 20, iaf_psc_exp())
+    net.connect("in", "out", all_to_all(), stdp(Wmax=100.0), weight=50.0, delay=1.0)
+    net.connect("out", "out", all_to_all(), weight=5.0, delay=neuro.uniform(low=1.0, high=5.0))
+    net.save(tmp_path / "net.yaml")
+    subprocess.run([sys.executable, "-c", HALF, tmp_path / "net.yaml", tmp_path / "state.h5"], check=True)
+    whole, half = neuro.compile(net), neuro.compile(neuro.load(tmp_path / "net.yaml"))
+    whole.run(100.0)
+    half.restore(tmp_path / "state.h5")
+    half.run(50.0)
+    for mine, other in zip(half.spikes("out", since=50.0), whole.spikes("out", since=50.0), strict=True):
+        assert len(mine) > 10
+        assert mine.tolist() == other.tolist()
 
 
 def test_one_connection_of_each_kind_reads_alike():

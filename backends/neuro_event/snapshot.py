@@ -14,7 +14,7 @@ from neuro_event import tables as t
 from neuro_event.arrays import Arrays
 
 _LAID_OUT = {"edges", "most", "rows", "runs", "targets", "delays", "order"}
-_GIVEN = _LAID_OUT | {"map_of", "initial", "resets", "keys", "group_keys", "local"}
+_GIVEN = _LAID_OUT | {"map_of", "initial", "resets", "keys", "group_keys", "local", "stages"}
 VIEWS = {"x", "bits", "awake_groups", "due_groups", "due_slots", "spot_words", "traces"}
 """Arrays that show others in another way."""
 _EMPTY = {

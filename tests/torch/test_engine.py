@@ -89,7 +89,8 @@ def test_weights_change_between_a_spike_and_its_arrival():
             sim.run(2.0)
         found.append(observe(sim))
     assert differences(*found, exact=False) == []
-    assert found[1]["V_m of cells"].tolist() == [-70.0 + 1.0 + 2.0 + 2.0 + 4.0 + 4.0]
+    # What a generator emits in the step before the weights change keeps the former ones.
+    assert found[1]["V_m of cells"].tolist() == [-70.0 + 1.0 + 1.0 + 2.0 + 2.0 + 4.0]
 
 
 def test_threads_are_given_back():
