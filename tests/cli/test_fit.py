@@ -180,7 +180,7 @@ def test_the_commands_run_on_a_table(neuro, file, tmp_path):
     (tmp_path / "my.yaml").write_text(LONG)
     ran = neuro("run", file(text), "--backend", "my.yaml", "--for", "100", "--out", "out.h5")
     assert ran.status == 0
-    assert ran.err.startswith("100 ms took ")
+    assert "\n100 ms took " in ran.err
     checked = neuro("check", file(text), "--backend", "my.yaml")
     assert checked.out.startswith("net.yaml: ok on my.yaml: 7 neurons")
     compared = neuro("compare", file(text), "--backends", "event,my.yaml", "--for", "100", "--json")
