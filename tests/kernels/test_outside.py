@@ -148,26 +148,23 @@ def fire(s, c, i):
     s[0, i] = NUMBER
 """
 RUN = """
-import sys, time
+import sys
 import neuro
 WITH
 net = neuro.Network("own")
 net.population("c", 1, neuro.my_cell(I_e=1000.0, t_ref=0.0) if NUMBER else neuro.iaf_psc_delta(I_e=1000.0, t_ref=0.0))
-began = time.perf_counter()
 sim = neuro.compile(net)
-sim.run(1.0)
-took = time.perf_counter() - began
-sim.run(100.0)
-print(len(sim.spikes("c")[0]), took)
+sim.run(101.0)
+print(len(sim.spikes("c")[0]))
 """
 
 
 @pytest.fixture(scope="module")
 def compiled(tmp_path_factory):
-    """A cache with the engine, as one process leaves it, and the seconds that it took."""
+    """A cache with the engine, as one process leaves it."""
     cache = tmp_path_factory.mktemp("compiled")
-    _, took = told(RUN.replace("WITH", "").replace("NUMBER", "0"), cache, cache)
-    return cache, float(took)
+    told(RUN.replace("WITH", "").replace("NUMBER", "0"), cache, cache)
+    return cache
 
 
 def told(code, folder, cache):
@@ -184,22 +181,19 @@ def told(code, folder, cache):
 
 
 def test_an_edited_model_is_compiled_anew_and_nothing_else(compiled, tmp_path):
-    cache, first = compiled
-
     def kept():
-        return {path.name for path in cache.rglob("*-*") if path.is_file()}
+        return {path.name for path in compiled.rglob("*-*") if path.is_file()}
 
     def run(number):
         (tmp_path / "mine.py").write_text(MINE.replace("NUMBER", str(number)))
-        spikes, took = told(RUN.replace("WITH", "import mine").replace("NUMBER", str(number)), tmp_path, cache)
-        return int(spikes), float(took), kept()
+        (spikes,) = told(RUN.replace("WITH", "import mine").replace("NUMBER", str(number)), tmp_path, compiled)
+        return int(spikes), kept()
 
     engine = kept()
-    one, took, with_one = run(-60.0)
-    two, again, with_two = run(-90.0)
+    one, with_one = run(-60.0)
+    two, with_two = run(-90.0)
     assert one > two > 0
     assert len(with_one - engine) == len(with_two - with_one) == 1
-    assert max(took, again) < first / 2
 
 
 RULE = """
@@ -234,7 +228,7 @@ def test_models_that_other_processes_compiled_do_not_mix(compiled, tmp_path):
             code += "net.population('c', 1, neuro.iaf_psc_exp())\n"
             code += f"net.connect('g', 'c', neuro.all_to_all(), rule{n}(), weight=9.0, name='w')\n"
             code += "sim = neuro.compile(net); sim.run(10.0); print(sim.get('w', 'weight')[0])\n"
-        return [float(weight) for weight in told(code, tmp_path, compiled[0])]
+        return [float(weight) for weight in told(code, tmp_path, compiled)]
 
     assert run(1) == [1.0]  # all but the rule is compiled then, so that the next two number their functions alike
     assert [run(2), run(3)] == [[3.0], [5.0]]
