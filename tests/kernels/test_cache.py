@@ -4,6 +4,7 @@ import os
 import re
 import subprocess
 import sys
+from itertools import count
 from pathlib import Path
 
 import pytest
@@ -40,7 +41,10 @@ def files(tmp_path):
             path = tmp_path / (re.sub("(?<=[a-z])__(?=[a-z])", "/", name) + ".py")
             path.parent.mkdir(parents=True, exist_ok=True)
             path.write_text(source)
+            # Python takes a module's bytecode for that of a file of the same length and second.
+            os.utime(path, (second := next(seconds), second))
 
+    seconds = count(1_000_000_000)
     return write
 
 
