@@ -21,8 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 from remus_folds import Split
 from scipy.sparse import csr_matrix, vstack
-from scipy.stats import binomtest
-from scipy.stats import t as student
+from scipy.stats import binomtest, t as student
 from sklearn.svm import LinearSVC
 
 from neuro.events import Events, msd_segments, recordings

@@ -4,337 +4,139 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from neuro.core.lazy import lazily
+from neuro.core.lazy import public_names
 from neuro.core.version import VERSION
 
 __version__ = VERSION
 
 if TYPE_CHECKING:
-    from neuro import chips, coding, compare, events, plots, results
-    from neuro.core.errors import ModelError
-    from neuro.core.registry import register
-    from neuro.model.distributions import lognormal, normal, uniform
-    from neuro.model.equations import equations
-    from neuro.model.language import load
-    from neuro.model.network import Network
+    from neuro import (
+        chips as chips,
+        coding as coding,
+        compare as compare,
+        events as events,
+        plots as plots,
+        results as results,
+    )
+    from neuro.core.errors import ModelError as ModelError
+    from neuro.core.registry import register as register
+    from neuro.model.distributions import lognormal as lognormal, normal as normal, uniform as uniform
+    from neuro.model.equations import equations as equations
+    from neuro.model.language import load as load
+    from neuro.model.network import Network as Network
     from neuro.model.neurons import (
-        ac_generator,
-        aeif_cond_exp,
-        aeif_psc_exp,
-        dc_generator,
-        encode,
-        event_camera,
-        gamma_sup_generator,
-        hh_psc_alpha,
-        iaf_cond_alpha,
-        iaf_cond_exp,
-        iaf_linear_leak,
-        iaf_psc_alpha,
-        iaf_psc_delta,
-        iaf_psc_exp,
-        iaf_psc_exp_adaptive_threshold,
-        inhomogeneous_poisson_generator,
-        izhikevich,
-        loihi_lif,
-        mat2_psc_exp,
-        noise_generator,
-        parrot_neuron,
-        poisson_generator,
-        sinusoidal_poisson_generator,
-        spike_generator,
-        spike_train,
-        spinnaker_lif,
-        srm0,
-        step_current_generator,
+        ac_generator as ac_generator,
+        aeif_cond_exp as aeif_cond_exp,
+        aeif_psc_exp as aeif_psc_exp,
+        dc_generator as dc_generator,
+        encode as encode,
+        event_camera as event_camera,
+        gamma_sup_generator as gamma_sup_generator,
+        hh_psc_alpha as hh_psc_alpha,
+        iaf_cond_alpha as iaf_cond_alpha,
+        iaf_cond_exp as iaf_cond_exp,
+        iaf_linear_leak as iaf_linear_leak,
+        iaf_psc_alpha as iaf_psc_alpha,
+        iaf_psc_delta as iaf_psc_delta,
+        iaf_psc_exp as iaf_psc_exp,
+        iaf_psc_exp_adaptive_threshold as iaf_psc_exp_adaptive_threshold,
+        inhomogeneous_poisson_generator as inhomogeneous_poisson_generator,
+        izhikevich as izhikevich,
+        loihi_lif as loihi_lif,
+        mat2_psc_exp as mat2_psc_exp,
+        noise_generator as noise_generator,
+        parrot_neuron as parrot_neuron,
+        poisson_generator as poisson_generator,
+        sinusoidal_poisson_generator as sinusoidal_poisson_generator,
+        spike_generator as spike_generator,
+        spike_train as spike_train,
+        spinnaker_lif as spinnaker_lif,
+        srm0 as srm0,
+        step_current_generator as step_current_generator,
     )
-    from neuro.model.parts import Trials, dropout, labels, lateral_reset, local_winners, reward, winner_take_all
+    from neuro.model.parts import (
+        Trials as Trials,
+        dropout as dropout,
+        labels as labels,
+        lateral_reset as lateral_reset,
+        local_winners as local_winners,
+        reward as reward,
+        winner_take_all as winner_take_all,
+    )
     from neuro.model.rules import (
-        all_to_all,
-        distance_dependent,
-        fixed_indegree,
-        fixed_outdegree,
-        fixed_total_number,
-        grid,
-        one_to_one,
-        pairs,
-        pairwise_bernoulli,
-        symmetric_pairwise_bernoulli,
+        all_to_all as all_to_all,
+        distance_dependent as distance_dependent,
+        fixed_indegree as fixed_indegree,
+        fixed_outdegree as fixed_outdegree,
+        fixed_total_number as fixed_total_number,
+        grid as grid,
+        one_to_one as one_to_one,
+        pairs as pairs,
+        pairwise_bernoulli as pairwise_bernoulli,
+        symmetric_pairwise_bernoulli as symmetric_pairwise_bernoulli,
     )
-    from neuro.model.space import box, circular, exponential, gaussian, linear, of_distance, rectangular
+    from neuro.model.space import (
+        box as box,
+        circular as circular,
+        exponential as exponential,
+        gaussian as gaussian,
+        linear as linear,
+        of_distance as of_distance,
+        rectangular as rectangular,
+    )
     from neuro.model.synapses import (
-        first_spike_stdp,
-        hedonistic,
-        loihi_learning,
-        loihi_static,
-        mozafari,
-        mstdpet,
-        normalised_stdp,
-        r_stddp,
-        r_stdp,
-        static,
-        stddp,
-        stdp,
-        stdp_dopa,
-        stdp_literal,
-        stdp_nn_pre_centered,
-        stdp_nn_restr,
-        stdp_nn_symm,
-        stdp_pl_hom,
-        stdp_triplet,
-        td_ltp,
-        td_moves,
-        tempotron,
-        tsodyks2,
-        vogels_sprekeler,
+        first_spike_stdp as first_spike_stdp,
+        hedonistic as hedonistic,
+        loihi_learning as loihi_learning,
+        loihi_static as loihi_static,
+        mozafari as mozafari,
+        mstdpet as mstdpet,
+        normalised_stdp as normalised_stdp,
+        r_stddp as r_stddp,
+        r_stdp as r_stdp,
+        static as static,
+        stddp as stddp,
+        stdp as stdp,
+        stdp_dopa as stdp_dopa,
+        stdp_literal as stdp_literal,
+        stdp_nn_pre_centered as stdp_nn_pre_centered,
+        stdp_nn_restr as stdp_nn_restr,
+        stdp_nn_symm as stdp_nn_symm,
+        stdp_pl_hom as stdp_pl_hom,
+        stdp_triplet as stdp_triplet,
+        td_ltp as td_ltp,
+        td_moves as td_moves,
+        tempotron as tempotron,
+        tsodyks2 as tsodyks2,
+        vogels_sprekeler as vogels_sprekeler,
     )
-    from neuro.model.views import View
-    from neuro.program.backend import OverflowWarning
-    from neuro.program.counts import Counts
-    from neuro.run.assignment import assign_labels, read_labels
-    from neuro.run.compiled import ApproximationWarning, ModelWarning, compile
-    from neuro.run.modulators import reward_error, td_error, td_error_rate
-    from neuro.run.normalise import normalise
-    from neuro.run.ports import Port
-    from neuro.run.simulation import Simulation
-    from neuro.run.trials import TrialCounts, TrialResults
-    from neuro.sweeps.calling import sweep
-    from neuro.sweeps.steps import Pruned, report_step
-    from neuro.sweeps.table import SweepTable
-    from neuro.sweeps.tuning.calling import tune, tuned
-    from neuro.sweeps.tuning.table import TuneTable
-
-_HOMES = {
-    "neuro.chips": (),
-    "neuro.coding": (),
-    "neuro.compare": (),
-    "neuro.events": (),
-    "neuro.plots": (),
-    "neuro.results": (),
-    "neuro.core.errors": ("ModelError",),
-    "neuro.core.registry": ("register",),
-    "neuro.model.distributions": ("lognormal", "normal", "uniform"),
-    "neuro.model.equations": ("equations",),
-    "neuro.model.language": ("load",),
-    "neuro.model.network": ("Network",),
-    "neuro.model.neurons": (
-        "ac_generator",
-        "gamma_sup_generator",
-        "inhomogeneous_poisson_generator",
-        "noise_generator",
-        "sinusoidal_poisson_generator",
-        "step_current_generator",
-        "dc_generator",
-        "encode",
-        "event_camera",
-        "mat2_psc_exp",
-        "iaf_psc_exp_adaptive_threshold",
-        "iaf_cond_alpha",
-        "hh_psc_alpha",
-        "aeif_psc_exp",
-        "aeif_cond_exp",
-        "iaf_cond_exp",
-        "iaf_linear_leak",
-        "iaf_psc_alpha",
-        "iaf_psc_delta",
-        "iaf_psc_exp",
-        "izhikevich",
-        "loihi_lif",
-        "parrot_neuron",
-        "poisson_generator",
-        "spike_generator",
-        "spike_train",
-        "spinnaker_lif",
-        "srm0",
-    ),
-    "neuro.model.parts": (
-        "Trials",
-        "dropout",
-        "labels",
-        "lateral_reset",
-        "local_winners",
-        "reward",
-        "winner_take_all",
-    ),
-    "neuro.model.rules": (
-        "all_to_all",
-        "distance_dependent",
-        "fixed_indegree",
-        "fixed_outdegree",
-        "fixed_total_number",
-        "grid",
-        "one_to_one",
-        "pairs",
-        "pairwise_bernoulli",
-        "symmetric_pairwise_bernoulli",
-    ),
-    "neuro.model.space": ("box", "circular", "exponential", "gaussian", "linear", "of_distance", "rectangular"),
-    "neuro.model.synapses": (
-        "loihi_learning",
-        "loihi_static",
-        "first_spike_stdp",
-        "hedonistic",
-        "mozafari",
-        "mstdpet",
-        "normalised_stdp",
-        "r_stddp",
-        "r_stdp",
-        "static",
-        "stddp",
-        "stdp",
-        "stdp_dopa",
-        "stdp_literal",
-        "stdp_nn_pre_centered",
-        "stdp_nn_restr",
-        "stdp_nn_symm",
-        "stdp_pl_hom",
-        "stdp_triplet",
-        "td_ltp",
-        "td_moves",
-        "tsodyks2",
-        "vogels_sprekeler",
-        "tempotron",
-    ),
-    "neuro.model.views": ("View",),
-    "neuro.program.backend": ("OverflowWarning",),
-    "neuro.program.counts": ("Counts",),
-    "neuro.run.assignment": ("assign_labels", "read_labels"),
-    "neuro.run.modulators": ("reward_error", "td_error", "td_error_rate"),
-    "neuro.run.normalise": ("normalise",),
-    "neuro.run.ports": ("Port",),
-    "neuro.run.trials": ("TrialCounts", "TrialResults"),
-    "neuro.sweeps.calling": ("sweep",),
-    "neuro.sweeps.steps": ("Pruned", "report_step"),
-    "neuro.sweeps.table": ("SweepTable",),
-    "neuro.sweeps.tuning.calling": ("tune", "tuned"),
-    "neuro.sweeps.tuning.table": ("TuneTable",),
-    "neuro.run.compiled": ("ApproximationWarning", "ModelWarning", "compile"),
-    "neuro.run.simulation": ("Simulation",),
-}
-
-__all__ = [
-    "ApproximationWarning",
-    "Counts",
-    "ModelError",
-    "ModelWarning",
-    "Network",
-    "OverflowWarning",
-    "Port",
-    "Pruned",
-    "Simulation",
-    "SweepTable",
-    "TrialCounts",
-    "TrialResults",
-    "Trials",
-    "TuneTable",
-    "View",
-    "__version__",
-    "ac_generator",
-    "aeif_cond_exp",
-    "aeif_psc_exp",
-    "all_to_all",
-    "assign_labels",
-    "box",
-    "chips",
-    "circular",
-    "coding",
-    "compare",
-    "compile",
-    "dc_generator",
-    "distance_dependent",
-    "dropout",
-    "encode",
-    "equations",
-    "event_camera",
-    "events",
-    "exponential",
-    "first_spike_stdp",
-    "fixed_indegree",
-    "fixed_outdegree",
-    "fixed_total_number",
-    "gamma_sup_generator",
-    "gaussian",
-    "grid",
-    "hedonistic",
-    "hh_psc_alpha",
-    "iaf_cond_alpha",
-    "iaf_cond_exp",
-    "iaf_linear_leak",
-    "iaf_psc_alpha",
-    "iaf_psc_delta",
-    "iaf_psc_exp",
-    "iaf_psc_exp_adaptive_threshold",
-    "inhomogeneous_poisson_generator",
-    "izhikevich",
-    "labels",
-    "lateral_reset",
-    "linear",
-    "load",
-    "local_winners",
-    "lognormal",
-    "loihi_learning",
-    "loihi_lif",
-    "loihi_static",
-    "mat2_psc_exp",
-    "mozafari",
-    "mstdpet",
-    "noise_generator",
-    "normal",
-    "normalise",
-    "normalised_stdp",
-    "of_distance",
-    "one_to_one",
-    "pairs",
-    "pairwise_bernoulli",
-    "parrot_neuron",
-    "plots",
-    "poisson_generator",
-    "r_stddp",
-    "r_stdp",
-    "read_labels",
-    "rectangular",
-    "register",
-    "report_step",
-    "results",
-    "reward",
-    "reward_error",
-    "sinusoidal_poisson_generator",
-    "spike_generator",
-    "spike_train",
-    "spinnaker_lif",
-    "srm0",
-    "static",
-    "stddp",
-    "stdp",
-    "stdp_dopa",
-    "stdp_literal",
-    "stdp_nn_pre_centered",
-    "stdp_nn_restr",
-    "stdp_nn_symm",
-    "stdp_pl_hom",
-    "stdp_triplet",
-    "step_current_generator",
-    "sweep",
-    "symmetric_pairwise_bernoulli",
-    "td_error",
-    "td_error_rate",
-    "td_ltp",
-    "td_moves",
-    "tempotron",
-    "tsodyks2",
-    "tune",
-    "tuned",
-    "uniform",
-    "vogels_sprekeler",
-    "winner_take_all",
-]
+    from neuro.model.views import View as View
+    from neuro.program.backend import OverflowWarning as OverflowWarning
+    from neuro.program.counts import Counts as Counts
+    from neuro.run.assignment import assign_labels as assign_labels, read_labels as read_labels
+    from neuro.run.compiled import (
+        ApproximationWarning as ApproximationWarning,
+        ModelWarning as ModelWarning,
+        compile as compile,
+    )
+    from neuro.run.modulators import reward_error as reward_error, td_error as td_error, td_error_rate as td_error_rate
+    from neuro.run.normalise import normalise as normalise
+    from neuro.run.ports import Port as Port
+    from neuro.run.simulation import Simulation as Simulation
+    from neuro.run.trials import TrialCounts as TrialCounts, TrialResults as TrialResults
+    from neuro.sweeps.calling import sweep as sweep
+    from neuro.sweeps.steps import Pruned as Pruned, report_step as report_step
+    from neuro.sweeps.table import SweepTable as SweepTable
+    from neuro.sweeps.tuning.calling import tune as tune, tuned as tuned
+    from neuro.sweeps.tuning.table import TuneTable as TuneTable
 
 
 def _registered(name: str) -> object:
-    """A model, synapse, rule or distribution of a stranger."""
+    """A third-party model, synapse, rule or distribution."""
     from neuro.model.language.choices import TABLES
 
     return next((table[name] for table in TABLES.values() if name in table), None)
 
 
 if not TYPE_CHECKING:
-    __getattr__, __dir__ = lazily(__name__, _HOMES, _registered)
+    __getattr__, __dir__, __all__ = public_names(__name__, __file__, _registered)

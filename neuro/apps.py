@@ -9,169 +9,58 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from neuro.core.lazy import lazily
+from neuro.core.lazy import public_names
 
 if TYPE_CHECKING:
-    from neuro.chips.pricing.energy import number, quantity, sourced
-    from neuro.cli.energy import TARGETS, Sources, Target
-    from neuro.cli.options import Backend, NetworkFile, Seed, Set, assignments, whole
-    from neuro.core import hdf5, html
-    from neuro.core.checks import check, check_fields
-    from neuro.core.errors import Where, unknown
-    from neuro.core.extension import extensions, run_extensions
-    from neuro.core.extras import install
-    from neuro.core.inputs import note
-    from neuro.core.jobs import side_by_side
-    from neuro.core.outputs import (
-        Kind,
-        Unwritable,
-        check_output,
-        kept_json,
-        make_folder,
-        output,
-        sealed,
-        write_picture,
-        write_text,
+    from neuro.chips.pricing.energy import number as number, quantity as quantity, sourced as sourced
+    from neuro.cli.energy import TARGETS as TARGETS, Sources as Sources, Target as Target
+    from neuro.cli.options import (
+        Backend as Backend,
+        NetworkFile as NetworkFile,
+        Seed as Seed,
+        Set as Set,
+        assignments as assignments,
+        whole as whole,
     )
-    from neuro.core.processes import cores
-    from neuro.core.progress import Bar
-    from neuro.core.provenance import provenance
-    from neuro.core.quantities import Quantity
-    from neuro.core.registry import Registry
-    from neuro.core.tables import console, table
-    from neuro.core.values import literal
-    from neuro.files.checkpoint import Checkpoint
-    from neuro.files.state import fingerprint
-    from neuro.kernels.jit import allocating, inner, kernel
-    from neuro.model.language import Node, about, mistake, plain, read, words
-    from neuro.model.language.writer import NETWORK
-    from neuro.program.backend import find_backend
+    from neuro.core import hdf5 as hdf5, html as html
+    from neuro.core.checks import check as check, check_fields as check_fields
+    from neuro.core.errors import Where as Where, unknown as unknown
+    from neuro.core.extension import extensions as extensions, run_extensions as run_extensions
+    from neuro.core.extras import install as install
+    from neuro.core.inputs import note as note
+    from neuro.core.jobs import side_by_side as side_by_side
+    from neuro.core.outputs import (
+        Kind as Kind,
+        Unwritable as Unwritable,
+        check_output as check_output,
+        kept_json as kept_json,
+        make_folder as make_folder,
+        output as output,
+        sealed as sealed,
+        write_picture as write_picture,
+        write_text as write_text,
+    )
+    from neuro.core.processes import cores as cores
+    from neuro.core.progress import Bar as Bar
+    from neuro.core.provenance import provenance as provenance
+    from neuro.core.quantities import Quantity as Quantity
+    from neuro.core.registry import Registry as Registry
+    from neuro.core.tables import console as console, table as table
+    from neuro.core.values import literal as literal
+    from neuro.files.checkpoint import Checkpoint as Checkpoint
+    from neuro.files.state import fingerprint as fingerprint
+    from neuro.kernels.jit import allocating as allocating, inner as inner, kernel as kernel
+    from neuro.model.language import (
+        Node as Node,
+        about as about,
+        mistake as mistake,
+        plain as plain,
+        read as read,
+        words as words,
+    )
+    from neuro.model.language.writer import NETWORK as NETWORK
+    from neuro.program.backend import find_backend as find_backend
 
-_HOMES = {
-    "neuro.cli.energy": (
-        "TARGETS",
-        "Sources",
-        "Target",
-    ),
-    "neuro.cli.options": (
-        "Backend",
-        "NetworkFile",
-        "Seed",
-        "Set",
-        "assignments",
-        "whole",
-    ),
-    "neuro.core.checks": ("check", "check_fields"),
-    "neuro.core.progress": ("Bar",),
-    "neuro.core.provenance": ("provenance",),
-    "neuro.core.quantities": ("Quantity",),
-    "neuro.core.registry": ("Registry",),
-    "neuro.core.errors": (
-        "Where",
-        "unknown",
-    ),
-    "neuro.core.html": (),
-    "neuro.core.hdf5": (),
-    "neuro.core.extension": ("extensions", "run_extensions"),
-    "neuro.core.extras": ("install",),
-    "neuro.core.inputs": ("note",),
-    "neuro.core.jobs": ("side_by_side",),
-    "neuro.core.processes": ("cores",),
-    "neuro.core.outputs": (
-        "Kind",
-        "Unwritable",
-        "check_output",
-        "kept_json",
-        "make_folder",
-        "output",
-        "sealed",
-        "write_picture",
-        "write_text",
-    ),
-    "neuro.core.tables": (
-        "console",
-        "table",
-    ),
-    "neuro.core.values": ("literal",),
-    "neuro.chips.pricing.energy": (
-        "number",
-        "quantity",
-        "sourced",
-    ),
-    "neuro.files.checkpoint": ("Checkpoint",),
-    "neuro.files.state": ("fingerprint",),
-    "neuro.kernels.jit": (
-        "allocating",
-        "inner",
-        "kernel",
-    ),
-    "neuro.model.language": (
-        "Node",
-        "about",
-        "mistake",
-        "plain",
-        "read",
-        "words",
-    ),
-    "neuro.model.language.writer": ("NETWORK",),
-    "neuro.program.backend": ("find_backend",),
-}
-
-__all__ = [
-    "NETWORK",
-    "TARGETS",
-    "Backend",
-    "Bar",
-    "Checkpoint",
-    "Kind",
-    "NetworkFile",
-    "Node",
-    "Quantity",
-    "Registry",
-    "Seed",
-    "Set",
-    "Sources",
-    "Target",
-    "Unwritable",
-    "Where",
-    "about",
-    "allocating",
-    "assignments",
-    "check",
-    "check_fields",
-    "check_output",
-    "console",
-    "cores",
-    "extensions",
-    "find_backend",
-    "fingerprint",
-    "hdf5",
-    "html",
-    "inner",
-    "install",
-    "kept_json",
-    "kernel",
-    "literal",
-    "make_folder",
-    "mistake",
-    "note",
-    "number",
-    "output",
-    "plain",
-    "provenance",
-    "quantity",
-    "read",
-    "run_extensions",
-    "sealed",
-    "side_by_side",
-    "sourced",
-    "table",
-    "unknown",
-    "whole",
-    "words",
-    "write_picture",
-    "write_text",
-]
 
 if not TYPE_CHECKING:
-    __getattr__, __dir__ = lazily(__name__, _HOMES)
+    __getattr__, __dir__, __all__ = public_names(__name__, __file__)

@@ -9,178 +9,62 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from neuro.core.lazy import lazily
+from neuro.core.lazy import public_names
 
 if TYPE_CHECKING:
-    from neuro.chips.description import Chip, Figure, Mesh
-    from neuro.core.errors import ModelError
-    from neuro.core.quantities import Value, quantity
-    from neuro.core.registry import register
-    from neuro.events._events import Events
-    from neuro.events.filters import Filter, Sieve
-    from neuro.events.formats import Damage, Format, Piece, Reader, Seeker, Unsavable, in_order, refuse
-    from neuro.kernels.jit import allocating, inner, kernel
-    from neuro.model.distributions import Distribution
-    from neuro.model.neurons.base import Generator, Neuron, State
-    from neuro.model.neurons.integrators import (
-        advance,
-        fehlberg,
-        finite_exp,
-        is_still,
-        rows,
-        runge_kutta,
-        step_adaptively,
-        step_evenly,
-        step_whole,
+    from neuro.chips.description import Chip as Chip, Figure as Figure, Mesh as Mesh
+    from neuro.core.errors import ModelError as ModelError
+    from neuro.core.quantities import Value as Value, quantity as quantity
+    from neuro.core.registry import register as register
+    from neuro.events._events import Events as Events
+    from neuro.events.filters import Filter as Filter, Sieve as Sieve
+    from neuro.events.formats import (
+        Damage as Damage,
+        Format as Format,
+        Piece as Piece,
+        Reader as Reader,
+        Seeker as Seeker,
+        Unsavable as Unsavable,
+        in_order as in_order,
+        refuse as refuse,
     )
-    from neuro.model.neurons.propagators import from_alpha, from_constant, from_exponential, leak
-    from neuro.model.rules import Rule
-    from neuro.model.space import Profile
-    from neuro.model.synapses.base import K_MINUS, K_PLUS, Synapse, Trace
-    from neuro.model.synapses.delays import DelayRule
-    from neuro.model.synapses.lessons import Growth, Lesson, TrialEnd
-    from neuro.model.synapses.modulated import Modulated
-    from neuro.program.backend import Backend, Engine, EngineCounts, Outcome, Problem, Spikes, Trial
-    from neuro.program.program import Program
+    from neuro.kernels.jit import allocating as allocating, inner as inner, kernel as kernel
+    from neuro.model.distributions import Distribution as Distribution
+    from neuro.model.neurons.base import Generator as Generator, Neuron as Neuron, State as State
+    from neuro.model.neurons.integrators import (
+        advance as advance,
+        fehlberg as fehlberg,
+        finite_exp as finite_exp,
+        is_still as is_still,
+        rows as rows,
+        runge_kutta as runge_kutta,
+        step_adaptively as step_adaptively,
+        step_evenly as step_evenly,
+        step_whole as step_whole,
+    )
+    from neuro.model.neurons.propagators import (
+        from_alpha as from_alpha,
+        from_constant as from_constant,
+        from_exponential as from_exponential,
+        leak as leak,
+    )
+    from neuro.model.rules import Rule as Rule
+    from neuro.model.space import Profile as Profile
+    from neuro.model.synapses.base import K_MINUS as K_MINUS, K_PLUS as K_PLUS, Synapse as Synapse, Trace as Trace
+    from neuro.model.synapses.delays import DelayRule as DelayRule
+    from neuro.model.synapses.lessons import Growth as Growth, Lesson as Lesson, TrialEnd as TrialEnd
+    from neuro.model.synapses.modulated import Modulated as Modulated
+    from neuro.program.backend import (
+        Backend as Backend,
+        Engine as Engine,
+        EngineCounts as EngineCounts,
+        Outcome as Outcome,
+        Problem as Problem,
+        Spikes as Spikes,
+        Trial as Trial,
+    )
+    from neuro.program.program import Program as Program
 
-_HOMES = {
-    "neuro.chips.description": (
-        "Chip",
-        "Figure",
-        "Mesh",
-    ),
-    "neuro.core.errors": ("ModelError",),
-    "neuro.core.quantities": (
-        "Value",
-        "quantity",
-    ),
-    "neuro.core.registry": ("register",),
-    "neuro.events._events": ("Events",),
-    "neuro.events.filters": ("Filter", "Sieve"),
-    "neuro.events.formats": (
-        "Damage",
-        "Format",
-        "Piece",
-        "Reader",
-        "Seeker",
-        "Unsavable",
-        "in_order",
-        "refuse",
-    ),
-    "neuro.kernels.jit": (
-        "allocating",
-        "inner",
-        "kernel",
-    ),
-    "neuro.model.distributions": ("Distribution",),
-    "neuro.model.neurons.base": (
-        "Generator",
-        "Neuron",
-        "State",
-    ),
-    "neuro.model.neurons.integrators": (
-        "advance",
-        "fehlberg",
-        "finite_exp",
-        "is_still",
-        "rows",
-        "runge_kutta",
-        "step_adaptively",
-        "step_evenly",
-        "step_whole",
-    ),
-    "neuro.model.neurons.propagators": (
-        "from_alpha",
-        "from_constant",
-        "from_exponential",
-        "leak",
-    ),
-    "neuro.model.rules": ("Rule",),
-    "neuro.model.space": ("Profile",),
-    "neuro.model.synapses.base": (
-        "K_MINUS",
-        "K_PLUS",
-        "Synapse",
-        "Trace",
-    ),
-    "neuro.model.synapses.delays": ("DelayRule",),
-    "neuro.model.synapses.lessons": (
-        "Growth",
-        "Lesson",
-        "TrialEnd",
-    ),
-    "neuro.model.synapses.modulated": ("Modulated",),
-    "neuro.program.backend": (
-        "Backend",
-        "Engine",
-        "EngineCounts",
-        "Outcome",
-        "Problem",
-        "Spikes",
-        "Trial",
-    ),
-    "neuro.program.program": ("Program",),
-}
-
-__all__ = [
-    "K_MINUS",
-    "K_PLUS",
-    "Backend",
-    "Chip",
-    "Damage",
-    "DelayRule",
-    "Distribution",
-    "Engine",
-    "EngineCounts",
-    "Events",
-    "Figure",
-    "Filter",
-    "Format",
-    "Generator",
-    "Growth",
-    "Lesson",
-    "Mesh",
-    "ModelError",
-    "Modulated",
-    "Neuron",
-    "Outcome",
-    "Piece",
-    "Problem",
-    "Profile",
-    "Program",
-    "Reader",
-    "Rule",
-    "Seeker",
-    "Sieve",
-    "Spikes",
-    "State",
-    "Synapse",
-    "Trace",
-    "Trial",
-    "TrialEnd",
-    "Unsavable",
-    "Value",
-    "advance",
-    "allocating",
-    "fehlberg",
-    "finite_exp",
-    "from_alpha",
-    "from_constant",
-    "from_exponential",
-    "in_order",
-    "inner",
-    "is_still",
-    "kernel",
-    "leak",
-    "quantity",
-    "refuse",
-    "register",
-    "rows",
-    "runge_kutta",
-    "step_adaptively",
-    "step_evenly",
-    "step_whole",
-]
 
 if not TYPE_CHECKING:
-    __getattr__, __dir__ = lazily(__name__, _HOMES)
+    __getattr__, __dir__, __all__ = public_names(__name__, __file__)

@@ -11,14 +11,12 @@ from typing import Any
 
 import numpy as np
 import pytest
-from hypothesis import HealthCheck, given, settings
-from hypothesis import strategies as st
+from hypothesis import HealthCheck, given, settings, strategies as st
 
 import neuro
 from neuro.model.synapses import Synapse
 from neuro.run.simulation import Simulation
-from neuro_event import build
-from neuro_event import tables as t
+from neuro_event import build, tables as t
 
 SETTINGS = settings(
     max_examples=30,

@@ -4,8 +4,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from hypothesis import HealthCheck, given, settings
-from hypothesis import strategies as st
+from hypothesis import HealthCheck, given, settings, strategies as st
 
 import neuro
 from neuro import Network, all_to_all, grid, iaf_psc_delta, local_winners, mozafari, r_stdp, spike_generator

@@ -10,8 +10,7 @@ import pytest
 
 import neuro
 from neuro.core.quantities import Value, quantity
-from neuro.model.neurons import MODELS, State, iaf_psc_exp
-from neuro.model.neurons import base as neurons
+from neuro.model.neurons import MODELS, State, base as neurons, iaf_psc_exp
 from neuro.model.synapses import SYNAPSES, Synapse, complete, r_stdp, stdp, stdp_dopa
 
 V_M, NOTE = State("V_m", "mV", "membrane potential"), State("note", "", "something else")

@@ -6,8 +6,7 @@ import math
 from decimal import Decimal, localcontext
 
 import pytest
-from hypothesis import given
-from hypothesis import strategies as some
+from hypothesis import given, strategies as some
 
 import neuro
 from neuro.model.neurons.propagators import from_alpha, from_constant, from_exponential

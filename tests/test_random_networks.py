@@ -1,8 +1,7 @@
 """Random small networks: the event backend equals the reference, spike for spike."""
 
 import numpy as np
-from hypothesis import HealthCheck, given, settings
-from hypothesis import strategies as st
+from hypothesis import HealthCheck, given, settings, strategies as st
 
 import neuro
 from neuro.model.network import Network

@@ -4,8 +4,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from hypothesis import HealthCheck, given, settings
-from hypothesis import strategies as st
+from hypothesis import HealthCheck, given, settings, strategies as st
 
 import neuro
 from neuro.compiler import drawn, resolve
@@ -14,8 +13,7 @@ from neuro.program.program import Ints
 from neuro.testing import observe
 from neuro.testing.case import differences, run_on
 from neuro.testing.strategies import networks
-from neuro_event import engine, layout, loop, shares
-from neuro_event import tables as t
+from neuro_event import engine, layout, loop, shares, tables as t
 from neuro_event.threads import LINE
 
 

@@ -11,8 +11,7 @@ from neuro.model.neurons import NATIVE, NEURONS
 from neuro.model.parts import GROUPS
 from neuro.model.synapses import SYNAPSES
 from neuro.program.backend import find_backend
-from neuro_nest.tables import NODES
-from neuro_nest.tables import SYNAPSES as NEST_SYNAPSES
+from neuro_nest.tables import NODES, SYNAPSES as NEST_SYNAPSES
 
 PAGES = Path(__file__).parents[1] / "docs" / "how-to"
 BACKENDS = ("reference", "event", "nest", "torch", "loihi", "spinnaker")

@@ -233,8 +233,7 @@ def compare(
 
     What is in the folder already is not done again.
     """
-    from neuro_recognise.compare import Plan, contestants
-    from neuro_recognise.compare import compare as side_by_side
+    from neuro_recognise.compare import Plan, compare as side_by_side, contestants
     from neuro_recognise.telling.bars import Bar
     from neuro_recognise.telling.compare_report import show, write
 

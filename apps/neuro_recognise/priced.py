@@ -56,8 +56,7 @@ def price(run: Run, recordings: int, targets: Iterable[str], neurons_per_core: i
 
 def _bill(run: Run, target: str, neurons_per_core: int | None) -> Energy:
     """What a run takes; on a chip with so many neurons on a core."""
-    from neuro.chips import chip, place
-    from neuro.chips import price as of_counts
+    from neuro.chips import chip, place, price as of_counts
 
     (sim, taken), asked = run, chip(target)
     if neurons_per_core is None or asked.mesh is None or not asked.costs:

@@ -164,8 +164,7 @@ def _search(
     """Networks that differ, and the front of accuracy against joules."""
     from neuro import ModelError
     from neuro_train import front
-    from neuro_train.search import check_optuna
-    from neuro_train.search import search as ask
+    from neuro_train.search import check_optuna, search as ask
     from neuro_train.space import space
 
     if test is not None:

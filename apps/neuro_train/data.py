@@ -19,8 +19,7 @@ from neuro_train.plan import Plan
 from neuro_train.window import corner, windowed
 
 if TYPE_CHECKING:
-    from neuro.events import Events as Recorded
-    from neuro.events import Recordings
+    from neuro.events import Events as Recorded, Recordings
     from neuro.events.dataset import Sample
     from neuro_torch import Events
 

@@ -15,8 +15,7 @@ from neuro.core import keyed_random
 from neuro.core.clock import NEVER
 from neuro.model.parts import lateral_reset, local_winners, winner_take_all
 from neuro.program.program import Program, Projection
-from neuro_chip import grids
-from neuro_chip import tables as t
+from neuro_chip import grids, tables as t
 from neuro_chip.families.every import NUMBERS, family_of
 from neuro_chip.families.family import Arrays
 

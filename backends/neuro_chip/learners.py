@@ -12,8 +12,7 @@ from neuro.chips.quantising.fixed import FixedProjection
 from neuro.chips.quantising.fixed_program import FixedProgram
 from neuro.model.synapses.loihi_rule import POST, LearningRule, Term
 from neuro.program.program import Floats, Ints, Program
-from neuro_chip import learning as kernels
-from neuro_chip import tables as t
+from neuro_chip import learning as kernels, tables as t
 from neuro_chip.plastic import Plastic
 from neuro_chip.weights import Weights
 

@@ -11,8 +11,7 @@ from neuro.chips.quantising.fixed import FixedProjection
 from neuro.core import keyed_random
 from neuro.program.backend import Outcome, Trial, Wins
 from neuro.program.program import Floats, Ints, Projection
-from neuro_chip import host, presenting
-from neuro_chip import tables as t
+from neuro_chip import host, presenting, tables as t
 from neuro_chip.build import STATES
 from neuro_chip.machine import Machine
 

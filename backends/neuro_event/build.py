@@ -14,8 +14,7 @@ from neuro.kernels.lanes import LANES
 from neuro.model.neurons import Generator, Neuron
 from neuro.model.parts import lateral_reset, local_winners, winner_take_all
 from neuro.program.program import Floats, Ints, Program
-from neuro_event import layout, memory, shares
-from neuro_event import tables as t
+from neuro_event import layout, memory, shares, tables as t
 from neuro_event.arrays import Arrays
 from neuro_event.late import add_delays
 from neuro_event.learning import add_learning

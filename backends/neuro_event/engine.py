@@ -30,8 +30,8 @@ from neuro_event import (
     snapshot,
     sources,
     stages,
+    tables as t,
 )
-from neuro_event import tables as t
 from neuro_event.changes import Changes
 from neuro_event.currents import apply
 from neuro_event.drives import Drives

@@ -10,8 +10,7 @@ from numpy.typing import NDArray
 
 from neuro.model.synapses import Trace
 from neuro.program.program import Floats, Projection
-from neuro_event import layout
-from neuro_event import tables as t
+from neuro_event import layout, tables as t
 from neuro_event.arrays import Arrays
 from neuro_event.own_rules import OWN
 

@@ -14,8 +14,7 @@ from neuro.core import keyed_random
 from neuro.model.synapses.base import common
 from neuro.model.synapses.delays import DELAY
 from neuro.program.program import Floats, Ints, Program, Projection
-from neuro_event import layout
-from neuro_event import tables as t
+from neuro_event import layout, tables as t
 from neuro_event.arrays import Arrays
 from neuro_event.decays import DECAYS
 from neuro_event.eager import eager_entry

@@ -9,8 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from neuro.program.program import Ints
-from neuro_event import layout
-from neuro_event import tables as t
+from neuro_event import layout, tables as t
 from neuro_event.arrays import Arrays
 
 _NOTHING = np.zeros(0, dtype=np.int64)

@@ -14,8 +14,7 @@ from neuro.core.keyed_random import NTH_STRIDE
 from neuro.kernels.address import Entry
 from neuro.kernels.draws import step_word, uniform
 from neuro.kernels.jit import compiled, inner, kernel, merged
-from neuro.model.synapses.delays import DELAY as DELAY_ROW
-from neuro.model.synapses.delays import steps_of
+from neuro.model.synapses.delays import DELAY as DELAY_ROW, steps_of
 from neuro_event.decays import left
 from neuro_event.tables import (
     BEGIN,

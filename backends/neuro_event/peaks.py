@@ -7,8 +7,7 @@ import numpy as np
 
 from neuro.kernels.jit import kernel
 from neuro.program.program import Floats, Ints
-from neuro_event import loop
-from neuro_event import tables as t
+from neuro_event import loop, tables as t
 from neuro_event.views import net_of
 
 

@@ -12,8 +12,7 @@ from neuro.core.clock import NEVER
 from neuro.core.threads import mapped
 from neuro.model.neurons import Neuron
 from neuro.program.program import Floats, Grid, Ints, Population, Program, Projection
-from neuro_event import layout, memory
-from neuro_event import tables as t
+from neuro_event import layout, memory, tables as t
 from neuro_event.arrays import Arrays
 from neuro_event.models import NEURONS
 from neuro_event.runs import QUEUE, fill_runs

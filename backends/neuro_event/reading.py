@@ -8,8 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from neuro.program.program import Floats, Ints
-from neuro_event import epochs, lazy, loop
-from neuro_event import tables as t
+from neuro_event import epochs, lazy, loop, tables as t
 from neuro_event.arrays import Arrays
 from neuro_event.own_rules import APPLIED
 from neuro_event.views import table_of, with_plastic

@@ -6,8 +6,7 @@ import numpy as np
 
 from neuro.core.clock import NEVER
 from neuro.program.program import Floats, Ints, Probe
-from neuro_event import layout
-from neuro_event import tables as t
+from neuro_event import layout, tables as t
 from neuro_event.arrays import Arrays
 from neuro_event.sampling import sample
 

@@ -9,8 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from neuro_event import layout, projections, sources
-from neuro_event import tables as t
+from neuro_event import layout, projections, sources, tables as t
 from neuro_event.arrays import Arrays
 
 _LAID_OUT = {"edges", "most", "rows", "runs", "targets", "delays", "order"}

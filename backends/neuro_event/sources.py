@@ -7,8 +7,7 @@ import numpy as np
 from neuro.core import keyed_random
 from neuro.kernels.draws import GUIDE_BITS, guide_to
 from neuro.program.program import Floats, drawn_for
-from neuro_event import layout, memory
-from neuro_event import tables as t
+from neuro_event import layout, memory, tables as t
 from neuro_event.arrays import Arrays
 from neuro_event.emitting import wake_emitting
 

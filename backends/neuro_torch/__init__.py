@@ -9,50 +9,25 @@ from typing import TYPE_CHECKING
 
 from neuro.core.errors import ModelError
 from neuro.core.extras import install
-from neuro.core.lazy import lazily
+from neuro.core.lazy import public_names
 from neuro_torch.backend import TorchBackend
 
 if TYPE_CHECKING:
-    from neuro_torch import losses, surrogates
-    from neuro_torch.bill import Bill
-    from neuro_torch.events import Events, collate
-    from neuro_torch.module import Module
-    from neuro_torch.outcome import Outcome
-    from neuro_torch.pruning import largest, prune
-    from neuro_torch.quantise import quantised
-    from neuro_torch.stepping import Stepper
+    from neuro_torch import losses as losses, surrogates as surrogates
+    from neuro_torch.bill import Bill as Bill
+    from neuro_torch.events import Events as Events, collate as collate
+    from neuro_torch.module import Module as Module
+    from neuro_torch.outcome import Outcome as Outcome
+    from neuro_torch.pruning import largest as largest, prune as prune
+    from neuro_torch.quantise import quantised as quantised
+    from neuro_torch.stepping import Stepper as Stepper
 
 backend = TorchBackend()
 
-_HOMES: dict[str, tuple[str, ...]] = {
-    "neuro_torch.losses": (),
-    "neuro_torch.surrogates": (),
-    "neuro_torch.bill": ("Bill",),
-    "neuro_torch.events": ("Events", "collate"),
-    "neuro_torch.module": ("Module",),
-    "neuro_torch.outcome": ("Outcome",),
-    "neuro_torch.pruning": ("largest", "prune"),
-    "neuro_torch.quantise": ("quantised",),
-    "neuro_torch.stepping": ("Stepper",),
-}
-
-__all__ = [
-    "Bill",
-    "Events",
-    "Module",
-    "Outcome",
-    "Stepper",
-    "backend",
-    "collate",
-    "largest",
-    "losses",
-    "prune",
-    "quantised",
-    "surrogates",
-]
 
 if not TYPE_CHECKING:
-    _found, __dir__ = lazily(__name__, _HOMES)
+    _found, __dir__, __all__ = public_names(__name__, __file__)
+    __all__ += ["backend"]
 
     def __getattr__(name: str) -> object:
         """A public name; one error where torch, which it needs, is missing."""

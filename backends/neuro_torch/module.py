@@ -15,8 +15,7 @@ from neuro.compiler import compile_network
 from neuro.core.clock import Clock
 from neuro.core.errors import ModelError, unknown
 from neuro.program.program import Floats
-from neuro_torch import bounds, feeding, late, learnt, memory
-from neuro_torch import trainable as words
+from neuro_torch import bounds, feeding, late, learnt, memory, trainable as words
 from neuro_torch.active import active_updates
 from neuro_torch.events import Events
 from neuro_torch.named import Named

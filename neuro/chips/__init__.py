@@ -10,55 +10,22 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from neuro.core.lazy import lazily
+from neuro.core.lazy import public_names
 
 if TYPE_CHECKING:
-    from neuro.chips.description import Chip
-    from neuro.chips.known import chip, chips
-    from neuro.chips.placing.place import place
-    from neuro.chips.placing.placement import Placement
-    from neuro.chips.pricing.bill import bill
-    from neuro.chips.pricing.energy import COLUMNS, Energy, between, cells
-    from neuro.chips.pricing.footnotes import footnotes
-    from neuro.chips.pricing.neurobench import neurobench
-    from neuro.chips.pricing.price import price
-    from neuro.chips.quantising.fixed_program import FixedProgram
-    from neuro.chips.quantising.quantise import quantise
-    from neuro.chips.quantising.room import filled
+    from neuro.chips.description import Chip as Chip
+    from neuro.chips.known import chip as chip, chips as chips
+    from neuro.chips.placing.place import place as place
+    from neuro.chips.placing.placement import Placement as Placement
+    from neuro.chips.pricing.bill import bill as bill
+    from neuro.chips.pricing.energy import COLUMNS as COLUMNS, Energy as Energy, between as between, cells as cells
+    from neuro.chips.pricing.footnotes import footnotes as footnotes
+    from neuro.chips.pricing.neurobench import neurobench as neurobench
+    from neuro.chips.pricing.price import price as price
+    from neuro.chips.quantising.fixed_program import FixedProgram as FixedProgram
+    from neuro.chips.quantising.quantise import quantise as quantise
+    from neuro.chips.quantising.room import filled as filled
 
-_HOMES = {
-    "neuro.chips.description": ("Chip",),
-    "neuro.chips.known": ("chip", "chips"),
-    "neuro.chips.placing.place": ("place",),
-    "neuro.chips.placing.placement": ("Placement",),
-    "neuro.chips.pricing.bill": ("bill",),
-    "neuro.chips.pricing.energy": ("COLUMNS", "Energy", "between", "cells"),
-    "neuro.chips.pricing.footnotes": ("footnotes",),
-    "neuro.chips.pricing.neurobench": ("neurobench",),
-    "neuro.chips.pricing.price": ("price",),
-    "neuro.chips.quantising.fixed_program": ("FixedProgram",),
-    "neuro.chips.quantising.quantise": ("quantise",),
-    "neuro.chips.quantising.room": ("filled",),
-}
-
-__all__ = [
-    "COLUMNS",
-    "Chip",
-    "Energy",
-    "FixedProgram",
-    "Placement",
-    "between",
-    "bill",
-    "cells",
-    "chip",
-    "chips",
-    "filled",
-    "footnotes",
-    "neurobench",
-    "place",
-    "price",
-    "quantise",
-]
 
 if not TYPE_CHECKING:
-    __getattr__, __dir__ = lazily(__name__, _HOMES)
+    __getattr__, __dir__, __all__ = public_names(__name__, __file__)

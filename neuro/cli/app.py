@@ -11,8 +11,7 @@ from neuro.cli.check import check
 from neuro.cli.commands import Commands
 from neuro.cli.compare import compare
 from neuro.cli.energy import energy
-from neuro.cli.events import app as events
-from neuro.cli.events import shell
+from neuro.cli.events import app as events, shell
 from neuro.cli.example import example
 from neuro.cli.fit import fit
 from neuro.cli.models import models

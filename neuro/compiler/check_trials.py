@@ -12,10 +12,7 @@ from neuro.core.english import a
 from neuro.core.errors import ModelError, nearest, unknown
 from neuro.model.network import Network
 from neuro.model.neurons import spike_generator
-from neuro.model.parts import Group, Trials, winner_take_all
-from neuro.model.parts import dropout as Dropout
-from neuro.model.parts import labels as Labels
-from neuro.model.parts import reward as Reward
+from neuro.model.parts import Group, Trials, dropout as Dropout, labels as Labels, reward as Reward, winner_take_all
 from neuro.program import program as resolved
 
 

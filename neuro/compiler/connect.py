@@ -13,8 +13,7 @@ from neuro.compiler.drawn import BLOCK, bernoulli_pairs, blocks, total_number
 from neuro.compiler.shapes import Shape, size
 from neuro.compiler.space import Between, distant_pairs
 from neuro.core.errors import ModelError
-from neuro.core.keyed_random import generator
-from neuro.core.keyed_random import key as key_of
+from neuro.core.keyed_random import generator, key as key_of
 from neuro.model.rules import (
     RULES,
     Rule,

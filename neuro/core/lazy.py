@@ -1,37 +1,55 @@
-"""Public names that are imported when they are first asked for, so that a start pays only for what it uses."""
+"""Public names that are imported when they are first used, so that a start pays only for what it uses."""
 
 from __future__ import annotations
 
+import ast
 import sys
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable
 from importlib import import_module
+from pathlib import Path
 
 
-def lazily(
-    module: str, homes: Mapping[str, Sequence[str]], more: Callable[[str], object] = lambda name: None
-) -> tuple[Callable[[str], object], Callable[[], list[str]]]:
-    """A `__getattr__` and a `__dir__` for a public module.
+def public_names(
+    module: str, file: str, more: Callable[[str], object] = lambda name: None
+) -> tuple[Callable[[str], object], Callable[[], list[str]], list[str]]:
+    """The `__getattr__`, `__dir__` and `__all__` of a public module.
+
+    The names are those that the module's block `if TYPE_CHECKING:` imports as themselves (`from home import name as
+    name`). Type checkers read the same block, so each name is listed once.
 
     Args:
         module: its name.
-        homes: the names by the modules that define them; a module without names is public itself, by its last word.
-        more: finds what is known only while running, None where there is no such name.
+        file: its source.
+        more: finds names that are registered while the program runs; None where there is no such name.
     """
-    home = {name: where for where, names in homes.items() for name in names}
-    modules = {where.rpartition(".")[2]: where for where, names in homes.items() if not names}
+    homes = _homes(file)
 
     def getattribute(name: str) -> object:
-        if name in modules:
-            return import_module(modules[name])
-        if name not in home:
+        if name not in homes:
             if not name.startswith("_") and (found := more(name)) is not None:
                 return found
             from neuro.core.hints import near
 
-            hint = "" if name.startswith("_") else near(name, [*home, *modules])
+            hint = "" if name.startswith("_") else near(name, list(homes))
             raise AttributeError(f"module '{module}' has no attribute '{name}'{hint and f': {hint}'}")
-        value = getattr(import_module(home[name]), name)
+        home = import_module(homes[name])
+        # The module itself would look here again for a name that is a module inside it.
+        inside = homes[name] == module or not hasattr(home, name)
+        value = import_module(f"{homes[name]}.{name}") if inside else getattr(home, name)
         setattr(sys.modules[module], name, value)
         return value
 
-    return getattribute, lambda: sorted([*home, *modules])
+    return getattribute, lambda: sorted(homes), sorted(homes)
+
+
+def _homes(file: str) -> dict[str, str]:
+    """The modules from which a public module's names are imported, by name."""
+    return {
+        alias.name: statement.module or ""
+        for block in ast.parse(Path(file).read_text("utf-8")).body
+        if isinstance(block, ast.If) and isinstance(block.test, ast.Name) and block.test.id == "TYPE_CHECKING"
+        for statement in block.body
+        if isinstance(statement, ast.ImportFrom)
+        for alias in statement.names
+        if alias.asname == alias.name
+    }

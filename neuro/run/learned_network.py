@@ -17,9 +17,13 @@ from neuro.model.synapses import Synapse
 from neuro.model.synapses.delays import steps_of
 from neuro.model.views import View
 from neuro.program.backend import Engine
-from neuro.program.program import Floats, Ints, Program
-from neuro.program.program import Population as ResolvedPopulation
-from neuro.program.program import Projection as ResolvedProjection
+from neuro.program.program import (
+    Floats,
+    Ints,
+    Population as ResolvedPopulation,
+    Program,
+    Projection as ResolvedProjection,
+)
 
 
 def learnt_network(

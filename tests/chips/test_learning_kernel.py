@@ -6,8 +6,7 @@ from fractions import Fraction
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
+from hypothesis import given, settings, strategies as st
 
 from neuro.chips.loihi.learning_map import rule_of
 from neuro.chips.loihi.words import bounds, grain_of

@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
+from hypothesis import given, strategies as st
 
 import neuro
 from neuro.chips.loihi.learning_fit import COARSE_UPDATE, SMALLEST_UPDATE, fading, nearest_fit

@@ -5,8 +5,7 @@ import math
 
 import numpy as np
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
+from hypothesis import given, strategies as st
 
 import neuro
 from bills import AB_OPS, ACTIVE, IN_OPS, INACTIVE, LEARNT, STEPS, Moves, Placed, counted, ints, lines, placed

@@ -3,8 +3,7 @@
 import warnings
 
 import pytest
-from hypothesis import HealthCheck, given, reject, settings
-from hypothesis import strategies as st
+from hypothesis import HealthCheck, given, reject, settings, strategies as st
 
 import neuro
 from neuro.model.network import Network

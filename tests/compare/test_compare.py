@@ -2,8 +2,7 @@ import json
 import warnings
 
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
+from hypothesis import given, settings, strategies as st
 
 import neuro
 from neuro.compare import compare, spikes

@@ -1,7 +1,6 @@
 import numpy as np
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
+from hypothesis import given, settings, strategies as st
 
 from neuro.compare import spikes
 from neuro.compare.spikes import Divergence, Train, distance, divergence, evenly, same_steps

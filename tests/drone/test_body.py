@@ -4,8 +4,7 @@ from math import atan, cos, exp, hypot, sin
 
 import numpy as np
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
+from hypothesis import given, strategies as st
 
 from neuro_drone.bodies import body_of
 from neuro_drone.body import GRAVITY, Kinematic

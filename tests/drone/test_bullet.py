@@ -8,8 +8,7 @@ from math import cos, hypot, sin
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
+from hypothesis import given, settings, strategies as st
 
 from neuro import ModelError
 from neuro.core.extras import install

@@ -4,8 +4,7 @@ from math import isinf, radians
 
 import numpy as np
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
+from hypothesis import given, strategies as st
 
 from neuro_drone.geometry import Pose, View
 

@@ -5,8 +5,7 @@ from math import atan2, cos, degrees, hypot, inf, pi, sin
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
+from hypothesis import given, settings, strategies as st
 
 from neuro import ModelError
 from neuro_drone.ball import BallTask

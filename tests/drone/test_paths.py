@@ -4,8 +4,7 @@ from math import hypot, pi
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
+from hypothesis import given, settings, strategies as st
 
 from neuro_drone.paths import hexagon, star
 

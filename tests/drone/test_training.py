@@ -10,8 +10,7 @@ import numpy as np
 import pytest
 
 import neuro
-from neuro_drone import curve
-from neuro_drone import train as training
+from neuro_drone import curve, train as training
 from neuro_drone.controllers import make
 from neuro_drone.evaluate import Start, grid, try_out
 from neuro_drone.model import Model

@@ -4,8 +4,7 @@ from math import atan, exp, hypot
 
 import numpy as np
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
+from hypothesis import given, strategies as st
 
 from neuro import ModelError
 from neuro_drone.body import GRAVITY, Kinematic

@@ -3,8 +3,7 @@
 from contextlib import suppress
 
 import numpy as np
-from hypothesis import Phase, given, settings
-from hypothesis import strategies as st
+from hypothesis import Phase, given, settings, strategies as st
 
 import neuro
 from neuro import ModelError

@@ -2,8 +2,7 @@ import struct
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
+from hypothesis import given, settings, strategies as st
 
 from neuro.events import EventFileError, EventFileWarning, load
 from neuro.events.formats.aedat3 import AEDAT3, Aedat3

@@ -8,8 +8,7 @@ import warnings
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
+from hypothesis import given, settings, strategies as st
 
 from neuro.core.extras import install
 from neuro.events import EventFileError, EventFileWarning, Events, load, save, stream

@@ -5,8 +5,7 @@ import io
 import h5py
 import numpy as np
 import pytest
-from hypothesis import HealthCheck, given, settings
-from hypothesis import strategies as st
+from hypothesis import HealthCheck, given, settings, strategies as st
 
 import neuro.events.files as files
 from neuro.events import EVENT, EventFileError, load, stream

@@ -6,8 +6,7 @@ import warnings
 import h5py
 import numpy as np
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
+from hypothesis import given, settings, strategies as st
 
 from neuro.events import EventFileError, EventFileWarning, Events, load, stream
 from neuro.events.info import info

@@ -3,8 +3,7 @@
 import lz4.frame
 import numpy as np
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
+from hypothesis import given, settings, strategies as st
 
 from neuro.events.formats._lz4_kernel import HEADER, WIDE, frame
 

@@ -4,8 +4,7 @@ import warnings
 import h5py
 import numpy as np
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
+from hypothesis import given, settings, strategies as st
 from scipy.io import savemat
 
 from neuro.events import EventFileError, EventFileWarning, Events, load

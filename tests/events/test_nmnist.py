@@ -3,8 +3,7 @@ import json
 
 import numpy as np
 import pytest
-from hypothesis import HealthCheck, given, settings
-from hypothesis import strategies as st
+from hypothesis import HealthCheck, given, settings, strategies as st
 
 from neuro.events import EventFileError, EventFileWarning, Events, load, save
 from neuro.events.formats.nmnist import Bin

@@ -7,8 +7,7 @@ from pathlib import Path
 import pytest
 import typer
 import yaml
-from hypothesis import HealthCheck, example, given, settings
-from hypothesis import strategies as st
+from hypothesis import HealthCheck, example, given, settings, strategies as st
 
 import neuro
 from neuro.cli.check import check

@@ -2,8 +2,7 @@
 
 import numpy as np
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
+from hypothesis import given, strategies as st
 
 from neuro_recognise.detection.boxes import Boxes, iou, suppressed
 from neuro_recognise.detection.measures import average_precision, identity_switches, precision

@@ -14,8 +14,7 @@ from neuro_recognise.method import choose
 from neuro_recognise.recogniser import learn, method_of
 from neuro_recognise.shown import Shown
 from neuro_recognise.telling.compare_report import show
-from neuro_recognise.telling.energy import bills, counted
-from neuro_recognise.telling.energy import show as show_energy
+from neuro_recognise.telling.energy import bills, counted, show as show_energy
 from neuro_recognise.telling.tried import Tried
 
 REFUSED = (

@@ -17,8 +17,7 @@ import neuro
 from neuro_drone.controllers.fields import pattern, shares
 from neuro_drone.controllers.settings import choice, each_axis, number, numbers
 from neuro_drone.scenario import Scenario
-from neuro_models import names
-from neuro_models import path as network_path
+from neuro_models import names, path as network_path
 
 __all__ = ["Spiking", "SpikingSettings"]
 

@@ -36,8 +36,7 @@ def gif(
 ) -> None:
     """Draw a recording as a GIF; with --window 40 and --fps 25 time runs as it did, save long pauses, left out."""
     from neuro.events.convert import read
-    from neuro.events.pictures import GIF
-    from neuro.events.pictures import gif as draw
+    from neuro.events.pictures import GIF, gif as draw
 
     names = colours.split(",")
     if len(names) != 3:

@@ -4,8 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
-from neuro.core.grammar import Expression, Hints
-from neuro.core.grammar import parse as read
+from neuro.core.grammar import Expression, Hints, parse as read
 
 _CHOICE = "write where(a > b, value, other)"
 _RECEPTOR = "spikes arrive in 'receptors', e.g. {g: {kernel: exp, tau: tau_syn}}"

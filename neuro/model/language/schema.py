@@ -34,12 +34,12 @@ from neuro.model.parts import (
     SHAPE,
     WEIGHT,
     Group,
+    Population as PopulationPart,
     Probe,
     Projection,
     Signal,
     Trials,
 )
-from neuro.model.parts import Population as PopulationPart
 from neuro.model.synapses import SYNAPSES
 from neuro.model.written_views import AXIS
 
