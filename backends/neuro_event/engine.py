@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping
+from collections.abc import Collection, Mapping, Sequence
 from types import ModuleType
 from typing import Any
 
@@ -299,6 +299,13 @@ class EventEngine:
                 return self._cells.state(population, states.index(name), ids, self._step)
         every = self._parameter(population, name)
         return every if ids is None else every[ids]
+
+    def are_finite(self, population: int, states: Sequence[str]) -> bool:
+        """As `neuro.program.backend.are_finite`: looks at sleeping neurons as they fell asleep."""
+        place, model = self._a.places[population], type(self._program.populations[population].model)
+        names = [s.name for s in model.states]
+        rows = self._a.net["state"]
+        return all(bool(np.isfinite(rows[names.index(name), place.begin : place.end]).all()) for name in states)
 
     def _parameter(self, population: int, name: str) -> Floats:
         p, place = self._program.populations[population], self._a.places[population]

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterable, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from os import PathLike
 from typing import Any, Protocol, runtime_checkable
@@ -301,6 +301,18 @@ def unreadable(shows: Backend | Engine) -> frozenset[str]:
     """The states of neurons that a backend or its engine does not show."""
     names: frozenset[str] = getattr(shows, "unreadable", frozenset())
     return names
+
+
+def are_finite(engine: Engine, population: int, states: Sequence[str]) -> bool:
+    """Whether states of a population of a linear model are neither NaN nor infinite, in any of its neurons.
+
+    An engine whose neurons sleep may have an `are_finite` of its own, which need not bring them to the present: what is
+    finite when a linear neuron falls asleep stays finite.
+    """
+    own: Callable[[int, Sequence[str]], bool] | None = getattr(engine, "are_finite", None)
+    if own is not None:
+        return own(population, states)
+    return all(bool(np.isfinite(engine.get(population, name)).all()) for name in states)
 
 
 def floats_only(program: Program) -> list[Problem]:

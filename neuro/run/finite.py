@@ -7,7 +7,7 @@ import numpy as np
 from neuro.core.clock import Clock
 from neuro.core.errors import ModelError
 from neuro.model.neurons import Neuron
-from neuro.program.backend import Engine, unreadable
+from neuro.program.backend import Engine, are_finite, unreadable
 from neuro.program.program import Floats, Population, Program
 
 _STATES = "take smaller steps, weaker input or currents, and states nearer to where they rest"
@@ -57,7 +57,8 @@ class Watch:
         if step >= self.due:
             self.due = step + min(step, _LONGEST)
             for index, names in self.steady:
-                self._look_at(index, names)
+                if not are_finite(self.engine, index, names):
+                    self._look_at(index, names)
 
     def begin(self) -> None:
         """Begin anew, as after a reset."""
@@ -67,9 +68,9 @@ class Watch:
         for name in names:
             values = self.engine.get(index, name)
             if not np.isfinite(values).all():
-                raise self._told(index, name, values)
+                raise self._instability(index, name, values)
 
-    def _told(self, index: int, name: str, values: Floats) -> ModelError:
+    def _instability(self, index: int, name: str, values: Floats) -> ModelError:
         for projection, into in enumerate(self.program.projections):
             if into.target == index and into.synapse.learns:
                 check_weights(into.name, into.synapse.name, self.engine.get_synapses(projection, "weight"))
