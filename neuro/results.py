@@ -44,7 +44,7 @@ class Results(files.Results):
             chips: that are on; those that the network needs if not given.
 
         Raises:
-            ModelError: as of a simulation; or spikes that the bill needs were neither kept nor follow from the seed.
+            ModelError: as of a simulation.
         """
         from neuro.report.counted import energy
 

@@ -15,16 +15,11 @@ from neuro.plots import _regularity, _spikes, _synapses, _traces
 
 def results(size=10, spikes=100, traced=1, recorded=True, duration=1000.0):
     rng = np.random.default_rng(1)
-    times = np.sort(rng.integers(1, 10 * duration, spikes)) / 10.0
-    train = Train(
-        "iaf_psc_exp",
-        (size,),
-        {"spikes": spikes},
-        recorded,
-        times,
-        rng.integers(0, size, spikes),
-        np.ones(spikes, "i4"),
-    )
+    steps = np.sort(rng.integers(1, 10 * duration, spikes))
+    ids = rng.integers(0, size, spikes)
+    counts = np.bincount(ids, minlength=size)
+    arrays = (steps, ids, np.ones(spikes, "i4"), counts, counts)
+    train = Train("iaf_psc_exp", (size,), {"spikes": spikes}, recorded, 0.1, *arrays)
     trace = Trace("cells", "V_m", "mV", np.arange(1.0, duration + 1), rng.normal(-60.0, 5.0, (int(duration), traced)))
     about = {"network": "test", "duration_ms": duration, "resolution_ms": 0.1}
     pre, post = np.divmod(np.arange(size * size), size)

@@ -103,22 +103,8 @@ def test_spikes_of_a_time_are_read_alone(path):
     results = neuro.results.read(path)
     times, _ = results.spikes("cells", since=20.0, until=40.0)
     assert times.size
-    assert isinstance(vars(results.populations["cells"])["times_ms"], Stored)
+    assert isinstance(vars(results.populations["cells"])["steps"], Stored)
     assert isinstance(results.populations["cells"].times_ms, np.ndarray)
-
-
-def test_a_file_of_the_format_before(path):
-    sim = neuro.compile(network(), "reference")
-    sim.run(20.0, out=path)
-    with h5py.File(path, "a") as file:
-        file.attrs["format"] = "neuro results 1"
-        del file.attrs["finished"]
-    seal(path)
-    results = neuro.results.read(path)
-    assert results.finished
-    assert results.spikes("cells")[0].size == results.counts().populations["cells"].spikes
-    sim.run(1.0, out=path)  # it is ours, so it may be replaced
-    assert neuro.results.read(path).time == 21.0
 
 
 CHILD = """

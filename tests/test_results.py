@@ -7,19 +7,19 @@ import numpy as np
 import pytest
 
 from neuro import ModelError
-from neuro.core.hdf5 import seal
+from neuro.core.hdf5 import FRONT, seal
 from neuro.files.parts import Trace, Train, Weights
 from neuro.files.results import YAML, Results, read, write
 
 
 @pytest.fixture
 def results():
-    times = np.arange(20_000) / 10.0
-    ids = np.arange(20_000) % 6
-    train = Train("iaf_psc_exp", (2, 3), {"spikes": 20_001}, True, times, ids, np.ones(20_000, np.int32))
-    silent = Train(
-        "dc_generator", (1,), {"spikes": 0}, False, np.zeros(0), np.zeros(0, np.int64), np.zeros(0, np.int32)
-    )
+    steps = np.arange(20_000)
+    ids = steps % 6
+    arrays = (steps, ids, np.ones(20_000, np.int32), np.bincount(ids), np.bincount(ids))
+    train = Train("iaf_psc_exp", (2, 3), {"spikes": 20_000}, True, 0.1, *arrays)
+    none, zero = np.zeros(0, np.int64), np.zeros(1, np.int64)
+    silent = Train("dc_generator", (1,), {"spikes": 0}, False, 0.1, none, none, none.astype(np.int32), zero, zero)
     pairs = Weights(
         "z", "a", "stdp", 2, {"synaptic_ops": 4}, np.array([0, 1]), np.array([1, 0]), np.array([0.5, np.pi])
     )
@@ -63,12 +63,21 @@ def test_a_damaged_file_is_refused(results, tmp_path):
 
     write(results, tmp_path / "a.h5")
     with h5py.File(tmp_path / "a.h5", "a") as file:
-        del file["populations/z/times_ms"]
-    with pytest.raises(ModelError, match=r"a\.h5: damaged neuro results 2: it is not what was written\n"):
+        del file["populations/z/steps"]
+    with pytest.raises(ModelError, match=r"a\.h5: damaged neuro results 3: it is not what was written\n"):
         read(tmp_path / "a.h5")
     seal(tmp_path / "a.h5")
     with pytest.raises(ModelError, match=r"a\.h5: damaged: "):
         read(tmp_path / "a.h5")
+
+
+def test_without_a_digest_it_is_refused(results, tmp_path):
+    write(results, tmp_path / "a.h5")
+    (tmp_path / "a.h5").write_bytes((tmp_path / "a.h5").read_bytes()[FRONT:])
+    with pytest.raises(ModelError) as error:
+        read(tmp_path / "a.h5")
+    told = "not a file of results, as 'neuro run' writes it\n  hint: it has no digest, as files of other tools and of"
+    assert str(error.value) == f"{tmp_path}/a.h5: {told} versions before digests: make it again"
 
 
 @pytest.mark.parametrize("absolute", [True, False])

@@ -9,8 +9,6 @@ import numpy as np
 import pytest
 
 import neuro
-from neuro.core.hdf5 import FRONT
-from neuro.files import results
 from neuro_drone.evaluate import Start, try_out
 from neuro_drone.model import Model as DroneModel
 from neuro_remus.stored import load as load_remus
@@ -50,20 +48,6 @@ def test_a_state_goes_on(backend):
         for name in ("relay_delta", "exp_delta"):
             assert np.array_equal(sim.get(name, "weight"), after[f"{backend}.{name}"])
         assert np.array_equal(sim.get("delta", "V_m"), after[f"{backend}.V"])
-
-
-def test_results():
-    found = results.read(STORED / "results.h5")
-    assert found.about["neuro"] == "0.1.0"
-    assert found.about["counts.spikes"] > 0
-
-
-def test_without_a_digest_it_is_refused(tmp_path):
-    (tmp_path / "a.h5").write_bytes((STORED / "results.h5").read_bytes()[FRONT:])
-    with pytest.raises(neuro.ModelError) as error:
-        results.read(tmp_path / "a.h5")
-    told = "not a file of results, as 'neuro run' writes it\n  hint: it has no digest, as files of other tools and of"
-    assert str(error.value) == f"{tmp_path}/a.h5: {told} versions before digests: make it again"
 
 
 def test_a_drone_flies_as_it_did():

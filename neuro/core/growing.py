@@ -78,7 +78,7 @@ class Growing(_Paged):
 
     Args:
         path: of the file, which is emptied; nobody else may write it until it is closed.
-        format: of the file, e.g. "neuro results 2".
+        format: of the file, e.g. "neuro results 3".
 
     Attributes:
         error: of the first failure; what comes after it is thrown away.

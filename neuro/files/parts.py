@@ -7,7 +7,9 @@ from typing import Any
 
 import numpy as np
 
+from neuro.core.clock import Clock
 from neuro.files.stored import Lazy
+from neuro.program.program import Floats
 
 __all__ = ["Trace", "Train", "Weights"]
 
@@ -20,8 +22,10 @@ class Train:
         model: the name of its model.
         shape: its shape.
         counts: of the run, by name.
-        recorded: whether its spikes were kept; if not the arrays are empty.
-        times_ms, ids, multiplicity: one entry for each neuron and step with spikes; read when they are asked for.
+        recorded: whether its spikes were kept; if not `steps`, `ids` and `multiplicity` are empty.
+        resolution_ms: the length of a step.
+        steps, ids, multiplicity: one entry for each neuron and step with spikes; read when they are asked for.
+        spike_counts, event_counts: spikes of each neuron, and its steps with spikes, whether recorded or not.
         emits: "spikes" or "current".
     """
 
@@ -29,10 +33,18 @@ class Train:
     shape: tuple[int, ...]
     counts: dict[str, int]
     recorded: bool
-    times_ms: Lazy = Lazy()
+    resolution_ms: float
+    steps: Lazy = Lazy()
     ids: Lazy = Lazy()
     multiplicity: Lazy = Lazy()
+    spike_counts: Lazy = Lazy()
+    event_counts: Lazy = Lazy()
     emits: str = "spikes"
+
+    @property
+    def times_ms(self) -> Floats:
+        """The time of each entry in ms."""
+        return Clock(self.resolution_ms).array_ms(np.asarray(self.steps))
 
     @property
     def spikes(self) -> int | None:

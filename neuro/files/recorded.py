@@ -235,9 +235,10 @@ class _OfResults:
             hint = f"'neuro run --record {population}' keeps them"
             raise ModelError(f"spikes of '{population}' were not kept", hint=hint)
         part = self._run.populations[population]
-        first = up_to(part.times_ms, since) if since > 0 else 0
+        times = part.times_ms
+        first = up_to(times, since) if since > 0 else 0
         several = part.multiplicity[first:]
-        return np.repeat(part.times_ms[first:], several), np.repeat(part.ids[first:], several)
+        return np.repeat(times[first:], several), np.repeat(part.ids[first:], several)
 
     def trace(self, name: str) -> Trace:
         return _trace(self._run.traces[name])

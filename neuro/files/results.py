@@ -1,15 +1,17 @@
 """What a run leaves behind, as one HDF5 file that explains itself; it may be read while parts of it are still to come.
 
 ```
-/                   attributes: format "neuro results 2", network (its name), backend, seed, threads, duration_ms,
+/                   attributes: format "neuro results 3", network (its name), backend, seed, threads, duration_ms,
                     resolution_ms, counts.* of the run, the versions of neuro, python, numpy and numba, finished:
                     whether the run came to its end, and recording.NAME: where that of an event camera lay
 /network            the network as YAML text
 /network_files/F    file F that the YAML reads, byte for byte
-/populations/NAME   attributes: model, shape, recorded, emits, counts.*
-    times_ms        float64, sorted
+/populations/NAME   attributes: model, shape, recorded, emits, resolution_ms, counts.*
+    steps           int64, sorted; a step times resolution_ms is its time in ms
     ids             int64
     multiplicity    int32, spikes of that neuron in that step
+    spike_counts    int64, spikes of each neuron
+    event_counts    int64, steps of each neuron with spikes
 /projections/NAME   attributes: source, target, synapse, synapses, counts.*
     pre, post       int64; not of a grid
     weight          float64 as stored at the end; of a grid (maps, channels, height, width)
@@ -22,8 +24,8 @@
 ```
 
 A probe of several states has a trace NAME.STATE for each. Spikes and weights that were not kept have no arrays, and
-what is written while it runs (`neuro.files.recording`) has weights when it is finished. A file "neuro results 1" has
-neither synapses nor views in its traces, and is read likewise.
+what is written while it runs (`neuro.run.recording`) has weights when it is finished. The bill of a run follows from
+the counts of each neuron, so a report prices what the simulation would.
 """
 
 from __future__ import annotations
@@ -39,7 +41,7 @@ import h5py
 import numpy as np
 
 from neuro.core.checks import check_span
-from neuro.core.clock import NEVER, Clock
+from neuro.core.clock import Clock
 from neuro.core.english import a
 from neuro.core.errors import ModelError, unknown
 from neuro.core.growing import Grown
@@ -65,8 +67,7 @@ if TYPE_CHECKING:
 
     from neuro.files.frames import Frames
 
-FORMATS = ("neuro results 1", "neuro results 2")
-FORMAT = FORMATS[-1]
+FORMAT = "neuro results 3"
 SECTIONS = ("populations", "projections", "traces")
 YAML = "network.yaml"
 _LARGE = 10_000
@@ -75,7 +76,7 @@ RECORDING = "recording."
 """Attributes of this name and that of an event camera say where its recording lay."""
 
 
-KIND = Kind("a file of results", lambda path: has_format(path, *FORMATS))
+KIND = Kind("a file of results", lambda path: has_format(path, FORMAT))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -155,7 +156,7 @@ class Results:
     @property
     def finished(self) -> bool:
         """Whether the run came to its end; if not, all is there that was recorded up to `time`."""
-        return bool(self.about.get("finished", True))
+        return bool(self.about["finished"])
 
     def spikes(self, of: Any, since: float | None = None, until: float | None = None) -> tuple[Floats, Ints]:
         """Recorded spikes of a population or of a view.
@@ -183,14 +184,14 @@ class Results:
         bounds = (-1.0 if since is None else since, np.inf if until is None else until)
         after, to = (clock.floor(t, word) for t, word in zip(bounds, ("since", "until"), strict=True))
         check_span(after, to, since, until)
-        part = span(kept(train, "times_ms"), clock.ms(after), np.inf if to >= NEVER else clock.ms(to))
-        times, neurons, multiplicity = (kept(train, word)[part] for word in ("times_ms", "ids", "multiplicity"))
+        part = span(kept(train, "steps"), after, to)
+        steps, neurons, multiplicity = (kept(train, word)[part] for word in ("steps", "ids", "multiplicity"))
         if ids is not None:
             some = np.isin(neurons, ids)
-            times, neurons, multiplicity = times[some], neurons[some], multiplicity[some]
+            steps, neurons, multiplicity = steps[some], neurons[some], multiplicity[some]
         if multiplicity.size and multiplicity.max() > 1:
-            times, neurons = np.repeat(times, multiplicity), np.repeat(neurons, multiplicity)
-        return times, neurons
+            steps, neurons = np.repeat(steps, multiplicity), np.repeat(neurons, multiplicity)
+        return clock.array_ms(steps), neurons
 
     def trace(self, of: Any) -> tuple[Floats, Any]:
         """What a probe has recorded, as `Simulation.trace` gives it.
@@ -356,7 +357,7 @@ def read(path: str | PathLike[str]) -> Results:
     path = existing(path)
     note(path)
     try:
-        held = Grown(path, "a file of results, as 'neuro run' writes it", *FORMATS)
+        held = Grown(path, "a file of results, as 'neuro run' writes it", FORMAT)
         with held.reading() as file:
             return read_file(file, held.reading, path)
     except ModelError:
@@ -398,7 +399,9 @@ def write_part(group: h5py.Group, part: Any) -> None:
         if field.name in group:
             continue
         if isinstance(value, np.ndarray):
-            packing = {"compression": "gzip", "compression_opts": 1, "shuffle": True} if value.size > _LARGE else {}
+            # Counts are written anew while a run goes on: packed, each time would take new room in the file.
+            packed = value.size > _LARGE and not field.name.endswith("_counts")
+            packing = {"compression": "gzip", "compression_opts": 1, "shuffle": True} if packed else {}
             group.create_dataset(field.name, data=value, **packing)
         elif isinstance(value, dict):
             group.attrs.update({_COUNT + name: number for name, number in value.items()})

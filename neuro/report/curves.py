@@ -28,7 +28,7 @@ _POINTS = 500
 
 def rates(results: Results) -> Html:
     """The rate of a neuron of each population whose spikes were kept, along time."""
-    shown = [name for name, train in results.populations.items() if train.times_ms.size]
+    shown = [name for name, train in results.populations.items() if train.steps.size]
     drawn = [_rate(name, results.populations[name], results) for name in shown[:MOST]]
     return _grid(drawn, len(shown), "populations")
 

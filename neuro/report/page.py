@@ -11,7 +11,6 @@ import numpy as np
 
 from neuro.chips.pricing.energy import Energy, quantity
 from neuro.core import html
-from neuro.core.clock import Clock
 from neuro.core.english import some
 from neuro.core.errors import ModelError
 from neuro.core.extension import extensions
@@ -109,14 +108,14 @@ def _card(what: str, big: str, below: str) -> Html:
 
 def _spikes(results: Results) -> Iterator[Html]:
     yield tag("h2", "Spikes")
-    shown = [name for name, train in results.populations.items() if train.times_ms.size]
+    shown = [name for name, train in results.populations.items() if train.steps.size]
     if shown:
         yield tag("p", raster.HELP)
         yield _raster(results, shown[:MOST_STRIPS])
     if len(shown) > MOST_STRIPS:
         yield tag("p", f"{len(shown) - MOST_STRIPS} more populations are not drawn.")
     silent = [name for name, train in results.populations.items() if train.recorded and train.spikes == 0]
-    left_out = [n for n, train in results.populations.items() if train.counts["spikes"] and not train.times_ms.size]
+    left_out = [n for n, train in results.populations.items() if train.counts["spikes"] and not train.steps.size]
     if silent:
         yield tag("p", f"Silent: {', '.join(silent)}.")
     if left_out:
@@ -132,12 +131,11 @@ def _spikes(results: Results) -> Iterator[Html]:
 def _raster(results: Results, names: list[str]) -> Html:
     """Strips of all populations."""
     step, last = float(results.about["resolution_ms"]), end_ms(results)
-    clock = Clock(step)
     most = min(MOST_DOTS, MOST_DOTS_IN_ALL // len(names))
     strips = []
     for name in names:
         train = results.populations[name]
-        steps = clock.steps(train.times_ms, "spikes")
+        steps = np.asarray(train.steps)
         drawn = window(train.size, [(steps, train.ids)], int(results.about["counts.steps"]), most)
         about = f"{_hz(train, results)} Hz, {drawn.told(last, step)}"
         strips.append(Strip(name, about, drawn, {"spike": drawn.keys(steps, train.ids)}))

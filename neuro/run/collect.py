@@ -14,6 +14,7 @@ from typing import Any, Protocol
 
 import numpy as np
 
+from neuro.core.clock import Clock
 from neuro.core.extension import extensions
 from neuro.core.provenance import ATTRIBUTE, provenance
 from neuro.core.version import VERSION
@@ -27,6 +28,7 @@ from neuro.program.counts import Counts, PopulationCounts, ProjectionCounts
 from neuro.program.program import Floats, Ints, Population, Probe, Program, Projection, SynapseProbe
 from neuro.run.handles import Handles
 from neuro.run.recorder import columns, is_single
+from neuro.run.trials import TrialCounts
 
 
 class Run(Protocol):
@@ -44,6 +46,9 @@ class Run(Protocol):
 
     def counts(self) -> Counts:
         """What has happened."""
+
+    def taken(self) -> TrialCounts:
+        """What has happened, neuron by neuron."""
 
     def spikes(self, of: str) -> tuple[Floats, Ints]:
         """Times and neurons of a population."""
@@ -71,7 +76,7 @@ def collect(
         all_weights: keep also the weights of static projections above a million synapses, which follow from
             network and seed.
     """
-    program, counts = sim.program, sim.counts()
+    program, counts, raw = sim.program, sim.counts(), sim.taken().raw_counts
     keep = record or [part.name for part in program.populations]
     return Results(
         {
@@ -81,7 +86,10 @@ def collect(
             "finished": True,
         },
         files_of(net),
-        {p.name: _train(sim, p, p.name in keep, counts) for p in program.populations},
+        {
+            p.name: replace(_train(sim, p, p.name in keep, counts), spike_counts=spikes, event_counts=events)
+            for p, spikes, events in zip(program.populations, raw.spikes, raw.events, strict=True)
+        },
         {p.name: weights_of(sim, p, counts, all_weights=all_weights) for p in program.projections},
         traces(sim),
     )
@@ -136,23 +144,25 @@ def files_of(net: Network) -> dict[str, bytes]:
 
 
 def _train(sim: Run, part: Population, kept: bool, counts: Counts) -> Train:
-    empty = no_spikes(part, kept, counts)
-    if not empty.recorded:
-        return empty
+    train = no_spikes(sim, part, kept, counts)
+    if not train.recorded:
+        return train
     times, ids = sim.spikes(part.name)
-    first = np.ones(times.size, bool)
-    first[1:] = (times[1:] != times[:-1]) | (ids[1:] != ids[:-1])
+    steps = Clock(train.resolution_ms).steps(times, "spikes")
+    first = np.ones(steps.size, bool)
+    first[1:] = (steps[1:] != steps[:-1]) | (ids[1:] != ids[:-1])
     at = np.flatnonzero(first)
-    multiplicity = np.diff(at, append=times.size).astype(np.int32)
-    return replace(empty, times_ms=times[at], ids=ids[at], multiplicity=multiplicity)
+    multiplicity = np.diff(at, append=steps.size).astype(np.int32)
+    return replace(train, steps=steps[at], ids=ids[at], multiplicity=multiplicity)
 
 
-def no_spikes(part: Population, kept: bool, counts: Counts) -> Train:
-    """A population without its spikes."""
-    recorded, none = kept and part.records, np.zeros(0, np.int64)
+def no_spikes(sim: Run, part: Population, kept: bool, counts: Counts) -> Train:
+    """A population without its spikes, and before any was counted."""
+    none, zeros = np.zeros(0, np.int64), np.zeros(part.size, np.int64)
     count = asdict(counts.populations[part.name])
     emits = "current" if part.kind == "current" else "spikes"
-    return Train(part.said, part.shape, count, recorded, np.zeros(0), none, none.astype(np.int32), emits)
+    words = (part.said, part.shape, count, kept and part.records, sim.program.resolution)
+    return Train(*words, none, none, none.astype(np.int32), zeros, zeros, emits)
 
 
 def weights_of(sim: Run, part: Projection, counts: Counts, *, all_weights: bool = False, kept: bool = True) -> Weights:

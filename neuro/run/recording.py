@@ -95,8 +95,8 @@ class Recording:
         """The parts of the file, still without content."""
         program, counts = self._sim.program, self._sim.counts()
         for index, part in enumerate(program.populations):
-            train = collect.no_spikes(part, index in self._kept, counts)
-            self._add("populations", part.name, train, ("times_ms", "ids", "multiplicity"), gzip=index in self._kept)
+            train = collect.no_spikes(self._sim, part, index in self._kept, counts)
+            self._add("populations", part.name, train, ("steps", "ids", "multiplicity"), gzip=index in self._kept)
         for projection in program.projections:
             self._add("projections", projection.name, collect.weights_of(self._sim, projection, counts, kept=False), ())
         probes: list[Probe | SynapseProbe] = [*program.probes, *program.synapse_probes]
@@ -137,7 +137,7 @@ class Recording:
             found = self._engine.spikes(index, -1)
             end = int(np.searchsorted(found.steps, now, side="right"))
             group = self._file["populations"][self._sim.program.populations[index].name]
-            _append(group["times_ms"], clock.array_ms(found.steps[:end]))
+            _append(group["steps"], found.steps[:end])
             _append(group["ids"], found.ids[:end])
             _append(group["multiplicity"], found.multiplicity[:end])
         self._engine.forget(now)
@@ -173,6 +173,10 @@ class Recording:
         for section, parts in (("populations", counts.populations), ("projections", counts.projections)):
             for name, part in parts.items():
                 self._file[section][name].attrs.update(collect.counts_of(part))
+        raw = self._engine.counts()
+        for part, spikes, events in zip(self._sim.program.populations, raw.spikes, raw.events, strict=True):
+            group = self._file["populations"][part.name]
+            group["spike_counts"][...], group["event_counts"][...] = spikes, events
 
     @property
     def results(self) -> Results:

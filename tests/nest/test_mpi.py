@@ -86,7 +86,7 @@ def test_the_same_result_from_1_2_and_4_processes(folder):
         assert other.about == one.about
         for name, train in one.populations.items():
             assert train.counts == other.populations[name].counts
-            for word in ("times_ms", "ids", "multiplicity"):
+            for word in ("steps", "ids", "multiplicity"):
                 np.testing.assert_array_equal(getattr(train, word), getattr(other.populations[name], word))
         for name, wires in one.projections.items():
             np.testing.assert_allclose(wires.weight, other.projections[name].weight, rtol=0, atol=1e-9)

@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from neuro.core.clock import Clock
 from neuro.core.errors import Where
 from neuro.core.inputs import note
 from neuro.core.values import FromFile
@@ -16,7 +17,7 @@ from neuro.model.language.reader import Node
 
 CSV = ".csv"
 COLUMNS = ("times", "ids")
-_TIMES = ("times_ms", "ids", "multiplicity")
+_STEPS = ("steps", "ids", "multiplicity")
 """Of a population in a file of results."""
 
 
@@ -54,11 +55,15 @@ def _rows(path: Path, file: Node, key: Node | None) -> NDArray[np.float64]:
 def _hdf5(path: Path, file: Node, key: Node) -> NDArray[np.float64]:
     """A group with a data set for each column, as results have for each population, or a data set of two columns."""
     check(path, file)
-    what, names = f"'{key.value}' in '{file.value}'", _names(path, key.value)
-    if names is None:
+    what, group = f"'{key.value}' in '{file.value}'", _group(path, key.value)
+    if group is None:
         return _two_columns(hdf5(path, file, key), key, what)
-    times, ids, *more = (_inner(key, name) for name in (_TIMES if "times_ms" in names else COLUMNS))
-    rows = _joined([hdf5(path, file, times), hdf5(path, file, ids)], key, what)
+    names, clock = group
+    times, ids, *more = (_inner(key, name) for name in (COLUMNS if clock is None else _STEPS))
+    columns = [hdf5(path, file, times), hdf5(path, file, ids)]
+    if clock is not None:
+        columns[0] = clock.array_ms(columns[0].astype(np.int64))
+    rows = _joined(columns, key, what)
     if more and "multiplicity" in names:
         rows = np.repeat(rows, hdf5(path, file, more[0]).astype(np.int64), axis=0)
     return rows
@@ -68,14 +73,20 @@ def _inner(key: Node, name: str) -> Node:
     return Node(f"{key.value}/{name}", key.where, key.label, key.source)
 
 
-def _names(path: Path, key: str) -> list[str] | None:
-    """What lies in a group; None where it is none, or cannot be read, which whoever reads it tells."""
+def _group(path: Path, key: str) -> tuple[list[str], Clock | None] | None:
+    """The names in a group, and the clock of its steps where it has steps, as results do.
+
+    None where there is no group, or where it cannot be read: the reader of its data reports that.
+    """
     import h5py
 
     try:
         with h5py.File(path, "r") as opened:
             group = opened.get(key)
-            return list(group) if isinstance(group, h5py.Group) else None
+            if not isinstance(group, h5py.Group):
+                return None
+            step = group.attrs.get("resolution_ms") if "steps" in group else None
+            return list(group), None if step is None else Clock(float(step))
     except (OSError, ValueError, KeyError, RuntimeError):
         return None
 
