@@ -13,7 +13,7 @@ from neuro.core.lazy import public_names
 
 if TYPE_CHECKING:
     from neuro.chips.pricing.energy import number as number, quantity as quantity, sourced as sourced
-    from neuro.cli.energy import TARGETS as TARGETS, Sources as Sources, Target as Target
+    from neuro.cli.chips import TARGETS as TARGETS, Sources as Sources, Target as Target
     from neuro.cli.options import (
         Backend as Backend,
         NetworkFile as NetworkFile,

@@ -360,9 +360,8 @@ def test_no_file_is_opened_for_writing_elsewhere():
     }
     given = {
         "neuro/cli/compare.py",
-        "neuro/cli/example.py",
-        "neuro/cli/new.py",
-        "neuro/cli/report.py",
+        "neuro/cli/start.py",
+        "neuro/cli/pictures.py",
         "neuro/sweeps/page.py",
         "neuro/sweeps/tuning/page.py",
         "neuro/sweeps/folder.py",

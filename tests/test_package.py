@@ -11,7 +11,7 @@ from packaging.requirements import Requirement
 from packaging.utils import canonicalize_name
 
 import neuro
-from neuro.cli.shipped import by_name, shipped
+from neuro.cli.start import by_name, shipped
 from neuro.core import extras
 from neuro.core.extras import install
 

@@ -39,7 +39,7 @@ import pytest
 
 import neuro
 from neuro.cli import main
-from neuro.cli.shipped import shipped
+from neuro.cli.start import shipped
 
 ROOT = Path(__file__).parents[1]
 PAGES = [ROOT / "README.md", ROOT / "CONTRIBUTING.md", *sorted((ROOT / "docs").rglob("*.md"))]

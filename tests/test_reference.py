@@ -5,7 +5,7 @@ import re
 from pathlib import Path
 
 import neuro
-from neuro.cli.models import body, bounds, catalogue, shown
+from neuro.cli.catalogue import body, bounds, catalogue, shown
 from neuro.model.language.sources import SECTIONS
 from neuro.model.parts import Trials
 

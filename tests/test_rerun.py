@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 import neuro
-from neuro.cli.shipped import shipped
+from neuro.cli.start import shipped
 from neuro.core import provenance as provenances
 from neuro.core.hdf5 import seal
 from neuro.core.inputs import digest_of, gathering, note

@@ -6,25 +6,17 @@ from typing import Annotated
 
 import typer
 
-from neuro.cli.backends import backends
-from neuro.cli.check import check
+from neuro.cli.catalogue import backends, models, schema
+from neuro.cli.check import check, show
+from neuro.cli.chips import energy, fit
 from neuro.cli.commands import Commands
-from neuro.cli.compare import compare
-from neuro.cli.energy import energy
+from neuro.cli.compare import compare, verify
 from neuro.cli.events import app as events, shell
-from neuro.cli.example import example
-from neuro.cli.fit import fit
-from neuro.cli.models import models
-from neuro.cli.new import new
-from neuro.cli.plot import plot
-from neuro.cli.report import report
-from neuro.cli.rerun import rerun
-from neuro.cli.run import run
-from neuro.cli.schema import schema
-from neuro.cli.show import show
+from neuro.cli.pictures import plot, report
+from neuro.cli.run import rerun, run
+from neuro.cli.start import example, new
 from neuro.cli.sweep import app as sweep
 from neuro.cli.tune import app as tune
-from neuro.cli.verify import verify
 from neuro.core.version import VERSION
 
 COMMANDS = (

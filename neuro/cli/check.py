@@ -1,8 +1,8 @@
-"""`neuro check`."""
+"""A network before it runs: `neuro check` and `neuro show`."""
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
@@ -25,7 +25,7 @@ def check(file: NetworkFile, backend: Backend = "event", seed: Seed = 0, set: Se
     for error in found.mistakes:
         typer.echo(f"error: {error}", err=True)
     for problem in problems:
-        typer.echo(told(problem), err=True)
+        typer.echo(refusal(problem), err=True)
     wrong = len(found.mistakes) + sum(problem.refused for problem in problems)
     if wrong > 1:
         typer.echo(f"{file}: {wrong} mistakes", err=True)
@@ -34,7 +34,7 @@ def check(file: NetworkFile, backend: Backend = "event", seed: Seed = 0, set: Se
     typer.echo(f"{file}: ok on {backend}: {summary(found.program)}")
 
 
-def told(problem: Problem) -> str:
+def refusal(problem: Problem) -> str:
     """A line for what a backend refuses or approximates."""
     place = f"{problem.origin}: " if problem.origin else ""
     kind = "refused" if problem.refused else "approximated"
@@ -53,3 +53,23 @@ def summary(program: Program) -> str:
         f"{some(synapses, 'synapse')} in {some(len(program.projections), 'projection')}, "
         f"resolution {program.resolution:g} ms"
     )
+
+
+AsProgram = Annotated[bool, typer.Option("--program", help="Print the resolved form that backends get.")]
+
+
+def show(file: NetworkFile, program: AsProgram = False, seed: Seed = 0, set: Set = []) -> None:  # noqa: B006
+    """Show the populations, projections and memory of a network, or its resolved form."""
+    from neuro.compiler import compile_network
+    from neuro.compiler.show import program_text, tables
+    from neuro.core.tables import console, table
+    from neuro.model.language import load
+
+    net = load(file, params=assignments(set))
+    resolved = compile_network(net, seed)
+    if program:
+        typer.echo(program_text(resolved), nl=False)
+        return
+    out = console()
+    for part in tables(net, resolved):
+        out.print(table(part.head, part.rows, title=part.title))

@@ -1,11 +1,13 @@
-"""`neuro compare`."""
+"""Backends side by side: `neuro compare`, and `neuro verify` beside golden traces."""
 
 from __future__ import annotations
 
 import json
+import math
 from contextlib import ExitStack
+from dataclasses import asdict
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
@@ -13,6 +15,7 @@ from neuro.cli.options import NetworkFile, Seed, Set, Threads, assignments, mill
 
 if TYPE_CHECKING:
     from neuro.compare.result import Comparison
+    from neuro.verify.verify import Result
 
 Duration = Annotated[float, typer.Option("--for", metavar="MS", parser=milliseconds, help="How long, in ms.")]
 Backends = Annotated[str, typer.Option(metavar="A,B,...", help="What to run on; others are compared with the first.")]
@@ -57,7 +60,7 @@ def compare(
             typer.echo("interrupted: nothing is compared", err=True)
             raise typer.Exit(130) from None
         write(found, page_part, json_part)
-    tell(found, as_json, [out for out in (json_out, html) if out])
+    print_comparison(found, as_json, [out for out in (json_out, html) if out])
 
 
 def write(found: Comparison, page_part: Path | None, json_part: Path | None) -> None:
@@ -72,18 +75,18 @@ def write(found: Comparison, page_part: Path | None, json_part: Path | None) -> 
         json_part.write_text(JSON.seal(json.dumps(told, indent=2) + "\n"), "utf-8")
 
 
-def plain(found: Comparison) -> str:
+def as_plain_json(found: Comparison) -> str:
     """A comparison as JSON."""
     return json.dumps(found.as_dict(), indent=2)
 
 
-def tell(found: Comparison, as_json: bool, written: list[Path]) -> None:
+def print_comparison(found: Comparison, as_json: bool, written: list[Path]) -> None:
     """Print a comparison, and which files there are."""
     from neuro.compare.table import show
     from neuro.core.tables import console
 
     if as_json:
-        typer.echo(plain(found))
+        typer.echo(as_plain_json(found))
         return
     show(found, console())
     for out in written:
@@ -94,3 +97,46 @@ def _check_apart(html: Path | None, json_out: Path | None) -> None:
     """Refuse to write two things to one file."""
     if html is not None and json_out is not None and html.resolve() == json_out.resolve():
         raise typer.BadParameter(f"'{json_out}' is the page already: expected another name", param_hint="'--json-out'")
+
+
+Folder = Annotated[Path, typer.Argument(metavar="FOLDER", help="Golden traces: NAME.json and NAME.npz of each case.")]
+Chosen = Annotated[
+    str | None,
+    typer.Option("--backend", metavar="NAME", help="What to run on; if not given, the chip of the traces, or event."),
+]
+VerifyJson = Annotated[bool, typer.Option("--json", help="Print JSON instead of a table.")]
+
+
+def verify(folder: Folder, backend: Chosen = None, as_json: VerifyJson = False) -> None:
+    """Compare a backend with golden traces; the exit status is 1 if a value is wrong."""
+    from neuro.core.progress import Bar
+    from neuro.program.backend import find_backend
+    from neuro.verify.verify import verify as compare
+
+    with Bar() as bar:
+        results = compare(folder, find_backend(backend) if backend else None, progress=bar.say)
+    if as_json:
+        typer.echo(json.dumps([figures_of(result) for result in results], indent=2))
+    else:
+        print_results(results)
+    if not all(result.ok for result in results):
+        raise typer.Exit(1)
+
+
+def figures_of(result: Result) -> dict[str, Any]:
+    """A result for JSON, which has no infinity: there the error is null."""
+    return asdict(result) | ({} if math.isfinite(result.error) else {"error": None})
+
+
+def print_results(results: list[Result]) -> None:
+    """Print a row for each quantity of each case, and the sum of it."""
+    from neuro.core.tables import console, table
+
+    columns = ("case", "quantity", ">deviation", ">accepted", "", "")
+    rows = [
+        (r.case, r.quantity, f"{r.error:.3g}", f"{r.limit:g}", "ok" if r.ok else "WRONG", r.message) for r in results
+    ]
+    console().print(table(columns, rows))
+    cases = {result.case for result in results}
+    wrong = {result.case for result in results if not result.ok}
+    typer.echo(f"{len(cases) - len(wrong)} of {len(cases)} cases agree")

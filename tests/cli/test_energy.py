@@ -6,7 +6,7 @@ import pytest
 
 import neuro as framework
 from neuro.chips import chip, price
-from neuro.cli.energy import energy
+from neuro.cli.chips import energy
 from neuro.cli.run import run as simulate
 
 RUN = ("net.yaml", "--backend", "reference", "--for", "50")

@@ -8,8 +8,7 @@ import pytest
 import typer
 
 from neuro.cli.app import app
-from neuro.cli.commands import apps, load
-from neuro.cli.extensions import with_extensions
+from neuro.cli.commands import apps, load, with_extensions
 
 FILTER = '''\
 from dataclasses import dataclass

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from neuro import load
-from neuro.cli.models import catalogue
+from neuro.cli.catalogue import catalogue
 from neuro.compiler import compile_network
 from neuro.compiler.show import program_text
 from neuro.program.backend import Problem

@@ -11,8 +11,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from neuro.cli.example import RECORDINGS
-from neuro.cli.shipped import shipped
+from neuro.cli.start import RECORDINGS, shipped
 from neuro.events import load
 
 TEMPLATES = ["balanced-network", "closed-loop", "custom-neuron", "event-camera", "winner-take-all"]

@@ -8,7 +8,7 @@ from typing import Annotated
 
 import typer
 
-from neuro.cli.plot import Format, write_pictures
+from neuro.cli.pictures import Format, write_pictures
 from neuro.cli.tune.options import Tuned
 
 

@@ -1,8 +1,9 @@
-"""`neuro models`."""
+"""What can be named in a network, and what runs it: `neuro models`, `neuro backends`, `neuro schema`."""
 
 from __future__ import annotations
 
 import inspect
+import json
 from collections.abc import Mapping
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -116,3 +117,19 @@ def shown(value: object) -> str:
     if value is None:
         return "-"
     return "[" + ", ".join(map(str, value)) + "]" if isinstance(value, tuple) else str(value)
+
+
+def backends() -> None:
+    """List what networks can run on."""
+    from neuro.core.tables import console, table
+    from neuro.program.backend import installed
+
+    rows = [(name, backend.description) for name, backend in installed().items()]
+    console().print(table(("backend", "what it is"), rows))
+
+
+def schema() -> None:
+    """Print the JSON Schema of network files, for editors that complete YAML."""
+    from neuro.model.language.schema import schema as build
+
+    typer.echo(json.dumps(build(), indent=2))

@@ -1,4 +1,4 @@
-"""`neuro new`."""
+"""What the package ships: folders to start from (`neuro new`) and files of the pages (`neuro example`)."""
 
 from __future__ import annotations
 
@@ -8,10 +8,81 @@ import shlex
 import shutil
 from collections.abc import Iterator
 from contextlib import contextmanager
+from importlib.resources import files
+from importlib.resources.abc import Traversable
 from pathlib import Path
 from typing import Annotated
 
 import typer
+
+
+def shipped(what: str) -> dict[str, Traversable]:
+    """What there is of a kind, by name.
+
+    Args:
+        what: "templates", which are folders, or "examples", which are files.
+    """
+    return by_name(files("neuro.cli").joinpath(what))
+
+
+def by_name(folder: Traversable) -> dict[str, Traversable]:
+    """What lies in a folder, but for what Python leaves there."""
+    entries = sorted(folder.iterdir(), key=lambda entry: entry.name)
+    return {entry.name: entry for entry in entries if entry.name != "__pycache__"}
+
+
+def about(network: Traversable) -> str:
+    """What a network says of itself in its first line, a comment."""
+    return network.read_text("utf-8").partition("\n")[0].removeprefix("# ").removesuffix(".")
+
+
+RECORDINGS = {
+    "shapes.zip": "36 short recordings of a cross, a ring and a square before an event camera, a data set",
+    "walk.dat": "a figure walks past an event camera: 1 s, 64 x 48 px",
+}
+"""What examples are that cannot say it themselves, as networks do in their first line."""
+
+Names = Annotated[list[str], typer.Argument(metavar="NAME...", help="The files to write.")]
+ListExamples = Annotated[bool, typer.Option("--list", help="List the files that there are.")]
+
+
+def example(names: Names = [], list_all: ListExamples = False) -> None:  # noqa: B006
+    """Write files that the pages use to the current folder; what stands there is never replaced."""
+    from neuro.core.errors import ModelError, unknown
+    from neuro.core.outputs import Kind, output
+    from neuro.core.tables import console, table
+
+    known = shipped("examples")
+    if list_all:
+        rows = [(name, RECORDINGS[name] if name in RECORDINGS else about(file)) for name, file in known.items()]
+        console().print(table(("example", "is"), rows))
+        return
+    if not names:
+        raise ModelError("which example? expected the names of files", hint="neuro example net.yaml, or --list")
+    for name in names:
+        if name not in known:
+            raise unknown("example", name, known)
+    contents = {name: known[name].read_bytes() for name in names}
+    for name, content in contents.items():
+        check_free(Path(name), content)
+    for name, content in contents.items():
+        if not Path(name).exists():
+            with output(Path(name), Kind("an example")) as part:
+                part.write_bytes(content)
+        typer.echo(name)
+
+
+def check_free(path: Path, content: bytes) -> None:
+    """Refuse the place of another file.
+
+    Raises:
+        ModelError: a file of that name has other content.
+    """
+    from neuro.core.errors import ModelError
+
+    if path.is_symlink() or (path.exists() and not (path.is_file() and path.read_bytes() == content)):
+        raise ModelError(f"{path}: exists and is not the example", hint="go to an empty folder: mkdir try && cd try")
+
 
 NETWORK = "network.yaml"
 NEXT = """\
@@ -28,12 +99,11 @@ _NAME = re.compile(r"[A-Za-z][\w.-]*", re.ASCII)
 
 Folder = Annotated[Path | None, typer.Argument(metavar="NAME", help="The folder to make.")]
 Template = Annotated[str, typer.Option(metavar="NAME", help="What to begin with: see --list.")]
-List = Annotated[bool, typer.Option("--list", help="List the templates.")]
+ListTemplates = Annotated[bool, typer.Option("--list", help="List the templates.")]
 
 
-def new(name: Folder = None, template: Template = _FIRST, list_all: List = False) -> None:
+def new(name: Folder = None, template: Template = _FIRST, list_all: ListTemplates = False) -> None:
     """Write a folder to start from: a network with comments, a script that runs it, and a test of it."""
-    from neuro.cli.shipped import about, by_name, shipped
     from neuro.core.errors import ModelError, unknown
     from neuro.core.tables import console, table
 
