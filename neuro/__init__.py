@@ -113,14 +113,19 @@ if TYPE_CHECKING:
     from neuro.model.views import View as View
     from neuro.program.backend import OverflowWarning as OverflowWarning
     from neuro.program.counts import Counts as Counts
-    from neuro.run.assignment import assign_labels as assign_labels, read_labels as read_labels
     from neuro.run.compiled import (
         ApproximationWarning as ApproximationWarning,
         ModelWarning as ModelWarning,
         compile as compile,
     )
-    from neuro.run.modulators import reward_error as reward_error, td_error as td_error, td_error_rate as td_error_rate
-    from neuro.run.normalise import normalise as normalise
+    from neuro.run.learning_tools import (
+        assign_labels as assign_labels,
+        normalise as normalise,
+        read_labels as read_labels,
+        reward_error as reward_error,
+        td_error as td_error,
+        td_error_rate as td_error_rate,
+    )
     from neuro.run.ports import Port as Port
     from neuro.run.simulation import Simulation as Simulation
     from neuro.run.trials import TrialCounts as TrialCounts, TrialResults as TrialResults

@@ -19,7 +19,7 @@ INSIDE = {
     ("ValueError", "neuro/events/formats/"): "of an array or a packet; its reader tells it as Damage",
     ("EOFError", "neuro/events/formats/"): "of an array or a packet that ends early; its reader tells it as Damage",
     ("FileNotFoundError", "neuro/core/growing.py"): "as of the system; a recording tells it as Unwritable",
-    ("AttributeError", "neuro/files/stored.py"): "says that a field has no default, to Python of a dataclass",
+    ("AttributeError", "neuro/files/parts.py"): "says that a field has no default, to Python of a dataclass",
     ("ValueError", "neuro/files/results.py"): "of a damaged file, beside those of h5py; read tells it as ModelError",
     ("OverflowError", "neuro/events/filters/_noise_kernel.py"): "a promise of a compiled kernel to its caller",
     (

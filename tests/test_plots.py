@@ -10,7 +10,7 @@ from neuro import ModelError, plots
 from neuro.files.parts import Trace, Train, Weights
 from neuro.files.recorded import Train as Spikes, recorded, trains
 from neuro.files.results import Results
-from neuro.plots import _regularity, _spikes, _synapses, _traces
+from neuro.plots import _spikes, _synapses, _traces
 
 
 def results(size=10, spikes=100, traced=1, recorded=True, duration=1000.0):
@@ -153,11 +153,11 @@ def test_intervals_and_their_variation():
     times, ids = np.sort(rng.uniform(0.0, 1000.0, 400)), rng.integers(0, 12, 400)
     train = Spikes("cells", np.arange(14), times, ids, (0.0, 1000.0))
     trains_ = [times[ids == neuron] for neuron in range(12)]
-    lengths, whose = _regularity.intervals(train)
+    lengths, whose = _spikes.intervals(train)
     for neuron, one in enumerate(trains_):
         assert np.array_equal(lengths[whose == neuron], elephant.isi(one))
     expected = [elephant.cv(elephant.isi(one)) for one in trains_]
-    assert _regularity.variation(train) == pytest.approx(expected, rel=1e-12)
+    assert _spikes.variation(train) == pytest.approx(expected, rel=1e-12)
 
 
 def test_what_intervals_and_cv_say(sim):

@@ -17,7 +17,7 @@ from neuro import ModelError
 from neuro.core import growing
 from neuro.core.growing import Growing, Grown
 from neuro.core.hdf5 import FRONT, seal
-from neuro.files.stored import Stored
+from neuro.files.parts import Stored
 
 
 def network():

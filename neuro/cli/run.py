@@ -174,7 +174,7 @@ def report(results: Results, out: Path) -> None:
 
 def rates(results: Results) -> Iterator[tuple[str, ...]]:
     """A row for each population."""
-    from neuro.files.run_tables import told_spikes
+    from neuro.files.results import told_spikes
 
     for name, train in results.populations.items():
         yield name, train.model, f"{train.size:,}", *told_spikes(train.spikes, train.size, results.duration_ms)

@@ -10,7 +10,7 @@ import numpy as np
 
 from neuro.core.clock import Clock
 from neuro.core.errors import ModelError, unknown
-from neuro.files.resolved import Over, resolved
+from neuro.files.run_networks import Over, resolved
 from neuro.model.network import Network
 from neuro.model.parts import Part, Population
 from neuro.model.views import Laid, View, view

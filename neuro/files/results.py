@@ -31,7 +31,7 @@ the counts of each neuron, so a report prices what the simulation would.
 from __future__ import annotations
 
 import tempfile
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, fields
 from os import PathLike
 from pathlib import Path
@@ -51,10 +51,8 @@ from neuro.core.outputs import Kind
 from neuro.core.paths import existing
 from neuro.core.tables import Table, as_html, as_text
 from neuro.files.kept_synapses import one_each, weights
-from neuro.files.parts import Trace, Train, Weights
-from neuro.files.recordings import Sought
-from neuro.files.run_tables import projection_table, run_table
-from neuro.files.stored import Opener, Stored, kept, span
+from neuro.files.parts import Opener, Stored, Trace, Train, Weights, kept, span
+from neuro.files.run_networks import Sought
 from neuro.model.network import Network
 from neuro.model.parts import Part
 from neuro.model.views import Shaped, View
@@ -65,7 +63,7 @@ from neuro.program.program import Floats, Ints
 if TYPE_CHECKING:
     import neo
 
-    from neuro.files.frames import Frames
+    from neuro.files.exports import Frames
 
 FORMAT = "neuro results 3"
 SECTIONS = ("populations", "projections", "traces")
@@ -132,14 +130,14 @@ class Results:
         ]
 
     def to_neo(self) -> neo.Block:
-        """Spikes and traces as a block of Neo, see `neuro.files.neo_block.to_neo`; needs the extra `neo`."""
-        from neuro.files.neo_block import to_neo
+        """Spikes and traces as a block of Neo, see `neuro.files.exports.to_neo`; needs the extra `neo`."""
+        from neuro.files.exports import to_neo
 
         return to_neo(self)
 
     def to_pandas(self) -> Frames:
         """Spikes, rates, traces and weights as data frames; needs the extra `pandas`."""
-        from neuro.files.frames import to_pandas
+        from neuro.files.exports import to_pandas
 
         return to_pandas(self)
 
@@ -424,3 +422,29 @@ def _read_part(kind: type[P], group: h5py.Group, opener: Opener) -> P:
 
 def _plain(value: Any) -> Any:
     return tuple(value.tolist()) if isinstance(value, np.ndarray) else getattr(value, "item", lambda: value)()
+
+
+def run_table(duration_ms: float, populations: Iterable[tuple[str, str, int, int | None]]) -> Table:
+    """A row for each population.
+
+    Args:
+        duration_ms: how long it ran; without a time there are no rates.
+        populations: of each its name, model, neurons and spikes, None of those that emit a current.
+    """
+    rows = []
+    for name, model, neurons, spikes in populations:
+        rows.append((name, model, f"{neurons:,}", *told_spikes(spikes, neurons, duration_ms)))
+    return Table("populations", ("name", "model", ">neurons", ">spikes", ">rate (Hz)"), tuple(rows))
+
+
+def told_spikes(spikes: int | None, neurons: int, duration_ms: float) -> tuple[str, str]:
+    """Spikes and the mean rate of a neuron in Hz as text; a dash where there can be none."""
+    if spikes is None:
+        return "-", "-"
+    return f"{spikes:,}", f"{spikes / neurons / duration_ms * 1000.0:.2f}" if neurons and duration_ms else "-"
+
+
+def projection_table(projections: Iterable[tuple[str, str, str, str, int]]) -> Table:
+    """A row for each projection: its name, source, target, synapse and number of synapses."""
+    rows = tuple((*words, f"{synapses:,}") for *words, synapses in projections)
+    return Table("projections", ("name", "from", "to", "synapse", ">synapses"), rows)

@@ -9,10 +9,8 @@ Each function gives a figure of matplotlib, or draws into the axes `ax` that it 
 setting of matplotlib or keeps anything; what is too much to be drawn is drawn in part, and the picture says so.
 """
 
-from neuro.plots._overview import overview
-from neuro.plots._regularity import cv, isi
-from neuro.plots._spikes import raster, rate
+from neuro.plots._spikes import cv, isi, raster, rate
 from neuro.plots._synapses import weights
-from neuro.plots._traces import trace
+from neuro.plots._traces import overview, trace
 
 __all__ = ["cv", "isi", "overview", "raster", "rate", "trace", "weights"]

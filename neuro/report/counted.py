@@ -8,8 +8,8 @@ import numpy as np
 
 from neuro.chips.pricing.bill import bill
 from neuro.chips.pricing.energy import Energy
-from neuro.files.resolved import resolved
 from neuro.files.results import Results
+from neuro.files.run_networks import resolved
 from neuro.model.network import Network
 from neuro.program.backend import EngineCounts
 

@@ -19,8 +19,7 @@ from neuro.core.outputs import sealed
 from neuro.core.provenance import provenance
 from neuro.core.version import VERSION
 from neuro.files.parts import Train, Weights
-from neuro.files.results import Results
-from neuro.files.run_tables import told_spikes
+from neuro.files.results import Results, told_spikes
 from neuro.pages import raster
 from neuro.pages.bills import joules
 from neuro.pages.histograms import Histogram, drawings, histogram

@@ -22,8 +22,8 @@ from neuro.program.backend import Engine
 from neuro.program.program import Floats, Ints, Program
 from neuro.run.handles import Handles, Neurons
 from neuro.run.recorder import Recorder
-from neuro.run.synapses import Synapses
 from neuro.run.turn import Turn, held
+from neuro.run.values import Synapses
 
 if TYPE_CHECKING:
     from neuro.files.results import Results

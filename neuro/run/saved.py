@@ -14,7 +14,7 @@ from neuro.model.synapses import Synapse
 from neuro.program.backend import Engine
 from neuro.program.program import Program
 from neuro.run import settable
-from neuro.run.inflow import Inflow
+from neuro.run.inputs import Inflow
 from neuro.run.records import Records
 from neuro.run.trials import TrialLoop
 

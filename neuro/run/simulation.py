@@ -18,33 +18,31 @@ from neuro.core.progress import Bar
 from neuro.core.quantities import Quantity, word_of
 from neuro.core.tables import Table, as_html, as_text
 from neuro.core.values import shown
-from neuro.files.run_tables import projection_table, run_table
+from neuro.files.results import projection_table, run_table
 from neuro.model.network import Network
 from neuro.model.parts import Part, Population, Probe, Projection, Side, Signal
 from neuro.model.views import View
 from neuro.program.backend import Engine, Registers
 from neuro.program.counts import Counts, Tally
 from neuro.program.program import Floats, Ints
-from neuro.run.cells import Cells
 from neuro.run.finite import Watch
 from neuro.run.handles import Handles, Neurons
-from neuro.run.inflow import Inflow
-from neuro.run.inputs import Inputs
+from neuro.run.inputs import Inflow, Inputs
 from neuro.run.learned_network import learnt_network
 from neuro.run.ports import Port, Ports
 from neuro.run.progress import advance
 from neuro.run.records import Records
 from neuro.run.saved import Saved
-from neuro.run.synapses import Synapses
 from neuro.run.trials import TrialCounts, TrialLoop, TrialResults
 from neuro.run.turn import Turn, alone
+from neuro.run.values import NeuronStates, Synapses
 
 if TYPE_CHECKING:
     import neo
     from matplotlib.figure import Figure
 
     from neuro.chips.pricing.energy import Energy
-    from neuro.files.frames import Frames
+    from neuro.files.exports import Frames
     from neuro.files.parts import Trace
 
 _FLAG = Quantity(kind="boolean")
@@ -76,7 +74,7 @@ class Simulation:
         self.handles = Handles(net, program)
         self._rules = {index: part.synapse for index, part in enumerate(program.projections)}
         self._synapses = Synapses(program, engine, self._clock, self._rules, self.handles)
-        self._cells, self._inputs = Cells(program, engine, self._clock), Inputs(program, engine, self._clock)
+        self._cells, self._inputs = NeuronStates(program, engine, self._clock), Inputs(program, engine, self._clock)
         self._records = Records(program, engine, self._clock, self.handles, self._synapses)
         self._tally = Tally(program)
         self._inflow = Inflow(program, engine)
@@ -459,14 +457,14 @@ class Simulation:
         return overview(self, of, window=window)
 
     def to_neo(self) -> neo.Block:
-        """Spikes and traces so far as a block of Neo, see `neuro.files.neo_block.to_neo`; needs the extra `neo`."""
-        from neuro.files.neo_block import to_neo
+        """Spikes and traces so far as a block of Neo, see `neuro.files.exports.to_neo`; needs the extra `neo`."""
+        from neuro.files.exports import to_neo
 
         return to_neo(self)
 
     def to_pandas(self) -> Frames:
         """Spikes, rates, traces and weights so far as data frames; needs the extra `pandas`."""
-        from neuro.files.frames import to_pandas
+        from neuro.files.exports import to_pandas
 
         return to_pandas(self)
 

@@ -8,9 +8,8 @@ import pytest
 
 import neuro
 from neuro.chips import chip, place
-from neuro.compare import compare, raster
-from neuro.compare.chipmap import chip_map
-from neuro.compare.report import page
+from neuro.compare import compare, report
+from neuro.compare.report import chip_map, page
 from neuro.core.html import Html, join, svg, table, tag
 from neuro.pages.raster import script
 from rasters import unpacked
@@ -97,7 +96,7 @@ def test_the_page_tells_all(three):
 
 
 def test_rasters_draw_every_spike_and_what_differs(three):
-    tree = Tree(raster.rasters(three))
+    tree = Tree(report.rasters(three))
     expected = {"same": 0, "missing": 0, "extra": 0}
     for run in three.ran:
         for name, its in run.trains.items():
@@ -117,8 +116,8 @@ def test_rasters_of_many_spikes_are_a_choice_and_say_so(monkeypatch, dots, rows,
     net = neuro.Network("many", resolution=1.0)
     net.population("cells", 500, neuro.iaf_psc_exp(I_e=2000.0, t_ref=1.0))  # 250 Hz each
     found = compare(net, ["event", "reference"], 400.0)
-    monkeypatch.setattr(raster, "MOST_DOTS", dots)
-    tree = Tree(raster.rasters(found))
+    monkeypatch.setattr(report, "MOST_DOTS", dots)
+    tree = Tree(report.rasters(found))
     assert found.first.populations["cells"].spikes == 50_000
     assert dots * 0.89 < tree.dots["same"] / 2 <= dots
     told = f"cells {rows} of 500 neurons, evenly chosen"

@@ -1,4 +1,4 @@
-"""Synapses of a running network, all or chosen ones by their ends, read and changed."""
+"""Parameters and states of neurons, read and changed while a network runs."""
 
 from __future__ import annotations
 
@@ -13,13 +13,55 @@ from neuro.core.errors import ModelError, unknown
 from neuro.core.quantities import word_of
 from neuro.model.parts import Side
 from neuro.model.synapses import Synapse
-from neuro.program.backend import Engine
+from neuro.program.backend import Engine, unreadable
 from neuro.program.program import Floats, Ints, Program, Projection, synapse_states
 from neuro.program.synapse_pairs import Ends, places_of_pairs, refuse_some_of_a_grid
 from neuro.run import settable
 from neuro.run.finite import check_weights
 from neuro.run.handles import Handles, Neurons
 from neuro.run.settable import Chosen
+
+
+class NeuronStates:
+    """Reads and sets neurons.
+
+    Args:
+        program: the network.
+        engine: it runs.
+        clock: of the network.
+    """
+
+    def __init__(self, program: Program, engine: Engine, clock: Clock) -> None:
+        self._program, self._engine, self._clock = program, engine, clock
+
+    def set(self, neurons: Neurons, values: Mapping[str, Any]) -> None:
+        """Change parameters or states by name, of all neurons or of each.
+
+        Raises:
+            ModelError: a name is unknown, a value is out of bounds, or several do not go together.
+        """
+        seed = self._program.seed
+        new = {word: settable.new_values(neurons, word, value, self._engine, seed) for word, value in values.items()}
+        settable.check_together(self._program, neurons.index, new, self._engine, self._clock)
+        self._engine.set(neurons.index, new)
+
+    def get(self, neurons: Neurons, what: str) -> Any:
+        """A state or parameter, one value a neuron.
+
+        Raises:
+            ModelError: they have none of that name.
+        """
+        part, word = neurons.part, word_of(what) if isinstance(what, str) else ""
+        if word not in part.parameters and word not in settable.states(part):
+            known = [*settable.states(part), *part.parameters]
+            raise unknown("parameter or state", what, known).at(None, f"population '{part.name}'")
+        return self._engine.get(neurons.index, word, neurons.ids)
+
+    def states(self, neurons: Neurons) -> list[str]:
+        """The states that the backend shows, in the order of the model."""
+        hidden = unreadable(self._engine)
+        return [word for word in settable.states(neurons.part) if word not in hidden]
+
 
 _SMALL = 1_000_000
 

@@ -1,11 +1,17 @@
-"""Recordings that the network of a run plays, which results name and do not hold."""
+"""The network of a run that is over: its recordings, which results name and do not hold, and what it compiles to."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+import copy
+from collections.abc import Iterable, Mapping
+from dataclasses import replace
 from pathlib import Path
+from typing import Any, Protocol
 
 from neuro.core.errors import ModelError
+from neuro.model.network import Network
+from neuro.model.neurons import event_camera, spike_generator
+from neuro.program.program import Program
 
 READABLE = "spikes, traces and weights are read without"
 
@@ -45,3 +51,39 @@ class Sought:
             looked = ", ".join(map(str, self._folders))
             hint = f"results.network(recordings=FOLDER) says where it lies; {READABLE} it"
             raise ModelError(f"the network plays the recording {name!r}: not found in {looked}", hint=hint)
+
+
+class Over(Protocol):
+    """What is asked of results."""
+
+    @property
+    def about(self) -> dict[str, Any]:
+        """Attributes of its file."""
+
+    @property
+    def populations(self) -> Mapping[str, Any]:
+        """Spikes by population."""
+
+
+def resolved(results: Over, net: Network) -> Program:
+    """What ran; what a camera emitted is listed in it, so that no recording is needed.
+
+    Args:
+        results: of the run.
+        net: what ran.
+    """
+    from neuro.compiler import compile_network
+
+    return compile_network(without_recordings(results, net), int(results.about["seed"]))
+
+
+def without_recordings(results: Over, net: Network) -> Network:
+    """The same network with a list of spikes, of which none are there, for each event camera."""
+    listed = copy.copy(net)
+    listed.populations = {
+        name: replace(part, model=spike_generator(), shape=results.populations[name].shape)
+        if isinstance(part.model, event_camera)
+        else part
+        for name, part in net.populations.items()
+    }
+    return listed
