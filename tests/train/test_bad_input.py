@@ -13,9 +13,10 @@ import pytest
 import neuro as snn
 import neuro_models
 from neuro.events import Events, save
-from neuro_train import trainer
 
 torch = pytest.importorskip("torch", reason="PyTorch is not installed")
+from neuro_train import trainer  # noqa: E402
+
 QUICK = ("--duration", 60, "--epochs", 8, "--batch", 6)
 DELTA = snn.iaf_psc_delta(tau_m=20.0, t_ref=0.0, E_L=0.0, V_reset=0.0, V_th=1.0)
 
