@@ -170,9 +170,9 @@ class Recording:
         """Write the time and the counts of now."""
         self._file.attrs.update(collect.about(self._sim, self._threads))
         counts = self._sim.counts()
-        for section, parts in (("populations", counts.populations), ("projections", counts.projections)):
-            for name, part in parts.items():
-                self._file[section][name].attrs.update(collect.counts_of(part))
+        for section, counted in (("populations", counts.populations), ("projections", counts.projections)):
+            for name, numbers in counted.items():
+                self._file[section][name].attrs.update(collect.counts_of(numbers))
         raw = self._engine.counts()
         for part, spikes, events in zip(self._sim.program.populations, raw.spikes, raw.events, strict=True):
             group = self._file["populations"][part.name]
