@@ -15,7 +15,7 @@ import pytest
 
 from neuro.events import load
 from neuro.events.files import BLOCK
-from neuro.events.formats.aedat2 import Aedat2
+from neuro.events.formats.aedat import Aedat2
 from neuro.events.formats.event_stream import START
 from neuro.events.opening import find
 from neuro.events.source import WHOLE, Source

@@ -366,7 +366,7 @@ def test_no_file_is_opened_for_writing_elsewhere():
         "neuro/sweeps/tuning/page.py",
         "neuro/sweeps/folder.py",
         "neuro/sweeps/worker.py",
-        "neuro/cli/events/frames.py",
+        "neuro/cli/events/making.py",
         "neuro/model/language/writer.py",
         "apps/neuro_drone/watch.py",
         "apps/neuro_recognise/detection/report.py",
@@ -383,4 +383,4 @@ def test_no_file_is_opened_for_writing_elsewhere():
     assert found == {"neuro/core/outputs.py"} | formats | temporary | given | cache | memory | journal
 
 
-FORMATS = ("_aedat4_write", "evt2", "evt3", "event_stream", "aedat2", "dat", "nmnist", "table", "npz")
+FORMATS = ("aedat4", "evt", "event_stream", "aedat", "dat", "nmnist", "table", "npz")

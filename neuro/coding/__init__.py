@@ -6,9 +6,16 @@ An encoder is a function of an array of values and named parameters. Those of `C
 
 from neuro.coding.codes import CODES, RATE_CODES
 from neuro.coding.decoders import first_to_fire, highest_rate, population_vector, rank_order, van_rossum
-from neuro.coding.latency import intensity_to_latency, log_intensity_to_latency, rank
-from neuro.coding.rates import population, rate
-from neuro.coding.trains import burst, phase, poisson
+from neuro.coding.encoders import (
+    burst,
+    intensity_to_latency,
+    log_intensity_to_latency,
+    phase,
+    poisson,
+    population,
+    rank,
+    rate,
+)
 
 __all__ = [
     "CODES",

@@ -2,17 +2,158 @@
 
 from __future__ import annotations
 
+import inspect
+import re
 from collections.abc import Callable, Iterator, Mapping
-from typing import Any
+from dataclasses import MISSING, dataclass, make_dataclass
+from functools import cache
+from types import NoneType
+from typing import Any, ClassVar, Literal, get_args, get_origin, get_type_hints
+
+import numpy as np
 
 from neuro.coding.arguments import Floats
-from neuro.coding.choices import Code, as_choice
-from neuro.coding.latency import intensity_to_latency, log_intensity_to_latency, rank
-from neuro.coding.rates import population, rate
-from neuro.coding.trains import burst, phase, poisson
+from neuro.coding.encoders import (
+    burst,
+    intensity_to_latency,
+    log_intensity_to_latency,
+    phase,
+    poisson,
+    population,
+    rank,
+    rate,
+)
+from neuro.core.checks import numbers
+from neuro.core.choice import Choice
 from neuro.core.errors import ModelError, unknown
+from neuro.core.quantities import quantity
 from neuro.core.registry import Registry
 from neuro.core.values import shown
+
+SEED = "seed"
+"""The argument of a code that draws. It is no word: in a network it follows from the network's seed."""
+
+_KINDS = {float: "number", int: "integer", bool: "boolean"}
+_ARGUMENTS = re.compile(r"^Args:\n((?: .*\n|\n)*)", re.M)
+_SOURCE = re.compile(r"^Source: (.*(?:\n    .*)*)", re.M)
+_ARGUMENT = re.compile(r"^    (\w+): (.*(?:\n        .*)*)", re.M)
+_UNIT = re.compile(r"(?:, | \()(ms|Hz)\)?$")
+"""How the docstring of an argument ends that has a unit."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Code(Choice):
+    """Base of the codes.
+
+    Class attributes:
+        function: of an array of values, and the parameters by name.
+        values: the name of its first argument.
+        draws: whether it takes a seed.
+        rates: whether it gives rates, or values for another code, and no spike times.
+        source: where it is from.
+
+    A code with its parameters, as a description says it: `{rank: {window: 20.0}}`.
+
+    The words are the arguments of the code's function: their kinds are its annotations, their meaning its docstring's.
+    """
+
+    kind: ClassVar[str] = "code"
+    function: ClassVar[Callable[..., Any]]
+    values: ClassVar[str] = ""
+    draws: ClassVar[bool] = False
+    rates: ClassVar[bool] = False
+    source: ClassVar[str] = ""
+
+    def __call__(self, values: Floats, seed: int) -> Floats:
+        """Spike times, the shape of the values and an axis of spikes, or rates.
+
+        Raises:
+            ModelError: the code refuses a value or a parameter, or gives what is no time or rate.
+        """
+        drawn = {SEED: seed} if self.draws else {}
+        parameters = {name: value for name, value in vars(self).items() if value is not None}
+        found = numbers(self.function(values, **parameters, **drawn), self.name)
+        if found.shape[: values.ndim] != values.shape or found.ndim > values.ndim + 1:
+            given, expected = list(found.shape), list(values.shape)
+            raise ModelError(f"gives an array of the shape {given}: expected {expected}, or one more axis")
+        wrong = ~np.isfinite(found) if self.rates else ~(np.isnan(found) | ((found >= 0) & np.isfinite(found)))
+        if wrong.any():
+            what = "finite rates" if self.rates else "times >= 0 ms, or NaN for no spike"
+            raise ModelError(f"gives {found[wrong][0]}: expected {what}")
+        return found if self.rates or found.ndim > values.ndim else found[..., None]
+
+
+@cache
+def as_choice(function: Callable[..., Any], rates: bool) -> type[Code]:
+    """The choice of a code's function.
+
+    Args:
+        function: takes the values and named parameters: annotated `float` (also if not annotated), `int`, `bool` or
+            `Literal` words, each also `| None`.
+        rates: whether it is a rate code.
+
+    Raises:
+        TypeError: it takes something else; it says what.
+    """
+    told = f"code '{function.__name__}'"
+    arguments = [
+        p for p in inspect.signature(function).parameters.values() if p.kind not in (p.VAR_POSITIONAL, p.VAR_KEYWORD)
+    ]
+    if not arguments:
+        raise TypeError(f"{told} takes no argument: expected the values first")
+    first, *named = arguments
+    try:
+        hints = get_type_hints(function)
+    except NameError as error:
+        raise TypeError(f"{told}: its annotations cannot be read: {error}") from None
+    doc = inspect.getdoc(function) or ""
+    meanings = _meanings(doc)
+    words = [p for p in named if p.name != SEED]
+    made: type[Code] = make_dataclass(
+        function.__name__,
+        [(p.name, Any, _field(told, p, hints.get(p.name, float), meanings.get(p.name, ""))) for p in words],
+        bases=(Code,),
+        namespace={
+            "__doc__": doc.partition("\nArgs:")[0].strip(),
+            "function": staticmethod(function),
+            "values": first.name,
+            "draws": len(words) < len(named),
+            "rates": rates,
+            "source": _joined("".join(_SOURCE.findall(doc))),
+        },
+        frozen=True,
+        kw_only=True,
+        eq=False,
+    )
+    return made
+
+
+def _meanings(doc: str) -> dict[str, str]:
+    """What a docstring says of each argument."""
+    section = _ARGUMENTS.search(doc + "\n")
+    return {name: _joined(text) for name, text in _ARGUMENT.findall(section[1])} if section else {}
+
+
+def _joined(text: str) -> str:
+    """A sentence on one line, without its full stop."""
+    return " ".join(text.split()).removesuffix(".")
+
+
+def _field(told: str, argument: inspect.Parameter, hint: Any, doc: str) -> Any:
+    """The quantity of one argument."""
+    inner = [other for other in get_args(hint) if other is not NoneType]
+    if NoneType in get_args(hint) and len(inner) == 1:
+        hint = inner[0]
+    if hasattr(Code, argument.name):
+        raise TypeError(f"{told}: '{argument.name}' has a meaning of its own: expected another name of a parameter")
+    default = MISSING if argument.default is argument.empty else argument.default
+    if get_origin(hint) is Literal:
+        return quantity(default, "", doc, kind="word", words=get_args(hint))
+    if hint not in _KINDS:
+        raise TypeError(f"{told}: '{argument.name}' is annotated {hint}: expected float, int, bool or Literal words")
+    unit = _UNIT.search(doc) if hint is float else None
+    return quantity(default, unit[1] if unit else "", doc[: unit.start()] if unit else doc, kind=_KINDS[hint])
+
 
 Function = Callable[..., Floats]
 

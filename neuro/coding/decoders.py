@@ -9,7 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from neuro.coding.arguments import Floats, finite, number, positive
-from neuro.coding.latency import rank
+from neuro.coding.encoders import rank
 from neuro.core.checks import numbers
 from neuro.core.errors import ModelError
 

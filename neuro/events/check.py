@@ -116,7 +116,7 @@ def joined(pieces: list[Arrays], sort: bool) -> Arrays:
 
 def _survey(piece: Piece) -> tuple[tuple[int, int], bool]:
     """Largest x and y of a piece with events, and whether its time does not run back."""
-    from neuro.events._check_kernel import survey
+    from neuro.events._kernels import survey
 
     x, y, ordered = survey(piece.t, piece.x, piece.y)
     return (int(x), int(y)), bool(ordered)

@@ -15,7 +15,7 @@ from neuro.events._events import Events
 from neuro.events.check import Arrays, Checked, joined
 from neuro.events.errors import EventFileError
 from neuro.events.formats import Format, Unsavable, called, written
-from neuro.events.formats._write import in_order
+from neuro.events.formats._format import in_order
 from neuro.events.opening import Opened, opened, smallest
 from neuro.events.parts import batches, between, windows
 from neuro.events.source import WHOLE, Given, check_given

@@ -205,7 +205,7 @@ class _Pixels:
 
     def hot(self) -> list[tuple[int, int, int]]:
         """Columns, rows and counts of those that never rest, the busiest first."""
-        from neuro.events.filters.hot import alone
+        from neuro.events.filters.noise import alone
 
         found = ((int(x), int(y), int(self._counts[y, x])) for y, x in np.argwhere(alone(self._counts)))
         return sorted(found, key=lambda pixel: -pixel[2])

@@ -8,7 +8,7 @@ import numpy as np
 import numpy.typing as npt
 
 from neuro.core.errors import ModelError
-from neuro.events._dvs_parameters import DVSParameters, Image, shares
+from neuro.events.dvs import DVSParameters, Image, shares
 
 Scene = Callable[[int], Image]
 """Time, us, to the image at it."""

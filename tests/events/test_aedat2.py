@@ -9,7 +9,7 @@ import pytest
 from hypothesis import HealthCheck, given, settings, strategies as st
 
 from neuro.events import EventFileError, EventFileWarning, Events, load, save, stream
-from neuro.events.formats.aedat2 import Aedat2
+from neuro.events.formats.aedat import Aedat2
 from neuro.events.source import Source
 
 HEADER = b"#!AER-DAT2.0\r\n# made for a test\r\n"

@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given, settings, strategies as st
 
 from neuro.events import EventFileError, EventFileWarning, load
-from neuro.events.formats.aedat3 import AEDAT3, Aedat3
+from neuro.events.formats.aedat import AEDAT3, Aedat3
 from neuro.events.source import Source
 
 LINES = b"#!AER-DAT3.1\r\n#Format: RAW\r\n#Source 0: DVS128\r\n#Start-Time: 2016-09-21 14:40:38 (TZ+0000)\r\n"

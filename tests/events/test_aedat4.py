@@ -12,8 +12,7 @@ from hypothesis import given, settings, strategies as st
 
 from neuro.core.extras import install
 from neuro.events import EventFileError, EventFileWarning, Events, load, save, stream
-from neuro.events.formats._aedat4_packet import RECORD
-from neuro.events.formats._flatbuffers import I64, Table
+from neuro.events.formats._aedat4_packet import I64, RECORD, Table
 from neuro.events.formats.aedat4 import Aedat4
 from neuro.events.source import Source
 

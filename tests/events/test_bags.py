@@ -256,7 +256,7 @@ def test_ros2(tmp_path, plugin):
 def test_ros2_with_big_endian_messages(tmp_path):
     data = b"\0\0" + cdr_array(ROWS)[2:]
     from neuro.events.formats._format import Damage
-    from neuro.events.formats._ros_messages import packet as take
+    from neuro.events.formats.rosbag import packet as take
 
     with pytest.raises(Damage, match="expected little-endian CDR"):
         take(np.frombuffer(data, np.uint8), "EventArray", True)

@@ -13,7 +13,7 @@ import pytest
 
 from neuro.core.errors import ModelError
 from neuro.events import EventFileError
-from neuro.events.dataset import Dataset, _pack, _store
+from neuro.events.dataset import Dataset, _store
 
 
 def word(t):
@@ -170,18 +170,18 @@ def test_after_a_kill_the_same_call_goes_on(folder, tmp_path):
 
 KILLED = """
 import os, signal, sys
-from neuro.events.dataset import Dataset, _pack, _store
-from neuro.events.dataset._pack import pack
+from neuro.events.dataset import Dataset, _store
+from neuro.events.dataset._store import pack
 _store.BATCH = 1
 def dying(job, numbers):
     if numbers[0] == 3 and (sys.argv[3] == "always" or not os.path.exists(sys.argv[3])):
         open(sys.argv[3], "w").close()
         os.kill(os.getpid(), signal.SIGKILL)
     return pack(job, numbers)
-def begin(job):
+def start_worker(job):
     return lambda numbers, attempt, tell: dying(job, numbers)
 if __name__ == "__main__":
-    _pack.begin = begin
+    _store.start_worker = start_worker
     try:
         print(Dataset(sys.argv[1]).to_hdf5(sys.argv[2], jobs=2).samples)
     except ValueError as error:
@@ -219,7 +219,7 @@ def test_a_file_that_was_gone_on_with_has_the_same_bytes(folder, tmp_path, monke
 def stopped(job, numbers):
     """Pack only these, then be interrupted."""
     if numbers:
-        yield _pack.pack(job, numbers)
+        yield _store.pack(job, numbers)
     raise KeyboardInterrupt
 
 

@@ -9,8 +9,7 @@ from hypothesis import HealthCheck, example, given, settings, strategies as st
 
 from neuro.events import EventFileError, EventFileWarning, Events, load, save, stream
 from neuro.events.formats import Damage
-from neuro.events.formats.evt2 import EVT2
-from neuro.events.formats.evt21 import EVT21
+from neuro.events.formats.evt import EVT2, EVT21
 from neuro.events.source import WHOLE, Source
 
 HEADER = b"% evt 2.0\n% format EVT2;height=480;width=640\n% geometry 640x480\n% end\n"

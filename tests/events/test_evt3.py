@@ -6,7 +6,7 @@ import pytest
 from hypothesis import HealthCheck, example, given, settings, strategies as st
 
 from neuro.events import EventFileError, EventFileWarning, Events, load, save, stream
-from neuro.events.formats.evt3 import EVT3, SLICE
+from neuro.events.formats.evt import EVT3, SLICE
 from neuro.events.source import WHOLE, Source
 
 HEADER = b"% evt 3.0\n% format EVT3;height=720;width=1280\n% geometry 1280x720\n% end\n"

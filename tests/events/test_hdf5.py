@@ -8,7 +8,7 @@ import pytest
 from hypothesis import HealthCheck, given, settings, strategies as st
 
 from neuro.events import EventFileError, EventFileWarning, Events, load, save, stream
-from neuro.events.formats import _hdf5_write
+from neuro.events.formats import hdf5 as hdf5_format
 from neuro.events.formats.hdf5 import read_sample, write_sample
 
 ROWS = [(70, 3, 2, 1), (1000, 3, 400, 0), (1070, 5, 0, 1), (1070, 600, 9, 0), (9000, 0, 0, 1)]
@@ -65,7 +65,7 @@ def test_index_of_ms(tmp_path, times, count):
 
 
 def test_long_recordings_get_no_index(tmp_path, monkeypatch):
-    monkeypatch.setattr(_hdf5_write, "INDEX_LIMIT", 5)
+    monkeypatch.setattr(hdf5_format, "INDEX_LIMIT", 5)
     path = tmp_path / "a.h5"
     save([EVENTS[:3], EVENTS[3:]], path)
     with h5py.File(path) as file:
@@ -74,7 +74,7 @@ def test_long_recordings_get_no_index(tmp_path, monkeypatch):
 
 
 def test_index_in_blocks(tmp_path, monkeypatch):
-    monkeypatch.setattr(_hdf5_write, "INDEX_BLOCK", 2)
+    monkeypatch.setattr(hdf5_format, "INDEX_BLOCK", 2)
     save(EVENTS, tmp_path / "a.h5")
     with h5py.File(tmp_path / "a.h5") as file:
         assert file["ms_to_idx"][:].tolist() == [0, 2, 4, 4, 4, 4, 4, 4, 4]

@@ -10,7 +10,7 @@ from hypothesis import HealthCheck, example, given, settings, strategies as st
 
 import neuro.events.files as files
 from neuro.events import EVENT, EventFileError, Events, load, save, stream
-from neuro.events.formats._seek import Begin, begin
+from neuro.events.formats._reading import Begin, begin
 
 SIZE = (128, 128)
 ENDINGS = {"dat": ".dat", "aedat2": ".aedat", "evt2": ".raw", "evt3": ".raw", "hdf5": ".h5"}

@@ -180,7 +180,7 @@ def test_an_edit_is_seen_by_a_kernel_of_events(tmp_path, python):
     code = (
         "import numpy as np; from neuro.kernels.jit import kernel\n"
         "from neuro.events.representations import _surface_kernel as s\n"
-        "from neuro.events.representations._hats_kernel import passed\n"
+        "from neuro.events.representations._kernels import passed\n"
         "assert s.passed is passed\n"
         "@kernel\ndef f(a, b):\n    return passed(a, b)\n"
         "print(f(5, 3))"

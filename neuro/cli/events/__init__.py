@@ -4,16 +4,9 @@ from __future__ import annotations
 
 import typer
 
-from neuro.cli.events.convert import convert
-from neuro.cli.events.filter import filter
-from neuro.cli.events.formats import formats
-from neuro.cli.events.frames import frames
-from neuro.cli.events.gif import gif
-from neuro.cli.events.info import info
+from neuro.cli.events.looking import formats, gif, info, view
+from neuro.cli.events.making import convert, filter, frames, split, tohdf5
 from neuro.cli.events.shell import shell
-from neuro.cli.events.split import split
-from neuro.cli.events.tohdf5 import tohdf5
-from neuro.cli.events.view import view
 
 COMMANDS = (info, formats, convert, filter, split, frames, gif, view, tohdf5, shell)
 

@@ -5,9 +5,7 @@ from __future__ import annotations
 from neuro.events.dataset._dataset import Dataset
 from neuro.events.dataset._find import recordings
 from neuro.events.dataset._layouts import LAYOUTS, Layout
-from neuro.events.dataset._recording import Recording
-from neuro.events.dataset._recordings import Recordings
-from neuro.events.dataset._sample import UNKNOWN, Sample
+from neuro.events.dataset._recordings import UNKNOWN, Recording, Recordings, Sample
 from neuro.events.dataset._store import Stored
 
 __all__ = ["LAYOUTS", "UNKNOWN", "Dataset", "Layout", "Recording", "Recordings", "Sample", "Stored", "recordings"]

@@ -15,8 +15,8 @@ from neuro.core.errors import ModelError, unknown
 from neuro.core.paths import file_path
 from neuro.events._events import Events
 from neuro.events.dataset._files import is_hdf5
-from neuro.events.dataset._labelled import labelled
-from neuro.events.dataset._sample import Kept, Sample
+from neuro.events.dataset._find import labelled
+from neuro.events.dataset._recordings import Kept, Sample
 from neuro.events.dataset._store import Report, Stored, store
 from neuro.events.dataset._stored import stored_samples
 

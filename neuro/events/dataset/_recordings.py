@@ -4,18 +4,135 @@ from __future__ import annotations
 
 import hashlib
 import warnings
-from collections.abc import Iterator, Sequence
-from typing import overload
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, field
+from typing import Any, Protocol, overload
 
 import numpy as np
 import numpy.typing as npt
 
 from neuro.core.errors import ModelError
 from neuro.events import _arguments
-from neuro.events.dataset._sample import UNKNOWN, Sample
+from neuro.events._events import Events
 from neuro.events.errors import EventFileWarning
+from neuro.events.files import load
+from neuro.events.opening import opened
+from neuro.events.source import WHOLE
 
 Ints = npt.NDArray[np.int64]
+
+
+UNKNOWN = -1
+"""Label of a recording whose class is not known."""
+
+
+class Sample(Protocol):
+    """One recording.
+
+    Attributes:
+        name: of the recording within its data set.
+        path: the data set with the name behind it, for messages.
+        label: index of its class, `UNKNOWN` where nothing tells it.
+    """
+
+    @property
+    def name(self) -> str: ...
+    @property
+    def path(self) -> str: ...
+    @property
+    def label(self) -> int: ...
+    def load(self, *, sensor_size: tuple[int, int] | None = None, sort: bool = False, strict: bool = True) -> Events:
+        """The events; arguments and errors as of `neuro.events.load`."""
+
+    def read(self) -> bytes:
+        """What a fingerprint is made of: the bytes of the file or, inside another file, of the events.
+
+        Raises:
+            EventFileError: they cannot be read.
+        """
+
+    def sensor(self) -> tuple[tuple[int, int], bool]:
+        """Width and height, px, and whether the file or its format tells them; if not, they are those that hold all.
+
+        Raises:
+            EventFileError: the file is damaged.
+        """
+
+
+@dataclass(frozen=True, slots=True)
+class Kept:
+    """A sample whose events are kept when they were loaded."""
+
+    sample: Sample
+    _events: dict[Any, Events] = field(default_factory=dict, repr=False)
+
+    @property
+    def name(self) -> str:
+        return self.sample.name
+
+    @property
+    def path(self) -> str:
+        return self.sample.path
+
+    @property
+    def label(self) -> int:
+        return self.sample.label
+
+    def load(self, *, sensor_size: tuple[int, int] | None = None, sort: bool = False, strict: bool = True) -> Events:
+        """The events; arguments and errors as of `neuro.events.load`."""
+        key = sensor_size, sort, strict
+        if key not in self._events:
+            self._events[key] = self.sample.load(sensor_size=sensor_size, sort=sort, strict=strict)
+        return self._events[key]
+
+    def read(self) -> bytes:
+        """The bytes; see `Sample`."""
+        return self.sample.read()
+
+    def sensor(self) -> tuple[tuple[int, int], bool]:
+        """Width and height, and whether they are told; see `Sample`."""
+        return self.sample.sensor()
+
+
+@dataclass(frozen=True, slots=True)
+class Recording:
+    """One recording that can be loaded.
+
+    Attributes:
+        name: path inside the folder or zip, with ``/``; of a part of a file, with ``#`` and its number.
+        path: the folder or zip with the name behind it, for messages.
+        label: index of its class in `Recordings.classes`; `neuro.events.dataset.UNKNOWN`, -1, where nothing tells it.
+        read: gives the bytes of the file.
+        span_us: of a file with several recordings, the first us of this one and the one after its last.
+        sensor_size: width and height that its data set is known for, px.
+    """
+
+    name: str
+    path: str
+    label: int
+    read: Callable[[], bytes]
+    span_us: tuple[int, int] | None = None
+    sensor_size: tuple[int, int] | None = None
+
+    def load(self, *, sensor_size: tuple[int, int] | None = None, sort: bool = False, strict: bool = True) -> Events:
+        """The events; arguments and errors as of `neuro.events.load`."""
+        size = sensor_size or self.sensor_size
+        events = load(self.read(), name=self.path, sensor_size=size, sort=sort, strict=strict)
+        return events if self.span_us is None else events.between(*self.span_us)
+
+    def sensor(self) -> tuple[tuple[int, int], bool]:
+        """Width and height, px, and whether data set, file or format tell them; if not, they are those that hold all.
+
+        Raises:
+            EventFileError: the file is damaged.
+        """
+        if self.sensor_size is not None:
+            return self.sensor_size, True
+        with opened(self.read(), None, self.path) as file:
+            if told := file.sensor_size:
+                return told, True
+            size = file.scanned(WHOLE)
+            return size, size in (file.format.usual, *file.format.larger)
 
 
 class Recordings(Sequence[Sample]):

@@ -14,6 +14,7 @@ import hashlib
 import itertools
 import json
 import shutil
+import warnings
 from collections import Counter
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
@@ -24,10 +25,9 @@ from typing import Any
 from neuro.core.errors import unknown
 from neuro.core.hdf5 import has_format, is_whole, new_file
 from neuro.core.outputs import Kind, output, write_text
-from neuro.core.processes import Done, Lost, Processes, Raised, cores
-from neuro.events.dataset import _pack
+from neuro.core.processes import Done, Lost, Processes, Raised, Work, cores
 from neuro.events.dataset._stored import CLASSES, FORMAT, NUMBER, opened
-from neuro.events.errors import EventFileError
+from neuro.events.errors import EventFileError, EventFileWarning
 
 BATCH = 64
 """Samples of a small file; a kill costs at most so many of each process."""
@@ -70,8 +70,8 @@ def store(
     report: Report | None,
 ) -> Stored:
     """Write samples to one file; arguments and errors as of `neuro.events.Dataset.to_hdf5`."""
-    if damaged not in _pack.CHOICES:
-        raise unknown("choice for damaged", damaged, _pack.CHOICES)
+    if damaged not in CHOICES:
+        raise unknown("choice for damaged", damaged, CHOICES)
     tell = report or (lambda what, done, total: None)
     plan = _plan(samples, classes, sensor_size)
     if path.exists():
@@ -81,7 +81,7 @@ def store(
     done = _done(folder)
     missing = [k for k in range(len(samples)) if k not in done]
     tell("reading", len(done), len(samples))
-    job = _pack.Job(tuple(samples), sensor_size, damaged, str(folder))
+    job = Job(tuple(samples), sensor_size, damaged, str(folder))
     size = max(1, min(BATCH, len(missing) // (8 * (jobs or cores()))))
     batches = [missing[k : k + size] for k in range(0, len(missing), size)]
     count = len(done)
@@ -140,7 +140,7 @@ def _done(folder: Path) -> set[int]:
     for stray in folder.glob(".*.part"):
         stray.unlink(missing_ok=True)
     for part in folder.glob("*.h5"):
-        if not is_whole(part, _pack.FORMAT):
+        if not is_whole(part, BATCH_FORMAT):
             part.unlink()
             continue
         with h5py.File(part, "r") as file:
@@ -148,12 +148,12 @@ def _done(folder: Path) -> set[int]:
     return done
 
 
-def _pack_all(job: _pack.Job, batches: Sequence[Sequence[int]], jobs: int) -> Iterator[int]:
+def _pack_all(job: Job, batches: Sequence[Sequence[int]], jobs: int) -> Iterator[int]:
     """Pack all batches; gives the number of samples of each when it is done."""
     if jobs == 1 or len(batches) < 2:
-        yield from (_pack.pack(job, batch) for batch in batches)
+        yield from (pack(job, batch) for batch in batches)
         return
-    with Processes(partial(_pack.begin, job), min(jobs, len(batches))) as pool:
+    with Processes(partial(start_worker, job), min(jobs, len(batches))) as pool:
         for batch in batches:
             pool.put(batch)
         while pool.busy:
@@ -214,3 +214,87 @@ def _contents(folder: Path) -> tuple[dict[int, Path], dict[str, str]]:
             places |= dict.fromkeys(map(int, file), small)
             damaged |= json.loads(file.attrs[DAMAGED])
     return places, {number: damaged[number] for number in sorted(damaged, key=int)}
+
+
+CHOICES = ("skip", "mend", "stop")
+"""What may become of a damaged sample."""
+
+
+BATCH_FORMAT = "neuro event batch 1"
+
+
+@dataclass(frozen=True, slots=True)
+class Job:
+    """What all batches share.
+
+    Attributes:
+        samples: of the whole data set.
+        sensor_size: for `load`.
+        damaged: one of `CHOICES`.
+        folder: where the small files go.
+    """
+
+    samples: tuple[Any, ...]
+    sensor_size: tuple[int, int] | None
+    damaged: str
+    folder: str
+
+
+def start_worker(job: Job) -> Work:
+    """What packs batches in a process of its own."""
+    return lambda numbers, attempt, tell: pack(job, numbers)
+
+
+def pack(job: Job, numbers: Sequence[int]) -> int:
+    """Pack some samples into a small file that is whole or not there.
+
+    Args:
+        job: what it is done for.
+        numbers: of the samples.
+
+    Returns:
+        How many they are.
+
+    Raises:
+        EventFileError: one is damaged, and that is to stop.
+    """
+    from neuro.core.hdf5 import new_file
+    from neuro.core.outputs import Kind, output
+    from neuro.events.formats.hdf5 import write_sample
+
+    path = Path(job.folder) / f"{numbers[0]:08d}.h5"
+    damaged = {}
+    with (
+        output(path, Kind("a batch"), replace=True) as part,
+        new_file(part, BATCH_FORMAT, libver=("v108", "v108")) as file,
+    ):
+        for number in numbers:
+            events, fault = _loaded(job, job.samples[number])
+            if fault:
+                damaged[str(number)] = fault
+            if events is not None:
+                write_sample(file, str(number), events)
+        file.attrs["damaged"] = json.dumps(damaged)
+    return len(numbers)
+
+
+def _loaded(job: Job, sample: Any) -> tuple[Any, str]:
+    """The events of a sample and what is wrong with it, None where nothing is to be kept."""
+    if job.damaged != "mend":
+        try:
+            return sample.load(sensor_size=job.sensor_size), ""
+        except EventFileError as error:
+            if job.damaged == "stop":
+                raise
+            return None, _told(error)
+    with warnings.catch_warnings(record=True) as told:
+        warnings.simplefilter("always", EventFileWarning)
+        try:
+            events = sample.load(sensor_size=job.sensor_size, strict=False)
+        except EventFileError as error:
+            return None, _told(error)
+    return events, "; ".join(str(one.message).removeprefix(f"{sample.path}: ") for one in told)
+
+
+def _told(error: EventFileError) -> str:
+    return error.what if error.offset is None else f"byte {error.offset}: {error.what}"

@@ -16,7 +16,7 @@ from neuro.events.dataset._files import natural
 from neuro.events.errors import EventFileError
 from neuro.events.formats._format import Damage
 from neuro.events.formats._hdf5_chunks import FAILURES, one_line
-from neuro.events.formats._hdf5_find import member
+from neuro.events.formats._hdf5_recording import member
 
 FORMAT = "neuro event data set 1"
 CLASSES = "classes"

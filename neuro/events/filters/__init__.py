@@ -8,24 +8,11 @@ where it was: cut anywhere, the parts give what the whole gives. `chain` puts fi
 from __future__ import annotations
 
 from neuro.core.registry import Registry
-from neuro.events.filters._filter import Filter, FilterError, Sieve, complete
-from neuro.events.filters.background import BackgroundActivity
-from neuro.events.filters.chain import Chain, chain
-from neuro.events.filters.crop import Crop
-from neuro.events.filters.downsample import Downsample
-from neuro.events.filters.flip import Flip
-from neuro.events.filters.hot import HotPixels, hot_pixels
-from neuro.events.filters.jitter import Jitter
-from neuro.events.filters.noise import ShotNoise
-from neuro.events.filters.polarity import Polarity
-from neuro.events.filters.refractory import Refractory
-from neuro.events.filters.reverse import Reverse
-from neuro.events.filters.rotate import Rotate90
-from neuro.events.filters.scale import Scale
-from neuro.events.filters.shift import Shift
-from neuro.events.filters.surfaces import TARSurfaces
-from neuro.events.filters.tar import TAR
-from neuro.events.filters.transpose import Transpose
+from neuro.events.filters._filter import Chain, Filter, FilterError, Sieve, chain, complete
+from neuro.events.filters.noise import BackgroundActivity, HotPixels, Polarity, Refractory, ShotNoise, hot_pixels
+from neuro.events.filters.places import Crop, Downsample, Flip, Rotate90, Transpose
+from neuro.events.filters.tar import TAR, TARSurfaces
+from neuro.events.filters.times import Jitter, Reverse, Scale, Shift
 
 FILTERS: Registry[type[Filter]] = Registry(
     "filter",

@@ -16,21 +16,18 @@ from neuro.events.formats._format import (
     Unsavable,
     called,
     complete,
+    in_order,
+    refuse,
 )
-from neuro.events.formats._write import in_order, refuse
-from neuro.events.formats.aedat2 import AEDAT2
-from neuro.events.formats.aedat3 import AEDAT3
+from neuro.events.formats.aedat import AEDAT2, AEDAT3
 from neuro.events.formats.aedat4 import AEDAT4
 from neuro.events.formats.dat import DAT
 from neuro.events.formats.event_stream import EVENT_STREAM
-from neuro.events.formats.evt2 import EVT2
-from neuro.events.formats.evt3 import EVT3
-from neuro.events.formats.evt21 import EVT21
+from neuro.events.formats.evt import EVT2, EVT3, EVT21, RAW
 from neuro.events.formats.hdf5 import HDF5
 from neuro.events.formats.mat import MAT
 from neuro.events.formats.nmnist import NMNIST
 from neuro.events.formats.npz import NPZ
-from neuro.events.formats.raw import RAW
 from neuro.events.formats.rosbag import ROS1, ROS2
 from neuro.events.formats.table import TABLE, TXT
 

@@ -6,14 +6,18 @@ gives what is whole. The same reader serves `load`, which asks for one piece, an
 
 from __future__ import annotations
 
+import json
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
+from importlib import import_module
 from pathlib import Path
+from types import ModuleType
 from typing import Any, Protocol, runtime_checkable
 
 import numpy as np
 import numpy.typing as npt
 
+from neuro.core.extras import install
 from neuro.events._events import Events
 from neuro.events.source import Source
 
@@ -181,3 +185,103 @@ class Found:
     def pieces(self, block: int) -> Iterator[Piece]:
         """The pieces as they are."""
         yield from self.parts
+
+
+EXTRA = "events"
+"""The extra of this package that installs them."""
+
+
+def extra(module: str, what: str) -> ModuleType:
+    """Import a module of an optional package.
+
+    Args:
+        module: its name.
+        what: for what it is needed.
+
+    Raises:
+        Damage: it is not installed; says the command that installs it.
+    """
+    try:
+        return import_module(module)
+    except ImportError:
+        package = module.split(".")[0]
+        raise Damage(f"{what} needs the package {package}: {install(EXTRA)}", None) from None
+
+
+OWN = ("format", "t0")
+"""Of the file itself, not of the recording; found anew when it is read."""
+
+
+def as_json(metadata: Mapping[str, Any]) -> str:
+    """Metadata as JSON; what JSON cannot say is written as its text."""
+    return json.dumps({str(key): value for key, value in metadata.items() if key not in OWN}, default=_plain)
+
+
+def _plain(value: Any) -> Any:
+    if isinstance(value, np.generic | np.ndarray):
+        return value.tolist()
+    return str(value)
+
+
+def from_json(text: str) -> dict[str, Any]:
+    """The metadata that `as_json` wrote.
+
+    Raises:
+        ValueError: the text is none.
+    """
+    try:
+        found = json.loads(text)
+    except (ValueError, RecursionError):
+        found = None
+    if not isinstance(found, dict):
+        raise ValueError("its metadata are no JSON object")
+    return {key: value for key, value in found.items() if key not in OWN}
+
+
+def in_order(parts: Iterator[Events]) -> Iterator[tuple[int, Events]]:
+    """The parts of one recording, each with the number of events before it.
+
+    Args:
+        parts: of one recording, in order.
+
+    Raises:
+        Unsavable: a part has another sensor than the first, or begins before the one before it ends.
+    """
+    done, last = 0, np.iinfo(np.int64).min
+    size = None
+    for part in parts:
+        size = size or part.sensor_size
+        if part.sensor_size != size:
+            has, had = (f"{width}x{height}" for width, height in (part.sensor_size, size))
+            raise Unsavable(f"its sensor is {has}, expected {had} as in the first part", done)
+        if len(part):
+            if part.t[0] < last:
+                raise Unsavable(f"time runs back from {last} to {part.t[0]} us", done)
+            last = int(part.t[-1])
+        yield done, part
+        done += len(part)
+
+
+EARLIER = "the filter 'shift: {to_us: 0}' lets it begin at 0 us; what is longer fits in parts of 'neuro events split'"
+SMALLER = "the filters 'crop: {x: [0, 128], y: [0, 128]}' and 'downsample: {factor: 2}' make the sensor smaller"
+
+
+def refuse(
+    events: Events, bad: npt.NDArray[np.bool_], done: int, limits: str, outside: npt.NDArray[np.bool_] | None = None
+) -> None:
+    """Refuse the first event of a part that is bad.
+
+    Args:
+        events: the part.
+        bad: (n,) which events do not fit.
+        done: number of events before the part.
+        limits: what was expected.
+        outside: (n,) which of them lie at a place for which there is no room; the others do so in time. None: not told.
+
+    Raises:
+        Unsavable: there is one.
+    """
+    if bad.any():
+        k = int(bad.argmax())
+        hint = "" if outside is None else SMALLER if outside[k] else EARLIER
+        raise Unsavable(f"t {events.t[k]}, x {events.x[k]}, y {events.y[k]}; expected {limits}", done + k, hint)

@@ -13,8 +13,7 @@ from collections.abc import Callable
 from functools import partial
 from typing import Any
 
-from neuro.events.formats._extra import extra
-from neuro.events.formats._format import Damage
+from neuro.events.formats._format import Damage, extra
 
 ECF = 36559
 """Prophesee's registered filter number."""

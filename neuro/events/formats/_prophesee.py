@@ -15,8 +15,7 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 
 from neuro.events._events import Events
-from neuro.events.formats._format import HEAD, Damage, Size
-from neuro.events.formats._write import refuse
+from neuro.events.formats._format import HEAD, Damage, Size, refuse
 from neuro.events.source import Source
 
 ATIS = (304, 240)

@@ -1,6 +1,6 @@
+# mypy: ignore-errors
 """Events from and to lines of text."""
 
-# mypy: ignore-errors
 import numpy as np
 
 from neuro.kernels.jit import allocating, inner, kernel

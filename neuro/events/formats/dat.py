@@ -26,10 +26,9 @@ import numpy as np
 import numpy.typing as npt
 
 from neuro.events._events import Events
-from neuro.events.formats._format import Damage, Format, Piece
+from neuro.events.formats._format import Damage, Format, Piece, in_order
 from neuro.events.formats._prophesee import ATIS, GEN3, GEN4, Header, check_room, header_text, parse, read_header
-from neuro.events.formats._seek import Begin, begin
-from neuro.events.formats._write import in_order
+from neuro.events.formats._reading import Begin, begin
 from neuro.events.source import Source, step
 
 WORD = 8
@@ -78,7 +77,7 @@ class Dat:
         return self._pieces(block, begin(self._start, clocks, start_us, T_LIMIT))
 
     def _pieces(self, block: int, at: Begin) -> Iterator[Piece]:
-        from neuro.events.formats._dat_kernel import decode
+        from neuro.events.formats._evt2_kernels import decode_dat
 
         layout = _LAYOUTS[self._version]
         last, added = at.clock or 0, at.added
@@ -87,7 +86,7 @@ class Dat:
             words = data[: n * WORD].view("<u4")
             t, x, y = np.empty(n, np.int64), np.empty(n, np.uint16), np.empty(n, np.uint16)
             p = np.empty(n, np.uint8)
-            x_max, y_max, ordered, seen = decode(words, *layout, t, x, y, p)
+            x_max, y_max, ordered, seen = decode_dat(words, *layout, t, x, y, p)
             if self._version == 2 and seen >> 29:
                 whole = int((words[1::2] >> np.uint32(29) != 0).argmax())
             if n and (added or not ordered or t[0] < last):

@@ -24,8 +24,7 @@ import numpy as np
 
 from neuro.events._events import Events
 from neuro.events.errors import EventFileError, EventFileWarning
-from neuro.events.formats._format import Damage, Format, Piece, Size, Unsavable
-from neuro.events.formats._write import SMALLER, in_order, refuse
+from neuro.events.formats._format import SMALLER, Damage, Format, Piece, Size, Unsavable, in_order, refuse
 from neuro.events.source import Bytes, Given, Source, opened_source
 
 MAGIC = b"Event Stream"
@@ -64,7 +63,7 @@ class EventStream:
 
     def pieces(self, block: int) -> Iterator[Piece]:
         """The events; see `Reader`."""
-        from neuro.events.formats._event_stream_kernel import begins, decode
+        from neuro.events.formats._byte_kernels import begins, decode_event_stream
 
         now, held = 0, np.zeros(0, np.uint8)
         for place, more in self._source.blocks(START, block):
@@ -72,7 +71,7 @@ class EventStream:
             begin, n = place - held.size, data.size // EVENT
             t, x, y = np.empty(n, np.int64), np.empty(n, np.uint16), np.empty(n, np.uint16)
             p = np.empty(n, np.uint8)
-            found, used, x_max, y_max, now = decode(data, now, t, x, y, p)
+            found, used, x_max, y_max, now = decode_event_stream(data, now, t, x, y, p)
             held = data[used:]
 
             def byte(event: int, begin: int = begin, data: Bytes = data) -> int:
@@ -167,7 +166,7 @@ def _generic(data: bytes) -> Iterator[tuple[int, bytes]]:
 
 def write(parts: Iterator[Events], path: Path) -> None:
     """Encode as Event Stream 2.0 of DVS events; the metadata are not kept."""
-    from neuro.events.formats._event_stream_kernel import encode
+    from neuro.events.formats._byte_kernels import encode_event_stream
 
     now = 0
     with path.open("wb") as file:
@@ -180,7 +179,7 @@ def write(parts: Iterator[Events], path: Path) -> None:
             late = not done and bad[:1].any()  # where the recording begins, which a filter can move; no gap within it
             refuse(events, bad, done, limits, np.zeros(len(events), np.bool_) if late else None)
             out = np.empty(EVENT * len(events) + int((gaps // OVERFLOW_US).sum()), np.uint8)
-            encode(events.t, events.x, events.y, events.p, now, out)
+            encode_event_stream(events.t, events.x, events.y, events.p, now, out)
             file.write(out.tobytes())
             now = int(events.t[-1]) if len(events) else now
         if not file.tell():

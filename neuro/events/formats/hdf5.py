@@ -12,7 +12,7 @@ M3ED's: ``/prophesee/left/t`` (us), ``x``, ``y``, ``p``; the sensor in ``calib/r
 v2e's: the table ``/events``, t (us) x y p. MVSEC's: the table ``/davis/left/events``, x y t (s) p, with p -1 or 1.
 
 Names and units of columns as in `_columns`, so that similar files are read too; the order of those without names as in
-`_hdf5_table`, the sensor as in `_hdf5_attributes`. Columns, rows and tables called ``event...`` are looked for in three
+`_hdf5_recording`, the sensor as in `size_of`. Columns, rows and tables called ``event...`` are looked for in three
 levels. Of a file with several recordings one is read with ``format="hdf5:/davis/left"``, a path inside the file.
 
 Source: DSEC's data format page (dsec.ifi.uzh.ch/data-format); Metavision's "HDF5 event file format"; aertb's
@@ -21,19 +21,21 @@ Source: DSEC's data format page (dsec.ifi.uzh.ch/data-format); Metavision's "HDF
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterator, Mapping
+from pathlib import Path
 from typing import Any
 
-from neuro.core.hdf5 import FRONT, Front, is_hdf5
-from neuro.events._events import Events
+import numpy as np
+import numpy.typing as npt
+
+from neuro.core.hdf5 import FRONT, Front, is_hdf5, new_file
+from neuro.events._events import EVENT, Events
 from neuro.events.errors import EventFileError
-from neuro.events.formats._format import Damage, Format, Piece, Size
-from neuro.events.formats._hdf5_attributes import attributes, heaps_whole, metadata_of, size_of
+from neuro.events.formats._format import Damage, Format, Piece, Size, Unsavable, as_json, from_json
 from neuro.events.formats._hdf5_chunks import FAILURES, Padded, one_line
-from neuro.events.formats._hdf5_find import find
-from neuro.events.formats._hdf5_recording import of_rows
-from neuro.events.formats._hdf5_write import write, write_sample
-from neuro.events.source import WHOLE, Source
+from neuro.events.formats._hdf5_recording import find, of_rows
+from neuro.events.source import WHOLE, Bytes, Source
 
 UNTESTED = "no recording in another layout than this library's was at hand"
 
@@ -145,6 +147,199 @@ def _calibration(node: Any) -> dict[str, Any]:
     """The sensor beside M3ED's columns: ``calib/resolution``, width and height."""
     resolution = node.get("calib/resolution") if hasattr(node, "get") else None
     return {} if resolution is None or getattr(resolution, "size", 0) != 2 else {"sensor_size": resolution[()]}
+
+
+NEAR = 1 << 25
+"""Bytes at the beginning and the end of a file in which heaps are looked for; 32 MiB."""
+
+_HEAP = re.compile(b"GCOL\x01")
+
+
+def heaps_whole(data: Bytes) -> bool:
+    """Whether the heaps of a file that lie near its beginning and end have sizes that add up.
+
+    HDF5 keeps strings of any length in heaps, and its library goes round without end in a heap whose sizes are damaged.
+    So such strings are read only where all heaps of the file are whole. Strings of a fixed length, which this library
+    writes, lie elsewhere.
+
+    The sensor is told by ``sensor_size`` or ``geometry`` (width, height), ``width`` and ``height``, or e2vid's
+    ``sensor_resolution``: height, width and perhaps channels, as the shape of an image. Some have written it the other
+    way round. So a sensor that stands upright is refused; a file whose events lie off a sensor is refused in any case.
+
+    Source: "HDF5 File Format Specification 3.0", section III.E, "Disk Format: Level 1E - Global Heap"; the event
+    packagers of rpg_e2vid's and its successors' tools (``sensor_resolution`` = ``image.shape``).
+    """
+    near = [data] if data.size <= 2 * NEAR else [data[:NEAR], data[-NEAR:]]
+    return all(_whole(part[found.start() :]) for part in near for found in _HEAP.finditer(part.data))
+
+
+def _whole(heap: Bytes) -> bool:
+    """Whether the objects of a heap fill it: 16 bytes and the content each, and the rest as object 0."""
+    end = _number(heap, 8)
+    if end > heap.size:
+        return False
+    at = 16
+    while end - at >= 16:
+        index, size = _number(heap, at) & 0xFFFF, _number(heap, at + 8)
+        at += 16 + -(-size // 8) * 8 if index else size
+        if index == 0 and size < 16:
+            return False
+    return at <= end
+
+
+def _number(data: Bytes, at: int) -> int:
+    return int.from_bytes(data[at : at + 8].tobytes(), "little")
+
+
+def attributes(node: Any, heaps: bool) -> dict[str, Any]:
+    """The attributes of a group or dataset that hold numbers or text.
+
+    Args:
+        node: an open h5py group or dataset.
+        heaps: whether strings of any length may be read.
+    """
+    import h5py
+
+    found = {}
+    for name in node.attrs:
+        attribute = h5py.h5a.open(node.id, name.encode())
+        fixed = attribute.dtype.kind in "biufSU" and attribute.get_space().get_simple_extent_npoints() < NEAR
+        if fixed or (heaps and h5py.check_string_dtype(attribute.dtype) is not None):
+            value = node.attrs[name]
+            found[name] = value.decode("utf-8", "replace") if isinstance(value, bytes) else value
+    return found
+
+
+def size_of(told: Mapping[str, Any]) -> Size | None:
+    """The sensor that attributes tell, width and height.
+
+    Raises:
+        Damage: it is impossible, or `sensor_resolution` may be in either order.
+    """
+    if "sensor_size" in told:
+        size = np.ravel(told["sensor_size"]).tolist()
+    elif {"width", "height"} <= told.keys():
+        size = [number for key in ("width", "height") for number in np.ravel(told[key]).tolist()[:1]]
+    elif "geometry" in told:
+        size = [int(number) for number in re.findall(r"\d+", str(told["geometry"]))]
+    elif "sensor_resolution" in told:
+        size = _resolution(np.ravel(told["sensor_resolution"]).tolist())
+    else:
+        return None
+    if len(size) != 2 or not all(isinstance(n, int) and 1 <= n <= 65536 for n in size):
+        raise Damage(f"its sensor is {size}, expected width and height from 1 to 65536", None)
+    return size[0], size[1]
+
+
+def _resolution(told: list[Any]) -> list[Any]:
+    """Width and height of height, width and perhaps channels."""
+    size = [int(n) if isinstance(n, float) and n.is_integer() else n for n in told[1::-1]]
+    if len(told) not in (2, 3) or not all(isinstance(n, int) for n in size):
+        raise Damage(f"sensor_resolution is {told}, expected height and width", None)
+    width, height = size
+    if height > width:
+        hint = f"give sensor_size=({height}, {width}) or ({width}, {height}), or --sensor WxH"
+        raise Damage(f"sensor_resolution is {told}, height and width or width and height: {hint}", None)
+    return size
+
+
+def metadata_of(told: Mapping[str, Any]) -> dict[str, Any]:
+    """Attributes as metadata; those that this library wrote as JSON as they were."""
+    text = told.get("metadata", "{}")
+    rest = {key: value for key, value in told.items() if key not in ("sensor_size", "metadata")}
+    plain = {key: value.tolist() if hasattr(value, "tolist") else value for key, value in rest.items()}
+    return plain | (from_json(text) if isinstance(text, str) else {})
+
+
+def describe(target: Any, sensor_size: tuple[int, int], metadata: Any) -> None:
+    """Put sensor size and metadata into attributes of a group or dataset, once."""
+    import h5py
+
+    if "sensor_size" not in target.attrs:
+        text = as_json(metadata).encode()
+        target.attrs["sensor_size"] = np.array(sensor_size, np.int64)
+        target.attrs.create("metadata", text, dtype=h5py.string_dtype("utf-8", len(text)))
+
+
+FORMAT = "neuro events 1"
+
+SAMPLE = np.dtype([("ts", "<i8"), ("x", "<u2"), ("y", "<u2"), ("p", "u1")])
+"""A row of a sample: aertb's field names, with times that are exact."""
+
+CHUNK = 1 << 15
+"""Events of a chunk; 256 KiB of times, within HDF5's cache of 1 MiB."""
+
+INDEX_LIMIT = 10**8
+"""Longest recording that gets an index, ms: 28 hours."""
+INDEX_BLOCK = 10**6
+
+PACKED: dict[str, Any] = {"compression": "gzip", "compression_opts": 4, "shuffle": True}
+
+
+def write(parts: Iterator[Events], path: Path) -> None:
+    """Encode as HDF5, laid out as DSEC's recordings are; see `neuro.events.formats.hdf5`.
+
+    Raises:
+        Unsavable: a time lies 2^63 us or more after the first.
+    """
+    # The format of HDF5 1.8 has room for attributes longer than 64 KiB.
+    with new_file(path, FORMAT, libver=("v108", "v108")) as file:
+        group = file.create_group("events")
+        columns = {key: _column(group, key, EVENT[key]) for key in "txyp"}
+        index, offset, done = _column(file, "ms_to_idx", np.dtype("<u8")), 0, 0
+        for events in parts:
+            describe(group, events.sensor_size, events.metadata)
+            if not len(events):
+                continue
+            offset = offset if done else int(events.t[0])
+            if int(events.t[-1]) - offset >= 1 << 63:
+                raise Unsavable(f"t {events.t[-1]} lies 2^63 us or more after the first", done + len(events) - 1)
+            t = events.t - offset
+            for key, values in (("t", t), ("x", events.x), ("y", events.y), ("p", events.p)):
+                _append(columns[key], values)
+            if index is not None and t[-1] // 1000 >= INDEX_LIMIT:
+                del file["ms_to_idx"]
+                index = None
+            if index is not None:
+                _extend_index(index, t, done)
+            done += len(events)
+        file.create_dataset("t_offset", data=np.int64(offset))
+
+
+def write_sample(group: Any, name: str, events: Events) -> None:
+    """Write a recording into a data set as one array of rows ts, x, y, p, as aertb lays data sets out.
+
+    Args:
+        group: an open h5py group, that of the class.
+        name: of the sample.
+        events: what to write; sensor size and metadata become attributes.
+
+    Raises:
+        ValueError: the group has something of this name.
+    """
+    rows = np.empty(len(events), SAMPLE)
+    rows["ts"], rows["x"], rows["y"], rows["p"] = events.t, events.x, events.y, events.p
+    chunk = max(1, min(len(rows), CHUNK))
+    dataset = group.create_dataset(name, data=rows, maxshape=(None,), chunks=(chunk,), **PACKED)
+    describe(dataset, events.sensor_size, events.metadata)
+
+
+def _column(group: Any, name: str, kind: np.dtype[Any]) -> Any:
+    return group.create_dataset(name, (0,), kind, maxshape=(None,), chunks=(CHUNK,), **PACKED)
+
+
+def _append(dataset: Any, values: npt.NDArray[Any]) -> None:
+    begin = dataset.shape[0]
+    dataset.resize((begin + values.size,))
+    dataset[begin:] = values
+
+
+def _extend_index(index: Any, t: npt.NDArray[np.int64], done: int) -> None:
+    """Go on with the number of the first event at or after each ms, for those until the last event."""
+    end = int(t[-1]) // 1000 + 1
+    for begin in range(index.shape[0], end, INDEX_BLOCK):
+        starts = 1000 * np.arange(begin, min(end, begin + INDEX_BLOCK), dtype=np.int64)
+        _append(index, done + np.searchsorted(t, starts).astype(np.uint64))
 
 
 HDF5 = Format("hdf5", "HDF5", (".h5", ".hdf5"), is_hdf5, Hdf5, write, inside=Hdf5)

@@ -16,8 +16,7 @@ from typing import Any
 import numpy as np
 
 from neuro.events._events import Events
-from neuro.events.formats._format import Damage, Format, Piece, Size
-from neuro.events.formats._write import in_order, refuse
+from neuro.events.formats._format import Damage, Format, Piece, Size, in_order, refuse
 from neuro.events.source import Source
 
 SENSOR_SIZE = (34, 34)
@@ -40,14 +39,14 @@ class Bin:
 
     def pieces(self, block: int) -> Iterator[Piece]:
         """The events; see `Reader`."""
-        from neuro.events.formats._nmnist_kernel import decode
+        from neuro.events.formats._byte_kernels import decode_nmnist
 
         begin = 0
         for place, data in self._source.blocks(0, block, WORD):
             n = data.size // WORD
             t, x, y = np.empty(n, np.int64), np.empty(n, np.uint16), np.empty(n, np.uint16)
             p = np.empty(n, np.uint8)
-            found, x_max, y_max, ordered, after = decode(data, begin, t, x, y, p)
+            found, x_max, y_max, ordered, after = decode_nmnist(data, begin, t, x, y, p)
             whole = found == n
 
             def byte(event: int, place: int = place, data: Any = data, whole: bool = whole) -> int:

@@ -29,8 +29,7 @@ import numpy.typing as npt
 
 from neuro.events._events import EVENT, Events
 from neuro.events.formats._columns import Names, find_names, to_piece, unit_of
-from neuro.events.formats._format import Damage, Format, Piece, Size
-from neuro.events.formats._metadata import as_json, from_json
+from neuro.events.formats._format import Damage, Format, Piece, Size, as_json, from_json
 from neuro.events.source import Source
 
 ROW = EVENT.itemsize

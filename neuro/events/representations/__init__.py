@@ -22,12 +22,9 @@ from collections.abc import Callable
 from typing import Any
 
 from neuro.core.registry import Registry
-from neuro.events.representations.frames import binary_frame, event_frame
+from neuro.events.representations.frames import binary_frame, event_frame, event_spike_tensor, voxel_grid
 from neuro.events.representations.hats import Hats, hats
-from neuro.events.representations.leaky_surface import LeakySurface, leaky_surface
-from neuro.events.representations.spike_tensor import event_spike_tensor
-from neuro.events.representations.time_surface import TimeSurface, time_surface
-from neuro.events.representations.voxel_grid import voxel_grid
+from neuro.events.representations.surfaces import LeakySurface, TimeSurface, leaky_surface, time_surface
 
 REPRESENTATIONS: Registry[Callable[..., Any]] = Registry(
     "representation",

@@ -2,15 +2,15 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 import numpy.typing as npt
 
 from neuro.core.errors import ModelError
-from neuro.events._arguments import choice
+from neuro.events._arguments import choice, whole
 from neuro.events._events import Events
-from neuro.events.representations._common import Polarity, Representation, given
+from neuro.events.representations._common import Polarity, Representation, given, real, span
 
 
 def event_frame(
@@ -65,7 +65,7 @@ def binary_frame(
 
 
 def _counted(events: Events, polarity: str, segments: npt.ArrayLike | None) -> npt.NDArray[np.int32]:
-    from neuro.events.representations._frames_kernel import count
+    from neuro.events.representations._kernels import count
 
     ranges = np.array([[0, len(events)]]) if segments is None else _ranges(segments, len(events))
     width, height = events.sensor_size
@@ -92,3 +92,99 @@ def _ranges(segments: npt.ArrayLike, n: int) -> npt.NDArray[np.int64]:
         first, last = ranges[k]
         raise ModelError(f"segment {k} is events {first} to before {last}, expected 0 <= first <= last <= {n}")
     return np.ascontiguousarray(ranges)
+
+
+def voxel_grid(
+    events: Events,
+    bins: int,
+    *,
+    start_us: int | None = None,
+    stop_us: int | None = None,
+    polarity: Polarity = "signed",
+    dtype: npt.DTypeLike = np.float32,
+    as_torch: bool = False,
+) -> Representation:
+    """Spread each event over the two bins that are next in time, the nearer one getting more.
+
+    V[b, y, x] is the sum over the pixel's events of s max(0, 1 - |b - t*|), where s is the sign and
+    t* = (bins - 1) (t - start) / (stop - start). So bin 0 is at the start and the last bin is at the stop, both
+    included, and no part of an event between them is lost. With one bin, or where all times are equal, t* = 0.
+
+    tonic's ``ToVoxelGrid(n)`` puts the stop one bin later and leaves out what falls there: it equals
+    ``voxel_grid(events, n + 1)[:-1]``.
+
+    Args:
+        events: what to spread.
+        bins: number of them.
+        start_us: where bin 0 is, us; None: at the first event. Events before it are left out.
+        stop_us: where the last bin is, us; None: at the last event. Events after it are left out.
+        polarity: ``"signed"`` as in the paper, ``"separate"`` or ``"ignored"``.
+        dtype: float32 or float64.
+        as_torch: give a torch tensor.
+
+    Returns:
+        ([2,] bins, height, width): the first axis with separate polarities.
+
+    Raises:
+        ModelError: an argument is wrong, or torch is missing; the message says which.
+
+    Source: Zhu et al., Unsupervised event-based learning of optical flow, depth, and egomotion, CVPR 2019, eqs 1-3.
+    """
+    from neuro.events.representations._kernels import spread
+
+    choice("polarity", polarity, ("separate", "signed", "ignored"))
+    separate = polarity == "separate"
+    start, stop = span(events, start_us, stop_us)
+    width, height = events.sensor_size
+    out = np.zeros((1 + separate, whole("bins", bins), height, width), real(dtype))
+    spread(events.t, events.x, events.y, events.p, start, stop, separate, polarity == "signed", False, out)
+    return given(out if separate else out[0], as_torch)
+
+
+Measurement = Literal["time", "polarity", "count"]
+
+
+def event_spike_tensor(
+    events: Events,
+    bins: int = 9,
+    *,
+    measurement: Measurement = "time",
+    start_us: int | None = None,
+    stop_us: int | None = None,
+    dtype: npt.DTypeLike = np.float32,
+    as_torch: bool = False,
+) -> Representation:
+    """Convolve what events measure with a triangle in time, and read it at regular times.
+
+    S[p, b, y, x] is the sum over the pixel's events of polarity p of f max(0, 1 - |b - t*|), where f is the
+    measurement and t* = (bins - 1) (t - start) / (stop - start), as for `voxel_grid`. The kernel is fixed; the paper
+    also learns it, starting from this one.
+
+    Args:
+        events: what to convolve.
+        bins: number of times at which it is read; 9 is the paper's.
+        measurement: ``"time"``, from 0 at the start to 1 at the stop (the paper's best); ``"polarity"``, 1 or -1; or
+            ``"count"``, always 1, so that ON minus OFF is the voxel grid.
+        start_us: where bin 0 is, us; None: at the first event. Events before it are left out.
+        stop_us: where the last bin is, us; None: at the last event. Events after it are left out.
+        dtype: float32 or float64.
+        as_torch: give a torch tensor.
+
+    Returns:
+        (2, bins, height, width), 0 = OFF. The authors' program gives its first two axes as one of 2 bins.
+
+    Raises:
+        ModelError: an argument is wrong, or torch is missing; the message says which.
+
+    Source: Gehrig et al., End-to-end learning of representations for asynchronous event-based data, ICCV 2019,
+        sections 3.2-3.4; thesis section 3.4.
+    """
+    from neuro.events.representations._kernels import spread
+
+    choice("measurement", measurement, ("time", "polarity", "count"))
+    start, stop = span(events, start_us, stop_us)
+    width, height = events.sensor_size
+    out = np.zeros((2, whole("bins", bins), height, width), real(dtype))
+    signed, timed = measurement == "polarity", measurement == "time"
+    spread(events.t, events.x, events.y, events.p, start, stop, True, signed, timed, out)
+    return given(out, as_torch)

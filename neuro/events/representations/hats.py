@@ -56,7 +56,7 @@ class Hats:
 
     def add(self, events: Events) -> None:
         """Take in the next events."""
-        from neuro.events.representations._hats_kernel import histograms
+        from neuro.events.representations._kernels import histograms
 
         if not len(events):
             return
@@ -69,7 +69,7 @@ class Hats:
 
     def _forget(self) -> int:
         """Drop what has left the window; returns how many events are still held."""
-        from neuro.events.representations._hats_kernel import forget
+        from neuro.events.representations._kernels import forget
 
         assert self._held is not None
         held = self._held

@@ -19,9 +19,16 @@ from collections.abc import Callable
 
 from neuro.core.registry import Registry
 from neuro.events.segmentation._cutter import Cutter, Times, segmented
-from neuro.events.segmentation.hard import Counts, TimeWindows, count_segments, time_segments
-from neuro.events.segmentation.msd import MSD, msd_segments
-from neuro.events.segmentation.peaks import Peaks, peak_segments
+from neuro.events.segmentation.cutters import (
+    MSD,
+    Counts,
+    Peaks,
+    TimeWindows,
+    count_segments,
+    msd_segments,
+    peak_segments,
+    time_segments,
+)
 
 SEGMENTERS: Registry[Callable[..., Times]] = Registry(
     "segmenter",

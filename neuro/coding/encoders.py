@@ -1,0 +1,286 @@
+"""Encoders: numbers to the latency of one spike, to rates, or to trains of several spikes."""
+
+from __future__ import annotations
+
+from typing import Literal
+
+import numpy as np
+import numpy.typing as npt
+
+from neuro.coding.arguments import Floats, check_bounds, check_inside, finite, number, positive, share, whole, word
+from neuro.core.checks import is_number, numbers
+from neuro.core.errors import ModelError
+from neuro.core.keyed_random import generator
+
+
+def intensity_to_latency(r: npt.ArrayLike, r_min: float, r_max: float, window: float) -> Floats:
+    """Linear intensity-to-latency code (I2L): the largest value spikes at 0, the smallest at ``window``.
+
+    ``t = window (r_max - r) / (r_max - r_min)``
+
+    Args:
+        r: values between ``r_min`` and ``r_max``, any shape and unit.
+        r_min: the value that spikes last.
+        r_max: the value that spikes first.
+        window: length of the code, in the unit wanted for the times (ms).
+
+    Returns:
+        Spike times, shape of ``r``, in [0, window].
+
+    Raises:
+        ModelError: what is no number, not ``r_min < r_max``, ``window`` not positive, or a value outside of the range.
+
+    Source: thesis eq. 14, line 689, with its misprint corrected: as printed it gives late spikes to high
+        values, against the sentence before it.
+    """
+    check_bounds(r_min, r_max)
+    length, values = positive(window, "window"), numbers(r, "r")
+    check_inside(values, r_min, r_max)
+    latency: Floats = length * (r_max - values) / (r_max - r_min)
+    return latency
+
+
+def log_intensity_to_latency(r: npt.ArrayLike, r_min: float, r_max: float, window: float) -> Floats:
+    """Logarithmic intensity-to-latency code (log I2L): equal ratios of values give equal delays.
+
+    ``t = window (ln r_max - ln r) / (ln r_max - ln r_min)``
+
+    Args:
+        r: values between ``r_min`` and ``r_max``, or at most 0, which have no logarithm and no spike; any shape and
+            unit.
+        r_min: the value that spikes last; more than 0.
+        r_max: the value that spikes first.
+        window: length of the code, in the unit wanted for the times (ms).
+
+    Returns:
+        Spike times, shape of ``r``, in [0, window]; NaN where there is no spike.
+
+    Raises:
+        ModelError: what is no number, not ``0 < r_min < r_max``, ``window`` not positive, or a value above 0 outside
+            of the range.
+
+    Source: thesis eq. 15, line 693.
+    """
+    if is_number(r_min) and not r_min > 0:
+        raise ModelError(f"r_min is {r_min}, expected more than 0 for a logarithmic code", path=("r_min",))
+    check_bounds(r_min, r_max)
+    length, values = positive(window, "window"), numbers(r, "r")
+    spiking = ~((values <= 0) & np.isfinite(values))
+    check_inside(values[spiking], r_min, r_max)
+    logarithm = np.log(values, where=spiking, out=np.full(values.shape, np.nan))
+    latency: Floats = length * (np.log(r_max) - logarithm) / (np.log(r_max) - np.log(r_min))
+    return latency
+
+
+def rank(r: npt.ArrayLike, ties: Literal["order", "dense"] = "order", window: float | None = None) -> Floats:
+    """Rank code: the largest of all values spikes first, whatever its size.
+
+    Args:
+        r: values, any shape and unit; all are ranked together.
+        ties: "order": equal values spike one after the other, the first in C order first; "dense": they share a
+            rank, and the next value has the next one.
+        window: length of the code; the ranks themselves are the times if it is not given (ms).
+
+    Returns:
+        Spike times, shape of ``r``: the ranks 1 to n, or ``window rank / n`` for n values.
+
+    Raises:
+        ModelError: what is no finite number, another word for ``ties``, or ``window`` not positive.
+
+    Source: thesis section 2.3.2, line 697.
+    """
+    dense = word(ties, "ties", ("order", "dense")) == "dense"
+    scale = None if window is None else positive(window, "window")
+    values = finite(r, "r")
+    flat = values.ravel()
+    ranks = np.empty(flat.size)
+    if dense:
+        ranks[:] = np.unique(-flat, return_inverse=True)[1].reshape(-1) + 1
+    else:
+        ranks[np.argsort(-flat, kind="stable")] = np.arange(1, flat.size + 1)
+    times = ranks if scale is None else scale * ranks / max(flat.size, 1)
+    return times.reshape(values.shape)
+
+
+_WIDTHS = 1.5  # Bohte's beta: fields are as wide as their distance over it
+
+
+def rate(r: npt.ArrayLike, r_min: float, r_max: float, max_rate: float, min_rate: float = 0.0) -> Floats:
+    """Rate code: rates in proportion to values.
+
+    Args:
+        r: values between ``r_min`` and ``r_max``, any shape and unit.
+        r_min: the value with the lowest rate.
+        r_max: the value with the highest rate.
+        max_rate: the highest rate, Hz.
+        min_rate: the lowest rate, at least 0 and below ``max_rate``, Hz.
+
+    Returns:
+        Rates in Hz, shape of ``r``.
+
+    Raises:
+        ModelError: what is no number, not ``r_min < r_max``, not ``0 <= min_rate < max_rate``, or a value outside of
+            the range.
+
+    Source: thesis eq. 12, line 672: a rate is a number of spikes over a time.
+    """
+    low, high = number(min_rate, "min_rate"), number(max_rate, "max_rate")
+    if not 0 <= low < high:
+        told = f"min_rate is {min_rate} and max_rate {max_rate}"
+        raise ModelError(f"{told}, expected 0 <= min_rate < max_rate", path=("max_rate",))
+    rates: Floats = low + (high - low) * share(r, r_min, r_max)
+    return rates
+
+
+def population(
+    r: npt.ArrayLike,
+    n: int,
+    r_min: float,
+    r_max: float,
+    max_rate: float,
+    fields: Literal["gaussian", "cosine"] = "gaussian",
+) -> Floats:
+    """Population code: each value excites n neurons, the more the nearer it is to the centres of their fields.
+
+    Gaussian fields lie on a line: with the distance ``d = (r_max - r_min) / (n - 2)`` the centre of neuron i, from
+    0, is ``r_min + (i - 1/2) d``, and the standard deviation d / 1.5. Cosine fields lie on a circle, on which
+    ``r_min`` and ``r_max`` are one direction: neuron i prefers the angle ``2 pi i / n`` from it, and its rate is the
+    cosine of the angle to that, or 0 where it is negative.
+
+    Args:
+        r: values between ``r_min`` and ``r_max``, any shape and unit.
+        n: neurons for each value, at least 3.
+        r_min: the smallest value.
+        r_max: the largest value.
+        max_rate: what a neuron gives for its field's centre, Hz.
+        fields: "gaussian" on a line or "cosine" on a circle.
+
+    Returns:
+        Rates in Hz, the shape of ``r`` and an axis of n.
+
+    Raises:
+        ModelError: what is no number, not ``r_min < r_max``, ``n`` or ``max_rate`` out of bounds, another word for
+            ``fields``, or a value outside of the range.
+
+    Source: gaussian: Bohte, La Poutre & Kok, IEEE Trans. Neural Networks 13 (2002); cosine: Georgopoulos,
+        Schwartz & Kettner, Science 233 (1986).
+    """
+    neurons = np.arange(whole(n, "n", 3, 2**20))
+    peak = positive(max_rate, "max_rate")
+    circle = word(fields, "fields", ("gaussian", "cosine")) == "cosine"
+    check_bounds(r_min, r_max)
+    values = numbers(r, "r")
+    check_inside(values, r_min, r_max)
+    if circle:
+        angle = 2.0 * np.pi * ((values[..., None] - r_min) / (r_max - r_min) - neurons / neurons.size)
+        return peak * np.maximum(np.cos(angle), 0.0)
+    distance = (r_max - r_min) / (neurons.size - 2)
+    away = (values[..., None] - r_min) / distance - (neurons - 0.5)
+    activity: Floats = peak * np.exp(-0.5 * (_WIDTHS * away) ** 2)
+    return activity
+
+
+MOST_SPIKES = 2**28
+"""Numbers that a table of spike times may have."""
+_ROUNDING = 1e-9  # a product that is a whole number but for rounding is that number
+
+
+def poisson(r: npt.ArrayLike, window: float, seed: int = 0) -> Floats:
+    """Poisson trains: the number of spikes has the law ``(lambda T)^k exp(-lambda T) / k!``, their times are uniform.
+
+    Mean and variance of the number are lambda T. One spike at most in a step h would not keep both: with the
+    probability lambda h the variance is (1 - lambda h) times the mean, with 1 - exp(-lambda h) the rate is too small.
+
+    Args:
+        r: rates, Hz, at least 0, any shape.
+        window: length of the trains, ms.
+        seed: of the draws.
+
+    Returns:
+        Spike times in ms in [0, window), the shape of ``r`` and one more axis, each row in ascending order.
+
+    Raises:
+        ModelError: what is no finite number, a rate below 0, ``window`` not positive, or too many spikes.
+
+    Source: thesis eq. 13, line 676, which lacks the T of its own words.
+    """
+    length = positive(window, "window")
+    rates = finite(r, "r")
+    if (rates < 0).any():
+        raise ModelError(f"r has the value {rates[rates < 0][0]}, expected rates >= 0 Hz", path=("r",))
+    mean = rates * (length / 1000.0)
+    if mean.size and mean.max() * mean.size > MOST_SPIKES:
+        told = f"up to {mean.max():g} spikes of each of {mean.size} trains"
+        raise ModelError(f"{told}, expected a table of at most {MOST_SPIKES} times", path=("window",))
+    rng = generator(whole(seed, "seed", 0, 2**64 - 1), "code", "poisson")
+    counts = np.asarray(rng.poisson(mean))
+    most = int(counts.max(initial=0))
+    times = rng.random((*mean.shape, most)) * length
+    times[np.arange(most) >= counts[..., None]] = np.nan
+    times.sort(axis=-1)
+    return times
+
+
+def phase(r: npt.ArrayLike, r_min: float, r_max: float, window: float, bits: int = 8) -> Floats:
+    """Phase code: the k-th phase of a window has a spike where the k-th binary digit is 1, and weighs 2^-(k+1).
+
+    The share ``P = (r - r_min) / (r_max - r_min)`` is rounded to the nearest multiple of 2^-bits, so that the spikes'
+    weights sum to P within 2^-(bits+1); above the largest sum, 1 - 2^-bits, all phases spike.
+
+    Args:
+        r: values between ``r_min`` and ``r_max``, any shape and unit.
+        r_min: the value without a spike.
+        r_max: the value whose phases all spike.
+        window: length of all phases together (ms).
+        bits: how many phases there are, 1 to 52.
+
+    Returns:
+        Spike times, the shape of ``r`` and an axis of phases, most significant first: ``window k / bits`` or NaN.
+
+    Raises:
+        ModelError: what is no number, not ``r_min < r_max``, ``window`` not positive, ``bits`` out of bounds, or a
+            value outside of the range.
+
+    Source: Kim, Kim, Huh, Lee & Choi, Neurocomputing 311 (2018), "Deep neural networks with weighted spikes".
+    """
+    n = whole(bits, "bits", 1, 52)
+    length = positive(window, "window")
+    levels = np.minimum(np.rint(share(r, r_min, r_max) * 2.0**n), 2.0**n - 1).astype(np.int64)
+    ones = levels[..., None] >> np.arange(n - 1, -1, -1) & 1
+    return np.where(ones == 1, length * np.arange(n) / n, np.nan)
+
+
+def burst(
+    r: npt.ArrayLike, r_min: float, r_max: float, n_max: int = 5, t_max: float = 20.0, t_min: float = 2.0
+) -> Floats:
+    """Burst code: a larger value has more spikes, nearer to each other.
+
+    With ``P = (r - r_min) / (r_max - r_min)``: ``ceil(n_max P)`` spikes, the first at 0, at intervals of
+    ``ceil(t_max - (t_max - t_min) P)``.
+
+    Args:
+        r: values between ``r_min`` and ``r_max``, any shape and unit.
+        r_min: the value without a spike.
+        r_max: the value with most spikes.
+        n_max: the most spikes of a burst.
+        t_max: the longest interval (ms).
+        t_min: the shortest interval, above 0 and at most ``t_max`` (ms).
+
+    Returns:
+        Spike times, the shape of ``r`` and an axis of ``n_max`` spikes, NaN where a burst has ended.
+
+    Raises:
+        ModelError: what is no number, not ``r_min < r_max``, not ``0 < t_min <= t_max``, ``n_max`` no whole number,
+            or a value outside of the range.
+
+    Source: Guo, Fouda, Eltawil & Salama, Front. Neurosci. 15 (2021), "Neural coding in spiking neural networks: a
+        comparative study".
+    """
+    most = whole(n_max, "n_max", 1, 1000)
+    shortest, longest = positive(t_min, "t_min"), positive(t_max, "t_max")
+    if shortest > longest:
+        raise ModelError(f"t_min is {t_min} and t_max {t_max}, expected t_min <= t_max", path=("t_min",))
+    p = share(r, r_min, r_max)[..., None]
+    interval = np.ceil(longest - (longest - shortest) * p - _ROUNDING)
+    spikes = np.arange(most)
+    return np.where(spikes < np.ceil(most * p - _ROUNDING), spikes * interval, np.nan)

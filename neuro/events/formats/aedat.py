@@ -1,0 +1,355 @@
+"""AEDAT 2.0 of jAER and AEDAT 3.1 of cAER: lines of text, then events of 8 bytes."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from neuro.events._events import Events
+from neuro.events.formats._format import Damage, Format, Piece, Size, in_order, refuse
+from neuro.events.formats._reading import Begin, begin
+from neuro.events.source import Bytes, Source, step
+
+MAGIC_2 = b"#!AER-DAT2.0"
+WORD = 8
+T_LIMIT = 1 << 32
+LOOK = 1 << 14
+"""Bytes of a block in which an event is looked for, to learn its time."""
+END_2 = b"#End Of ASCII Header"
+"""How the last line begins, in files that have it."""
+
+_CHIP = re.compile(rb"# *AEChip: *([\w.$]+)")
+_SIZE = re.compile(rb"# Sensor size: (\d{1,5})x(\d{1,5})\r?\n")
+
+
+@dataclass(frozen=True, slots=True)
+class _Chip:
+    """A layout of addresses; places are the lowest bit and the number of bits."""
+
+    name: str
+    title: str
+    size: Size
+    x: tuple[int, int]
+    y: tuple[int, int]
+    polarity: int
+    on: int
+    sample: int
+    external: int
+    unused: int
+
+    def layout(self) -> tuple[int, ...]:
+        (x, x_bits), (y, y_bits) = self.x, self.y
+        fields = (x, (1 << x_bits) - 1, y, (1 << y_bits) - 1, self.polarity, self.on)
+        return (*fields, self.sample, self.external, self.unused)
+
+
+def _davis(name: str, title: str, size: Size) -> _Chip:
+    chip = f"eu.seebetter.ini.chips.davis.{title}"
+    return _Chip(name, chip, size, (12, 10), (22, 9), polarity=11, on=1, sample=1 << 31, external=1 << 10, unused=0)
+
+
+_DVS128 = _Chip(
+    "DVS128", "ch.unizh.ini.jaer.chip.retina.DVS128", (128, 128), (1, 7), (8, 7),
+    polarity=0, on=0, sample=0, external=1 << 15, unused=0xFFFF0000,
+)  # fmt: skip
+_CHIPS = (
+    _DVS128,
+    _davis("DAVIS240", "DAVIS240C", (240, 180)),
+    _davis("DAVIS346", "Davis346blue", (346, 260)),
+    _davis("DAVIS640", "Davis640", (640, 480)),
+)
+"""By the size of the sensor."""
+
+
+class Aedat2:
+    """An open AEDAT 2.0 file.
+
+    ``metadata`` has ``chip`` and, for what was read so far, ``other_words``: samples of pixels and of the inertial
+    sensor, and ``external_events``; both are left out.
+
+    Lines that begin with ``#`` and end with CR LF, then words of a big-endian 32-bit address and a
+    big-endian 32-bit time in us. The time wraps; from then on 2^32 us are added.
+
+    DVS128 address: bit 0 polarity (0 = ON), bits 1-7 x, bits 8-14 y, bit 15 set for an external event.
+    DAVIS address: bit 31 clear, y in bits 22-30, x in bits 12-21, bit 11 polarity (1 = ON); bit 10 marks an
+    external event and bit 31 a sample of the pixels or of the inertial sensor.
+
+    The header may name the chip; without a name it is a DVS128. Rows and columns stay as the file numbers them: jAER
+    counts rows from the bottom, while the arrays published of POKER-DVS, upright with y downwards, have them unchanged.
+
+    Source: "AEDAT 2.0" at docs.inivation.com, which also has the names of the chips; polarity and axes of the DVS128 as
+    in the published arrays of POKER-DVS.
+    """
+
+    def __init__(self, source: Source) -> None:
+        lines, _ = header(source, MAGIC_2, END_2)
+        self._source = source
+        self._start = len(lines)
+        self._chip = _chip(lines)
+        self.sensor_size: Size | None = _size(lines) or self._chip.size
+        self.metadata: dict[str, Any] = {"chip": self._chip.name, "other_words": 0, "external_events": 0}
+
+    def pieces(self, block: int) -> Iterator[Piece]:
+        """The events; see `Reader`."""
+        return self._pieces(block, Begin(self._start))
+
+    def pieces_from(self, block: int, start_us: int) -> Iterator[Piece]:
+        """The events from some block on; see `Seeker`."""
+        size = step(block, WORD)
+        samples = self._source.samples(self._start, size, min(size, LOOK))
+        return self._pieces(block, begin(self._start, self._clocks(samples), start_us, T_LIMIT))
+
+    def _clocks(self, samples: Iterable[tuple[int, Bytes]]) -> Iterator[tuple[int, int]]:
+        """The time of the first event of each sample that has one; other words may have times that run back."""
+        other = np.uint32(self._chip.sample | self._chip.external)
+        for place, data in samples:
+            events = np.flatnonzero((_addresses(data) & other) == 0)
+            if events.size:
+                at = WORD * int(events[0])
+                yield place, int.from_bytes(data[at + 4 : at + 8].tobytes(), "big")
+
+    def _pieces(self, block: int, at: Begin) -> Iterator[Piece]:
+        from neuro.events.formats._aedat_kernels import decode_aedat2
+
+        chip, layout = self._chip, self._chip.layout()
+        clock, skipped = np.array([-1 if at.clock is None else at.clock, at.added]), np.zeros(2, np.int64)
+        for place, data in self._source.blocks(at.place, block, WORD):
+            n = data.size // WORD
+            t, x, y = np.empty(n, np.int64), np.empty(n, np.uint16), np.empty(n, np.uint16)
+            p = np.empty(n, np.uint8)
+            found, done, x_max, y_max, ordered = decode_aedat2(data, layout, clock, skipped, t, x, y, p)
+            self.metadata |= {"other_words": int(skipped[0]), "external_events": int(skipped[1])}
+            other = 0 if found == done else chip.sample | chip.external
+
+            def byte(event: int, place: int = place, data: Bytes = data, other: int = other) -> int:
+                if not other:
+                    return place + WORD * event
+                return place + WORD * int(np.flatnonzero((_addresses(data) & np.uint32(other)) == 0)[event])
+
+            highest = (int(x_max), int(y_max)) if found else (-1, -1)
+            yield Piece(t[:found], x[:found], y[:found], p[:found], highest, bool(ordered), byte)
+            end = place + WORD * done
+            if done < n:
+                raise Damage(f"address 0x{_addresses(data)[done]:08x} is none of a {chip.name}", end)
+            if rest := data.size % WORD:
+                raise Damage(f"{rest} bytes left over after {(end - self._start) // WORD} words of 8 bytes", end)
+
+
+def _addresses(data: Bytes) -> np.ndarray[Any, np.dtype[np.uint32]]:
+    whole = data[: data.size // WORD * WORD].tobytes()
+    return np.frombuffer(whole, ">u4")[::2].astype(np.uint32)
+
+
+def _chip(lines: bytes) -> _Chip:
+    found = _CHIP.search(lines)
+    if found is None:
+        return _DVS128
+    full = found.group(1).decode("ascii", "replace")
+    for chip in _CHIPS:
+        if chip.name.lower() in full.lower():
+            return chip
+    known = ", ".join(chip.name for chip in _CHIPS)
+    raise Damage(f"chip {full} is not known, expected one of {known}", found.start(1))
+
+
+def _size(lines: bytes) -> Size | None:
+    """The size that `write` puts into the header."""
+    found = _SIZE.search(lines)
+    if found is None:
+        return None
+    width, height = int(found.group(1)), int(found.group(2))
+    if not (1 <= width <= 65536 and 1 <= height <= 65536):
+        raise Damage(f"sensor size {width}x{height}, expected 1x1 to 65536x65536", found.start(1))
+    return width, height
+
+
+def write(parts: Iterator[Events], path: Path) -> None:
+    """Encode as AEDAT 2.0 of the smallest camera that has the sensor's size, which a line of the header keeps."""
+    chip = _DVS128
+    with path.open("wb") as file:
+        for done, events in in_order(parts):
+            if not file.tell():
+                width, height = events.sensor_size
+                fits = [c for c in _CHIPS if width <= c.size[0] and height <= c.size[1]]
+                chip = fits[0] if fits else _CHIPS[-1]
+                file.write(_new_header(chip, f"# Sensor size: {width}x{height}\r\n"))
+            columns, rows = chip.size
+            outside = (events.x >= columns) | (events.y >= rows)
+            limits = f"t 0 to {T_LIMIT - 1} us, x 0 to {columns - 1}, y 0 to {rows - 1}"
+            refuse(events, (events.t < 0) | (events.t >= T_LIMIT) | outside, done, limits, outside)
+            words = np.empty((len(events), 2), ">u4")
+            address = (events.p == chip.on).astype(np.uint32) << chip.polarity
+            address |= events.x.astype(np.uint32) << chip.x[0] | events.y.astype(np.uint32) << chip.y[0]
+            words[:, 0], words[:, 1] = address, events.t
+            file.write(words.tobytes())
+        if not file.tell():
+            file.write(_new_header(chip, ""))
+
+
+def _new_header(chip: _Chip, size: str) -> bytes:
+    text = (
+        "#!AER-DAT2.0\r\n"
+        "# This is a raw AE data file - do not edit\r\n"
+        "# Data format is int32 address, int32 timestamp (8 bytes total), repeated for each event\r\n"
+        "# Timestamps tick is 1 us\r\n"
+        f"# AEChip: {chip.title}\r\n{size}{END_2.decode()}\r\n"
+    )
+    return text.encode("ascii")
+
+
+AEDAT2 = Format("aedat2", "AEDAT 2.0", (".aedat", ".aedat2"), lambda head: head.startswith(MAGIC_2), Aedat2, write)
+"""Read and written."""
+
+
+MAGIC_3 = b"#!AER-DAT3.1"
+END_3 = b"#!END-HEADER"
+EVENT = 8
+SIZES = {"DVS128": (128, 128), "DAVIS128": (128, 128), "DAVIS208": (208, 192), "DAVIS240": (240, 180),
+         "DAVIS346": (346, 260), "DAVIS640": (640, 480)}  # fmt: skip
+"""px, by how the name of a camera begins."""
+
+State = npt.NDArray[np.int64]
+
+_FORMAT = re.compile(rb"#Format: *(\S+)")
+_CAMERA = re.compile(rb"\n#Source (\d{1,5}): *([\w-]+)")
+_START = re.compile(rb"#Start-Time: *([\x20-\x7e]+)")
+
+
+class Aedat3:
+    """An open AEDAT 3.1 file.
+
+    ``metadata`` has ``camera`` and ``start``, where told, and, for what was read so far, ``other_events`` and
+    ``invalid_events``, which are left out.
+
+    Lines that begin with ``#``, the last ``#!END-HEADER``, then packets of little-endian numbers: a header of 28 bytes
+    (type and camera, int16; bytes of an event, byte of its time, overflows of the time, room, number and number of
+    valid events, int32), then the events. Those of type 1 are polarity events of 8 bytes: bit 0 valid, bit 1 polarity
+    (1 = ON), bits 2-16 y downwards, bits 17-31 x, then the time in us (31 bits), to which each overflow of the packet
+    adds 2^31.
+
+    Events of other types and invalid ones are left out and counted. Of a file with several cameras, the first one's
+    events are given. Packets must be stored as they are ("#Format: RAW").
+
+    Source: "AEDAT 3.1" at docs.inivation.com; the bits also as in the README of DVS Gesture (Amir et al., CVPR 2017).
+    """
+
+    def __init__(self, source: Source) -> None:
+        lines, ended = header(source, MAGIC_3, END_3)
+        if not ended:
+            raise Damage(f"the header does not end, expected a line {END_3.decode()}", len(lines))
+        stored = _FORMAT.search(lines)
+        if stored and stored.group(1) != b"RAW":
+            what = stored.group(1).decode("ascii", "replace")
+            raise Damage(f"packets are stored as {what}, expected RAW", stored.start(1))
+        self._source, self._start = source, len(lines)
+        cameras = [(int(number), name.decode()) for number, name in _CAMERA.findall(lines)]
+        self._camera = cameras[0][0] if len(cameras) > 1 else -1
+        self.sensor_size: Size | None = None
+        self.metadata: dict[str, Any] = {"other_events": 0, "invalid_events": 0}
+        if cameras:
+            name = cameras[0][1]
+            self.metadata["camera"] = name
+            self.sensor_size = next((size for known, size in SIZES.items() if name.upper().startswith(known)), None)
+        if start := _START.search(lines):
+            self.metadata["start"] = start.group(1).decode()
+
+    def pieces(self, block: int) -> Iterator[Piece]:
+        """The events; see `Reader`."""
+        from neuro.events.formats._aedat_kernels import decode_aedat3
+
+        state, left_out = np.zeros(3, np.int64), np.zeros(2, np.int64)
+        held, end = np.zeros(0, np.uint8), self._start
+        for place, more in self._source.blocks(self._start, block):
+            data = np.concatenate((held, more)) if held.size else more
+            begin, before, n = place - held.size, state.copy(), data.size // EVENT
+            t, x, y = np.empty(n, np.int64), np.empty(n, np.uint16), np.empty(n, np.uint16)
+            p = np.empty(n, np.uint8)
+            found, used, x_max, y_max, ordered, broken = decode_aedat3(data, self._camera, state, left_out, t, x, y, p)
+            self.metadata |= {"other_events": int(left_out[0]), "invalid_events": int(left_out[1])}
+
+            def byte(event: int, begin: int = begin, data: Bytes = data, state: State = before) -> int:
+                return begin + _begins(data, self._camera, state, event)
+
+            highest = (int(x_max), int(y_max)) if found else (-1, -1)
+            yield Piece(t[:found], x[:found], y[:found], p[:found], highest, bool(ordered), byte)
+            if broken:
+                raise Damage("expected the header of a packet", begin + used)
+            held, end = data[used:], begin + used
+        if missing := int(state[0] + state[1] * EVENT):
+            raise Damage(f"the last packet is cut, {missing - held.size} bytes are missing", end)
+        if held.size:
+            raise Damage(f"{held.size} bytes left over after the last packet", end)
+
+
+def _begins(data: Bytes, camera: int, state: State, event: int) -> int:
+    """The byte at which an event begins: 8 before the end of the shortest beginning of the data that has it."""
+    from neuro.events.formats._aedat_kernels import decode_aedat3
+
+    low, high = 0, data.size
+    while low < high:
+        middle = (low + high) // 2
+        n = middle // EVENT
+        room = np.empty(n, np.int64), np.empty(n, np.uint16), np.empty(n, np.uint16), np.empty(n, np.uint8)
+        found = decode_aedat3(data[:middle], camera, state.copy(), np.zeros(2, np.int64), *room)[0]
+        low, high = (low, middle) if found > event else (middle + 1, high)
+    return low - EVENT
+
+
+AEDAT3 = Format(
+    "aedat3", "AEDAT 3.1", (".aedat", ".aedat3"), lambda head: head.startswith(MAGIC_3), Aedat3,
+    untested="no recording of this format was at hand; read from the specification",
+)  # fmt: skip
+"""Only read."""
+
+
+HEADER_STEP = 1 << 16
+"""Bytes first looked at; doubled until the header ends."""
+
+_HEADER_LINE = re.compile(rb"#[\t\x20-\x7e\x80-\xff]*\r?\n")
+_BEGUN = re.compile(rb"(#[\t\x20-\x7e\x80-\xff]*\r?)?")
+
+
+def header(source: Source, magic: bytes, last: bytes) -> tuple[bytes, bool]:
+    """All lines before the data.
+
+    Data may begin with the byte of ``#``, but a line of text has no control bytes.
+
+    Args:
+        source: the file.
+        magic: how the first line begins.
+        last: how the line begins that ends the header.
+
+    Returns:
+        The lines, and whether the one that ends the header was there.
+
+    Raises:
+        Damage: the first line is another or does not end.
+    """
+    begins = source.head(len(magic))
+    if begins != magic:
+        raise Damage(f"begins with {begins!r}, expected the line {magic.decode()}", 0)
+    count = HEADER_STEP
+    while True:
+        text = source.head(count)
+        ended, length = _lines(text, last)
+        if ended or len(text) < count or not _BEGUN.fullmatch(text, length):
+            break
+        count *= 2
+    if length == 0:
+        raise Damage("the first line does not end", len(magic))
+    return text[:length], ended
+
+
+def _lines(text: bytes, last: bytes) -> tuple[bool, int]:
+    begin = 0
+    while line := _HEADER_LINE.match(text, begin):
+        begin = line.end()
+        if line.group().startswith(last):
+            return True, begin
+    return False, begin
