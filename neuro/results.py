@@ -36,7 +36,7 @@ class Results(files.Results):
         return overview(self, of, window=window)
 
     def energy(self, target: str | PathLike[str], *, step_s: float | None = None, chips: int | None = None) -> Energy:
-        """What the run would take on a chip, as `neuro.Simulation.energy` tells it.
+        """What the run would take on a chip, as `neuro.Simulation.energy` gives it.
 
         Args:
             target: the name of a chip, or a table file of your own.

@@ -89,7 +89,7 @@ def describe(choice: type[Choice], out: Any) -> None:
 
 
 def body(choice: type[Choice]) -> str:
-    """The description without its source, which is told apart; paragraphs on lines of their own."""
+    """The description without its source, which is shown apart; paragraphs on lines of their own."""
     text = inspect.cleandoc(choice.__doc__ or "")
     if getattr(choice, "source", ""):
         text = text.partition("Source:")[0]

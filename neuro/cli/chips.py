@@ -78,7 +78,7 @@ def _target(name: str) -> Chip:
 
 
 def _no_rounding(title: str) -> str:
-    return f"the arithmetic of {title} is not known here: no rounding is told"
+    return f"the arithmetic of {title} is not known here: its rounding is not reported"
 
 
 def _paragraphs(problems: Sequence[Problem]) -> list[str]:
@@ -175,7 +175,7 @@ def energy(
     if as_json:
         typer.echo(json.dumps(plain(sim, bills, placements[0], per), indent=2))
     else:
-        tell([priced.per(*per) for priced in bills], sources)
+        print_bills([priced.per(*per) for priced in bills], sources)
     tell_silence(silent_inputs(sim))
 
 
@@ -210,12 +210,12 @@ def plain(sim: Simulation, bills: list[Energy], placement: Placement | None, per
 
     counts = sim._engine.counts()
     samples, steps = per[0], counts.steps // per[0]
-    told = neurobench(sim.program, counts, samples=samples, steps=steps, placement=placement, energy=bills[0])
+    metrics = neurobench(sim.program, counts, samples=samples, steps=steps, placement=placement, energy=bills[0])
     about = {"network": sim.program.name, "backend": sim.backend, "seed": sim.program.seed, "ms": sim.time}
-    return {**about, "bills": [priced.per(*per).as_dict() for priced in bills], "neurobench": told}
+    return {**about, "bills": [priced.per(*per).as_dict() for priced in bills], "neurobench": metrics}
 
 
-def tell(bills: list[Energy], sources: bool) -> None:
+def print_bills(bills: list[Energy], sources: bool) -> None:
     """Print the bills and, if there are several, a row of each."""
     from neuro.chips.pricing.energy import COLUMNS, FASTEST
     from neuro.core.tables import console, table

@@ -18,7 +18,7 @@ GROUP = "neuro.commands"
 
 
 class Commands(TyperGroup):
-    """Lists apps without importing them, so that a slow or broken one troubles only those who call it."""
+    """Lists apps without importing them, so that a slow or broken one affects only its own command."""
 
     def list_commands(self, ctx: Any) -> list[str]:
         """Our own commands, then those of apps."""

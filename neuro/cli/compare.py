@@ -71,8 +71,8 @@ def write(found: Comparison, page_part: Path | None, json_part: Path | None) -> 
     if page_part:
         page_part.write_text(PAGE.seal(page(found)), "utf-8")
     if json_part:
-        told = {**found.as_dict(), "provenance": dict(found.record)}
-        json_part.write_text(JSON.seal(json.dumps(told, indent=2) + "\n"), "utf-8")
+        content = {**found.as_dict(), "provenance": dict(found.record)}
+        json_part.write_text(JSON.seal(json.dumps(content, indent=2) + "\n"), "utf-8")
 
 
 def as_plain_json(found: Comparison) -> str:

@@ -48,7 +48,7 @@ def _give_up_output() -> None:
 
 
 def _of_output(error: Exception) -> str | None:
-    """What to tell where standard output cannot be written, as on a full disk; None if it is something else."""
+    """What to report where standard output cannot be written, as on a full disk; None if it is something else."""
     if not isinstance(error, OSError) or error.errno not in (errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EIO):
         return None
     _give_up_output()
@@ -62,7 +62,7 @@ def _tell(message: Warning | str, category: type[Warning], filename: str, *more:
 
 
 def mistake(error: Exception) -> str | None:
-    """What to tell the user; None if it is our bug and not the user's mistake."""
+    """The message for the user; None if the error is a bug of ours."""
     from neuro.core.errors import ModelError
 
     if isinstance(error, ModelError):

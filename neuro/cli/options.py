@@ -17,8 +17,8 @@ def milliseconds(text: str) -> float:
     try:
         ms = float(in_ms(text, "--for"))
     except ModelError as error:
-        told = error.message.removeprefix(f"--for = {text.strip()}: ") + (f"; {error.hint}" if error.hint else "")
-        raise typer.BadParameter(f"'{text}': {told}") from None
+        reason = error.message.removeprefix(f"--for = {text.strip()}: ") + (f"; {error.hint}" if error.hint else "")
+        raise typer.BadParameter(f"'{text}': {reason}") from None
     except ValueError:
         ms = math.nan
     if not 0 < ms < math.inf:
@@ -77,7 +77,7 @@ def assignments(texts: list[str]) -> dict[str, Any]:
 
 
 def number(value: Any) -> Any:
-    """The number that a word such as 1e-3 is to everyone but YAML 1.1; anything else as it is."""
+    """The number that a word such as 1e-3 is everywhere but in YAML 1.1; anything else as it is."""
     try:
         return float(value) if isinstance(value, str) and value[-1:].isdigit() else value
     except ValueError:

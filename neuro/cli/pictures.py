@@ -83,7 +83,7 @@ def plot(
 
 
 def write_pictures(pictures: Iterable[tuple[str, Figure]], folder: Path, format: Format) -> None:
-    """Write pictures by their names into a folder, which is made if it is not there, and tell each."""
+    """Write pictures by their names into a folder, which is made if it is not there, and report each."""
     from neuro.core.outputs import make_folder, write_picture
 
     make_folder(folder)

@@ -110,7 +110,7 @@ def _tell_interrupted(out: Path) -> None:
 
 
 def together(backend: str) -> None:
-    """Let the processes of mpirun share the network where the backend can; told to end, one of them tidies up."""
+    """Let the processes of mpirun share the network where the backend can; one of them cleans up at the end."""
     import signal
 
     from neuro.core.launch import processes, share
@@ -131,8 +131,8 @@ def silent_inputs(sim: Simulation) -> list[str]:
 def tell_silence(inputs: list[str]) -> None:
     """Warn that what was counted, and is priced, is the network without input."""
     if inputs:
-        told = f"the input emitted no spike ({', '.join(inputs)}): these are the figures of a network without input"
-        typer.echo(f"warning: {told}\n  hint: give it spikes or rates; a program may inject them", err=True)
+        message = f"the input emitted no spike ({', '.join(inputs)}): these are the figures of a network without input"
+        typer.echo(f"warning: {message}\n  hint: give it spikes or rates; a program may inject them", err=True)
 
 
 def keep_spikes(net: Network, names: list[str]) -> None:
@@ -174,10 +174,10 @@ def report(results: Results, out: Path) -> None:
 
 def rates(results: Results) -> Iterator[tuple[str, ...]]:
     """A row for each population."""
-    from neuro.files.results import told_spikes
+    from neuro.files.results import spike_columns
 
     for name, train in results.populations.items():
-        yield name, train.model, f"{train.size:,}", *told_spikes(train.spikes, train.size, results.duration_ms)
+        yield name, train.model, f"{train.size:,}", *spike_columns(train.spikes, train.size, results.duration_ms)
 
 
 def weights(results: Results) -> Iterator[tuple[str, ...]]:
@@ -193,9 +193,9 @@ def weights(results: Results) -> Iterator[tuple[str, ...]]:
 def recorded(results: Results) -> str:
     """What was recorded, in a line."""
     spikes = [name for name, part in results.populations.items() if part.recorded]
-    told = [f"spikes of {', '.join(spikes)}"] if spikes else []
-    told += [f"{name} ({what(part)})" for name, part in results.traces.items()]
-    return f"recorded: {'; '.join(told) or 'nothing'}"
+    parts = [f"spikes of {', '.join(spikes)}"] if spikes else []
+    parts += [f"{name} ({what(part)})" for name, part in results.traces.items()]
+    return f"recorded: {'; '.join(parts) or 'nothing'}"
 
 
 def what(trace: Trace) -> str:
@@ -224,7 +224,7 @@ def rerun(
     inputs: Inputs = [],  # noqa: B006
     against: Against = None,
 ) -> None:
-    """Make a file again from what it holds; tell whether it has the same bits, or what differs and what changed."""
+    """Make a file again from what it holds; report whether it has the same bits, or what differs and what changed."""
     from neuro.core.progress import Bar
     from neuro.rerun.again import rerun as again
 

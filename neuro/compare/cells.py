@@ -47,8 +47,8 @@ def populations(comparison: Comparison) -> Iterator[tuple[str, ...]]:
             part = run.populations[name]
             kind = f"{name} (input)" if part.generator else name
             about = (kind if run is comparison.first else "", run.backend)
-            told = (f"{part.neurons:,}", f"{part.spikes:,}", f"{part.rate_hz:.2f}")
-            yield (*about, *told, *_differences(comparison, run, part))
+            figures = (f"{part.neurons:,}", f"{part.spikes:,}", f"{part.rate_hz:.2f}")
+            yield (*about, *figures, *_differences(comparison, run, part))
 
 
 def _differences(comparison: Comparison, run: Run, part: PopulationResult) -> tuple[str, str]:
@@ -65,15 +65,15 @@ def where(found: Divergence) -> str:
 def projections(comparison: Comparison) -> Iterator[tuple[str, ...]]:
     """A row for each projection on each backend but the first."""
     for part in comparison.histograms:
-        told = [run for run in comparison.ran if part.projection in run.weights]
-        for run in told:
+        runs = [run for run in comparison.ran if part.projection in run.weights]
+        for run in runs:
             lost = run.weights[part.projection]
-            name = part.projection if run is told[0] else ""
+            name = part.projection if run is runs[0] else ""
             by_rounding = (run.rounding or {}).get(part.projection)
             share = "-" if by_rounding is None else f"{by_rounding.relative:.3%}"
             numbers = (f"{lost.largest:.4g} {part.unit}".rstrip(), f"{lost.rms:.4g} {part.unit}".rstrip())
             yield (name, run.backend, *numbers, f"{lost.relative:.3%}", share)
-        for k, run in enumerate(run for run in told if part.projection in run.delays):
+        for k, run in enumerate(run for run in runs if part.projection in run.delays):
             late = run.delays[part.projection]
             name = "" if k else f"{part.projection}: delays"
             yield (name, run.backend, f"{late.largest:.4g} ms", f"{late.rms:.4g} ms", f"{late.relative:.3%}", "-")

@@ -59,9 +59,9 @@ def page(comparison: Comparison) -> str:
 
 def _head(comparison: Comparison) -> Html:
     names = [run.backend for run in comparison.runs]
-    told = f"{comparison.ms:g} ms in steps of {comparison.resolution_ms:g} ms, seed {comparison.seed}, on "
+    line = f"{comparison.ms:g} ms in steps of {comparison.resolution_ms:g} ms, seed {comparison.seed}, on "
     backends = f"{', '.join(names[:-1])} and {names[-1]}, each compared with {comparison.first.backend}."
-    return tag("header", tag("h1", comparison.network), tag("p", told + backends, class_="lead"))
+    return tag("header", tag("h1", comparison.network), tag("p", line + backends, class_="lead"))
 
 
 def _card(comparison: Comparison, run: Run) -> Html:
@@ -86,9 +86,9 @@ def _card(comparison: Comparison, run: Run) -> Html:
 
 def _numbers(comparison: Comparison) -> Html:
     inputs = [f"on {run.backend} {cells.INPUTS[run.inputs]}" for run in comparison.ran[1:]]
-    told = f"Counts that all backends share. Input spikes: {'; '.join(inputs)}."
+    counts = f"Counts that all backends share. Input spikes: {'; '.join(inputs)}."
     natives = list(cells.natives(comparison))
-    parts = [tag("h2", "In numbers"), tag("p", told), table(cells.SUMMARY, cells.summary(comparison))]
+    parts = [tag("h2", "In numbers"), tag("p", counts), table(cells.SUMMARY, cells.summary(comparison))]
     return join([*parts, table(cells.NATIVE, natives) if natives else None])
 
 
@@ -161,12 +161,12 @@ def _scaled(fixed: FixedProgram) -> Iterator[tuple[object, ...]]:
 
 
 def _remarks(comparison: Comparison) -> Iterator[Html]:
-    told = [f"{run.backend} refused: {run.refused}" for run in comparison.runs if run.refused]
-    told += [text for run in comparison.runs for text in run.warnings]
-    told += [f"no bill for {bill.target}: {bill.reason}" for bill in cells.unpriced(comparison)]
-    told += comparison.notes
+    remarks = [f"{run.backend} refused: {run.refused}" for run in comparison.runs if run.refused]
+    remarks += [text for run in comparison.runs for text in run.warnings]
+    remarks += [f"no bill for {bill.target}: {bill.reason}" for bill in cells.unpriced(comparison)]
+    remarks += comparison.notes
     yield tag("h2", "Warnings and notes")
-    yield tag("ul", *(tag("li", text) for text in told), class_="remarks") if told else tag("p", "None.")
+    yield tag("ul", *(tag("li", text) for text in remarks), class_="remarks") if remarks else tag("p", "None.")
 
 
 MOST_DOTS = 40_000
@@ -191,8 +191,8 @@ def rasters(comparison: Comparison) -> Html:
 
 def _legend(comparison: Comparison) -> Html:
     first = comparison.first.backend
-    told = (("same", f"as on {first}"), ("extra", f"only here, not on {first}"), ("missing", f"on {first}, not here"))
-    return html.legend(*told)
+    kinds = (("same", f"as on {first}"), ("extra", f"only here, not on {first}"), ("missing", f"on {first}, not here"))
+    return html.legend(*kinds)
 
 
 def _raster(comparison: Comparison, name: str, dots: int) -> Html:
@@ -206,7 +206,7 @@ def _raster(comparison: Comparison, name: str, dots: int) -> Html:
     label = f"raster of {name} on {', '.join(run.backend for run in comparison.ran)}"
     picture = raster.raster(strips, ms, resolution, label=label, together=True)
     kind = "input, " if part.generator else ""
-    return html.figure(picture, kind + drawn.told(ms, resolution), name, "raster")
+    return html.figure(picture, kind + drawn.described(ms, resolution), name, "raster")
 
 
 def _strip(comparison: Comparison, run: Run, name: str, drawn: Window) -> Strip:
@@ -235,7 +235,7 @@ LIMITS = {
 
 
 def chip_map(placement: Placement, chip: Chip) -> Html:
-    """All chips in use, as they lie; pointing at a core tells what it holds."""
+    """All chips in use, as they lie; pointing at a core shows what it holds."""
     mesh = mesh_of(chip, len(placement.cores))
     numbers = sorted({core.chip for core in placement.cores})[:MOST_CHIPS]
     cores = [core for core in placement.cores if core.chip in numbers]
@@ -256,14 +256,14 @@ def chip_map(placement: Placement, chip: Chip) -> Html:
 
 
 def _list(placement: Placement) -> Html:
-    """The cores as a table, for paper and for those who cannot point."""
+    """The cores as a table, for paper and for readers without a mouse."""
     rows = [
         (*_place(core), held(placement, core), f"{core.neurons:,}", f"{core.synapse_bytes:,}", _full(core))
         for core in placement.cores[:MOST_ROWS]
     ]
     rest = len(placement.cores) - len(rows)
-    told = tag("p", f"and {rest:,} more") if rest else None
-    return tag("details", tag("summary", "Cores"), html.table(CORE_COLUMNS, rows), told)
+    more = tag("p", f"and {rest:,} more") if rest else None
+    return tag("details", tag("summary", "Cores"), html.table(CORE_COLUMNS, rows), more)
 
 
 def _place(core: Core) -> tuple[str, str, str]:
@@ -335,7 +335,7 @@ def _scale() -> Html:
 def _caption(placement: Placement, chip: Chip, mesh: Mesh) -> str:
     fullest = max(placement.cores, key=lambda core: max(core.load.values(), default=0.0), default=None)
     most = mesh.columns * mesh.rows * mesh.cores_per_tile
-    told = [
+    remarks = [
         f"{len(placement.cores):,} of {most * placement.chips_used:,} cores on {placement.chips_used:,} "
         f"chip{'s' * (placement.chips_used != 1)} of {chip.title}",
         f"{placement.synapse_bytes:,} bytes of synapses",
@@ -343,7 +343,7 @@ def _caption(placement: Placement, chip: Chip, mesh: Mesh) -> str:
     ]
     if fullest is not None and fullest.load:
         name, share = max(fullest.load.items(), key=lambda pair: pair[1])
-        told.append(f"the fullest core uses {share:.0%} of its {LIMITS.get(name, name)}")
+        remarks.append(f"the fullest core uses {share:.0%} of its {LIMITS.get(name, name)}")
     if placement.chips_used > MOST_CHIPS:
-        told.append(f"{MOST_CHIPS} chips are drawn")
-    return "; ".join(told) + ". Pointing at a core tells what it holds."
+        remarks.append(f"{MOST_CHIPS} chips are drawn")
+    return "; ".join(remarks) + ". Pointing at a core shows what it holds."

@@ -129,8 +129,8 @@ class Run:
     @property
     def per_spike(self) -> float | None:
         """Spike-train distance per spike over all populations of neurons; None where it was not measured."""
-        told = [part.distance for part in self.neurons.values() if part.distance is not None]
-        return sum(d.edits for d in told) / max(sum(d.spikes for d in told), 1) if told else None
+        distances = [part.distance for part in self.neurons.values() if part.distance is not None]
+        return sum(d.edits for d in distances) / max(sum(d.spikes for d in distances), 1) if distances else None
 
     def as_dict(self) -> dict[str, Any]:
         """All but spikes and weights themselves, for JSON."""
@@ -209,10 +209,10 @@ class Comparison:
         rows = []
         for run in self.runs:
             counts, differs = run.counts, "-" if run is self.first else run.first_difference()
-            told = (
+            figures = (
                 ("-", "-", "refused") if counts is None else (f"{counts.spikes:,}", f"{counts.synaptic_ops:,}", differs)
             )
-            rows.append((run.backend, *told))
+            rows.append((run.backend, *figures))
         return [Table("", ("backend", ">spikes", ">synaptic ops", "first difference"), tuple(rows))]
 
     @property

@@ -49,7 +49,7 @@ def compare(
 ) -> Comparison:
     """Run a network on several backends and compare each with the first.
 
-    A backend that refuses the network is told with its reason; the first that runs is what others are compared with.
+    A backend that refuses the network is reported with its reason; others are compared with the first that runs.
 
     Args:
         net: the network; it stays as it is.
@@ -68,7 +68,7 @@ def compare(
     watched, runs = _recording(net), list[Run]()
     for name in names:
         first = next((run for run in runs if not run.refused), None)
-        with _warnings() as told:
+        with _warnings() as caught:
             try:
                 sim = compile(watched, backend=name, seed=seed, threads=threads)
                 (advance or _run)(sim, steps)
@@ -76,7 +76,7 @@ def compare(
                 run = Run(name, refused=str(error))
             else:
                 run = _against(_gather(sim, name, first is None), first, sim.time)
-        runs.append(replace(run, warnings=tuple(told)))
+        runs.append(replace(run, warnings=tuple(caught)))
     record = record_of(net, backend=", ".join(names), threads=threads, seed=seed)
     return _comparison(net, ms, seed, runs, record)
 
@@ -109,16 +109,16 @@ def _check(backends: Sequence[str]) -> None:
 
 
 def _enough(runs: list[Run]) -> None:
-    """Refuse to compare one run with nothing; what is wrong on all backends alike is told as it is."""
+    """Refuse to compare one run with nothing; what is wrong on all backends alike is reported as it is."""
     ran = sum(not run.refused for run in runs)
-    told = dict.fromkeys(run.refused for run in runs if run.refused)
-    if ran == 0 and len(told) == 1:
-        raise ModelError(*told)
+    refusals = dict.fromkeys(run.refused for run in runs if run.refused)
+    if ran == 0 and len(refusals) == 1:
+        raise ModelError(*refusals)
     if ran < 2:
-        reasons = "\n".join(told)
-        who = {0: "none", 1: "only 1"}[ran]
+        reasons = "\n".join(refusals)
+        runs_left = {0: "none", 1: "only 1"}[ran]
         verb = "runs" if ran else "run"
-        raise ModelError(f"{who} of the {len(runs)} backends {verb} this network: nothing to compare\n{reasons}")
+        raise ModelError(f"{runs_left} of the {len(runs)} backends {verb} this network: nothing to compare\n{reasons}")
 
 
 def _recording(net: Network) -> Network:
@@ -145,12 +145,12 @@ def _warnings() -> Iterator[list[str]]:
     """Collect what backends warn of; other warnings go on."""
     texts: list[str] = []
     kinds = (ApproximationWarning, OverflowWarning)
-    with warnings.catch_warnings(record=True) as told:
+    with warnings.catch_warnings(record=True) as caught:
         for kind in kinds:
             warnings.simplefilter("always", kind)
         yield texts
-        texts += dict.fromkeys(str(w.message) for w in told if issubclass(w.category, kinds))
-    for w in told:
+        texts += dict.fromkeys(str(w.message) for w in caught if issubclass(w.category, kinds))
+    for w in caught:
         if not issubclass(w.category, kinds):
             warnings.warn_explicit(w.message, w.category, w.filename, w.lineno)
 
@@ -238,10 +238,10 @@ def _notes(runs: list[Run], ms: float) -> Iterable[str]:
         yield f"'{runs[0].backend}' did not run: others are compared with '{ran[0].backend}'"
     if not any(part.spikes for part in ran[0].neurons.values()):
         yield f"no neuron fired on '{ran[0].backend}': there is little to compare"
-    told = [(name, part) for run in ran[1:] for name, part in run.populations.items()]
-    if any(part.distance is None for _, part in told):
+    populations = [(name, part) for run in ran[1:] for name, part in run.populations.items()]
+    if any(part.distance is None for _, part in populations):
         yield f"spike-train distances are left out: {install('compare')} installs what computes them"
-    yield from dict.fromkeys(_measured(name, part, ms) for name, part in told if _in_part(part, ms))
+    yield from dict.fromkeys(_measured(name, part, ms) for name, part in populations if _in_part(part, ms))
     program = ran[0].program
     assert program is not None
     for target in (chip(bill.target) for bill in ran[0].bills if bill.energy is not None):
@@ -258,6 +258,6 @@ def _measured(name: str, part: PopulationResult, ms: float) -> str:
     far = part.distance
     assert far is not None
     chosen = f"{far.neurons:,} of {part.neurons:,} neurons, evenly chosen"
-    who = chosen if far.neurons < part.neurons else "all neurons"
+    neurons = chosen if far.neurons < part.neurons else "all neurons"
     time = f", up to {far.until_ms:g} ms" if far.until_ms < ms else ""
-    return f"the distance of '{name}' is of {who}{time}"
+    return f"the distance of '{name}' is of {neurons}{time}"

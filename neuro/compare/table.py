@@ -28,10 +28,10 @@ def show(comparison: Comparison, out: Any) -> None:
         (cells.NATIVE, cells.natives(comparison)),
         (cells.ENERGY, cells.bills(comparison)),
     ):
-        told = list(rows)
-        if told:
+        listed = list(rows)
+        if listed:
             out.print()
-            out.print(table(columns, told))
+            out.print(table(columns, listed))
     for line in _remarks(comparison):
         out.print(line, markup=False)
 

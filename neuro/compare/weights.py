@@ -57,12 +57,12 @@ def rounded(fixed: FixedProgram, index: int) -> Floats | None:
 
 def rounding(fixed: FixedProgram) -> dict[str, WeightDifference]:
     """What quantising does to the weights of each projection."""
-    told = {}
+    by_name = {}
     for index, part in enumerate(fixed.program.projections):
         after = rounded(fixed, index)
         if after is not None:
-            told[part.name] = difference(described(part), after)
-    return told
+            by_name[part.name] = difference(described(part), after)
+    return by_name
 
 
 def histograms(program: Program, chips: Mapping[str, FixedProgram]) -> tuple[Histogram, ...]:

@@ -1,7 +1,7 @@
 """A training under way, in a file beside the model that it is going to be.
 
 ```
-/            attributes: format, told (JSON: what the training was told)
+/            attributes: format, settings (JSON: the settings of the training)
 /NAME        an array, or a group of arrays
 ```
 """
@@ -31,18 +31,18 @@ class Checkpoint:
     Args:
         model: file of the model; the checkpoint lies beside it.
         format: of the checkpoint, e.g. "neuro drone training 1".
-        told: what the training is told, as plain data; only the same training goes on.
-        ways: by name of what is told the way out where it is not the same.
+        settings: of the training, as plain data; only a training with the same settings continues.
+        ways: by name of a setting: what to do where it differs.
 
     Attributes:
         path: where it lies.
     """
 
     def __init__(
-        self, model: Path, format: str, told: Mapping[str, Any], ways: Mapping[str, str] | None = None
+        self, model: Path, format: str, settings: Mapping[str, Any], ways: Mapping[str, str] | None = None
     ) -> None:
         self.path = model.with_name(f"{model.name}.training")
-        self._format, self._told, self._ways = format, json.dumps(told), ways or {}
+        self._format, self._settings, self._ways = format, json.dumps(settings), ways or {}
 
     def keep(self, **parts: Array | Mapping[str, Array]) -> None:
         """Write arrays, and groups of arrays, in place of those before.
@@ -51,7 +51,7 @@ class Checkpoint:
             Unwritable: the file cannot be written.
         """
         with writing(self.path, self._format) as file:
-            file.attrs["told"] = self._told
+            file.attrs["settings"] = self._settings
             for name, part in parts.items():
                 put(file, name, part)
 
@@ -59,13 +59,13 @@ class Checkpoint:
         """What `keep` wrote last, empty if there is none.
 
         Raises:
-            ModelError: it is of a training that was told something else, or damaged.
+            ModelError: it is of a training that has other settings, or damaged.
         """
         if not self.path.exists():
             return {}
         with reading(self.path, self._format, _ANEW) as file:
             parts = {name: take(file, name) for name in file}
-            before, now = _flat(json.loads(str(file.attrs["told"]))), _flat(json.loads(self._told))
+            before, now = _flat(json.loads(str(file.attrs["settings"]))), _flat(json.loads(self._settings))
         for name in sorted(before.keys() | now.keys()):
             if before.get(name) != now.get(name):
                 raise ModelError(
@@ -80,9 +80,9 @@ class Checkpoint:
         self.path.unlink(missing_ok=True)
 
 
-def _flat(told: Mapping[str, Any]) -> dict[str, Any]:
+def _flat(settings: Mapping[str, Any]) -> dict[str, Any]:
     """Values inside of others with the names of both."""
     flat: dict[str, Any] = {}
-    for name, value in told.items():
+    for name, value in settings.items():
         flat |= {f"{name}.{k}": v for k, v in _flat(value).items()} if isinstance(value, Mapping) else {name: value}
     return flat

@@ -45,11 +45,11 @@ def to_pandas(run: object) -> Frames:
         ModelError: the package pandas is not installed.
     """
     pandas = needed("pandas", "pandas", "to_pandas: the package pandas is not installed")
-    told = recorded(run)
+    source = recorded(run)
     return Frames(
-        *_of_spikes(pandas, told),
-        {name: _of_trace(pandas, told, name) for name in told.probes},
-        {name: _of_weights(pandas, told.weights(name)) for name in told.weighed},
+        *_of_spikes(pandas, source),
+        {name: _of_trace(pandas, source, name) for name in source.probes},
+        {name: _of_weights(pandas, source.weights(name)) for name in source.weighed},
     )
 
 
@@ -111,19 +111,24 @@ def to_neo(run: object) -> neo.Block:
         ModelError: the package neo is not installed.
     """
     neo = needed("neo", "neo", "to_neo: the package neo is not installed")
-    told = recorded(run)
-    about = {"simulator": "neuro", "backend": told.backend, "seed": told.seed, "resolution_ms": told.resolution_ms}
-    block, segment = neo.Block(name=told.network, **about), neo.Segment(name=told.network)
+    source = recorded(run)
+    about = {
+        "simulator": "neuro",
+        "backend": source.backend,
+        "seed": source.seed,
+        "resolution_ms": source.resolution_ms,
+    }
+    block, segment = neo.Block(name=source.network, **about), neo.Segment(name=source.network)
     block.segments.append(segment)
     parts: dict[str, list[Any]] = {}
-    for train in trains(told) if told.kept else []:
+    for train in trains(source) if source.kept else []:
         spikes = list(_spike_trains(train))
         segment.spiketrains.extend(spikes)
         parts.setdefault(train.population, []).extend(spikes)
-    for name in told.probes:
-        trace = told.trace(name)
+    for name in source.probes:
+        trace = source.trace(name)
         if trace.times_ms.size and not trace.at_pre_spikes:
-            signal = _signal(name, trace, told)
+            signal = _signal(name, trace, source)
             kind = segment.analogsignals if isinstance(signal, neo.AnalogSignal) else segment.irregularlysampledsignals
             kind.append(signal)
             if trace.noun != "synapse":

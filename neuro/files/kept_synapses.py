@@ -59,8 +59,8 @@ def one_each(results: Left, name: Any, what: Any, of: Any, pre: Any, post: Any) 
         ModelError: a file does not have it.
     """
     if what not in ("weight", "delay"):
-        told = f"projection '{name}': a file of results has no {what!r}: expected 'weight' or 'delay'"
-        raise ModelError(told, hint=f"a probe records states of synapses: net.probe('name', '{name}', {what!r})")
+        message = f"projection '{name}': a file of results has no {what!r}: expected 'weight' or 'delay'"
+        raise ModelError(message, hint=f"a probe records states of synapses: net.probe('name', '{name}', {what!r})")
     part = _kept(results, name)
     chosen = _chosen(results, part, name, of, pre, post)
     values = part.weight.reshape(-1) if what == "weight" else _delays(results, part, name)
@@ -104,8 +104,8 @@ def _neurons(results: Left, name: str, word: str, given: Any, population: str) -
         of = given.population if isinstance(given, View) else given
         found = of if isinstance(of, str) else of.name
         if found != population or (isinstance(of, Part) and not isinstance(of, Population)):
-            told = repr(given) if isinstance(given, View) else f"'{found}'"
-            raise ModelError(f"{word} = {told}: expected neurons of '{population}', as '{name}' has there")
+            message = repr(given) if isinstance(given, View) else f"'{found}'"
+            raise ModelError(f"{word} = {message}: expected neurons of '{population}', as '{name}' has there")
         return given.within(shape)[0] if isinstance(given, View) else np.arange(prod(shape))
     try:
         ids = [given] if isinstance(given, (int, np.integer)) else np.asarray(given)
@@ -121,7 +121,7 @@ def _delays(results: Left, part: Any, name: str) -> Floats:
     program = resolved(results, results.network(played=False))
     index, found = next((k, each) for k, each in enumerate(program.projections) if each.name == name)
     if part.pre is not None and not all(map(np.array_equal, program.connections(index), (part.pre, part.post))):
-        told = f"the delays of '{name}': this version draws other synapses than the file has, of version"
-        hint = "run.network() runs once more, and a simulation tells them"
-        raise ModelError(f"{told} {results.about.get('neuro')}", hint=hint)
+        message = f"the delays of '{name}': this version draws other synapses than the file has, of version"
+        hint = "run.network() runs once more, and a simulation has them"
+        raise ModelError(f"{message} {results.about.get('neuro')}", hint=hint)
     return np.broadcast_to(Clock(program.resolution).array_ms(found.delay.astype(np.int64)), found.size).copy()

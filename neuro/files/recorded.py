@@ -97,7 +97,7 @@ class Synapses:
 
 
 class Recorded(Protocol):
-    """What a simulation or results tell."""
+    """What a simulation and results have in common."""
 
     network: str
     seed: int
@@ -312,8 +312,8 @@ def checked_window(run: Recorded, window: Any) -> Window:
     if len(pair) != 2 or not all(is_number(ms) and math.isfinite(ms) for ms in pair) or not 0 <= pair[0] < pair[1]:
         raise ModelError(f"window = {shown(window)}: expected (begin, end) in ms with 0 <= begin < end")
     if pair[0] < run.held_ms:
-        told = f"window = {shown(window)}: what was recorded up to {run.held_ms:g} ms is not held any more"
-        raise ModelError(f"{told}: expected a begin >= {run.held_ms:g} ms")
+        message = f"window = {shown(window)}: what was recorded up to {run.held_ms:g} ms is not held any more"
+        raise ModelError(f"{message}: expected a begin >= {run.held_ms:g} ms")
     if pair[1] > run.duration_ms * (1.0 + _SAME):
         last = f"{run.duration_ms:.12g} ms"
         raise ModelError(f"window = {shown(window)}: the run ends at {last}: expected an end <= {last}")

@@ -247,10 +247,10 @@ class Results:
         if not isinstance(part, View) and name in self.projections:
             return one_each(self, name, what, of, pre, post)
         name, _ = self._neurons(part)
-        told = f"population '{name}': a file of results has no {what!r} of the end of the run"
+        message = f"population '{name}': a file of results has no {what!r} of the end of the run"
         recorded = [word for word, trace in self.traces.items() if (trace.population, trace.state) == (name, what)]
         hint = f"run.trace({recorded[0]!r}) is what was recorded" if recorded else _again(name, what)
-        raise ModelError(told, hint=hint)
+        raise ModelError(message, hint=hint)
 
     def states(self, of: Any) -> list[str]:
         """A simulation has states; a file has the traces of those that were recorded.
@@ -259,8 +259,8 @@ class Results:
             ModelError: always; it names what to ask instead.
         """
         name, _ = self._neurons(of)
-        told = f"states of '{name}': a file of results has none: expected a simulation"
-        raise ModelError(told, hint="run.traces has what was recorded, neuro.compile(run.network()) the states")
+        message = f"states of '{name}': a file of results has none: expected a simulation"
+        raise ModelError(message, hint="run.traces has what was recorded, neuro.compile(run.network()) the states")
 
     def counts(self) -> Counts:
         """What happened in the run."""
@@ -433,11 +433,11 @@ def run_table(duration_ms: float, populations: Iterable[tuple[str, str, int, int
     """
     rows = []
     for name, model, neurons, spikes in populations:
-        rows.append((name, model, f"{neurons:,}", *told_spikes(spikes, neurons, duration_ms)))
+        rows.append((name, model, f"{neurons:,}", *spike_columns(spikes, neurons, duration_ms)))
     return Table("populations", ("name", "model", ">neurons", ">spikes", ">rate (Hz)"), tuple(rows))
 
 
-def told_spikes(spikes: int | None, neurons: int, duration_ms: float) -> tuple[str, str]:
+def spike_columns(spikes: int | None, neurons: int, duration_ms: float) -> tuple[str, str]:
     """Spikes and the mean rate of a neuron in Hz as text; a dash where there can be none."""
     if spikes is None:
         return "-", "-"

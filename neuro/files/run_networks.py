@@ -46,8 +46,8 @@ class Sought:
         """
         for name in self._missing:
             if name is None:
-                told = "the network plays events of a program, which results do not hold"
-                raise ModelError(told, hint=f"describe it anew with these events; {READABLE} them")
+                message = "the network plays events of a program, which results do not hold"
+                raise ModelError(message, hint=f"describe it again with these events; {READABLE} them")
             looked = ", ".join(map(str, self._folders))
             hint = f"results.network(recordings=FOLDER) says where it lies; {READABLE} it"
             raise ModelError(f"the network plays the recording {name!r}: not found in {looked}", hint=hint)

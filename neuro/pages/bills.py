@@ -70,8 +70,8 @@ def _shares(bills: Bills, kinds: list[str]) -> Html:
     for about, e in bills:
         dynamic = [(f"item{kinds.index(name) % COLOURS}", name, j) for name, j in e.by_cost().items() if name != STATIC]
         kinds_of = [[(k, k, j) for k, j in _spent(e).items() if k != left_out] for left_out in ("waiting", "static")]
-        told = f"{about}: {quantity(e.dynamic_j, 'J')}"
-        rows.append(_row(told, e, _bar(dynamic, "bar"), *(_bar(each, "bar thin") for each in kinds_of)))
+        label = f"{about}: {quantity(e.dynamic_j, 'J')}"
+        rows.append(_row(label, e, _bar(dynamic, "bar"), *(_bar(each, "bar thin") for each in kinds_of)))
     key = html.legend(*((f"item{i % COLOURS}", _meaning(name)) for i, name in enumerate(kinds)))
     caption = (
         "Thick: dynamic joules by what they are spent on. "
@@ -86,8 +86,8 @@ def _bar(parts: Sequence[tuple[str, str, float]], class_: str) -> Html:
 
 
 def _share(kind: str, name: str, j: float, total: float) -> Html:
-    told = f"{_SPENT.get(name, _meaning(name))}: {quantity(j, 'J')}, {j / total:.1%}"
-    return tag("i", class_=kind, style=f"width:{100.0 * j / total:.2f}%", title=told)
+    label = f"{_SPENT.get(name, _meaning(name))}: {quantity(j, 'J')}, {j / total:.1%}"
+    return tag("i", class_=kind, style=f"width:{100.0 * j / total:.2f}%", title=label)
 
 
 def _meaning(name: str) -> str:
@@ -118,8 +118,8 @@ def _details(about: str, e: Energy) -> Html:
     (_, *clocks), *sums = e.sums()
     both = html.table(("", *(f">{clock}" for clock in clocks)), sums)
     foot = tag("ol", *(tag("li", source) for source in sources))
-    told = e.noted(sources=True)
-    notes = tag("ul", *(tag("li", note) for note in told)) if told else None
+    remarks = e.noted(sources=True)
+    notes = tag("ul", *(tag("li", note) for note in remarks)) if remarks else None
     head = tag("summary", f"{e.title}, {about}: {e.totals()}")
     return tag("details", head, html.table(ITEM_COLUMNS, rows), both, tag("h4", "Sources"), foot, notes)
 

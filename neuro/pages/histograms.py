@@ -84,12 +84,12 @@ def drawings(found: Sequence[Histogram], names: Mapping[str, str]) -> Html:
     single = [part for part in found if not part.counts]
     parts: list[object] = []
     if wide:
-        parts.append(html.legend(*((_kind(i), told) for i, told in enumerate(names.values()))))
+        parts.append(html.legend(*((_kind(i), label) for i, label in enumerate(names.values()))))
         parts.append(tag("div", *(_drawing(part, list(names)) for part in wide[:MOST]), class_="grid"))
     if len(wide) > MOST:
         parts.append(tag("p", f"{len(wide) - MOST} more projections are not drawn."))
     if single:
-        columns = ("projection", ">synapses", *(f">{told}" for told in names.values()))
+        columns = ("projection", ">synapses", *(f">{label}" for label in names.values()))
         rows = (_row(part, names) for part in single)
         parts.append(html.table(columns, rows, "Projections with one weight for all"))
     return html.join(parts)
@@ -100,8 +100,8 @@ def _kind(index: int) -> str:
 
 
 def _row(part: Histogram, names: Iterable[str]) -> list[str]:
-    told = (part.extent.get(name) for name in names)
-    values = ("-" if pair is None else f"{pair[0]:.6g} {part.unit}".rstrip() for pair in told)
+    ranges = (part.extent.get(name) for name in names)
+    values = ("-" if pair is None else f"{pair[0]:.6g} {part.unit}".rstrip() for pair in ranges)
     return [part.projection, f"{part.synapses:,}", *values]
 
 

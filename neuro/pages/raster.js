@@ -25,7 +25,7 @@ function read(figure) {
     });
   }
   const canvas = figure.querySelector("canvas");
-  const raster = {...data, canvas, pen: canvas.getContext("2d"), told: figure.querySelector("output"), drag: null};
+  const raster = {...data, canvas, pen: canvas.getContext("2d"), output: figure.querySelector("output"), drag: null};
   listen(figure, raster);
   rasters.push(raster);
 }
@@ -203,7 +203,7 @@ function listen(figure, raster) {
     const [x, y] = inside(event), found = strip(y);
     const at = Math.max(0, Math.min(raster.ms, time(raster, x)));
     const row = found ? Math.max(0, Math.min(found.rows - 1, Math.floor(neuron(found, y)))) : 0;
-    raster.told.textContent = found ? `${found.name}: neuron ${id(found, row)}, ${at.toFixed(1)} ms` : "";
+    raster.output.textContent = found ? `${found.name}: neuron ${id(found, row)}, ${at.toFixed(1)} ms` : "";
     if (raster.drag) { raster.drag.right = x; raster.drag.below = y; ask(); }
   };
   canvas.onpointercancel = () => { raster.drag = null; ask(); };

@@ -49,12 +49,12 @@ class Window:
         found: Ints = np.unique(steps[keep] * self.neurons.size + row)
         return found
 
-    def told(self, ms: float, resolution_ms: float) -> str:
+    def described(self, ms: float, resolution_ms: float) -> str:
         """How much of the population and of the run is drawn."""
         n, end_ms = self.neurons.size, self.steps * resolution_ms
         which = f"{self.size:,} neuron{'s' * (self.size != 1)}"
-        told = which if n == self.size else f"{n:,} of {which}, evenly chosen"
-        return told if end_ms >= ms else f"{told}; the first {end_ms:g} of {ms:g} ms"
+        shown = which if n == self.size else f"{n:,} of {which}, evenly chosen"
+        return shown if end_ms >= ms else f"{shown}; the first {end_ms:g} of {ms:g} ms"
 
 
 def window(size: int, trains: Sequence[tuple[Ints, Ints]], last: int, most: int, also: Iterable[int] = ()) -> Window:
@@ -114,7 +114,7 @@ def raster(
         "strips": [_plain(strip, tallest) for strip in strips],
     }
     text = Html(json.dumps(data, separators=(",", ":")).replace("<", "\\u003c"))
-    buttons = (tag("button", told, type="button", name_=name, aria_label=name) for name, told in _BUTTONS)
+    buttons = (tag("button", label, type="button", name_=name, aria_label=name) for name, label in _BUTTONS)
     return html.join(
         [
             tag("div", *buttons, tag("output"), class_="tools"),

@@ -1,7 +1,7 @@
 """What all pictures share: colours, panels, and a figure that shows itself in a notebook.
 
 Figures are made without pyplot, so that no window opens, nothing stays behind and no setting is changed.
-Colours are those of Okabe and Ito and of cividis, which colour-blind readers tell apart.
+Colours are those of Okabe and Ito and of cividis, which colour-blind readers can distinguish.
 """
 
 from __future__ import annotations

@@ -42,11 +42,11 @@ def raster(run: object, of: Any = None, *, window: Any = None, ax: Any = None) -
     Raises:
         ModelError: nothing of this was recorded.
     """
-    told = recorded(run)
-    found = trains(told, of, window)
+    source = recorded(run)
+    found = trains(source, of, window)
     if ax is not None:
         return _stacked(found, given(ax))
-    figure, axes = panels(f"{told.network}: spikes", len(found), found[0].window)
+    figure, axes = panels(f"{source.network}: spikes", len(found), found[0].window)
     for axis, train, colour in zip(axes, found, colours(), strict=False):
         times, ids, note = chosen(train, MOST_DOTS)
         first, last = int(train.neurons[0]), int(train.neurons[-1])
@@ -113,9 +113,9 @@ def rate(run: object, of: Any = None, *, bin: float | str | None = None, window:
     Raises:
         ModelError: nothing of this was recorded, or the bin is none.
     """
-    told = recorded(run)
-    found = trains(told, of, window)
-    edges, width = _edges(told, found[0], bin)
+    source = recorded(run)
+    found = trains(source, of, window)
+    edges, width = _edges(source, found[0], bin)
     if ax is not None:
         axis = given(ax)
         for train, colour in zip(found, colours(), strict=False):
@@ -126,7 +126,7 @@ def rate(run: object, of: Any = None, *, bin: float | str | None = None, window:
         over_time(axis, found[0].window)
         whole: Figure = axis.get_figure(root=True)
         return whole
-    figure, axes = panels(f"{told.network}: mean rates in bins of {width:g} ms", len(found), found[0].window)
+    figure, axes = panels(f"{source.network}: mean rates in bins of {width:g} ms", len(found), found[0].window)
     for axis, train, colour in zip(axes, found, colours(), strict=False):
         hz = binned(train, edges)
         axis.stairs(hz, edges, color=colour, fill=True, alpha=0.25)
@@ -196,8 +196,8 @@ def variation(train: Train) -> Floats:
     _, whose, count = np.unique(ids, return_inverse=True, return_counts=True)
     mean = np.bincount(whose, lengths) / count
     square = np.bincount(whose, (lengths - mean[whose]) ** 2) / count
-    told = (count >= 2) & (mean > 0)
-    return np.asarray(np.sqrt(square[told]) / mean[told])
+    defined = (count >= 2) & (mean > 0)
+    return np.asarray(np.sqrt(square[defined]) / mean[defined])
 
 
 def isi(run: object, of: Any = None, *, window: Any = None, ax: Any = None) -> Figure:
@@ -264,10 +264,10 @@ def cv(run: object, of: Any = None, *, window: Any = None, ax: Any = None) -> Fi
 
 def _each(run: object, of: Any, window: Any, ax: Any, draw: Any, what: str, words: tuple[str, str]) -> Figure:
     """Draw each population, in its panel or all in one, and say what it shows."""
-    told = recorded(run)
-    found = trains(told, of, window)
+    source = recorded(run)
+    found = trains(source, of, window)
     if ax is None:
-        figure, axes = panels(f"{told.network}: {what}", len(found))
+        figure, axes = panels(f"{source.network}: {what}", len(found))
         for axis, train, colour in zip(axes, found, colours(), strict=False):
             label(axis, f"{train.population}: {draw(axis, train, colour)}", words[1])
     else:

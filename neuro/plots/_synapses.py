@@ -40,18 +40,18 @@ def weights(run: object, projection: Any, kind: str = "histogram", *, ax: Any = 
     Raises:
         ModelError: there is no such projection, its weights were not kept, or `kind` is another word.
     """
-    told = recorded(run)
+    source = recorded(run)
     name = getattr(projection, "name", projection)
     if kind not in KINDS:
         hint = nearest(str(kind), KINDS)
         raise ModelError(f"kind = {shown(kind)}: expected one of {', '.join(KINDS)}", hint=hint)
     if kind == "time":
-        return trace(run, _probe_of(told, name), ax=ax)
-    found = told.weights(name)
+        return trace(run, _probe_of(source, name), ax=ax)
+    found = source.weights(name)
     if ax is None:
         figure: Figure = Picture(figsize=(7.0, 5.0), layout="constrained", dpi=150)
         axis = figure.subplots()
-        figure.suptitle(literal(f"{told.network}: weights"), fontsize=13)
+        figure.suptitle(literal(f"{source.network}: weights"), fontsize=13)
         tidy(axis)
     else:
         axis = given(ax)

@@ -40,9 +40,9 @@ def trace(run: object, probe: Any = None, *, of: Any = None, window: Any = None,
     Raises:
         ModelError: there is no such probe, or it recorded nothing.
     """
-    told = recorded(run)
-    span = checked_window(told, window)
-    asked = [(name, seen) for name, found in _asked(told, probe) if (seen := among(found, of)) is not None]
+    source = recorded(run)
+    span = checked_window(source, window)
+    asked = [(name, seen) for name, found in _asked(source, probe) if (seen := among(found, of)) is not None]
     if not asked:
         raise ModelError(f"of = {shown(of)}: no probe recorded states of these neurons")
     drawn = [(name, _cut(name, found, span)) for name, found in asked]
@@ -54,7 +54,7 @@ def trace(run: object, probe: Any = None, *, of: Any = None, window: Any = None,
         axes = [axis]
         over_time(axis, span)
     else:
-        figure, axes = panels(f"{told.network}: traces", len(drawn), span)
+        figure, axes = panels(f"{source.network}: traces", len(drawn), span)
     for axis, (name, found) in zip(axes, drawn, strict=True):
         draw(figure, axis, name, found)
     return figure
@@ -170,15 +170,15 @@ def overview(run: object, of: Any = None, *, window: Any = None) -> Figure:
     Raises:
         ModelError: nothing of this was recorded.
     """
-    told = recorded(run)
-    found = trains(told, of, window)
-    probes = list(told.probes) if of is None else []
-    drawn = [name for name in probes if told.trace(name).times_ms.size][:MOST_TRACES]
+    source = recorded(run)
+    found = trains(source, of, window)
+    probes = list(source.probes) if of is None else []
+    drawn = [name for name in probes if source.trace(name).times_ms.size][:MOST_TRACES]
     heights = [_PANELS_IN[0], _PANELS_IN[1], *[_PANELS_IN[2]] * len(drawn)]
     figure = Picture(figsize=(WIDTH_IN, 0.9 + sum(heights)), layout="constrained", dpi=150)
     axes = figure.subplots(len(heights), 1, sharex=True, height_ratios=heights)
     neurons = sum(train.neurons.size for train in found)
-    title = f"{told.network} on {told.backend}: {told.duration_ms:g} ms, {neurons:,} neurons"
+    title = f"{source.network} on {source.backend}: {source.duration_ms:g} ms, {neurons:,} neurons"
     title += f", {len(drawn)} of {len(probes)} probes" if len(drawn) < len(probes) else ""
     figure.suptitle(literal(title), fontsize=13)
     raster(run, of, window=window, ax=axes[0])

@@ -60,15 +60,15 @@ def _trace(name: str, trace: Trace, last: float) -> Html:
     values = values[:, None] if values.ndim == 1 else values
     chosen = evenly(values.shape[1], MOST_LINES)
     if trace.single:
-        told = f"{'mean ' * trace.mean}{trace.state} of {of}"
+        label = f"{'mean ' * trace.mean}{trace.state} of {of}"
     else:
         n = values.shape[1]
         some = f"{chosen.size:,} of {n:,} {what}s of " if chosen.size < n else ""
-        told = f"{trace.state} of {some}{of}"
-        told += ", as pre spikes leave it" * trace.at_pre_spikes
+        label = f"{trace.state} of {some}{of}"
+        label += ", as pre spikes leave it" * trace.at_pre_spikes
     each = [values[:, column] for column in chosen]
     names = [] if trace.single else _names(trace, chosen)
-    return html.figure(curves(x, each, None, last, trace.unit or trace.state, told, names), told, name)
+    return html.figure(curves(x, each, None, last, trace.unit or trace.state, label, names), label, name)
 
 
 def _names(trace: Trace, chosen: Ints) -> list[str]:
@@ -115,8 +115,8 @@ def curves(
         least: the lowest value of the scale; the lowest of all values if None.
         last: the end of the time axis.
         unit: of the values, or what they are.
-        label: for those who cannot see it.
-        names: what each line is of, if there is something to tell.
+        label: the text for screen readers.
+        names: what each line is of, if there is more than one.
     """
     head = 14.0 if names else 0.0
     tall = LANE if len(each) == 1 else LANE / 2
@@ -192,8 +192,8 @@ def _times(last: float, floor: float) -> Iterator[Html]:
     for mark in marks:
         at = _LEFT + _WIDE * mark / last
         yield html.line(at, floor, at, floor + 4, "axis")
-        told = _number(mark, marks) + " ms" * (mark == marks[-1])
-        yield html.text(min(at, WIDTH), floor + 17, told, "tick", "end" if at > WIDTH - 26 else "middle")
+        tick = _number(mark, marks) + " ms" * (mark == marks[-1])
+        yield html.text(min(at, WIDTH), floor + 17, tick, "tick", "end" if at > WIDTH - 26 else "middle")
 
 
 def _path(x: Floats, y: Floats) -> str:

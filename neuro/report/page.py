@@ -19,7 +19,7 @@ from neuro.core.outputs import sealed
 from neuro.core.provenance import provenance
 from neuro.core.version import VERSION
 from neuro.files.parts import Train, Weights
-from neuro.files.results import Results, told_spikes
+from neuro.files.results import Results, spike_columns
 from neuro.pages import raster
 from neuro.pages.bills import joules
 from neuro.pages.histograms import Histogram, drawings, histogram
@@ -51,7 +51,7 @@ def page(results: Results, file: Path, target: str = "loihi") -> str:
 
     Args:
         results: what the run left behind.
-        file: where it is, for the commands that are told.
+        file: where it is, for the commands on the page.
         target: what its bill is of.
     """
     bill, reason = _bill(results, target)
@@ -80,10 +80,10 @@ def _bill(results: Results, target: str) -> tuple[Energy | None, str]:
 
 def _head(results: Results) -> Html:
     about = results.about
-    told = f"{results.duration_ms:g} ms in steps of {about['resolution_ms']:g} ms on {about['backend']}"
+    line = f"{results.duration_ms:g} ms in steps of {about['resolution_ms']:g} ms on {about['backend']}"
     rest = f", seed {about['seed']}, by neuro {about['neuro']}."
     early = None if results.finished else tag("p", "It did not come to its end: all is there that was recorded so far.")
-    return tag("header", tag("h1", about["network"]), tag("p", told + rest, class_="lead"), early)
+    return tag("header", tag("h1", about["network"]), tag("p", line + rest, class_="lead"), early)
 
 
 def _cards(results: Results, bill: Energy | None, target: str) -> Iterator[Html]:
@@ -94,8 +94,8 @@ def _cards(results: Results, bill: Energy | None, target: str) -> Iterator[Html]
     spikes = int(results.about["counts.spikes"])
     yield _card("spikes", f"{spikes:,}", f"of {some(neurons, 'neuron')} in {some(len(populations), 'population')}")
     carried = some(int(results.about["counts.synaptic_ops"]), "operation")
-    told = f"in {some(len(projections), 'projection')} carried {carried}"
-    yield _card("synapses", f"{synapses:,}", told)
+    line = f"in {some(len(projections), 'projection')} carried {carried}"
+    yield _card("synapses", f"{synapses:,}", line)
     if bill is not None:
         joules = quantity(bill.total_j, "J")
         yield _card(f"energy on {target}", joules, bill.totals().removeprefix(f"{joules} "))
@@ -136,7 +136,7 @@ def _raster(results: Results, names: list[str]) -> Html:
         train = results.populations[name]
         steps = np.asarray(train.steps)
         drawn = window(train.size, [(steps, train.ids)], int(results.about["counts.steps"]), most)
-        about = f"{_hz(train, results)} Hz, {drawn.told(last, step)}"
+        about = f"{_hz(train, results)} Hz, {drawn.described(last, step)}"
         strips.append(Strip(name, about, drawn, {"spike": drawn.keys(steps, train.ids)}))
     picture = raster.raster(
         strips, last, step, label=f"raster of {', '.join(names)}", tallest=TALLEST if len(names) < 13 else LOWER
@@ -150,12 +150,12 @@ def _hz(train: Train, results: Results) -> str:
 
 def _models(results: Results) -> dict[str, str]:
     """The model of each population as the network says it: a recording is compiled to another."""
-    told = {name: train.model for name, train in results.populations.items()}
+    models = {name: train.model for name, train in results.populations.items()}
     try:
         said = results.network().populations
     except ModelError:
-        return told
-    return {name: said[name].model.name if name in said else model for name, model in told.items()}
+        return models
+    return {name: said[name].model.name if name in said else model for name, model in models.items()}
 
 
 def _population(name: str, model: str, train: Train, results: Results) -> tuple[object, ...]:
@@ -167,7 +167,7 @@ def _population(name: str, model: str, train: Train, results: Results) -> tuple[
         model,
         shape,
         f"{train.size:,}",
-        *told_spikes(train.spikes, train.size, end_ms(results)),
+        *spike_columns(train.spikes, train.size, end_ms(results)),
         fired,
         active,
     )
@@ -205,20 +205,20 @@ def _network(results: Results) -> Iterator[Html]:
     else:
         yield tag("p", "Nothing is connected.")
     yield tag("h3", "Counts")
-    yield table(("what", ">count"), [(told, f"{int(results.about[f'counts.{n}']):,}") for n, told in TOTALS.items()])
+    yield table(("what", ">count"), [(label, f"{int(results.about[f'counts.{n}']):,}") for n, label in TOTALS.items()])
 
 
 def _projection(name: str, part: Weights) -> tuple[object, ...]:
     w = part.weight
     there = w is not None and w.size > 0
-    told = [f"{n:.4g}" for n in (w.min(), w.mean(), w.max())] if there and w is not None else ["-"] * 3
+    weights = [f"{n:.4g}" for n in (w.min(), w.mean(), w.max())] if there and w is not None else ["-"] * 3
     return (
         name,
         part.source,
         part.target,
         part.synapse,
         f"{part.synapses:,}",
-        *told,
+        *weights,
         f"{part.counts['synaptic_ops']:,}",
     )
 

@@ -121,8 +121,10 @@ def about(sim: Run, threads: int) -> dict[str, Any]:
 
 def origin(sim: Run, net: Network, threads: int, record: Collection[str], all_weights: bool) -> str:
     """Where a run comes from, as JSON, see `neuro.core.provenance`; with what it keeps, and how it was steered."""
-    told = record_of(net, backend=sim.backend, threads=threads, seed=sim.program.seed, network=fingerprint(sim.program))
-    return json.dumps({**told, "record": list(record), "all_weights": all_weights, "steered": list(sim.steered)})
+    about_run = record_of(
+        net, backend=sim.backend, threads=threads, seed=sim.program.seed, network=fingerprint(sim.program)
+    )
+    return json.dumps({**about_run, "record": list(record), "all_weights": all_weights, "steered": list(sim.steered)})
 
 
 def record_of(net: Network, **of_a_run: Any) -> dict[str, Any]:

@@ -1,4 +1,4 @@
-"""From a network to a simulation: everything that a backend refuses or approximates is told first."""
+"""From a network to a simulation: everything that a backend refuses or approximates is reported first."""
 
 from __future__ import annotations
 
@@ -74,20 +74,20 @@ def _backend(given: str | PathLike[str] | Backend) -> Backend:
 def _caution(program: Program) -> None:
     """Warn of parameters that are likely not meant so."""
     for part in program.populations:
-        if isinstance(part.model, Neuron) and (told := part.model.caution(part.parameters, program.resolution)):
+        if isinstance(part.model, Neuron) and (caution := part.model.caution(part.parameters, program.resolution)):
             place = f"{part.origin}: " if part.origin else ""
-            warnings.warn(f"{place}population '{part.name}': {part.model.name}: {told}", ModelWarning, stacklevel=3)
+            warnings.warn(f"{place}population '{part.name}': {part.model.name}: {caution}", ModelWarning, stacklevel=3)
 
 
 def _report(backend: str, problems: Iterable[Problem]) -> None:
     """Raise one error for all that is refused; warn of what is approximated."""
-    told = {True: [], False: []}  # type: dict[bool, list[str]]
+    reports = {True: [], False: []}  # type: dict[bool, list[str]]
     for problem in problems:
         place = f"{problem.origin}: " if problem.origin else ""
         way_out = f"\n  hint: {problem.way_out}" if problem.way_out else ""
-        told[problem.refused].append(f"{place}{problem.what}: {problem.why}{way_out}")
-    if told[True]:
-        count = f"{len(told[True])} problem" + "s" * (len(told[True]) > 1)
-        raise ModelError(f"backend '{backend}' cannot run this network ({count})\n" + "\n".join(told[True]))
-    for text in told[False]:
+        reports[problem.refused].append(f"{place}{problem.what}: {problem.why}{way_out}")
+    if reports[True]:
+        count = f"{len(reports[True])} problem" + "s" * (len(reports[True]) > 1)
+        raise ModelError(f"backend '{backend}' cannot run this network ({count})\n" + "\n".join(reports[True]))
+    for text in reports[False]:
         warnings.warn(f"backend '{backend}': {text}", ApproximationWarning, stacklevel=3)

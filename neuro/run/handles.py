@@ -160,8 +160,8 @@ class Handles:
         if not isinstance(of, kind):
             raise _none(word, of, known)
         if parts.get(of.name) is not of:
-            told = f"{word} '{of.name}' is a part of another network: expected one of '{self._net.name}'"
-            raise ModelError(told, hint=f"'{of.name}' names the one here" if of.name in known else "")
+            message = f"{word} '{of.name}' is a part of another network: expected one of '{self._net.name}'"
+            raise ModelError(message, hint=f"'{of.name}' names the one here" if of.name in known else "")
         return known[of.name]
 
 

@@ -63,8 +63,8 @@ class Inputs:
             raise error.at(None, f"feed: '{part.name}'") from None
         if steps.size and steps.min() <= self._engine.step:
             late, now = (self._clock.ms(step) for step in (int(steps.min()), self._engine.step))
-            told = f"feed: an event of '{part.name}' in the step that ends at {late:g} ms"
-            raise ModelError(f"{told}: expected later than {now:g} ms, the present")
+            message = f"feed: an event of '{part.name}' in the step that ends at {late:g} ms"
+            raise ModelError(f"{message}: expected later than {now:g} ms, the present")
         self._engine.inject(neurons.index, steps, ids)
 
     def signal(self, index: int, values: ArrayLike) -> None:
@@ -132,9 +132,11 @@ class Inflow:
         """
         for index in self._coming:
             if not self._streams[index].again:
-                told = f"{what}: '{self._names[index]}' has played events of an iterator, which cannot be played again"
+                message = (
+                    f"{what}: '{self._names[index]}' has played events of an iterator, which cannot be played again"
+                )
                 hint = "give it Events, a list of them, or a function that makes an iterator"
-                raise ModelError(f"{told}: expected events that can", hint=hint)
+                raise ModelError(f"{message}: expected events that can", hint=hint)
 
     def rewind(self) -> None:
         """Back to the beginning."""

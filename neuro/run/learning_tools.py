@@ -126,8 +126,8 @@ def assign_labels(decided: ArrayLike, labels: ArrayLike, size: int) -> Ints:
     label counts. Use trials of the training data, presented without learning.
 
     Args:
-        decided: who decided each trial, -1 where none did: `told.winner`, or `told.label` for the maps of a network
-            without labels; shape (trials,).
+        decided: the neuron that decided each trial, -1 where none did: `results.winner`, or `results.label`
+            for the maps of a network without labels; shape (trials,).
         labels: the right label of each trial, from 0, shape (trials,).
         size: how many neurons, or maps, there are.
 
@@ -137,14 +137,14 @@ def assign_labels(decided: ArrayLike, labels: ArrayLike, size: int) -> Ints:
     Raises:
         ModelError: the arrays are not whole numbers of one shape, or beyond their bounds.
     """
-    who, right = _whole(decided, "decided"), _whole(labels, "labels")
-    if who.shape != right.shape:
-        raise ModelError(f"assign_labels: {who.size} decided and {right.size} labels: expected as many of each")
-    _check_bounds("assign_labels", "decided", who, size)
+    neurons, right = _whole(decided, "decided"), _whole(labels, "labels")
+    if neurons.shape != right.shape:
+        raise ModelError(f"assign_labels: {neurons.size} decided and {right.size} labels: expected as many of each")
+    _check_bounds("assign_labels", "decided", neurons, size)
     if right.min(initial=0) < 0:
         raise ModelError(f"assign_labels: labels has {right.min()}: expected labels from 0")
     answers = np.zeros((size, int(right.max(initial=0)) + 1))
-    np.add.at(answers, (who[who >= 0], right[who >= 0]), 1.0)
+    np.add.at(answers, (neurons[neurons >= 0], right[neurons >= 0]), 1.0)
     shown = np.bincount(right, minlength=answers.shape[1])
     found: Ints = (answers / np.maximum(shown, 1)).argmax(axis=1)
     return np.where(answers.any(axis=1), found, -1)
@@ -154,18 +154,18 @@ def read_labels(decided: ArrayLike, assigned: ArrayLike) -> Ints:
     """What the decisions of some trials mean.
 
     Args:
-        decided: who decided each trial, -1 where none did, shape (trials,).
+        decided: the neuron that decided each trial, -1 where none did, shape (trials,).
         assigned: of `assign_labels`.
 
     Returns:
-        The label of each trial, -1 where nobody decided or one that has no label, shape (trials,).
+        The label of each trial, -1 where no neuron decided, or one without a label, shape (trials,).
 
     Raises:
-        ModelError: the arrays are not whole numbers, or one decided who is not assigned.
+        ModelError: the arrays are not whole numbers, or a neuron decided that has no label.
     """
-    who, told = _whole(decided, "decided"), _whole(assigned, "assigned")
-    _check_bounds("read_labels", "decided", who, told.size)
-    return np.append(told, -1)[who]
+    neurons, given = _whole(decided, "decided"), _whole(assigned, "assigned")
+    _check_bounds("read_labels", "decided", neurons, given.size)
+    return np.append(given, -1)[neurons]
 
 
 def _whole(values: ArrayLike, what: str) -> Ints:
@@ -175,7 +175,7 @@ def _whole(values: ArrayLike, what: str) -> Ints:
     return array.astype(np.int64)
 
 
-def _check_bounds(where: str, what: str, who: Ints, size: int) -> None:
-    bad = np.flatnonzero((who < -1) | (who >= size))
+def _check_bounds(where: str, what: str, neurons: Ints, size: int) -> None:
+    bad = np.flatnonzero((neurons < -1) | (neurons >= size))
     if bad.size:
-        raise ModelError(f"{where}: {what}[{bad[0]}] = {who[bad[0]]}: expected -1 to {size - 1}")
+        raise ModelError(f"{where}: {what}[{bad[0]}] = {neurons[bad[0]]}: expected -1 to {size - 1}")

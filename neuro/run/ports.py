@@ -232,12 +232,12 @@ class _Counts(Port):
     def __init__(self, net: _Net, neurons: Neurons) -> None:
         super().__init__(f"counts of {neurons.text}", net.turn)
         self._engine, self._index, self._ids = net.engine, neurons.index, neurons.ids
-        self._tells = net.engine if isinstance(net.engine, Fired) else None
+        self._reader = net.engine if isinstance(net.engine, Fired) else None
         self.begin()
 
     def _now(self) -> Ints:
-        tells, k = self._tells, self._index
-        every = self._engine.counts().spikes[k] if tells is None else tells.fired(k)
+        reader, k = self._reader, self._index
+        every = self._engine.counts().spikes[k] if reader is None else reader.fired(k)
         return every if self._ids is None else every[self._ids]
 
     def begin(self) -> None:
@@ -291,7 +291,7 @@ class Ports:
         engine: it runs.
         clock: of the network.
         handles: finds its parts.
-        turn: who calls the simulation now.
+        turn: the call that the simulation is in.
     """
 
     def __init__(self, program: Program, engine: Engine, clock: Clock, handles: Handles, turn: Turn) -> None:
@@ -300,7 +300,7 @@ class Ports:
 
     def port(self, plain: Plain, of: Part, what: str | None) -> Port:
         """A port of a simulation, see `Simulation.port`."""
-        from neuro.kernels.bounds import within  # compiled: only who asks for a port needs it
+        from neuro.kernels.bounds import within  # compiled: only ports need it
 
         net = _Net(self._program, self._engine, self._clock, plain, within, self._turn)
         made = self._made(net, of, what)

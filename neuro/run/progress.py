@@ -29,7 +29,7 @@ def advance(sim: Runs, steps: int, bar: Bar) -> float:
 
     Returns:
         how long the first step took in s where others follow: in it kernels are compiled, once on a machine, which
-        tells nothing of the others; else 0.
+        reports nothing of the others; else 0.
     """
     clock = Clock(sim.program.resolution)
     if shared():

@@ -40,14 +40,14 @@ class Series:
         steps = np.array(self._steps, dtype=np.int64)
         return steps, np.array(self._values, dtype=np.float64).reshape(len(steps), self._columns)
 
-    def told(self) -> tuple[Ints, Floats]:
+    def recorded(self) -> tuple[Ints, Floats]:
         """Likewise as people read them: of a single number the values have the shape (steps,)."""
         steps, values = self.read()
         return steps, values[:, 0] if self.single else values
 
     def take(self) -> tuple[Ints, Floats]:
-        """Likewise as `told`; it is forgotten."""
-        found = self.told()
+        """Likewise as `recorded`; it is forgotten."""
+        found = self.recorded()
         self._steps, self._values = [], []
         return found
 
@@ -222,7 +222,7 @@ class PreSpikes:
         return self._part.synapse.learns == "pairs"
 
     def _followed(self, engine: Engine) -> Sent:
-        """The synapses of those who have fired, with their weights of now."""
+        """The synapses of neurons that have fired, with their weights of now."""
         spikes = engine.spikes(self._source, self._seen)
         steps, ids = np.repeat(spikes.steps, spikes.multiplicity), np.repeat(spikes.ids, spikes.multiplicity)
         steps, ids = np.concatenate((self._waiting[0], steps)), np.concatenate((self._waiting[1], ids))

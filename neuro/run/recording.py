@@ -76,12 +76,12 @@ class Recording:
         for each in (self.path, self.part):
             check_output(each, KIND)
         files = collect.files_of(net)
-        with self._telling():
+        with self._unwritable_as_error():
             self._disk = Growing(self.part, FORMAT)
         self._file = h5py.File(self._disk, "w", userblock_size=FRONT)
         self._origin = partial(collect.origin, sim, net, threads, record, all_weights)
-        told = {**collect.about(sim, threads), **collect.recordings_of(net), ATTRIBUTE: self._origin()}
-        write_head(self._file, {**told, "finished": False}, files)
+        head = {**collect.about(sim, threads), **collect.recordings_of(net), ATTRIBUTE: self._origin()}
+        write_head(self._file, {**head, "finished": False}, files)
         self._kept = [
             index
             for index, part in enumerate(sim.program.populations)
@@ -161,7 +161,7 @@ class Recording:
         """
         self.drain()
         self._count()
-        with self._telling():
+        with self._unwritable_as_error():
             self._file.flush()
             self._disk.commit()
         self._committed = time.perf_counter()
@@ -174,8 +174,8 @@ class Recording:
             for name, numbers in counted.items():
                 self._file[section][name].attrs.update(collect.counts_of(numbers))
         raw = self._engine.counts()
-        for part, spikes, events in zip(self._sim.program.populations, raw.spikes, raw.events, strict=True):
-            group = self._file["populations"][part.name]
+        for population, spikes, events in zip(self._sim.program.populations, raw.spikes, raw.events, strict=True):
+            group = self._file["populations"][population.name]
             group["spike_counts"][...], group["event_counts"][...] = spikes, events
 
     @property
@@ -197,14 +197,14 @@ class Recording:
         self._file.attrs[ATTRIBUTE] = self._origin()
         self._file.attrs["finished"] = True
         self.commit()
-        with self._telling():
+        with self._unwritable_as_error():
             self._file.close()
             self._disk.commit()
             self.part.replace(self.path)
 
     def close(self) -> None:
         """Let go of the file; a run that did not end stays in `part` as far as it was recorded."""
-        with suppress(ModelError, OSError, RuntimeError):  # after another error, which is the one to tell
+        with suppress(ModelError, OSError, RuntimeError):  # after another error, which is the one to report
             if self._file and self._disk.error is None:
                 self.commit()
         with suppress(OSError, RuntimeError):
@@ -212,7 +212,7 @@ class Recording:
         self._disk.close()
 
     @contextmanager
-    def _telling(self) -> Iterator[None]:
+    def _unwritable_as_error(self) -> Iterator[None]:
         try:
             yield
         except BlockingIOError:

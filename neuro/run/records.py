@@ -177,7 +177,7 @@ class Records:
         if (name in series or name in at_pre) and (results := self._file()) is not None:
             return results.trace(name)
         if name in series:
-            steps, values = series[name].told()
+            steps, values = series[name].recorded()
             return self._clock.array_ms(steps), values
         if name in at_pre:
             recorded = at_pre[name]

@@ -212,13 +212,13 @@ def _number(chosen: Chosen) -> int:
 
 
 def _no_parameter(part: Projection, rule: Synapse, word: str, known: list[str]) -> ModelError:
-    """The error for a word that is no parameter of a rule, told by what it is."""
-    told = f"{rule.name}.{word} of '{part.name}' is"
+    """The error for a word that is no parameter of a rule; the message says what it is."""
+    subject = f"{rule.name}.{word} of '{part.name}' is"
     if word in synapse_states(part):
-        message = f"{told} a state of its synapses, which is read and not set"
+        message = f"{subject} a state of its synapses, which is read and not set"
         return ModelError(message, hint=f"sim.get('{part.name}', '{word}') reads it")
     if word == "delay":
-        return ModelError(f"{told} fixed: change the network and compile again")
+        return ModelError(f"{subject} fixed: change the network and compile again")
     return unknown(f"parameter of {rule.name}", word, known).at(None, f"projection '{part.name}'")
 
 

@@ -127,7 +127,7 @@ class Simulation:
 
         Args:
             ms: how long.
-            progress: whether to tell on stderr how far it is: by a bar on a terminal, elsewhere a line every 10 s.
+            progress: whether to report progress on stderr: by a bar on a terminal, elsewhere a line every 10 s.
             out: a file to which what is recorded goes, as of `record_to`.
 
         Raises:
@@ -154,12 +154,12 @@ class Simulation:
         self._watch.look()
 
     def _refuse_changed(self) -> NoReturn:
-        """Say which part the network got since it was compiled: files would tell a network that did not run."""
+        """Say which part the network got since it was compiled: a file would hold a network that did not run."""
         added = self._net.latest
         what = f"{added.word} '{added.name}' was" if isinstance(added, Part) else "trials were"
         where = getattr(added, "origin", self._net.trials_origin)
-        told = f"network '{self._net.name}': {what} added after it was compiled, and has no effect here"
-        raise ModelError(f"{told}: expected the network as it was", where=where, hint="compile the network again")
+        message = f"network '{self._net.name}': {what} added after it was compiled, and has no effect here"
+        raise ModelError(f"{message}: expected the network as it was", where=where, hint="compile the network again")
 
     @contextmanager
     def record_to(
@@ -324,7 +324,7 @@ class Simulation:
             those stored, as in NEST: that of `stdp` changes when a pre spike is sent.
 
         Raises:
-            ModelError: there is no such projection, or a weight is no number: a numerical instability of its rule.
+            ModelError: there is no such projection, or a weight is NaN or infinite: its rule is unstable.
         """
         index = self.handles.projection(part)
         chosen = self._synapses.chosen(index, of, pre, post)
@@ -572,13 +572,13 @@ class Simulation:
         """Write the whole state to an HDF5 file.
 
         Raises:
-            ModelError: the file cannot be written, or a weight is no number: a numerical instability of its rule.
+            ModelError: the file cannot be written, or a weight is NaN or infinite: its rule is unstable.
         """
         self._synapses.check()
         from neuro.run.collect import files_of, record_of
 
-        told = {"backend": self.backend, "seed": self.program.seed, "network": self._saved.fingerprint}
-        record = record_of(self._net, **told) | {"steered": list(self.steered), "time_ms": self.time}
+        run = {"backend": self.backend, "seed": self.program.seed, "network": self._saved.fingerprint}
+        record = record_of(self._net, **run) | {"steered": list(self.steered), "time_ms": self.time}
         trials = None if self.program.trials is None else self._trials
         self._saved.write(file_path(path, "path"), trials, record, files_of(self._net))
 

@@ -29,7 +29,7 @@ class AllWins:
     """All neurons that won in the trials of a batch, trial after trial, in the order in which they did.
 
     Attributes:
-        neurons: who, shape (wins,).
+        neurons: the winners, shape (wins,).
         steps: the tick of each, from 0.
         offsets: trial i has the wins `offsets[i] : offsets[i + 1]`, shape (trials + 1,).
     """
@@ -89,7 +89,7 @@ class TrialResults:
 
     @cached_property
     def wins(self) -> AllWins:
-        """All who won, where several may; else those that decided."""
+        """All winners where there may be several; else the neurons that decided."""
         if self._wins is None:
             decided = self.winner >= 0
             return AllWins(self.winner[decided], self.step[decided], np.append(0, np.cumsum(decided)))
@@ -214,31 +214,31 @@ class TrialLoop:
         """Let each rule teach whom it chooses."""
         for projection in self.learners:
             rule = self.rules[projection]
-            for told in rule.lessons(end):
-                if isinstance(told, Lesson):
-                    self._check_lesson(rule, told)
-                    self.engine.learn(projection, int(told.neuron), int(told.tick), float(told.lesson))
+            for taught in rule.lessons(end):
+                if isinstance(taught, Lesson):
+                    self._check_lesson(rule, taught)
+                    self.engine.learn(projection, int(taught.neuron), int(taught.tick), float(taught.lesson))
                 else:
-                    self._check_growth(projection, told, end)
-                    self.engine.encourage(projection, told.maps)
+                    self._check_growth(projection, taught, end)
+                    self.engine.encourage(projection, taught.maps)
 
-    def _check_lesson(self, rule: Synapse, told: Lesson) -> None:
-        """A rule of a stranger may name a neuron that is none: engines rely on this."""
-        if not 0 <= told.neuron < self.outputs:
+    def _check_lesson(self, rule: Synapse, taught: Lesson) -> None:
+        """Engines rely on this: a third-party rule may name a neuron that does not exist."""
+        if not 0 <= (neuron := taught.neuron) < self.outputs:
             raise ModelError(
-                f"{rule.name}: a lesson for neuron {told.neuron}: expected one of the output, 0 to {self.outputs - 1}",
-                hint="nobody decided where end.winner is -1",
+                f"{rule.name}: a lesson for neuron {neuron}: expected one of the output, 0 to {self.outputs - 1}",
+                hint="no neuron decided where end.winner is -1",
             )
 
-    def _check_growth(self, projection: int, told: Growth, end: TrialEnd) -> None:
+    def _check_growth(self, projection: int, taught: Growth, end: TrialEnd) -> None:
         rule = self.rules[projection]
         if projection not in self.growing:
             raise ModelError(
                 f"{rule.name}: its lessons let maps grow: expected a function 'encourage(w, c)' in its file"
             )
-        if told.maps is not end.maps and not all(0 <= m < self.section.maps for m in told.maps.tolist()):
+        if taught.maps is not end.maps and not all(0 <= m < self.section.maps for m in taught.maps.tolist()):
             raise ModelError(
-                f"{rule.name}: growth of maps {told.maps.tolist()}: expected maps from 0 to {self.section.maps - 1}"
+                f"{rule.name}: growth of maps {taught.maps.tolist()}: expected maps from 0 to {self.section.maps - 1}"
             )
 
     def _offsets(self, offsets: ArrayLike, total: int) -> Ints:
@@ -282,11 +282,11 @@ class TrialLoop:
         chunk = min(n, max(1, _CHUNK // self.inputs))
         for first in range(0, n, max(chunk, 1)):
             a, b = np.searchsorted(trial, (first, first + chunk))
-            who = (trial[a:b] - first) * self.inputs + neurons[a:b]
+            rows = (trial[a:b] - first) * self.inputs + neurons[a:b]
             seen = np.zeros(chunk * self.inputs, dtype=np.uint8)
-            seen[who] = 1
-            if np.count_nonzero(seen) < len(who):
-                number, neuron = divmod(int(np.argmax(np.bincount(who) > 1)), self.inputs)
+            seen[rows] = 1
+            if np.count_nonzero(seen) < len(rows):
+                number, neuron = divmod(int(np.argmax(np.bincount(rows) > 1)), self.inputs)
                 raise ModelError(
                     f"trials: input {neuron} spikes twice in trial {number + first}: "
                     "expected at most once while learning",

@@ -157,7 +157,7 @@ class Synapses:
         """The weights of all synapses.
 
         Raises:
-            ModelError: one is no number.
+            ModelError: one is NaN or infinite.
         """
         part, weight = self._program.projections[index], self._engine.get_synapses(index, "weight")
         return check_weights(part.name, part.synapse.name, weight) if part.synapse.learns else weight
@@ -201,8 +201,8 @@ class Synapses:
         if "weight" in values or (shared and chosen is not None):
             word = next((word for word in [*shared, *values] if word != "weight"), "")
             alone = "is one for all synapses" if word in shared else "is set without weights"
-            told = f"{part.synapse.name}.{word} of '{part.name}' {alone}"
-            raise ModelError(f"{told}: expected 'weight' alone" + " with of, pre or post" * (chosen is not None))
+            message = f"{part.synapse.name}.{word} of '{part.name}' {alone}"
+            raise ModelError(f"{message}: expected 'weight' alone" + " with of, pre or post" * (chosen is not None))
         rule = settable.new_rule(part, rule, values, chosen)
         settable.check_rule(part, rule, self._engine.get_synapses(index, "weight"))
         self._engine.set_rule(index, rule.vector())

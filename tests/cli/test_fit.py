@@ -102,7 +102,9 @@ def test_too_large_a_network_is_told_once(neuro, file):
 def test_a_chip_without_arithmetic(neuro, file):
     answer = neuro("fit", file(FITS), "--chip", "loihi2")
     assert answer.status == 0
-    assert answer.out.startswith("the arithmetic of Intel Loihi 2 is not known here: no rounding is told\n\n'fits' on ")
+    assert answer.out.startswith(
+        "the arithmetic of Intel Loihi 2 is not known here: its rounding is not reported\n\n'fits' on "
+    )
 
 
 def test_a_delay_that_is_too_long_is_told_once(neuro, file):
