@@ -8,7 +8,7 @@ from matplotlib.figure import Figure
 import neuro
 from neuro import ModelError, plots
 from neuro.files.parts import Trace, Train, Weights
-from neuro.files.recorded import Train as Spikes, recorded, trains
+from neuro.files.recorded import SpikeTrain as Spikes, recorded, trains
 from neuro.files.results import Results
 from neuro.plots import _spikes, _synapses, _traces
 

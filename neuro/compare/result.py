@@ -9,7 +9,7 @@ from typing import Any
 from neuro.chips.placing.placement import Placement
 from neuro.chips.pricing.energy import Energy
 from neuro.chips.quantising.fixed_program import FixedProgram
-from neuro.compare.spikes import Distance, Divergence, Train
+from neuro.compare.spikes import ComparedSpikes, Distance, Divergence
 from neuro.compare.weights import WeightDifference
 from neuro.core.outputs import sealed
 from neuro.core.tables import Table, as_html, as_text
@@ -101,7 +101,7 @@ class Run:
     fixed: FixedProgram | None = None
     placement: Placement | None = None
     bills: tuple[Bill, ...] = ()
-    trains: Mapping[str, Train] = field(default_factory=dict)
+    trains: Mapping[str, ComparedSpikes] = field(default_factory=dict)
     final: Mapping[str, Floats] = field(default_factory=dict)
     final_delays: Mapping[str, Floats] = field(default_factory=dict)
     program: Program | None = None

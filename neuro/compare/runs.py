@@ -19,7 +19,7 @@ from neuro.chips.quantising.fixed_program import FixedProgram
 from neuro.chips.quantising.quantise import quantise
 from neuro.compare import spikes
 from neuro.compare.result import Bill, Comparison, PopulationResult, Run
-from neuro.compare.spikes import Train
+from neuro.compare.spikes import ComparedSpikes
 from neuro.compare.weights import difference, histograms, learnt, rounding
 from neuro.core.clock import Clock
 from neuro.core.errors import ModelError
@@ -159,12 +159,12 @@ def _gather(sim: Simulation, backend: str, first: bool) -> Run:
     """Everything of a run that is compared or shown."""
     program, counts = sim.program, sim.counts()
     clock = Clock(program.resolution)
-    trains, results = dict[str, Train](), dict[str, PopulationResult]()
+    trains, results = dict[str, ComparedSpikes](), dict[str, PopulationResult]()
     for part in program.populations:
         if isinstance(part.model, CurrentGenerator):
             continue
         times, ids = sim.spikes(part.name)
-        trains[part.name] = Train(part.size, times, clock.steps(times, "spikes"), ids)
+        trains[part.name] = ComparedSpikes(part.size, times, clock.steps(times, "spikes"), ids)
         rate = times.size / max(part.size, 1) / (sim.time / 1000.0)
         results[part.name] = PopulationResult(part.size, times.size, rate, isinstance(part.model, Generator))
     fixed, placement = on_chip(program, backend)

@@ -26,7 +26,7 @@ MOST_PAIRS = 20_000_000
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Train:
+class ComparedSpikes:
     """Spikes of one population, by time, then neuron; several of one neuron in one step are listed as often.
 
     Attributes:
@@ -76,7 +76,7 @@ class Distance:
     until_ms: float
 
 
-def divergence(first: Train, other: Train) -> Divergence | None:
+def divergence(first: ComparedSpikes, other: ComparedSpikes) -> Divergence | None:
     """The earliest difference, of the smallest neuron; None where both runs have the same spikes."""
     size = max(first.size, 1)
     a, b = np.sort(first.steps * size + first.ids), np.sort(other.steps * size + other.ids)
@@ -95,14 +95,14 @@ def divergence(first: Train, other: Train) -> Divergence | None:
     return Divergence(time, key % size, mine)
 
 
-def same_steps(first: Train, other: Train) -> bool:
+def same_steps(first: ComparedSpikes, other: ComparedSpikes) -> bool:
     """Whether the same neurons spike in the same steps, however often in each."""
     size = max(first.size, 1)
     a, b = np.unique(first.steps * size + first.ids), np.unique(other.steps * size + other.ids)
     return bool(np.array_equal(a, b))
 
 
-def distance(first: Train, other: Train, duration_ms: float) -> Distance | None:
+def distance(first: ComparedSpikes, other: ComparedSpikes, duration_ms: float) -> Distance | None:
     """The distance of two runs; None without the library.
 
     At most `MOST_NEURONS` neurons are measured, and at most `MOST_SPIKES` spikes of each.
@@ -125,11 +125,11 @@ def distance(first: Train, other: Train, duration_ms: float) -> Distance | None:
     return Distance(edits, spikes, edits / spikes if spikes else 0.0, chosen.size, until)
 
 
-def _busiest(train: Train) -> int:
+def _busiest(train: ComparedSpikes) -> int:
     return int(np.bincount(train.ids, minlength=1).max())
 
 
-def _each(train: Train, chosen: Ints) -> list[Floats]:
+def _each(train: ComparedSpikes, chosen: Ints) -> list[Floats]:
     """Times of the spikes of each chosen neuron."""
     order = np.argsort(train.ids, kind="stable")
     ids, times = train.ids[order], train.times_ms[order]

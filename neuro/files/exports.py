@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from neuro.core.extras import needed
-from neuro.files.recorded import Recorded, Synapses, Trace, Train, recorded, trains
+from neuro.files.recorded import Recorded, SpikeTrain, StateTrace, SynapseWeights, recorded, trains
 
 if TYPE_CHECKING:
     import neo
@@ -82,7 +82,7 @@ def _of_trace(pandas: Any, run: Recorded, name: str) -> Any:
     return frame
 
 
-def _of_weights(pandas: Any, found: Synapses) -> Any:
+def _of_weights(pandas: Any, found: SynapseWeights) -> Any:
     if found.pre is not None:
         return pandas.DataFrame({"pre": found.pre, "post": found.post, "weight": found.weight})
     axes = np.indices(found.weight.shape).reshape(found.weight.ndim, -1)
@@ -138,7 +138,7 @@ def to_neo(run: object) -> neo.Block:
     return block
 
 
-def _spike_trains(train: Train) -> Any:
+def _spike_trains(train: SpikeTrain) -> Any:
     import neo
 
     order = np.argsort(train.ids, kind="stable")
@@ -150,7 +150,7 @@ def _spike_trains(train: Train) -> Any:
         yield neo.SpikeTrain(times[begin:end], units="ms", t_start=0.0, t_stop=train.window[1], **source)
 
 
-def _signal(name: str, trace: Trace, run: Recorded) -> Any:
+def _signal(name: str, trace: StateTrace, run: Recorded) -> Any:
     """A signal; of one that has gaps, as parts of a run that were forgotten leave them, one with its times."""
     import neo
 

@@ -19,7 +19,7 @@ from neuro.program.program import Floats, Ints
 from neuro.program.synapse_pairs import Ends, places_of_pairs, refuse_some_of_a_grid
 
 
-class Left(Over, Protocol):
+class FinishedRun(Over, Protocol):
     """What is asked of results."""
 
     @property
@@ -37,7 +37,7 @@ class Left(Over, Protocol):
         """What ran."""
 
 
-def weights(results: Left, name: Any, of: Any, pre: Any, post: Any, delays: bool) -> Any:
+def weights(results: FinishedRun, name: Any, of: Any, pre: Any, post: Any, delays: bool) -> Any:
     """What `Simulation.weights` gives, of the end of a run.
 
     Raises:
@@ -52,7 +52,7 @@ def weights(results: Left, name: Any, of: Any, pre: Any, post: Any, delays: bool
     return rows if chosen is None else tuple(row[chosen] for row in rows)
 
 
-def one_each(results: Left, name: Any, what: Any, of: Any, pre: Any, post: Any) -> Any:
+def one_each(results: FinishedRun, name: Any, what: Any, of: Any, pre: Any, post: Any) -> Any:
     """What `Simulation.get` gives of the weights and delays of synapses.
 
     Raises:
@@ -67,7 +67,7 @@ def one_each(results: Left, name: Any, what: Any, of: Any, pre: Any, post: Any) 
     return values if chosen is None else values[chosen]
 
 
-def _kept(results: Left, name: Any) -> Any:
+def _kept(results: FinishedRun, name: Any) -> Any:
     if name not in results.projections:
         raise unknown("projection", name, results.projections)
     part = results.projections[name]
@@ -77,7 +77,7 @@ def _kept(results: Left, name: Any) -> Any:
     return part
 
 
-def _chosen(results: Left, part: Any, name: str, of: Any, pre: Any, post: Any) -> Ints | None:
+def _chosen(results: FinishedRun, part: Any, name: str, of: Any, pre: Any, post: Any) -> Ints | None:
     """The places of the synapses that are asked for, None for all."""
     said = [word for word, given in (("of", of), ("pre", pre), ("post", post)) if given is not None]
     if not said:
@@ -96,7 +96,7 @@ def _chosen(results: Left, part: Any, name: str, of: Any, pre: Any, post: Any) -
     return np.flatnonzero(kept)
 
 
-def _neurons(results: Left, name: str, word: str, given: Any, population: str) -> Ints:
+def _neurons(results: FinishedRun, name: str, word: str, given: Any, population: str) -> Ints:
     """The neurons of a population that are named by it, by a view or by ids."""
     shape = results.populations[population].shape
     given = named(given, {each: results.laid(each) for each in results.populations})
@@ -114,7 +114,7 @@ def _neurons(results: Left, name: str, word: str, given: Any, population: str) -
         raise error.at(None, word) from None
 
 
-def _delays(results: Left, part: Any, name: str) -> Floats:
+def _delays(results: FinishedRun, part: Any, name: str) -> Floats:
     """The delay of each synapse in ms; one that no rule changes follows from the network and the seed."""
     if part.delay_ms is not None:
         return np.asarray(part.delay_ms)

@@ -27,7 +27,7 @@ _SAME = 1e-12
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Train:
+class SpikeTrain:
     """Spikes of neurons of one population.
 
     Attributes:
@@ -51,7 +51,7 @@ class Train:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Trace:
+class StateTrace:
     """What a probe recorded of one state, in `unit`.
 
     Attributes:
@@ -77,7 +77,7 @@ class Trace:
         """Whether it has what pre spikes leave, at their times."""
         return self.values.ndim == 1
 
-    def within(self, window: Window) -> Trace:
+    def within(self, window: Window) -> StateTrace:
         """What was recorded in a window, its begin and end included."""
         inside = slice(int(np.searchsorted(self.times_ms, window[0])), up_to(self.times_ms, window[1]))
         pre, post = self.pre, self.post
@@ -87,7 +87,7 @@ class Trace:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Synapses:
+class SynapseWeights:
     """Weights of one projection: `pre` and `post` of each, None of a grid, whose weights are its kernels."""
 
     shape: tuple[int, int]
@@ -117,14 +117,14 @@ class Recorded(Protocol):
     def spikes(self, population: str, since: float) -> tuple[Floats, Ints]:
         """Times in ms after `since`, and neurons, sorted by time."""
 
-    def trace(self, name: str) -> Trace:
+    def trace(self, name: str) -> StateTrace:
         """What a probe recorded of one state."""
 
-    def weights(self, projection: str) -> Synapses:
+    def weights(self, projection: str) -> SynapseWeights:
         """Weights of a projection."""
 
 
-class Live(Protocol):
+class RunningSimulation(Protocol):
     """What is asked of a simulation."""
 
     backend: str
@@ -149,7 +149,7 @@ class Live(Protocol):
         """Weights of a projection."""
 
 
-class Left(Protocol):
+class FinishedRun(Protocol):
     """What is asked of results."""
 
     about: dict[str, Any]
@@ -185,7 +185,7 @@ def recorded(run: object) -> Recorded:
 
 
 class _OfSimulation:
-    def __init__(self, run: Live) -> None:
+    def __init__(self, run: RunningSimulation) -> None:
         self._run, self._program = run, run.program
         self.network, self.backend, self.seed = run.program.name, run.backend, run.program.seed
         self.duration_ms, self.resolution_ms = run.time, run.program.resolution
@@ -206,20 +206,20 @@ class _OfSimulation:
     def spikes(self, population: str, since: float) -> tuple[Floats, Ints]:
         return self._run.spikes(population, since=since)
 
-    def trace(self, name: str) -> Trace:
+    def trace(self, name: str) -> StateTrace:
         return _trace(self._traces[name])
 
-    def weights(self, projection: str) -> Synapses:
+    def weights(self, projection: str) -> SynapseWeights:
         part = next((each for each in self._program.projections if each.name == projection), None)
         if part is None:
             raise unknown("projection", projection, [each.name for each in self._program.projections])
         shape = (self._program.populations[part.source].size, self._program.populations[part.target].size)
         found = self._run.weights(projection)
-        return Synapses(shape, *found) if part.grid is None else Synapses(shape, None, None, found)
+        return SynapseWeights(shape, *found) if part.grid is None else SynapseWeights(shape, None, None, found)
 
 
 class _OfResults:
-    def __init__(self, run: Left) -> None:
+    def __init__(self, run: FinishedRun) -> None:
         self._run = run
         self.network, self.duration_ms = str(run.about["network"]), float(run.about["duration_ms"])
         self.backend, self.seed = str(run.about.get("backend", "")), int(run.about.get("seed", 0))
@@ -240,33 +240,33 @@ class _OfResults:
         several = part.multiplicity[first:]
         return np.repeat(times[first:], several), np.repeat(part.ids[first:], several)
 
-    def trace(self, name: str) -> Trace:
+    def trace(self, name: str) -> StateTrace:
         return _trace(self._run.traces[name])
 
-    def weights(self, projection: str) -> Synapses:
+    def weights(self, projection: str) -> SynapseWeights:
         if projection not in self._run.projections:
             raise unknown("projection", projection, self._run.projections)
         part = self._run.projections[projection]
         if part.weight is None:
             raise ModelError(f"weights of '{projection}' were not kept", hint="'neuro run --all-weights' keeps them")
         sizes = [math.prod(self.shapes[name]) for name in (part.source, part.target)]
-        return Synapses((sizes[0], sizes[1]), part.pre, part.post, part.weight)
+        return SynapseWeights((sizes[0], sizes[1]), part.pre, part.post, part.weight)
 
 
 def _probes(traces: Mapping[str, Any]) -> dict[str, str]:
     return {name: trace.probe or name for name, trace in traces.items()}
 
 
-def _trace(part: Any) -> Trace:
+def _trace(part: Any) -> StateTrace:
     """A trace of `neuro.files.results`."""
     noun = "" if part.single else "synapse" if part.projection else "neuron"
     columns = part.ids if part.ids is not None else np.arange(0 if part.at_pre_spikes else part.columns)
     values = part.values[:, None] if part.single else part.values
     words = (part.state, part.unit, noun, columns, part.times_ms, values)
-    return Trace(part.projection or part.population, *words, part.pre, part.post)
+    return StateTrace(part.projection or part.population, *words, part.pre, part.post)
 
 
-def trains(run: Recorded, of: Any = None, window: Any = None) -> list[Train]:
+def trains(run: Recorded, of: Any = None, window: Any = None) -> list[SpikeTrain]:
     """Spikes of populations or of some of their neurons.
 
     Args:
@@ -294,7 +294,7 @@ def trains(run: Recorded, of: Any = None, window: Any = None) -> list[Train]:
         else:
             mine = np.isin(ids, neurons)
             times, ids = times[mine], ids[mine]
-        found.append(Train(name, np.sort(neurons), times, ids, (begin, end)))
+        found.append(SpikeTrain(name, np.sort(neurons), times, ids, (begin, end)))
     return found
 
 

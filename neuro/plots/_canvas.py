@@ -17,7 +17,7 @@ from matplotlib.ticker import MaxNLocator
 
 from neuro.core.errors import ModelError
 from neuro.core.values import literal, shown
-from neuro.files.recorded import Train, Window
+from neuro.files.recorded import SpikeTrain, Window
 
 COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#000000")
 WIDTH_IN, PANEL_IN, TALLEST_IN = 10.0, 2.2, 60.0
@@ -92,7 +92,7 @@ def whole_numbers(axis: Any) -> None:
     axis.yaxis.set_major_locator(MaxNLocator(nbins=5, integer=True, min_n_ticks=1))
 
 
-def about(train: Train) -> str:
+def about(train: SpikeTrain) -> str:
     """How many neurons there are and how fast they fire."""
     n = train.neurons.size
     return f"{n:,} neuron{'s' * (n != 1)}, {train.rate_hz:.3g} Hz"

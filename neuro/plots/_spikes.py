@@ -15,7 +15,7 @@ from neuro.core.clock import Clock
 from neuro.core.errors import ModelError
 from neuro.core.measures import in_ms
 from neuro.core.values import literal, shown
-from neuro.files.recorded import Recorded, Train, recorded, trains, up_to
+from neuro.files.recorded import Recorded, SpikeTrain, recorded, trains, up_to
 from neuro.plots._canvas import about, colours, given, label, legend, over_time, panels, whole_numbers
 from neuro.program.program import Floats, Ints
 
@@ -59,7 +59,7 @@ def raster(run: object, of: Any = None, *, window: Any = None, ax: Any = None) -
     return figure
 
 
-def _stacked(found: list[Train], axis: Any) -> Figure:
+def _stacked(found: list[SpikeTrain], axis: Any) -> Figure:
     """All populations in one panel, the first one lowest: each in a band, of which the smallest can still be seen."""
     figure: Figure = axis.get_figure(root=True)
     points = 72 * axis.get_position().height * figure.get_figheight()
@@ -89,7 +89,7 @@ def _dots(axis: Any, times: Floats, rows: NDArray[Any], colour: str, height: flo
     axis.plot(times, rows, marker, color=colour, ms=size, mew=edge, rasterized=times.size > MOST_VECTORS)
 
 
-def chosen(train: Train, most: int) -> tuple[Floats, Ints, str]:
+def chosen(train: SpikeTrain, most: int) -> tuple[Floats, Ints, str]:
     """At most so many spikes, an even choice that is always the same, and words that say so."""
     if train.times_ms.size <= most:
         return train.times_ms, train.ids, ""
@@ -136,13 +136,13 @@ def rate(run: object, of: Any = None, *, bin: float | str | None = None, window:
     return figure
 
 
-def binned(train: Train, edges: Floats) -> Floats:
+def binned(train: SpikeTrain, edges: Floats) -> Floats:
     """The mean rate of a neuron in Hz between edges in ms; a spike on an edge belongs to the bin that ends there."""
     last = [up_to(train.times_ms, edge) for edge in edges]
     return np.diff(last) / max(train.neurons.size, 1) / np.diff(edges) * 1000.0
 
 
-def _edges(run: Recorded, train: Train, given: float | str | None) -> tuple[Floats, float]:
+def _edges(run: Recorded, train: SpikeTrain, given: float | str | None) -> tuple[Floats, float]:
     begin, end = train.window
     width = _fitting(run, end - begin) if given is None else _checked_bin(run, given, end - begin)
     whole = math.ceil((end - begin) / width * (1.0 - 1e-12))
@@ -177,7 +177,7 @@ DRAWN = 0.99
 """The share of intervals that is drawn: the longest would leave no room for the others."""
 
 
-def intervals(train: Train) -> tuple[Floats, Ints]:
+def intervals(train: SpikeTrain) -> tuple[Floats, Ints]:
     """The intervals between spikes of the same neuron in ms, and whose they are, by neuron, then time."""
     order = np.lexsort((train.times_ms, train.ids))
     times, ids = train.times_ms[order], train.ids[order]
@@ -185,7 +185,7 @@ def intervals(train: Train) -> tuple[Floats, Ints]:
     return np.diff(times)[same], ids[1:][same]
 
 
-def variation(train: Train) -> Floats:
+def variation(train: SpikeTrain) -> Floats:
     """The coefficient of variation of the intervals of each neuron that has two or more, by neuron.
 
     Standard deviation (of the intervals themselves, not of those they are drawn from) by mean; 1 of a Poisson process.
@@ -217,7 +217,7 @@ def isi(run: object, of: Any = None, *, window: Any = None, ax: Any = None) -> F
     """
     step = recorded(run).resolution_ms
 
-    def draw(axis: Any, train: Train, colour: str) -> str:
+    def draw(axis: Any, train: SpikeTrain, colour: str) -> str:
         lengths, _ = intervals(train)
         if not lengths.size:
             return "no intervals"
@@ -250,7 +250,7 @@ def cv(run: object, of: Any = None, *, window: Any = None, ax: Any = None) -> Fi
         ModelError: nothing of this was recorded.
     """
 
-    def draw(axis: Any, train: Train, colour: str) -> str:
+    def draw(axis: Any, train: SpikeTrain, colour: str) -> str:
         found = variation(train)
         of = f"{found.size:,} of {train.neurons.size:,} neurons"
         if not found.size:

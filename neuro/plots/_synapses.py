@@ -11,7 +11,7 @@ from matplotlib.ticker import MaxNLocator
 
 from neuro.core.errors import ModelError, nearest
 from neuro.core.values import literal, shown
-from neuro.files.recorded import Recorded, Synapses, recorded
+from neuro.files.recorded import Recorded, SynapseWeights, recorded
 from neuro.plots._canvas import COLOURS, Picture, given, label, tidy
 from neuro.plots._traces import trace
 from neuro.program.program import Floats
@@ -74,7 +74,7 @@ def _probe_of(run: Recorded, projection: Any) -> str:
     return found[0]
 
 
-def _histogram(axis: Any, name: str, found: Synapses) -> None:
+def _histogram(axis: Any, name: str, found: SynapseWeights) -> None:
     values = found.weight.ravel()
     axis.set_xlabel("weight")
     if not values.size:
@@ -87,7 +87,7 @@ def _histogram(axis: Any, name: str, found: Synapses) -> None:
     label(axis, f"{name}: {values.size:,} weights, {values.mean():.4g} ± {spread:.3g}", "synapses")
 
 
-def _matrix(figure: Figure, axis: Any, name: str, found: Synapses) -> None:
+def _matrix(figure: Figure, axis: Any, name: str, found: SynapseWeights) -> None:
     assert found.pre is not None
     assert found.post is not None
     blocks = [max(1, -(-n // MOST_CELLS)) for n in found.shape]

@@ -10,7 +10,7 @@ from matplotlib.figure import Figure
 
 from neuro.core.errors import ModelError, unknown
 from neuro.core.values import literal, shown
-from neuro.files.recorded import Recorded, Trace, Window, checked_window, recorded, trains
+from neuro.files.recorded import Recorded, StateTrace, Window, checked_window, recorded, trains
 from neuro.model.views import View
 from neuro.plots._canvas import COLOURS, WIDTH_IN, Picture, given, label, legend, over_time, panels, whole_numbers
 from neuro.plots._spikes import raster, rate
@@ -60,7 +60,7 @@ def trace(run: object, probe: Any = None, *, of: Any = None, window: Any = None,
     return figure
 
 
-def among(found: Trace, of: Any) -> Trace | None:
+def among(found: StateTrace, of: Any) -> StateTrace | None:
     """A trace of those of its neurons that are in some views; None if it has none of them, all if no view is of its."""
     views = [view for view in (of if isinstance(of, (list, tuple)) else [of]) if isinstance(view, View)]
     mine = [view for view in views if view.population.name == found.of]
@@ -72,7 +72,7 @@ def among(found: Trace, of: Any) -> Trace | None:
     return replace(found, columns=found.columns[kept], values=found.values[:, kept])
 
 
-def draw(figure: Figure, axis: Any, name: str, found: Trace) -> None:
+def draw(figure: Figure, axis: Any, name: str, found: StateTrace) -> None:
     """Draw one trace into axes of a figure, and say what it is."""
     quantity = f"{found.state} ({found.unit})" if found.unit else found.state
     title = f"{name}: {'mean ' * (found.noun == '' and found.state != 'rate')}{found.state} of {found.of}"
@@ -91,14 +91,14 @@ def draw(figure: Figure, axis: Any, name: str, found: Trace) -> None:
         label(axis, title + note, found.noun)
 
 
-def _called(found: Trace) -> list[str]:
+def _called(found: StateTrace) -> list[str]:
     """What each column is of."""
     if found.pre is not None and found.post is not None:
         return [f"{pre} to {post}" for pre, post in zip(found.pre, found.post, strict=True)]
     return [f"{found.noun} {number}" for number in found.columns]
 
 
-def _dots(axis: Any, found: Trace) -> None:
+def _dots(axis: Any, found: StateTrace) -> None:
     assert found.pre is not None
     assert found.post is not None
     ends, which = np.unique(np.stack([found.pre, found.post]), axis=1, return_inverse=True)
@@ -113,7 +113,7 @@ def _dots(axis: Any, found: Trace) -> None:
         legend(axis, MOST_LINES, "right")
 
 
-def _asked(run: Recorded, probe: Any) -> list[tuple[str, Trace]]:
+def _asked(run: Recorded, probe: Any) -> list[tuple[str, StateTrace]]:
     asked = list(probe) if isinstance(probe, (list, tuple)) else run.probes if probe is None else [probe]
     names = []
     for name in (getattr(each, "name", each) for each in asked):
@@ -128,14 +128,14 @@ def _asked(run: Recorded, probe: Any) -> list[tuple[str, Trace]]:
     return found
 
 
-def _cut(name: str, found: Trace, window: Window) -> Trace:
+def _cut(name: str, found: StateTrace, window: Window) -> StateTrace:
     cut = found.within(window)
     if not cut.times_ms.size:
         raise ModelError(f"probe '{name}' recorded nothing in {window[0]:g} to {window[1]:g} ms")
     return cut
 
 
-def _map(axis: Any, found: Trace) -> tuple[Any, str]:
+def _map(axis: Any, found: StateTrace) -> tuple[Any, str]:
     steps = slice(None, None, -(-found.times_ms.size // MOST_TIMES))
     times, values = found.times_ms[steps], found.values[steps]
     n = found.columns.size

@@ -31,7 +31,7 @@ from neuro.run.recorder import columns, is_single
 from neuro.run.trials import TrialCounts
 
 
-class Run(Protocol):
+class RunSource(Protocol):
     """What is asked of a simulation that has run."""
 
     backend: str
@@ -64,7 +64,7 @@ class Run(Protocol):
 
 
 def collect(
-    sim: Run, net: Network, *, threads: int = 1, record: Collection[str] = (), all_weights: bool = False
+    sim: RunSource, net: Network, *, threads: int = 1, record: Collection[str] = (), all_weights: bool = False
 ) -> Results:
     """Gather everything worth keeping.
 
@@ -95,13 +95,13 @@ def collect(
     )
 
 
-def traces(sim: Run) -> dict[str, Trace]:
+def traces(sim: RunSource) -> dict[str, Trace]:
     """What the probes of states have recorded, by the names of the traces."""
     probes: list[Probe | SynapseProbe] = [probe for probe in sim.program.probes if probe.record != "spikes"]
     return {probe.name: _trace(sim, probe) for probe in [*probes, *sim.program.synapse_probes]}
 
 
-def about(sim: Run, threads: int) -> dict[str, Any]:
+def about(sim: RunSource, threads: int) -> dict[str, Any]:
     """What a run is of, how far it is, and what it has taken."""
     program, counts = sim.program, sim.counts()
     totals = ("steps", "spikes", "neuron_updates", "neuron_updates_active", "synaptic_ops", "learning_updates")
@@ -119,7 +119,7 @@ def about(sim: Run, threads: int) -> dict[str, Any]:
     }
 
 
-def origin(sim: Run, net: Network, threads: int, record: Collection[str], all_weights: bool) -> str:
+def origin(sim: RunSource, net: Network, threads: int, record: Collection[str], all_weights: bool) -> str:
     """Where a run comes from, as JSON, see `neuro.core.provenance`; with what it keeps, and how it was steered."""
     about_run = record_of(
         net, backend=sim.backend, threads=threads, seed=sim.program.seed, network=fingerprint(sim.program)
@@ -145,7 +145,7 @@ def files_of(net: Network) -> dict[str, bytes]:
         return {file.name: file.read_bytes() for file in sorted(Path(folder).iterdir())}
 
 
-def _train(sim: Run, part: Population, kept: bool, counts: Counts) -> Train:
+def _train(sim: RunSource, part: Population, kept: bool, counts: Counts) -> Train:
     train = no_spikes(sim, part, kept, counts)
     if not train.recorded:
         return train
@@ -158,7 +158,7 @@ def _train(sim: Run, part: Population, kept: bool, counts: Counts) -> Train:
     return replace(train, steps=steps[at], ids=ids[at], multiplicity=multiplicity)
 
 
-def no_spikes(sim: Run, part: Population, kept: bool, counts: Counts) -> Train:
+def no_spikes(sim: RunSource, part: Population, kept: bool, counts: Counts) -> Train:
     """A population without its spikes, and before any was counted."""
     none, zeros = np.zeros(0, np.int64), np.zeros(part.size, np.int64)
     count = asdict(counts.populations[part.name])
@@ -167,7 +167,9 @@ def no_spikes(sim: Run, part: Population, kept: bool, counts: Counts) -> Train:
     return Train(*words, none, none, none.astype(np.int32), zeros, zeros, emits)
 
 
-def weights_of(sim: Run, part: Projection, counts: Counts, *, all_weights: bool = False, kept: bool = True) -> Weights:
+def weights_of(
+    sim: RunSource, part: Projection, counts: Counts, *, all_weights: bool = False, kept: bool = True
+) -> Weights:
     """A projection, with its weights if they are kept."""
     names = [population.name for population in sim.program.populations]
     about = (names[part.source], names[part.target], part.synapse.name, part.size)
@@ -181,7 +183,7 @@ def weights_of(sim: Run, part: Projection, counts: Counts, *, all_weights: bool 
     return Weights(*words, pre, post, weight, delay)
 
 
-def _trace(sim: Run, probe: Probe | SynapseProbe) -> Trace:
+def _trace(sim: RunSource, probe: Probe | SynapseProbe) -> Trace:
     times, values = sim.trace(probe.name)
     if isinstance(values, dict):
         ends = {"pre": values["pre"], "post": values["post"]}
@@ -189,7 +191,7 @@ def _trace(sim: Run, probe: Probe | SynapseProbe) -> Trace:
     return replace(trace_of(sim, probe), times_ms=times, values=values)
 
 
-def trace_of(sim: Run, probe: Probe | SynapseProbe) -> Trace:
+def trace_of(sim: RunSource, probe: Probe | SynapseProbe) -> Trace:
     """A trace of which nothing is recorded yet."""
     about: dict[str, Any] = {"probe": sim.handles.of_trace(probe.name), "mean": probe.mean}
     if isinstance(probe, Probe):

@@ -18,7 +18,7 @@ from neuro.run import settable
 from neuro.run.handles import Neurons
 
 
-class Inputs:
+class InputFeeder:
     """Brings to an engine what a user gives.
 
     Args:
@@ -77,7 +77,7 @@ class Inputs:
 _NONE = np.zeros(0, dtype=np.int64)
 
 
-class Inflow:
+class StreamFeeder:
     """Fills an engine from the streams of a program.
 
     All that is kept of a run is, for each stream, the step up to which the engine has its spikes: a stream is asked

@@ -35,7 +35,7 @@ Within = Callable[[Floats, float, float], bool]
 Part = Population | View | Projection | Signal | str
 
 
-class Plain(Protocol):
+class SimulationOfPorts(Protocol):
     """The calls of a simulation that a port stands for.
 
     Attributes:
@@ -278,7 +278,7 @@ class _Net:
     program: Program
     engine: Engine
     clock: Clock
-    plain: Plain
+    plain: SimulationOfPorts
     within: Within
     turn: Turn
 
@@ -298,7 +298,7 @@ class Ports:
         self._program, self._engine, self._clock, self._handles, self._turn = program, engine, clock, handles, turn
         self._used: WeakSet[Port] = WeakSet()
 
-    def port(self, plain: Plain, of: Part, what: str | None) -> Port:
+    def port(self, plain: SimulationOfPorts, of: Part, what: str | None) -> Port:
         """A port of a simulation, see `Simulation.port`."""
         from neuro.kernels.bounds import within  # compiled: only ports need it
 

@@ -37,7 +37,7 @@ STRETCH_S = 0.25
 _CHUNK = 1 << 16
 
 
-class Recording:
+class ResultsWriter:
     """A file of results that grows with a run, and takes its name when it ends.
 
     Args:
@@ -56,7 +56,7 @@ class Recording:
 
     def __init__(
         self,
-        sim: collect.Run,
+        sim: collect.RunSource,
         net: Network,
         engine: Engine,
         recorder: Recorder,

@@ -23,12 +23,12 @@ from neuro.program.program import Floats, Ints, Program
 from neuro.run.handles import Handles, Neurons
 from neuro.run.recorder import Recorder
 from neuro.run.turn import Turn, held
-from neuro.run.values import Synapses
+from neuro.run.values import SynapseValues
 
 if TYPE_CHECKING:
     from neuro.files.results import Results
-    from neuro.run.collect import Run
-    from neuro.run.recording import Recording
+    from neuro.run.collect import RunSource
+    from neuro.run.recording import ResultsWriter
 
 
 class Records:
@@ -47,10 +47,12 @@ class Records:
         held: the step after which spikes and traces are held; those up to it were forgotten, or are in `file`.
     """
 
-    def __init__(self, program: Program, engine: Engine, clock: Clock, handles: Handles, synapses: Synapses) -> None:
+    def __init__(
+        self, program: Program, engine: Engine, clock: Clock, handles: Handles, synapses: SynapseValues
+    ) -> None:
         self._engine, self._clock, self._handles, self._synapses = engine, clock, handles, synapses
         self.recorder = Recorder(program, engine)
-        self.recording: Recording | None = None
+        self.recording: ResultsWriter | None = None
         self.held = 0
         self._left: tuple[int, Path] | None = None
 
@@ -66,7 +68,7 @@ class Records:
     @contextmanager
     def to_file(
         self,
-        sim: Run,
+        sim: RunSource,
         net: Network,
         path: str | PathLike[str],
         threads: int,
@@ -75,12 +77,12 @@ class Records:
         turn: Turn | None,
     ) -> Iterator[None]:
         """Write what is recorded to a file of results within the block, and keep none of it."""
-        from neuro.run.recording import Recording
+        from neuro.run.recording import ResultsWriter
 
         with held(turn, "record_to"):
             self.refuse_while_recording("record_to")
             parts = (sim, net, self._engine, self.recorder)
-            recording = Recording(*parts, path, threads=threads, record=record, all_weights=all_weights)
+            recording = ResultsWriter(*parts, path, threads=threads, record=record, all_weights=all_weights)
             self.recording = recording
         try:
             yield

@@ -14,7 +14,7 @@ from neuro.model.synapses import Synapse
 from neuro.program.backend import Engine
 from neuro.program.program import Program
 from neuro.run import settable
-from neuro.run.inputs import Inflow
+from neuro.run.inputs import StreamFeeder
 from neuro.run.records import Records
 from neuro.run.trials import TrialLoop
 
@@ -38,7 +38,7 @@ class Saved:
         engine: Engine,
         records: Records,
         rules: dict[int, Synapse],
-        inflow: Inflow,
+        inflow: StreamFeeder,
     ) -> None:
         self._identity = Identity(program.name, backend, program.seed, fingerprint(program))
         self._engine, self._records, self._rules, self._inflow = engine, records, rules, inflow

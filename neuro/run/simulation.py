@@ -27,7 +27,7 @@ from neuro.program.counts import Counts, Tally
 from neuro.program.program import Floats, Ints
 from neuro.run.finite import Watch
 from neuro.run.handles import Handles, Neurons
-from neuro.run.inputs import Inflow, Inputs
+from neuro.run.inputs import InputFeeder, StreamFeeder
 from neuro.run.learned_network import learnt_network
 from neuro.run.ports import Port, Ports
 from neuro.run.progress import advance
@@ -35,7 +35,7 @@ from neuro.run.records import Records
 from neuro.run.saved import Saved
 from neuro.run.trials import TrialCounts, TrialLoop, TrialResults
 from neuro.run.turn import Turn, alone
-from neuro.run.values import NeuronStates, Synapses
+from neuro.run.values import NeuronValues, SynapseValues
 
 if TYPE_CHECKING:
     import neo
@@ -73,11 +73,14 @@ class Simulation:
         self._clock = Clock(program.resolution)
         self.handles = Handles(net, program)
         self._rules = {index: part.synapse for index, part in enumerate(program.projections)}
-        self._synapses = Synapses(program, engine, self._clock, self._rules, self.handles)
-        self._cells, self._inputs = NeuronStates(program, engine, self._clock), Inputs(program, engine, self._clock)
+        self._synapses = SynapseValues(program, engine, self._clock, self._rules, self.handles)
+        self._cells, self._inputs = (
+            NeuronValues(program, engine, self._clock),
+            InputFeeder(program, engine, self._clock),
+        )
         self._records = Records(program, engine, self._clock, self.handles, self._synapses)
         self._tally = Tally(program)
-        self._inflow = Inflow(program, engine)
+        self._inflow = StreamFeeder(program, engine)
         self._watch = Watch(program, engine, self._clock)
         self.steered: dict[str, None] = {}
         turn: Turn = {}

@@ -22,7 +22,7 @@ from neuro.run.handles import Handles, Neurons
 from neuro.run.settable import Chosen
 
 
-class NeuronStates:
+class NeuronValues:
     """Reads and sets neurons.
 
     Args:
@@ -66,7 +66,7 @@ class NeuronStates:
 _SMALL = 1_000_000
 
 
-class Synapses:
+class SynapseValues:
     """Reads and sets synapses; projections are indices.
 
     Args:

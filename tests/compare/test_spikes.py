@@ -3,14 +3,14 @@ import pytest
 from hypothesis import given, settings, strategies as st
 
 from neuro.compare import spikes
-from neuro.compare.spikes import Divergence, Train, distance, divergence, evenly, same_steps
+from neuro.compare.spikes import ComparedSpikes, Divergence, distance, divergence, evenly, same_steps
 
 LIBRARY = "the extra 'compare' is not installed"
 
 
 def train(pairs, size=4, h=0.5):
     steps, ids = np.array(sorted(pairs), dtype=np.int64).reshape(-1, 2).T
-    return Train(size, steps * h, steps, ids)
+    return ComparedSpikes(size, steps * h, steps, ids)
 
 
 def test_first_divergence_is_the_earliest_spike_of_one_only():
