@@ -8,7 +8,7 @@ from typer.testing import CliRunner
 
 import neuro
 import neuro_models
-from neuro.cli.app import app
+from neuro.cli.commands import app
 from neuro.compiler import compile_network, memory
 from neuro.core.memory import free_memory
 from neuro.model.network import Network

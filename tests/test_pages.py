@@ -359,7 +359,7 @@ def test_every_example_is_on_a_page():
 def every_command():
     from typer.main import get_command
 
-    from neuro.cli.app import app
+    from neuro.cli.commands import app
 
     return get_command(app)
 

@@ -10,7 +10,7 @@ __all__ = ["main"]
 def main() -> None:
     """Run the command line and exit: 0 well, 1 a check failed, 2 a mistake of the user, 130 interrupted."""
     try:
-        from neuro.cli.app import app
+        from neuro.cli.commands import app
         from neuro.cli.mistakes import telling
 
         with telling():

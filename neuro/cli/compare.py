@@ -82,7 +82,7 @@ def as_plain_json(found: Comparison) -> str:
 
 def print_comparison(found: Comparison, as_json: bool, written: list[Path]) -> None:
     """Print a comparison, and which files there are."""
-    from neuro.compare.table import show
+    from neuro.compare.cells import show
     from neuro.core.tables import console
 
     if as_json:

@@ -1,12 +1,14 @@
-"""Cells of tables, the same on the terminal and in the page."""
+"""A comparison as tables, for the terminal and the page."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator
+from typing import Any
 
 from neuro.chips.pricing.energy import COLUMNS
 from neuro.compare.result import Bill, Comparison, PopulationResult, Run
 from neuro.compare.spikes import Divergence
+from neuro.core.tables import table
 
 INPUTS = {"same": "the same", "merged": "the same, several spikes in a step as one", "other": "not the same"}
 
@@ -103,3 +105,43 @@ def natives(comparison: Comparison) -> Iterator[tuple[str, ...]]:
 def far(per_spike: float | None) -> str:
     """A distance per spike."""
     return "-" if per_spike is None else f"{per_spike:.3f}" if per_spike == 0 or per_spike >= 0.0005 else "<0.001"
+
+
+DISTANCE = "distance: edits per spike (Victor and Purpura, 10 ms), 0 where equal, 1 where no spike has a partner"
+
+
+def show(comparison: Comparison, out: Any) -> None:
+    """Print tables of the backends, populations, projections, chips' own counts and bills, then what else to know.
+
+    Args:
+        comparison: what was found.
+        out: a rich console.
+    """
+    first = comparison.first.backend
+    title = f"{comparison.network}: {comparison.ms:g} ms, seed {comparison.seed}, compared with {first}"
+    out.print(table(SUMMARY, summary(comparison), title=title))
+    out.print(table(POPULATIONS, populations(comparison)))
+    out.print(DISTANCE, markup=False)
+    for columns, rows in (
+        (PROJECTIONS, projections(comparison)),
+        (NATIVE, natives(comparison)),
+        (ENERGY, bills(comparison)),
+    ):
+        listed = list(rows)
+        if listed:
+            out.print()
+            out.print(table(columns, listed))
+    for line in _remarks(comparison):
+        out.print(line, markup=False)
+
+
+def _remarks(comparison: Comparison) -> list[str]:
+    refused = [f"refused: {run.refused}" for run in comparison.runs if run.refused]
+    no_bills = [f"no bill for {bill.target}: {bill.reason}" for bill in unpriced(comparison)]
+    inputs = [
+        f"input of {run.backend}: {INPUTS[run.inputs]} as on {comparison.first.backend}"
+        for run in comparison.ran
+        if run.inputs != "same"
+    ]
+    warnings = [f"warning: {text}" for run in comparison.runs for text in run.warnings]
+    return [*refused, *inputs, *warnings, *no_bills, *(f"note: {note}" for note in comparison.notes)]

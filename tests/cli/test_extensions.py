@@ -7,8 +7,7 @@ from pathlib import Path
 import pytest
 import typer
 
-from neuro.cli.app import app
-from neuro.cli.commands import apps, load, with_extensions
+from neuro.cli.commands import app, apps, load, with_extensions
 
 FILTER = '''\
 from dataclasses import dataclass

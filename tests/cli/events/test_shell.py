@@ -38,7 +38,7 @@ def test_the_shell_of_all_commands_takes_those_of_events_as_they_are(run, data, 
 
 
 def test_neuro_has_a_shell(monkeypatch, capsys):
-    from neuro.cli.app import app as whole
+    from neuro.cli.commands import app as whole
 
     monkeypatch.setattr(sys, "stdin", io.StringIO("formats\nquit\n"))
     whole(["shell"], standalone_mode=False)
