@@ -150,11 +150,11 @@ def test_temporal_difference_errors_by_hand():
 @pytest.mark.parametrize(
     ("call", "told"),
     [
-        (lambda: neuro.reward_error(1.0, 0.0, 1.5), "rate is 1.5, expected 0 to 1"),
+        (lambda: neuro.reward_error(1.0, 0.0, 1.5), "rate = 1.5: expected a number >= 0 and <= 1"),
         (lambda: neuro.reward_error("much", 0.0, 0.5), "reward"),
-        (lambda: neuro.td_error(1.0, math.nan, 0.0, 0.9), "value has the value nan, expected finite numbers"),
-        (lambda: neuro.td_error(1.0, 0.0, 0.0, -0.1), "discount is -0.1, expected 0 to 1"),
-        (lambda: neuro.td_error_rate(1.0, 0.0, 0.0, 0.0), "tau_r is 0.0, expected more than 0"),
+        (lambda: neuro.td_error(1.0, math.nan, 0.0, 0.9), "value = .nan: expected a finite number"),
+        (lambda: neuro.td_error(1.0, 0.0, 0.0, -0.1), "discount = -0.1: expected a number >= 0 and <= 1"),
+        (lambda: neuro.td_error_rate(1.0, 0.0, 0.0, 0.0), "tau_r = 0: expected a number > 0"),
     ],
 )
 def test_what_is_no_error_signal_is_refused(call, told):

@@ -12,8 +12,8 @@ from typing import Any, ClassVar, Literal, get_args, get_origin, get_type_hints
 
 import numpy as np
 
-from neuro.coding.arguments import Floats
 from neuro.coding.encoders import (
+    Floats,
     burst,
     intensity_to_latency,
     log_intensity_to_latency,

@@ -8,9 +8,8 @@ from typing import Literal
 import numpy as np
 import numpy.typing as npt
 
-from neuro.coding.arguments import Floats, finite, number, positive
-from neuro.coding.encoders import rank
-from neuro.core.checks import numbers
+from neuro.coding.encoders import Floats, rank
+from neuro.core.checks import argument, finite, numbers
 from neuro.core.errors import ModelError
 
 Ids = npt.NDArray[np.int64]
@@ -32,9 +31,7 @@ def highest_rate(counts: npt.ArrayLike) -> Ids:
 
     Source: thesis section 2.5, line 759.
     """
-    found = _list(finite(counts, "counts"), "counts")
-    if (found < 0).any():
-        raise ModelError(f"counts has the value {found[found < 0][0]}, expected numbers >= 0", path=("counts",))
+    found = _list(finite(counts, "counts", at_least=0), "counts")
     return np.flatnonzero((found > 0) & (found == found.max(initial=0.0)))
 
 
@@ -84,8 +81,7 @@ def rank_order(
 
     Source: Thorpe & Gautrais, "Rank order coding", Computational Neuroscience: Trends in Research (1998).
     """
-    if not 0 < number(modulation, "modulation") <= 1:
-        raise ModelError(f"modulation is {modulation}, expected more than 0 and at most 1", path=("modulation",))
+    argument("modulation", modulation, above=0, at_most=1)
     at, w = _list(_times(times), "times"), finite(weights, "weights")
     if w.shape[-1:] != at.shape:
         raise ModelError(f"weights has the shape {list(w.shape)}, expected [..., {at.size}], a weight for each time")
@@ -111,9 +107,7 @@ def population_vector(activity: npt.ArrayLike, directions: npt.ArrayLike) -> Flo
 
     Source: Georgopoulos, Schwartz & Kettner, Science 233 (1986).
     """
-    c, theta = finite(activity, "activity"), _list(finite(directions, "directions"), "directions")
-    if (c < 0).any():
-        raise ModelError(f"activity has the value {c[c < 0][0]}, expected numbers >= 0", path=("activity",))
+    c, theta = finite(activity, "activity", at_least=0), _list(finite(directions, "directions"), "directions")
     if c.shape[-1:] != theta.shape:
         told = f"activity has the shape {list(c.shape)}, expected [..., {theta.size}]"
         raise ModelError(f"{told}, one for each direction", path=("activity",))
@@ -140,7 +134,7 @@ def van_rossum(times: npt.ArrayLike, tau: float, at: npt.ArrayLike) -> Floats:
 
     Source: van Rossum, Neural Computation 13 (2001), "A novel spike distance".
     """
-    scale, t = positive(tau, "tau"), finite(at, "at")
+    scale, t = argument("tau", tau, above=0), finite(at, "at")
     train = _list(_times(times), "times")
     spikes = np.sort(train[~np.isnan(train)])
     if not spikes.size:

@@ -2,15 +2,16 @@
 
 from __future__ import annotations
 
-from typing import Literal
+from typing import Literal, TypeAlias
 
 import numpy as np
 import numpy.typing as npt
 
-from neuro.coding.arguments import Floats, check_bounds, check_inside, finite, number, positive, share, whole, word
-from neuro.core.checks import is_number, numbers
+from neuro.core.checks import argument, finite, numbers
 from neuro.core.errors import ModelError
 from neuro.core.keyed_random import generator
+
+Floats: TypeAlias = npt.NDArray[np.float64]
 
 
 def intensity_to_latency(r: npt.ArrayLike, r_min: float, r_max: float, window: float) -> Floats:
@@ -34,7 +35,7 @@ def intensity_to_latency(r: npt.ArrayLike, r_min: float, r_max: float, window: f
         values, against the sentence before it.
     """
     check_bounds(r_min, r_max)
-    length, values = positive(window, "window"), numbers(r, "r")
+    length, values = argument("window", window, above=0), numbers(r, "r")
     check_inside(values, r_min, r_max)
     latency: Floats = length * (r_max - values) / (r_max - r_min)
     return latency
@@ -61,10 +62,9 @@ def log_intensity_to_latency(r: npt.ArrayLike, r_min: float, r_max: float, windo
 
     Source: thesis eq. 15, line 693.
     """
-    if is_number(r_min) and not r_min > 0:
-        raise ModelError(f"r_min is {r_min}, expected more than 0 for a logarithmic code", path=("r_min",))
     check_bounds(r_min, r_max)
-    length, values = positive(window, "window"), numbers(r, "r")
+    argument("r_min", r_min, above=0)
+    length, values = argument("window", window, above=0), numbers(r, "r")
     spiking = ~((values <= 0) & np.isfinite(values))
     check_inside(values[spiking], r_min, r_max)
     logarithm = np.log(values, where=spiking, out=np.full(values.shape, np.nan))
@@ -89,8 +89,8 @@ def rank(r: npt.ArrayLike, ties: Literal["order", "dense"] = "order", window: fl
 
     Source: thesis section 2.3.2, line 697.
     """
-    dense = word(ties, "ties", ("order", "dense")) == "dense"
-    scale = None if window is None else positive(window, "window")
+    dense = argument("ties", ties, words=("order", "dense")) == "dense"
+    scale = argument("window", window, above=0, optional=True)
     values = finite(r, "r")
     flat = values.ravel()
     ranks = np.empty(flat.size)
@@ -124,7 +124,7 @@ def rate(r: npt.ArrayLike, r_min: float, r_max: float, max_rate: float, min_rate
 
     Source: thesis eq. 12, line 672: a rate is a number of spikes over a time.
     """
-    low, high = number(min_rate, "min_rate"), number(max_rate, "max_rate")
+    low, high = argument("min_rate", min_rate), argument("max_rate", max_rate)
     if not 0 <= low < high:
         told = f"min_rate is {min_rate} and max_rate {max_rate}"
         raise ModelError(f"{told}, expected 0 <= min_rate < max_rate", path=("max_rate",))
@@ -165,9 +165,9 @@ def population(
     Source: gaussian: Bohte, La Poutre & Kok, IEEE Trans. Neural Networks 13 (2002); cosine: Georgopoulos,
         Schwartz & Kettner, Science 233 (1986).
     """
-    neurons = np.arange(whole(n, "n", 3, 2**20))
-    peak = positive(max_rate, "max_rate")
-    circle = word(fields, "fields", ("gaussian", "cosine")) == "cosine"
+    neurons = np.arange(argument("n", n, kind="integer", at_least=3, at_most=2**20))
+    peak: float = argument("max_rate", max_rate, above=0)
+    circle = argument("fields", fields, words=("gaussian", "cosine")) == "cosine"
     check_bounds(r_min, r_max)
     values = numbers(r, "r")
     check_inside(values, r_min, r_max)
@@ -204,15 +204,13 @@ def poisson(r: npt.ArrayLike, window: float, seed: int = 0) -> Floats:
 
     Source: thesis eq. 13, line 676, which lacks the T of its own words.
     """
-    length = positive(window, "window")
-    rates = finite(r, "r")
-    if (rates < 0).any():
-        raise ModelError(f"r has the value {rates[rates < 0][0]}, expected rates >= 0 Hz", path=("r",))
+    length: float = argument("window", window, above=0)
+    rates = finite(r, "r", unit="Hz", at_least=0)
     mean = rates * (length / 1000.0)
     if mean.size and mean.max() * mean.size > MOST_SPIKES:
         told = f"up to {mean.max():g} spikes of each of {mean.size} trains"
         raise ModelError(f"{told}, expected a table of at most {MOST_SPIKES} times", path=("window",))
-    rng = generator(whole(seed, "seed", 0, 2**64 - 1), "code", "poisson")
+    rng = generator(argument("seed", seed, kind="integer", at_least=0, at_most=2**64 - 1), "code", "poisson")
     counts = np.asarray(rng.poisson(mean))
     most = int(counts.max(initial=0))
     times = rng.random((*mean.shape, most)) * length
@@ -243,8 +241,8 @@ def phase(r: npt.ArrayLike, r_min: float, r_max: float, window: float, bits: int
 
     Source: Kim, Kim, Huh, Lee & Choi, Neurocomputing 311 (2018), "Deep neural networks with weighted spikes".
     """
-    n = whole(bits, "bits", 1, 52)
-    length = positive(window, "window")
+    n = argument("bits", bits, kind="integer", at_least=1, at_most=52)
+    length: float = argument("window", window, above=0)
     levels = np.minimum(np.rint(share(r, r_min, r_max) * 2.0**n), 2.0**n - 1).astype(np.int64)
     ones = levels[..., None] >> np.arange(n - 1, -1, -1) & 1
     return np.where(ones == 1, length * np.arange(n) / n, np.nan)
@@ -276,11 +274,38 @@ def burst(
     Source: Guo, Fouda, Eltawil & Salama, Front. Neurosci. 15 (2021), "Neural coding in spiking neural networks: a
         comparative study".
     """
-    most = whole(n_max, "n_max", 1, 1000)
-    shortest, longest = positive(t_min, "t_min"), positive(t_max, "t_max")
+    most = argument("n_max", n_max, kind="integer", at_least=1, at_most=1000)
+    shortest, longest = argument("t_min", t_min, above=0), argument("t_max", t_max, above=0)
     if shortest > longest:
         raise ModelError(f"t_min is {t_min} and t_max {t_max}, expected t_min <= t_max", path=("t_min",))
     p = share(r, r_min, r_max)[..., None]
     interval = np.ceil(longest - (longest - shortest) * p - _ROUNDING)
     spikes = np.arange(most)
     return np.where(spikes < np.ceil(most * p - _ROUNDING), spikes * interval, np.nan)
+
+
+def check_bounds(r_min: float, r_max: float) -> None:
+    """Refuse bounds that are no numbers, or not in this order."""
+    argument("r_min", r_min)
+    argument("r_max", r_max)
+    if not r_min < r_max:
+        raise ModelError(f"r_min is {r_min} and r_max {r_max}, expected r_min < r_max", path=("r_max",))
+
+
+def check_inside(values: Floats, r_min: float, r_max: float) -> None:
+    """Refuse a value outside of the bounds, or none."""
+    outside = ~((values >= r_min) & (values <= r_max))
+    if outside.any():
+        raise ModelError(f"value {values[outside][0]} is outside of [{r_min}, {r_max}]", path=("r",))
+
+
+def share(r: npt.ArrayLike, r_min: float, r_max: float) -> Floats:
+    """Where values lie between their bounds: 0 at ``r_min``, 1 at ``r_max``.
+
+    Raises:
+        ModelError: not ``r_min < r_max``, or a value is no number or outside of them.
+    """
+    check_bounds(r_min, r_max)
+    values = numbers(r, "r")
+    check_inside(values, r_min, r_max)
+    return (values - r_min) / (r_max - r_min)

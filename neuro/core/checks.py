@@ -46,6 +46,21 @@ def check(q: Quantity, value: Any, what: str, path: tuple[str, ...] = ()) -> Any
         raise
 
 
+def argument(name: str, value: Any, **more: Any) -> Any:
+    """The canonical form of a single argument of a function.
+
+    Args:
+        name: of the argument, for messages.
+        value: what was given.
+        more: what it may be, as of `Quantity`; with `words` and no kind, one of these.
+
+    Raises:
+        ModelError: as `check`.
+    """
+    kind = "word" if "words" in more else "number"
+    return check(Quantity(**{"kind": kind, **more}), value, name)
+
+
 def check_fields(part: Any, place: str = "") -> None:
     """Bring the fields of a frozen dataclass that carry a `Quantity` to their canonical form.
 
@@ -189,6 +204,26 @@ def numbers(values: Any, what: str) -> NDArray[np.float64]:
     return array.astype(np.float64)
 
 
+def finite(values: Any, what: str, **bounds: Any) -> NDArray[np.float64]:
+    """Any array of finite numbers as float64.
+
+    Args:
+        values: what was given.
+        what: its name, for messages.
+        bounds: of every element, as of `Quantity`.
+
+    Raises:
+        ModelError: an element is no number, infinite, NaN, masked, or out of bounds.
+    """
+    array = numbers(values, what)
+    try:
+        _each(Quantity(**bounds), array, what)
+    except ModelError as error:
+        error.path = (what, *error.path)
+        raise
+    return array
+
+
 def refuse_masked(value: Any, what: str) -> None:
     """Refuse what numpy would take for other numbers: what lies under a mask, and the ids of neurons.
 
@@ -263,14 +298,23 @@ def _each(q: Quantity, array: NDArray[np.float64], what: str) -> None:
         raise wrong(q, float(array[index]), what, *index)
 
 
-def _is_whole(value: Any) -> bool:
-    return is_number(value) and abs(value) <= LARGEST and float(value) == int(value)
+def _is_whole(value: Any, most: float = LARGEST) -> bool:
+    return is_number(value) and abs(value) <= most and float(value).is_integer()
 
 
 def _integer(q: Quantity, value: Any, what: str) -> int | str:
     if isinstance(value, str) and value in q.words:
         return value
-    if not _is_whole(value) or not _within(q, float(value)):
+    most = LARGEST if q.at_most is None else abs(q.at_most)
+    if not _is_whole(value, max(most, LARGEST)) or not _within(q, float(value)):
+        raise wrong(q, value, what)
+    return int(value)
+
+
+def _microseconds(q: Quantity, value: Any, what: str) -> int:
+    """A float such as 1e6 is one, too."""
+    least = -(1 << 63) if q.at_least is None else q.at_least
+    if not _is_whole(value, 1 << 63) or not least <= int(value) < 1 << 63:
         raise wrong(q, value, what)
     return int(value)
 
@@ -447,6 +491,7 @@ def _part(q: Quantity, value: Any, what: str) -> Any:
 _CHECKERS: dict[str, Callable[[Quantity, Any, str], Any]] = {
     "number": _number,
     "integer": _integer,
+    "microseconds": _microseconds,
     "boolean": _boolean,
     "name": _name,
     "receptor": _name,

@@ -15,13 +15,13 @@ class Quantity:
     Attributes:
         unit: physical unit, "" for none.
         doc: one line on its meaning.
-        kind: "number", "integer", "boolean", "name" (of a part of the network), "receptor" (of neurons), "word" (one of
-            `words`), "shape" (a list of integers), "times" (spike times, a list per neuron), "moments" (times at which
-            something changes), "series" (values at moments, in a list or a row per neuron), "train" (spikes, a row of
-            time and neuron for each), "ids", "delay" (a time that is no number of the rule), "names" (a list of
-            names), "part" (a `part`), "codes" (of `neuro.coding`), "choice" (a `choice`; with bounds also a
-            number), "file" (a path; in YAML inside the folder of the description) or "events" (what holds events, in
-            Python alone).
+        kind: "number", "integer", "microseconds" (time of an event, 64 bits), "boolean", "name" (of a part of the
+            network), "receptor" (of neurons), "word" (one of `words`), "shape" (a list of integers), "times" (spike
+            times, a list per neuron), "moments" (times at which something changes), "series" (values at moments, in a
+            list or a row per neuron), "train" (spikes, a row of time and neuron for each), "ids", "delay" (a time that
+            is no number of the rule), "names" (a list of names), "part" (a `part`), "codes" (of `neuro.coding`),
+            "choice" (a `choice`; with bounds also a number), "file" (a path; in YAML inside the folder of the
+            description) or "events" (what holds events, in Python alone).
         above, at_least, below, at_most: bounds of every element.
         nonzero: whether 0 has no meaning.
         infinite: whether an infinite value has a meaning.
@@ -60,6 +60,8 @@ class Quantity:
         """The sentence part that says what is accepted, e.g. "a number > 0 ms"."""
         if self.kind == "word":
             return "one of " + ", ".join(self.words)
+        if self.kind == "microseconds":
+            return f"a whole number of us from {'-2^63' if self.at_least is None else self.at_least} to 2^63 - 1"
         noun = {
             "number": "a whole number" if self.whole else "a number",
             "integer": "a whole number",
@@ -81,7 +83,7 @@ class Quantity:
             "part": f"the words of {self.part.__name__}" if self.part else "",
         }[self.kind]
         bounds = [
-            f"{sign} {bound:g}"
+            f"{sign} {bound if isinstance(bound, int) else f'{bound:g}'}"
             for sign, bound in (
                 (">", self.above),
                 (">=", self.at_least),

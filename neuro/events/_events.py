@@ -9,11 +9,10 @@ from typing import Any, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from neuro.core.checks import refuse_masked
+from neuro.core.checks import argument, is_number, refuse_masked
 from neuro.core.errors import ModelError
 from neuro.core.tables import Table, as_html
 from neuro.core.values import same
-from neuro.events._arguments import exact, sensor
 
 EVENT = np.dtype([("t", "<i8"), ("x", "<u2"), ("y", "<u2"), ("p", "u1")])
 """One event as a packed record of 13 bytes: us, px, px, 1 = ON."""
@@ -70,6 +69,18 @@ def first_fault(
     return min(faults, default=None, key=lambda fault: fault[0])
 
 
+def checked_size(size: object) -> tuple[int, int]:
+    """Width and height of a sensor, px.
+
+    Raises:
+        ModelError: `size` is something else.
+    """
+    sides = tuple(size) if isinstance(size, tuple | list | np.ndarray) else ()
+    if len(sides) != 2 or not all(isinstance(n, int | np.integer) and 1 <= n <= 65536 for n in sides):
+        raise ModelError(f"sensor_size = {size!r:.60}: expected width and height of 1 to 65536 px")
+    return int(sides[0]), int(sides[1])
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class Events:
     """Events of one sensor in the order of time.
@@ -99,7 +110,7 @@ class Events:
     metadata: Mapping[str, Any] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
-        width, height = sensor(self.sensor_size)
+        width, height = checked_size(self.sensor_size)
         for name, given in zip("txyp", (self.t, self.x, self.y, self.p), strict=True):
             refuse_masked(given, name)
         arrays = t, x, y, p = [np.asarray(a) for a in (self.t, self.x, self.y, self.p)]
@@ -247,12 +258,9 @@ class Events:
 
     def _first(self, name: str, value: float) -> int:
         """The number of the first event at a time or later."""
-        number = exact(value)
-        if number is None:
-            raise ModelError(f"{name} is {value!r}, expected a whole number of us")
-        if not -T_MAX <= number <= T_MAX:
-            return 0 if number < 0 else len(self)
-        return int(np.searchsorted(self.t, number))
+        if is_number(value) and T_MAX < abs(value) < np.inf:
+            return 0 if value < 0 else len(self)
+        return int(np.searchsorted(self.t, argument(name, value, kind="microseconds")))
 
     def inside(self, x: tuple[int, int], y: tuple[int, int]) -> Events:
         """The events of a part of the sensor, on the same sensor; `neuro.events.filters.Crop` makes it smaller.

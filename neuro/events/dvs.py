@@ -10,10 +10,10 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from neuro.core.checks import check_fields
+from neuro.core.checks import argument, check_fields
 from neuro.core.errors import ModelError
 from neuro.core.quantities import quantity
-from neuro.events._events import Events
+from neuro.events._events import Events, checked_size
 
 __all__ = ["DVS", "DVSParameters", "dvs_events"]
 
@@ -54,12 +54,8 @@ class DVS:
     """
 
     def __init__(self, sensor_size: tuple[int, int], parameters: DVSParameters | None = None, *, seed: int = 0) -> None:
-        width, height = sensor_size
-        if not (1 <= width <= 65536 and 1 <= height <= 65536):
-            raise ModelError(f"sensor size is {width}x{height}, expected 1x1 to 65536x65536 px")
-        if seed < 0:
-            raise ModelError(f"seed is {seed}, expected 0 or more")
-        self.sensor_size = (int(width), int(height))
+        argument("seed", seed, whole=True, at_least=0)
+        self.sensor_size = checked_size(sensor_size)
         self._whole = (0, 0, *self.sensor_size)
         self.parameters = parameters or DVSParameters()
         self.seed = seed

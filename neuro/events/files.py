@@ -7,11 +7,11 @@ from collections.abc import Iterable, Iterator, Sequence
 from itertools import chain
 from pathlib import Path
 
+from neuro.core.checks import argument
 from neuro.core.errors import ModelError
 from neuro.core.outputs import Kind, Unwritable, output
 from neuro.core.paths import file_path
-from neuro.events import _arguments
-from neuro.events._events import Events
+from neuro.events._events import Events, checked_size
 from neuro.events.check import Arrays, Checked, joined
 from neuro.events.errors import EventFileError
 from neuro.events.formats import Format, Unsavable, called, written
@@ -57,8 +57,8 @@ def load(
         EventFileError: no such file, an unknown format, or damage; the message says at which byte.
         ModelError: the source or the sensor size is none, or a flag neither True nor False.
     """
-    size = None if sensor_size is None else _arguments.sensor(sensor_size)
-    sort, strict = _arguments.flag("sort", sort), _arguments.flag("strict", strict)
+    size = None if sensor_size is None else checked_size(sensor_size)
+    sort, strict = argument("sort", sort, kind="boolean"), argument("strict", strict, kind="boolean")
     with opened(source, format, name) as file:
         checked = Checked(file.name, size or file.sensor_size, strict, sort)
         pieces = [checked.piece(piece) for piece in file.pieces(WHOLE, strict)]
@@ -127,14 +127,14 @@ def stream(
             windows in a row have no events.
     """
     check_given(source)
-    strict = _arguments.flag("strict", strict)
-    size = None if sensor_size is None else _arguments.sensor(sensor_size)
-    start = None if start_us is None else _arguments.microseconds("start_us", start_us)
-    stop = None if stop_us is None else _arguments.microseconds("stop_us", stop_us)
-    window = None if window_us is None else _arguments.microseconds("window_us", window_us, 1)
+    strict = argument("strict", strict, kind="boolean")
+    size = None if sensor_size is None else checked_size(sensor_size)
+    start = argument("start_us", start_us, kind="microseconds", optional=True)
+    stop = argument("stop_us", stop_us, kind="microseconds", optional=True)
+    window = argument("window_us", window_us, kind="microseconds", at_least=1, optional=True)
     if window is not None and count is not None:
         raise ModelError("window_us and count are both given, expected one of them")
-    number = None if count is None else _arguments.whole("count", count)
+    number = argument("count", count, whole=True, at_least=1, optional=True)
 
     def cut() -> Iterator[Events]:
         with opened(source, format, name) as file:
@@ -142,7 +142,7 @@ def stream(
             if window is not None:
                 yield from windows(parts, window, start, file.name)
             elif number is not None:
-                yield from batches(parts, number)
+                yield from batches(parts, int(number))
             else:
                 yield from parts
 
@@ -198,7 +198,7 @@ def save(
         ModelError: `path` is no name of a file, `replace` neither True nor False, or `events` something else.
     """
     path = file_path(path, "path")
-    replace = _arguments.flag("replace", replace)
+    replace = argument("replace", replace, kind="boolean")
     write = _writer(path, format)
     given = _parts_of(events)
     first = next(given, None)

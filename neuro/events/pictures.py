@@ -11,9 +11,9 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from neuro.core.checks import argument
 from neuro.core.errors import ModelError
 from neuro.core.outputs import marked, output
-from neuro.events._arguments import flag
 from neuro.events._events import Events
 from neuro.events.parts import windows
 
@@ -88,11 +88,10 @@ def gif(
     """
     from PIL import Image
 
-    replace = flag("replace", replace)
-    if not LEAST_FPS <= fps <= MOST_FPS:
-        raise ModelError(f"fps = {fps!r}: expected {LEAST_FPS:g} to {MOST_FPS:g} frames per second")
-    if (window_us is not None and window_us < 1) or (scale is not None and scale < 1):
-        raise ModelError(f"window_us = {window_us!r}, scale = {scale!r}: expected whole numbers >= 1")
+    replace = argument("replace", replace, kind="boolean")
+    fps = argument("fps", fps, unit="frames per second", at_least=LEAST_FPS, at_most=MOST_FPS)
+    window_us = argument("window_us", window_us, kind="microseconds", at_least=1, optional=True)
+    scale = argument("scale", scale, kind="integer", at_least=1, optional=True)
     palette = [value for colour in (colours[2], colours[1], colours[0]) for value in _rgb(colour)]
     given = iter([parts] if isinstance(parts, Events) else parts)
     first, duration = _beginning(given, WINDOW_US * FRAMES if window_us is None else 0)

@@ -7,6 +7,7 @@ from collections.abc import Callable, Iterator
 import numpy as np
 import numpy.typing as npt
 
+from neuro.core.checks import argument
 from neuro.core.errors import ModelError
 from neuro.events.dvs import DVSParameters, Image, shares
 
@@ -50,12 +51,10 @@ def frames_of(
         "ESIM", CoRL 2018, section 3.2; here by halving, so that nothing but the scene is needed.
     """
     for name, value in (("step_us", step_us), ("shortest_us", shortest_us)):
-        if value < 1:
-            raise ModelError(f"{name} is {value}, expected at least 1")
+        argument(name, value, kind="microseconds", at_least=1)
     if stop_us < start_us:
         raise ModelError(f"stop_us is {stop_us}, expected at least start_us, {start_us}")
-    if change is not None and not change > 0.0:
-        raise ModelError(f"change is {change}, expected more than 0")
+    argument("change", change, above=0, optional=True)
     return _frames(scene, start_us, stop_us, step_us, change, shortest_us, parameters or DVSParameters())
 
 

@@ -18,10 +18,10 @@ from typing import Any
 import numpy as np
 
 from neuro.core import html
+from neuro.core.checks import argument
 from neuro.core.errors import ModelError
 from neuro.core.outputs import sealed, write_text
 from neuro.core.paths import file_path
-from neuro.events._arguments import flag
 from neuro.events._events import Events
 from neuro.events.parts import together
 
@@ -63,9 +63,8 @@ def view(
         ModelError: there are no events, the sensor has more than 2^26 px, `most` is less than 1, or the file cannot be
             written.
     """
-    replace = flag("replace", replace)
-    if most < 1:
-        raise ModelError(f"most = {most!r}: expected a whole number >= 1")
+    replace = argument("replace", replace, kind="boolean")
+    most = argument("most", most, kind="integer", at_least=1)
     events, total, step = _chosen([parts] if isinstance(parts, Events) else parts, most)
     if events is None:
         raise ModelError(f"{title}: the recording has no events: nothing to show")

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from neuro.coding.arguments import finite, number, positive
+from neuro.core.checks import argument, finite
 from neuro.core.errors import ModelError
 from neuro.model.parts import Projection
 from neuro.program.program import Ints
@@ -67,7 +67,7 @@ def reward_error(reward: ArrayLike, baseline: ArrayLike, rate: float) -> tuple[A
 
     Source: R - b of the thesis' eq. 116; Williams, Mach. Learn. 8:229, 1992 (REINFORCE).
     """
-    follows = _share(rate, "rate")
+    follows = argument("rate", rate, at_least=0, at_most=1)
     expected = finite(baseline, "baseline")
     error = finite(reward, "reward") - expected
     return error[()], (expected + follows * error)[()]
@@ -87,7 +87,7 @@ def td_error(reward: ArrayLike, value: ArrayLike, next_value: ArrayLike, discoun
 
     Source: Sutton & Barto, Reinforcement Learning, 2nd ed., eq. 6.5.
     """
-    worth = _share(discount, "discount")
+    worth = argument("discount", discount, at_least=0, at_most=1)
     return (finite(reward, "reward") + worth * finite(next_value, "next_value") - finite(value, "value"))[()]
 
 
@@ -108,15 +108,8 @@ def td_error_rate(reward: ArrayLike, value: ArrayLike, slope: ArrayLike, tau_r: 
 
     Source: Doya, Neural Comput. 12:219, 2000; Fremaux, Sprekeler & Gerstner, PLoS Comput. Biol. 9:e1003024, 2013.
     """
-    lost = finite(value, "value") / positive(tau_r, "tau_r")
+    lost = finite(value, "value") / argument("tau_r", tau_r, above=0)
     return (finite(slope, "slope") - lost + finite(reward, "reward"))[()]
-
-
-def _share(value: float, name: str) -> float:
-    """A number from 0 to 1."""
-    if not 0.0 <= number(value, name) <= 1.0:
-        raise ModelError(f"{name} is {value}, expected 0 to 1", path=(name,))
-    return float(value)
 
 
 def assign_labels(decided: ArrayLike, labels: ArrayLike, size: int) -> Ints:

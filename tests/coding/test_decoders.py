@@ -109,24 +109,27 @@ def test_the_distance_of_two_trains(other, squared):
 @pytest.mark.parametrize(
     ("call", "message"),
     [
-        (lambda: highest_rate([1.0, -1.0]), "counts has the value -1.0, expected numbers >= 0"),
+        (lambda: highest_rate([1.0, -1.0]), "counts[1] = -1: expected a number >= 0"),
         (lambda: highest_rate([[1.0]]), "counts has the shape [1, 1], expected one axis"),
-        (lambda: highest_rate([np.nan]), "counts has the value nan, expected finite numbers"),
+        (lambda: highest_rate([np.nan]), "counts[0] = .nan: expected a finite number >= 0"),
         (lambda: first_to_fire(1.0), "times has the shape [], expected [neurons] or [neurons, spikes]"),
         (lambda: first_to_fire([np.inf]), "times has an infinite value, expected times, or NaN for no spike"),
-        (lambda: rank_order([1.0], [1.0], 0.0), "modulation is 0.0, expected more than 0 and at most 1"),
+        (lambda: rank_order([1.0], [1.0], 0.0), "modulation = 0: expected a number > 0 and <= 1"),
         (
             lambda: rank_order([1.0], [1.0, 2.0]),
             "weights has the shape [2], expected [..., 1], a weight for each time",
         ),
-        (lambda: rank_order([1.0], [1.0], ties="x"), "ties is 'x', expected one of order, dense"),
-        (lambda: population_vector([-1.0], [0.0]), "activity has the value -1.0, expected numbers >= 0"),
+        (
+            lambda: rank_order([1.0], [1.0], ties="x"),
+            "ties = 'x': expected one of order, dense\n  hint: known: dense, order",
+        ),
+        (lambda: population_vector([-1.0], [0.0]), "activity[0] = -1: expected a number >= 0"),
         (
             lambda: population_vector([1.0, 2.0], [0.0]),
             "activity has the shape [2], expected [..., 1], one for each direction",
         ),
-        (lambda: van_rossum([1.0], 0.0, [1.0]), "tau is 0.0, expected more than 0"),
-        (lambda: van_rossum([1.0], 5.0, [np.nan]), "at has the value nan, expected finite numbers"),
+        (lambda: van_rossum([1.0], 0.0, [1.0]), "tau = 0: expected a number > 0"),
+        (lambda: van_rossum([1.0], 5.0, [np.nan]), "at[0] = .nan: expected a finite number"),
         (lambda: van_rossum(["x"], 5.0, [1.0]), "times: found ['x']: expected numbers"),
     ],
 )

@@ -139,7 +139,7 @@ LATENCY = "{intensity_to_latency: {r_min: 0, r_max: 2, window: %s}}"
         ),
         (
             "values: [1, 2], code: {rank: {window: 0}}",
-            "4:62: population 'p': rank: window is 0.0, expected more than 0",
+            "4:62: population 'p': rank: window = 0: expected a number > 0",
         ),
         (
             "values: [1, 2], code: {poisson: {window: 10, seed: 3}}",

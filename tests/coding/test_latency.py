@@ -49,9 +49,9 @@ def test_times_have_the_shape_of_the_values(code, shape):
         (([np.nan], 1.0, 2.0, 1.0), "value nan is outside of [1.0, 2.0]"),
         (([-np.inf], 1.0, 2.0, 1.0), "value -inf is outside of [1.0, 2.0]"),
         (([1.0], 1.0, 1.0, 1.0), "r_min is 1.0 and r_max 1.0, expected r_min < r_max"),
-        (([1.0], 1.0, np.inf, 1.0), "r_max is inf, expected a finite number"),
-        (([1.0], 1.0, 2.0, 0.0), "window is 0.0, expected more than 0"),
-        (([1.0], 1.0, 2.0, np.nan), "window is nan, expected a finite number"),
+        (([1.0], 1.0, np.inf, 1.0), "r_max = .inf: expected a finite number"),
+        (([1.0], 1.0, 2.0, 0.0), "window = 0: expected a number > 0"),
+        (([1.0], 1.0, 2.0, np.nan), "window = .nan: expected a finite number > 0"),
     ],
 )
 def test_messages(code, arguments, message):
@@ -66,10 +66,10 @@ def test_messages(code, arguments, message):
     [
         ((None, 1.0, 2.0, 1.0), "r: found None: expected numbers"),
         (("x", 1.0, 2.0, 1.0), "r: found 'x': expected numbers"),
-        (([1.0], None, 2.0, 1.0), "r_min is None, expected a number"),
-        (([1.0], 1.0, "x", 1.0), "r_max is 'x', expected a number"),
-        (([1.0], 1.0, 2.0, []), "window is [], expected a number"),
-        (([1.0], [], [], []), "r_min is [], expected a number"),
+        (([1.0], None, 2.0, 1.0), "r_min has no value: expected a number"),
+        (([1.0], 1.0, "x", 1.0), "r_max = 'x': expected a number"),
+        (([1.0], 1.0, 2.0, []), "window = []: expected a number > 0"),
+        (([1.0], [], [], []), "r_min = []: expected a number"),
     ],
 )
 def test_no_numbers(code, arguments, message):
@@ -79,7 +79,7 @@ def test_no_numbers(code, arguments, message):
 
 
 def test_logarithm_needs_a_positive_minimum():
-    with pytest.raises(ModelError, match=r"r_min is 0\.0, expected more than 0 for a logarithmic code"):
+    with pytest.raises(ModelError, match=r"r_min = 0: expected a number > 0"):
         log_intensity_to_latency([1.0], 0.0, 2.0, 1.0)
 
 
@@ -99,10 +99,10 @@ def test_equal_values_spike_in_turn_or_together():
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
-        (([1.0, np.nan],), "r has the value nan, expected finite numbers"),
+        (([1.0, np.nan],), "r[0] = .nan: expected a finite number >= 0 Hz"),
         (("x",), "r: found 'x': expected numbers"),
-        (([1.0], "shared"), "ties is 'shared', expected one of order, dense"),
-        (([1.0], "order", 0.0), "window is 0.0, expected more than 0"),
+        (([1.0], "shared"), "ties = 'shared': expected one of order, dense\n  hint: known: dense, order"),
+        (([1.0], "order", 0.0), "window = 0: expected a number > 0"),
     ],
 )
 def test_what_cannot_be_ranked(arguments, message):

@@ -47,10 +47,13 @@ def test_fields_become_latencies():
         ),
         (lambda: rate([np.nan], 0.0, 1.0, 5.0), "value nan is outside of [0.0, 1.0]"),
         (lambda: rate([1.0], 1.0, 1.0, 5.0), "r_min is 1.0 and r_max 1.0, expected r_min < r_max"),
-        (lambda: population([0.5], 2, 0.0, 1.0, 5.0), "n is 2, expected a whole number from 3 to 1048576"),
-        (lambda: population([0.5], 8, 0.0, 1.0, 0), "max_rate is 0, expected more than 0"),
+        (lambda: population([0.5], 2, 0.0, 1.0, 5.0), "n = 2: expected a whole number >= 3 and <= 1048576"),
+        (lambda: population([0.5], 8, 0.0, 1.0, 0), "max_rate = 0: expected a number > 0"),
         (lambda: population([1.5], 8, 0.0, 1.0, 1), "value 1.5 is outside of [0.0, 1.0]"),
-        (lambda: population([0.5], 8, 0.0, 1.0, 1, "square"), "fields is 'square', expected one of gaussian, cosine"),
+        (
+            lambda: population([0.5], 8, 0.0, 1.0, 1, "square"),
+            "fields = 'square': expected one of gaussian, cosine\n  hint: known: cosine, gaussian",
+        ),
     ],
 )
 def test_messages(call, message):

@@ -71,10 +71,10 @@ def test_a_burst_does_not_gain_a_spike_by_rounding():
 @pytest.mark.parametrize(
     ("call", "message"),
     [
-        (lambda: poisson([-1.0], 10.0), "r has the value -1.0, expected rates >= 0 Hz"),
-        (lambda: poisson([np.nan], 10.0), "r has the value nan, expected finite numbers"),
-        (lambda: poisson([1.0], -1), "window is -1, expected more than 0"),
-        (lambda: poisson([1.0], 1.0, 0.5), "seed is 0.5, expected a whole number from 0 to 18446744073709551615"),
+        (lambda: poisson([-1.0], 10.0), "r[0] = -1: expected a number >= 0 Hz"),
+        (lambda: poisson([np.nan], 10.0), "r[0] = .nan: expected a finite number >= 0 Hz"),
+        (lambda: poisson([1.0], -1), "window = -1: expected a number > 0"),
+        (lambda: poisson([1.0], 1.0, 0.5), "seed = 0.5: expected a whole number >= 0 and <= 18446744073709551615"),
         (
             lambda: poisson([1e9, 0.0], 1e3),
             "up to 1e+09 spikes of each of 2 trains, expected a table of at most 268435456 times",
@@ -82,11 +82,11 @@ def test_a_burst_does_not_gain_a_spike_by_rounding():
         (lambda: phase([2.0], 0.0, 1.0, 8.0), "value 2.0 is outside of [0.0, 1.0]"),
         (lambda: phase([np.nan], 0.0, 1.0, 8.0), "value nan is outside of [0.0, 1.0]"),
         (lambda: phase([0.5], 1.0, 1.0, 8.0), "r_min is 1.0 and r_max 1.0, expected r_min < r_max"),
-        (lambda: phase([0.5], 0.0, 1.0, 8.0, 0), "bits is 0, expected a whole number from 1 to 52"),
-        (lambda: phase([0.5], 0.0, 1.0, 8.0, True), "bits is True, expected a whole number from 1 to 52"),
-        (lambda: burst([0.5], 0.0, 1.0, 2.5), "n_max is 2.5, expected a whole number from 1 to 1000"),
+        (lambda: phase([0.5], 0.0, 1.0, 8.0, 0), "bits = 0: expected a whole number >= 1 and <= 52"),
+        (lambda: phase([0.5], 0.0, 1.0, 8.0, True), "bits = true: expected a whole number >= 1 and <= 52"),
+        (lambda: burst([0.5], 0.0, 1.0, 2.5), "n_max = 2.5: expected a whole number >= 1 and <= 1000"),
         (lambda: burst([0.5], 0.0, 1.0, t_min=30.0), "t_min is 30.0 and t_max 20.0, expected t_min <= t_max"),
-        (lambda: burst([0.5], 0.0, 1.0, t_min=0.0), "t_min is 0.0, expected more than 0"),
+        (lambda: burst([0.5], 0.0, 1.0, t_min=0.0), "t_min = 0: expected a number > 0"),
         (lambda: burst([None], 0.0, 1.0), "r: found [None]: expected numbers"),
     ],
 )

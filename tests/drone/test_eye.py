@@ -262,7 +262,7 @@ def test_light_is_a_factor_and_nothing_is_shaded():
 def test_a_wrong_seed_is_told():
     with pytest.raises(ModelError) as error:
         Eye(Scenario(), seed=-1)
-    assert str(error.value) == "seed is -1, expected 0 or more"
+    assert str(error.value) == "seed = -1: expected a whole number >= 0"
 
 
 def test_a_look_that_failed_is_made_up_for():

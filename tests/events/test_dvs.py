@@ -418,8 +418,8 @@ BAD = np.array([[1.0, 1.0], [1.0, np.nan]])
             lambda c: DVS((2, 2)).see(np.full((2, 2), np.inf), 6),
             "image at 6 us: intensity at x 0, y 0 is inf, expected a finite number of at least 0",
         ),
-        (lambda c: DVS((0, 2)), "sensor size is 0x2, expected 1x1 to 65536x65536 px"),
-        (lambda c: DVS((2, 2), seed=-1), "seed is -1, expected 0 or more"),
+        (lambda c: DVS((0, 2)), "sensor_size = (0, 2): expected width and height of 1 to 65536 px"),
+        (lambda c: DVS((2, 2), seed=-1), "seed = -1: expected a whole number >= 0"),
         (lambda c: DVSParameters(leak_rate_hz=-1.0), "leak_rate_hz = -1: expected a number >= 0 Hz"),
         (lambda c: DVSParameters(cutoff_hz=np.nan), "cutoff_hz = .nan: expected a finite number >= 0 Hz"),
         (lambda c: DVSParameters(pos_thres=0.0), "pos_thres = 0: expected a number >= 0.01"),
@@ -431,8 +431,11 @@ BAD = np.array([[1.0, 1.0], [1.0, np.nan]])
         ),
         (lambda c: dvs_events([0], np.ones((2, 2, 2))), "images have shape (2, 2, 2), expected (1, height, width)"),
         (lambda c: frames_of(HALF.max, 3, 2), "stop_us is 2, expected at least start_us, 3"),
-        (lambda c: frames_of(HALF.max, 0, 2, step_us=0), "step_us is 0, expected at least 1"),
-        (lambda c: frames_of(HALF.max, 0, 2, change=0.0), "change is 0.0, expected more than 0"),
+        (
+            lambda c: frames_of(HALF.max, 0, 2, step_us=0),
+            "step_us = 0: expected a whole number of us from 1 to 2^63 - 1",
+        ),
+        (lambda c: frames_of(HALF.max, 0, 2, change=0.0), "change = 0: expected a number > 0"),
     ],
 )  # fmt: skip
 def test_messages(act, message):

@@ -115,7 +115,7 @@ def test_a_sum_of_two_sensors_is_refused():
         ({"t": (3, 2, 1), "x": (0, 0, 7)}, "event 1: time runs back from 3 to 2 us"),
         ({"y": (0, 1)}, "y has shape (2,), expected (3,) like t"),
         ({"t": (0.0, 0.5, 1.0)}, "t has type float64, expected integers"),
-        ({"size": (0, 2)}, "sensor size is 0x2, expected 1x1 to 65536x65536 px"),
+        ({"size": (0, 2)}, "sensor_size = (0, 2): expected width and height of 1 to 65536 px"),
     ],
 )
 def test_impossible_events(change, message):
@@ -164,7 +164,7 @@ def test_times_beyond_int64_are_refused(t, message):
 def test_a_sensor_is_two_whole_numbers(size):
     with pytest.raises(ModelError) as error:
         make(size=size)
-    assert str(error.value) == f"sensor_size = {size!r}: expected width and height, two whole numbers"
+    assert str(error.value) == f"sensor_size = {size!r}: expected width and height of 1 to 65536 px"
     assert make(size=(np.int64(3), np.uint8(2))).sensor_size == (3, 2)
 
 
@@ -185,8 +185,12 @@ def test_between_any_whole_numbers():
     assert len(events.between(-(1 << 63), (1 << 63) - 1)) == 2
     assert len(events.between(1 << 63, 1 << 64)) == 0
     assert events.between(2.0, np.uint64(1 << 63)).t.tolist() == [2, (1 << 63) - 1]
-    for name, times in (("start_us", ("1", 2)), ("stop_us", (0, 2.5)), ("stop_us", (0, float("nan")))):
+    expected = "expected a whole number of us from -2^63 to 2^63 - 1"
+    for message, times in (
+        (f"start_us = '1': {expected}\n  hint: write 1 without quotes", ("1", 2)),
+        (f"stop_us = 2.5: {expected}", (0, 2.5)),
+        (f"stop_us = .nan: {expected}", (0, float("nan"))),
+    ):
         with pytest.raises(ModelError) as error:
             events.between(*times)
-        bad = times[name == "stop_us"]
-        assert str(error.value) == f"{name} is {bad!r}, expected a whole number of us"
+        assert str(error.value) == message

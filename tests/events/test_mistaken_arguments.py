@@ -57,12 +57,15 @@ def test_formats(tmp_path):
 
 def test_flags(tmp_path):
     events.save(ONE, path := tmp_path / "a.csv")
-    assert told(events.save, ONE, path, replace="no") == "replace is 'no', expected True or False"
+    assert told(events.save, ONE, path, replace="no") == "replace = 'no': expected true or false\n  hint: write false"
     for word in ("strict", "sort"):
-        assert told(events.load, path, **{word: "x"}) == f"{word} is 'x', expected True or False"
-    assert told(events.stream, path, strict=None) == "strict is None, expected True or False"
-    assert told(gif, ONE, "a.gif", replace="no") == "replace is 'no', expected True or False"
-    assert told(view, ONE, "a.html", title="a", replace="no") == "replace is 'no', expected True or False"
+        assert told(events.load, path, **{word: "x"}) == f"{word} = 'x': expected true or false"
+    assert told(events.stream, path, strict=None) == "strict has no value: expected true or false"
+    assert told(gif, ONE, "a.gif", replace="no") == "replace = 'no': expected true or false\n  hint: write false"
+    assert (
+        told(view, ONE, "a.html", title="a", replace="no")
+        == "replace = 'no': expected true or false\n  hint: write false"
+    )
 
 
 @pytest.mark.parametrize("find", [events.Dataset, events.recordings])
@@ -79,7 +82,7 @@ def test_a_pipe_is_no_folder(find, tmp_path):
 
 @pytest.mark.parametrize("size", [None, 1, "ab", {1, 2}], ids=str)
 def test_filters(size):
-    expected = f"TAR: sensor_size is {size!r}, expected width and height of 1 to 65536 px"
+    expected = f"TAR: sensor_size = {size!r}: expected width and height of 1 to 65536 px"
     assert told(filters.TAR, size) == expected
 
 

@@ -158,7 +158,7 @@ class EveryNth(Sieve):
     n: int = 2
 
     def _check(self):
-        self._expect_whole("n", 1)
+        self._expect(self.n >= 1, "n", self.n, "at least 1")
 
     def _fresh(self):
         return (np.zeros(1, np.int64),)
@@ -294,5 +294,5 @@ def test_a_parameter_of_a_filter_is_of_its_kind():
         def _keep(self, events, keep):
             keep[:] = events.p == self.n
 
-    with pytest.raises(neuro.ModelError, match="Only: n is 'hello', expected a whole number"):
+    with pytest.raises(neuro.ModelError, match="Only: n = 'hello': expected a whole number"):
         Only((34, 34), "hello")

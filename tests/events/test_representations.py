@@ -314,7 +314,10 @@ SEGMENTS_HINT = "\n  hint: bounds = msd_segments(events.t), or another function 
         (lambda e: voxel_grid(e, 0), "bins = 0: expected a whole number >= 1"),
         (lambda e: voxel_grid(e, 2.5), "bins = 2.5: expected a whole number >= 1"),
         (lambda e: voxel_grid(e, 2, start_us=7, stop_us=5), "stop_us is 5 us, expected at least 7, the start"),
-        (lambda e: voxel_grid(e, 2, start_us=0.5), "start_us is 0.5, expected a whole number of us"),
+        (
+            lambda e: voxel_grid(e, 2, start_us=0.5),
+            "start_us = 0.5: expected a whole number of us from -2^63 to 2^63 - 1",
+        ),
         (lambda e: voxel_grid(e, 2, dtype=int), "dtype is int64, expected float32 or float64"),
         (
             lambda e: event_spike_tensor(e, measurement="sum"),
@@ -323,7 +326,7 @@ SEGMENTS_HINT = "\n  hint: bounds = msd_segments(events.t), or another function 
         (lambda e: event_spike_tensor(e, -1), "bins = -1: expected a whole number >= 1"),
         (lambda e: hats(e, cell=0), "cell = 0: expected a whole number >= 1"),
         (lambda e: hats(e, radius=-1), "radius = -1: expected a whole number >= 0"),
-        (lambda e: hats(e, window_us=1.5), "window_us = 1.5: expected a whole number >= 1"),
+        (lambda e: hats(e, window_us=1.5), "window_us = 1.5: expected a whole number of us from 1 to 2^63 - 1"),
         (lambda e: hats(e, tau_us=0), "tau_us = 0: expected a number > 0 us"),
         (
             lambda e: hats(e, normalise="L2"),

@@ -154,7 +154,7 @@ DECAY = "decay = 'exp': expected one of exponential, linear\n  hint: did you mea
         (lambda e: time_surface(e, tau_us=1, dtype="f2"), "dtype is float16, expected float32 or float64"),
         (lambda e: added(TimeSurface).at(6), "at 6 us: events up to 7 us are already in the surface"),
         (lambda e: added(LeakySurface).at(6), "at 6 us: events up to 7 us are already in the surface"),
-        (lambda e: added(LeakySurface).at(9.5), "t_us is 9.5, expected a whole number of us"),
+        (lambda e: added(LeakySurface).at(9.5), "t_us = 9.5: expected a whole number of us from -2^63 to 2^63 - 1"),
     ],
 )
 def test_messages(call, message):

@@ -166,9 +166,12 @@ def test_a_real_recording(shared):
         (lambda t: msd_segments(t, threshold=-1.0), "threshold = -1: expected a number > 0 events"),
         (lambda t: msd_segments(t / 2), "t is float64 of shape (3,), expected whole numbers (n,) of us"),
         (lambda t: msd_segments(t[::-1]), "event 1: time runs back from 2 to 1 us"),
-        (lambda t: time_segments(t, 0), "window_us = 0: expected a whole number >= 1"),
-        (lambda t: time_segments(t, 2.5), "window_us = 2.5: expected a whole number >= 1"),
-        (lambda t: time_segments(t, 5, start_us=0.5), "start_us is 0.5, expected a whole number of us"),
+        (lambda t: time_segments(t, 0), "window_us = 0: expected a whole number of us from 1 to 2^63 - 1"),
+        (lambda t: time_segments(t, 2.5), "window_us = 2.5: expected a whole number of us from 1 to 2^63 - 1"),
+        (
+            lambda t: time_segments(t, 5, start_us=0.5),
+            "start_us = 0.5: expected a whole number of us from -2^63 to 2^63 - 1",
+        ),
         (lambda t: count_segments(t, True), "count = true: expected a whole number >= 1"),
         (
             lambda t: time_segments(t, 1, start_us=2),
@@ -183,7 +186,7 @@ def test_a_real_recording(shared):
         (lambda t: peak_segments(t, 0), "search_us = 0: expected a number > 0 us"),
         (lambda t: peak_segments(t, 5, tau_us=-1), "tau_us = -1: expected a number > 0 us"),
         (lambda t: peak_segments(t, 5, tau_us=9, rise_us=9), "rise_us is 9 us, expected 0 to below tau_us = 9"),
-        (lambda t: peak_segments(t, 5, threshold=-1), "threshold is -1, expected 0 or more"),
+        (lambda t: peak_segments(t, 5, threshold=-1), "threshold = -1: expected a number >= 0"),
     ],
 )
 def test_messages(call, message):

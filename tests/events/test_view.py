@@ -189,10 +189,10 @@ def test_too_many_frames(moving, tmp_path, monkeypatch):
 
 
 @pytest.mark.parametrize(("words", "what"), [
-    ({"fps": 60}, "fps = 60: expected 0.1 to 50 frames per second"),
-    ({"fps": 0}, "fps = 0: expected 0.1 to 50 frames per second"),
+    ({"fps": 60}, "fps = 60: expected a number >= 0.1 and <= 50 frames per second"),
+    ({"fps": 0}, "fps = 0: expected a number >= 0.1 and <= 50 frames per second"),
     ({"scale": 205}, "scale = 205: the picture has 8200x2050 px, expected at most 65535 px, or 8192 px enlarged"),
-    ({"window_us": 0}, "window_us = 0, scale = None: expected whole numbers >= 1"),
+    ({"window_us": 0}, "window_us = 0: expected a whole number of us from 1 to 2^63 - 1"),
     ({"colours": ("blu", "red", "white")}, "unknown colour 'blu', expected a name such as white, or #rrggbb"),
 ])  # fmt: skip
 def test_wrong_arguments_of_a_gif(moving, tmp_path, words, what):

@@ -120,7 +120,8 @@ def _parameters(kind: Any) -> dict[str, str]:
 
     own = [f for f in fields(kind) if f.init and f.name != "sensor_size"]
     told = {f.name: f.name if f.default is MISSING else f"{f.name}={f.default}" for f in own}
-    return {name: f"{text} {kind.units[name]}" if name in kind.units else text for name, text in told.items()}
+    units = {f.name: f.metadata["quantity"].unit for f in own if "quantity" in f.metadata} | dict(kind.units)
+    return {name: f"{text} {units.get(name, '')}".rstrip() for name, text in told.items()}
 
 
 def _chain(size: tuple[int, int], chosen: Sequence[tuple[str, dict[str, Any]]]) -> Chain:

@@ -11,8 +11,8 @@ from typing import Any, Protocol, overload
 import numpy as np
 import numpy.typing as npt
 
+from neuro.core.checks import argument
 from neuro.core.errors import ModelError
-from neuro.events import _arguments
 from neuro.events._events import Events
 from neuro.events.errors import EventFileWarning
 from neuro.events.files import load
@@ -206,9 +206,10 @@ class Recordings(Sequence[Sample]):
         Raises:
             ModelError: a class has fewer recordings than there are folds, or a recording no class.
         """
-        n, seed, labels = _arguments.whole("n", n, 2), _arguments.whole("seed", seed, 0), self.labels
+        n, labels = argument("n", n, kind="integer", at_least=2), self.labels
+        argument("seed", seed, whole=True, at_least=0)
         self._check_folds(n, labels)
-        rng = np.random.default_rng([seed, 7])
+        rng = np.random.default_rng([int(seed), 7])
         order = np.concatenate([rng.permutation(np.flatnonzero(labels == k)) for k in np.unique(labels)] or [labels])
         fold = np.empty(len(self), np.int64)
         fold[order] = np.arange(len(self)) % n

@@ -3,16 +3,18 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Iterable, Iterator, Mapping
-from dataclasses import dataclass, field, fields, replace
+from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import Field, dataclass, field, fields, replace
 from inspect import get_annotations
 from typing import Any, ClassVar, Self
 
 import numpy as np
 import numpy.typing as npt
 
+from neuro.core.checks import check
 from neuro.core.errors import ModelError
-from neuro.events._events import Events
+from neuro.core.quantities import Quantity
+from neuro.events._events import Events, checked_size
 from neuro.events.parts import together
 
 Size = tuple[int, int]
@@ -43,7 +45,7 @@ class Filter(ABC):
 
     Attributes:
         word: a short name for command lines; the name of the class where it is not given.
-        units: of the parameters whose names do not tell them.
+        units: of parameters that are no `quantity`, where their names do not tell them.
         sensor_size: width and height of the events that come in, px.
     """
 
@@ -55,13 +57,17 @@ class Filter(ABC):
     _state: State = field(init=False, repr=False)
 
     def __post_init__(self) -> None:
-        given: object = self.sensor_size
-        size = tuple(given) if isinstance(given, tuple | list | np.ndarray) else ()
-        fits = len(size) == 2 and all(_is_whole(side) and 1 <= side <= 65536 for side in size)
-        self._expect(fits, "sensor_size", self.sensor_size, "width and height of 1 to 65536 px")
-        object.__setattr__(self, "sensor_size", (int(size[0]), int(size[1])))
-        self._check()
-        self._check_kinds()
+        try:
+            object.__setattr__(self, "sensor_size", checked_size(self.sensor_size))
+            for entry in fields(self):
+                if entry.init and (q := _quantity_of(entry)) is not None:
+                    value = check(q, getattr(self, entry.name), entry.name)
+                    object.__setattr__(self, entry.name, value)
+            self._check()
+        except FilterError:
+            raise
+        except ModelError as error:
+            raise FilterError(f"{self._name}: {error.message}", hint=error.hint, path=error.path) from None
         self.reset()
 
     @classmethod
@@ -146,15 +152,8 @@ class Filter(ABC):
     def _part(self, events: Events) -> Events:
         """What comes out of a part that is not empty."""
 
-    def _check_kinds(self) -> None:
-        """Refuse a parameter that is no number where the class says one."""
-        for entry in fields(self):
-            if entry.init and (kind := _KINDS.get(str(getattr(entry.type, "__name__", entry.type)))) is not None:
-                right, expected = kind
-                self._expect(right(getattr(self, entry.name)), entry.name, getattr(self, entry.name), expected)
-
     def _check(self) -> None:  # noqa: B027 (not every filter has parameters)
-        """Refuse impossible parameters."""
+        """Refuse impossible parameters that their quantities do not."""
 
     def _fresh(self) -> State:
         """The state before any event."""
@@ -179,17 +178,7 @@ class Filter(ABC):
 
     def _expect(self, right: bool, name: str, value: object, expected: str) -> None:
         if not right:
-            raise FilterError(f"{self._name}: {name} is {value!r}, expected {expected}")
-
-    def _expect_whole(self, name: str, lowest: int | None, unit: str = "") -> None:
-        value = getattr(self, name)
-        right = _is_whole(value) and (lowest is None or value >= lowest) and abs(value) < 1 << 62
-        bound = "" if lowest is None else f" >= {lowest}"
-        self._expect(right, name, value, f"a whole number{bound}{unit}")
-
-    def _expect_positive(self, name: str, unit: str = "") -> None:
-        value = getattr(self, name)
-        self._expect(_is_number(value) and 0 < value < np.inf, name, value, f"a number > 0{unit}")
+            raise FilterError(f"{self._name}: {name} = {value!r:.60}: expected {expected}")
 
 
 def complete(kind: type[Filter]) -> type[Filter]:
@@ -241,20 +230,14 @@ def kept(events: Events, keep: npt.NDArray[np.bool_]) -> tuple[npt.NDArray[Any],
     return tuple(to[:n] for to in out)
 
 
-def _is_whole(value: object) -> bool:
-    return isinstance(value, int | np.integer) and not isinstance(value, bool)
+def _quantity_of(entry: Field[Any]) -> Quantity | None:
+    """What a parameter may be: as said by `quantity`, else by its annotation, if that is the type of a number."""
+    kind = str(getattr(entry.type, "__name__", entry.type))
+    known: Quantity | None = entry.metadata.get("quantity")
+    return known or _PLAIN.get(kind)
 
 
-def _is_number(value: object) -> bool:
-    return isinstance(value, int | float | np.integer | np.floating) and not isinstance(value, bool)
-
-
-_KINDS: dict[str, tuple[Callable[[object], bool], str]] = {
-    "int": (_is_whole, "a whole number"),
-    "float": (_is_number, "a number"),
-    "bool": (lambda value: isinstance(value, bool | np.bool_), "true or false"),
-}
-"""Of a parameter's annotation: what fits it, and how messages say that."""
+_PLAIN = {"int": Quantity(kind="integer"), "float": Quantity(infinite=True), "bool": Quantity(kind="boolean")}
 
 
 @dataclass(frozen=True, eq=False)

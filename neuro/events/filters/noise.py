@@ -10,6 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from neuro.core.keyed_random import key
+from neuro.core.quantities import quantity
 from neuro.events._events import Events
 from neuro.events.filters._filter import NEVER, Filter, FilterError, Sieve, State
 
@@ -27,10 +28,7 @@ class BackgroundActivity(Sieve):
     """
 
     word = "background"
-    dt_us: int = 10_000
-
-    def _check(self) -> None:
-        self._expect_whole("dt_us", 0, " us")
+    dt_us: int = quantity(10_000, kind="microseconds", at_least=0)
 
     def _fresh(self) -> State:
         return (np.full((self.sensor_size[1] + 2, self.sensor_size[0] + 2), NEVER, np.int64),)
@@ -38,7 +36,7 @@ class BackgroundActivity(Sieve):
     def _keep(self, events: Events, keep: npt.NDArray[np.bool_]) -> None:
         from neuro.events.filters._kernels import supported
 
-        supported(events.t, events.x, events.y, int(self.dt_us), self._state[0], keep)
+        supported(events.t, events.x, events.y, self.dt_us, self._state[0], keep)
 
 
 @dataclass(frozen=True, eq=False)
@@ -54,12 +52,8 @@ class Refractory(Sieve):
     """
 
     word = "refractory"
-    period_us: int = 1000
+    period_us: int = quantity(1000, kind="microseconds", at_least=0)
     extend: bool = False
-
-    def _check(self) -> None:
-        self._expect_whole("period_us", 0, " us")
-        self._expect(isinstance(self.extend, bool), "extend", self.extend, "True or False")
 
     def _fresh(self) -> State:
         return (np.full((self.sensor_size[1], self.sensor_size[0]), NEVER, np.int64),)
@@ -67,7 +61,7 @@ class Refractory(Sieve):
     def _keep(self, events: Events, keep: npt.NDArray[np.bool_]) -> None:
         from neuro.events.filters._kernels import rested
 
-        rested(events.t, events.x, events.y, int(self.period_us), self.extend, self._state[0], keep)
+        rested(events.t, events.x, events.y, self.period_us, self.extend, self._state[0], keep)
 
 
 @dataclass(frozen=True, eq=False)
@@ -125,7 +119,7 @@ def hot_pixels(
     """
     for name, value in (("above_hz", above_hz), ("times", times)):
         if value is not None and not 0 < value < np.inf:
-            raise FilterError(f"hot_pixels: {name} is {value!r}, expected a number > 0")
+            raise FilterError(f"hot_pixels: {name} = {value!r}: expected a number > 0")
     counts, span_us = _counted([events] if isinstance(events, Events) else events)
     if above_hz is None:
         hot = alone(counts, times)
@@ -180,10 +174,7 @@ class Polarity(Sieve):
     """
 
     word = "polarity"
-    keep: int = 1
-
-    def _check(self) -> None:
-        self._expect(self.keep in (0, 1), "keep", self.keep, "1 (ON) or 0 (OFF)")
+    keep: int = quantity(1, kind="integer", at_least=0, at_most=1)
 
     def _keep(self, events: Events, keep: npt.NDArray[np.bool_]) -> None:
         np.equal(events.p, np.uint8(self.keep), out=keep)
@@ -209,12 +200,8 @@ class ShotNoise(Filter):
     """
 
     word = "noise"
-    rate_hz: float = 0.1
-    seed: int = 0
-
-    def _check(self) -> None:
-        self._expect_positive("rate_hz", " Hz")
-        self._expect_whole("seed", 0)
+    rate_hz: float = quantity(0.1, "Hz", above=0)
+    seed: int = quantity(0, kind="integer", at_least=0, at_most=2**63 - 1)
 
     def _fresh(self) -> State:
         return (None,)

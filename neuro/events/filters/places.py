@@ -7,8 +7,9 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
+from neuro.core.quantities import quantity
 from neuro.events._events import Events
-from neuro.events.filters._filter import Filter, Sieve, Size, State, _is_whole, kept
+from neuro.events.filters._filter import Filter, Sieve, Size, State, kept
 
 
 @dataclass(frozen=True, eq=False)
@@ -20,10 +21,7 @@ class Flip(Filter):
     """
 
     word = "flip"
-    axis: str = "x"
-
-    def _check(self) -> None:
-        self._expect(self.axis in ("x", "y"), "axis", self.axis, "'x' or 'y'")
+    axis: str = quantity("x", kind="word", words=("x", "y"))
 
     def _part(self, events: Events) -> Events:
         x, y = events.x, events.y
@@ -58,11 +56,7 @@ class Rotate90(Filter):
     """
 
     word = "rotate"
-    units = {"turns": "quarters"}
-    turns: int = 1
-
-    def _check(self) -> None:
-        self._expect_whole("turns", None)
+    turns: int = quantity(1, "quarters", kind="integer")
 
     @property
     def out_size(self) -> Size:
@@ -100,10 +94,10 @@ class Crop(Sieve):
     def _check(self) -> None:
         for name, limit in zip("xy", self.sensor_size, strict=True):
             sides = getattr(self, name) or (0, limit)
-            right = len(sides) == 2 and all(map(_is_whole, sides)) and 0 <= sides[0] < sides[1] <= limit
+            whole = len(sides) == 2 and all(isinstance(side, int | np.integer) for side in sides)
+            right = whole and 0 <= sides[0] < sides[1] <= limit
             self._expect(right, name, sides, f"(first, after the last) within 0 to {limit} px")
             object.__setattr__(self, name, (int(sides[0]), int(sides[1])))
-        self._expect(isinstance(self.move, bool), "move", self.move, "True or False")
 
     @property
     def out_size(self) -> Size:
@@ -149,16 +143,15 @@ class Downsample(Filter):
     """
 
     word = "downsample"
-    units = {"factor": "px", "integrate": "events"}
+    units = {"factor": "px"}
     factor: int | tuple[int, int] = 2
-    integrate: int = 1
+    integrate: int = quantity(1, "events", kind="integer", at_least=1)
 
     def _check(self) -> None:
         factors = self.factor if isinstance(self.factor, tuple) else (self.factor, self.factor)
-        right = len(factors) == 2 and all(_is_whole(f) and f >= 1 for f in factors)
+        right = len(factors) == 2 and all(isinstance(f, int | np.integer) and f >= 1 for f in factors)
         self._expect(right, "factor", self.factor, "a whole number >= 1 or a pair of them")
         object.__setattr__(self, "factor", factors)
-        self._expect_whole("integrate", 1, " events")
 
     @property
     def out_size(self) -> Size:
@@ -176,7 +169,7 @@ class Downsample(Filter):
         assert isinstance(self.factor, tuple)
         columns, rows = (_places(n, f) for n, f in zip(self.sensor_size, self.factor, strict=True))
         out = tuple(np.empty(len(events), kind) for kind in (np.int64, np.uint16, np.uint16, np.uint8))
-        n = join(events.t, events.x, events.y, events.p, columns, rows, int(self.integrate), self._state[0], *out)
+        n = join(events.t, events.x, events.y, events.p, columns, rows, self.integrate, self._state[0], *out)
         return self._of(events, tuple(values[:n] for values in out))
 
 

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
+from neuro.core.quantities import quantity
 from neuro.events._events import Events
 from neuro.events.filters._filter import NEVER, Sieve, State
 
@@ -30,17 +31,10 @@ class TAR(Sieve):
     """
 
     word = "tar"
-    units = {"tau": "s", "theta": "events", "radius": "px", "first": "events"}
-    tau: float = 0.08
-    theta: float = 2.4
-    radius: int = 1
-    first: int = 0
-
-    def _check(self) -> None:
-        self._expect_positive("tau", " s")
-        self._expect_positive("theta", " events")
-        self._expect_whole("radius", 0, " px")
-        self._expect_whole("first", 0, " events")
+    tau: float = quantity(0.08, "s", above=0)
+    theta: float = quantity(2.4, "events", above=0)
+    radius: int = quantity(1, "px", kind="integer", at_least=0)
+    first: int = quantity(0, "events", kind="integer", at_least=0)
 
     def _fresh(self) -> State:
         shape = (self.sensor_size[1] + 2 * self.radius, self.sensor_size[0] + 2 * self.radius)
@@ -52,7 +46,7 @@ class TAR(Sieve):
         mask, touched, seen = self._state
         if not seen[0]:
             touched.fill(events.t[0])
-        tar(events.t, events.x, events.y, 1e6 * self.tau, float(self.theta), self.radius, mask, touched, keep)
+        tar(events.t, events.x, events.y, 1e6 * self.tau, self.theta, self.radius, mask, touched, keep)
         keep[: max(0, self.first - int(seen[0]))] = True
         seen[0] += len(events)
 
@@ -78,17 +72,10 @@ class TARSurfaces(Sieve):
     """
 
     word = "tar_surfaces"
-    units = {"tau": "s", "theta": "events", "radius": "px", "cell": "px"}
-    tau: float = 0.08
-    theta: float = 2.4
-    radius: int = 1
-    cell: int = 10
-
-    def _check(self) -> None:
-        self._expect_positive("tau", " s")
-        self._expect_positive("theta", " events")
-        self._expect_whole("radius", 0, " px")
-        self._expect_whole("cell", 1, " px")
+    tau: float = quantity(0.08, "s", above=0)
+    theta: float = quantity(2.4, "events", above=0)
+    radius: int = quantity(1, "px", kind="integer", at_least=0)
+    cell: int = quantity(10, "px", kind="integer", at_least=1)
 
     def _fresh(self) -> State:
         (width, height), r, side = self.sensor_size, self.radius, 2 * self.radius + 1
@@ -104,7 +91,7 @@ class TARSurfaces(Sieve):
         if origin[0] == NEVER:
             origin[0] = events.t[0]
         surfaces(
-            events.t, events.x, events.y, events.p, 1e6 * self.tau, float(self.theta), self.radius, self.cell,
+            events.t, events.x, events.y, events.p, 1e6 * self.tau, self.theta, self.radius, self.cell,
             origin, held, counts, sums, keep,
         )  # fmt: skip
 

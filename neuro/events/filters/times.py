@@ -8,6 +8,7 @@ import numpy as np
 import numpy.typing as npt
 
 from neuro.core.keyed_random import key
+from neuro.core.quantities import quantity
 from neuro.events._events import Events
 from neuro.events.filters._filter import Filter, FilterError, State
 from neuro.events.parts import together
@@ -23,23 +24,21 @@ class Shift(Filter):
     """
 
     word = "shift"
-    by_us: int = 0
-    to_us: int | None = None
+    by_us: int = quantity(0, kind="microseconds")
+    to_us: int | None = quantity(None, kind="microseconds")
 
     def _check(self) -> None:
-        self._expect_whole("by_us", None, " us")
         if self.to_us is not None:
-            self._expect_whole("to_us", None, " us")
             self._expect(self.by_us == 0, "by_us", self.by_us, "0 where to_us is given")
 
     def _fresh(self) -> State:
-        return (int(self.by_us) if self.to_us is None else None,)
+        return (self.by_us if self.to_us is None else None,)
 
     def _part(self, events: Events) -> Events:
         (by,) = self._state
         if by is None:
             assert self.to_us is not None
-            by = int(self.to_us) - int(events.t[0])
+            by = self.to_us - int(events.t[0])
             self._hold(by)
         for end in (int(events.t[0]), int(events.t[-1])):
             if not -(1 << 63) <= end + by < 1 << 63 or abs(by) >= 1 << 63:
@@ -63,16 +62,11 @@ class Scale(Filter):
     """
 
     word = "scale"
-    factor: float = 1.0
-    origin_us: int | None = None
-
-    def _check(self) -> None:
-        self._expect_positive("factor")
-        if self.origin_us is not None:
-            self._expect_whole("origin_us", None, " us")
+    factor: float = quantity(1.0, above=0)
+    origin_us: int | None = quantity(None, kind="microseconds")
 
     def _fresh(self) -> State:
-        return (None if self.origin_us is None else int(self.origin_us),)
+        return (self.origin_us,)
 
     def _part(self, events: Events) -> Events:
         (origin,) = self._state
@@ -85,7 +79,7 @@ class Scale(Filter):
                     f"Scale: {end} us is too far from the origin at {origin} us for a factor of {self.factor}, "
                     "expected a product below 2^53 us, which is exact"
                 )
-        t = np.rint((events.t - origin) * float(self.factor)).astype(np.int64) + origin
+        t = np.rint((events.t - origin) * self.factor).astype(np.int64) + origin
         return self._of(events, (t, events.x, events.y, events.p))
 
 
@@ -101,9 +95,6 @@ class Reverse(Filter):
 
     word = "reverse"
     invert: bool = True
-
-    def _check(self) -> None:
-        self._expect(isinstance(self.invert, bool), "invert", self.invert, "True or False")
 
     def _part(self, events: Events) -> Events:
         self._hold(*self._state, events)
@@ -132,12 +123,8 @@ class Jitter(Filter):
     """
 
     word = "jitter"
-    amount_us: int = 100
-    seed: int = 0
-
-    def _check(self) -> None:
-        self._expect_whole("amount_us", 0, " us")
-        self._expect_whole("seed", 0)
+    amount_us: int = quantity(100, kind="microseconds", at_least=0)
+    seed: int = quantity(0, kind="integer", at_least=0, at_most=2**63 - 1)
 
     def _fresh(self) -> State:
         return 0, ()
@@ -147,11 +134,11 @@ class Jitter(Filter):
 
         seen, held = self._state
         t = np.empty(len(events), np.int64)
-        shake(events.t, np.uint64(key(self.seed, "events", "jitter")), seen, int(self.amount_us), t)
+        shake(events.t, np.uint64(key(self.seed, "events", "jitter")), seen, self.amount_us, t)
         shaken = together([*held, self._of(events, (t, events.x, events.y, events.p))])
         order = sorting(shaken.t)
         ready = self._of(events, (shaken.t[order], shaken.x[order], shaken.y[order], shaken.p[order]))
-        n = int(np.searchsorted(ready.t, int(events.t[-1]) - int(self.amount_us), side="right"))
+        n = int(np.searchsorted(ready.t, int(events.t[-1]) - self.amount_us, side="right"))
         self._hold(seen + len(events), (ready[n:],))
         return ready[:n]
 

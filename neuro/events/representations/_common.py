@@ -7,9 +7,9 @@ from typing import Any, Literal, Protocol
 import numpy as np
 import numpy.typing as npt
 
+from neuro.core.checks import argument
 from neuro.core.errors import ModelError
 from neuro.core.extras import needed
-from neuro.events._arguments import moment
 from neuro.events._events import Events
 
 Polarity = Literal["separate", "signed", "ignored"]
@@ -47,8 +47,8 @@ def span(events: Events, start_us: int | None, stop_us: int | None) -> tuple[int
         ModelError: the last is before the first.
     """
     first, last = (int(events.t[0]), int(events.t[-1])) if len(events) else (0, 0)
-    start = first if start_us is None else moment("start_us", start_us)
-    stop = max(start, last) if stop_us is None else moment("stop_us", stop_us)
+    start = first if start_us is None else argument("start_us", start_us, kind="microseconds")
+    stop = max(start, last) if stop_us is None else argument("stop_us", stop_us, kind="microseconds")
     if stop < start:
         raise ModelError(f"stop_us is {stop} us, expected at least {start}, the start")
     return start, stop

@@ -7,8 +7,8 @@ from typing import Any, Literal
 import numpy as np
 import numpy.typing as npt
 
+from neuro.core.checks import argument
 from neuro.core.errors import ModelError
-from neuro.events._arguments import choice, whole
 from neuro.events._events import Events
 from neuro.events.representations._common import Polarity, Representation, given, real, span
 
@@ -35,7 +35,7 @@ def event_frame(
     Raises:
         ModelError: an argument is wrong, or torch is missing; the message says which.
     """
-    choice("polarity", polarity, ("separate", "signed", "ignored"))
+    argument("polarity", polarity, words=("separate", "signed", "ignored"))
     return given(_counted(events, polarity, segments), as_torch)
 
 
@@ -60,7 +60,7 @@ def binary_frame(
     Raises:
         ModelError: an argument is wrong, or torch is missing; the message says which.
     """
-    choice("polarity", polarity, ("separate", "ignored"))
+    argument("polarity", polarity, words=("separate", "ignored"))
     return given(_counted(events, polarity, segments) > 0, as_torch)
 
 
@@ -132,11 +132,11 @@ def voxel_grid(
     """
     from neuro.events.representations._kernels import spread
 
-    choice("polarity", polarity, ("separate", "signed", "ignored"))
+    argument("polarity", polarity, words=("separate", "signed", "ignored"))
     separate = polarity == "separate"
     start, stop = span(events, start_us, stop_us)
     width, height = events.sensor_size
-    out = np.zeros((1 + separate, whole("bins", bins), height, width), real(dtype))
+    out = np.zeros((1 + separate, argument("bins", bins, kind="integer", at_least=1), height, width), real(dtype))
     spread(events.t, events.x, events.y, events.p, start, stop, separate, polarity == "signed", False, out)
     return given(out if separate else out[0], as_torch)
 
@@ -181,10 +181,10 @@ def event_spike_tensor(
     """
     from neuro.events.representations._kernels import spread
 
-    choice("measurement", measurement, ("time", "polarity", "count"))
+    argument("measurement", measurement, words=("time", "polarity", "count"))
     start, stop = span(events, start_us, stop_us)
     width, height = events.sensor_size
-    out = np.zeros((2, whole("bins", bins), height, width), real(dtype))
+    out = np.zeros((2, argument("bins", bins, kind="integer", at_least=1), height, width), real(dtype))
     signed, timed = measurement == "polarity", measurement == "time"
     spread(events.t, events.x, events.y, events.p, start, stop, True, signed, timed, out)
     return given(out, as_torch)

@@ -7,7 +7,7 @@ from typing import Literal
 import numpy as np
 import numpy.typing as npt
 
-from neuro.events._arguments import choice, positive, whole
+from neuro.core.checks import argument
 from neuro.events._events import Events
 from neuro.events.parts import together
 from neuro.events.representations._common import Representation, given, real
@@ -39,9 +39,11 @@ class Hats:
         itself: bool = False,
         normalise: Normalise = "cell",
     ) -> None:
-        cell, radius = whole("cell", cell), whole("radius", radius, least=0)
-        window_us, tau_us = whole("window_us", window_us), positive("tau_us", tau_us, "us")
-        self._by = choice("normalise", normalise, ("cell", "polarity", "none"))
+        cell = argument("cell", cell, kind="integer", at_least=1)
+        radius = argument("radius", radius, kind="integer", at_least=0)
+        window_us = argument("window_us", window_us, kind="microseconds", at_least=1)
+        tau_us = argument("tau_us", tau_us, unit="us", above=0, infinite=True)
+        self._by = argument("normalise", normalise, words=("cell", "polarity", "none"))
         self._constants = (cell, radius, window_us, tau_us, 1.0 if itself else 0.0)
         width, height = sensor_size
         rows, columns, size = -(-height // cell), -(-width // cell), 2 * radius + 1

@@ -7,8 +7,8 @@ from typing import Literal
 import numpy as np
 import numpy.typing as npt
 
+from neuro.core.checks import argument
 from neuro.core.errors import ModelError
-from neuro.events._arguments import choice, moment, positive
 from neuro.events._events import Events
 from neuro.events.representations._common import Representation, given, read, real
 
@@ -35,9 +35,9 @@ class TimeSurface:
         self, sensor_size: tuple[int, int], *, tau_us: float, decay: Decay = "exponential", polarity: Which = "separate"
     ) -> None:
         width, height = sensor_size
-        self._tau = positive("tau_us", tau_us, "us")
-        self._linear = choice("decay", decay, ("exponential", "linear")) == "linear"
-        self._separate = choice("polarity", polarity, ("separate", "ignored")) == "separate"
+        self._tau = argument("tau_us", tau_us, unit="us", above=0, infinite=True)
+        self._linear = argument("decay", decay, words=("exponential", "linear")) == "linear"
+        self._separate = argument("polarity", polarity, words=("separate", "ignored")) == "separate"
         self._last = np.full((1 + self._separate, height, width), NEVER)
         self._newest: int | None = None
 
@@ -64,7 +64,7 @@ class TimeSurface:
         """
         from neuro.events.representations._kernels import ages
 
-        when = moment("t_us", t_us)
+        when = argument("t_us", t_us, kind="microseconds")
         if self._newest is not None and when < self._newest:
             raise ModelError(f"at {when} us: events up to {self._newest} us are already in the surface")
         out = np.empty(self._last.shape, real(dtype))
@@ -145,11 +145,11 @@ class LeakySurface:
         order: Order = "decay_first",
     ) -> None:
         width, height = sensor_size
-        self._tau = positive("tau_us", tau_us, "us")
-        self._linear = choice("decay", decay, ("exponential", "linear")) == "linear"
-        self._separate = choice("polarity", polarity, ("separate", "ignored")) == "separate"
-        self._late = choice("order", order, ("decay_first", "increment_first")) == "increment_first"
-        self._increment = positive("increment", increment)
+        self._tau = argument("tau_us", tau_us, unit="us", above=0, infinite=True)
+        self._linear = argument("decay", decay, words=("exponential", "linear")) == "linear"
+        self._separate = argument("polarity", polarity, words=("separate", "ignored")) == "separate"
+        self._late = argument("order", order, words=("decay_first", "increment_first")) == "increment_first"
+        self._increment = argument("increment", increment, above=0, infinite=True)
         self._value = np.zeros((1 + self._separate, height, width))
         self._since = np.zeros(self._value.shape, np.int64)
         self._newest: int | None = None
@@ -181,7 +181,7 @@ class LeakySurface:
         """
         from neuro.events.representations._kernels import leaked
 
-        when = moment("t_us", t_us)
+        when = argument("t_us", t_us, kind="microseconds")
         if self._newest is not None and when < self._newest:
             raise ModelError(f"at {when} us: events up to {self._newest} us are already in the surface")
         out = np.empty(self._value.shape, real(dtype))

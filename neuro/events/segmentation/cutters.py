@@ -7,8 +7,8 @@ from math import exp, log
 import numpy as np
 import numpy.typing as npt
 
+from neuro.core.checks import argument
 from neuro.core.errors import ModelError
-from neuro.events._arguments import moment, positive, whole
 from neuro.events.segmentation._cutter import NONE, Times, bounds
 
 MOST = 10**8
@@ -29,8 +29,8 @@ class TimeWindows:
     """
 
     def __init__(self, window_us: int, start_us: int | None = None) -> None:
-        self._window = whole("window_us", window_us)
-        self._begin = None if start_us is None else moment("start_us", start_us)
+        self._window: int = argument("window_us", window_us, kind="microseconds", at_least=1)
+        self._begin = argument("start_us", start_us, kind="microseconds", optional=True)
         self._seen = 0
 
     def cuts(self, t: Times) -> Times:
@@ -76,7 +76,7 @@ class Counts:
     """
 
     def __init__(self, count: int) -> None:
-        self._count = whole("count", count)
+        self._count = int(argument("count", count, whole=True, at_least=1))
         self._seen = 0
 
     def cuts(self, t: Times) -> Times:
@@ -143,8 +143,8 @@ class MSD:
     """
 
     def __init__(self, tau: float = 0.02, threshold: float = 150.0) -> None:
-        self._tau_us = 1e6 * positive("tau", tau, "s")
-        self._threshold = positive("threshold", threshold, "events")
+        self._tau_us = 1e6 * argument("tau", tau, unit="s", above=0, infinite=True)
+        self._threshold = argument("threshold", threshold, unit="events", above=0, infinite=True)
         self._v, self._last, self._seen = 0.0, 0, 0
 
     def cuts(self, t: Times) -> Times:
@@ -215,14 +215,12 @@ class Peaks:
     def __init__(
         self, search_us: float, *, tau_us: float = 20_000.0, rise_us: float | None = None, threshold: float = 0.0
     ) -> None:
-        self._search = positive("search_us", search_us, "us")
-        self._tau = positive("tau_us", tau_us, "us")
+        self._search = argument("search_us", search_us, unit="us", above=0, infinite=True)
+        self._tau = argument("tau_us", tau_us, unit="us", above=0, infinite=True)
         self._rise = self._tau / 4 if rise_us is None else float(rise_us)
         if not 0 <= self._rise < self._tau:
             raise ModelError(f"rise_us is {self._rise:g} us, expected 0 to below tau_us = {self._tau:g}")
-        if not threshold >= 0:
-            raise ModelError(f"threshold is {threshold}, expected 0 or more")
-        self._threshold = float(threshold)
+        self._threshold = argument("threshold", threshold, at_least=0, infinite=True)
         self._v0 = 1 / _peak(self._tau, self._rise)
         self._seen = 0
         self._last = 0

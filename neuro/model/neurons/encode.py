@@ -8,8 +8,8 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from neuro.coding.arguments import Floats
 from neuro.coding.codes import chain
+from neuro.coding.encoders import Floats
 from neuro.core.choice import Choice
 from neuro.core.errors import ModelError, here
 from neuro.core.quantities import Value, quantity

@@ -94,7 +94,7 @@ def test_filter(run, recording, tmp_path):
     ("tarr", "unknown filter 'tarr'\n  hint: did you mean 'tar'?\n"),
     ("hot", "filter 'hot': expected pixels\n  hint: such as 'hot: {pixels: [[8, 1], [205, 59]]}'; "),
     ("tar: {tua: 1}", "unknown parameter of filter 'tar' 'tua'\n  hint: did you mean 'tau'?\n"),
-    ("tar: {tau: -1}", "TAR: tau is -1, expected a number > 0"),
+    ("tar: {tau: -1}", "TAR: tau = -1: expected a number > 0"),
     ("crop: {x: 5", "Invalid value for FILTER: 'crop: {x: 5': is not YAML\n"),
     ("crop: 5", "Invalid value for FILTER: 'crop: 5': expected a name, or 'name: {parameter: value}'\n"),
 ])  # fmt: skip
