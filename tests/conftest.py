@@ -59,9 +59,9 @@ def compiling_is_not_told() -> None:
 @pytest.fixture(scope="session", autouse=True)
 def small_networks_are_shared_by_threads() -> None:
     """The networks of tests are too small to be worth it, and threads are what some of them are about."""
-    from neuro_event import shares
+    from neuro_event.building import thread_partition
 
-    shares.WORTH_MEETING = 0
+    thread_partition.WORTH_MEETING = 0
 
 
 @pytest.fixture(scope="session")

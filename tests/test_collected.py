@@ -8,8 +8,8 @@ import pytest
 import neuro
 from neuro.kernels.jit import kernel
 from neuro.kernels.lanes import bits_of, lowest, marked, take
-from neuro_event import tables as t
-from neuro_event.models import NEURONS
+from neuro_event.loop import tables as t
+from neuro_event.loop.operations import NEURONS
 
 COLLECTING = [model for model in NEURONS if model.collects]
 

@@ -14,7 +14,7 @@ from neuro.core import keyed_random
 from neuro.core.keyed_random import LARGEST_MEAN, poisson_table, uniform
 from neuro.kernels.draws import GUIDE_BITS, UNSURE, guide_to, poisson_by_table, words_of
 from neuro.kernels.jit import kernel
-from neuro_event import memory
+from neuro_event.building.arrays import LINE, PAGE, aligned_rows, aligned_zeros
 
 MEANS = [0.06, 0.3, 1.3, 2.0, 8.0, 47.0, 499.0]
 means = st.floats(0.001, LARGEST_MEAN) | st.sampled_from(MEANS)
@@ -166,8 +166,8 @@ def test_a_chip_draws_the_same_numbers():
 
 
 def test_rows_that_are_read_together_begin_elsewhere_in_their_pages():
-    rows = memory.rows(6, 1024, line=4)
-    places = {row.ctypes.data % memory.PAGE for row in rows}
+    rows = aligned_rows(6, 1024, line=4)
+    places = {row.ctypes.data % PAGE for row in rows}
     assert len(places) == 6
-    assert not any(place % memory.LINE for place in places)
-    assert memory.zeros(0, np.uint16).size == 0
+    assert not any(place % LINE for place in places)
+    assert aligned_zeros(0, np.uint16).size == 0

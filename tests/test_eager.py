@@ -16,7 +16,8 @@ from hypothesis import HealthCheck, given, settings, strategies as st
 import neuro
 from neuro.model.synapses import Synapse
 from neuro.run.simulation import Simulation
-from neuro_event import build, tables as t
+from neuro_event.building import build
+from neuro_event.loop import tables as t
 
 SETTINGS = settings(
     max_examples=30,

@@ -99,6 +99,17 @@ def test_nothing_runs_upward(module):
         assert LAYERS.index(room(other)) <= LAYERS.index(room(module)), f"{module} imports {other}"
 
 
+EVENT_ROOMS = ("loop", "building", "host")
+"""Of the event backend, from the ground up."""
+
+
+@pytest.mark.parametrize("module", [name for name in MODULES if name.startswith("neuro_event.")])
+def test_rooms_of_the_event_backend_stand_in_one_order(module):
+    for other, _ in imports(module):
+        if other.startswith("neuro_event."):
+            assert EVENT_ROOMS.index(room(other)) <= EVENT_ROOMS.index(room(module)), f"{module} imports {other}"
+
+
 def test_no_circle():
     lazy = {"neuro", "neuro.chips", "neuro.extend", "neuro.apps"}
     graph = {name: {other for other, _ in imports(name)} - {name} for name in MODULES if name not in lazy}

@@ -15,7 +15,7 @@ import numpy as np
 import pytest
 
 import neuro
-from neuro_event import threads as shared
+from neuro_event.host import threads as shared
 
 FROM_THREAD = r"^{}: found another thread within '{}' of the same simulation: expected one call at a time\n  hint: "
 FROM_WITHIN = r"{}: found a call from within '{}' of the same simulation: expected one call at a time\n  hint: "

@@ -18,8 +18,8 @@ from neuro.run.simulation import Simulation
 from neuro.testing import observe
 from neuro.testing.case import differences, run_on
 from neuro.testing.trials import batch, recogniser, told
-from neuro_event import tables as t
-from neuro_event.layout import in_runs
+from neuro_event.building.layout import in_runs
+from neuro_event.loop import tables as t
 
 SETTINGS = settings(max_examples=15, deadline=None, derandomize=True, suppress_health_check=[HealthCheck.too_slow])
 RULES = (

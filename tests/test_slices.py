@@ -13,8 +13,10 @@ from neuro.program.program import Ints
 from neuro.testing import observe
 from neuro.testing.case import differences, run_on
 from neuro.testing.strategies import networks
-from neuro_event import engine, layout, loop, shares, tables as t
-from neuro_event.threads import LINE
+from neuro_event.building import layout, thread_partition
+from neuro_event.host import engine
+from neuro_event.host.threads import LINE
+from neuro_event.loop import steps, tables as t
 
 
 class InTurn:
@@ -27,23 +29,23 @@ class InTurn:
         step = first
         while step < last:
             end = min(step + longest, last)
-            if loop.has_room(view, step, 2 * longest, reach) < 2 * longest:  # thread 0 asks when others are done
-                reached = loop.run(view, step, end, longest, reach, h)
+            if steps.has_room(view, step, 2 * longest, reach) < 2 * longest:  # thread 0 asks when others are done
+                reached = steps.run(view, step, end, longest, reach, h)
                 if reached < end:
                     return int(reached)
             else:
                 self._slice(view, step, end, longest, reach, h)
             step = end
         for thread in range(self._n):
-            loop.finish(view, thread, step - 1, h)
+            steps.finish(view, thread, step - 1, h)
         return step
 
     def _slice(self, view: Ints, step: int, end: int, longest: int, reach: int, h: float) -> None:
         told = np.full((self._n + 1, LINE), step, dtype=np.int64)
         told[self._n, 0] = end
         for thread in range(self._n - 1, 0, -1):
-            assert loop.share(view, told, thread, end, longest, reach, h) == 0
-        assert loop.share(view, told, 0, end, longest, reach, h) == 1
+            assert steps.share(view, told, thread, end, longest, reach, h) == 0
+        assert steps.share(view, told, 0, end, longest, reach, h) == 1
         assert (told[: self._n, 0] == end).all()
 
 
@@ -62,7 +64,7 @@ class AtRandom(InTurn):
             upto = min(last, int(step[thread] + self._random.integers(1, longest + 2)))
             if thread > 0:
                 end[0] = min(upto, allowed)
-            halted = loop.share(view, told, thread, upto, longest, reach, h)
+            halted = steps.share(view, told, thread, upto, longest, reach, h)
             assert step.max() - step.min() <= longest
             if thread > 0:
                 end[0] = allowed
@@ -72,7 +74,7 @@ class AtRandom(InTurn):
                     break
                 end[0] = step[0]
         for thread in range(self._n):
-            loop.finish(view, thread, int(step[0]) - 1, h)
+            steps.finish(view, thread, int(step[0]) - 1, h)
         return int(step[0])
 
 
@@ -134,6 +136,6 @@ def test_random_networks(
     with monkeypatch.context() as patched:
         patched.setattr(engine, "Threads", order)
         if whole:
-            patched.setattr(shares, "SCATTERED", 0)
-            patched.setattr(shares, "EVEN", np.inf)
+            patched.setattr(thread_partition, "SCATTERED", 0)
+            patched.setattr(thread_partition, "EVEN", np.inf)
         assert differences(alone, ran(net, threads, [60 * net.resolution], seed), exact=True) == []

@@ -13,7 +13,9 @@ import neuro
 import neuro_models
 from neuro.compiler import compile_network
 from neuro.program.program import Program
-from neuro_event import layout, loop, shares, threads
+from neuro_event.building import layout, thread_partition
+from neuro_event.host import threads
+from neuro_event.loop import steps
 
 
 def network() -> neuro.Network:
@@ -183,10 +185,10 @@ def test_busy_cores_are_no_place_for_trials(monkeypatch: pytest.MonkeyPatch):
 def test_a_thread_that_waits_in_vain_comes_back():
     sim = neuro.compile(network(), seed=4, threads=2)
     view, said = sim._engine._view, np.full((3, threads.LINE), 1, dtype=np.int64)
-    assert loop.share(view, said, 1, 11, 1, 30, 0.1) == 0
+    assert steps.share(view, said, 1, 11, 1, 30, 0.1) == 0
     assert list(said[:, 0]) == [1, 1, 1]
-    said[2, 0] = loop.HALT
-    assert loop.share(view, said, 1, 11, 1, 30, 0.1) == 1
+    said[2, 0] = steps.HALT
+    assert steps.share(view, said, 1, 11, 1, 30, 0.1) == 1
 
 
 def parted(sizes: list[int], n: int, delay: float = 1.0) -> np.ndarray[Any, np.dtype[np.int64]]:
@@ -196,7 +198,7 @@ def parted(sizes: list[int], n: int, delay: float = 1.0) -> np.ndarray[Any, np.d
         net.population(f"p{k}", size, neuro.iaf_psc_exp())
     net.connect("p0", "p0", neuro.one_to_one(), weight=1.0, delay=delay)
     program = compile_network(net, 0)
-    return np.diff(shares.thread_edges(program, layout.places(program), n), axis=1)
+    return np.diff(thread_partition.thread_edges(program, layout.places(program), n), axis=1)
 
 
 def test_threads_share_each_population_evenly():
@@ -227,22 +229,22 @@ def circuit(sizes: list[int], between: list[tuple[int, int, int]]) -> Program:
 def test_populations_stay_whole_where_synapses_lie_beyond_the_caches(monkeypatch: pytest.MonkeyPatch):
     program = circuit([1500, 1500, 3000, 3000], [(0, 1, 70_000), (1, 0, 50_000), (1, 2, 40_000), (2, 3, 59_000)])
     where = layout.places(program)
-    monkeypatch.setattr(shares, "SCATTERED", 219_000)
-    edges = shares.thread_edges(program, where, 2)
+    monkeypatch.setattr(thread_partition, "SCATTERED", 219_000)
+    edges = thread_partition.thread_edges(program, where, 2)
     assert edges[:, 0].tolist() == [place.begin // 64 for place in where]
     assert edges[:, 2].tolist() == [-(-place.end // 64) for place in where]
     assert (np.diff(edges, axis=1) == 0).sum(axis=1).tolist() == [1] * 8
     whose = np.diff(edges, axis=1).argmax(axis=1).reshape(4, 2)
     assert (whose[:, 0] == whose[:, 1]).all()  # noise goes with who hears it
     assert sorted(whose[:, 0]) == [0, 0, 1, 1]
-    monkeypatch.setattr(shares, "SCATTERED", 219_001)
-    assert (np.diff(shares.thread_edges(program, where, 2), axis=1) > 0).all()
+    monkeypatch.setattr(thread_partition, "SCATTERED", 219_001)
+    assert (np.diff(thread_partition.thread_edges(program, where, 2), axis=1) > 0).all()
 
 
 @settings(max_examples=100, deadline=None)
 @given(sizes=st.lists(st.integers(1, 900), min_size=1, max_size=9), threads=st.integers(2, 4))
 def test_populations_stay_whole_only_where_the_work_is_even(sizes: list[int], threads: int):
-    owners = shares.whole_populations(circuit(sizes, []), threads)
+    owners = thread_partition.whole_populations(circuit(sizes, []), threads)
     works = np.repeat(sizes, 2) * 1.0
     works[::2] += np.array(sizes) / 200  # a synapse from each generator
     if owners is not None:
@@ -254,7 +256,7 @@ def test_populations_stay_whole_only_where_the_work_is_even(sizes: list[int], th
 
 def test_a_division_is_found_where_the_largest_first_is_uneven():
     """Largest first, to whom has least, would give shares of 0.52 and 0.48."""
-    owners = shares.whole_populations(circuit([349, 209, 126, 108, 103, 80, 24, 10], []), 2)
+    owners = thread_partition.whole_populations(circuit([349, 209, 126, 108, 103, 80, 24, 10], []), 2)
     assert owners is not None
     assert np.bincount(owners[::2], [349, 209, 126, 108, 103, 80, 24, 10]).max() <= 1.02 * 504.5
 
@@ -263,12 +265,12 @@ def test_a_division_is_found_where_the_largest_first_is_uneven():
 def test_a_network_is_cut_only_where_threads_meet_seldom_enough(
     size: int, delay: float, found: int, monkeypatch: pytest.MonkeyPatch
 ):
-    monkeypatch.setattr(shares, "WORTH_MEETING", 12_000)
+    monkeypatch.setattr(thread_partition, "WORTH_MEETING", 12_000)
     net = neuro.Network("cut", resolution=0.1)
     net.population("cells", size, neuro.iaf_psc_exp())
     net.connect("cells", "cells", neuro.one_to_one(), weight=1.0, delay=delay)
-    assert shares.parts(compile_network(net, 0), 2) == found
-    assert shares.parts(compile_network(net, 0), 1) == 1
+    assert thread_partition.parts(compile_network(net, 0), 2) == found
+    assert thread_partition.parts(compile_network(net, 0), 1) == 1
 
 
 def test_a_state_saved_with_one_edge_for_all_populations_goes_on(monkeypatch: pytest.MonkeyPatch):
@@ -276,11 +278,11 @@ def test_a_state_saved_with_one_edge_for_all_populations_goes_on(monkeypatch: py
 
     def flat(program: Any, where: list[layout.Place], n: int) -> Any:
         words = layout.total(program) // layout.WORD
-        return shares.edges_of(np.arange(n + 1) * words // n * 8, where)
+        return thread_partition.edges_of(np.arange(n + 1) * words // n * 8, where)
 
     alone = ran([40.0])
     with monkeypatch.context() as patched:
-        patched.setattr(shares, "thread_edges", flat)
+        patched.setattr(thread_partition, "thread_edges", flat)
         sim = neuro.compile(network(), seed=4, threads=2)
         sim.run(15.3)
         arrays = sim._engine.snapshot()

@@ -9,7 +9,7 @@ from numba import types
 from neuro.kernels import beside, compile_report, kept
 from neuro.kernels.address import Entry
 from neuro.kernels.jit import kernel
-from neuro_event import stages
+from neuro_event.loop import stages
 
 NAMES = ("note", "charge", "drive", "draw_counts")
 
@@ -18,7 +18,7 @@ def test_two_processes_share_what_has_to_be_compiled(tmp_path, monkeypatch):
     """What the other process has compiled is found, so this one compiles less."""
     code = (
         "from functools import partial\n"
-        "from neuro.kernels import beside, compile_report\nfrom neuro_event import stages\n"
+        "from neuro.kernels import beside, compile_report\nfrom neuro_event.loop import stages\n"
         f"asked = [partial(stages.entry, name) for name in {NAMES}]\n"
         "found = beside.addresses(asked)\n"
         "own = sum(sum(each().kernel.stats.cache_misses.values()) for each in asked)\n"

@@ -21,7 +21,7 @@ look(lambda i: item(memory[:3], i))
 VIEW = """
 import numpy as np
 from neuro.kernels.jit import kernel
-from neuro_event.views import NET_FIELDS, net_of
+from neuro_event.loop.tables import NET_FIELDS, net_of
 
 @kernel
 def item(view, i):

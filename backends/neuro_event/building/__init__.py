@@ -1,0 +1,1 @@
+"""From a program to the arrays and tables that the compiled loop reads."""

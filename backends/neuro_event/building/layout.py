@@ -1,0 +1,212 @@
+"""From a program to the arrays of the compiled loop."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from neuro.model.neurons import Model, Neuron
+from neuro.program.program import Floats, Ints, Population, Program, Projection
+from neuro_event.loop import tables as t
+from neuro_event.loop.arrivals import by_delay
+
+WORD = t.BLOCK * t.GROUPED
+"""Neurons of a group of blocks; populations begin at multiples of it."""
+
+_KINDS = {
+    "poisson": t.POISSON,
+    "listed": t.LISTED,
+    "current": t.CURRENT,
+    "neuron": t.NEURON,
+    "generator": t.GENERATOR,
+}
+
+
+@dataclass(frozen=True, eq=False)
+class Place:
+    """Where a population lies.
+
+    Attributes:
+        begin, end: its neurons among all.
+        inside: internal place of each neuron, or None where it is the id; grids are kept with the maps innermost.
+        outside: id at each internal place.
+    """
+
+    begin: int
+    end: int
+    inside: Ints | None
+    outside: Ints
+
+    def by_place(self, values: NDArray[Any]) -> NDArray[Any]:
+        """One value per neuron, from ids to internal places."""
+        return values if self.inside is None else values[self.outside]
+
+    def by_id(self, values: NDArray[Any]) -> NDArray[Any]:
+        """One value per neuron, from internal places to ids."""
+        return values if self.inside is None else values[self.inside]
+
+    def steps(self, shape: tuple[int, ...]) -> tuple[int, ...]:
+        """How far apart inside those of a population of a shape lie that are next to each other along each axis."""
+        steps = [math.prod(shape[axis + 1 :]) for axis in range(len(shape))]
+        return tuple(steps) if self.inside is None else (1, *(shape[0] * step for step in steps[1:]))
+
+
+def places(program: Program) -> list[Place]:
+    """Lay the populations side by side."""
+    grids = {p.target: p.grid for p in program.projections if p.grid is not None}
+    found, at = [], 0
+    for index, population in enumerate(program.populations):
+        outside = np.arange(population.size, dtype=np.int64)
+        inside = None
+        grid = grids.get(index)
+        if grid is not None:
+            outside = np.ascontiguousarray(outside.reshape(grid.maps, grid.rows * grid.columns).T).ravel()
+            inside = np.empty_like(outside)
+            inside[outside] = np.arange(population.size)
+        found.append(Place(at, at + population.size, inside, outside))
+        at += -(-population.size // WORD) * WORD
+    return found
+
+
+def total(program: Program) -> int:
+    """Neurons of all populations, with the gaps between them."""
+    return max(WORD, sum(-(-p.size // WORD) * WORD for p in program.populations))
+
+
+def kind(population: Population) -> int:
+    """Which branch of the loop a population takes."""
+    return _KINDS[population.kind]
+
+
+def computes(population: Population) -> bool:
+    """Whether a population has constants and states: neurons, and generators with an `emit` of their own."""
+    return population.kind in ("neuron", "generator")
+
+
+def receptors(program: Program) -> int:
+    """Rows of the input: as many as the neurons with the most receptors have, at least 2."""
+    return max([2, *(p.model.receptors for p in program.populations if isinstance(p.model, Neuron))])
+
+
+def width(program: Program) -> int:
+    """Room that each of the program's models has for its parameters and for its constants."""
+    return max([Model.width, *(p.model.width for p in program.populations if computes(p))])
+
+
+def parameter_rows(population: Population, place: Place) -> Floats:
+    """Parameters of a population of neurons: one row, or one per neuron where they differ."""
+    columns = [np.atleast_1d(values) for values in population.parameters.values()]
+    n = max(c.size for c in columns)
+    return np.stack([np.broadcast_to(place.by_place(c) if c.size > 1 else c, n) for c in columns], axis=1).astype(
+        np.float64
+    )
+
+
+@dataclass(frozen=True, eq=False)
+class Synapses:
+    """A projection in internal order.
+
+    Attributes:
+        layout: as in `tables`.
+        row_ends, targets: of a CSR projection; empty otherwise.
+        order: internal weight k is the program's weight order[k]; None where they are the same.
+    """
+
+    layout: int
+    row_ends: Ints
+    targets: NDArray[np.int32]
+    order: Ints | None
+
+
+_FEW_RUNS = 1 << 16
+_NO_INTS = np.zeros(0, dtype=np.int64)
+_NO_TARGETS = np.zeros(0, dtype=np.int32)
+
+
+def own_delays(p: Projection) -> bool:
+    """Whether the synapses of a projection differ in delay, or may do so later."""
+    if p.synapse.delays:
+        return True
+    shortest, longest = p.delay_span
+    return shortest < longest
+
+
+def in_runs(program: Program, p: Projection) -> bool:
+    """Whether spikes are delivered at arrival though synapses differ in delay: these are static, and not too few."""
+    if p.synapse.learns or p.carries != "spikes" or p.grid is not None or not own_delays(p):
+        return False
+    shortest, longest = p.delay_range(program.resolution)
+    return program.populations[p.source].size * (longest - shortest + 1) <= max(p.size, _FEW_RUNS)
+
+
+def learns_pairs(p: Projection) -> bool:
+    """Whether spike pairs change its weights."""
+    return p.synapse.learns == "pairs"
+
+
+def synapses(program: Program, index: int, where: list[Place]) -> Synapses:
+    """Arrange a projection for the kernels: CSR where it learns, has delays of its own, or its ends are permuted.
+
+    Synapses lie by source, then target; where they are delivered in runs, by source, delay, target.
+    """
+    p = program.projections[index]
+    source, target = where[p.source], where[p.target]
+    permuted = source.inside is not None or target.inside is not None
+    if p.layout == "grid":
+        assert p.grid is not None
+        k = np.arange(p.size, dtype=np.int64).reshape(p.grid.maps, -1)
+        return Synapses(t.GRID, _NO_INTS, _NO_TARGETS, np.ascontiguousarray(k.T).ravel())
+    plain = not (permuted or own_delays(p) or learns_pairs(p))
+    if plain and p.layout in ("dense", "one_to_one"):
+        return Synapses(t.DENSE if p.layout == "dense" else t.ONE_TO_ONE, _NO_INTS, _NO_TARGETS, None)
+    timed = in_runs(program, p)
+    if p.layout == "csr" and not permuted and (not timed or by_delay(p.row_ends, p.targets, p.delay)):
+        return Synapses(t.CSR, p.row_ends, p.targets, None)
+    pre, post = program.connections(index)
+    pre = pre if source.inside is None else source.inside[pre]
+    post = post if target.inside is None else target.inside[post]
+    order = np.lexsort((post, p.delay, pre)) if timed else np.lexsort((post, pre)) if permuted else None
+    if order is not None:
+        pre, post = pre[order], post[order]
+    n = program.populations[p.source].size
+    row_ends = np.concatenate([[0], np.cumsum(np.bincount(pre, minlength=n))]).astype(np.int64)
+    return Synapses(t.CSR, row_ends, post.astype(np.int32), order)
+
+
+def by_target(program: Program, index: int, where: list[Place]) -> Ints:
+    """As `Synapses.order` of a listed projection, were it not delivered in runs: by source, then target."""
+    p = program.projections[index]
+    (pre, post), source, target = program.connections(index), where[p.source], where[p.target]
+    return np.lexsort(
+        (post if target.inside is None else target.inside[post], pre if source.inside is None else source.inside[pre])
+    )
+
+
+def split_rows(row_ends: Ints, targets: NDArray[np.int32], edges: Ints) -> Ints:
+    """Row ends cut at the threads' edges (local target ids): synapses of source s for thread k are rows[s T + k] on."""
+    threads = edges.size - 1
+    if threads == 1:
+        return row_ends
+    rows = np.empty((row_ends.size - 1) * threads + 1, dtype=np.int64)
+    rows[-1] = row_ends[-1]
+    for k in range(threads):
+        below = np.concatenate([[0], np.cumsum(targets < edges[k], dtype=np.int64)]) if k else np.zeros(1, np.int64)
+        count = below[row_ends[1:]] - below[row_ends[:-1]] if k else 0
+        rows[k:-1:threads] = row_ends[:-1] + count
+    return rows
+
+
+def power_of_two(n: int) -> int:
+    """The smallest power of two that is at least n."""
+    return 1 << max(0, int(n - 1).bit_length())
+
+
+def sign(weights: Floats) -> int:
+    """Whether all weights go to one receptor."""
+    if weights.size and weights[0] < 0.0:
+        return t.NEGATIVE if weights.max() < 0.0 else t.MIXED
+    return t.POSITIVE if weights.size == 0 or weights.min() >= 0.0 else t.MIXED

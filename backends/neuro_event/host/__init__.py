@@ -1,0 +1,1 @@
+"""What Python holds and calls between steps."""

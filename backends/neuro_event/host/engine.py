@@ -1,0 +1,532 @@
+"""The engine: holds the arrays, calls the loop, and translates between ids and internal places."""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Mapping, Sequence
+from types import ModuleType
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from neuro.core.clock import NEVER
+from neuro.core.english import a
+from neuro.core.errors import ModelError
+from neuro.program.backend import EngineCounts, Outcome, Sent, Spikes, Trial, Wins
+from neuro.program.currents import Currents
+from neuro.program.program import Floats, Ints, Program, Trials
+from neuro.program.rates import Rates
+from neuro_event.building import build, generators, layout, learned_delays, learning, projections, thread_partition
+from neuro_event.host import reading, snapshot
+from neuro_event.host.probes import Notes, Peaks, Samples
+from neuro_event.host.snapshot import Changes
+from neuro_event.host.spikes import Listed, Record
+from neuro_event.host.threads import Threads
+from neuro_event.host.varying_currents import Drives, apply
+from neuro_event.loop import arrivals, histories, steps, tables as t, trial_rules
+from neuro_event.loop.tables import table_of
+
+
+class EventEngine:
+    """A program in execution on the compiled loop; see `neuro.program.backend.Engine`."""
+
+    def __init__(self, program: Program, threads: int) -> None:
+        self._program = program
+        self._n_threads = threads
+        self._start_over(None)
+
+    def _start_over(self, weights: dict[int, Floats] | None, eager: bool = True, edges: Ints | None = None) -> None:
+        cut = () if edges is None else (edges,)
+        self._a = build.build(self._program, self._n_threads, eager, *cut)
+        self._step = 0
+        self._changes = Changes(self._program)
+        self._record = Record(self._program, self._a.places)
+        self._currents = Currents(self._program)
+        self._drives = Drives(self._program, self._currents, self._a, self._parameter)
+        self._rates = Rates(self._program)
+        self._steady = not any(p.kind == "current" or p.schedule is not None for p in self._program.populations)
+        self._threads = Threads(self._a.net["edges"].shape[1] - 1)
+        self._listed = Listed(self._a)
+        self._samples, self._notes = Samples(self._a), Notes(self._a)
+        self._stops = bool(self._samples.probes or self._notes)
+        self._trial_start = 0
+        self._trial_updates = np.zeros(len(self._program.projections), dtype=np.int64)
+        self._taught: dict[int, tuple[ModuleType, Floats]] = {}
+        self._pack()
+        for q, w in (weights or {}).items():
+            self._write_weights(q, w)
+
+    def _pack(self) -> None:
+        """Tell the kernels where the arrays are; needed whenever one is replaced by another."""
+        net = self._a.net
+        net["awake_groups"] = net["awake"].view(np.uint64)
+        net["due_groups"] = net["due"].view(np.uint64)
+        net["due_slots"] = net["due"].reshape(len(net["due"]), -1, net["awake"].size)
+        net["spot_words"] = net["spots"].view(np.uint64)
+        self._a.plastic["traces"] = self._a.plastic["past"].view(np.float64)
+        build.link(self._a)
+        self._table = table_of(net, self._a.plastic)
+        self._view = self._table.ctypes.data
+        self._overrun = net["clock"][:, t.OVERRUN]
+        self._copy, self._cells = reading.Copy(self._a, self._table), reading.Cells(self._a)
+
+    @property
+    def step(self) -> int:
+        """The last finished step."""
+        return self._step
+
+    def run(self, steps: int) -> None:
+        """Advance; stops at the steps where a current or a rate changes and where the record must be emptied."""
+        end = self._step + steps
+        while self._step < end:
+            self._run_to(end if self._steady else min(end, self._prepare(self._step)))
+
+    def _prepare(self, step: int) -> int:
+        """Write what generators are to send after a step; return the last step for which it is so."""
+        apply(self._currents, self._program, self._a, self._view, step)
+        for k, rate in self._rates.new(step):
+            generators.set_rate(self._a, k, self._a.places[k].by_place(rate) if rate.size > 1 else rate, step)
+        until, replaced = self._drives.prepare(step)
+        if replaced:
+            self._pack()
+        return min(until, self._currents.next_change(step), self._rates.next_change(step))
+
+    def _run_to(self, end: int) -> None:
+        first = self._step + 1
+        while first <= end:
+            last = self._next_stop(first, end) if self._stops else end
+            reached = self._threads.run(
+                self._view, first, last + 1, self._a.longest_slice, self._a.reach, self._program.resolution
+            )
+            if reached <= last:
+                self._record.drain(self._a.net)
+                if reached == first and steps.has_room(self._view, first, 1, self._a.reach) < 1:
+                    self._grow_log()
+            elif self._stops:
+                self._samples.read(self._view, last)
+            first = int(reached)
+        self._step = end
+        self._check_histories()
+
+    def _next_stop(self, first: int, end: int) -> int:
+        """The last step that may be run at once: with notes one by one, for these must have room before."""
+        if self._notes:
+            if self._notes.make_room(self._view, first - 1):
+                self._pack()
+            end = first
+        return min(end, self._samples.next_due(first))
+
+    def _check_histories(self) -> None:
+        """Histories are as long as refractoriness lets them grow: a model that fires earlier has lost spikes."""
+        overrun = max(self._overrun.tolist())
+        if overrun:
+            part = self._program.populations[overrun - 1]
+            raise ModelError(
+                f"population '{part.name}': {a(part.model.name)} fired again within its t_ref, so its plastic synapses "
+                "missed spikes: expected a model that is silent for t_ref after a spike"
+            )
+
+    def _grow_log(self) -> None:
+        """Twice the room for spikes under way."""
+        net = self._a.net
+        old = net["log_ids"].shape[1]
+        for name in ("log_ids", "log_counts"):
+            bigger = np.zeros((net[name].shape[0], 2 * old), dtype=np.int32)
+            for thread in range(bigger.shape[0]):
+                places = np.arange(max(0, int(net["log_at"][thread, 0]) - old), int(net["log_at"][thread, 0]))
+                bigger[thread, places & (2 * old - 1)] = net[name][thread, places & (old - 1)]
+            net[name] = bigger
+        self._pack()
+
+    # --- spikes -------------------------------------------------------------------------------------------
+
+    def inject(self, population: int, steps: Ints, ids: Ints) -> None:
+        """Add spikes of a spike_generator, at steps after the present one."""
+        self._listed.add(population, steps, ids, self._step)
+        self._pack()
+
+    def spikes(self, population: int, since: int) -> Spikes:
+        """Recorded spikes with step > since."""
+        self._record.drain(self._a.net)
+        return self._record.spikes(population, since)
+
+    def forget(self, before: int) -> None:
+        """Drop recorded spikes with step <= before."""
+        if before >= self._step:
+            self._record.clear(self._a.net)
+            return
+        self._record.drain(self._a.net)
+        self._record.forget(before)
+
+    def noted(self, probe: int) -> Sent:
+        """What pre spikes have left since this was last asked."""
+        return self._notes.take(probe)
+
+    @property
+    def samples(self) -> Collection[int]:
+        """The probes that are read while the engine runs."""
+        return self._samples.probes.keys()
+
+    def sampled(self, probe: int) -> tuple[Ints, Floats]:
+        """Steps and values of one of them since this was last asked."""
+        return self._samples.probes[probe].take()
+
+    # --- trials -------------------------------------------------------------------------------------------
+
+    def present(self, trial: Trial) -> Outcome:
+        """Run one trial."""
+        spec = self._program.trials
+        assert spec is not None
+        place = self._a.places[spec.output]
+        if self._listed.replace(spec.input, trial.ticks + (self._step + 1), trial.ids, self._step):
+            self._pack()
+        self._a.net["muted"][place.begin : place.end] = trial.silenced[self._a.net["map_of"]]
+        net, start, h = self._a.net, self._step, self._program.resolution
+        from neuro_event.loop import steps
+
+        steps.begin_trial(self._view, spec.output, spec.group, start, h)
+        peaks = Peaks(spec.output, self._program.populations[spec.output].size, h) if trial.peaks else None
+        ticks = self._run_trial(spec, peaks)
+        self._listed.drop(spec.input)
+        steps.end_trial(self._view, spec.output, spec.group, start + ticks, h)
+        self._trial_start, self._step = start, start + ticks
+        inside, decided = (int(net["groups"][spec.group, column]) for column in (t.WINNER, t.DECIDED))
+        winner, tick = (int(net["order"][inside]), decided - start - 1) if inside >= 0 else (-1, -1)
+        peak, peak_tick = (None, None) if peaks is None else peaks.found(winner, tick)
+        wins = self._wins(spec.group) if self._program.groups[spec.group].choice.several else None
+        return Outcome(winner, tick, net["potential"].copy(), net["order"][net["best"]], ticks, peak, peak_tick, wins)
+
+    def _wins(self, group: int) -> Wins:
+        """All who have won in the trial."""
+        won = self._a.net["won"][: self._a.net["standing"][group, t.WINS]]
+        return Wins(self._a.net["order"][won[:, 0]], won[:, 1] - self._trial_start - 1)
+
+    def _run_trial(self, spec: Trials, peaks: Peaks | None) -> int:
+        """Run a trial that has begun, up to the decision step by step if peaks are followed; return its ticks."""
+        from neuro_event.loop import steps
+
+        step, last = self._step + 1, self._step + 1 + spec.duration
+        groups, closed = self._a.net["groups"], self._a.net["closed"]
+        while step < last and not (spec.stop_at_decision and closed[spec.group]):
+            end = min(last if peaks is None else step + 1, self._prepare(step - 1) + 1)
+            reached = steps.run_trial(
+                self._view, spec.group, step, end, spec.stop_at_decision, self._a.reach, self._program.resolution
+            )
+            if reached == step:
+                self._record.drain(self._a.net)
+                if steps.has_room(self._view, step, 1, self._a.reach) < 1:
+                    self._grow_log()
+            elif peaks is not None:
+                peaks.follow(self._view, step, step - self._step - 1)
+                peaks = None if groups[spec.group, t.WINNER] >= 0 else peaks
+            step = int(reached)
+        return step - self._step - 1
+
+    def learn(self, projection: int, neuron: int, tick: int, lesson: float) -> None:
+        """Apply the rule's `teach` to the inputs of a neuron, of the trial just presented, at a tick of it."""
+        p, (arithmetic, c) = self._program.projections[projection], self._rule(projection)
+        inside = self._a.places[p.target].inside
+        local = neuron if inside is None else int(inside[neuron])
+        first = np.full(self._program.populations[p.source].size, NEVER)
+        trial_rules.first_spikes(self._view, p.source, self._trial_start, self._step, first)
+        moment, h = self._trial_start + 1 + tick, self._program.resolution
+        if projection in self._a.late:
+            bounds = (self._a.late[projection], *p.delay_range(h))
+            self._trial_updates[projection] += trial_rules.delay_teacher(arithmetic.teach)(
+                self._view, projection, c, *bounds, first, moment, local, lesson, h
+            )
+            return
+        where = (first, moment, neuron, local)
+        self._trial_updates[projection] += trial_rules.teacher(arithmetic.teach)(
+            self._view, projection, c, *where, lesson, h
+        )
+        if (settle := getattr(arithmetic, "settle", None)) is not None:
+            total = np.zeros(1)
+            trial_rules.teacher(trial_rules.added)(self._view, projection, total, *where, 0.0, h)
+            trial_rules.teacher(settle)(self._view, projection, c, *where, float(total[0]), h)
+
+    def encourage(self, projection: int, maps: Ints) -> None:
+        """Apply the rule's `encourage` to every weight of the given maps."""
+        p, (arithmetic, c) = self._program.projections[projection], self._rule(projection)
+        spec = self._program.trials
+        assert spec is not None
+        chosen = np.zeros(spec.maps, dtype=np.bool_)
+        chosen[maps] = True
+        size = self._program.populations[p.target].size
+        self._trial_updates[projection] += trial_rules.grower(arithmetic.encourage)(
+            self._view,
+            projection,
+            c,
+            chosen,
+            size // spec.maps,
+            self._a.places[p.target].outside,
+        )
+
+    def _rule(self, projection: int) -> tuple[ModuleType, Floats]:
+        """The functions and the constants of a rule for trials, kept until its numbers change."""
+        if projection not in self._taught:
+            synapse = self._program.projections[projection].synapse
+            c, arithmetic = np.zeros(synapse.width), synapse.arithmetic
+            arithmetic.constants(self._changes.rules[projection], self._program.resolution, c)
+            self._taught[projection] = arithmetic, c
+        return self._taught[projection]
+
+    # --- states, parameters, weights ----------------------------------------------------------------------
+
+    def get(self, population: int, name: str, ids: Ints | None = None) -> Floats:
+        """A state or parameter of all neurons or of some; sleeping ones are brought up in a copy."""
+        p = self._program.populations[population]
+        if layout.computes(p):
+            states = [s.name for s in type(p.model).states]
+            if name in states:
+                return self._cells.state(population, states.index(name), ids, self._step)
+        every = self._parameter(population, name)
+        return every if ids is None else every[ids]
+
+    def are_finite(self, population: int, states: Sequence[str]) -> bool:
+        """As `neuro.program.backend.are_finite`: looks at sleeping neurons as they fell asleep."""
+        place, model = self._a.places[population], type(self._program.populations[population].model)
+        names = [s.name for s in model.states]
+        rows = self._a.net["state"]
+        return all(bool(np.isfinite(rows[names.index(name), place.begin : place.end]).all()) for name in states)
+
+    def _parameter(self, population: int, name: str) -> Floats:
+        p, place = self._program.populations[population], self._a.places[population]
+        if p.kind == "poisson" and name == "rate":
+            mean: Floats = self._a.net["mean"][place.begin : place.end]
+            return mean / (self._program.resolution * 1e-3)
+        if layout.computes(p):
+            rows = self._changes.rows.get(population, layout.parameter_rows(p, place))
+            column = rows[:, list(p.parameters).index(name)]
+            return np.broadcast_to(place.by_id(column) if column.size > 1 else column, p.size).copy()
+        value = self._currents.parameter(population, name) if p.kind == "current" else p.parameters[name]
+        return np.broadcast_to(value, p.size).astype(np.float64)
+
+    def set(self, population: int, values: Mapping[str, Floats]) -> None:
+        """Change states and parameters; acts from the next step on."""
+        for name, each in values.items():
+            self._set(population, name, each)
+
+    def _set(self, population: int, name: str, values: Floats) -> None:
+        p, place = self._program.populations[population], self._a.places[population]
+        if name in p.parameters:
+            self._changes.given[population, name] = values.copy()
+        if p.kind == "poisson":
+            generators.set_rate(self._a, population, values, self._step)
+            return
+        if not layout.computes(p):
+            self._currents.set(population, name, values, self._step)
+            self._drives.changed()
+            return
+        if p.kind == "neuron":
+            steps.wake_population(self._view, population, self._step, self._program.resolution)
+            if any(name == tau for _, tau in getattr(p.model, "filters", {}).values()):
+                self._drives.changed()
+        inner = place.by_place(values) if values.size > 1 else values
+        states = [s.name for s in type(p.model).states]
+        if name in states:
+            self._a.net["state"][states.index(name), place.begin : place.end] = inner
+            return
+        rows = self._changes.rows.get(population, layout.parameter_rows(p, place))
+        column = list(p.parameters).index(name)
+        if inner.size > 1 and rows.shape[0] == 1:
+            rows = np.repeat(rows, p.size, axis=0)
+        rows = rows.copy()
+        rows[:, column] = inner
+        self._changes.rows[population] = rows
+        if name == "tau_minus":
+            self._a.net["tau_minus"][place.begin : place.end] = inner
+        if name == "t_ref" and self._a.net["pops"][population, t.HISTORY] >= 0:
+            learning.widen_histories(self._a, population, float(inner.min()))
+        build.rebuild_constants(self._a, self._changes.rows)
+        self._pack()
+
+    def signal(self, signal: int, values: Floats) -> None:
+        """Set the dopamine concentration of every synapse that listens to a signal."""
+        for q, k in self._a.plastic_of.items():
+            p = self._program.projections[q]
+            if p.signal == signal:
+                inner = np.ascontiguousarray(self._a.places[p.target].by_place(values), dtype=np.float64)
+                self._copy.give(k, self._step)
+                histories.write_signal(self._view, k, inner, self._step, self._program.resolution)
+
+    def get_synapses(self, projection: int, name: str) -> Floats:
+        """A state of the synapses, in the order of the program's weights."""
+        if projection in self._a.plastic_of:
+            return self._copy.synapses(projection, name, self._step)
+        p = self._program.projections[projection]
+        if name == "delay":
+            return reading.by_id(self._a.late[projection], self._a.synapses[projection].order)
+        if self._a.net["pops"][p.target, t.RELAY] == 1:
+            return np.broadcast_to(self._changes.kept.get(projection, p.weight), p.size).copy()
+        return reading.weights(self._a, projection)
+
+    def set_rule(self, projection: int, parameters: Floats) -> None:
+        """Change the numbers of a synapse model."""
+        if projection in self._a.plastic_of:
+            self._copy.drop()
+            reading.bring_all(self._a, self._view, self._a.plastic_of[projection], self._step)
+            if learning.set_numbers(self._a, projection, parameters, self._step):
+                self._pack()
+        self._changes.rules[projection] = parameters.copy()
+        self._taught.pop(projection, None)
+
+    def set_weights(self, projection: int, weights: Floats, chosen: NDArray[np.bool_] | None = None) -> None:
+        """Replace all weights, or those that are chosen; spikes under way keep the old ones."""
+        row = self._a.net["projections"][projection]
+        if row[t.DENSE_COUNTS] == 1:
+            self._list_counts(projection, weights)
+            return
+        if self._step > 0 and projection not in self._a.plastic_of:
+            self._deliver_ahead(projection)
+        self._write_weights(projection, weights, chosen)
+
+    def _deliver_ahead(self, projection: int) -> None:
+        """Put what has set out into the ring of a projection, with the weights of now."""
+        at_once = self._program.sends_at_once(self._program.projections[projection])
+        last, lag = self._step if at_once else self._step - 1, self._give_ring(projection)
+        arrivals.deliver_between(self._view, projection, self._step - lag + 1, last, self._step)
+        self._a.net["set_out"][projection] = last
+
+    def _give_ring(self, projection: int) -> int:
+        """Let a projection have a ring; return how many of the last steps may have sent what is not in it."""
+        lag = int(self._a.net["projections"][projection, t.LAG])
+        if lag == 0:
+            return 1
+        projections.give_ring(self._a, projection)
+        self._pack()
+        return lag
+
+    def _list_counts(self, projection: int, weights: Floats) -> None:
+        """Replace the weights behind a generator that keeps counts; from now on it lists its spikes.
+
+        Counts are added with the one weight of now, so what is under way is delivered first.
+        """
+        source = self._program.projections[projection].source
+        for q in [q for q, p in enumerate(self._program.projections) if p.source == source]:
+            lag = self._give_ring(q)
+            arrivals.deliver_counts(self._view, q, self._step - lag + 1, self._step)
+            self._a.net["projections"][q, t.DENSE_COUNTS] = 0
+        self._a.net["pops"][source, t.COUNTS] = t.NONE
+        self._write_weights(projection, weights)
+
+    def _write_weights(self, projection: int, weights: Floats, chosen: NDArray[np.bool_] | None = None) -> None:
+        p, row = self._program.projections[projection], self._a.net["projections"][projection]
+        if p.size == 0:
+            return
+        if p.source in self._currents:
+            self._currents.set_weights(projection, weights, self._step)
+            self._drives.changed()
+        order = self._a.synapses[projection].order
+        inner = weights[order] if order is not None and weights.size > 1 else weights
+        if projection in self._a.plastic_of:
+            k = self._a.plastic_of[projection]
+            self._copy.drop()
+            if self._a.plastic["table"][k, t.EAGER] == 0:
+                reading.bring_all(self._a, self._view, k, self._step)
+            first = self._a.plastic["table"][k, t.FIRST_SYNAPSE]
+            changed = slice(None) if chosen is None else chosen if order is None else chosen[order]
+            for kept in (self._a.plastic["y"][0], self._a.plastic["sent"]):
+                kept[first : first + p.size][changed] = np.broadcast_to(inner, p.size)[changed]
+            return
+        if self._a.net["pops"][p.target, t.RELAY] == 1:
+            self._changes.kept[projection] = weights.copy()
+            return
+        inner = p.arriving(inner)
+        if projections.own_weights(self._a):
+            self._pack()
+        first, stride = int(row[t.WEIGHT]), int(row[t.WEIGHT_STRIDE])
+        if inner.size > 1 and stride == 0 and p.size > 1:
+            row[t.WEIGHT], row[t.WEIGHT_STRIDE] = self._a.net["weights"].size, 1
+            self._a.net["weights"] = np.concatenate([self._a.net["weights"], inner])
+            self._pack()
+        else:
+            self._a.net["weights"][first : first + (p.size if stride else 1)] = inner
+        row[t.SIGN] = layout.sign(inner)
+
+    # --- accounts and persistence -------------------------------------------------------------------------
+
+    def counts(self) -> EngineCounts:
+        """Counts since the start or the last reset."""
+        net = self._a.net
+        generators.settle(self._a)
+        events = tuple(p.by_id(net["events"][p.begin : p.end].copy()) for p in self._a.places)
+        spikes = tuple(p.by_id(net["spikes"][p.begin : p.end].copy()) for p in self._a.places)
+        return EngineCounts(
+            self._step, events, spikes, net["active"].sum(axis=0)[: len(events)], self._trial_updates.copy()
+        )
+
+    def fired(self, population: int) -> Ints:
+        """Spikes of each neuron of a population since the start or the last reset."""
+        place = self._a.places[population]
+        return place.by_id(self._a.net["spikes"][place.begin : place.end].copy())
+
+    def memory(self) -> dict[str, int]:
+        """Bytes by what they hold."""
+        net, plastic = self._a.net, self._a.plastic
+        static = ("rows", "runs", "targets", "weights", "delays")
+        learning = ("y", "sent", "reached", "rule", "in_synapse", "in_source", "incoming")
+        logs = ("log_ids", "log_counts", "log_ends", "rec_steps", "rec_ids", "rec_counts")
+        rest = [k for k in net if k not in {*static, *logs, *snapshot.VIEWS}]
+        traces = [k for k in plastic if k not in {*learning, *snapshot.VIEWS}]
+        return {
+            "synapses": sum(net[k].nbytes for k in static) + sum(plastic[k].nbytes for k in learning),
+            "neurons": sum(net[k].nbytes for k in rest) + sum(plastic[k].nbytes for k in traces),
+            "spikes": sum(net[k].nbytes for k in logs) + self._record.nbytes(),
+        }
+
+    def reset(self, weights: bool) -> None:
+        """Back to step 0 and the initial states, and to the initial weights if asked."""
+        kept, delays = None, {}
+        if not weights:
+            parts = self._program.projections
+            kept = {q: self.get_synapses(q, "weight") for q in range(len(parts))}
+            delays = {q: self.get_synapses(q, "delay") for q, part in enumerate(parts) if part.synapse.delays}
+        before = self._changes
+        self._start_over(kept)
+        for q, each in delays.items():
+            learned_delays.write(self._a, q, each)
+        for (k, word), values in before.given.items():
+            self._set(k, word, values)
+        for q, rule in before.rules.items():
+            if np.any(rule != self._changes.rules[q]):
+                self.set_rule(q, rule)
+
+    def snapshot(self) -> dict[str, NDArray[Any]]:
+        """Everything that `restore` needs to continue bit for bit."""
+        self._record.drain(self._a.net)
+        generators.settle(self._a)
+        return {
+            **snapshot.snapshot(self._a),
+            **learned_delays.snapshot(self._a),
+            "engine.step": np.array(self._step),
+            "engine.trial_updates": self._trial_updates.copy(),
+            "engine.edges": self._a.net["edges"].copy(),
+            **self._changes.snapshot(),
+            **self._record.snapshot(),
+            **self._currents.snapshot(),
+            **self._listed.snapshot(),
+        }
+
+    def restore(self, arrays: Mapping[str, NDArray[Any]]) -> None:
+        """Continue from a snapshot of the same program.
+
+        Raises:
+            ModelError: it was taken with another number of threads.
+        """
+        edges = thread_partition.edges_of(arrays["engine.edges"], self._a.places)
+        n = edges.shape[1] - 1
+        if n not in (thread_partition.parts(self._program, self._n_threads), self._n_threads):
+            raise ModelError(f"the state was saved with threads={n}: expected the same to continue")
+        self._start_over(None, snapshot.is_eager(arrays), edges)
+        snapshot.restore(self._a, arrays)
+        learned_delays.restore(self._a, arrays)
+        self._step = int(arrays["engine.step"])
+        self._trial_updates = arrays["engine.trial_updates"].copy()
+        self._changes.restore(arrays)
+        learning.lay_constants(self._a, self._changes.rules)
+        self._record.restore(arrays)
+        self._currents.restore(arrays)
+        self._drives.changed()
+        self._listed.restore(arrays, self._step)
+        self._pack()

@@ -1,0 +1,168 @@
+"""Probes of states that the engine reads by itself, without bringing a whole population to the present."""
+
+# mypy: disable-error-code="no-untyped-def,no-untyped-call"
+from __future__ import annotations
+
+import numpy as np
+
+from neuro.core.clock import NEVER
+from neuro.program.backend import Sent
+from neuro.program.program import Floats, Ints, Probe, SynapseProbe
+from neuro_event.building import layout
+from neuro_event.building.arrays import Arrays
+from neuro_event.building.learning import make_room, probes_of
+from neuro_event.loop import steps, tables as t
+from neuro_event.loop.probes import follow_peaks, notes_to_come, sample
+
+AT_ONCE = 1 << 16
+"""Numbers that are kept in one array."""
+
+
+class Sampled:
+    """One probe.
+
+    Args:
+        a: the arrays of the kernels.
+        probe: of a state, with each neuron by itself.
+    """
+
+    def __init__(self, a: Arrays, probe: Probe) -> None:
+        self._a, self.every, self._population = a, probe.every, probe.population
+        part, place = a.program.populations[probe.population], a.places[probe.population]
+        self._state = [s.name for s in type(part.model).states].index(probe.record)
+        ids = np.arange(part.size) if probe.ids is None else probe.ids
+        self._places = place.begin + (ids if place.inside is None else np.asarray(place.inside)[ids]).astype(np.int64)
+        self._aside = np.zeros((a.net["state"].shape[0] + 1, t.BLOCK))
+        self._rows = max(1, AT_ONCE // ids.size)
+        self._steps: list[int] = []
+        self._values = [np.zeros((self._rows, ids.size))]
+
+    def read(self, view: int, step: int) -> None:
+        """Keep the states as of a step."""
+        row = len(self._steps) % self._rows
+        if row == 0 and self._steps:
+            self._values.append(np.zeros_like(self._values[0]))
+        out = self._values[-1][row]
+        sample(view, self._population, self._state, self._places, step, self._a.program.resolution, self._aside, out)
+        self._steps.append(step)
+
+    def take(self) -> tuple[Ints, Floats]:
+        """Steps and values since this was last asked."""
+        steps = np.array(self._steps, dtype=np.int64)
+        values = np.concatenate(self._values)[: steps.size]
+        self._steps, self._values = [], self._values[:1]
+        return steps, values
+
+
+class Samples:
+    """All probes that the engine reads by itself, by their numbers in the program.
+
+    Args:
+        a: the arrays of the kernels.
+    """
+
+    def __init__(self, a: Arrays) -> None:
+        self.probes = {
+            number: Sampled(a, probe) for number, probe in enumerate(a.program.probes) if can_sample(a, probe)
+        }
+
+    def next_due(self, step: int) -> int:
+        """The first step from `step` on in which one is due."""
+        return min((-(-step // probe.every) * probe.every for probe in self.probes.values()), default=NEVER)
+
+    def read(self, view: int, step: int) -> None:
+        """Keep what is due in a step."""
+        for probe in self.probes.values():
+            if step % probe.every == 0:
+                probe.read(view, step)
+
+
+def can_sample(a: Arrays, probe: Probe) -> bool:
+    """Whether a probe asks for each value of a state of neurons."""
+    part = a.program.populations[probe.population]
+    states = [s.name for s in type(part.model).states]
+    return probe.record in states and not probe.mean and layout.computes(part)
+
+
+class Notes:
+    """Takes notes out of the kernels' buffers before these are full.
+
+    Args:
+        a: the arrays of the kernels.
+    """
+
+    def __init__(self, a: Arrays) -> None:
+        self._a = a
+        self._probes = dict(probes_of(a.program))
+        self._kept: dict[int, list[Sent]] = {number: [] for number in self._probes}
+
+    def __bool__(self) -> bool:
+        return bool(self._probes)
+
+    def make_room(self, view: int, step: int) -> bool:
+        """Make room for what the spikes up to a step will leave; return whether arrays were replaced."""
+        needed: int = notes_to_come(view, step)
+        room: int = self._a.plastic["note_steps"].shape[1]
+        if needed <= room:
+            return False
+        self.drain()
+        if needed > room:
+            make_room(self._a, 2 * needed)
+        return needed > room
+
+    def drain(self) -> None:
+        """Take over what has been noted."""
+        plastic = self._a.plastic
+        for thread, n in enumerate(plastic["note_at"][:, 0].tolist()):
+            if n:
+                steps, places = plastic["note_steps"][thread, :n].copy(), plastic["note_synapses"][thread, :n]
+                for number, probe in self._probes.items():
+                    self._keep(number, probe, steps, places, plastic["note_y"][thread])
+                plastic["note_at"][thread, 0] = 0
+
+    def _keep(self, number: int, probe: SynapseProbe, steps: Ints, places: Ints, y: np.ndarray) -> None:
+        a, part = self._a, self._a.program.projections[probe.projection]
+        first = int(a.plastic["table"][a.plastic_of[probe.projection], t.FIRST_SYNAPSE])
+        inside = places - first
+        order = a.synapses[probe.projection].order
+        here = (inside >= 0) & (inside < part.size)
+        synapses = inside[here] if order is None else order[inside[here]]
+        row = ["weight", *(s.name for s in part.synapse.states)].index(probe.record)
+        found = Sent(steps[here], synapses.astype(np.int64), y[row, : places.size][here])
+        if probe.synapses is not None:
+            asked = np.isin(found.synapses, probe.synapses)
+            found = Sent(found.steps[asked], found.synapses[asked], found.values[asked])
+        self._kept[number].append(found)
+
+    def take(self, number: int) -> Sent:
+        """What was noted for a probe since this was last asked; the notes of a synapse are by time."""
+        self.drain()
+        none = Sent(np.zeros(0, dtype=np.int64), np.zeros(0, dtype=np.int64), np.zeros(0))
+        parts, self._kept[number] = [none, *self._kept[number]], []
+        return Sent(*(np.concatenate([getattr(part, word) for part in parts]) for word in Sent.__slots__))
+
+
+class Peaks:
+    """The peaks of one trial.
+
+    Args:
+        population: the output.
+        size: its neurons.
+        h: the resolution in ms.
+    """
+
+    def __init__(self, population: int, size: int, h: float) -> None:
+        self._population, self._h = population, h
+        self._value: Floats = np.full(size, -np.inf)
+        self._when: Ints = np.zeros(size, dtype=np.int64)
+
+    def follow(self, view: int, step: int, tick: int) -> None:
+        """See the states after a step, of sleeping neurons, too."""
+        steps.wake_population(view, self._population, step, self._h)
+        follow_peaks(view, self._population, tick, self._value, self._when)
+
+    def found(self, winner: int, tick: int) -> tuple[Floats, Ints]:
+        """The peaks and their ticks; the decision is the peak of the neuron that decided, if one did."""
+        if winner >= 0:
+            self._value[winner], self._when[winner] = np.inf, tick
+        return self._value, self._when

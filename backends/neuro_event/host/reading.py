@@ -1,0 +1,169 @@
+"""Reading what is computed lazily: in copies, so that a read changes nothing."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from neuro.program.program import Floats, Ints
+from neuro_event.building import learning
+from neuro_event.building.arrays import Arrays
+from neuro_event.loop import histories, steps, tables as t
+from neuro_event.loop.lazy_rules import APPLIED
+from neuro_event.loop.tables import table_of, with_plastic
+
+
+class Cells:
+    """A second place for the states of neurons, where sleeping ones are brought to the present for a read."""
+
+    def __init__(self, a: Arrays) -> None:
+        self._a = a
+        self._copied: dict[str, NDArray[Any]] = {}
+
+    def state(self, population: int, row: int, ids: Ints | None, step: int) -> Floats:
+        """A state of a population as of `step`, of all neurons or of some; a copy. It costs with the blocks read."""
+        place, pop = self._a.places[population], self._a.net["pops"][population]
+        if ids is None:
+            blocks = np.arange(pop[t.FIRST_BLOCK], pop[t.LAST_BLOCK])
+            return place.by_id(self._awake(population, blocks, step)[row, place.begin : place.end].copy())
+        neurons = place.begin + (ids if place.inside is None else place.inside[ids])
+        some: Floats = self._awake(population, neurons // t.BLOCK, step)[row, neurons]
+        return some
+
+    def _awake(self, population: int, blocks: Ints, step: int) -> Floats:
+        """All state rows, those of some blocks as of `step`."""
+        net = self._a.net
+        rows: Floats = net["state"]
+        asleep = net["awake"][blocks] == 0
+        if not asleep.any():
+            return rows
+        if not self._copied:
+            self._copied = {name: np.empty_like(net[name]) for name in ("state", "awake", "busy", "fired", "scratch")}
+            self._table = table_of({**net, **self._copied}, self._a.plastic)
+        blocks = np.unique(blocks)
+        for name, shape in (("awake", (-1, 1)), ("busy", (-1, 1)), ("fired", (-1, t.BLOCK)), ("state", (-1, t.BLOCK))):
+            lead = net[name].shape[:-1]
+            self._copied[name].reshape(*lead, *shape)[..., blocks, :] = net[name].reshape(*lead, *shape)[..., blocks, :]
+        steps.wake_blocks(self._table.ctypes.data, population, blocks, step, self._a.program.resolution)
+        rows = self._copied["state"]
+        return rows
+
+
+class Copy:
+    """A second place for the states of the synapses, where they are brought to the present for a read."""
+
+    def __init__(self, a: Arrays, table: Ints) -> None:
+        self._a, self._view = a, table.ctypes.data
+        self._y = np.empty_like(a.plastic["y"])
+        self._reached = np.empty_like(a.plastic["reached"])
+        self._table = with_plastic(table, y=self._y, reached=self._reached)
+        self._other_view = self._table.ctypes.data
+        self._has: tuple[int, int] | None = None
+
+    def synapses(self, projection: int, name: str, step: int) -> Floats:
+        """A state of the synapses of a plastic projection as of `step`, in the order of the program's weights."""
+        a = self._a
+        p, arranged = a.program.projections[projection], a.synapses[projection]
+        k = a.plastic_of[projection]
+        first = a.plastic["table"][k, t.FIRST_SYNAPSE]
+        here = slice(first, first + p.size)
+        if name == "n":
+            return by_id(concentration(a, self._view, k, step)[arranged.targets], arranged.order)
+        if name == "K_plus":
+            return by_id(np.repeat(trace(a, k, step), np.diff(arranged.row_ends)), arranged.order)
+        if not p.synapse.modulated and name == "weight":
+            return by_id(self._sent(k, here, arranged.targets, arranged.row_ends), arranged.order)
+        row = 0 if name == "weight" else 1 + [s.name for s in type(p.synapse).states].index(name)
+        if a.plastic["table"][k, t.EAGER]:
+            return by_id(a.plastic["y"][row, here], arranged.order)
+        if self._has != (k, step):
+            self._y[:, here] = a.plastic["y"][:, here]
+            self._reached[here] = a.plastic["reached"][here]
+            histories.bring(self._other_view, k, a.program.populations[p.target].size, step, a.program.resolution)
+            self._has = k, step
+        return by_id(self._y[row, here], arranged.order)
+
+    def give(self, k: int, step: int) -> None:
+        """Before a signal acts: what a read of this step has brought to the present need not be brought there again."""
+        a, row = self._a, self._a.plastic["table"][k]
+        if self._has == (k, step) and row[t.MODULATED] >= 0:
+            first = row[t.FIRST_SYNAPSE]
+            here = slice(first, first + a.program.projections[row[t.PROJECTION]].size)
+            a.plastic["y"][:, here] = self._y[:, here]
+            a.plastic["reached"][here] = self._reached[here]
+        self.drop()
+
+    def drop(self) -> None:
+        """Something of the synapses is set: what was read is no longer so."""
+        self._has = None
+
+    def _sent(self, k: int, here: slice, targets: NDArray[np.int32], row_ends: Ints) -> Floats:
+        """The weights sent last: kept aside where post spikes have been applied since the last pre spike."""
+        a = self._a
+        if a.plastic["table"][k, t.EAGER]:
+            return a.plastic["sent"][here]
+        p = a.program.projections[a.plastic["table"][k, t.PROJECTION]]
+        first_history = a.net["pops"][p.target, t.HISTORY]
+        last = a.plastic["spiked"][0, _sources(a, k)]
+        applied = a.plastic["past"][first_history + targets, APPLIED]
+        moved = applied > np.repeat(last, np.diff(row_ends))
+        return np.where(moved, a.plastic["sent"][here], a.plastic["y"][0, here])
+
+
+def concentration(a: Arrays, view: int, k: int, step: int) -> Floats:
+    """Dopamine of every target of the plastic projection number k."""
+    projection = a.program.projections[a.plastic["table"][k, t.PROJECTION]]
+    out = np.empty(a.program.populations[projection.target].size)
+    histories.concentrations(view, k, out, step, a.program.resolution)
+    return out
+
+
+def trace(a: Arrays, k: int, step: int) -> Floats:
+    """K+ of every source of the plastic projection number k."""
+    here = _sources(a, k)
+    if a.plastic["table"][k, t.EAGER]:
+        return learning.first_trace(a, k, step)
+    age = (step - a.plastic["k_time"][0, here]) * a.program.resolution
+    traces: Floats = a.plastic["k_plus"][0, here] * np.exp(-age / a.plastic["tau"][k, 0])
+    return traces
+
+
+def _sources(a: Arrays, k: int) -> slice:
+    """The first traces of the sources of the plastic projection number k."""
+    row = a.plastic["table"][k]
+    size = a.program.populations[a.program.projections[row[t.PROJECTION]].source].size
+    first, stride = row[t.FIRST_SOURCE], row[t.SOURCE_STRIDE]
+    return slice(first, first + size * stride, stride)
+
+
+def by_id(values: Floats, order: Ints | None) -> Floats:
+    """Values of synapses, from internal order to that of the program's weights."""
+    if order is None:
+        return values.copy()
+    out = np.empty_like(values)
+    out[order] = values
+    return out
+
+
+def weights(a: Arrays, projection: int) -> Floats:
+    """Weights of a projection that spike pairs do not change, in the order of the program's."""
+    p, row = a.program.projections[projection], a.net["projections"][projection]
+    first = row[t.WEIGHT]
+    if p.size == 0 or row[t.WEIGHT_STRIDE] == 0:
+        return p.arriving(np.full(p.size, a.net["weights"][first]))
+    return p.arriving(by_id(a.net["weights"][first : first + p.size], a.synapses[projection].order))
+
+
+def bring_all(a: Arrays, view: int, k: int, step: int) -> None:
+    """Catch up the plastic projection number k to the present, before something is set; traces are then values."""
+    if a.plastic["table"][k, t.EAGER]:
+        learning.unpack(a, k, step)
+        return
+    p = a.program.projections[a.plastic["table"][k, t.PROJECTION]]
+    n_sources, n_targets = a.program.populations[p.source].size, a.program.populations[p.target].size
+    histories.bring_histories(view, p.target, n_targets, step, a.program.resolution)
+    own = a.plastic["table"][k, t.RULE] < 0
+    bring_traces = histories.bring_own_traces if own else histories.bring_traces
+    bring_traces(view, k, n_sources, n_targets, step, a.program.resolution)

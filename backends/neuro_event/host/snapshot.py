@@ -1,0 +1,163 @@
+"""The arrays of the kernels as a state that is saved, and back."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from itertools import pairwise
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from neuro.program.program import Floats, Program
+from neuro_event.building import generators, layout, projections
+from neuro_event.building.arrays import Arrays
+from neuro_event.loop import tables as t
+
+_LAID_OUT = {"edges", "most", "rows", "runs", "targets", "delays", "order"}
+_GIVEN = _LAID_OUT | {"map_of", "initial", "resets", "keys", "group_keys", "local", "stages"}
+VIEWS = {"x", "bits", "awake_groups", "due_groups", "due_slots", "spot_words", "traces"}
+"""Arrays that show others in another way."""
+_EMPTY = {
+    "calm",
+    "scratch",
+    "words",
+    "found",
+    "found_arrived",
+    "fired",
+    "draws",
+    "won",
+    "queue",
+    "tally",
+    "none",
+    "spots",
+}
+_LISTS = {"incoming", "in_synapse", "in_source"}
+_NOTES = {"note_this", "note_at", "note_steps", "note_synapses", "note_y"}
+_DRIVES = {
+    "lines",
+    "line_ends",
+    "line_columns",
+    "line_lates",
+    "line_weights",
+    "shares",
+    "emitted",
+    "emitted_rows",
+    "emitted_from",
+}
+_TABLES = {"guides", "cumulative"}
+_REBUILT = _DRIVES | _TABLES | {"incoming", "at_emission", "list_steps", "list_ids", "list_counts", "cursor"}
+_FIXED = _GIVEN | VIEWS | _EMPTY | _REBUILT
+"""Arrays that a snapshot leaves out: they follow from the program, or hold nothing between two runs."""
+
+
+def snapshot(a: Arrays) -> dict[str, NDArray[Any]]:
+    """Copies of all arrays that hold something between two runs."""
+    net = {f"net.{k}": v.copy() for k, v in a.net.items() if k not in _FIXED}
+    net["net.state"] = a.net["state"][:, : layout.total(a.program)].copy()  # each row ends in room for nothing
+    net["net.due"] = _own_marks(a, a.net["due"])
+    net["net.pops"] = a.net["pops"][:, : t.NUMBER].copy()  # what follows are addresses of this process
+    net["net.projections"] = a.net["projections"][:, : t.CHANNEL_HEIGHT].copy()  # the rest follows from the program
+    plastic = {f"plastic.{k}": v.copy() for k, v in a.plastic.items() if k not in VIEWS | _NOTES | _LISTS | {"rule"}}
+    plastic["plastic.table"] = a.plastic["table"][:, : t.RULE_NUMBER].copy()
+    return {**net, **plastic, "engine.runs": np.flatnonzero(a.net["projections"][:, t.RUN] >= 0)}
+
+
+def _own_marks(a: Arrays, due: NDArray[np.uint8]) -> NDArray[np.uint8]:
+    """The marks of arrivals, flat: of each block those of the thread that it belongs to."""
+    owner = np.zeros(a.net["awake"].size, dtype=np.int64)
+    for edges in a.net["edges"]:
+        for thread, (first, end) in enumerate(pairwise(edges.tolist())):
+            owner[first:end] = thread
+    slots = due.reshape(due.shape[0], -1, owner.size)
+    return slots[owner, :, np.arange(owner.size)].T.ravel()
+
+
+def _by_runs(a: Arrays) -> None:
+    """Put weights that lie by source, then target where those of runs lie."""
+    for q in np.flatnonzero(a.net["projections"][:, t.RUN] >= 0).tolist():
+        row, p = a.net["projections"][q], a.program.projections[q]
+        if row[t.WEIGHT_STRIDE] == 1:
+            here = a.net["weights"][row[t.WEIGHT] : row[t.WEIGHT] + p.size]
+            given = np.empty_like(here)
+            given[layout.by_target(a.program, q, a.places)] = here
+            order = a.synapses[q].order
+            here[:] = given if order is None else given[order]
+
+
+def is_eager(arrays: Mapping[str, NDArray[Any]]) -> bool:
+    """Whether synapses learn eagerly in a snapshot where they can: before they did so there were no such arrays."""
+    return len(arrays.get("plastic.heard", ())) > 0
+
+
+def restore(a: Arrays, arrays: Mapping[str, NDArray[Any]]) -> None:
+    """Put the arrays of a snapshot in place of those of step 0."""
+    for name, value in arrays.items():
+        part, _, rest = name.partition(".")
+        if part == "net" and rest in _TABLES:
+            continue  # kept in version 0.1.0, of another size
+        if name == "net.pops":
+            a.net["pops"][:, : t.NUMBER] = value
+        elif name == "net.projections":
+            a.net["projections"][:, : t.CHANNEL_HEIGHT] = value[:, : t.CHANNEL_HEIGHT]
+        elif name == "net.due":
+            a.net["due"] = np.tile(value, (a.net["due"].shape[0], 1))
+        elif name == "net.groups":
+            a.net["groups"][:, : value.shape[1]] = value  # fewer columns in version 0.1.0
+        elif name == "net.state":
+            a.net["state"][:, : value.shape[1]] = value
+        elif part == "net" and a.net[rest].shape == value.shape:
+            a.net[rest][...] = value  # where it lies is well chosen, see `memory`
+        elif part == "net":
+            a.net[rest] = value.copy()
+        elif name == "plastic.table":
+            a.plastic["table"][:, : t.RULE_NUMBER] = value
+        elif part == "plastic" and rest not in _LISTS | {"rule"}:  # laid out again
+            a.plastic[rest] = value.copy()
+    if "engine.runs" not in arrays:  # version 0.1.0: all lay by source, then target
+        _by_runs(a)
+    if "plastic.spiked" not in arrays:  # version 0.1.0
+        a.plastic["spiked"] = a.plastic["k_time"].copy()
+    rings = [q for q in range(len(a.program.projections)) if a.net["projections"][q, t.LAG] == 0]
+    a.net["at_emission"] = np.array([q for q in rings if q not in a.plastic_of], dtype=np.int64)
+    projections.set_buffer(a, a.net["buf"])
+    projections.list_incoming(a)
+    generators.tabulate(a)
+
+
+class Changes:
+    """Values as they were given, which a reset sets again, and what the program says otherwise by now.
+
+    Args:
+        program: what runs.
+
+    Attributes:
+        given: parameters that were set, by population and word, in the order of ids.
+        rows: rows of parameters by population, in the order of the kernels.
+        rules: the numbers of each projection's synapse model.
+        kept: weights onto relays, which no kernel reads.
+    """
+
+    def __init__(self, program: Program) -> None:
+        self.given: dict[tuple[int, str], Floats] = {}
+        self.rows: dict[int, Floats] = {}
+        self.rules = {q: p.synapse.vector() for q, p in enumerate(program.projections)}
+        self.kept: dict[int, Floats] = {}
+
+    def snapshot(self) -> dict[str, NDArray[Any]]:
+        """Everything that `restore` needs."""
+        told = {f"told.{k}.{word}": values.copy() for (k, word), values in self.given.items()}
+        for part, held in (("rule", self.rules), ("changed", self.rows), ("kept", self.kept)):
+            told |= {f"{part}.{index}": values.copy() for index, values in held.items()}
+        return told
+
+    def restore(self, arrays: Mapping[str, NDArray[Any]]) -> None:
+        """Take over what a snapshot has."""
+        held = {"rule": self.rules, "changed": self.rows, "kept": self.kept}
+        for name, value in arrays.items():
+            part, _, rest = name.partition(".")
+            if part in held:
+                held[part][int(rest)] = value.copy()
+            elif part == "told":
+                k, _, word = rest.partition(".")
+                self.given[int(k), word] = value.copy()

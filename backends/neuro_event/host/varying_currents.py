@@ -1,0 +1,186 @@
+"""The tables of currents that change at every step, filled for a stretch of steps at a time."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from neuro.program.currents import NEVER, Currents, driven
+from neuro.program.drives import Emission, Line, charges, lines_of
+from neuro.program.program import Floats, Program
+from neuro_event.building.arrays import Arrays
+from neuro_event.loop import steps, tables as t
+
+SHORTEST, LONGEST = 64, 1024
+"""Steps of a stretch."""
+
+HELD = 1 << 19
+"""About how many currents a stretch holds."""
+
+
+class Drives:
+    """What is emitted in the next steps along the lines into driven populations.
+
+    Args:
+        program: the whole network.
+        currents: what its generators are set to.
+        arrays: where the loop finds its tables.
+        parameter: gives a parameter of a population as it is now.
+    """
+
+    def __init__(
+        self, program: Program, currents: Currents, arrays: Arrays, parameter: Callable[[int, str], Floats]
+    ) -> None:
+        self._program, self._currents, self._a, self._parameter = program, currents, arrays, parameter
+        self._driven = driven(program)
+        self._emissions: dict[int, Emission] = {}
+        self._lines: list[Line] = []
+        self._until = -1
+        arrays.net |= _tables(np.zeros((0, t.LINE_COLUMNS), dtype=np.int64))
+
+    def changed(self) -> None:
+        """Something was set: what was worked out is no longer so."""
+        self._until = -1
+
+    def prepare(self, step: int) -> tuple[int, bool]:
+        """Work out the currents of the steps after `step`.
+
+        Returns:
+            The last step for which they are known, and whether arrays were replaced.
+        """
+        if not self._driven:
+            return int(NEVER), False
+        replaced = self._until < 0
+        if replaced:
+            self._lay_out()
+        if self._until <= step:
+            self._fill(step)
+        return self._until, replaced
+
+    def _lay_out(self) -> None:
+        """Lay out lines and weights anew."""
+        self._lines = [k for k in lines_of(self._program, self._currents) if k.weight.size]
+        for line in self._lines:
+            self._emissions.setdefault(line.projection, Emission(self._program, line.projection))
+        columns = sum(self._emissions[line.projection].columns for line in self._lines)
+        self._steps = max(int(np.clip(HELD // max(1, columns), SHORTEST, LONGEST)), self._currents.longest)
+        parts, begun, first = _Parts(), set[int](), 0
+        span = self._steps + self._currents.longest
+        for line in self._lines:
+            self._enter(parts, line, first, begun)
+            emission = self._emissions[line.projection]
+            first += emission.room(span) * emission.columns
+        self._a.net |= parts.tables()
+        self._a.net["emitted"] = np.zeros(first)
+        self._a.net["emitted_rows"] = np.zeros((len(self._lines), span), dtype=np.int64)
+
+    def _enter(self, parts: _Parts, line: Line, first: int, begun: set[int]) -> None:
+        """Enter one line whose values begin at `first`."""
+        p = self._program.projections[line.projection]
+        place, n = self._a.places[p.target], self._program.populations[p.target].size
+        _, post = self._program.connections(line.projection)
+        row = parts.row()
+        row[t.DRIVEN], row[t.CHARGED], row[t.BEGINS] = p.target, t.NONE, 0
+        if p.receptor is not None:
+            words = type(self._program.populations[p.target].model).filters[p.receptor.name]  # type: ignore[attr-defined]
+            row[t.CHARGED], share = charges(self._program, p, {words[1]: self._parameter(p.target, words[1])})
+            row[t.SHARE] = parts.add("shares", place.by_place(np.broadcast_to(share, n)))
+        elif p.target not in begun:
+            row[t.BEGINS] = 1
+            begun.add(p.target)
+        column = self._emissions[line.projection].column
+        row[t.FIRST_VALUE], row[t.VALUES] = first, self._emissions[line.projection].columns
+        shared = bool(np.all(line.weight == line.weight[0]))
+        each = np.array_equal(post, np.arange(n)) and place.inside is None and bool(np.all(p.delay == p.delay[0]))
+        steady = bool(np.all(column == column[0]))
+        row[t.LINE_STRIDE], weight = (0, line.weight[:1]) if shared else (1, line.weight)
+        if each and (steady or np.array_equal(column, column[0] + np.arange(n))):
+            row[t.HOW] = t.TO_ALL if steady else t.TO_EACH
+            row[t.COLUMN_AT], row[t.LATE] = column[0], p.delay[0]
+        else:
+            order = np.argsort(post if place.inside is None else place.inside[post], kind="stable")
+            counts = np.bincount(post, minlength=n)
+            ends = np.concatenate([[0], np.cumsum(place.by_place(counts))])
+            row[t.HOW] = t.AS_LISTED
+            begin = parts.add("line_columns", column[order])
+            parts.add("line_lates", np.broadcast_to(p.delay, p.size)[order].astype(np.int64))
+            row[t.LINE_ENDS] = parts.add("line_ends", ends + begin)
+            weight = weight if shared else weight[order]
+            row[t.LINE_WEIGHT] = parts.add("line_weights", weight) - (0 if shared else begin)
+            return
+        row[t.LINE_WEIGHT] = parts.add("line_weights", weight)
+
+    def _fill(self, step: int) -> None:
+        """Work out what is emitted up to where it ends; a delay before the steps to come, it is still under way."""
+        first = step - self._currents.longest + 1
+        steps = np.arange(first, first + self._steps + self._currents.longest)
+        emitted, rows = self._a.net["emitted"], self._a.net["emitted_rows"]
+        for k, line in enumerate(self._lines):
+            part = self._program.projections[line.projection]
+            rows[k], values = self._emissions[line.projection].drawn(steps, self._currents.parameters(part.source))
+            rows[k, (steps <= line.since) | (steps > line.until)] = 0
+            begin = self._a.net["lines"][k, t.FIRST_VALUE]
+            emitted[begin : begin + values.size] = values.ravel()
+        self._a.net["emitted_from"][0] = first
+        self._until = step + self._steps
+
+
+Numbers = NDArray[Any]
+
+
+class _Parts:
+    """Rows of lines, and the arrays that they point into."""
+
+    def __init__(self) -> None:
+        self._rows: list[NDArray[np.int64]] = []
+        self._arrays: dict[str, list[Numbers]] = {}
+
+    def row(self) -> NDArray[np.int64]:
+        """A new line, to be filled in."""
+        self._rows.append(np.zeros(t.LINE_COLUMNS, dtype=np.int64))
+        return self._rows[-1]
+
+    def add(self, name: str, values: Numbers) -> int:
+        """Put values behind those of other lines; return where they begin."""
+        held = self._arrays.setdefault(name, [])
+        begin = sum(each.size for each in held)
+        held.append(values)
+        return begin
+
+    def tables(self) -> dict[str, Numbers]:
+        """The arrays by the names of `views`."""
+        rows = np.array(self._rows, dtype=np.int64).reshape(-1, t.LINE_COLUMNS)
+        joined: dict[str, Numbers] = {
+            name: np.ascontiguousarray(np.concatenate(held)) for name, held in self._arrays.items()
+        }
+        return _tables(rows) | joined
+
+
+def _tables(rows: NDArray[np.int64]) -> dict[str, Numbers]:
+    """Lines with nothing behind them."""
+    numbers: dict[str, Numbers] = {
+        name: np.zeros(0, dtype=np.int64) for name in ("line_ends", "line_columns", "line_lates")
+    }
+    return {
+        "lines": rows,
+        **numbers,
+        "line_weights": np.zeros(0),
+        "shares": np.zeros(0),
+        "emitted": np.zeros(0),
+        "emitted_rows": np.zeros((0, 0), dtype=np.int64),
+        "emitted_from": np.zeros(1, dtype=np.int64),
+    }
+
+
+def apply(currents: Currents, program: Program, arrays: Arrays, view: int, step: int) -> None:
+    """Set the currents that hold from step + 1 on; populations whose current changes are woken."""
+    for target in currents.targets:
+        place = arrays.places[target]
+        current = place.by_place(currents.into(target, step + 1))
+        now = arrays.net["current"][place.begin : place.end]
+        if not np.array_equal(current, now):
+            steps.wake_population(view, target, step, program.resolution)
+            now[:] = current

@@ -1,0 +1,1 @@
+"""Compiled kernels: one step after the other, on arrays alone."""

@@ -1,0 +1,250 @@
+"""Delivery at arrival over a projection whose synapses lie by source, then delay.
+
+The synapses of one source with one delay are a run. A step adds the runs of the spikes that are as old as their delay
+to its own input, which stays in the cache, where a ring of all steps to come would not. Spikes go in by their age, the
+oldest first, then by id, and the targets of a run ascend: so the order of all sums is that of the reference, and the
+same for any number of threads, which own targets.
+"""
+
+# mypy: ignore-errors
+import numpy as np
+
+from neuro.kernels.jit import inner, kernel, merged
+from neuro_event.loop import tables as t
+from neuro_event.loop.deliver import base_of, csr_own, receptor, spikes, told_apart
+from neuro_event.loop.shared_weight_delivery import add, mark_blocks
+from neuro_event.loop.stages import deliver_log
+from neuro_event.loop.tables import address, net_of, prefetch, slot_mask
+
+AHEAD = 6
+"""How many runs ahead."""
+
+_LINE = 64
+
+
+@inner
+def ask(begin, end):
+    """Ask for the lines between two addresses. Runs are short: what asks for three lines has no branch."""
+    final = end - 1
+    prefetch(begin)
+    prefetch(min(begin + _LINE, final))
+    prefetch(min(begin + 2 * _LINE, final))
+    for place in range(begin + 3 * _LINE, end, _LINE):
+        prefetch(place)
+
+
+@inner
+def ask_for(view, row, first, last):
+    """Ask for the targets and the weights of a run."""
+    net = net_of(view)
+    targets = address(net.targets) + 4 * row[t.SYNAPSE]
+    ask(targets + 4 * first, targets + 4 * last)
+    if row[t.WEIGHT_STRIDE] == 1:
+        weights = address(net.weights) + 8 * row[t.WEIGHT]
+        ask(weights + 8 * first, weights + 8 * last)
+
+
+@inner
+def add_run(view, row, thread, first, last, m, receptors, between, out, mark):
+    """Add a run, the synapses first:last of its projection, to the input whose target 0 lies at `out`."""
+    net = net_of(view)
+    e = row[t.SYNAPSE]
+    if row[t.WEIGHT_STRIDE] == 0:
+        weight = net.weights[row[t.WEIGHT]] * m
+        at = out + receptor(weight, receptors) * between
+        here = address(net.targets) + 4 * (e + first)  # asked for long before
+        add(net.targets, e + first, e + last, weight, net.buf, at, here)
+        if mark >= 0:
+            mark_blocks(net.targets, e + first, e + last, net.due[thread], mark)
+    else:
+        apart, at = receptors, out
+        if receptors == 2 and row[t.SIGN] != t.MIXED:
+            apart, at = 1, out + (between if row[t.SIGN] == t.NEGATIVE else 0)
+        w, due = row[t.WEIGHT] + first, net.due[thread]
+        csr_own(net.targets, e + first, e + last, net.weights, w, m, apart, between, net.buf, at, due, mark)
+
+
+@inner
+def add_queue(view, row, thread, n, total, slot):
+    """Add the first n runs of a thread's queue to the input of the present step, whose marks lie at `slot`.
+
+    Where they reach many neurons, of all threads, all blocks are marked.
+    """
+    net = net_of(view)
+    target = net.pops[row[t.TARGET]]
+    queue = net.queue[thread]
+    between = net.x.shape[1]
+    out = target[t.BEGIN] + base_of(row) * between
+    receptors = told_apart(row, target[t.RECEPTORS])
+    wide = total > 2 * (target[t.LAST_BLOCK] - target[t.FIRST_BLOCK])
+    mark = -1 if wide else slot + target[t.FIRST_BLOCK]
+    for k in range(min(AHEAD, n)):
+        ask_for(view, row, queue[k, 0], queue[k, 1])
+    for k in range(n):
+        if k + AHEAD < n:
+            ask_for(view, row, queue[k + AHEAD, 0], queue[k + AHEAD, 1])
+        add_run(view, row, thread, queue[k, 0], queue[k, 1], np.float64(queue[k, 2]), receptors, between, out, mark)
+    if wide:
+        first_block = net.edges[target[t.NUMBER], thread]
+        last_block = net.edges[target[t.NUMBER], thread + 1]
+        net.due[thread, slot + first_block : slot + last_block] = 1
+
+
+@kernel
+def arrive(view, q, step, thread):
+    """Add what arrives in a step over a projection to the input of this thread's targets."""
+    net = net_of(view)
+    row = net.projections[q]
+    source, target = net.pops[row[t.SOURCE]], net.pops[row[t.TARGET]]
+    threads = net.edges.shape[1] - 1
+    if net.edges[target[t.NUMBER], thread] >= net.edges[target[t.NUMBER], thread + 1]:
+        return
+    blocks = net.awake.shape[0]
+    slot = (step & slot_mask(net)) * blocks
+    queue = net.queue[thread]
+    mask, steps = net.log_ids.shape[1] - 1, net.log_ends.shape[1] - 1
+    n = total = 0
+    for d in range(row[t.DELAYS] - 1, -1, -1):
+        j = step - row[t.SHORTEST] - d
+        if j <= net.clock[thread, t.HORIZON]:
+            continue
+        for sender in range(threads):
+            ends = net.log_ends[sender, j & steps]
+            for place in range(ends[row[t.SOURCE]], ends[row[t.SOURCE] + 1]):
+                i = np.int64(net.log_ids[sender, place & mask]) - source[t.BEGIN]
+                run = row[t.RUN] + (i * row[t.DELAYS] + d) * threads
+                synapses = np.int64(net.runs[run + threads]) - np.int64(net.runs[run])
+                if synapses == 0:
+                    continue
+                total += synapses
+                queue[n, 0], queue[n, 1] = net.runs[run + thread], net.runs[run + thread + 1]
+                queue[n, 2] = net.log_counts[sender, place & mask]
+                n += 1
+                if n == queue.shape[0]:
+                    add_queue(view, row, thread, n, total, slot)
+                    n = total = 0
+    if n > 0:
+        add_queue(view, row, thread, n, total, slot)
+
+
+@kernel
+def at_emission(view, q, step, after, thread):
+    """Put what the source of a projection emitted in a step, and what of it arrives after another, into its ring."""
+    net = net_of(view)
+    row = net.projections[q]
+    if step <= net.set_out[q]:
+        return
+    if row[t.RUN] < 0:
+        log_delivery(view, q, step, 0, thread, thread + 1, True)
+        return
+    mask, slot = net.log_ids.shape[1] - 1, step & (net.log_ends.shape[1] - 1)
+    for sender in range(net.edges.shape[1] - 1):
+        for place in range(net.log_ends[sender, slot, row[t.SOURCE]], net.log_ends[sender, slot, row[t.SOURCE] + 1]):
+            i = np.int64(net.log_ids[sender, place & mask]) - net.pops[row[t.SOURCE], t.BEGIN]
+            keep_for_later(view, row, i, np.float64(net.log_counts[sender, place & mask]), step, after, thread)
+
+
+@inner
+def keep_for_later(view, row, i, m, step, after, thread):
+    """Put the spike of source i in a step, of multiplicity m, into the ring of its projection."""
+    net = net_of(view)
+    target = net.pops[row[t.TARGET]]
+    threads = net.edges.shape[1] - 1
+    blocks = net.awake.shape[0]
+    slots = slot_mask(net)
+    receptors = target[t.RECEPTORS]
+    for d in range(row[t.DELAYS]):
+        at = step + row[t.SHORTEST] + d
+        run = row[t.RUN] + (i * row[t.DELAYS] + d) * threads + thread
+        first, last = np.int64(net.runs[run]), np.int64(net.runs[run + 1])
+        if at <= after or first == last:
+            continue
+        out = row[t.RING] + ((at & row[t.RING_MASK]) * receptors + base_of(row)) * row[t.RING_SIZE]
+        mark = (at & slots) * blocks + target[t.FIRST_BLOCK]
+        add_run(view, row, thread, first, last, m, told_apart(row, receptors), row[t.RING_SIZE], out, mark)
+
+
+@inner
+def owner(edges, block):
+    """The thread that a block belongs to."""
+    thread = 0
+    while block >= edges[thread + 1]:
+        thread += 1
+    return thread
+
+
+@kernel
+def deliver_counts(view, q, first, last):
+    """Put the counts of the steps first..last, which a poisson_generator keeps, into the ring of a projection.
+
+    The ring is one-to-one, and every step has a slot of its own.
+    """
+    net = net_of(view)
+    row = net.projections[q]
+    source, target = net.pops[row[t.SOURCE]], net.pops[row[t.TARGET]]
+    n = source[t.END] - source[t.BEGIN]
+    blocks = net.awake.shape[0]
+    slots = slot_mask(net)
+    for step in range(max(first, net.clock[0, t.HORIZON] + 1), last + 1):
+        at = step + np.int64(net.delays[row[t.DELAY]])
+        place = source[t.COUNTS] + (step & (source[t.COUNTS_STEPS] - 1)) * n
+        ring = row[t.RING] + ((at & row[t.RING_MASK]) * target[t.RECEPTORS] + base_of(row)) * row[t.RING_SIZE]
+        for i in range(n):
+            m = net.counts[place + i]
+            if m > 0:
+                weight = net.weights[row[t.WEIGHT] + i * row[t.WEIGHT_STRIDE]]
+                to = receptor(weight, told_apart(row, target[t.RECEPTORS]))
+                net.buf[ring + to * row[t.RING_SIZE] + i] += weight * m
+                block = target[t.FIRST_BLOCK] + i // t.BLOCK
+                net.due[owner(net.edges[row[t.TARGET]], block), (at & slots) * blocks + block] = 1
+
+
+@kernel
+def deliver_between(view, q, first, last, now):
+    """Put the spikes of a projection's source of the steps first..last that arrive after now into its ring."""
+    net = net_of(view)
+    for thread in range(net.edges.shape[1] - 1):
+        for step in range(max(first, net.clock[thread, t.HORIZON] + 1), last + 1):
+            at_emission(view, q, step, now, thread)
+
+
+@merged
+def log_delivery(view, q, j, k, begin, stop, ring):
+    """Deliver what projection q's source emitted in step j, if it did, as `deliver_log`."""
+    net = net_of(view)
+    if spikes(net, net.projections[q, t.SOURCE], j & (net.log_ends.shape[1] - 1)) > 0:
+        deliver_log(view, q, j, k, begin, stop, ring)
+
+
+QUEUE = 256
+"""Runs that are gathered before they are added, so that memory can be asked for ahead."""
+
+
+@kernel
+def by_delay(row_ends, targets, delays):
+    """Whether the synapses of every source lie by delay, then target."""
+    for source in range(row_ends.size - 1):
+        late, to = delays[row_ends[source] : row_ends[source + 1]], targets[row_ends[source] : row_ends[source + 1]]
+        disorder = 0
+        for e in range(1, late.size):  # without a way out, so that lanes do it
+            disorder += (late[e] < late[e - 1]) | ((late[e] == late[e - 1]) & (to[e] < to[e - 1]))
+        if disorder > 0:
+            return False
+    return True
+
+
+@kernel
+def fill_runs(row_ends, targets, delays, shortest, n_delays, edges, runs):
+    """Where the runs of each source and delay begin, cut at the threads' edges (local targets); `runs` begins as 0."""
+    threads = edges.size - 1
+    for source in range(row_ends.size - 1):
+        place = source * n_delays * threads
+        thread = 0
+        for e in range(row_ends[source], row_ends[source + 1]):
+            if threads > 1:
+                thread = 0
+                while targets[e] >= edges[thread + 1]:
+                    thread += 1
+            runs[place + (np.int64(delays[e]) - shortest) * threads + thread + 1] += np.uint32(1)
+    for k in range(1, runs.size):
+        runs[k] += runs[k - 1]

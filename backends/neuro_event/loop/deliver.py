@@ -1,0 +1,251 @@
+"""Static delivery: what the spikes of one step add to the input of a projection's targets.
+
+`buf` holds the input of the present step (by receptor, over all neurons) and, behind it, the rings of the
+projections whose spikes are delivered at emission. `due` marks the blocks that a step must look at.
+"""
+
+# mypy: ignore-errors
+import numpy as np
+
+from neuro.kernels.jit import inner, kernel, merged
+from neuro.kernels.lanes import LANES
+from neuro_event.loop import tables as t
+from neuro_event.loop.shared_weight_delivery import RANGE, deliver_alike, deliver_in_ranges, mark_spots
+from neuro_event.loop.tables import net_of, slot_mask
+
+_BLOCK = 6
+assert 1 << _BLOCK == t.BLOCK
+
+
+@merged
+def spikes(net, source, slot):
+    """How many neurons of a population fired in the step whose ends are kept at a slot."""
+    n = 0
+    for sender in range(net.edges.shape[1] - 1):
+        n += net.log_ends[sender, slot, source + 1] - net.log_ends[sender, slot, source]
+    return n
+
+
+@inner
+def receptor(weight, receptors):
+    """Which of the receptors a weight goes to by its sign."""
+    return 1 if receptors == 2 and weight < 0.0 else 0
+
+
+@inner
+def base_of(row):
+    """The first receptor that a projection may reach: the one that it names, else the first of all."""
+    return max(row[t.RECEPTOR], 0)
+
+
+@inner
+def told_apart(row, receptors):
+    """How many receptors signs tell apart: 1 where all goes to the one that is named."""
+    return receptors if row[t.RECEPTOR] < 0 else 1
+
+
+@inner
+def csr_own(targets, first, last, weights, w, m, receptors, stride, buf, out, due, mark):
+    """Add to the targets first:last their own weight times m; `w` is the place of the first one's weight."""
+    if receptors == 2:
+        for e in range(first, last):
+            weight = weights[w + e - first] * m
+            buf[out + np.int64(targets[e]) + (stride if weight < 0.0 else 0)] += weight
+    else:
+        begin, shift = np.uint64(out), np.uint64(w) - np.uint64(first)
+        for e in range(np.uint64(first), np.uint64(last)):
+            buf[begin + np.uint64(targets[e])] += weights[shift + e] * m
+    if mark >= 0:
+        for e in range(first, last):
+            due[mark + (np.int64(targets[e]) >> _BLOCK)] = 1
+
+
+@inner
+def csr_delayed(view, q, source_id, m, step, thread, lo, hi):
+    """One spike over a projection whose synapses have delays of their own, into its ring, to the targets lo:hi.
+
+    The synapses of a source may lie by delay, so those of one thread's targets are not together.
+    """
+    net = net_of(view)
+    row = net.projections[q]
+    threads, blocks, slots = net.edges.shape[1] - 1, net.awake.shape[0], slot_mask(net)
+    place, receptors = row[t.ROW] + source_id * threads, net.pops[row[t.TARGET], t.RECEPTORS]
+    size, base, apart = row[t.RING_SIZE], base_of(row), told_apart(row, receptors)
+    mark = net.pops[row[t.TARGET], t.FIRST_BLOCK]
+    for e in range(net.rows[place], net.rows[place + threads]):
+        target = np.int64(net.targets[e])
+        if target < lo or target >= hi:
+            continue
+        s = e - row[t.SYNAPSE]
+        at = step + np.int64(net.delays[row[t.DELAY] + s * row[t.DELAY_STRIDE]])
+        weight = net.weights[row[t.WEIGHT] + s * row[t.WEIGHT_STRIDE]] * m
+        to = (at & row[t.RING_MASK]) * receptors + base + receptor(weight, apart)
+        net.buf[row[t.RING] + to * size + target] += weight
+        net.due[thread, (at & slots) * blocks + mark + (target >> _BLOCK)] = 1
+
+
+@inner
+def grid_add(row, source, m, weights, lo, hi, buf, out, apart, due, mark):
+    """A shared kernel, kept with the maps innermost: add it to those of lo:hi round one source, and mark their blocks.
+
+    Negative weights go `apart` places further, to the second receptor; 0 where all go to one.
+    """
+    width, sheet = row[t.CHANNEL_WIDTH], row[t.CHANNEL_HEIGHT] * row[t.CHANNEL_WIDTH]
+    maps, rows, columns, reach = row[t.MAPS], row[t.ROWS], row[t.COLUMNS], row[t.REACH]
+    inside = row[t.CHANNELS_INSIDE]
+    channel, pixel = (source % inside, source // inside) if inside > 0 else (source // sheet, source % sheet)
+    y, x = pixel // width + row[t.TOP], pixel % width + row[t.LEFT]
+    stride = row[t.STRIDE]
+    first_map, channel = channel // row[t.DEPTH] * reach, channel % row[t.DEPTH]
+    first, last = max(0, (x - row[t.KERNEL_WIDTH]) // stride + 1), min(columns, x // stride + 1)
+    for r in range(max(0, (y - row[t.KERNEL_HEIGHT]) // stride + 1), min(rows, y // stride + 1)):
+        line = r * columns * maps + first_map
+        if mark >= 0:
+            begin, end = max(lo, line + first * maps), min(hi, line + (last - 1) * maps + reach)
+            if begin < end:
+                due[mark + (begin >> _BLOCK) : mark + ((end - 1) >> _BLOCK) + 1] = 1
+        for c in range(first, last):
+            place = (channel * row[t.KERNEL_HEIGHT] + y - r * stride) * row[t.KERNEL_WIDTH] + x - c * stride
+            target = line + c * maps
+            begin, end = max(lo, target), min(hi, target + reach)
+            if begin >= end:
+                continue
+            w = row[t.WEIGHT] + place * maps + first_map + begin - target
+            if apart != 0:
+                for k in range(end - begin):
+                    weight = weights[w + k] * m
+                    buf[out + begin + k + (apart if weight < 0.0 else 0)] += weight
+            else:
+                to, some = buf[out + begin : out + end], weights[w : w + end - begin]
+                for k in range(some.size):
+                    to[k] += some[k] * m
+
+
+@inner
+def add_by_sign(weights, m, first, second):
+    """Add weights times m to the first receptor or, below 0, to the second; -0.0, which changes no bit, to the other.
+
+    So there is no branch, and the loop takes many at once.
+    """
+    for i in range(weights.size):
+        weight = weights[i] * m
+        second[i] += weight if weight < 0.0 else -0.0
+        first[i] += -0.0 if weight < 0.0 else weight
+
+
+@inner
+def scatter(view, q, source_id, m, thread, lo, hi, n, receptors, out, between, mark, spot):
+    """One spike of multiplicity m over a projection with one delay, to this thread's targets lo:hi of n.
+
+    `out` is the place of target 0 in `buf`, `between` the distance to the second receptor, and `mark` the
+    place of the targets' first block in `due`, or -1 where all blocks are marked at once; `spot` as in `alike`.
+    """
+    net = net_of(view)
+    row = net.projections[q]
+    buf, weights, due = net.buf, net.weights, net.due[thread]
+    layout = row[t.LAYOUT]
+    if layout == t.CSR:
+        place = row[t.ROW] + source_id * (net.edges.shape[1] - 1) + thread
+        first, last = net.rows[place], net.rows[place + 1]
+        w = row[t.WEIGHT] + first - row[t.SYNAPSE]
+        csr_own(net.targets, first, last, weights, w, m, receptors, between, buf, out, due, mark)
+        if spot >= 0:
+            mark_spots(net.targets, first, last, net.spots, spot)
+    elif layout == t.DENSE:
+        w = row[t.WEIGHT] + source_id * n
+        if row[t.WEIGHT_STRIDE] == 0:
+            weight = weights[row[t.WEIGHT]] * m
+            o = out + receptor(weight, receptors) * between
+            to = buf[o + lo : o + hi]
+            for k in range(to.size):
+                to[k] += weight
+        elif row[t.SIGN] != t.MIXED or receptors == 1:
+            o = out + (between if row[t.SIGN] == t.NEGATIVE and receptors == 2 else 0)
+            to, some = buf[o + lo : o + hi], weights[w + lo : w + hi]
+            for k in range(to.size):
+                to[k] += some[k] * m
+        else:
+            o = out + between
+            add_by_sign(weights[w + lo : w + hi], m, buf[out + lo : out + hi], buf[o + lo : o + hi])
+    elif layout == t.ONE_TO_ONE:
+        if lo <= source_id < hi:
+            weight = weights[row[t.WEIGHT] + source_id * row[t.WEIGHT_STRIDE]] * m
+            buf[out + source_id + receptor(weight, receptors) * between] += weight
+            if mark >= 0:
+                due[mark + (source_id >> _BLOCK)] = 1
+    elif row[t.SIGN] == t.MIXED and receptors == 2:
+        grid_add(row, source_id, m, weights, lo, hi, buf, out, between, due, mark)
+    else:
+        o = out + (between if row[t.SIGN] == t.NEGATIVE and receptors == 2 else 0)
+        grid_add(row, source_id, m, weights, lo, hi, buf, o, 0, due, mark)
+
+
+@kernel
+def deliver_log(view, q, j, k, begin, stop, ring):
+    """Deliver the spikes that projection q's source emitted in step j, to the targets of the threads begin:stop.
+
+    With `ring` they go into the projection's ring, for the step in which they arrive; else to the input of
+    step k, the present one.
+    """
+    net = net_of(view)
+    row = net.projections[q]
+    target = net.pops[row[t.TARGET]]
+    edges = net.edges[target[t.NUMBER]]
+    if edges[begin] >= edges[stop]:
+        return
+    own_delays = ring and row[t.DELAY_STRIDE] == 1
+    if ring:
+        at = j + np.int64(net.delays[row[t.DELAY]])
+        out = row[t.RING] + (at & row[t.RING_MASK]) * target[t.RECEPTORS] * row[t.RING_SIZE]
+        between = row[t.RING_SIZE]
+    else:
+        at = k
+        out = target[t.BEGIN]
+        between = net.x.shape[1]
+    out += base_of(row) * between
+    step_slot = j & (net.log_ends.shape[1] - 1)
+    slot = (at & slot_mask(net)) * net.awake.shape[0]
+    spot = target[t.BEGIN] // LANES if target[t.COLLECTS] >= 0 else -1
+    wide = not own_delays and spot < 0 and spikes(net, row[t.SOURCE], step_slot) >= row[t.WAKE_ALL]
+    mark = -1 if wide else slot + target[t.FIRST_BLOCK]
+    if row[t.LAYOUT] == t.CSR and row[t.WEIGHT_STRIDE] == 0 and not own_delays:
+        to = out + receptor(net.weights[row[t.WEIGHT]], told_apart(row, target[t.RECEPTORS])) * between
+        source, n = net.pops[row[t.SOURCE], t.BEGIN], (edges[stop] - edges[begin]) * t.BLOCK
+        if wide and n > RANGE:
+            lo = edges[begin] * t.BLOCK - target[t.BEGIN]
+            deliver_in_ranges(
+                view, q, source, step_slot, begin, stop, lo, min(lo + n, target[t.END] - target[t.BEGIN]), to
+            )
+        else:
+            deliver_alike(view, q, source, step_slot, begin, stop, to, mark, spot)
+    else:
+        for thread in range(begin, stop):
+            deliver_each(view, q, j, step_slot, thread, out, between, mark, spot)
+    if wide:
+        for thread in range(begin, stop):
+            net.due[thread, slot + edges[thread] : slot + edges[thread + 1]] = 1
+
+
+@inner
+def deliver_each(view, q, j, step_slot, thread, out, between, mark, spot):
+    """Deliver the spikes of step j to a thread's targets, each synapse with a weight, or a delay, of its own."""
+    net = net_of(view)
+    row = net.projections[q]
+    source, target = net.pops[row[t.SOURCE]], net.pops[row[t.TARGET]]
+    n = target[t.END] - target[t.BEGIN]
+    lo = net.edges[target[t.NUMBER], thread] * t.BLOCK - target[t.BEGIN]
+    hi = min(net.edges[target[t.NUMBER], thread + 1] * t.BLOCK - target[t.BEGIN], n)
+    apart, mask = told_apart(row, target[t.RECEPTORS]), net.log_ids.shape[1] - 1
+    if lo >= hi:
+        return
+    # Threads own ascending ids, so going through them in order adds as one thread would.
+    for sender in range(net.edges.shape[1] - 1):
+        for place in range(
+            net.log_ends[sender, step_slot, row[t.SOURCE]], net.log_ends[sender, step_slot, row[t.SOURCE] + 1]
+        ):
+            source_id = np.int64(net.log_ids[sender, place & mask]) - source[t.BEGIN]
+            m = np.float64(net.log_counts[sender, place & mask])
+            if row[t.LAYOUT] == t.CSR and row[t.DELAY_STRIDE] == 1:
+                csr_delayed(view, q, source_id, m, j, thread, lo, hi)
+            else:
+                scatter(view, q, source_id, m, thread, lo, hi, n, apart, out, between, mark, spot)

@@ -1,0 +1,180 @@
+"""One step of a generator."""
+
+# mypy: ignore-errors
+import numpy as np
+
+from neuro.kernels.draws import poisson_by_sum, poisson_by_table, reaching, step_word, words_of
+from neuro.kernels.jit import inner, kernel
+from neuro.kernels.lanes import LANES, lowest, marked
+from neuro_event.loop import tables as t
+from neuro_event.loop.deliver import base_of, receptor, told_apart
+from neuro_event.loop.neurons import emit
+from neuro_event.loop.operations import STEP
+from neuro_event.loop.stages import draw_counts as call_draw_counts
+from neuro_event.loop.tables import call_entry, net_of
+
+_ONE = np.uint64(1)
+
+
+@inner
+def draw_poisson(view, thread, pop, step, at, done, h):
+    """One step of a poisson_generator: into its counts, or into the log."""
+    net = net_of(view)
+    row = net.pops[pop]
+    if row[t.COUNTS] >= 0:
+        call_draw_counts(view, thread, pop, step)
+        return at
+    if step <= row[t.START] or step > row[t.STOP]:
+        return at
+    base = step_word(net.keys[pop], step)
+    for block in range(net.edges[row[t.NUMBER], thread], net.edges[row[t.NUMBER], thread + 1]):
+        if net.awake[block] == 0:
+            continue
+        lo, hi = block * t.BLOCK, min((block + 1) * t.BLOCK, row[t.END])
+        first = lo - row[t.BEGIN]
+        fired = np.uint64(0)
+        for k in range(0, hi - lo, LANES):  # to places that no neuron has 1 belongs, which no number reaches
+            fired |= reaching(base, first + k, net.nothing, lo + k) << np.uint64(k)
+        while fired:
+            i = lo + lowest(fired)
+            fired &= fired - _ONE
+            m = poisson_by_sum(base, i - row[t.BEGIN], net.mean[i], net.nothing[i])
+            at = emit(view, thread, pop, i, m, step, done, h, at)
+    return at
+
+
+@inner
+def let_emit(view, thread, pop, step, at, done, h):
+    """One step of a generator with an entry of its own."""
+    net = net_of(view)
+    row = net.pops[pop]
+    if step <= row[t.START] or step > row[t.STOP]:
+        return at
+    for block in range(net.edges[row[t.NUMBER], thread], net.edges[row[t.NUMBER], thread + 1]):
+        lo, hi = block * t.BLOCK, min((block + 1) * t.BLOCK, row[t.END])
+        call_entry(view, row, STEP, lo, hi, thread, step, h)
+        fired = marked(net.fired, lo)
+        while fired:
+            i = lo + lowest(fired)
+            fired &= fired - _ONE
+            at = emit(view, thread, pop, i, np.int64(net.x[0, i]), step, done, h, at)
+    return at
+
+
+@inner
+def list_spikes(view, thread, pop, step, at, done, h):
+    """The listed spikes of a spike_generator in this step."""
+    net = net_of(view)
+    lo, hi = net.edges[pop, thread] * t.BLOCK, net.edges[pop, thread + 1] * t.BLOCK
+    place = net.cursor[thread, pop]
+    end = net.cursor[net.cursor.shape[0] - 1, pop]
+    while place < end and net.list_steps[place] <= step:
+        i = np.int64(net.list_ids[place])
+        if net.list_steps[place] == step and lo <= i < hi:
+            at = emit(view, thread, pop, i, np.int64(net.list_counts[place]), step, done, h, at)
+        place += 1
+    net.cursor[thread, pop] = place
+    return at
+
+
+@kernel
+def wake_emitting(mean, awake, busy, first, last, step):
+    """Let the blocks first:last with a rate above 0 be awake and the others sleep; `busy` tells since when."""
+    for block in range(first, last):
+        if awake[block] == 1:
+            busy[block] = step
+        some = False
+        for i in range(block * t.BLOCK, (block + 1) * t.BLOCK):
+            some |= mean[i] != 0.0
+        awake[block] = some
+
+
+_FULL = np.uint32(1 << 31 | 1 << (t.TALLY_BITS - 1))
+_SPIKES = np.uint32((1 << t.TALLY_BITS) - 1)
+_EVENT, _SHIFT = np.uint32(1 << t.TALLY_BITS), np.uint32(t.TALLY_BITS)
+
+
+@kernel
+def draw_counts(view, thread, pop, step):
+    """One step of a poisson_generator that keeps counts. Neighbours that are awake are drawn in one go."""
+    net = net_of(view)
+    row = net.pops[pop]
+    n = row[t.END] - row[t.BEGIN]
+    place = row[t.COUNTS] + (step & (row[t.COUNTS_STEPS] - 1)) * n
+    if step <= row[t.START] or step > row[t.STOP]:
+        net.counts[place : place + n] = 0
+        return
+    base = step_word(net.keys[pop], step)
+    begin, end = net.edges[row[t.NUMBER], thread], net.edges[row[t.NUMBER], thread + 1]
+    run = begin
+    for block in range(begin, end + 1):
+        awake = block < end and net.awake[block] == 1
+        if run < block and (not awake or block - run == t.GROUPED):
+            lo, hi = run * t.BLOCK - row[t.BEGIN], min(block * t.BLOCK, row[t.END]) - row[t.BEGIN]
+            draw_some(view, thread, row, base, lo, hi, net.counts[place + lo : place + hi])
+            run = block
+        if not awake:
+            run = block + 1
+            # what it kept while it was awake is not to be read again
+            if block < end and step - net.busy[block] <= row[t.COUNTS_STEPS]:
+                lo, hi = block * t.BLOCK - row[t.BEGIN], min((block + 1) * t.BLOCK, row[t.END]) - row[t.BEGIN]
+                net.counts[place + lo : place + hi] = 0
+
+
+@inner
+def draw_some(view, thread, row, base, lo, hi, counts):
+    """The numbers of the neurons lo:hi of a generator for one step; they are tallied, too."""
+    net = net_of(view)
+    begin, end = row[t.BEGIN] + lo, row[t.BEGIN] + hi
+    if row[t.TABLE] >= 0:
+        words = net.words[thread, : hi - lo]
+        words_of(base, lo, words)
+        poisson_by_table(words, net.guides[row[t.TABLE]], net.cumulative[row[t.TABLE]], counts)
+    else:
+        for k in range(counts.size):
+            counts[k] = poisson_by_sum(base, lo + k, net.mean[begin + k], net.nothing[begin + k])
+    tally = net.tally[begin:end]
+    full = np.uint32(0)
+    for k in range(tally.size):
+        m = np.uint32(counts[k])
+        tally[k] += m + (_EVENT if m > 0 else np.uint32(0))
+        full |= tally[k]
+    if full & _FULL:
+        settle_tally(tally, net.events[begin:end], net.spikes[begin:end])
+
+
+@inner
+def settle_tally(tally, events, spikes):
+    """Move tallies to the numbers that they stand for: few bytes a step are cheaper than many."""
+    for k in range(tally.size):
+        events[k] += np.int64(tally[k] >> _SHIFT)
+        spikes[k] += np.int64(tally[k] & _SPIKES)
+        tally[k] = 0
+
+
+@kernel
+def add_counts(view, thread, q, step, n_all, slots, blocks):
+    """One-to-one input from a poisson_generator that keeps its counts."""
+    net = net_of(view)
+    row = net.projections[q]
+    source, target = net.pops[row[t.SOURCE]], net.pops[row[t.TARGET]]
+    n = source[t.END] - source[t.BEGIN]
+    place = source[t.COUNTS] + ((step - row[t.LAG]) & (source[t.COUNTS_STEPS] - 1)) * n
+    weight = net.weights[row[t.WEIGHT]]
+    out = target[t.BEGIN] + (base_of(row) + receptor(weight, told_apart(row, target[t.RECEPTORS]))) * n_all
+    for block in range(net.edges[target[t.NUMBER], thread], net.edges[target[t.NUMBER], thread + 1]):
+        from_block = source[t.FIRST_BLOCK] + block - target[t.FIRST_BLOCK]
+        # what one sent before it fell silent may still be under way
+        if net.awake[from_block] == 0 and step - row[t.LAG] > net.busy[from_block]:
+            continue
+        lo = (block - target[t.FIRST_BLOCK]) * t.BLOCK
+        hi = min(lo + t.BLOCK, n)
+        counts = net.counts[place + lo : place + hi]
+        into = net.buf[out + lo : out + hi]
+        some = np.uint16(0)
+        for i in range(counts.shape[0]):
+            some |= counts[i]
+            old = into[i]
+            into[i] = old + weight * counts[i] if counts[i] > 0 else old
+        if some:
+            net.due[thread, (step & slots) * blocks + block] = 1

@@ -1,0 +1,323 @@
+"""Pairwise rules outside the loop: one pass over synapses, compiled for each by itself and called by its address.
+
+What `plastic` does for `stdp` and `stdp_dopa`, for any list of traces. The history of the target, in which `post_spike`
+keeps the values of the traces just before each spike, is all that a synapse needs to catch up.
+"""
+
+# mypy: ignore-errors
+import math
+from functools import cache
+
+import numpy as np
+
+from neuro.core.keyed_random import NTH_STRIDE
+from neuro.kernels.address import Entry
+from neuro.kernels.draws import step_word, uniform
+from neuro.kernels.jit import compiled, inner, kernel, merged
+from neuro.model.synapses.delays import DELAY as DELAY_ROW, steps_of
+from neuro_event.loop import tables as t
+from neuro_event.loop.tables import RULE_TYPE, address, net_of, plastic_of, prefetch, slot_mask
+
+ENTRIES, APPLIED, NEWEST = range(3)
+ENTRY = 3
+"""A history is a row: how many entries it has, the step up to which synapses without dopamine have used it, then
+entries (step, K- just after, multiplicity), the newest first. All are integers but K-, which lies in the same memory
+as a float."""
+
+BRING, BRING_WHOLE, ARRIVE, PRE_SPIKE = range(4)
+"""Operations of an entry: the first two of lazy passes, the third of eager ones; the last and those after it: the first
+spike of a neuron in a step, the second, ..."""
+
+AHEAD = 16
+"""Synapses by which a history, and the target's place in the ring, is asked for before it is read."""
+
+OWN = 3
+"""Row of `decay` where a rule's traces begin: as in `kinds`, first those of pre, from the middle on those of post."""
+
+TAU, NEAREST, ADDS = range(3)
+"""Columns of `kinds`."""
+TIME, OF_NEURON = -1.0, -2.0
+"""In place of a time constant: the trace is a time; it decays with the neuron's tau_minus."""
+
+
+@inner
+def due_everywhere(net, target_row, at, thread):
+    """Wake the blocks of this thread's neurons of a population when input arrives in a step."""
+    blocks = net.awake.shape[0]
+    mark = (at & slot_mask(net)) * blocks
+    lo, hi = net.edges[target_row[t.NUMBER], thread], net.edges[target_row[t.NUMBER], thread + 1]
+    net.due[thread, mark + lo : mark + hi] = 1
+
+
+@inner
+def slot_of_first(net, row, receptors, step):
+    """Where the slot lies in which a spike arrives over the first synapse: over all, if they have one delay."""
+    if net.delays.size <= row[t.DELAY]:  # there is no synapse
+        return np.int64(0)
+    at = step + np.int64(net.delays[row[t.DELAY]])
+    return address(net.buf) + 8 * (row[t.RING] + (at & row[t.RING_MASK]) * receptors * row[t.RING_SIZE])
+
+
+@merged
+def shared_row(q, table, z):
+    """Where the constants of a rule are that all synapses share."""
+    return q
+
+
+@merged
+def own_row(q, table, z):
+    """Where those of a synapse are, of its own or shared."""
+    return table[t.CONSTANTS] + table[t.CONSTANTS_STRIDE] * z
+
+
+@inner
+def grown(kind, value, m):
+    """A trace just after m spikes (0: none), from its value just before them."""
+    if m == 0:
+        return value
+    return kind[ADDS] if kind[NEAREST] == 1.0 else value + kind[ADDS] * m
+
+
+@merged
+def pre_value(p, q, j, kind, thread, own, step, h):
+    """A pre trace at a step. A time trace holds the step of the last spike and 1, or 0 where there was none."""
+    value = p.k_plus[thread, own + j]
+    if kind[TAU] == TIME:
+        return math.inf if value == 0.0 else (step - (value - 1.0)) * h
+    if value == 0.0:
+        return 0.0
+    return value * left(p.decay[q, OWN + j], step - p.k_time[thread, own], h, p.kinds[q, j, TAU])
+
+
+@merged
+def newest_before(past, before):
+    """The newest entry of a history strictly before a step; the number of its entries if there is none."""
+    i = 0
+    while i < past[ENTRIES] and past[NEWEST + ENTRY * i] >= before:
+        i += 1
+    return i
+
+
+@merged
+def post_value(net, p, q, j, kind, column, history, i, neuron, before, h):
+    """A post trace at a step, from the i-th entry of a history and those before it, if there is such an entry."""
+    past = p.past[history]
+    if i == past[ENTRIES]:
+        return math.inf if kind[TAU] == TIME else 0.0
+    row, value = p.kinds.shape[1] // 2 + j, p.others[history, i, column + j]
+    passed = before - past[NEWEST + ENTRY * i]
+    if kind[TAU] == TIME:
+        return passed * h
+    tau = net.tau_minus[neuron] if kind[TAU] == OF_NEURON else p.kinds[q, row, TAU]
+    m = past[NEWEST + ENTRY * i + 2]
+    return grown(kind, value, m) * left(p.decay[q, OWN + row], passed, h, tau)
+
+
+@merged
+def kept_value(p, j, kind, column, history, k, m):
+    """A post trace just before the k-th entry of a history, and after the first m of its spikes."""
+    if m > 0 and kind[TAU] == TIME:
+        return 0.0
+    return grown(kind, p.others[history, k, column + j], m)
+
+
+def tuple_of(function, traces, arguments):
+    """A compiled function that gives the values of traces as a tuple; what is known of each stands in it as numbers."""
+    name = function.py_func.__name__
+    calls = "".join(f"{name}({arguments.format(j=j, kind=_kind(each))}), " for j, each in enumerate(traces))
+    space = {name: function}
+    exec(f"def values({arguments.replace('{j}, {kind}, ', '')}):\n    return ({calls})", space)
+    return merged(space["values"])
+
+
+def _kind(trace):
+    """What is known of a trace without parameters, as in `kinds`; 0 for a time constant that is one."""
+    tau = TIME if not trace.tau else OF_NEURON if trace.tau == "tau_minus" else 0.0
+    return tau, float(trace.nearest), float(trace.adds)
+
+
+@cache
+def rule_entry(model, own_rows):
+    """The passes of one rule, whose synapses share a row of constants or have their own."""
+    row_of = own_row if own_rows else shared_row
+    arithmetic, modulated = model.arithmetic, model.modulated
+    on_pre, on_post = compiled(arithmetic.on_pre), compiled(arithmetic.on_post)
+    nearest = compiled(steps_of)
+    advance, sent = compiled(arithmetic.advance) if modulated else None, compiled(model.sends())
+    n_pre = len(model.pre)
+    pre_values = tuple_of(pre_value, model.pre, "p, q, {j}, {kind}, thread, own, step, h")
+    post_values = tuple_of(post_value, model.post, "net, p, q, {j}, {kind}, column, history, i, neuron, before, h")
+    kept_values = tuple_of(kept_value, model.post, "p, {j}, {kind}, column, history, k, m")
+
+    if model.draws:
+
+        @inner
+        def learn_pre(p, q, z, step, nth, pre, post):
+            u = uniform(step_word(p.draw_keys[q], step + nth * NTH_STRIDE), p.drawn_as[z])
+            on_pre(p.y, z, p.rule[row_of(q, p.table[q], z)], pre, post, u)
+
+    else:
+
+        @inner
+        def learn_pre(p, q, z, step, nth, pre, post):
+            on_pre(p.y, z, p.rule[row_of(q, p.table[q], z)], pre, post)
+
+    if modulated:
+
+        @inner
+        def learnt_until(p, z, thread, own, past):
+            return p.reached[z]
+
+        @inner
+        def pass_time(view, q, z, target, since, upto, h):
+            p = plastic_of(view)
+            place = p.table[q, t.FIRST_TARGET] + target
+            n = p.n[place] * math.exp(-(since - p.n_time[place]) * h / p.tau[q, 1]) if p.n[place] != 0.0 else 0.0
+            advance(p.y, z, p.rule[q], since, upto, n, p.table[q, t.GRID_STEPS])
+            p.reached[z] = upto
+
+    else:
+
+        @inner
+        def learnt_until(p, z, thread, own, past):
+            return max(p.k_time[thread, own], past[APPLIED])
+
+        @inner
+        def pass_time(view, q, z, target, since, upto, h):
+            pass
+
+    if model.delays:
+
+        @inner
+        def heard_after(net, row, s):
+            return 0
+
+        @inner
+        def taken(p, q, z, delay, h):
+            return nearest(p.y[DELAY_ROW, z], h, p.table[q, t.FEWEST], p.table[q, t.MOST])
+
+    else:
+
+        @inner
+        def heard_after(net, row, s):
+            return np.int64(net.delays[row[t.DELAY] + s * row[t.DELAY_STRIDE]])
+
+        @inner
+        def taken(p, q, z, delay, h):
+            return delay
+
+    @merged
+    def flow(view, q, z, own, thread, history, target, upto, whole, delay, h):
+        """Let the post spikes up to step `upto` act on a synapse; with `whole` also what flows after the last."""
+        p = plastic_of(view)
+        past, column = p.past[history], p.table[q, t.COLUMN]
+        since = learnt_until(p, z, thread, own, past)
+        i = 0
+        while i < past[ENTRIES] and past[NEWEST + ENTRY * i] + delay > since:
+            i += 1
+        for k in range(i - 1, -1, -1):
+            time = past[NEWEST + ENTRY * k]
+            if time + delay > upto:
+                break
+            pass_time(view, q, z, target, since, time + delay, h)
+            since = time + delay
+            pre = pre_values(p, q, thread, own, since, h)
+            for m in range(past[NEWEST + ENTRY * k + 2]):
+                on_post(p.y, z, p.rule[row_of(q, p.table[q], z)], pre, kept_values(p, column, history, k, m))
+        if whole and since < upto:
+            pass_time(view, q, z, target, since, upto, h)
+
+    @inner
+    def pre_spike(view, q, source, step, nth, thread, h):
+        net, p = net_of(view), plastic_of(view)
+        table, column = p.table[q], p.table[q, t.COLUMN]
+        row = net.projections[table[t.PROJECTION]]
+        target_row = net.pops[row[t.TARGET]]
+        receptors, relay = target_row[t.RECEPTORS], target_row[t.RELAY]
+        blocks = net.awake.shape[0]
+        slots, due = slot_mask(net), net.due[thread]
+        own = table[t.FIRST_SOURCE] + source * table[t.SOURCE_STRIDE]
+        pre = pre_values(p, q, thread, own, step, h)
+        place = row[t.ROW] + source * (net.edges.shape[1] - 1) + thread
+        end = net.rows[place + 1]
+        wide = row[t.WAKE_ALL] == 1 and row[t.DELAY_STRIDE] == 0
+        past_width, others_width = 8 * p.past.shape[1], 8 * p.others.shape[1] * p.others.shape[2]
+        slot = slot_of_first(net, row, receptors, step)
+        pasts, others = address(p.past), address(p.others)
+        for e in range(net.rows[place], end):
+            ahead = np.int64(net.targets[min(e + AHEAD, end - 1)])
+            prefetch(slot + 8 * ahead)
+            prefetch(pasts + past_width * (target_row[t.HISTORY] + ahead))
+            prefetch(others + others_width * (target_row[t.HISTORY] + ahead))
+            s = e - row[t.SYNAPSE]
+            z = table[t.FIRST_SYNAPSE] + s
+            target = np.int64(net.targets[e])
+            delay = heard_after(net, row, s)
+            history = target_row[t.HISTORY] + target
+            flow(view, q, z, own, thread, history, target, step, True, delay, h)
+            neuron = target_row[t.BEGIN] + target
+            newest = newest_before(p.past[history], step - delay)
+            post = post_values(net, p, q, column, history, newest, neuron, step - delay, h)
+            learn_pre(p, q, z, step, nth, pre, post)
+            weight = sent(p.y, z, p.rule[row_of(q, p.table[q], z)]) + 0.0  # -0.0 would be no input
+            second = 1 if receptors == 2 and weight < 0.0 else 0
+            at = step + taken(p, q, z, delay, h)
+            ring = row[t.RING] + ((at & row[t.RING_MASK]) * receptors + second) * row[t.RING_SIZE]
+            net.buf[ring + target] += 1.0 if relay == 1 else weight
+            if not wide:
+                due[(at & slots) * blocks + target_row[t.FIRST_BLOCK] + (target >> 6)] = 1
+        if wide and net.rows[place] < end:
+            due_everywhere(net, target_row, step + np.int64(net.delays[row[t.DELAY]]), thread)
+        for j in range(n_pre):
+            kind = p.kinds[q, j]
+            if kind[TAU] == TIME:
+                p.k_plus[thread, own + j] = step + 1.0
+            else:
+                p.k_plus[thread, own + j] = grown(kind, pre_value(p, q, j, kind, thread, own, step, h), 1)
+        p.k_time[thread, own] = step
+        p.spiked[thread, own] = step
+
+    @inner
+    def bring(view, q, target, step, thread, whole, h):
+        net, p = net_of(view), plastic_of(view)
+        table = p.table[q]
+        row = net.projections[table[t.PROJECTION]]
+        history = net.pops[row[t.TARGET], t.HISTORY] + target
+        begin = table[t.INCOMING] + target
+        for i in range(p.incoming[begin], p.incoming[begin + 1]):
+            z = table[t.FIRST_SYNAPSE] + np.int64(p.in_synapse[i])
+            own = table[t.FIRST_SOURCE] + np.int64(p.in_source[i]) * table[t.SOURCE_STRIDE]
+            if not modulated and p.past[history, APPLIED] <= p.spiked[thread, own]:
+                p.sent[z] = p.y[0, z]  # see `pairwise`
+            delay = heard_after(net, row, z - table[t.FIRST_SYNAPSE])
+            flow(view, q, z, own, thread, history, target, step, whole, delay, h)
+
+    @kernel
+    def run(view, q, operation, index, step, thread, h):
+        if operation >= PRE_SPIKE:
+            pre_spike(view, q, index, step, operation - PRE_SPIKE, thread, h)
+        else:
+            bring(view, q, index, step, thread, operation == BRING_WHOLE, h)
+        return 0
+
+    return Entry(run, RULE_TYPE, model)
+
+
+DECAYS = 2048
+"""Steps for which decays are kept in tables."""
+
+
+@merged
+def decayed(table, steps, h, tau, k):
+    """What is left after some steps of a trace that decays with tau[k]; `table` holds it for the first steps."""
+    if steps < DECAYS and table[0] == 1.0:
+        return table[steps]
+    return math.exp(-steps * h / tau[k])
+
+
+@merged
+def left(table, steps, h, tau):
+    """Likewise of one time constant; where it is 0, nothing is ever left."""
+    if steps < DECAYS and table[0] == 1.0:
+        return table[steps]
+    return math.exp(-steps * h / tau) if tau > 0.0 else 0.0

@@ -1,0 +1,270 @@
+"""One step of a population of neurons: wake, take in, step, fire. Quiet blocks sleep."""
+
+# mypy: ignore-errors
+import numpy as np
+
+from neuro.kernels.jit import inner, kernel
+from neuro.kernels.lanes import LANES, bits_of, lowest, marked, take
+from neuro_event.loop import tables as t
+from neuro_event.loop.operations import BARE, CATCH_UP, FIRE, QUIET, STEP
+from neuro_event.loop.stages import post_spike
+from neuro_event.loop.tables import call_entry, net_of
+
+IDLE = 16
+"""Steps without input after which a block may sleep; it is looked at every so many steps."""
+
+_SIGN = np.int64(-(2**63))
+_ONE = np.uint64(1)
+
+
+@inner
+def emit(view, thread, pop, i, m, step, done, h, at):
+    """Enter a spike of neuron i into log, counts, record and history; return the next place in the log."""
+    net = net_of(view)
+    row = net.pops[pop]
+    place = at & (net.log_ids.shape[1] - 1)
+    net.log_ids[thread, place] = i
+    net.log_counts[thread, place] = m
+    net.events[i] += 1
+    net.spikes[i] += m
+    if row[t.RECORD] == 1:
+        r = net.rec_at[thread, 0]
+        net.rec_steps[thread, r] = step
+        net.rec_ids[thread, r] = i
+        net.rec_counts[thread, r] = m
+        net.rec_at[thread, 0] = r + 1
+    if row[t.HISTORY] >= 0:
+        post_spike(view, pop, thread, i - row[t.BEGIN], m, step, done, h)
+    return at + 1
+
+
+@inner
+def wake(view, thread, pop, block, last, h):
+    """Bring a sleeping block to the end of step `last`."""
+    net = net_of(view)
+    row = net.pops[pop]
+    n = last - net.slept[block]
+    if n > 0 and row[t.LINEAR] == 1:
+        lo, hi = block * t.BLOCK, min((block + 1) * t.BLOCK, row[t.END])
+        call_entry(view, row, CATCH_UP, lo, hi, thread, last, n * h)
+    net.awake[block] = 1
+    net.busy[block] = last
+
+
+@inner
+def calm(view, pop, lo, hi):
+    """Whether no neuron of a block can fire before its next input."""
+    row = net_of(view).pops[pop]
+    return call_entry(view, row, QUIET, lo, hi, 0, 0, 0.0) == 1
+
+
+@inner
+def spike(view, pop, i):
+    """What a spike does to its neuron."""
+    row = net_of(view).pops[pop]
+    call_entry(view, row, FIRE, i, i + 1, 0, 0, 0.0)
+
+
+@inner
+def add_ring(view, q, block_lo, block_hi, step, n_all):
+    """Move what the ring of a projection holds for this step into the input of some neurons, and clear it."""
+    net = net_of(view)
+    row = net.projections[q]
+    target = net.pops[row[t.TARGET]]
+    begin = target[t.BEGIN]
+    receptors = target[t.RECEPTORS]
+    for r in range(receptors):
+        ring = row[t.RING] + ((step & row[t.RING_MASK]) * receptors + r) * row[t.RING_SIZE] - begin
+        out = r * n_all
+        for i in range(block_lo, block_hi):
+            net.buf[out + i] = net.buf[out + i] + net.buf[ring + i]
+            net.buf[ring + i] = -0.0
+
+
+@inner
+def heard(view, i, receptors):
+    """Whether a neuron has input in this step."""
+    net = net_of(view)
+    came = False
+    for r in range(receptors):
+        came |= net.bits[r, i] != _SIGN
+    return came
+
+
+@inner
+def take_arrivals(view, lo, receptors):
+    """How many of a block's neurons had input in this step; it is cleared. To places that no neuron has none comes."""
+    net = net_of(view)
+    first, bits = np.uint64(lo), net.bits
+    count = 0
+    if receptors == 2:
+        for k in range(first, first + np.uint64(t.BLOCK)):
+            count += ((bits[0, k] ^ _SIGN) | (bits[1, k] ^ _SIGN)) != 0
+            bits[0, k] = _SIGN
+            bits[1, k] = _SIGN
+    elif receptors == 1:
+        for k in range(first, first + np.uint64(t.BLOCK)):
+            count += bits[0, k] != _SIGN
+            bits[0, k] = _SIGN
+    else:
+        for i in range(lo, lo + t.BLOCK):
+            count += heard(view, i, receptors)
+        for r in range(receptors):
+            bits[r, lo : lo + t.BLOCK] = _SIGN
+    return count
+
+
+@inner
+def step_word_of_blocks(view, thread, pop, begin, end, slot, step, h, n_all):
+    """Wake the due blocks among begin:end, take in what their rings hold, and step all that are awake.
+
+    Neighbours that are awake are stepped in one go.
+    """
+    net = net_of(view)
+    row = net.pops[pop]
+    run = begin
+    for block in range(begin, end + 1):
+        if block < end and (net.awake[block] == 1 or net.due[thread, slot + block] == 1):
+            lo, hi = block * t.BLOCK, min((block + 1) * t.BLOCK, row[t.END])
+            if net.awake[block] == 0:
+                wake(view, thread, pop, block, step - 1, h)
+            if net.due[thread, slot + block] == 1:
+                for k in range(row[t.RINGS], row[t.RINGS_END]):
+                    add_ring(view, net.incoming[k], lo, hi, step, n_all)
+            continue
+        if run < block:
+            step_neighbours(view, pop, run * t.BLOCK, min(block * t.BLOCK, row[t.END]), step)
+        run = block + 1
+
+
+@inner
+def step_neighbours(view, pop, lo, hi, step):
+    """Step neighbouring neurons."""
+    row = net_of(view).pops[pop]
+    call_entry(view, row, STEP, lo, hi, 0, step, 0.0)
+
+
+@inner
+def step_neurons(view, thread, pop, step, at, done, h, n_all, slots, blocks):
+    """One step of a population of neurons; return the next place in the log."""
+    net = net_of(view)
+    row = net.pops[pop]
+    first = net.edges[row[t.NUMBER], thread]
+    last = net.edges[row[t.NUMBER], thread + 1]
+    slot = (step & slots) * blocks
+    receptors = row[t.RECEPTORS]
+    n_found = 0
+    if first == last:  # the last group of blocks may be of another thread
+        return n_found, at
+    for word in range(first // t.GROUPED, (last + t.GROUPED - 1) // t.GROUPED):
+        if net.awake_groups[word] == 0 and net.due_groups[thread, slot // t.GROUPED + word] == 0:
+            continue
+        begin, end = word * t.GROUPED, min((word + 1) * t.GROUPED, last)
+        step_word_of_blocks(view, thread, pop, begin, end, slot, step, h, n_all)
+        for block in range(begin, end):
+            if net.awake[block] == 0:
+                continue
+            due = net.due[thread, slot + block]
+            net.due[thread, slot + block] = 0
+            lo, hi = block * t.BLOCK, min((block + 1) * t.BLOCK, row[t.END])
+            active = 0
+            fired = marked(net.fired, lo)
+            if fired:
+                while fired:
+                    i = lo + lowest(fired)
+                    fired &= fired - _ONE
+                    came = heard(view, i, receptors)
+                    if row[t.GROUP] < 0:
+                        m = np.int64(net.x[0, i]) if row[t.RELAY] == 1 else np.int64(net.fired[i])
+                        spike(view, pop, i)
+                        at = emit(view, thread, pop, i, m, step, done, h, at)
+                        active += not came
+                    elif net.muted[i] == 0 and net.closed[row[t.GROUP]] == 0:
+                        net.found[thread, n_found] = i
+                        net.found_arrived[thread, n_found] = came
+                        n_found += 1
+                net.busy[block] = step
+            if due:
+                active += take_arrivals(view, lo, receptors)
+            net.active[thread, pop] += active
+            if row[t.RELAY] == 1:  # it has no state: it is stepped where spikes arrive
+                net.awake[block] = 0
+                net.slept[block] = step
+            elif active:
+                net.busy[block] = step
+            elif step % IDLE == 0 and step - net.busy[block] >= IDLE and calm(view, pop, lo, hi):
+                net.awake[block] = 0
+                net.slept[block] = step
+    return n_found, at
+
+
+SPOTS = t.BLOCK // LANES
+"""Of a block."""
+
+
+@inner
+def collect(view, first_state, word):
+    """Add what arrives at the marked spots of a group of blocks; their marks then tell who of the eight had some."""
+    net = net_of(view)
+    first = word * t.GROUPED * SPOTS
+    one, other = net.state[first_state], net.state[first_state + 1]
+    marks = marked(net.spots, first)
+    while marks:
+        spot = first + lowest(marks)
+        marks &= marks - _ONE
+        net.spots[spot] = take(one, net.x[0], spot * LANES) | take(other, net.x[1], spot * LANES)
+
+
+@inner
+def silent(view, pop, block):
+    """Whether no neuron of a block can fire before its next input."""
+    return calm(view, pop, block * t.BLOCK, min((block + 1) * t.BLOCK, net_of(view).pops[pop, t.END]))
+
+
+@kernel
+def step_collecting(view, thread, pop, step, at, done, h, slots, blocks):
+    """One step of the population; return the next place in the log."""
+    net = net_of(view)
+    row = net.pops[pop]
+    first, last = net.edges[row[t.NUMBER], thread], net.edges[row[t.NUMBER], thread + 1]
+    slot = (step & slots) * blocks
+    if first == last:
+        return at
+    total = 0
+    for word in range(first // t.GROUPED, (last + t.GROUPED - 1) // t.GROUPED):
+        due = net.due_groups[thread, slot // t.GROUPED + word] != 0
+        if not due and net.awake_groups[word] == 0:
+            continue
+        begin, end = word * t.GROUPED, min((word + 1) * t.GROUPED, last)
+        run = begin
+        for block in range(begin, end + 1):
+            if block < end and (net.awake[block] == 1 or net.due[thread, slot + block] == 1):
+                if net.awake[block] == 0:
+                    wake(view, thread, pop, block, step - 1, h)
+                continue
+            if run < block:
+                call_entry(view, row, BARE, run * t.BLOCK, min(block * t.BLOCK, row[t.END]), thread, step, 0.0)
+            run = block + 1
+        if due:
+            collect(view, row[t.COLLECTS], word)
+            net.due_groups[thread, slot // t.GROUPED + word] = 0
+        for block in range(begin, end):
+            if net.awake[block] == 0:
+                continue
+            arrived, fired = net.spot_words[block], marked(net.fired, block * t.BLOCK)
+            active = bits_of(arrived | fired)
+            net.spot_words[block] = 0
+            while fired:
+                i = block * t.BLOCK + lowest(fired)
+                fired &= fired - _ONE
+                m = np.int64(net.fired[i])
+                spike(view, pop, i)
+                at = emit(view, thread, pop, i, m, step, done, h, at)
+            total += active
+            if active:
+                net.busy[block] = step
+            elif step % IDLE == 0 and step - net.busy[block] >= IDLE and silent(view, pop, block):
+                net.awake[block] = 0
+                net.slept[block] = step
+    net.active[thread, pop] += total
+    return at

@@ -1,0 +1,336 @@
+"""The compiled loop that runs every step of every network.
+
+`advance` runs the steps first:last of the neurons of some threads, of all of them where one does the work of all: so a
+row of synapses is gone through as a whole. Nothing is allocated in it.
+"""
+
+# mypy: ignore-errors
+import numpy as np
+
+from neuro.kernels.atomic import look, tell
+from neuro.kernels.jit import inner, kernel, merged
+from neuro_event.loop import tables as t
+from neuro_event.loop.arrivals import log_delivery
+from neuro_event.loop.generators import draw_poisson, let_emit, list_spikes
+from neuro_event.loop.groups import admit_all, open_groups, weigh_maps
+from neuro_event.loop.lazy_rules import ARRIVE, PRE_SPIKE
+from neuro_event.loop.neurons import step_neurons, wake
+from neuro_event.loop.stages import (
+    add_counts,
+    arrive,
+    at_emission,
+    charge,
+    dopamine_arrivals,
+    drive,
+    note,
+    settle,
+    step_collecting,
+)
+from neuro_event.loop.tables import call_rule, net_of, plastic_of, slot_mask
+
+HALT = -1
+"""What is told in place of a step where threads are to return."""
+
+STRIDES = 5
+"""So many times threads tell how far they are while a spike is under way."""
+
+PATIENCE = 50_000
+"""Looks at what others tell, about 100 us, before a thread gives up its processor."""
+
+
+@inner
+def act_at_emission(view, thread, upto, dopamine_upto, h):
+    """What spikes do when they are emitted: fill the rings, and learn, up to a step."""
+    net = net_of(view)
+    clock = net.clock[thread]
+    for step in range(clock[t.DONE] + 1, upto + 1):
+        if step <= clock[t.HORIZON]:
+            continue
+        for k in range(net.at_emission.shape[0]):
+            at_emission(view, net.at_emission[k], step, step, thread)
+        learn_step(view, step, clock[t.DONE_DOPAMINE], thread, h, False)
+    clock[t.DONE] = max(clock[t.DONE], upto)
+    clock[t.DONE_DOPAMINE] = max(clock[t.DONE_DOPAMINE], upto)
+    for step in range(clock[t.DONE_DOPAMINE] + 1, dopamine_upto + 1):
+        learn_step(view, step, clock[t.DONE_DOPAMINE], thread, h, True)
+    clock[t.DONE_DOPAMINE] = max(clock[t.DONE_DOPAMINE], dopamine_upto)
+
+
+@merged
+def deliver(view, pop, begin, stop, step):
+    """Add what arrives in a step to the input of a population's neurons of the threads begin:stop."""
+    net = net_of(view)
+    row = net.pops[pop]
+    for k in range(row[t.ARRIVALS], row[t.ARRIVALS_END]):
+        q = net.incoming[k]
+        projection = net.projections[q]
+        if projection[t.RUN] >= 0:
+            for thread in range(begin, stop):
+                arrive(view, q, step, thread)
+            continue
+        j = step - projection[t.LAG]
+        if j <= net.clock[begin, t.HORIZON]:
+            continue
+        if projection[t.DENSE_COUNTS] == 1:
+            for thread in range(begin, stop):
+                add_counts(view, thread, q, step, net.x.shape[1], slot_mask(net), net.awake.shape[0])
+        else:
+            log_delivery(view, q, j, step, begin, stop, False)
+
+
+@merged
+def step_population(view, thread, pop, step, done, h):
+    """One step of a population's neurons of a thread, whose input is there."""
+    net = net_of(view)
+    row = net.pops[pop]
+    at, kind = net.log_at[thread, 0], row[t.KIND]
+    net.log_ends[thread, step & (net.log_ends.shape[1] - 1), pop] = at
+    if kind == t.NEURON:
+        slots, blocks = slot_mask(net), net.awake.shape[0]
+        if row[t.COLLECTS] >= 0:
+            at = step_collecting(view, thread, pop, step, at, done, h, slots, blocks)
+        else:
+            n_found, at = step_neurons(view, thread, pop, step, at, done, h, net.x.shape[1], slots, blocks)
+            if n_found > 0:
+                at = settle(view, thread, pop, n_found, step, at, done, h)
+    elif kind == t.POISSON:
+        at = draw_poisson(view, thread, pop, step, at, done, h)
+    elif kind == t.LISTED:
+        at = list_spikes(view, thread, pop, step, at, done, h)
+    elif kind == t.GENERATOR:
+        at = let_emit(view, thread, pop, step, at, done, h)
+    net.log_at[thread, 0] = at
+
+
+@inner
+def advance(view, begin, stop, first, last, h):
+    """Run the steps first:last of the neurons of the threads begin:stop; all spikes before `first` are known."""
+    net = net_of(view)
+    n, driven = net.pops.shape[0], net.lines.shape[0] > 0
+    done = first - 1
+    # Only now have all threads logged the spikes of the slice before; what they send arrives in `first` or later.
+    for thread in range(begin, stop):
+        act_at_emission(view, thread, done, done, h)
+    for step in range(first, last):
+        if driven:
+            for thread in range(begin, stop):
+                drive(view, thread, step)
+        for pop in range(n):
+            if net.pops[pop, t.KIND] == t.NEURON:
+                deliver(view, pop, begin, stop, step)
+            for thread in range(begin, stop):
+                step_population(view, thread, pop, step, done, h)
+        for thread in range(begin, stop):
+            if driven:
+                charge(view, thread, step)
+            net.log_ends[thread, step & (net.log_ends.shape[1] - 1), n] = net.log_at[thread, 0]
+
+
+@inner
+def room(view, step, steps, reach):
+    """How many of the next steps the log and the record have room for, whatever fires."""
+    net = net_of(view)
+    for thread in range(net.edges.shape[1] - 1):
+        n = net.most[thread]
+        if n == 0:
+            continue
+        oldest = net.log_ends[thread, (step - reach) & (net.log_ends.shape[1] - 1), 0]
+        steps = min(steps, (net.log_ids.shape[1] - (net.log_at[thread, 0] - oldest)) // n)
+        steps = min(steps, (net.rec_ids.shape[1] - net.rec_at[thread, 0]) // n)
+    return steps
+
+
+@kernel
+def has_room(view, step, steps, reach):
+    """How many of the next steps have room for whatever fires."""
+    return room(view, step, steps, reach)
+
+
+@kernel
+def run(view, first, last, longest, reach, h):
+    """Run the steps first:last in slices of at most `longest`; return where there was no room to go on, or `last`."""
+    net = net_of(view)
+    threads = net.edges.shape[1] - 1
+    step = first
+    while step < last:
+        until = step + room(view, step, last - step, reach)
+        if until == step:
+            return step
+        while step < until:
+            end = min(step + longest, until)
+            advance(view, 0, threads, step, end, h)
+            step = end
+    # A read at the last step shows dopamine and post spikes up to it, but not the pre spikes emitted in it.
+    for thread in range(threads):
+        act_at_emission(view, thread, last - 2, last - 1, h)
+    return last
+
+
+@inner
+def only_spikes(view):
+    """Whether threads need nothing of each other but spikes that arrive: no ring to fill, no learning, no currents."""
+    net = net_of(view)
+    return net.at_emission.shape[0] + plastic_of(view).table.shape[0] + net.lines.shape[0] == 0
+
+
+@inner
+def slowest(told):
+    """The step up to which all threads are done."""
+    step = look(told, 0)
+    for thread in range(1, told.shape[0] - 1):
+        step = min(step, look(told, thread))
+    return step
+
+
+@inner
+def allow(view, told, step, last, ahead, reach):
+    """Let all threads run on where all have done the steps up to `step`, or halt them where none can.
+
+    They may go as far as there is room for whatever fires; what one that is ahead has logged is counted twice.
+    """
+    threads = told.shape[0] - 1
+    end = look(told, threads)
+    to = step + room(view, step, min(ahead, last - step), reach)
+    if to > end:
+        tell(told, threads, to)
+    elif step == end:
+        tell(told, threads, HALT)
+
+
+@kernel
+def share(view, told, thread, last, longest, reach, h):
+    """Run one thread's part of the steps up to `last` beside the other threads that do so.
+
+    No spike needs less than `longest` steps: a thread that waits for nothing but spikes may be so many steps ahead of
+    the slowest. Else threads begin each slice of so many together. Rows of `told` say up to which step each thread is
+    done; the last one says up to which step all may run, as thread 0 decides, or `HALT`. Return 1 where all is done or
+    there is no room for more steps; 0 where the others have been waited for in vain: who calls again after some time
+    goes on from there.
+    """
+    threads = told.shape[0] - 1
+    free = only_spikes(view)
+    stride, ahead = (max(1, longest // STRIDES), 2 * longest) if free else (longest, longest)
+    patience, known = PATIENCE, HALT
+    while patience > 0:
+        least = slowest(told)
+        if thread == 0 and least != known:
+            allow(view, told, least, last, ahead, reach)
+            known = least
+        step, end = look(told, thread), look(told, threads)
+        if end == HALT:
+            return 1
+        end = min(step + stride, end)
+        if step < end and least >= (end - longest if free else step):
+            advance(view, thread, thread + 1, step, end, h)
+            tell(told, thread, end)
+            patience = PATIENCE
+        else:
+            patience -= 1
+    return 0
+
+
+@kernel
+def finish(view, thread, last, h):
+    """What the end of a run shows of learning."""
+    act_at_emission(view, thread, last - 1, last, h)
+
+
+@kernel
+def wake_blocks(view, pop, blocks, step, h):
+    """Bring the sleeping ones of some blocks of a population to the end of a step."""
+    net = net_of(view)
+    for block in blocks:
+        if net.awake[block] == 0:
+            wake(view, 0, pop, block, step, h)
+
+
+@kernel
+def wake_population(view, pop, step, h):
+    """Bring the sleeping blocks of a population to the end of a step."""
+    net = net_of(view)
+    row = net.pops[pop]
+    for block in range(row[t.FIRST_BLOCK], row[t.LAST_BLOCK]):
+        if net.awake[block] == 0:
+            wake(view, 0, pop, block, step, h)
+
+
+@kernel
+def begin_trial(view, pop, group, start, h):
+    """Drop what is under way after step `start`, open the groups, and reset the population of the trials' own."""
+    net = net_of(view)
+    row = net.pops[pop]
+    drop_all(view, start)
+    open_groups(view)
+    net.groups[group, t.IN_TRIAL] = 1
+    net.groups[group, t.WINNER] = -1
+    for block in range(row[t.FIRST_BLOCK], row[t.LAST_BLOCK]):
+        if net.awake[block] == 0:
+            wake(view, 0, pop, block, start, h)
+    for k in range(net.resets.shape[0]):
+        r = net.resets[k]
+        for i in range(row[t.BEGIN], row[t.END]):
+            net.state[r, i] = net.initial[r, i]
+
+
+@kernel
+def run_trial(view, group, first, last, at_decision, reach, h):
+    """Run the steps first:last of a trial; return the next step: at a decision, where there was no room, or `last`."""
+    net = net_of(view)
+    for step in range(first, last):
+        if room(view, step, 1, reach) < 1:
+            return step
+        advance(view, 0, net.edges.shape[1] - 1, step, step + 1, h)
+        if at_decision and net.closed[group] == 1:
+            return step + 1
+    return last
+
+
+@kernel
+def end_trial(view, pop, group, end, h):
+    """Weigh the maps without a decision, let all neurons fire that nobody silenced, and finish step `end`."""
+    net = net_of(view)
+    row = net.pops[pop]
+    if net.groups[group, t.WINNER] < 0 or net.local[group, t.RADIUS] >= 0:
+        weigh_maps(view, 0, row, end, h)
+    admit_all(view, row)
+    for thread in range(net.edges.shape[1] - 1):
+        act_at_emission(view, thread, end - 1, end, h)
+    net.groups[group, t.IN_TRIAL] = 0
+
+
+@inner
+def drop_all(view, step):
+    """Forget every spike under way at the end of a step."""
+    net = net_of(view)
+    for thread in range(net.clock.shape[0]):
+        net.clock[thread, t.HORIZON] = step
+        net.clock[thread, t.DONE] = step
+        net.clock[thread, t.DONE_DOPAMINE] = step
+    ring = net.x.shape[0] * net.x.shape[1]
+    if net.buf.shape[0] > ring:
+        net.buf[ring:] = -0.0
+        net.due[:, :] = 0
+
+
+@inner
+def learn_step(view, step, done_arrivals, thread, h, arrivals_only):
+    """All pairwise learning of one step: what arrives in it, then the pre spikes emitted in it."""
+    net, p = net_of(view), plastic_of(view)
+    for q in range(p.table.shape[0]):
+        if step > done_arrivals:
+            if p.table[q, t.DOPAMINE] >= 0:
+                dopamine_arrivals(view, q, step, thread, h)
+            elif p.table[q, t.EAGER] == 1:
+                call_rule(view, p.table[q], ARRIVE, 0, step, thread, h)
+        if arrivals_only:
+            continue
+        source = net.projections[p.table[q, t.PROJECTION], t.SOURCE]
+        slot = step & (net.log_ends.shape[1] - 1)
+        mask = net.log_ids.shape[1] - 1
+        for sender in range(net.edges.shape[1] - 1):
+            for place in range(net.log_ends[sender, slot, source], net.log_ends[sender, slot, source + 1]):
+                local = np.int64(net.log_ids[sender, place & mask]) - net.pops[source, t.BEGIN]
+                for nth in range(net.log_counts[sender, place & mask]):
+                    call_rule(view, p.table[q], PRE_SPIKE + nth, local, step, thread, h)
+                    if p.table[q, t.NOTED] == 1:
+                        note(view, q, local, step, thread)
