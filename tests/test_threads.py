@@ -116,7 +116,7 @@ class Timed(threads.Threads):
         self.now, self.cpu, self.trials = 0.0, 0.0, 0
         clock = SimpleNamespace(perf_counter=lambda: self.now, thread_time=lambda: self.cpu)
         monkeypatch.setattr(threads, "time", clock)
-        monkeypatch.setattr(threads, "loop", SimpleNamespace(run=self._alone, finish=lambda *_: None))
+        monkeypatch.setattr(threads, "steps", SimpleNamespace(run=self._alone, finish=lambda *_: None))
 
     def _alone(self, view: int, first: int, last: int, *_: Any) -> int:
         return self._go(last, (last - first) * self.slice_s)
@@ -276,7 +276,7 @@ def test_a_network_is_cut_only_where_threads_meet_seldom_enough(
 def test_a_state_saved_with_one_edge_for_all_populations_goes_on(monkeypatch: pytest.MonkeyPatch):
     """As in version 0.1.0, where threads owned stretches of all neurons."""
 
-    def flat(program: Any, where: list[layout.Place], n: int) -> Any:
+    def flat(program: Any, where: list[layout.PopulationPlace], n: int) -> Any:
         words = layout.total(program) // layout.WORD
         return thread_partition.edges_of(np.arange(n + 1) * words // n * 8, where)
 

@@ -1,7 +1,7 @@
 """The float simulator: event-driven, compiled by numba, which is imported only when a network is built.
 
-Three rooms, and imports run one way: `host` (what Python holds and calls between steps) -> `building` (from a program to
-the arrays and tables of the kernels) -> `loop` (the compiled kernels).
+Three rooms, and imports run one way: `host` (what Python holds and calls between steps) imports `building` (from a
+program to the arrays and tables of the kernels), which imports `loop` (the compiled kernels).
 """
 
 from __future__ import annotations

@@ -13,10 +13,10 @@ from neuro.program.backend import EngineCounts, Outcome, Spikes, Trial
 from neuro.program.program import Floats, Ints, Program
 from neuro_nest import kernel
 from neuro_nest.kernel import told
-from neuro_nest.net import Net
+from neuro_nest.network import NestNetwork
 from neuro_nest.problems import BY_SIGN, ELSEWHERE, FINITE, NO_LEAK, RKF45_ONLY, has_new_current
+from neuro_nest.projections import NestProjection
 from neuro_nest.tables import RK4, SHARED, UNREADABLE
-from neuro_nest.wires import Wires
 
 _WORDS = {"K_plus": "Kplus"}
 
@@ -40,8 +40,8 @@ class NestEngine:
             [p.synapse.vector() for p in program.projections],
         )
 
-    def _build(self, parameters: list[dict[str, Floats]], weights: list[Floats], rules: list[Floats]) -> Net:
-        return Net(self.program, self._nest, self._threads, parameters, weights, rules)
+    def _build(self, parameters: list[dict[str, Floats]], weights: list[Floats], rules: list[Floats]) -> NestNetwork:
+        return NestNetwork(self.program, self._nest, self._threads, parameters, weights, rules)
 
     @property
     def step(self) -> int:
@@ -95,7 +95,7 @@ class NestEngine:
             return self._faded(wires, values)
         return values
 
-    def _faded(self, wires: Wires, k_plus: Floats) -> Floats:
+    def _faded(self, wires: NestProjection, k_plus: Floats) -> Floats:
         """K+ now: NEST's stdp_synapse has it as of the last pre spike."""
         passed = self.step - self.net.records[wires.part.source].sent[wires.source]
         faded: Floats = k_plus * np.exp(-passed * self.program.resolution / self.net.words(wires)["tau_plus"])
@@ -128,7 +128,7 @@ class NestEngine:
         wires.weights = weights.copy()
         self._write(wires, "weight", wires.part.arriving(weights)[wires.slot])
 
-    def _write(self, wires: Wires, word: str, values: Floats) -> None:
+    def _write(self, wires: NestProjection, word: str, values: Floats) -> None:
         with told():
             wires.write(self._nest, self.net.ends(wires), word, values)
 
@@ -140,7 +140,7 @@ class NestEngine:
                 hint="backend 'event' has the same network and shows it",
             )
 
-    def _check_changeable(self, wires: Wires, what: str) -> None:
+    def _check_changeable(self, wires: NestProjection, what: str) -> None:
         """A change acts from the next step on, on synapses that are up to date."""
         if wires.part.synapse.modulated:
             self._check_moment(wires, f"{what} of '{wires.part.name}'")
@@ -151,7 +151,7 @@ class NestEngine:
                 hint="change them at time 0, or use backend 'event'",
             )
 
-    def _check_moment(self, wires: Wires, what: str) -> None:
+    def _check_moment(self, wires: NestProjection, what: str) -> None:
         grid = self.net.grid(wires)
         if self.step % grid:
             ms = self.net.clock.ms

@@ -2,18 +2,23 @@
 
 from __future__ import annotations
 
+import atexit
 import gc
 import os
+import subprocess
 import sys
+import time
 import weakref
 from collections.abc import Iterator
 from contextlib import contextmanager
-from typing import Any
+from functools import cache
+from typing import Any, NoReturn
+
+import numpy as np
+from numpy.typing import NDArray
 
 from neuro.core.errors import ModelError
-from neuro.core.launch import processes
-from neuro_nest import ranks
-from neuro_nest.watch import watch
+from neuro.core.launch import leads, processes, share
 
 INSTALL = "pip install nest-simulator"
 OURS = "neuro_nest"
@@ -70,7 +75,7 @@ def lend(holder: Any, name: str) -> Any:
             hint="drop the first simulation (del sim), or run each in a process of its own",
         )
     nest = load()
-    ranks.check(nest.build_info["have_mpi"])
+    check_mpi(nest.build_info["have_mpi"])
     if nest.network_size and OURS not in nest.node_models:
         raise ModelError(
             f"backend 'nest' cannot run '{name}': NEST holds a network of {nest.network_size} nodes of your own: "
@@ -109,7 +114,73 @@ def told() -> Iterator[None]:
         yield
     except (nest.NESTError, MemoryError) as error:
         if nest.num_processes > 1:
-            ranks.end_all(f"NEST: {error}")
+            end_all(f"NEST: {error}")
         if isinstance(error, MemoryError):
             raise
         raise ModelError(f"NEST: {error}") from None
+
+
+TOLD = "error: the process that ran NEST ended without a word: NEST crashed, or it was killed"
+_WAIT = 'trap "" INT TERM HUP; read -r word || echo "$0" >&2'
+
+
+@cache
+def watch() -> None:
+    """Begin to watch this process; once is enough. A process that ends as it should says so."""
+    try:
+        watcher = subprocess.Popen(["/bin/sh", "-c", _WAIT, TOLD], stdin=subprocess.PIPE, stdout=subprocess.DEVNULL)
+    except OSError:
+        return
+    atexit.register(watcher.communicate, b"well\n")
+
+
+BUILD = (
+    "apt-get install openmpi-bin libopenmpi-dev libgsl-dev, then "
+    "pip install --no-binary nest-simulator -C cmake.define.with-mpi=ON -C cmake.build-type=Release "
+    "nest-simulator mpi4py"
+)
+PATIENCE_S = 1.0
+
+
+class Ranks:
+    """All processes of a run. Every one calls the same methods in the same order.
+
+    Args:
+        size: how many there are.
+        rank: which one this is.
+    """
+
+    def __init__(self, size: int, rank: int) -> None:
+        self.size, self.rank = size, rank
+        self._world: Any = None if size == 1 else _world()
+
+    def gather(self, values: NDArray[Any]) -> NDArray[Any]:
+        """The arrays of all processes, joined along the first axis, in each of them."""
+        return values if self.size == 1 else np.concatenate(self._world.allgather(values))
+
+
+def check_mpi(with_mpi: bool) -> None:
+    """Refuse several processes where NEST would run all of the network in each; else they share it."""
+    share()
+    if processes() > 1 and not with_mpi:
+        raise ModelError(f"mpirun started {processes()} processes, but this NEST was built without MPI", hint=BUILD)
+
+
+def end_all(message: str) -> NoReturn:
+    """End all processes with one message: one that fails alone would leave the others waiting for ever.
+
+    Where all fail alike the first speaks; the others give it the time to.
+    """
+    if not leads():
+        time.sleep(PATIENCE_S)
+    print(f"error: {message}", file=sys.stderr, flush=True)
+    _world().Abort(2)
+    os._exit(2)
+
+
+def _world() -> Any:
+    try:
+        from mpi4py import MPI
+    except ImportError:
+        raise ModelError("NEST under MPI needs mpi4py, which is not installed", hint=BUILD) from None
+    return MPI.COMM_WORLD

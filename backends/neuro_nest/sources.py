@@ -10,8 +10,12 @@ from typing import Any
 import numpy as np
 
 from neuro.core import keyed_random
-from neuro.model.neurons import Generator
-from neuro.program.program import Floats, Ints, Population, drawn_for
+from neuro.core.clock import Clock
+from neuro.model.neurons import Generator, noise_generator
+from neuro.program.currents import Currents, generator_of
+from neuro.program.drives import Emission
+from neuro.program.program import Floats, Ints, Population, Program, drawn_for
+from neuro_nest.kernel import set_nodes
 
 DRAWS = 1 << 21
 """Draws that are held at a time."""
@@ -20,7 +24,7 @@ NONE: Ints = np.zeros(0, dtype=np.int64)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Train:
+class SpikeTrain:
     """Spikes by step, then neuron; a multiplicity is several spikes of one neuron in one step."""
 
     steps: Ints
@@ -28,13 +32,13 @@ class Train:
     multiplicity: Ints
 
 
-def train(steps: Ints, ids: Ints, size: int) -> Train:
+def train(steps: Ints, ids: Ints, size: int) -> SpikeTrain:
     """Spikes in any order, some of them several times, as a train."""
     codes, multiplicity = np.unique(steps * size + ids, return_counts=True)
-    return Train(codes // size, codes % size, multiplicity.astype(np.int64))
+    return SpikeTrain(codes // size, codes % size, multiplicity.astype(np.int64))
 
 
-class Source:
+class TrainSource:
     """One population of generators.
 
     Args:
@@ -52,7 +56,7 @@ class Source:
         for row, state in enumerate(part.model.states):
             self._states[row] = part.initial[state.name]
 
-    def emit(self, after: int, to: int) -> Train:
+    def emit(self, after: int, to: int) -> SpikeTrain:
         """What is emitted in steps after < k <= to."""
         first, last = max(after, self.part.start), min(to, self.part.stop)
         if self.part.kind == "generator":
@@ -70,8 +74,8 @@ class Source:
         order = np.lexsort((self._ids, self._steps))
         self._steps, self._ids = self._steps[order], self._ids[order]
 
-    def _draw(self, after: int, to: int) -> Train:
-        pieces: list[Train] = []
+    def _draw(self, after: int, to: int) -> SpikeTrain:
+        pieces: list[SpikeTrain] = []
         listed = self.part.schedule
         while after < to:
             end = to if listed is None else min(to, listed.next_change(after))
@@ -80,14 +84,14 @@ class Source:
             after = end
         return _joined(pieces)
 
-    def _steady(self, rate: Floats, after: int, to: int) -> list[Train]:
+    def _steady(self, rate: Floats, after: int, to: int) -> list[SpikeTrain]:
         """What is emitted in steps after < k <= to at one rate."""
         size = self.part.size
         means = np.broadcast_to(rate * self.resolution / 1000.0, size)
         rows = max(1, DRAWS // size)
         return [self._table(means, np.arange(k, min(k + rows, to + 1))) for k in range(after + 1, to + 1, rows)]
 
-    def _let_emit(self, after: int, to: int) -> Train:
+    def _let_emit(self, after: int, to: int) -> SpikeTrain:
         """What a generator with an `emit` of its own gives in steps after < k <= to."""
         model, size = self.part.model, self.part.size
         assert isinstance(model, Generator)
@@ -99,7 +103,7 @@ class Source:
             for lo, hi in [(0, size)] if alike else [(i, i + 1) for i in range(size)]:
                 emit(self._states, constants[lo], u, step, lo, hi, out)
             ids = np.flatnonzero(out)
-            pieces.append(Train(np.full(ids.size, step), ids, out[ids].astype(np.int64)))
+            pieces.append(SpikeTrain(np.full(ids.size, step), ids, out[ids].astype(np.int64)))
         return _joined(pieces)
 
     def _constants(self, model: Generator) -> Floats:
@@ -110,20 +114,22 @@ class Source:
             model.arithmetic.constants(row, self.resolution, c)
         return found
 
-    def _table(self, means: Floats, steps: Ints) -> Train:
+    def _table(self, means: Floats, steps: Ints) -> SpikeTrain:
         u = keyed_random.uniform_table(self._key, steps, self.part.size)
         numbers = np.zeros(u.shape, dtype=np.int64)
         for mean in np.unique(means):
             here = means == mean
             numbers[:, here] = np.searchsorted(keyed_random.poisson_table(float(mean)), u[:, here], side="right")
         rows, ids = np.nonzero(numbers)
-        return Train(steps[rows], ids, numbers[rows, ids])
+        return SpikeTrain(steps[rows], ids, numbers[rows, ids])
 
 
-def _joined(pieces: list[Train]) -> Train:
+def _joined(pieces: list[SpikeTrain]) -> SpikeTrain:
     if not pieces:
-        return Train(NONE, NONE, NONE)
-    return Train(*(np.concatenate([getattr(p, name) for p in pieces]) for name in ("steps", "ids", "multiplicity")))
+        return SpikeTrain(NONE, NONE, NONE)
+    return SpikeTrain(
+        *(np.concatenate([getattr(p, name) for p in pieces]) for name in ("steps", "ids", "multiplicity"))
+    )
 
 
 @cache
@@ -132,3 +138,56 @@ def _compiled(emit: FunctionType) -> Any:
     from neuro.kernels.jit import compiled, kernel
 
     return compiled(emit, kernel)
+
+
+def is_noise(part: Population) -> bool:
+    """Whether its currents are drawn here."""
+    return isinstance(part.model, noise_generator)
+
+
+def nodes_of(program: Program, population: int) -> int:
+    """How many nodes stand for a population: of noise of which each connection has its own, as many as connections."""
+    part = program.populations[population]
+    if not (is_noise(part) and generator_of(part).individual):
+        return part.size
+    return max(1, sum(p.size for p in program.projections if p.source == population))
+
+
+def first_node(program: Program, projection: int) -> int | None:
+    """The node of the first synapse of a projection each of whose synapses has a node, else None."""
+    source = program.projections[projection].source
+    part = program.populations[source]
+    if not (is_noise(part) and generator_of(part).individual):
+        return None
+    return sum(p.size for p in program.projections[:projection] if p.source == source)
+
+
+class Noise:
+    """What a noise_generator sends.
+
+    Args:
+        program: the whole network.
+        population: index of the generator.
+        currents: what generators are set to.
+    """
+
+    def __init__(self, program: Program, population: int, currents: Currents) -> None:
+        self._population, self._currents, self._clock = population, currents, Clock(program.resolution)
+        self._stop = program.populations[population].stop
+        outgoing = [q for q, p in enumerate(program.projections) if p.source == population]
+        if not generator_of(program.populations[population]).individual:
+            outgoing = outgoing[:1]
+        self._emissions = [Emission(program, q) for q in outgoing]
+
+    def emit(self, nest: Any, nodes: Any, after: int, to: int) -> None:
+        """Tell NEST what is sent in steps after < k <= to."""
+        if not self._emissions:
+            return
+        steps = np.arange(after + 1, to + 1)
+        anew = (steps == after + 1) | (steps == self._stop)
+        drawn = self._emissions[0].on(steps)
+        anew[np.isin(steps, drawn[self._emissions[0].moments(drawn) == drawn])] = True
+        histories = self._currents.parameters(self._population)
+        sent = np.concatenate([emission.during(steps, histories)[anew] for emission in self._emissions], axis=1)
+        times = self._clock.array_ms(steps[anew])
+        set_nodes(nest, nodes, [{"amplitude_times": times, "amplitude_values": values} for values in sent.T.copy()])

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from typing import Any
 
 import numpy as np
@@ -12,16 +12,15 @@ from neuro.core.clock import NEVER
 from neuro.model.synapses.delays import DELAY
 from neuro.program.backend import EngineCounts, Outcome, Sent, Spikes, Trial
 from neuro.program.program import Floats, Ints, Program
-from neuro_reference import snapshots
-from neuro_reference.course import Course
-from neuro_reference.net import Net
+from neuro_reference.decisions import TrialCourse
+from neuro_reference.network import ReferenceNetwork
 
 
 class ReferenceEngine:
     """A program in execution; `neuro.program.backend.Engine` says what each method does."""
 
     def __init__(self, program: Program) -> None:
-        self.program, self.net = program, Net(program)
+        self.program, self.net = program, ReferenceNetwork(program)
         self._first: list[Ints] = []
 
     @property
@@ -46,7 +45,7 @@ class ReferenceEngine:
         net.silenced[section.output] = np.repeat(trial.silenced, per_map)
         output.start_trial(section.reset)
         self._first = [np.full(cells.size, NEVER) for cells in net.cells]
-        course = Course(section.maps, output.size, section.group in net.local)
+        course = TrialCourse(section.maps, output.size, section.group in net.local)
         tick = 0
         for tick in range(section.duration):
             net.advance(trial.ids[trial.ticks == tick])
@@ -178,7 +177,7 @@ class ReferenceEngine:
     def reset(self, weights: bool) -> None:
         """Back to step 0."""
         before = self.net
-        self.net = Net(self.program)
+        self.net = ReferenceNetwork(self.program)
         for old, new in zip(before.cells, self.net.cells, strict=True):
             new.parameters = old.parameters
             new.refresh()
@@ -196,8 +195,80 @@ class ReferenceEngine:
 
     def snapshot(self) -> dict[str, NDArray[Any]]:
         """Everything that `restore` needs."""
-        return snapshots.take(self.net)
+        return take(self.net)
 
     def restore(self, arrays: Mapping[str, NDArray[Any]]) -> None:
         """Continue from a snapshot."""
-        snapshots.put(self.net, arrays)
+        put(self.net, arrays)
+
+
+Arrays = Mapping[str, NDArray[Any]]
+
+AT_ONCE = "at_once"
+"""Present where what generators emitted in the last step has set out; up to version 0.1.0 it waited for the next."""
+
+
+def take(net: ReferenceNetwork) -> dict[str, NDArray[Any]]:
+    """Copies of everything that changes while a net runs."""
+    arrays = {AT_ONCE: np.array(True)}
+    for path, part in _parts(net):
+        for name in part.kept:
+            arrays[f"{path}/{name}"] = np.array(getattr(part, name))
+    for index, cells in enumerate(net.cells):
+        arrays[f"emitted/{index}/ids"] = net.ids[index].copy()
+        arrays[f"emitted/{index}/multiplicity"] = net.multiplicity[index].copy()
+        for name, values in cells.parameters.items():
+            arrays[f"parameter/{index}/{name}"] = values.copy()
+    for index, rule in net.rules.items():
+        arrays[f"rule/{index}"] = rule.copy()
+    return arrays
+
+
+def put(net: ReferenceNetwork, arrays: Arrays) -> None:
+    """Set a net of the same program to what `take` gave."""
+    arrays = {**arrays, **_first_version(net, arrays)}
+    for path, part in _parts(net):
+        for name in part.kept:
+            value = arrays[f"{path}/{name}"]
+            now = getattr(part, name)
+            setattr(part, name, value.copy() if isinstance(now, np.ndarray) else type(now)(value.tolist()))
+    for index, cells in enumerate(net.cells):
+        net.ids[index] = arrays[f"emitted/{index}/ids"].copy()
+        net.multiplicity[index] = arrays[f"emitted/{index}/multiplicity"].copy()
+        cells.parameters = {name: arrays[f"parameter/{index}/{name}"].copy() for name in cells.parameters}
+        cells.refresh()
+    net.rules = {index: arrays[f"rule/{index}"].copy() for index in net.rules}
+    for pairs in net.pairs.values():
+        pairs.refresh()
+    if AT_ONCE not in arrays:
+        for index in [index for index, wires in enumerate(net.wires) if wires.at_once]:
+            net.send(index, net.step)
+
+
+def _first_version(net: ReferenceNetwork, arrays: Arrays) -> dict[str, NDArray[Any]]:
+    """The traces of a state of version 0.1.0, which had one of each side, by their present names."""
+    found = {}
+    for number in net.pairs:
+        path = f"pairs/{number}"
+        if f"{path}/k_plus" in arrays:
+            for side, after, before, step in (
+                ("pre", "k_plus", "k_plus", "k_plus_step"),
+                ("post", "k_minus", "k_minus_before", "heard"),
+            ):
+                found[f"{path}/{side}/after"] = arrays[f"{path}/{after}"][None]
+                found[f"{path}/{side}/before"] = arrays[f"{path}/{before}"][None]
+                found[f"{path}/{side}/since"] = found[f"{path}/{side}/last"] = arrays[f"{path}/{step}"]
+    return found
+
+
+def _parts(net: ReferenceNetwork) -> Iterator[tuple[str, Any]]:
+    yield "net", net
+    for label, parts in (("cells", net.cells), ("wires", net.wires), ("records", net.records)):
+        for index, part in enumerate(parts):
+            yield f"{label}/{index}", part
+    for index, local in net.local.items():
+        yield f"local/{index}", local
+    for number, pairs in net.pairs.items():
+        yield f"pairs/{number}", pairs
+        yield f"pairs/{number}/pre", pairs.pre
+        yield f"pairs/{number}/post", pairs.post

@@ -6,11 +6,12 @@ from typing import ClassVar
 
 import numpy as np
 
-from neuro.program.backend import Spikes
-from neuro.program.program import Ints
+from neuro.program.backend import Sent, Spikes
+from neuro.program.program import Ints, Program
+from neuro_reference.pairs import PairLearning
 
 
-class Record:
+class SpikeRecord:
     """Spikes of one population, in the order of their steps, and its counts.
 
     Args:
@@ -57,3 +58,30 @@ class Record:
         """Drop spikes up to a step."""
         left = self.since(before)
         self.steps, self.ids, self.multiplicity = left.steps.tolist(), left.ids.tolist(), left.multiplicity.tolist()
+
+
+class SynapseRecords:
+    """States of synapses as pre spikes leave them, by the number of the probe.
+
+    Args:
+        program: names the probes.
+    """
+
+    def __init__(self, program: Program) -> None:
+        self.probes = {number: probe for number, probe in enumerate(program.synapse_probes) if not probe.every}
+        self.kept: dict[int, list[tuple[int, int, float]]] = {number: [] for number in self.probes}
+
+    def add(self, pairs: PairLearning, projection: int, source: int, step: int) -> None:
+        """Keep the synapses of a source after its spike of a step has acted."""
+        for number, probe in self.probes.items():
+            if probe.projection == projection:
+                values, row = pairs.state(probe.record), pairs.wires.row(source)
+                synapses = np.arange(row.start, row.stop)
+                asked = synapses if probe.synapses is None else synapses[np.isin(synapses, probe.synapses)]
+                self.kept[number] += [(step, int(e), float(values[e])) for e in asked]
+
+    def take(self, number: int) -> Sent:
+        """What was kept for a probe; it is forgotten."""
+        kept, self.kept[number] = self.kept[number], []
+        columns = [np.array(column) for column in zip(*kept, strict=True)] or [np.zeros(0)] * 3
+        return Sent(columns[0].astype(np.int64), columns[1].astype(np.int64), columns[2])

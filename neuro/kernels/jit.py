@@ -11,7 +11,7 @@ from uuid import uuid4
 import numba
 
 from neuro.core.errors import ModelError
-from neuro.kernels.kept import Kept
+from neuro.kernels.kept import KernelCache
 from neuro.kernels.part import PartCompiler
 
 _njit: Any = numba.njit
@@ -58,7 +58,7 @@ def _named(function: F) -> F:
 
 
 def _kept(dispatcher: Any) -> Any:
-    dispatcher._cache = Kept(dispatcher)
+    dispatcher._cache = KernelCache(dispatcher)
     return dispatcher
 
 

@@ -39,7 +39,7 @@ _DAY_S = 86_400.0
 _DIGEST = hashlib.sha256().digest_size
 
 
-class Kept:
+class KernelCache:
     """The machine code of one kernel on disk, as numba's dispatcher asks for it."""
 
     def __init__(self, kernel: Any) -> None:

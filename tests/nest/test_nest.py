@@ -14,7 +14,7 @@ import neuro
 from neuro.testing import observe
 from neuro.testing.case import Found, differences
 from neuro.verify.verify import verify
-from neuro_nest.watch import TOLD
+from neuro_nest.kernel import TOLD
 
 pytestmark = pytest.mark.usefixtures("nest")
 

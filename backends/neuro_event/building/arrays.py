@@ -11,20 +11,20 @@ from numpy.typing import NDArray
 
 from neuro.kernels.address import Entry
 from neuro.program.program import Floats, Ints, Program
-from neuro_event.building.layout import Place, Synapses
+from neuro_event.building.layout import ArrangedSynapses, PopulationPlace
 from neuro_event.loop import tables as t
 
 
 @dataclass(eq=False)
-class Arrays:
+class EventArrays:
     """Everything the loop needs, by the names of `loop.Net`, and how a program's parts map to it.
 
     Without `eager` all synapses learn lazily: as in states that earlier versions have saved.
     """
 
     program: Program
-    places: list[Place]
-    synapses: list[Synapses]
+    places: list[PopulationPlace]
+    synapses: list[ArrangedSynapses]
     plastic_of: dict[int, int]
     net: dict[str, Any]
     plastic: dict[str, NDArray[Any]]

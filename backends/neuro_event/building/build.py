@@ -17,7 +17,7 @@ from neuro.model.neurons import Generator, Neuron
 from neuro.model.parts import lateral_reset, local_winners, winner_take_all
 from neuro.program.program import Floats, Ints, Program
 from neuro_event.building import layout, thread_partition
-from neuro_event.building.arrays import Arrays, aligned_rows, aligned_zeros
+from neuro_event.building.arrays import EventArrays, aligned_rows, aligned_zeros
 from neuro_event.building.generators import add_generators
 from neuro_event.building.learned_delays import add_delays
 from neuro_event.building.learning import add_learning
@@ -30,7 +30,7 @@ LINE = 16
 """Numbers between what two threads write often, so that they share no cache line."""
 
 
-def build(program: Program, threads: int, eager: bool = True, edges: Ints | None = None) -> Arrays:
+def build(program: Program, threads: int, eager: bool = True, edges: Ints | None = None) -> EventArrays:
     """Lay out a program for a number of threads, or cut at given edges."""
     where = layout.places(program)
     arranged = list(mapped(lambda q: layout.synapses(program, q, where), range(len(program.projections)), threads))
@@ -40,7 +40,7 @@ def build(program: Program, threads: int, eager: bool = True, edges: Ints | None
     if edges is None:
         edges = thread_partition.thread_edges(program, where, thread_partition.parts(program, threads))
     net: dict[str, Any] = {"edges": edges, "stages": np.zeros(len(STAGES), dtype=np.int64)}
-    arrays = Arrays(
+    arrays = EventArrays(
         program, where, arranged, {q: k for k, q in enumerate(learning)}, net, {}, max(1, program.min_delay), longest, 0
     )
     arrays.eager = eager
@@ -63,7 +63,7 @@ def _longest_delay(program: Program) -> int:
     return max([1, *delays, *(p.dopamine_delay for p in program.projections if p.dopamine >= 0)])
 
 
-def _neurons(a: Arrays, slots: int) -> None:
+def _neurons(a: EventArrays, slots: int) -> None:
     n = layout.total(a.program)
     blocks, threads = n // t.BLOCK, a.net["edges"].shape[1] - 1
     states = [len(type(p.model).states) for p in a.program.populations if layout.computes(p)]
@@ -100,7 +100,7 @@ def _neurons(a: Arrays, slots: int) -> None:
     a.net["initial"] = a.net["state"].copy()
 
 
-def _populations(a: Arrays) -> None:
+def _populations(a: EventArrays) -> None:
     pops = np.full((len(a.program.populations), t.POPULATION_COLUMNS), t.NONE, dtype=np.int64)
     for k, (p, place) in enumerate(zip(a.program.populations, a.places, strict=True)):
         row = pops[k]
@@ -124,7 +124,7 @@ def _populations(a: Arrays) -> None:
     rebuild_constants(a, {})
 
 
-def rebuild_constants(a: Arrays, changed: dict[int, Floats]) -> None:
+def rebuild_constants(a: EventArrays, changed: dict[int, Floats]) -> None:
     """Compute the constants of all populations; `changed` holds the parameter rows that differ from the program's."""
     parameters: list[Floats] = []
     width = layout.width(a.program)
@@ -148,7 +148,7 @@ def rebuild_constants(a: Arrays, changed: dict[int, Floats]) -> None:
                 compute(a.net["parameters"][r], a.program.resolution, a.net["constants"][r])
 
 
-def _logs(a: Arrays) -> None:
+def _logs(a: EventArrays) -> None:
     threads = a.net["edges"].shape[1] - 1
     most = np.diff(a.net["edges"], axis=1).sum(axis=0) * t.BLOCK
     n = int(most.max())
@@ -172,7 +172,7 @@ def _logs(a: Arrays) -> None:
     }
 
 
-def _groups(a: Arrays) -> None:
+def _groups(a: EventArrays) -> None:
     groups = a.program.groups
     a.net["groups"] = np.full((max(1, len(groups)), t.GROUP_COLUMNS), t.NONE, dtype=np.int64)
     a.net["closed"] = np.zeros(max(1, len(groups)), dtype=np.uint8)
@@ -197,7 +197,7 @@ def _groups(a: Arrays) -> None:
         a.net["resets"] = np.flatnonzero(fresh).astype(np.int64)
 
 
-def _local_winners(a: Arrays) -> None:
+def _local_winners(a: EventArrays) -> None:
     """Where the maps, rows and columns of groups with several winners lie among the internal places."""
     groups = a.program.groups
     rows = max(1, len(groups))
@@ -218,7 +218,7 @@ def _local_winners(a: Arrays) -> None:
         a.net["won"] = np.zeros((a.program.populations[trials.output].size, 2), dtype=np.int64)
 
 
-def _rivals(a: Arrays) -> None:
+def _rivals(a: EventArrays) -> None:
     """How many neurons compete in groups in which a spike resets others, how far apart they lie, and room for them."""
     for k, group in enumerate(a.program.groups):
         if isinstance(choice := group.choice, lateral_reset):
@@ -228,7 +228,7 @@ def _rivals(a: Arrays) -> None:
     a.net["rivals"] = np.zeros((a.net["edges"].shape[1] - 1, most), dtype=np.int64)
 
 
-def link(a: Arrays) -> None:
+def link(a: EventArrays) -> None:
     """Compile all that a network calls by address, and write the addresses to where they are asked for."""
     table = a.net["stages"]
     for name in _needed(a):
@@ -243,14 +243,14 @@ def link(a: Arrays) -> None:
         a.asked.clear()
 
 
-def _running(a: Arrays) -> tuple[str, ...]:
+def _running(a: EventArrays) -> tuple[str, ...]:
     """What runs a network."""
     if a.program.trials is not None:
         return "run_trial", "begin_trial", "end_trial"
     return ("run",) if a.net["edges"].shape[1] == 2 else ("run", "share", "finish")
 
 
-def _needed(a: Arrays) -> Iterator[str]:
+def _needed(a: EventArrays) -> Iterator[str]:
     """The stages that may be called."""
     net, plastic = a.net, a.plastic["table"]
     into, at_emission = (net["projections"][net[name]] for name in ("incoming", "at_emission"))

@@ -8,14 +8,14 @@ from neuro.core import keyed_random
 from neuro.kernels.draws import GUIDE_BITS, guide_to
 from neuro.program.program import Floats, drawn_for
 from neuro_event.building import layout
-from neuro_event.building.arrays import Arrays, aligned_zeros
+from neuro_event.building.arrays import EventArrays, aligned_zeros
 from neuro_event.loop import tables as t
 from neuro_event.loop.generators import wake_emitting
 
 TABLE_WIDTH = 1400
 
 
-def add_generators(a: Arrays) -> None:
+def add_generators(a: EventArrays) -> None:
     """Set the rates, and make room for those that keep counts."""
     pops = a.net["pops"]
     a.net["keys"] = np.array(
@@ -37,7 +37,7 @@ def add_generators(a: Arrays) -> None:
     a.net["tally"] = aligned_zeros(a.net["mean"].size if size else 0, np.uint32, line=24)
 
 
-def settle(a: Arrays) -> None:
+def settle(a: EventArrays) -> None:
     """Move what generators have tallied to their events and spikes."""
     tally = a.net["tally"]
     a.net["events"][: tally.size] += tally >> t.TALLY_BITS
@@ -45,7 +45,7 @@ def settle(a: Arrays) -> None:
     tally[:] = 0
 
 
-def _keeps_counts(a: Arrays, k: int) -> bool:
+def _keeps_counts(a: EventArrays, k: int) -> bool:
     """Whether a generator's spikes are wanted only as one-to-one input, so that no list of them is needed."""
     outgoing = [q for q, p in enumerate(a.program.projections) if p.source == k]
     others = any(p.dopamine == k for p in a.program.projections)
@@ -64,7 +64,7 @@ def _keeps_counts(a: Arrays, k: int) -> bool:
     )
 
 
-def set_rate(a: Arrays, k: int, rate: Floats, step: int) -> None:
+def set_rate(a: EventArrays, k: int, rate: Floats, step: int) -> None:
     """Set the rate in Hz of a poisson_generator, one value or one per neuron, after a step."""
     place, row = a.places[k], a.net["pops"][k]
     net, here = a.net, slice(place.begin, place.end)
@@ -76,14 +76,14 @@ def set_rate(a: Arrays, k: int, rate: Floats, step: int) -> None:
         _tabulate(a, k, mean)
 
 
-def tabulate(a: Arrays) -> None:
+def tabulate(a: EventArrays) -> None:
     """Fill the tables of all generators that keep counts, from the rates of now."""
     for k, place in enumerate(a.places):
         if a.net["pops"][k, t.COUNTS] >= 0:
             _tabulate(a, k, a.net["mean"][place.begin : place.end])
 
 
-def _tabulate(a: Arrays, k: int, mean: Floats) -> None:
+def _tabulate(a: EventArrays, k: int, mean: Floats) -> None:
     """Use a table of the Poisson distribution where all neurons share it."""
     row = a.net["pops"][k]
     row[t.TABLE] = t.NONE

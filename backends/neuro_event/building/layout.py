@@ -27,7 +27,7 @@ _KINDS = {
 
 
 @dataclass(frozen=True, eq=False)
-class Place:
+class PopulationPlace:
     """Where a population lies.
 
     Attributes:
@@ -55,7 +55,7 @@ class Place:
         return tuple(steps) if self.inside is None else (1, *(shape[0] * step for step in steps[1:]))
 
 
-def places(program: Program) -> list[Place]:
+def places(program: Program) -> list[PopulationPlace]:
     """Lay the populations side by side."""
     grids = {p.target: p.grid for p in program.projections if p.grid is not None}
     found, at = [], 0
@@ -67,7 +67,7 @@ def places(program: Program) -> list[Place]:
             outside = np.ascontiguousarray(outside.reshape(grid.maps, grid.rows * grid.columns).T).ravel()
             inside = np.empty_like(outside)
             inside[outside] = np.arange(population.size)
-        found.append(Place(at, at + population.size, inside, outside))
+        found.append(PopulationPlace(at, at + population.size, inside, outside))
         at += -(-population.size // WORD) * WORD
     return found
 
@@ -97,7 +97,7 @@ def width(program: Program) -> int:
     return max([Model.width, *(p.model.width for p in program.populations if computes(p))])
 
 
-def parameter_rows(population: Population, place: Place) -> Floats:
+def parameter_rows(population: Population, place: PopulationPlace) -> Floats:
     """Parameters of a population of neurons: one row, or one per neuron where they differ."""
     columns = [np.atleast_1d(values) for values in population.parameters.values()]
     n = max(c.size for c in columns)
@@ -107,7 +107,7 @@ def parameter_rows(population: Population, place: Place) -> Floats:
 
 
 @dataclass(frozen=True, eq=False)
-class Synapses:
+class ArrangedSynapses:
     """A projection in internal order.
 
     Attributes:
@@ -148,10 +148,10 @@ def learns_pairs(p: Projection) -> bool:
     return p.synapse.learns == "pairs"
 
 
-def synapses(program: Program, index: int, where: list[Place]) -> Synapses:
+def synapses(program: Program, index: int, where: list[PopulationPlace]) -> ArrangedSynapses:
     """Arrange a projection for the kernels: CSR where it learns, has delays of its own, or its ends are permuted.
 
-    Synapses lie by source, then target; where they are delivered in runs, by source, delay, target.
+    ArrangedSynapses lie by source, then target; where they are delivered in runs, by source, delay, target.
     """
     p = program.projections[index]
     source, target = where[p.source], where[p.target]
@@ -159,13 +159,13 @@ def synapses(program: Program, index: int, where: list[Place]) -> Synapses:
     if p.layout == "grid":
         assert p.grid is not None
         k = np.arange(p.size, dtype=np.int64).reshape(p.grid.maps, -1)
-        return Synapses(t.GRID, _NO_INTS, _NO_TARGETS, np.ascontiguousarray(k.T).ravel())
+        return ArrangedSynapses(t.GRID, _NO_INTS, _NO_TARGETS, np.ascontiguousarray(k.T).ravel())
     plain = not (permuted or own_delays(p) or learns_pairs(p))
     if plain and p.layout in ("dense", "one_to_one"):
-        return Synapses(t.DENSE if p.layout == "dense" else t.ONE_TO_ONE, _NO_INTS, _NO_TARGETS, None)
+        return ArrangedSynapses(t.DENSE if p.layout == "dense" else t.ONE_TO_ONE, _NO_INTS, _NO_TARGETS, None)
     timed = in_runs(program, p)
     if p.layout == "csr" and not permuted and (not timed or by_delay(p.row_ends, p.targets, p.delay)):
-        return Synapses(t.CSR, p.row_ends, p.targets, None)
+        return ArrangedSynapses(t.CSR, p.row_ends, p.targets, None)
     pre, post = program.connections(index)
     pre = pre if source.inside is None else source.inside[pre]
     post = post if target.inside is None else target.inside[post]
@@ -174,11 +174,11 @@ def synapses(program: Program, index: int, where: list[Place]) -> Synapses:
         pre, post = pre[order], post[order]
     n = program.populations[p.source].size
     row_ends = np.concatenate([[0], np.cumsum(np.bincount(pre, minlength=n))]).astype(np.int64)
-    return Synapses(t.CSR, row_ends, post.astype(np.int32), order)
+    return ArrangedSynapses(t.CSR, row_ends, post.astype(np.int32), order)
 
 
-def by_target(program: Program, index: int, where: list[Place]) -> Ints:
-    """As `Synapses.order` of a listed projection, were it not delivered in runs: by source, then target."""
+def by_target(program: Program, index: int, where: list[PopulationPlace]) -> Ints:
+    """As `ArrangedSynapses.order` of a listed projection, were it not delivered in runs: by source, then target."""
     p = program.projections[index]
     (pre, post), source, target = program.connections(index), where[p.source], where[p.target]
     return np.lexsort(

@@ -16,7 +16,7 @@ from neuro.model.synapses.base import common
 from neuro.model.synapses.delays import DELAY
 from neuro.program.program import Floats, Ints, Program, Projection, SynapseProbe
 from neuro_event.building import layout
-from neuro_event.building.arrays import Arrays, aligned_table
+from neuro_event.building.arrays import EventArrays, aligned_table
 from neuro_event.loop import tables as t
 from neuro_event.loop.eager_rules import eager_entry
 from neuro_event.loop.lazy_rules import DECAYS, ENTRY, NEWEST, OF_NEURON, OWN, TAU, TIME, rule_entry
@@ -24,7 +24,7 @@ from neuro_event.loop.lazy_stdp import lazy_entry
 from neuro_event.loop.operations import RULES
 
 
-def add_learning(a: Arrays, learning: list[int]) -> None:
+def add_learning(a: EventArrays, learning: list[int]) -> None:
     """Lay out the synapses, traces and histories of the projections `learning`."""
     threads = a.net["edges"].shape[1] - 1
     program, pops = a.program, a.net["pops"]
@@ -107,7 +107,7 @@ def add_learning(a: Arrays, learning: list[int]) -> None:
     lay_constants(a, {q: program.projections[q].synapse.vector() for q in learning})
 
 
-def _ask_entry(a: Arrays, row: Ints, rule: Any, own_rows: bool) -> None:
+def _ask_entry(a: EventArrays, row: Ints, rule: Any, own_rows: bool) -> None:
     """Ask for the entry of a rule's passes over synapses, which share a row of constants or have their own."""
     entry = eager_entry if row[t.EAGER] == 1 else lazy_entry if row[t.RULE] >= 0 else rule_entry
     a.ask(row, t.RULE_ENTRY, partial(entry, rule, own_rows))
@@ -117,7 +117,7 @@ def _draw_key(program: Program, q: int) -> int:
     return keyed_random.key(program.seed, "synapse", program.projections[q].name)
 
 
-def _drawn_as(a: Arrays, learning: list[int]) -> Ints:
+def _drawn_as(a: EventArrays, learning: list[int]) -> Ints:
     """By which numbers synapses draw: none if no rule does."""
     if not any(a.program.projections[q].synapse.draws for q in learning):
         return np.zeros(0, dtype=np.int64)
@@ -125,7 +125,7 @@ def _drawn_as(a: Arrays, learning: list[int]) -> Ints:
     return np.concatenate([np.arange(n, dtype=np.int64) if order is None else order for order, n in each])
 
 
-def _start(a: Arrays, q: int, row: Ints, states: Floats, k_plus: Floats) -> None:
+def _start(a: EventArrays, q: int, row: Ints, states: Floats, k_plus: Floats) -> None:
     """Put the synapses' states and the sources' traces of a projection to where its rule starts."""
     p, program = a.program.projections[q], a.program
     first, of_states, order = row[t.FIRST_SYNAPSE], p.synapse.first_states(), a.synapses[q].order
@@ -148,19 +148,19 @@ def _longest_back(p: Projection) -> int:
     return int(p.delay.max()) if p.delay.size else 1
 
 
-def _by_entry(a: Arrays, q: int) -> bool:
+def _by_entry(a: EventArrays, q: int) -> bool:
     """Whether an entry has the passes over synapses."""
     p = a.program.projections[q]
     return acts_at_once(a, p) or type(p.synapse) not in RULES
 
 
-def _most_traces(a: Arrays, learning: list[int]) -> int:
+def _most_traces(a: EventArrays, learning: list[int]) -> int:
     """Traces of one side that any entry reads at most."""
     rules = [a.program.projections[q].synapse for q in learning if _by_entry(a, q)]
     return max([0, *(max(len(rule.pre), len(rule.post)) for rule in rules)])
 
 
-def _columns(a: Arrays, learning: list[int], table: Ints) -> Ints:
+def _columns(a: EventArrays, learning: list[int], table: Ints) -> Ints:
     """The post traces that rules of strangers read lazily, by population; each rule's begin at its COLUMN."""
     found: list[list[tuple[int, int]]] = [[] for _ in a.program.populations]
     for k, q in enumerate(learning):
@@ -175,13 +175,13 @@ def _columns(a: Arrays, learning: list[int], table: Ints) -> Ints:
     return columns
 
 
-def _others_shape(a: Arrays) -> tuple[int, int, int]:
+def _others_shape(a: EventArrays) -> tuple[int, int, int]:
     histories, width = a.plastic["past"].shape
     columns = a.plastic["columns"].shape[1]
     return (histories, (width - NEWEST) // ENTRY, columns) if columns else (1, 1, 0)
 
 
-def widen_histories(a: Arrays, population: int, t_ref: float) -> None:
+def widen_histories(a: EventArrays, population: int, t_ref: float) -> None:
     """Make room for the spikes of a population whose shortest refractory period is now `t_ref` ms."""
     past = a.plastic["past"]
     onto = [q for q in _lazy(a, a.plastic_of) if a.program.projections[q].target == population]
@@ -195,7 +195,7 @@ def widen_histories(a: Arrays, population: int, t_ref: float) -> None:
         a.plastic["others"][:, : others.shape[1]] = others
 
 
-def _history_width(a: Arrays, learning: list[int]) -> int:
+def _history_width(a: EventArrays, learning: list[int]) -> int:
     """Numbers in a history of any neuron, with the parameters of step 0."""
     lazy, program = _lazy(a, learning), a.program
     targets = [program.populations[program.projections[q].target] for q in lazy]
@@ -203,7 +203,7 @@ def _history_width(a: Arrays, learning: list[int]) -> int:
     return _width(max([7, *(_entries(program, q, t_ref) for q, t_ref in zip(lazy, held, strict=True))]))
 
 
-def _lazy(a: Arrays, learning: Iterable[int]) -> list[int]:
+def _lazy(a: EventArrays, learning: Iterable[int]) -> list[int]:
     """Those projections whose synapses read histories."""
     return [q for q in learning if not acts_at_once(a, a.program.projections[q])]
 
@@ -224,7 +224,7 @@ def _width(entries: int) -> int:
     return 8 * (lines + 1 - lines % 2)
 
 
-def lay_constants(a: Arrays, rules: Mapping[int, Floats]) -> None:
+def lay_constants(a: EventArrays, rules: Mapping[int, Floats]) -> None:
     """Lay out the constants of all rules: a row for each projection, then rows of synapses that have their own.
 
     Args:
@@ -240,7 +240,7 @@ def lay_constants(a: Arrays, rules: Mapping[int, Floats]) -> None:
         row[t.EPOCH] = length(a.plastic["decay"][k, OWN:])
 
 
-def set_constants(a: Arrays, projection: int, vector: Floats) -> bool:
+def set_constants(a: EventArrays, projection: int, vector: Floats) -> bool:
     """Fill the constants of a projection; return whether the table was replaced by a longer one.
 
     Synapse z reads row CONSTANTS + z CONSTANTS_STRIDE. Rows that synapses have got they keep, though all be the same.
@@ -259,7 +259,7 @@ def set_constants(a: Arrays, projection: int, vector: Floats) -> bool:
     return bool(grows)
 
 
-def set_numbers(a: Arrays, projection: int, vector: Floats, step: int) -> bool:
+def set_numbers(a: EventArrays, projection: int, vector: Floats, step: int) -> bool:
     """Fill all that follows from the parameters of a projection whose traces are values, see `reading.bring_all`.
 
     Returns:
@@ -298,10 +298,10 @@ def _decay(tau: float, h: float) -> Floats:
 
 
 ROOM = 1 << 14
-"""Notes for which there is room at first."""
+"""PreSpikeRecords for which there is room at first."""
 
 
-def add_notes(a: Arrays, learning: list[int]) -> None:
+def add_notes(a: EventArrays, learning: list[int]) -> None:
     """Mark the plastic projections and synapses that probes at pre spikes ask for."""
     probes = probes_of(a.program)
     marked = {probe.projection for _, probe in probes}
@@ -325,7 +325,7 @@ def probes_of(program: Program) -> list[tuple[int, SynapseProbe]]:
     ]
 
 
-def make_room(a: Arrays, room: int) -> None:
+def make_room(a: EventArrays, room: int) -> None:
     """Make buffers for the records of pre spikes, `room` of them for each thread."""
     threads = a.net["edges"].shape[1] - 1
     a.plastic["note_at"] = np.zeros((threads, 8), dtype=np.int64)
@@ -341,7 +341,7 @@ LEAST = math.exp(-64.0)
 """What is left of a trace at the end of an epoch at least: less would cost digits."""
 
 
-def acts_at_once(a: Arrays, p: Projection) -> bool:
+def acts_at_once(a: EventArrays, p: Projection) -> bool:
     """Whether a plastic projection learns eagerly: it has no modulator, and its synapses share delay and tau_minus."""
     tau_minus = np.ravel(a.program.populations[p.target].parameters["tau_minus"])
     alike = bool(np.all(tau_minus == tau_minus[0])) or all(trace.tau != "tau_minus" for trace in p.synapse.post)
@@ -359,7 +359,7 @@ def length(decays: Floats) -> int:
     return max(1, int(np.min((used > LEAST).sum(axis=1), initial=LONGEST + 1)) - 1)
 
 
-def no_spikes(a: Arrays, learning: list[int], table: NDArray[np.int64], n_targets: int) -> Floats:
+def no_spikes(a: EventArrays, learning: list[int], table: NDArray[np.int64], n_targets: int) -> Floats:
     """The traces of the post spikes that synapses have heard at step 0, a row for each target of a projection."""
     eager = [(row, a.program.projections[q]) for row, q in zip(table, learning, strict=True) if row[t.EAGER]]
     heard = np.zeros((n_targets if eager else 0, max((len(p.synapse.post) for _, p in eager), default=0)))
@@ -370,7 +370,7 @@ def no_spikes(a: Arrays, learning: list[int], table: NDArray[np.int64], n_target
     return heard
 
 
-def first_trace(a: Arrays, k: int, step: int) -> Floats:
+def first_trace(a: EventArrays, k: int, step: int) -> Floats:
     """The values at a step of the first pre trace of the plastic projection number k."""
     row = a.plastic["table"][k]
     p, stride = a.program.projections[row[t.PROJECTION]], row[t.SOURCE_STRIDE]
@@ -380,20 +380,20 @@ def first_trace(a: Arrays, k: int, step: int) -> Floats:
     return values if p.synapse.pre[0].tau else (step - kept) * a.program.resolution
 
 
-def unpack(a: Arrays, k: int, step: int) -> None:
+def unpack(a: EventArrays, k: int, step: int) -> None:
     """Put the values at a step in the place of how the traces of projection number k are kept."""
     for kept, left in _traces(a, k, step):
         kept *= left
 
 
-def pack(a: Arrays, k: int, step: int) -> None:
+def pack(a: EventArrays, k: int, step: int) -> None:
     """Keep traces from their values at a step, with the time constants of now."""
     a.plastic["table"][k, t.EPOCH] = length(a.plastic["decay"][k, OWN:])
     for kept, left in _traces(a, k, step):
         kept *= 1.0 / left if left > 0.0 else 0.0
 
 
-def _traces(a: Arrays, k: int, step: int) -> Iterator[tuple[Floats, float]]:
+def _traces(a: EventArrays, k: int, step: int) -> Iterator[tuple[Floats, float]]:
     """As what the decaying traces of a projection are kept, and what is left since the epoch of a step began."""
     row, half = a.plastic["table"][k], a.plastic["kinds"].shape[1] // 2
     p = a.program.projections[row[t.PROJECTION]]

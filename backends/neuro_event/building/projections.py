@@ -13,13 +13,13 @@ from neuro.core.threads import mapped
 from neuro.model.neurons import Neuron
 from neuro.program.program import Floats, Grid, Ints, Population, Program, Projection
 from neuro_event.building import layout
-from neuro_event.building.arrays import Arrays, aligned_zeros
+from neuro_event.building.arrays import EventArrays, aligned_zeros
 from neuro_event.loop import tables as t
 from neuro_event.loop.arrivals import QUEUE, fill_runs
 from neuro_event.loop.operations import NEURONS
 
 
-def add_projections(a: Arrays) -> None:
+def add_projections(a: EventArrays) -> None:
     """Lay out all projections, and the buffer of the input and the rings."""
     program = a.program
     table = np.full((len(program.projections), t.PROJECTION_COLUMNS), t.NONE, dtype=np.int64)
@@ -96,7 +96,7 @@ def _time(program: Program, p: Projection, edges: Ints, row: Ints) -> int:
     return program.populations[p.source].size * int(row[t.DELAYS]) * (edges.size - 1) + 1
 
 
-def _fill_runs(a: Arrays, q: int) -> None:
+def _fill_runs(a: EventArrays, q: int) -> None:
     """Tell where the runs of a projection begin."""
     p, s, row = a.program.projections[q], a.synapses[q], a.net["projections"][q]
     local = a.net["edges"][p.target] * t.BLOCK - a.places[p.target].begin
@@ -105,7 +105,7 @@ def _fill_runs(a: Arrays, q: int) -> None:
     fill_runs(s.row_ends, s.targets, delay, int(row[t.SHORTEST]), int(row[t.DELAYS]), local, runs)
 
 
-def _wake_all(p: Projection, s: layout.Synapses, blocks: int) -> int:
+def _wake_all(p: Projection, s: layout.ArrangedSynapses, blocks: int) -> int:
     """How many spikes of a step reach about all blocks of the target, so that these need not be marked one by one."""
     if s.layout == t.DENSE:
         return 1
@@ -116,7 +116,7 @@ def _wake_all(p: Projection, s: layout.Synapses, blocks: int) -> int:
     return 1 + 2 * blocks * (s.row_ends.size - 1) // s.targets.size if s.targets.size else NEVER
 
 
-def internal_weights(a: Arrays, q: int) -> Floats:
+def internal_weights(a: EventArrays, q: int) -> Floats:
     """The weights that a static delivery adds: what arrives of the program's, in internal order; 1 for a relay."""
     p = a.program.projections[q]
     if a.net["pops"][p.source, t.KIND] != t.CURRENT and a.net["pops"][p.target, t.RELAY] == 1:
@@ -128,7 +128,7 @@ def internal_weights(a: Arrays, q: int) -> Floats:
     return own
 
 
-def own_weights(a: Arrays) -> bool:
+def own_weights(a: EventArrays) -> bool:
     """Take a copy of the weights before they change, if they are the program's; return whether that was needed."""
     shared = any(np.may_share_memory(a.net["weights"], p.weight) for p in a.program.projections)
     if shared:
@@ -143,7 +143,7 @@ def _give_ring(row: Ints, longest: int, n: int, receptors: int, at: int, slice_:
     return int(at + slots * n * receptors)
 
 
-def give_ring(a: Arrays, q: int) -> None:
+def give_ring(a: EventArrays, q: int) -> None:
     """Let a projection deliver at emission from now on, into a new ring."""
     p = a.program.projections[q]
     row = a.net["projections"][q]
@@ -161,7 +161,7 @@ def give_ring(a: Arrays, q: int) -> None:
     list_incoming(a)
 
 
-def set_buffer(a: Arrays, buf: Floats) -> None:
+def set_buffer(a: EventArrays, buf: Floats) -> None:
     """Use `buf` for the input and the rings."""
     rows, n = a.net["calm"].shape
     a.net["buf"] = aligned_zeros(buf.size, np.float64)
@@ -190,7 +190,7 @@ def _joined(parts: list[NDArray[Any]], dtype: Any) -> NDArray[Any]:
     return np.concatenate([np.zeros(0, dtype=dtype), *parts]).astype(dtype, copy=False)
 
 
-def list_incoming(a: Arrays) -> None:
+def list_incoming(a: EventArrays) -> None:
     """For each population: the projections delivered on arrival, and those that fill a ring (currents in neither)."""
     incoming: list[int] = []
     for k, population in enumerate(a.program.populations):
@@ -207,7 +207,7 @@ def list_incoming(a: Arrays) -> None:
     a.net["incoming"] = np.array(incoming, dtype=np.int64)
 
 
-def _first_collected(a: Arrays, k: int, population: Population) -> int:
+def _first_collected(a: EventArrays, k: int, population: Population) -> int:
     """The first of the states to which a population's input is only added, if the loop may do so after a step."""
     row, model = a.net["pops"][k], population.model
     if not isinstance(model, Neuron) or not model.collects:
@@ -217,7 +217,7 @@ def _first_collected(a: Arrays, k: int, population: Population) -> int:
     return [state.name for state in type(model).states].index(model.collects[0])
 
 
-def _all_marked(a: Arrays, into: list[int]) -> bool:
+def _all_marked(a: EventArrays, into: list[int]) -> bool:
     """Whether deliveries over all of some projections mark where input arrives, and reach few."""
     return all(
         row[t.LAYOUT] == t.CSR and row[t.LAG] > 0 and row[t.RUN] < 0 and row[t.WAKE_ALL] > 1

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from neuro.program.program import Ints, Program, Projection
-from neuro_event.building.layout import WORD, Place, in_runs
+from neuro_event.building.layout import WORD, PopulationPlace, in_runs
 from neuro_event.loop import tables as t
 
 WORTH_MEETING = 12_000
@@ -15,7 +15,7 @@ A meeting, and what each reads of the other's spikes, take one to three microsec
 """
 
 SCATTERED = 1 << 22
-"""Synapses with delays of their own from which on they lie beyond the caches, twelve bytes each."""
+"""ArrangedSynapses with delays of their own from which on they lie beyond the caches, twelve bytes each."""
 
 EVEN = 0.02
 """By how much the busiest thread may have more than its share of the work where populations are left whole."""
@@ -27,14 +27,14 @@ SYNAPSES = 200
 """So many, each with a few spikes a second, are as much work as the steps of a neuron."""
 
 
-def thread_edges(program: Program, where: list[Place], threads: int) -> Ints:
+def thread_edges(program: Program, where: list[PopulationPlace], threads: int) -> Ints:
     """Blocks at which the threads' neurons of each population begin, and the end: (populations, threads + 1)."""
     scattered = sum(p.size for p in program.projections if in_runs(program, p))
     owners = whole_populations(program, threads) if threads > 1 and scattered >= SCATTERED else None
     return _alike(program, where, threads) if owners is None else _whole(owners, where, threads)
 
 
-def _alike(program: Program, where: list[Place], threads: int) -> Ints:
+def _alike(program: Program, where: list[PopulationPlace], threads: int) -> Ints:
     """Each thread has a like share of every population, since no one knows before how busy one will be.
 
     What cannot be shared out evenly, of small ones or of groups that stay whole, is made up for in the next
@@ -106,7 +106,7 @@ def _units(program: Program) -> list[list[int]]:
     return list(units.values())
 
 
-def _whole(owners: Ints, where: list[Place], threads: int) -> Ints:
+def _whole(owners: Ints, where: list[PopulationPlace], threads: int) -> Ints:
     """The edges of populations that are whole."""
     first = np.array([[place.begin // t.BLOCK] for place in where])
     end = np.array([[-(-place.end // t.BLOCK)] for place in where])
@@ -131,7 +131,7 @@ def parts(program: Program, threads: int) -> int:
     return threads if steps >= WORTH_MEETING else 1
 
 
-def edges_of(saved: Ints, where: list[Place]) -> Ints:
+def edges_of(saved: Ints, where: list[PopulationPlace]) -> Ints:
     """The edges of a saved state as of `thread_edges`; in version 0.1.0 they were those of all populations."""
     if saved.ndim == 2:
         return saved

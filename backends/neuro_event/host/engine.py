@@ -18,11 +18,11 @@ from neuro.program.program import Floats, Ints, Program, Trials
 from neuro.program.rates import Rates
 from neuro_event.building import build, generators, layout, learned_delays, learning, projections, thread_partition
 from neuro_event.host import reading, snapshot
-from neuro_event.host.probes import Notes, Peaks, Samples
-from neuro_event.host.snapshot import Changes
-from neuro_event.host.spikes import Listed, Record
+from neuro_event.host.probes import PotentialPeaks, PreSpikeRecords, StateProbes
+from neuro_event.host.snapshot import ChangedValues
+from neuro_event.host.spikes import ListedSpikes, RecordedSpikes
 from neuro_event.host.threads import Threads
-from neuro_event.host.varying_currents import Drives, apply
+from neuro_event.host.varying_currents import VaryingCurrents, apply
 from neuro_event.loop import arrivals, histories, steps, tables as t, trial_rules
 from neuro_event.loop.tables import table_of
 
@@ -39,15 +39,15 @@ class EventEngine:
         cut = () if edges is None else (edges,)
         self._a = build.build(self._program, self._n_threads, eager, *cut)
         self._step = 0
-        self._changes = Changes(self._program)
-        self._record = Record(self._program, self._a.places)
+        self._changes = ChangedValues(self._program)
+        self._record = RecordedSpikes(self._program, self._a.places)
         self._currents = Currents(self._program)
-        self._drives = Drives(self._program, self._currents, self._a, self._parameter)
+        self._drives = VaryingCurrents(self._program, self._currents, self._a, self._parameter)
         self._rates = Rates(self._program)
         self._steady = not any(p.kind == "current" or p.schedule is not None for p in self._program.populations)
         self._threads = Threads(self._a.net["edges"].shape[1] - 1)
-        self._listed = Listed(self._a)
-        self._samples, self._notes = Samples(self._a), Notes(self._a)
+        self._listed = ListedSpikes(self._a)
+        self._samples, self._notes = StateProbes(self._a), PreSpikeRecords(self._a)
         self._stops = bool(self._samples.probes or self._notes)
         self._trial_start = 0
         self._trial_updates = np.zeros(len(self._program.projections), dtype=np.int64)
@@ -68,7 +68,7 @@ class EventEngine:
         self._table = table_of(net, self._a.plastic)
         self._view = self._table.ctypes.data
         self._overrun = net["clock"][:, t.OVERRUN]
-        self._copy, self._cells = reading.Copy(self._a, self._table), reading.Cells(self._a)
+        self._copy, self._cells = reading.SynapseReader(self._a, self._table), reading.NeuronReader(self._a)
 
     @property
     def step(self) -> int:
@@ -185,7 +185,7 @@ class EventEngine:
         from neuro_event.loop import steps
 
         steps.begin_trial(self._view, spec.output, spec.group, start, h)
-        peaks = Peaks(spec.output, self._program.populations[spec.output].size, h) if trial.peaks else None
+        peaks = PotentialPeaks(spec.output, self._program.populations[spec.output].size, h) if trial.peaks else None
         ticks = self._run_trial(spec, peaks)
         self._listed.drop(spec.input)
         steps.end_trial(self._view, spec.output, spec.group, start + ticks, h)
@@ -201,7 +201,7 @@ class EventEngine:
         won = self._a.net["won"][: self._a.net["standing"][group, t.WINS]]
         return Wins(self._a.net["order"][won[:, 0]], won[:, 1] - self._trial_start - 1)
 
-    def _run_trial(self, spec: Trials, peaks: Peaks | None) -> int:
+    def _run_trial(self, spec: Trials, peaks: PotentialPeaks | None) -> int:
         """Run a trial that has begun, up to the decision step by step if peaks are followed; return its ticks."""
         from neuro_event.loop import steps
 

@@ -9,7 +9,7 @@ from neuro.core.clock import NEVER
 from neuro.program.backend import Sent
 from neuro.program.program import Floats, Ints, Probe, SynapseProbe
 from neuro_event.building import layout
-from neuro_event.building.arrays import Arrays
+from neuro_event.building.arrays import EventArrays
 from neuro_event.building.learning import make_room, probes_of
 from neuro_event.loop import steps, tables as t
 from neuro_event.loop.probes import follow_peaks, notes_to_come, sample
@@ -18,7 +18,7 @@ AT_ONCE = 1 << 16
 """Numbers that are kept in one array."""
 
 
-class Sampled:
+class StateProbe:
     """One probe.
 
     Args:
@@ -26,7 +26,7 @@ class Sampled:
         probe: of a state, with each neuron by itself.
     """
 
-    def __init__(self, a: Arrays, probe: Probe) -> None:
+    def __init__(self, a: EventArrays, probe: Probe) -> None:
         self._a, self.every, self._population = a, probe.every, probe.population
         part, place = a.program.populations[probe.population], a.places[probe.population]
         self._state = [s.name for s in type(part.model).states].index(probe.record)
@@ -54,16 +54,16 @@ class Sampled:
         return steps, values
 
 
-class Samples:
+class StateProbes:
     """All probes that the engine reads by itself, by their numbers in the program.
 
     Args:
         a: the arrays of the kernels.
     """
 
-    def __init__(self, a: Arrays) -> None:
+    def __init__(self, a: EventArrays) -> None:
         self.probes = {
-            number: Sampled(a, probe) for number, probe in enumerate(a.program.probes) if can_sample(a, probe)
+            number: StateProbe(a, probe) for number, probe in enumerate(a.program.probes) if can_sample(a, probe)
         }
 
     def next_due(self, step: int) -> int:
@@ -77,21 +77,21 @@ class Samples:
                 probe.read(view, step)
 
 
-def can_sample(a: Arrays, probe: Probe) -> bool:
+def can_sample(a: EventArrays, probe: Probe) -> bool:
     """Whether a probe asks for each value of a state of neurons."""
     part = a.program.populations[probe.population]
     states = [s.name for s in type(part.model).states]
     return probe.record in states and not probe.mean and layout.computes(part)
 
 
-class Notes:
+class PreSpikeRecords:
     """Takes notes out of the kernels' buffers before these are full.
 
     Args:
         a: the arrays of the kernels.
     """
 
-    def __init__(self, a: Arrays) -> None:
+    def __init__(self, a: EventArrays) -> None:
         self._a = a
         self._probes = dict(probes_of(a.program))
         self._kept: dict[int, list[Sent]] = {number: [] for number in self._probes}
@@ -142,7 +142,7 @@ class Notes:
         return Sent(*(np.concatenate([getattr(part, word) for part in parts]) for word in Sent.__slots__))
 
 
-class Peaks:
+class PotentialPeaks:
     """The peaks of one trial.
 
     Args:

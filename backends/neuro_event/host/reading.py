@@ -9,16 +9,16 @@ from numpy.typing import NDArray
 
 from neuro.program.program import Floats, Ints
 from neuro_event.building import learning
-from neuro_event.building.arrays import Arrays
+from neuro_event.building.arrays import EventArrays
 from neuro_event.loop import histories, steps, tables as t
 from neuro_event.loop.lazy_rules import APPLIED
 from neuro_event.loop.tables import table_of, with_plastic
 
 
-class Cells:
+class NeuronReader:
     """A second place for the states of neurons, where sleeping ones are brought to the present for a read."""
 
-    def __init__(self, a: Arrays) -> None:
+    def __init__(self, a: EventArrays) -> None:
         self._a = a
         self._copied: dict[str, NDArray[Any]] = {}
 
@@ -51,10 +51,10 @@ class Cells:
         return rows
 
 
-class Copy:
+class SynapseReader:
     """A second place for the states of the synapses, where they are brought to the present for a read."""
 
-    def __init__(self, a: Arrays, table: Ints) -> None:
+    def __init__(self, a: EventArrays, table: Ints) -> None:
         self._a, self._view = a, table.ctypes.data
         self._y = np.empty_like(a.plastic["y"])
         self._reached = np.empty_like(a.plastic["reached"])
@@ -112,7 +112,7 @@ class Copy:
         return np.where(moved, a.plastic["sent"][here], a.plastic["y"][0, here])
 
 
-def concentration(a: Arrays, view: int, k: int, step: int) -> Floats:
+def concentration(a: EventArrays, view: int, k: int, step: int) -> Floats:
     """Dopamine of every target of the plastic projection number k."""
     projection = a.program.projections[a.plastic["table"][k, t.PROJECTION]]
     out = np.empty(a.program.populations[projection.target].size)
@@ -120,7 +120,7 @@ def concentration(a: Arrays, view: int, k: int, step: int) -> Floats:
     return out
 
 
-def trace(a: Arrays, k: int, step: int) -> Floats:
+def trace(a: EventArrays, k: int, step: int) -> Floats:
     """K+ of every source of the plastic projection number k."""
     here = _sources(a, k)
     if a.plastic["table"][k, t.EAGER]:
@@ -130,7 +130,7 @@ def trace(a: Arrays, k: int, step: int) -> Floats:
     return traces
 
 
-def _sources(a: Arrays, k: int) -> slice:
+def _sources(a: EventArrays, k: int) -> slice:
     """The first traces of the sources of the plastic projection number k."""
     row = a.plastic["table"][k]
     size = a.program.populations[a.program.projections[row[t.PROJECTION]].source].size
@@ -147,7 +147,7 @@ def by_id(values: Floats, order: Ints | None) -> Floats:
     return out
 
 
-def weights(a: Arrays, projection: int) -> Floats:
+def weights(a: EventArrays, projection: int) -> Floats:
     """Weights of a projection that spike pairs do not change, in the order of the program's."""
     p, row = a.program.projections[projection], a.net["projections"][projection]
     first = row[t.WEIGHT]
@@ -156,7 +156,7 @@ def weights(a: Arrays, projection: int) -> Floats:
     return p.arriving(by_id(a.net["weights"][first : first + p.size], a.synapses[projection].order))
 
 
-def bring_all(a: Arrays, view: int, k: int, step: int) -> None:
+def bring_all(a: EventArrays, view: int, k: int, step: int) -> None:
     """Catch up the plastic projection number k to the present, before something is set; traces are then values."""
     if a.plastic["table"][k, t.EAGER]:
         learning.unpack(a, k, step)

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from neuro.program.program import Floats, Program
 from neuro_event.building import generators, layout, projections
-from neuro_event.building.arrays import Arrays
+from neuro_event.building.arrays import EventArrays
 from neuro_event.loop import tables as t
 
 _LAID_OUT = {"edges", "most", "rows", "runs", "targets", "delays", "order"}
@@ -51,7 +51,7 @@ _FIXED = _GIVEN | VIEWS | _EMPTY | _REBUILT
 """Arrays that a snapshot leaves out: they follow from the program, or hold nothing between two runs."""
 
 
-def snapshot(a: Arrays) -> dict[str, NDArray[Any]]:
+def snapshot(a: EventArrays) -> dict[str, NDArray[Any]]:
     """Copies of all arrays that hold something between two runs."""
     net = {f"net.{k}": v.copy() for k, v in a.net.items() if k not in _FIXED}
     net["net.state"] = a.net["state"][:, : layout.total(a.program)].copy()  # each row ends in room for nothing
@@ -63,7 +63,7 @@ def snapshot(a: Arrays) -> dict[str, NDArray[Any]]:
     return {**net, **plastic, "engine.runs": np.flatnonzero(a.net["projections"][:, t.RUN] >= 0)}
 
 
-def _own_marks(a: Arrays, due: NDArray[np.uint8]) -> NDArray[np.uint8]:
+def _own_marks(a: EventArrays, due: NDArray[np.uint8]) -> NDArray[np.uint8]:
     """The marks of arrivals, flat: of each block those of the thread that it belongs to."""
     owner = np.zeros(a.net["awake"].size, dtype=np.int64)
     for edges in a.net["edges"]:
@@ -73,7 +73,7 @@ def _own_marks(a: Arrays, due: NDArray[np.uint8]) -> NDArray[np.uint8]:
     return slots[owner, :, np.arange(owner.size)].T.ravel()
 
 
-def _by_runs(a: Arrays) -> None:
+def _by_runs(a: EventArrays) -> None:
     """Put weights that lie by source, then target where those of runs lie."""
     for q in np.flatnonzero(a.net["projections"][:, t.RUN] >= 0).tolist():
         row, p = a.net["projections"][q], a.program.projections[q]
@@ -90,7 +90,7 @@ def is_eager(arrays: Mapping[str, NDArray[Any]]) -> bool:
     return len(arrays.get("plastic.heard", ())) > 0
 
 
-def restore(a: Arrays, arrays: Mapping[str, NDArray[Any]]) -> None:
+def restore(a: EventArrays, arrays: Mapping[str, NDArray[Any]]) -> None:
     """Put the arrays of a snapshot in place of those of step 0."""
     for name, value in arrays.items():
         part, _, rest = name.partition(".")
@@ -125,7 +125,7 @@ def restore(a: Arrays, arrays: Mapping[str, NDArray[Any]]) -> None:
     generators.tabulate(a)
 
 
-class Changes:
+class ChangedValues:
     """Values as they were given, which a reset sets again, and what the program says otherwise by now.
 
     Args:

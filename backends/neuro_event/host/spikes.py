@@ -11,17 +11,17 @@ from numpy.typing import NDArray
 from neuro.program.backend import Spikes
 from neuro.program.program import Ints, Program
 from neuro_event.building import layout
-from neuro_event.building.arrays import Arrays
-from neuro_event.building.layout import Place
+from neuro_event.building.arrays import EventArrays
+from neuro_event.building.layout import PopulationPlace
 from neuro_event.loop import tables as t
 
 Part = tuple[NDArray[np.int64], NDArray[np.int32], NDArray[np.int32]]
 
 
-class Record:
+class RecordedSpikes:
     """Chunks, oldest first; a chunk has a part for each thread: (steps, neurons, multiplicity) by step."""
 
-    def __init__(self, program: Program, places: list[Place]) -> None:
+    def __init__(self, program: Program, places: list[PopulationPlace]) -> None:
         self._places = places
         self._chunks: list[list[Part]] = []
 
@@ -86,7 +86,7 @@ class Record:
         self._chunks = [[part]] if steps.size else []
 
 
-def _chosen(part: Part, place: Place, since: int) -> Part:
+def _chosen(part: Part, place: PopulationPlace, since: int) -> Part:
     """Those spikes of a part that are of one population and after a step."""
     steps, neurons, counts = part
     keep = (neurons >= place.begin) & (neurons < place.end)
@@ -109,10 +109,10 @@ def _joined(parts: list[Part]) -> Part:
 _NOTHING = np.zeros(0, dtype=np.int64)
 
 
-class Listed:
+class ListedSpikes:
     """Keeps the spikes to come by population and writes them into the arrays that the loop reads."""
 
-    def __init__(self, arrays: Arrays) -> None:
+    def __init__(self, arrays: EventArrays) -> None:
         self._a = arrays
         self._spikes: dict[int, tuple[Ints, Ints]] = {
             k: (p.spike_steps, p.spike_ids)

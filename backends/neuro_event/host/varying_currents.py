@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from neuro.program.currents import NEVER, Currents, driven
 from neuro.program.drives import Emission, Line, charges, lines_of
 from neuro.program.program import Floats, Program
-from neuro_event.building.arrays import Arrays
+from neuro_event.building.arrays import EventArrays
 from neuro_event.loop import steps, tables as t
 
 SHORTEST, LONGEST = 64, 1024
@@ -21,7 +21,7 @@ HELD = 1 << 19
 """About how many currents a stretch holds."""
 
 
-class Drives:
+class VaryingCurrents:
     """What is emitted in the next steps along the lines into driven populations.
 
     Args:
@@ -32,7 +32,7 @@ class Drives:
     """
 
     def __init__(
-        self, program: Program, currents: Currents, arrays: Arrays, parameter: Callable[[int, str], Floats]
+        self, program: Program, currents: Currents, arrays: EventArrays, parameter: Callable[[int, str], Floats]
     ) -> None:
         self._program, self._currents, self._a, self._parameter = program, currents, arrays, parameter
         self._driven = driven(program)
@@ -175,7 +175,7 @@ def _tables(rows: NDArray[np.int64]) -> dict[str, Numbers]:
     }
 
 
-def apply(currents: Currents, program: Program, arrays: Arrays, view: int, step: int) -> None:
+def apply(currents: Currents, program: Program, arrays: EventArrays, view: int, step: int) -> None:
     """Set the currents that hold from step + 1 on; populations whose current changes are woken."""
     for target in currents.targets:
         place = arrays.places[target]

@@ -29,7 +29,7 @@ BRING, BRING_WHOLE, ARRIVE, PRE_SPIKE = range(4)
 spike of a neuron in a step, the second, ..."""
 
 AHEAD = 16
-"""Synapses by which a history, and the target's place in the ring, is asked for before it is read."""
+"""ArrangedSynapses by which a history, and the target's place in the ring, is asked for before it is read."""
 
 OWN = 3
 """Row of `decay` where a rule's traces begin: as in `kinds`, first those of pre, from the middle on those of post."""

@@ -14,8 +14,8 @@ from numpy.typing import NDArray
 
 from neuro.core.clock import Clock
 from neuro.program.program import Floats, Ints, Program
-from neuro_nest.noise import first_node
-from neuro_nest.ranks import Ranks
+from neuro_nest.kernel import Ranks
+from neuro_nest.sources import first_node
 from neuro_nest.tables import RECEPTORS_OF_CURRENTS, SHARED, STATES, SYNAPSES
 
 DEEPEST = 1 << 20
@@ -34,7 +34,7 @@ def layers(source: Ints, target: Ints) -> Ints:
     return found
 
 
-class Wires:
+class NestProjection:
     """The synapses of a projection.
 
     Args:

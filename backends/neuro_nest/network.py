@@ -11,14 +11,12 @@ from neuro.core.clock import Clock
 from neuro.model.synapses.base import common
 from neuro.program.currents import Currents
 from neuro.program.program import Floats, Ints, Program, Projection
-from neuro_nest.cells import Cells
-from neuro_nest.kernel import set_nodes, sign, told
-from neuro_nest.noise import Noise, is_noise, nodes_of
-from neuro_nest.ranks import Ranks
-from neuro_nest.record import Activity, Record
-from neuro_nest.sources import NONE, Source, Train, train
+from neuro_nest.kernel import Ranks, set_nodes, sign, told
+from neuro_nest.populations import NestPopulation
+from neuro_nest.projections import NestProjection
+from neuro_nest.record import Activity, NestRecord
+from neuro_nest.sources import NONE, Noise, SpikeTrain, TrainSource, is_noise, nodes_of, train
 from neuro_nest.tables import ALWAYS, OF_TARGET
-from neuro_nest.wires import Wires
 
 LONGEST = 10_000
 """Steps of a stretch: what injectors hold and the recorder gathers."""
@@ -27,7 +25,7 @@ CELLS_AT_ONCE = 1 << 24
 """Neuron-steps of a stretch."""
 
 
-class Net:
+class NestNetwork:
     """A program in NEST at the step it has reached.
 
     Args:
@@ -59,15 +57,15 @@ class Net:
             nest.set(min_delay=program.resolution, max_delay=self.clock.ms(self._longest_delay()))
             sign(nest)
             self.cells = [
-                Cells(nest, part, own, self.clock, self.ranks, nodes_of(program, k), k in sent_at_once)
+                NestPopulation(nest, part, own, self.clock, self.ranks, nodes_of(program, k), k in sent_at_once)
                 for k, (part, own) in enumerate(zip(program.populations, parameters, strict=True))
             ]
-            self.wires = [Wires(program, i, w) for i, w in enumerate(weights)]
+            self.wires = [NestProjection(program, i, w) for i, w in enumerate(weights)]
             for wires in self.wires:
                 self._connect(wires)
             self._recorder = self._record_neurons()
         self.sources = {
-            index: Source(cells.part, cells.parameters, program.resolution, program.seed)
+            index: TrainSource(cells.part, cells.parameters, program.resolution, program.seed)
             for index, cells in enumerate(self.cells)
             if cells.part.kind in ("poisson", "listed", "generator")
         }
@@ -75,7 +73,7 @@ class Net:
         self.noise = {k: Noise(program, k, self.currents) for k, p in enumerate(program.populations) if is_noise(p)}
         for index in self.noise:
             self.set_noise(index, parameters[index])
-        self.records = [Record(p.size, p.records) for p in program.populations]
+        self.records = [NestRecord(p.size, p.records) for p in program.populations]
         self.activity = Activity(program, [w for w in self.wires if not self._sends_current(w.part.source)])
         self._stretch = max(1, min(LONGEST, CELLS_AT_ONCE // sum(p.size for p in program.populations)))
 
@@ -86,7 +84,7 @@ class Net:
             self._advance(min(end, self.step + self._stretch))
 
     def _advance(self, to: int) -> None:
-        trains = [Train(NONE, NONE, NONE)] * len(self.cells)
+        trains = [SpikeTrain(NONE, NONE, NONE)] * len(self.cells)
         for index, source in self.sources.items():
             trains[index] = source.emit(self.step, to)
             with told():
@@ -136,7 +134,7 @@ class Net:
                 self.nest.Connect(cells.nodes, recorder, syn_spec={"delay": self.program.resolution})
         return recorder
 
-    def _connect(self, wires: Wires) -> None:
+    def _connect(self, wires: NestProjection) -> None:
         part = wires.part
         transmitters = self._transmitters(wires) if part.synapse.modulated else None
         shared = zip(part.synapse.numbers(), common(self.rules[wires.index]), strict=True)
@@ -144,7 +142,7 @@ class Net:
             set_nodes(self.nest, self.cells[part.target].nodes, [of_target])
         wires.connect(self.nest, self.ends(wires), self.clock, self.words(wires), transmitters)
 
-    def ends(self, wires: Wires) -> tuple[int, int]:
+    def ends(self, wires: NestProjection) -> tuple[int, int]:
         """The first node of source and target."""
         source = self.cells[wires.part.source]
         first = source.first_device if self._is_at_once(wires.part) else source.first
@@ -154,7 +152,7 @@ class Net:
         """Whether devices send along a projection: a spike takes the weights of its emission."""
         return part.carries == "spikes" and self.program.sends_at_once(part)
 
-    def words(self, wires: Wires) -> dict[str, Any]:
+    def words(self, wires: NestProjection) -> dict[str, Any]:
         """The numbers of a synapse model in NEST's words, and the states in which its synapses start.
 
         Each is of all synapses, or has a value for each.
@@ -163,14 +161,14 @@ class Net:
         numbers = self._numbers(wires)
         return {w: value for w, value in numbers.items() if w not in elsewhere} | wires.part.synapse.initial(numbers)
 
-    def _numbers(self, wires: Wires) -> dict[str, Any]:
+    def _numbers(self, wires: NestProjection) -> dict[str, Any]:
         return dict(zip(wires.part.synapse.numbers(), self.rules[wires.index].T, strict=True))
 
-    def grid(self, wires: Wires) -> int:
+    def grid(self, wires: NestProjection) -> int:
         """Steps between the moments at which NEST brings a synapse under dopamine up to date."""
         return self.program.min_delay * int(wires.part.synapse.parameters()["deliver_interval"])
 
-    def _transmitters(self, wires: Wires) -> Any:
+    def _transmitters(self, wires: NestProjection) -> Any:
         """The volume transmitters of a projection, which hear its dopamine."""
         part = wires.part
         number = wires.n_target if part.dopamine_one_to_one else 1

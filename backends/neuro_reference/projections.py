@@ -14,7 +14,7 @@ from neuro.program.drives import Emission
 from neuro.program.program import Floats, Ints, Program
 
 
-class Wires:
+class ReferenceProjection:
     """A projection with every synapse spelt out, and its input to come.
 
     Attributes:

@@ -14,19 +14,18 @@ from neuro.model.neurons import Neuron
 from neuro.model.parts import lateral_reset, local_winners, winner_take_all
 from neuro.program.drives import charges
 from neuro.program.program import Floats, Ints, Program
-from neuro_reference.cells import Cells
-from neuro_reference.local import LocalWinners
-from neuro_reference.notes import Notes
-from neuro_reference.pairs import Pairs
-from neuro_reference.record import Record
-from neuro_reference.wires import Wires
+from neuro_reference.decisions import LocalWinners
+from neuro_reference.pairs import PairLearning
+from neuro_reference.populations import ReferencePopulation
+from neuro_reference.projections import ReferenceProjection
+from neuro_reference.record import SpikeRecord, SynapseRecords
 
 NOBODY: Ints = np.zeros(0, dtype=np.int64)
 Bools = NDArray[np.bool_]
 Counts = NDArray[np.uint8]
 
 
-class Net:
+class ReferenceNetwork:
     """A program's parts and the step they have reached.
 
     Attributes:
@@ -49,16 +48,16 @@ class Net:
 
     def __init__(self, program: Program) -> None:
         self.program, self.step = program, 0
-        self.cells = [Cells(p, program.resolution, program.seed) for p in program.populations]
-        self.wires = [Wires(program, i) for i in range(len(program.projections))]
+        self.cells = [ReferencePopulation(p, program.resolution, program.seed) for p in program.populations]
+        self.wires = [ReferenceProjection(program, i) for i in range(len(program.projections))]
         self.pairs = {
-            i: Pairs(program, wires, self.cells[wires.part.target].parameters["tau_minus"])
+            i: PairLearning(program, wires, self.cells[wires.part.target].parameters["tau_minus"])
             for i, wires in enumerate(self.wires)
             if wires.part.synapse.learns == "pairs"
         }
-        self.notes = Notes(program)
+        self.notes = SynapseRecords(program)
         self.rules = {i: w.part.synapse.vector() for i, w in enumerate(self.wires) if w.part.synapse.learns == "trials"}
-        self.records = [Record(p.size, p.records) for p in program.populations]
+        self.records = [SpikeRecord(p.size, p.records) for p in program.populations]
         self.ties = [keyed_random.key(program.seed, "tie", group.name) for group in program.groups]
         self.local = {
             k: LocalWinners(g.choice, program.populations[g.population].shape)
@@ -116,17 +115,17 @@ class Net:
                 pairs.emit_dopamine(self.ids[pairs.part.dopamine], self.multiplicity[pairs.part.dopamine], step)
         self.step = step
 
-    def _carries_current(self, wires: Wires) -> bool:
+    def _carries_current(self, wires: ReferenceProjection) -> bool:
         return wires.part.carries == "current"
 
-    def _charge(self, wires: Wires, step: int) -> None:
+    def _charge(self, wires: ReferenceProjection, step: int) -> None:
         """A current to a receptor adds to the state in which the receptor keeps its own."""
         if wires.part.receptor is not None:
             cells = self.cells[wires.part.target]
             state, share = charges(self.program, wires.part, cells.parameters)
             cells.states[state] += share * wires.arrive(step)[0][0]
 
-    def _sent_by(self, wires: Wires) -> Mapping[str, Floats]:
+    def _sent_by(self, wires: ReferenceProjection) -> Mapping[str, Floats]:
         """The parameters of a generator of currents that are in force."""
         cells = self.cells[wires.part.source]
         return cells.parameters if cells.part.schedule is None else {"amplitude": cells.part.schedule.at(self.step + 1)}
@@ -171,7 +170,7 @@ class Net:
                     heard |= some
         return x, current, heard
 
-    def _update(self, cells: Cells, x: Floats, current: Floats, step: int) -> Counts:
+    def _update(self, cells: ReferencePopulation, x: Floats, current: Floats, step: int) -> Counts:
         if cells.part.kind == "neuron":
             return cells.update(x, current, step)
         return np.zeros(cells.size, dtype=np.uint8)

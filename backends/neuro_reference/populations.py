@@ -12,7 +12,7 @@ from neuro.model.neurons import Generator, Neuron
 from neuro.program.program import Floats, Ints, Population, drawn_for
 
 
-class Cells:
+class ReferencePopulation:
     """States and parameters of a population, and one step of them.
 
     Args:
