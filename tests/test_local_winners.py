@@ -12,8 +12,7 @@ from neuro.core.errors import ModelError
 from neuro.run.simulation import Simulation
 from neuro.testing import observe
 from neuro.testing.case import differences
-from neuro.testing.trials import told
-from neuro.testing.winners import sheets
+from neuro.testing.trials import sheets, told
 
 BACKENDS = ("reference", "event", "loihi", "spinnaker")
 INF = float("inf")

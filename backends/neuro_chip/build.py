@@ -8,14 +8,14 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from neuro.chips.lag import longest_lag
+from neuro.chips.arrival_rule import longest_lag
 from neuro.chips.quantising.fixed import FixedPopulation
 from neuro.chips.quantising.fixed_program import FixedProgram
 from neuro.core import keyed_random
 from neuro.core.clock import NEVER
 from neuro.model.parts import lateral_reset, local_winners, winner_take_all
 from neuro.program.program import Program, Projection
-from neuro_chip import grids, tables as t
+from neuro_chip import deliver, tables as t
 from neuro_chip.families.every import NUMBERS, family_of
 from neuro_chip.families.family import Arrays
 
@@ -167,7 +167,7 @@ def _projections(a: Arrays, fixed: FixedProgram) -> None:
         _grid(table[q], part)
     a["projections"] = table
     a |= {name: _joined(parts, kinds[name]) for name, parts in lists.items()}
-    grids.lay_out(a, program)
+    deliver.lay_out(a, program)
     spiking = [q for q, wires in enumerate(fixed.projections) if wires is not None]
     by_source = [[q for q in spiking if table[q, t.SOURCE] == k] for k in range(len(program.populations))]
     a["out"] = np.array([q for group in by_source for q in group], dtype=np.int64)

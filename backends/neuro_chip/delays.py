@@ -14,8 +14,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from neuro.chips.lag import acts_late, register
-from neuro.chips.loihi.learning_rules import FRACTIONS
+from neuro.chips.arrival_rule import acts_late, register
+from neuro.chips.loihi.learning import FRACTIONS
 from neuro.chips.loihi.words import REGISTER_OF_ONE
 from neuro.chips.quantising.fixed_program import FixedProgram
 from neuro.kernels.jit import compiled, kernel

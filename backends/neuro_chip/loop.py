@@ -1,17 +1,15 @@
 """The one compiled loop over steps."""
 
-# mypy: ignore-errors
+from __future__ import annotations
+
 import numpy as np
 
 from neuro.kernels.draws import poisson_by_sum, step_word, uniform
 from neuro.kernels.jit import inner, kernel
-from neuro_chip.deliver import send
+from neuro_chip.deliver import may_gather, send, send_grids
 from neuro_chip.families.dispatch import update
-from neuro_chip.grids import may_gather, send_grids
-from neuro_chip.groups import fire, settle_one, settle_rivals
-from neuro_chip.local_winners import settle_locally
+from neuro_chip.groups import fire, settle_locally, settle_one, settle_rivals
 from neuro_chip.net import net_of
-from neuro_chip.resting import keep_states, stayed
 from neuro_chip.tables import (
     ARRIVED,
     BEGIN,
@@ -41,6 +39,8 @@ from neuro_chip.tables import (
     STOP_GROUP,
     TARGET,
 )
+
+# mypy: ignore-errors
 
 
 @inner
@@ -268,3 +268,55 @@ def advance(view, words, end):
         group = net.clock[STOP_GROUP]
         if group >= 0 and net.groups[group, CLOSED]:
             return
+
+
+# mypy: ignore-errors
+
+
+@inner
+def keep_states(net, pop, row):
+    """Keep the states of a population for `stayed`; return what has been counted of it."""
+    lo, hi = row[BEGIN], row[END]
+    copy(net.still[0, lo:hi], net.v[lo:hi])
+    copy(net.still[1, lo:hi], net.u[lo:hi])
+    copy(net.still[2, lo:hi], net.g_inh[lo:hi])
+    copy(net.still[3, lo:hi], net.hold[lo:hi])
+    return counted(net, pop)
+
+
+@inner
+def stayed(net, pop, row, before):
+    """Whether a step has changed neither the states that were kept nor what was counted."""
+    lo, hi = row[BEGIN], row[END]
+    return (
+        equal(net.still[0, lo:hi], net.v[lo:hi])
+        and equal(net.still[1, lo:hi], net.u[lo:hi])
+        and equal(net.still[2, lo:hi], net.g_inh[lo:hi])
+        and equal(net.still[3, lo:hi], net.hold[lo:hi])
+        and counted(net, pop) == before
+    )
+
+
+@inner
+def copy(into, values):
+    """Copy an array."""
+    for k in range(into.size):
+        into[k] = values[k]
+
+
+@inner
+def equal(one, other):
+    """Whether two arrays are."""
+    changed = np.int32(0)
+    for k in range(one.size):
+        changed |= np.int32(one[k] ^ other[k])
+    return changed == 0
+
+
+@inner
+def counted(net, pop):
+    """Overflows and what else is counted of a population."""
+    total = 0
+    for column in range(net.native.shape[1]):
+        total += net.native[pop, column]
+    return total

@@ -21,12 +21,11 @@ from neuro_chip.build import arrays_of, write_registers, write_states
 from neuro_chip.delays import Delays
 from neuro_chip.families.every import family_of
 from neuro_chip.learners import Learners
-from neuro_chip.listed import Listed
 from neuro_chip.loop import advance, send_ahead
 from neuro_chip.net import Bound
 from neuro_chip.presenting import open_all
-from neuro_chip.record import Record
 from neuro_chip.registers import Registers
+from neuro_chip.spike_lists import Listed, Record
 from neuro_chip.weights import Weights
 
 _CLEARED = (

@@ -9,10 +9,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from neuro.chips.quantising.built_in import names_of, shares
 from neuro.chips.quantising.fixed import FixedPopulation, FixedProjection
 from neuro.chips.quantising.fixed_program import FixedProgram
-from neuro.chips.quantising.quantise import requantise
+from neuro.chips.quantising.quantise import names_of, requantise, shares
 from neuro.core.errors import ModelError, unknown
 from neuro.model.equations import EquationNeuron
 from neuro.program.backend import Problem

@@ -6,7 +6,7 @@ from types import ModuleType
 
 import numpy as np
 
-from neuro.chips.loihi.learning_rules import FRACTIONS
+from neuro.chips.loihi.learning import FRACTIONS
 from neuro.chips.quantising.fixed import FixedProjection
 from neuro.core import keyed_random
 from neuro.program.backend import Outcome, Trial, Wins

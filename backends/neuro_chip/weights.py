@@ -12,7 +12,7 @@ from neuro.chips.quantising.fixed import FixedProjection, Words
 from neuro.chips.quantising.fixed_program import FixedProgram
 from neuro.core.errors import ModelError
 from neuro.program.program import Floats, Ints
-from neuro_chip import grids, tables as t
+from neuro_chip import deliver, tables as t
 from neuro_chip.families.every import family_of
 
 _NOWHERE: Ints = np.zeros(0, dtype=np.int64)
@@ -141,7 +141,7 @@ class Weights:
             self._a["words"] = np.concatenate((self._a["words"], words.astype(self._a["words"].dtype)))
         self._a["words"][row[t.WORD] : row[t.WORD] + words.size] = words
         row[[t.POSITIVE, t.NEGATIVE]] = bool(np.any(words > 0)), bool(np.any(words < 0))
-        grids.turn(self._a, self._program.projections[index], row)
+        deliver.turn(self._a, self._program.projections[index], row)
 
     def write_some(self, index: int, synapses: Ints) -> None:
         """Likewise of some synapses, the only ones that have changed."""
@@ -151,9 +151,9 @@ class Weights:
             return
         table, lowest = self._words_of(index)
         if index not in self._places:
-            self._places[index] = _NOWHERE if part.grid is None else grids.places(part.grid)
+            self._places[index] = _NOWHERE if part.grid is None else deliver.places(part.grid)
         words, kernels = self._a["words"], self._a["kernels"]
-        grids.write_some(self.mantissas[index], synapses, table, lowest, words, kernels, row, self._places[index])
+        deliver.write_some(self.mantissas[index], synapses, table, lowest, words, kernels, row, self._places[index])
 
     def _words_of(self, index: int) -> tuple[NDArray[Any], int]:
         """The word of each mantissa of a projection, and the lowest of these; computed once at a scale."""

@@ -17,11 +17,15 @@ if TYPE_CHECKING:
     from neuro.chips.known import chip as chip, chips as chips
     from neuro.chips.placing.place import place as place
     from neuro.chips.placing.placement import Placement as Placement
-    from neuro.chips.pricing.bill import bill as bill
-    from neuro.chips.pricing.energy import COLUMNS as COLUMNS, Energy as Energy, between as between, cells as cells
-    from neuro.chips.pricing.footnotes import footnotes as footnotes
+    from neuro.chips.pricing.energy import (
+        COLUMNS as COLUMNS,
+        Energy as Energy,
+        between as between,
+        cells as cells,
+        footnotes as footnotes,
+    )
     from neuro.chips.pricing.neurobench import neurobench as neurobench
-    from neuro.chips.pricing.price import price as price
+    from neuro.chips.pricing.price import bill as bill, price as price
     from neuro.chips.quantising.fixed_program import FixedProgram as FixedProgram
     from neuro.chips.quantising.quantise import quantise as quantise
     from neuro.chips.quantising.room import filled as filled

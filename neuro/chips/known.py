@@ -1,15 +1,186 @@
-"""The chips by name: tables in this package, those of installed packages and of programs, and tables by their file."""
+"""Reading the table of a chip: YAML in which every number has a source."""
 
 from __future__ import annotations
 
+import math
+from collections.abc import Mapping
 from os import PathLike
 from pathlib import Path
 
-from neuro.chips.description import Chip
-from neuro.chips.table import like, load, parse
+from neuro.chips.arithmetics import ARITHMETICS
+from neuro.chips.description import CONDITIONS, COSTS, LIMITS, Chip, Figure, Mesh, Range
 from neuro.core.errors import ModelError, unknown
 from neuro.core.registry import Registry
-from neuro.model.language.reader import Node
+from neuro.model.language.nodes import found, mistake, words
+from neuro.model.language.reader import Node, read
+
+WORDS = ("like", "name", "title", "arithmetic", "limits", "mesh", "step_s", "costs")
+PARTS = {"limits": "limit", "costs": "cost"}
+FIGURE = ("value", "source", "conditions", "low", "high", "spread", "holds", "beyond", "guess")
+ENDS = ("low", "high")
+TILES = ("columns", "rows", "cores_per_tile")
+
+
+def parse(root: Node, path: Path, base: Chip | None) -> Chip:
+    """The chip that a table describes.
+
+    Args:
+        root: the table.
+        path: its file.
+        base: the chip that it changes (`like`), None if it stands alone.
+
+    Raises:
+        ModelError: a word is unknown, a number has no source or cannot be, with its place.
+    """
+    table = words(root, WORDS, "a table of a chip")
+    base = base or Chip("", "", "")
+    name = _text(table["name"], "name") if "name" in table else path.stem
+    chip = Chip(
+        name=name,
+        title=_text(table["title"], "title") if "title" in table else base.title or name,
+        arithmetic=_arithmetic(table["arithmetic"]) if "arithmetic" in table else base.arithmetic,
+        limits={**base.limits, **_limits(table)},
+        mesh=_mesh(table["mesh"]) if "mesh" in table else base.mesh,
+        step_s=_figure(table["step_s"], "step_s", "s") if "step_s" in table else base.step_s,
+        costs={**base.costs, **_costs(table)},
+        path=str(path),
+    )
+    _agree(chip, root)
+    return chip
+
+
+def load(path: Path) -> Node:
+    """The text of a table."""
+    try:
+        return read(path)
+    except ModelError as error:
+        if error.message.startswith("the file is empty"):
+            told = "the file is empty: expected a table of a chip"
+            raise ModelError(told, where=error.where, hint="begin: like: loihi") from None
+        raise
+
+
+def like(root: Node) -> Node | None:
+    """The node that names the chip from which a table starts, if it has one."""
+    return words(root, WORDS, "a table of a chip").get("like")
+
+
+def _entries(table: Mapping[str, Node], part: str, known: Mapping[str, object]) -> Mapping[str, Node]:
+    kind = PARTS[part]
+    return words(table[part], known, f"{part} of a chip", kind=kind) if part in table else {}
+
+
+def _limits(table: Mapping[str, Node]) -> dict[str, Figure]:
+    limits = {}
+    for name, node in _entries(table, "limits", LIMITS).items():
+        limits[name] = _figure(node, name, "")
+        if limits[name].value < 1 or limits[name].value % 1:
+            raise mistake(_value(node), f"{name}: value = {limits[name].value:g}: expected a whole number >= 1")
+    return limits
+
+
+def _costs(table: Mapping[str, Node]) -> dict[str, Figure]:
+    return {name: _figure(node, name, COSTS[name][0]) for name, node in _entries(table, "costs", COSTS).items()}
+
+
+def _figure(node: Node, name: str, unit: str) -> Figure:
+    """A number with its source; `unit` is told when there is no number."""
+    if not isinstance(node.value, dict):
+        raise mistake(node, f"{name}: {found(node)}: expected a figure", "write {value: ..., source: ...}")
+    parts = words(node, FIGURE, f"figure '{name}'", needs=("value", "source"))
+    value = _quantity(parts["value"], f"{name}: value", name, unit)
+    low, high = (_quantity(parts[end], f"{name}: {end}", name, unit) if end in parts else None for end in ENDS)
+    if (low is not None and low > value) or (high is not None and high < value):
+        end = "low" if low is not None and low > value else "high"
+        raise mistake(parts[end], f"{name}: {end}: expected low <= value <= high, found {_told(low, value, high)}")
+    return Figure(
+        value,
+        _text(parts["source"], f"{name}: source"),
+        low=low,
+        high=high,
+        holds=_holds(parts["holds"], name) if "holds" in parts else {},
+        beyond=_range(parts["beyond"], f"{name}: beyond") if "beyond" in parts else None,
+        **{word: _text(parts[word], f"{name}: {word}") for word in ("conditions", "spread", "guess") if word in parts},
+    )
+
+
+def _quantity(node: Node, what: str, name: str, unit: str) -> float:
+    """A number >= 0; `unit` is told when there is none."""
+    value = node.value
+    if isinstance(value, bool) or not isinstance(value, (int, float)):
+        hint = f"23.6 p{unit} is written 23.6e-12" if unit else ""
+        raise mistake(node, f"{what}: {found(node)}: expected {_number(unit)}", hint)
+    if not 0 <= value < math.inf:
+        raise mistake(node, f"{what} = {value:g}: expected {_number(unit)}")
+    return float(value)
+
+
+def _told(low: float | None, value: float, high: float | None) -> str:
+    return ", ".join(
+        f"{word} = {n:g}" for word, n in zip(("low", "value", "high"), (low, value, high), strict=True) if n is not None
+    )
+
+
+def _holds(node: Node, name: str) -> dict[str, Range]:
+    """Ranges of conditions by name."""
+    parts = words(node, CONDITIONS, f"{name}: holds", kind="condition")
+    return {word: _range(part, f"{name}: holds: {word}") for word, part in parts.items()}
+
+
+def _range(node: Node, what: str) -> Range:
+    """Two numbers, the smaller first."""
+    ends = [part.value for part in node.value] if isinstance(node.value, list) else []
+    numbers = [n for n in ends if isinstance(n, (int, float)) and not isinstance(n, bool) and n >= 0]
+    if len(ends) != 2 or len(numbers) != 2 or numbers[0] > numbers[1]:
+        raise mistake(node, f"{what}: {found(node)}: expected two numbers >= 0, the smaller first")
+    return float(numbers[0]), float(numbers[1])
+
+
+def _number(unit: str) -> str:
+    return f"a number >= 0 in {unit}" if unit else "a number >= 0"
+
+
+def _value(node: Node) -> Node:
+    value: Node = node.value["value"]
+    return value
+
+
+def _text(node: Node, name: str) -> str:
+    if not isinstance(node.value, str) or not node.value.strip():
+        raise mistake(node, f"{name}: {found(node)}: expected text", "text that looks like a number needs quotes")
+    return node.value
+
+
+def _arithmetic(node: Node) -> str:
+    names = ("", *ARITHMETICS)
+    if node.value not in names:
+        known = ", ".join(f"'{name}'" for name in names)
+        raise mistake(node, f"arithmetic: {found(node)}: expected one of {known}", "'' has limits and costs only")
+    return str(node.value)
+
+
+def _mesh(node: Node) -> Mesh:
+    parts = words(node, (*TILES, "source", "conditions"), "a mesh", needs=(*TILES, "source"))
+    _text(parts["source"], "mesh: source")
+    for name in TILES:
+        size = parts[name].value
+        if type(size) is not int or size < 1:
+            raise mistake(parts[name], f"mesh: {name}: {found(parts[name])}: expected a whole number >= 1")
+    return Mesh(*(parts[name].value for name in TILES))
+
+
+def _agree(chip: Chip, root: Node) -> None:
+    """Refuse a mesh that has another number of cores than the limits say."""
+    cores = chip.limit("cores_per_chip")
+    if chip.mesh is None or cores is None:
+        return
+    have = chip.mesh.columns * chip.mesh.rows * chip.mesh.cores_per_tile
+    if have != cores:
+        raise ModelError(
+            f"mesh has {have} cores (columns x rows x cores_per_tile): expected cores_per_chip = {cores}",
+            where=root.value["mesh" if "mesh" in root.value else "limits"].label,
+        )
+
 
 TABLES = Path(__file__).parent / "tables"
 _reading: list[Path] = []

@@ -6,8 +6,8 @@ from os import PathLike
 
 import numpy as np
 
-from neuro.chips.pricing.bill import bill
 from neuro.chips.pricing.energy import Energy
+from neuro.chips.pricing.price import bill
 from neuro.files.results import Results
 from neuro.files.run_networks import resolved
 from neuro.model.network import Network

@@ -548,7 +548,7 @@ class Simulation:
             ModelError: there is no such target, the network does not fit on it, it has no published costs, or `step_s`
                 or `chips` cannot be.
         """
-        from neuro.chips.pricing.bill import bill
+        from neuro.chips.pricing.price import bill
 
         counts = self._engine.counts() if of is None else of.raw_counts
         return bill(self.program, counts, target, step_s=step_s, chips=chips)

@@ -22,10 +22,8 @@ from neuro.testing import (  # noqa: F401
     laws,
     learning,
     ports,
-    recorded,
+    probes,
     trials,
-    views,
-    winners,
 )
 from neuro.testing.case import CASES, Found, differences
 

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import neuro
-from neuro_chip import grids
+from neuro_chip import deliver
 
 SIGNS = {"both": (-60.0, 90.0), "excitatory": (5.0, 90.0), "inhibitory": (-90.0, -5.0)}
 
@@ -38,7 +38,7 @@ def run(net: neuro.Network, backend: str) -> dict[str, np.ndarray]:
 @pytest.mark.parametrize(("depth", "stride"), [(2, 1), (2, 2), (1, 1)])
 def test_gathered_spikes_are_those_sent_one_by_one(backend, signs, depth, stride, monkeypatch):
     gathered = run(net(depth, stride, signs), backend)
-    monkeypatch.setattr(grids, "FEWEST", 1 << 30)
+    monkeypatch.setattr(deliver, "FEWEST", 1 << 30)
     alone = run(net(depth, stride, signs), backend)
     assert gathered["active"] > 0
     if signs != "inhibitory":
@@ -73,7 +73,7 @@ def learn(depth: int, stride: int, backend: str) -> list[np.ndarray]:
 @pytest.mark.parametrize(("depth", "stride"), [(2, 1), (2, 2), (2, 3), (1, 1)])
 def test_what_is_taught_is_sent_by_either_way(backend, depth, stride, monkeypatch):
     gathered = learn(depth, stride, backend)
-    monkeypatch.setattr(grids, "FEWEST", 1 << 30)
+    monkeypatch.setattr(deliver, "FEWEST", 1 << 30)
     alone = learn(depth, stride, backend)
     assert np.unique(gathered[0]).size > 3
     assert all(np.array_equal(one, other) for one, other in zip(gathered, alone, strict=True))

@@ -10,9 +10,9 @@ import pytest
 import neuro
 from neuro.chips import chip, chips, place, quantise
 from neuro.chips.arithmetics import ARITHMETICS
+from neuro.chips.arrival_rule import lag
 from neuro.chips.description import COSTS, LIMITS, Chip, Figure
 from neuro.chips.known import CHIPS
-from neuro.chips.lag import lag
 from neuro.chips.loihi.arithmetic import LOIHI
 from neuro.chips.placing.capacity import too_late
 from neuro.chips.placing.packing import synapse_bits

@@ -6,7 +6,7 @@ from hypothesis import HealthCheck, Phase, given, seed, settings
 
 import neuro
 from neuro.model.neurons import Neuron
-from neuro.testing.integrated import DRIVES, DURATION, integrated_networks
+from neuro.testing.strategies import DRIVES, DURATION, integrated_networks
 
 LIMITS = {"mat2_psc_exp": 1e-11, "hh_psc_alpha": 1e-6, "aeif_cond_exp": 1e-6, "aeif_psc_exp": 1e-6}
 """Deviations of V_m in mV; of the others 1e-9. Where V rises steeply within an adaptive step, rounding grows."""

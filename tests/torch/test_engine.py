@@ -14,8 +14,8 @@ from neuro.core.extras import install
 from neuro.model.network import Network
 from neuro.testing import laws
 from neuro.testing.case import differences, observe
+from neuro.testing.laws import Subject, steer_wired, wired
 from neuro.testing.strategies import networks
-from neuro.testing.subjects import Subject, steer_wired, wired
 from neuro_torch import backend
 
 torch = pytest.importorskip("torch", reason="PyTorch is not installed")

@@ -9,8 +9,7 @@ from numpy.typing import NDArray
 
 from neuro.chips.quantising.fixed import FixedPopulation, FixedProjection, Words
 from neuro.chips.spinnaker.arithmetic import SPINNAKER
-from neuro.chips.spinnaker.limits import LARGEST, LARGEST_SHIFT
-from neuro.chips.spinnaker.neurons import DELTA, LIF
+from neuro.chips.spinnaker.neurons import DELTA, LARGEST, LARGEST_SHIFT, LIF
 from neuro.core.errors import ModelError
 from neuro.program.program import Floats, Ints
 from neuro_chip import tables as t

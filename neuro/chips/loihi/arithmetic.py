@@ -6,7 +6,7 @@ import numpy as np
 
 from neuro.chips.arithmetic import Arithmetic, Option
 from neuro.chips.loihi import neurons, words
-from neuro.chips.loihi.learning_rules import give_rules
+from neuro.chips.loihi.learning import give_rules
 from neuro.chips.quantising.fixed import FixedPopulation, FixedProjection
 from neuro.chips.quantising.inputs import Options
 from neuro.chips.quantising.options import is_positive, is_whole

@@ -1,7 +1,7 @@
 """What of a network fits on no core, on no machine, or into no delay register.
 
-What the delay register of a spike holds follows from when it acts (`neuro.chips.lag`) and from how the family counts.
-Chips without an arithmetic here are taken to count as Loihi 1.
+What the delay register of a spike holds follows from when it acts (`neuro.chips.arrival_rule`) and from how its
+family counts. Chips without an arithmetic here are taken to count as Loihi 1.
 """
 
 from __future__ import annotations
@@ -11,8 +11,8 @@ from collections.abc import Iterator
 import numpy as np
 
 from neuro.chips.arithmetics import placed_as
+from neuro.chips.arrival_rule import longest_lag, register
 from neuro.chips.description import Chip
-from neuro.chips.lag import longest_lag, register
 from neuro.chips.placing.fan_out import spiking
 from neuro.chips.placing.incoming import Incoming
 from neuro.chips.placing.mesh import capacity

@@ -22,8 +22,8 @@ from __future__ import annotations
 
 from typing import Any
 
+from neuro.chips.arrival_rule import longest_lag, register
 from neuro.chips.description import Chip
-from neuro.chips.lag import longest_lag, register
 from neuro.chips.loihi.words import REGISTER_OF_ONE
 from neuro.program.program import Program
 

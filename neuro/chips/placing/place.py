@@ -32,8 +32,7 @@ from neuro.chips.placing.capacity import exceeded
 from neuro.chips.placing.incoming import Incoming, incoming
 from neuro.chips.placing.mesh import LARGEST, Places, chain, draw_close, lay_out
 from neuro.chips.placing.placement import Core, Placement
-from neuro.chips.placing.reach import between_cores
-from neuro.chips.placing.reached import reached
+from neuro.chips.placing.reach import between_cores, reached
 from neuro.chips.placing.routes import Hops, routes
 from neuro.chips.placing.split import Split, fewest_cores, neurons_of, split
 from neuro.core.errors import ModelError, unknown

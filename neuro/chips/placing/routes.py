@@ -9,8 +9,7 @@ import numpy as np
 
 from neuro.chips.placing.incoming import Incoming
 from neuro.chips.placing.mesh import Places
-from neuro.chips.placing.reach import spread, travel
-from neuro.chips.placing.reached import reached
+from neuro.chips.placing.reach import reached, spread, travel
 from neuro.chips.placing.split import Split
 from neuro.program.program import Ints, Program
 

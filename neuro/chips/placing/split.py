@@ -12,8 +12,7 @@ from neuro.chips.description import Chip
 from neuro.chips.placing import fill
 from neuro.chips.placing.incoming import Incoming
 from neuro.chips.placing.packing import ROW_WORDS, WORD_BITS, index_bits, memory_limit
-from neuro.chips.placing.reach import weigh
-from neuro.chips.placing.reached import reached
+from neuro.chips.placing.reach import reached, weigh
 from neuro.program.program import Ints, Program
 
 Part = tuple[int, int, int]

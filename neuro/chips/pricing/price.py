@@ -10,15 +10,17 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
+from os import PathLike
 from typing import TYPE_CHECKING
 
 from neuro.chips.arithmetics import ARITHMETICS, arithmetic_of
 from neuro.chips.description import Chip
+from neuro.chips.known import chip
 from neuro.chips.placing.capacity import too_late
 from neuro.chips.placing.fan_out import dense_size, spiking
-from neuro.chips.pricing.duration import Duration, chip_time, told_times, waited
+from neuro.chips.placing.place import place
+from neuro.chips.pricing.duration import Duration, chip_time, range_of, run_of, told_times, waited, why_extrapolated
 from neuro.chips.pricing.energy import AS_GIVEN, FASTEST, REAL_TIME, STATIC, Energy, Item, number, quantity
-from neuro.chips.pricing.holding import range_of, run_of, why_extrapolated
 from neuro.chips.quantising.quantise import refusals
 from neuro.core.errors import ModelError
 from neuro.program.backend import EngineCounts
@@ -242,3 +244,29 @@ class _Bill:
         lines = (*self.items, *self.on(time)), tuple(self.notes)
         about = chip.name, chip.title, self.chips, best, steps
         return Energy(*about, *lines, "run", ends, self.seconds, clock, waiting)
+
+
+def bill(
+    program: Program,
+    counts: EngineCounts,
+    target: str | PathLike[str],
+    *,
+    step_s: float | None = None,
+    chips: int | None = None,
+) -> Energy:
+    """What a run would take on a target.
+
+    Args:
+        program: what ran.
+        counts: what it took, on any backend.
+        target: the name of a chip or processor, or a table file.
+        step_s: how long a step takes on the chip in s, if not as its table says.
+        chips: that are on, if not those that the network needs.
+
+    Raises:
+        ModelError: there is no such target, the network does not fit on it, it has no published costs, or `step_s` or
+            `chips` cannot be.
+    """
+    priced = chip(target)
+    placement = place(program, priced) if priced.mesh is not None else None
+    return price(program, counts, placement, priced, step_s=step_s, chips=chips)

@@ -96,7 +96,7 @@ class FixedProjection:
         step: weight in the unit of the language per mantissa, shape (1,) or one per mantissa; `step_below` that of
             negative ones, which on SpiNNaker go to another receptor.
         lag: steps from the emission of a spike to the update that sees it, shape (1,) or one per synapse; see
-            `neuro.chips.lag`.
+            `neuro.chips.arrival_rule`.
         delay: the delay register, likewise.
         rule: of synapses that learn on the chip, else None.
         n_scale: dopamine in 1/ms of one unit of the modulatory traces.

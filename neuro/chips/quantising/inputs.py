@@ -9,9 +9,9 @@ from typing import Any
 
 import numpy as np
 
-from neuro.chips.lag import lag, longest_lag
+from neuro.chips.arrival_rule import lag, longest_lag
 from neuro.chips.quantising.fixed import Words
-from neuro.chips.quantising.passes import arriving
+from neuro.chips.quantising.rounding import arriving
 from neuro.core.errors import Where
 from neuro.model.neurons import Neuron
 from neuro.program.backend import Problem

@@ -8,10 +8,10 @@ from typing import Any
 from neuro.chips.arithmetic import Arithmetic, Option
 from neuro.chips.quantising.fixed import FixedPopulation, FixedProjection
 from neuro.chips.quantising.inputs import Options
-from neuro.chips.quantising.learning import refuse_rules
+from neuro.chips.quantising.losses import refuse_rules
 from neuro.chips.quantising.options import is_whole
 from neuro.chips.spinnaker import neurons
-from neuro.chips.spinnaker.limits import LARGEST, LARGEST_SHIFT
+from neuro.chips.spinnaker.neurons import LARGEST, LARGEST_SHIFT
 from neuro.model.neurons import iaf_psc_delta, iaf_psc_exp
 from neuro.program.program import Program
 
