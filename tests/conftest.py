@@ -32,7 +32,7 @@ def pytest_addoption(parser: pytest.Parser) -> None:
 
 def pytest_configure(config: pytest.Config) -> None:
     if config.getoption("--bounds"):
-        from neuro.kernels.checked import check_bounds
+        from neuro.kernels.numba_internals import check_bounds
 
         check_bounds()
 

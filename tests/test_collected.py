@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 import neuro
+from neuro.kernels.instructions import bits_of, lowest, marked, take
 from neuro.kernels.jit import kernel
-from neuro.kernels.lanes import bits_of, lowest, marked, take
 from neuro_event.loop import tables as t
 from neuro_event.loop.operations import NEURONS
 

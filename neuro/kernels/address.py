@@ -7,13 +7,11 @@ import re
 from dataclasses import dataclass
 from typing import Any
 
-from llvmlite import ir
 from numba import types
-from numba.core import cgutils
-from numba.core.errors import NumbaError
 from numba.extending import intrinsic
 
 from neuro.core.errors import ModelError, Where
+from neuro.kernels.numba_internals import NumbaError, cgutils, ir
 
 _KEPT: list[Any] = []
 """Whose machine code is called by address stays for good."""

@@ -2,14 +2,14 @@
 
 # mypy: ignore-errors
 import numpy as np
-from llvmlite import ir
 from numba import types
 from numba.extending import intrinsic
 from numpy.typing import NDArray
 
 from neuro.core.keyed_random import NEURON_STRIDE, STEP_STRIDE
+from neuro.kernels.instructions import LANES, load
 from neuro.kernels.jit import inner
-from neuro.kernels.lanes import LANES, load
+from neuro.kernels.numba_internals import ir
 
 _STEP = np.uint64(STEP_STRIDE)
 _NEURON = np.uint64(NEURON_STRIDE)

@@ -12,7 +12,7 @@ import numba
 
 from neuro.core.errors import ModelError
 from neuro.kernels.kept import KernelCache
-from neuro.kernels.part import PartCompiler
+from neuro.kernels.numba_internals import PartCompiler
 
 _njit: Any = numba.njit
 _PROCESS = uuid4().hex

@@ -22,11 +22,10 @@ from pathlib import Path
 from typing import Any
 
 import platformdirs
-from numba.core.compiler import CompileResult
-from numba.core.serialize import dumps
 
 from neuro.kernels import compile_report
 from neuro.kernels.key import digest
+from neuro.kernels.numba_internals import CompileResult, dumps
 
 _result: Any = CompileResult
 _dumps: Any = dumps

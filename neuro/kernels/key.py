@@ -23,12 +23,12 @@ import llvmlite
 import numba
 import numpy as np
 from numba import types
-from numba.core.dispatcher import Dispatcher
-from numba.core.extending import _Intrinsic
+
+from neuro.kernels.numba_internals import Dispatcher, Intrinsic
 
 _COMPILER = (platform.python_version(), numba.__version__, llvmlite.__version__, np.__version__)
 _config: Any = numba.config
-_HOW = tuple(Path(__file__).with_name(name) for name in ("jit.py", "part.py"))
+_HOW = tuple(Path(__file__).with_name(name) for name in ("jit.py", "numba_internals.py"))
 _KNOWN_BY_NAME = {"numba", "numpy", *sys.stdlib_module_names}
 """Packages whose versions are in `_COMPILER`."""
 
@@ -135,7 +135,7 @@ def _value(function: FunctionType, name: str, value: Any, called: list[Any]) -> 
         case Dispatcher():
             called.append(value)
             return "kernel"
-        case _Intrinsic():
+        case Intrinsic():
             return _intrinsic(value._defn)
         case None | bool() | int() | float() | complex() | str() | bytes() | np.generic():
             return type(value).__name__, repr(value)

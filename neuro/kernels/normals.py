@@ -8,13 +8,12 @@ which waits for another. Normal numbers: Marsaglia & Tsang, J. Stat. Softw. 5(8)
 from __future__ import annotations
 
 import numpy as np
-from llvmlite import ir
 from numba import types
 from numba.extending import intrinsic
-from numba.np.random._constants import fi_double, ki_double, wi_double, ziggurat_nor_inv_r, ziggurat_nor_r
 from numpy.typing import NDArray
 
 from neuro.kernels.jit import inner, kernel
+from neuro.kernels.numba_internals import ir, normal_tables
 
 PIECE = 1 << 16
 """Numbers at a time: those of a piece that lie outside the bounds are drawn again when all of it is drawn."""
@@ -30,8 +29,7 @@ _AT, _HIGH, _JUMP, _STEP = 0, 1, 1 + 2 * _LANES, 3 + 2 * _LANES
 """Places of a stream's row: words taken, the lanes' states, and the two numbers of a jump of as many steps."""
 
 _HEAD = 5 + 2 * _LANES
-_FI, _KI, _WI = fi_double, ki_double, wi_double
-_R, _INVERSE = ziggurat_nor_r, ziggurat_nor_inv_r
+_FI, _KI, _WI, _R, _INVERSE = normal_tables()
 _ONE, _S8, _S9, _S11, _S58, _S63 = (np.uint64(n) for n in (1, 8, 9, 11, 58, 63))
 _SIGN = np.uint64(1 << 8)
 _LEVEL, _FRACTION = np.uint64(0xFF), np.uint64(0x000FFFFFFFFFFFFF)

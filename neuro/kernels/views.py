@@ -13,11 +13,11 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
-from llvmlite import ir
 from numba import types
-from numba.core.typing.templates import AttributeTemplate
 from numba.extending import infer_getattr, intrinsic, lower_getattr_generic, models, register_model
 from numpy.typing import NDArray
+
+from neuro.kernels.numba_internals import AttributeTemplate, ir, populate_array
 
 Field = tuple[str, str, int]
 """Name, type and number of dimensions of an array."""
@@ -78,7 +78,6 @@ class _Fields(AttributeTemplate):
 @lower_getattr_generic(Views)
 def _array(context, builder, views, table, name):
     """The array of a field. Its row never changes while a kernel runs, so it may be read once and early."""
-    from numba.np.arrayobj import populate_array  # where all is kept nothing needs it, and it takes a while
 
     def entry(column):
         word = builder.load(builder.gep(table, [context.get_constant(types.intp, 4 * views.rows[name] + column)]))

@@ -156,7 +156,7 @@ def test_an_edit_of_a_plain_function_is_seen(package, files, python):
     assert python(RUN) == ("12", SAYS)
 
 
-@pytest.mark.parametrize("name", ["jit.py", "part.py"])
+@pytest.mark.parametrize("name", ["jit.py", "numba_internals.py"])
 def test_an_edit_of_how_kernels_compile_is_seen(name, package, python, tmp_path):
     copy = tmp_path / "neuro"
     subprocess.run(["cp", "-r", str(REPOSITORY / "neuro"), str(copy)], check=True)

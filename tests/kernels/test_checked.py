@@ -6,7 +6,7 @@ import sys
 
 import pytest
 
-CHECKED = "from neuro.kernels.checked import check_bounds; check_bounds()\n"
+CHECKED = "from neuro.kernels.numba_internals import check_bounds; check_bounds()\n"
 ARRAY = """
 import numpy as np
 from neuro.kernels.jit import kernel

@@ -12,7 +12,7 @@ import numpy as np
 from neuro.core import keyed_random
 from neuro.core.threads import mapped
 from neuro.kernels.beside import addresses
-from neuro.kernels.lanes import LANES
+from neuro.kernels.instructions import LANES
 from neuro.model.neurons import Generator, Neuron
 from neuro.model.parts import lateral_reset, local_winners, winner_take_all
 from neuro.program.program import Floats, Ints, Program

@@ -151,7 +151,7 @@ def learns_pairs(p: Projection) -> bool:
 def synapses(program: Program, index: int, where: list[PopulationPlace]) -> ArrangedSynapses:
     """Arrange a projection for the kernels: CSR where it learns, has delays of its own, or its ends are permuted.
 
-    ArrangedSynapses lie by source, then target; where they are delivered in runs, by source, delay, target.
+    Synapses lie by source, then target; where they are delivered in runs, by source, delay, target.
     """
     p = program.projections[index]
     source, target = where[p.source], where[p.target]

@@ -15,7 +15,7 @@ A meeting, and what each reads of the other's spikes, take one to three microsec
 """
 
 SCATTERED = 1 << 22
-"""ArrangedSynapses with delays of their own from which on they lie beyond the caches, twelve bytes each."""
+"""Synapses with delays of their own from which on they lie beyond the caches, twelve bytes each."""
 
 EVEN = 0.02
 """By how much the busiest thread may have more than its share of the work where populations are left whole."""

@@ -9,12 +9,13 @@ same for any number of threads, which own targets.
 # mypy: ignore-errors
 import numpy as np
 
+from neuro.kernels.instructions import address, prefetch
 from neuro.kernels.jit import inner, kernel, merged
 from neuro_event.loop import tables as t
-from neuro_event.loop.deliver import base_of, csr_own, receptor, spikes, told_apart
+from neuro_event.loop.deliver import base_of, csr_own, receptor, receptors_by_sign, spikes
 from neuro_event.loop.shared_weight_delivery import add, mark_blocks
 from neuro_event.loop.stages import deliver_log
-from neuro_event.loop.tables import address, net_of, prefetch, slot_mask
+from neuro_event.loop.tables import net_of, slot_mask
 
 AHEAD = 6
 """How many runs ahead."""
@@ -75,7 +76,8 @@ def add_queue(view, row, thread, n, total, slot):
     queue = net.queue[thread]
     between = net.x.shape[1]
     out = target[t.BEGIN] + base_of(row) * between
-    receptors = told_apart(row, target[t.RECEPTORS])
+    receptors = receptors_by_sign(row, target[t.RECEPTORS])
+    # Two synapses a block mark nearly all of them anyway.
     wide = total > 2 * (target[t.LAST_BLOCK] - target[t.FIRST_BLOCK])
     mark = -1 if wide else slot + target[t.FIRST_BLOCK]
     for k in range(min(AHEAD, n)):
@@ -104,6 +106,7 @@ def arrive(view, q, step, thread):
     queue = net.queue[thread]
     mask, steps = net.log_ids.shape[1] - 1, net.log_ends.shape[1] - 1
     n = total = 0
+    # The longest delay first: these are the oldest spikes, which the order of sums puts first.
     for d in range(row[t.DELAYS] - 1, -1, -1):
         j = step - row[t.SHORTEST] - d
         if j <= net.clock[thread, t.HORIZON]:
@@ -120,6 +123,7 @@ def arrive(view, q, step, thread):
                 queue[n, 0], queue[n, 1] = net.runs[run + thread], net.runs[run + thread + 1]
                 queue[n, 2] = net.log_counts[sender, place & mask]
                 n += 1
+                # The queue has room for 256 runs, so memory is asked for six runs ahead across spikes.
                 if n == queue.shape[0]:
                     add_queue(view, row, thread, n, total, slot)
                     n = total = 0
@@ -157,11 +161,12 @@ def keep_for_later(view, row, i, m, step, after, thread):
         at = step + row[t.SHORTEST] + d
         run = row[t.RUN] + (i * row[t.DELAYS] + d) * threads + thread
         first, last = np.int64(net.runs[run]), np.int64(net.runs[run + 1])
+        # What has arrived already is in the sums of its step.
         if at <= after or first == last:
             continue
         out = row[t.RING] + ((at & row[t.RING_MASK]) * receptors + base_of(row)) * row[t.RING_SIZE]
         mark = (at & slots) * blocks + target[t.FIRST_BLOCK]
-        add_run(view, row, thread, first, last, m, told_apart(row, receptors), row[t.RING_SIZE], out, mark)
+        add_run(view, row, thread, first, last, m, receptors_by_sign(row, receptors), row[t.RING_SIZE], out, mark)
 
 
 @inner
@@ -193,7 +198,7 @@ def deliver_counts(view, q, first, last):
             m = net.counts[place + i]
             if m > 0:
                 weight = net.weights[row[t.WEIGHT] + i * row[t.WEIGHT_STRIDE]]
-                to = receptor(weight, told_apart(row, target[t.RECEPTORS]))
+                to = receptor(weight, receptors_by_sign(row, target[t.RECEPTORS]))
                 net.buf[ring + to * row[t.RING_SIZE] + i] += weight * m
                 block = target[t.FIRST_BLOCK] + i // t.BLOCK
                 net.due[owner(net.edges[row[t.TARGET]], block), (at & slots) * blocks + block] = 1

@@ -7,8 +7,8 @@ projections whose spikes are delivered at emission. `due` marks the blocks that 
 # mypy: ignore-errors
 import numpy as np
 
+from neuro.kernels.instructions import LANES
 from neuro.kernels.jit import inner, kernel, merged
-from neuro.kernels.lanes import LANES
 from neuro_event.loop import tables as t
 from neuro_event.loop.shared_weight_delivery import RANGE, deliver_alike, deliver_in_ranges, mark_spots
 from neuro_event.loop.tables import net_of, slot_mask
@@ -39,7 +39,7 @@ def base_of(row):
 
 
 @inner
-def told_apart(row, receptors):
+def receptors_by_sign(row, receptors):
     """How many receptors signs tell apart: 1 where all goes to the one that is named."""
     return receptors if row[t.RECEPTOR] < 0 else 1
 
@@ -52,6 +52,7 @@ def csr_own(targets, first, last, weights, w, m, receptors, stride, buf, out, du
             weight = weights[w + e - first] * m
             buf[out + np.int64(targets[e]) + (stride if weight < 0.0 else 0)] += weight
     else:
+        # Unsigned places are never counted from the end, so the loop has no test for it.
         begin, shift = np.uint64(out), np.uint64(w) - np.uint64(first)
         for e in range(np.uint64(first), np.uint64(last)):
             buf[begin + np.uint64(targets[e])] += weights[shift + e] * m
@@ -70,7 +71,7 @@ def csr_delayed(view, q, source_id, m, step, thread, lo, hi):
     row = net.projections[q]
     threads, blocks, slots = net.edges.shape[1] - 1, net.awake.shape[0], slot_mask(net)
     place, receptors = row[t.ROW] + source_id * threads, net.pops[row[t.TARGET], t.RECEPTORS]
-    size, base, apart = row[t.RING_SIZE], base_of(row), told_apart(row, receptors)
+    size, base, apart = row[t.RING_SIZE], base_of(row), receptors_by_sign(row, receptors)
     mark = net.pops[row[t.TARGET], t.FIRST_BLOCK]
     for e in range(net.rows[place], net.rows[place + threads]):
         target = np.int64(net.targets[e])
@@ -111,6 +112,7 @@ def grid_add(row, source, m, weights, lo, hi, buf, out, apart, due, mark):
             if begin >= end:
                 continue
             w = row[t.WEIGHT] + place * maps + first_map + begin - target
+            # Only mixed signs pay for the choice of a receptor.
             if apart != 0:
                 for k in range(end - begin):
                     weight = weights[w + k] * m
@@ -152,6 +154,7 @@ def scatter(view, q, source_id, m, thread, lo, hi, n, receptors, out, between, m
         if spot >= 0:
             mark_spots(net.targets, first, last, net.spots, spot)
     elif layout == t.DENSE:
+        # A row of weights and the input are neighbours in memory: the loops below are vectorised.
         w = row[t.WEIGHT] + source_id * n
         if row[t.WEIGHT_STRIDE] == 0:
             weight = weights[row[t.WEIGHT]] * m
@@ -206,11 +209,13 @@ def deliver_log(view, q, j, k, begin, stop, ring):
     step_slot = j & (net.log_ends.shape[1] - 1)
     slot = (at & slot_mask(net)) * net.awake.shape[0]
     spot = target[t.BEGIN] // LANES if target[t.COLLECTS] >= 0 else -1
+    # Where spikes reach about all blocks, to mark all costs less than one mark a synapse.
     wide = not own_delays and spot < 0 and spikes(net, row[t.SOURCE], step_slot) >= row[t.WAKE_ALL]
     mark = -1 if wide else slot + target[t.FIRST_BLOCK]
     if row[t.LAYOUT] == t.CSR and row[t.WEIGHT_STRIDE] == 0 and not own_delays:
-        to = out + receptor(net.weights[row[t.WEIGHT]], told_apart(row, target[t.RECEPTORS])) * between
+        to = out + receptor(net.weights[row[t.WEIGHT]], receptors_by_sign(row, target[t.RECEPTORS])) * between
         source, n = net.pops[row[t.SOURCE], t.BEGIN], (edges[stop] - edges[begin]) * t.BLOCK
+        # Queues of ranges pay only where the input is larger than the second cache.
         if wide and n > RANGE:
             lo = edges[begin] * t.BLOCK - target[t.BEGIN]
             deliver_in_ranges(
@@ -235,7 +240,7 @@ def deliver_each(view, q, j, step_slot, thread, out, between, mark, spot):
     n = target[t.END] - target[t.BEGIN]
     lo = net.edges[target[t.NUMBER], thread] * t.BLOCK - target[t.BEGIN]
     hi = min(net.edges[target[t.NUMBER], thread + 1] * t.BLOCK - target[t.BEGIN], n)
-    apart, mask = told_apart(row, target[t.RECEPTORS]), net.log_ids.shape[1] - 1
+    apart, mask = receptors_by_sign(row, target[t.RECEPTORS]), net.log_ids.shape[1] - 1
     if lo >= hi:
         return
     # Threads own ascending ids, so going through them in order adds as one thread would.

@@ -13,6 +13,7 @@ import numpy as np
 from neuro.core.keyed_random import NTH_STRIDE
 from neuro.kernels.address import Entry
 from neuro.kernels.draws import step_word, uniform
+from neuro.kernels.instructions import address, prefetch
 from neuro.kernels.jit import compiled, inner, kernel, merged
 from neuro_event.loop import tables as t
 from neuro_event.loop.lazy_rules import (
@@ -29,7 +30,7 @@ from neuro_event.loop.lazy_rules import (
     shared_row,
     tuple_of,
 )
-from neuro_event.loop.tables import RULE_TYPE, address, net_of, plastic_of, prefetch, slot_mask
+from neuro_event.loop.tables import RULE_TYPE, net_of, plastic_of, slot_mask
 
 FORWARD = (1 << 62) - 1
 """A place and this is the place: so the compiler knows that it is not one from the end, and tests none."""
@@ -81,6 +82,7 @@ def kept_after(kind, kept, left, step, m):
     """As what a trace is kept after m spikes in a step."""
     if kind[TAU] == TIME:
         return np.float64(step)
+    # Nothing would be left at once; to divide by it would give infinity.
     if left == 0.0:
         return 0.0
     return kind[ADDS] / left if kind[NEAREST] == 1.0 else kept + kind[ADDS] * m / left
@@ -106,6 +108,7 @@ def keep_post(p, j, kind, place, left, step, m):
 def lessen(traces, first, last, stride, left):
     """Let some traces enter a new epoch."""
     for place in range(first, last, stride):
+        # Once in an epoch of at most 1024 steps: between spikes nothing else touches a trace.
         value = traces[place] * left
         traces[place] = value if abs(value) > NOTHING else 0.0
 
@@ -191,8 +194,10 @@ def eager_entry(model, own_rows):
         on, last = p.incoming[table[t.INCOMING] + ahead] - begin, p.in_synapse.shape[0] - 1
         weights = address(p.y) + 8 * first
         for k in range(m):
+            # A spike of multiplicity m acts as m spikes one after the other, as in NEST.
             post = values_after(before, k)
             for i in range(np.uint64(begin), np.uint64(end)):
+                # Incoming weights lie in rows of their sources, a line each: the next neuron's are asked for now.
                 prefetch(weights + 8 * np.int64(p.in_synapse[min(i + np.uint64(on), np.uint64(last))]))
                 z = (first + np.int64(p.in_synapse[i])) & FORWARD
                 own = (sources + np.int64(p.in_source[i]) * stride) & FORWARD
@@ -209,6 +214,7 @@ def eager_entry(model, own_rows):
             target = np.int64(net.log_ids[thread, place & mask]) - begins
             m = np.int64(net.log_counts[thread, place & mask])
             keep_posts(p, table[t.FIRST_TARGET] + target, post_lefts(p, q, step - 1), step - 1, m)
+        # At multiples of the epoch, whatever the slice: so cutting a run changes no bit.
         if step % table[t.EPOCH] == 0:
             enter_epoch(view, q, thread)
         first, last = heard_in(view, q, step, thread)
@@ -236,6 +242,7 @@ def eager_entry(model, own_rows):
         slot = address(net.buf) + 8 * ring
         to_synapse, to_target, size = table[t.FIRST_SYNAPSE] - row[t.SYNAPSE], table[t.FIRST_TARGET], row[t.RING_SIZE]
         weights, kept = address(p.y) + 8 * to_synapse, address(p.sent) + 8 * to_synapse
+        # Eight weights a line: the whole row is asked for before its first synapse learns.
         for e in range(first, end, 8):
             prefetch(weights + 8 * e)
             prefetch(kept + 8 * e)
@@ -246,6 +253,7 @@ def eager_entry(model, own_rows):
             z = (to_synapse + e) & FORWARD
             target, c = np.int64(net.targets[e & FORWARD]), p.rule[row_of(q, table, z)]
             learn_pre(p, q, z, c, step, nth, pre, post_values(p, (to_target + target) & FORWARD, left, step, h))
+            # A read between spikes shows the weight sent last, as NEST does.
             p.sent[z] = p.y[0, z]
             weight = sent(p.y, z, c) + 0.0  # -0.0 would be no input
             second = size if receptors == 2 and weight < 0.0 else 0
@@ -258,6 +266,7 @@ def eager_entry(model, own_rows):
             due, place = net.due[thread], np.uint64(mark)
             for e in range(np.uint64(first), np.uint64(end)):
                 due[place + (np.uint64(net.targets[e]) >> _BLOCK)] = 1
+        # After all synapses: a pre spike does not count in its own trace.
         keep_pres(p, thread, own, pre_lefts(p, q, step), step)
 
     @kernel

@@ -52,6 +52,7 @@ def choose(view, group, row, candidates, n, step):
         margin = net.state[0, i] - c[0]
         if margin < best_margin:
             continue
+        # Keyed by the id, not by the place inside, so ties fall alike on all backends.
         draw = uniform(base, net.order[i])
         if margin > best_margin or draw > best_draw or (draw == best_draw and net.order[i] < net.order[best]):
             best, best_margin, best_draw = i, margin, draw
@@ -93,6 +94,7 @@ def first_rival(view, row, i):
 def best_rival(view, thread, row, i, step):
     """The winner among neuron i and its rivals at threshold."""
     net = net_of(view)
+    # Rivals lie at equal distances: two numbers tell them, without a list.
     first, apart = first_rival(view, row, i), net.groups[row[t.GROUP], t.APART]
     n = 0
     for k in range(net.groups[row[t.GROUP], t.RIVALS]):
@@ -177,6 +179,7 @@ def settle_locally(view, thread, pop, row, n, step, at, done, h):
     if net.groups[group, t.IN_TRIAL] == 1:
         weigh_maps(view, thread, row, step, h)
     best = choose(view, group, row, net.found[thread], n, step)
+    # Each winner silences others, so the best of the rest is looked for anew.
     while best >= 0:
         win(view, row, best, step)
         best = choose(view, group, row, net.found[thread], n, step)

@@ -97,6 +97,7 @@ def bring_history(view, pop, thread, target, step, whole, h):
     longest = 0
     for q in range(p.table.shape[0]):
         if net.projections[p.table[q, t.PROJECTION], t.TARGET] == pop and p.table[q, t.EAGER] == 0:
+            # An entry is needed until the synapse with the longest delay has heard it.
             longest = max(longest, p.table[q, t.LONGEST])
             bring_target(view, q, thread, target, step, whole, h)
     past = p.past[net.pops[pop, t.HISTORY] + target]
@@ -126,6 +127,7 @@ def post_spike(view, pop, thread, local, m, step, done, h):
     net, p = net_of(view), plastic_of(view)
     past = p.past[net.pops[pop, t.HISTORY] + local]
     n = past[ENTRIES]
+    # Only a full history brings its synapses up to date, so silent partners cost no memory and no pass.
     if NEWEST + ENTRY * (n + 1) > past.size:
         longest = bring_history(view, pop, thread, local, done, False, h)
         while n > 1 and past[NEWEST + ENTRY * (n - 2)] + longest <= done:
@@ -140,6 +142,7 @@ def post_spike(view, pop, thread, local, m, step, done, h):
         trace += traces[NEWEST + 1] * math.exp(-age / net.tau_minus[net.pops[pop, t.BEGIN] + local])
     if p.others.shape[2] > 0:
         keep_others(net, p, pop, local, n, step, h)
+    # The newest goes in front: a search begins with what a synapse most likely needs.
     for i in range(ENTRY * n - 1, -1, -1):
         past[NEWEST + ENTRY + i] = past[NEWEST + i]
     past[NEWEST] = step

@@ -1,7 +1,7 @@
 """Pairwise rules outside the loop: one pass over synapses, compiled for each by itself and called by its address.
 
-What `plastic` does for `stdp` and `stdp_dopa`, for any list of traces. The history of the target, in which `post_spike`
-keeps the values of the traces just before each spike, is all that a synapse needs to catch up.
+What `lazy_stdp` does for `stdp` and `stdp_dopa`, for any list of traces. The history of the target, in which
+`post_spike` keeps the values of the traces just before each spike, is all that a synapse needs to catch up.
 """
 
 # mypy: ignore-errors
@@ -13,10 +13,11 @@ import numpy as np
 from neuro.core.keyed_random import NTH_STRIDE
 from neuro.kernels.address import Entry
 from neuro.kernels.draws import step_word, uniform
+from neuro.kernels.instructions import address, prefetch
 from neuro.kernels.jit import compiled, inner, kernel, merged
 from neuro.model.synapses.delays import DELAY as DELAY_ROW, steps_of
 from neuro_event.loop import tables as t
-from neuro_event.loop.tables import RULE_TYPE, address, net_of, plastic_of, prefetch, slot_mask
+from neuro_event.loop.tables import RULE_TYPE, net_of, plastic_of, slot_mask
 
 ENTRIES, APPLIED, NEWEST = range(3)
 ENTRY = 3
@@ -29,7 +30,7 @@ BRING, BRING_WHOLE, ARRIVE, PRE_SPIKE = range(4)
 spike of a neuron in a step, the second, ..."""
 
 AHEAD = 16
-"""ArrangedSynapses by which a history, and the target's place in the ring, is asked for before it is read."""
+"""Synapses by which a history, and the target's place in the ring, is asked for before it is read."""
 
 OWN = 3
 """Row of `decay` where a rule's traces begin: as in `kinds`, first those of pre, from the middle on those of post."""
@@ -213,10 +214,12 @@ def rule_entry(model, own_rows):
         past, column = p.past[history], p.table[q, t.COLUMN]
         since = learnt_until(p, z, thread, own, past)
         i = 0
+        # Newest first: the search ends at the first entry that has acted.
         while i < past[ENTRIES] and past[NEWEST + ENTRY * i] + delay > since:
             i += 1
         for k in range(i - 1, -1, -1):
             time = past[NEWEST + ENTRY * k]
+            # Entries beyond the present stay for the next pre spike.
             if time + delay > upto:
                 break
             pass_time(view, q, z, target, since, time + delay, h)
@@ -254,6 +257,7 @@ def rule_entry(model, own_rows):
             target = np.int64(net.targets[e])
             delay = heard_after(net, row, s)
             history = target_row[t.HISTORY] + target
+            # Post before pre within a step: what arrives now acts first, and is not in the traces that are read below.
             flow(view, q, z, own, thread, history, target, step, True, delay, h)
             neuron = target_row[t.BEGIN] + target
             newest = newest_before(p.past[history], step - delay)
@@ -267,6 +271,7 @@ def rule_entry(model, own_rows):
             if not wide:
                 due[(at & slots) * blocks + target_row[t.FIRST_BLOCK] + (target >> 6)] = 1
         if wide and net.rows[place] < end:
+            # With one delay all arrive in one step: one pass of marks in place of one a synapse.
             due_everywhere(net, target_row, step + np.int64(net.delays[row[t.DELAY]]), thread)
         for j in range(n_pre):
             kind = p.kinds[q, j]
@@ -288,7 +293,7 @@ def rule_entry(model, own_rows):
             z = table[t.FIRST_SYNAPSE] + np.int64(p.in_synapse[i])
             own = table[t.FIRST_SOURCE] + np.int64(p.in_source[i]) * table[t.SOURCE_STRIDE]
             if not modulated and p.past[history, APPLIED] <= p.spiked[thread, own]:
-                p.sent[z] = p.y[0, z]  # see `pairwise`
+                p.sent[z] = p.y[0, z]  # see `lazy_stdp`
             delay = heard_after(net, row, z - table[t.FIRST_SYNAPSE])
             flow(view, q, z, own, thread, history, target, step, whole, delay, h)
 
@@ -310,6 +315,7 @@ DECAYS = 2048
 @merged
 def decayed(table, steps, h, tau, k):
     """What is left after some steps of a trace that decays with tau[k]; `table` holds it for the first steps."""
+    # A table in place of exp; where it does not begin with 1, time constants differ and there is none.
     if steps < DECAYS and table[0] == 1.0:
         return table[steps]
     return math.exp(-steps * h / tau[k])

@@ -7,6 +7,7 @@ from functools import cache
 import numpy as np
 
 from neuro.kernels.address import Entry
+from neuro.kernels.instructions import address, prefetch
 from neuro.kernels.jit import inner, kernel, merged
 from neuro_event.loop import tables as t
 from neuro_event.loop.histories import MINUS, PLUS, dopamine_at
@@ -25,7 +26,7 @@ from neuro_event.loop.lazy_rules import (
     slot_of_first,
 )
 from neuro_event.loop.operations import taking
-from neuro_event.loop.tables import RULE_TYPE, address, net_of, plastic_of, prefetch, slot_mask
+from neuro_event.loop.tables import RULE_TYPE, net_of, plastic_of, slot_mask
 
 
 @merged
@@ -60,6 +61,7 @@ def _modulated(model, on_post):
         k_plus, then, since = p.k_plus[thread, own], p.k_time[thread, own], p.reached[z]
         for i in range(arrived_since(past, since, delay) - 1, -1, -1):
             arrival = past[NEWEST + ENTRY * i] + delay
+            # Entries are by time: the first that has not arrived ends the loop.
             if arrival > upto:
                 break
             advance(p.y, z, c, since, arrival, dopamine_at(view, q, target, since, h), grid)
@@ -79,6 +81,7 @@ def _modulated(model, on_post):
         """
         p = plastic_of(view)
         since = p.reached[z]
+        # A synapse without a new post spike skips the call.
         if past[ENTRIES] > 0 and past[NEWEST] + delay > since:
             since = hear(view, q, z, own, thread, target, past, upto, delay, h)
         if whole and since < upto:
@@ -105,6 +108,7 @@ def _plain(on_post):
     @merged
     def learn(view, q, z, c, own, thread, target, past, plus, tau, k_plus, last, upto, whole, delay, h):
         """Apply the post spikes that have arrived since the last pre spike, and were not applied."""
+        # No pre spike yet, so no post spike can potentiate.
         if k_plus == 0.0:
             return
         y, since = plastic_of(view).y, max(last, past[APPLIED])
@@ -186,6 +190,7 @@ def lazy_entry(model, own_rows):
             net.buf[ring + target] += 1.0 if relay == 1 else weight
             if not wide:
                 due[(at & slots) * blocks + mark + (target >> 6)] = 1
+        # Marks once a spike, and none where this thread has no target of the source.
         if wide and net.rows[place] < net.rows[place + 1]:
             due_everywhere(net, target_row, step + np.int64(net.delays[row[t.DELAY]]), thread)
         trace = 1.0

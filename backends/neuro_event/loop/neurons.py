@@ -3,8 +3,8 @@
 # mypy: ignore-errors
 import numpy as np
 
+from neuro.kernels.instructions import LANES, bits_of, lowest, marked, take
 from neuro.kernels.jit import inner, kernel
-from neuro.kernels.lanes import LANES, bits_of, lowest, marked, take
 from neuro_event.loop import tables as t
 from neuro_event.loop.operations import BARE, CATCH_UP, FIRE, QUIET, STEP
 from neuro_event.loop.stages import post_spike
@@ -44,6 +44,7 @@ def wake(view, thread, pop, block, last, h):
     net = net_of(view)
     row = net.pops[pop]
     n = last - net.slept[block]
+    # One step of n h is exact for linear models; of others nothing changed while they slept.
     if n > 0 and row[t.LINEAR] == 1:
         lo, hi = block * t.BLOCK, min((block + 1) * t.BLOCK, row[t.END])
         call_entry(view, row, CATCH_UP, lo, hi, thread, last, n * h)
@@ -78,6 +79,7 @@ def add_ring(view, q, block_lo, block_hi, step, n_all):
         out = r * n_all
         for i in range(block_lo, block_hi):
             net.buf[out + i] = net.buf[out + i] + net.buf[ring + i]
+            # Cleared while it is in the cache; the slot comes round after the longest delay.
             net.buf[ring + i] = -0.0
 
 
@@ -97,6 +99,7 @@ def take_arrivals(view, lo, receptors):
     net = net_of(view)
     first, bits = np.uint64(lo), net.bits
     count = 0
+    # The sign bit alone is -0.0, no input. Two receptors are compared as integers, 64 neurons without a branch.
     if receptors == 2:
         for k in range(first, first + np.uint64(t.BLOCK)):
             count += ((bits[0, k] ^ _SIGN) | (bits[1, k] ^ _SIGN)) != 0
@@ -132,6 +135,7 @@ def step_word_of_blocks(view, thread, pop, begin, end, slot, step, h, n_all):
                 for k in range(row[t.RINGS], row[t.RINGS_END]):
                     add_ring(view, net.incoming[k], lo, hi, step, n_all)
             continue
+        # Neighbours go to the model in one call: a call costs 2 ns, a neuron less than 1.
         if run < block:
             step_neighbours(view, pop, run * t.BLOCK, min(block * t.BLOCK, row[t.END]), step)
         run = block + 1
@@ -157,6 +161,7 @@ def step_neurons(view, thread, pop, step, at, done, h, n_all, slots, blocks):
     if first == last:  # the last group of blocks may be of another thread
         return n_found, at
     for word in range(first // t.GROUPED, (last + t.GROUPED - 1) // t.GROUPED):
+        # One 64-bit word tells of eight blocks: silent networks skip 512 neurons at a time.
         if net.awake_groups[word] == 0 and net.due_groups[thread, slot // t.GROUPED + word] == 0:
             continue
         begin, end = word * t.GROUPED, min((word + 1) * t.GROUPED, last)
@@ -170,6 +175,7 @@ def step_neurons(view, thread, pop, step, at, done, h, n_all, slots, blocks):
             active = 0
             fired = marked(net.fired, lo)
             if fired:
+                # Spikes are rare: bits of the word are taken out one by one, lowest first, which is by id.
                 while fired:
                     i = lo + lowest(fired)
                     fired &= fired - _ONE
@@ -232,6 +238,7 @@ def step_collecting(view, thread, pop, step, at, done, h, slots, blocks):
         return at
     total = 0
     for word in range(first // t.GROUPED, (last + t.GROUPED - 1) // t.GROUPED):
+        # Input of 4,000 neurons is half as large as their states, and most of it is empty: spots tell where not.
         due = net.due_groups[thread, slot // t.GROUPED + word] != 0
         if not due and net.awake_groups[word] == 0:
             continue

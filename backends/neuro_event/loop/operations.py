@@ -11,12 +11,13 @@ import numpy as np
 
 from neuro.kernels.address import Entry
 from neuro.kernels.draws import step_word, uniform
+from neuro.kernels.instructions import moved
 from neuro.kernels.jit import compiled, inner, kernel, merged
 from neuro.model.neurons import Neuron, iaf_psc_alpha, iaf_psc_delta, iaf_psc_exp, izhikevich, parrot_neuron
 from neuro.model.synapses import Synapse, stdp, stdp_dopa
 from neuro_event.loop import tables as t
-from neuro_event.loop.nothing import no_current, no_input
-from neuro_event.loop.tables import ENTRY_TYPE, moved, net_of
+from neuro_event.loop.placeholders import no_current, no_input
+from neuro_event.loop.tables import ENTRY_TYPE, net_of
 
 _ONE = np.uint64(1)
 
@@ -49,6 +50,7 @@ def operations(model):
         row = net.pops[pop]
         c = net.scratch[thread]
         if row[t.CONSTANT_STRIDE] == 0:
+            # Constants of the whole interval: one step of n h in place of n steps.
             constants(net.parameters[row[t.CONSTANT]], interval, c)
             step(net.state, c, net.calm, net.current, np.uint64(lo), np.uint64(hi), net.fired, net.draws)
         else:
@@ -63,7 +65,9 @@ def operations(model):
         net = net_of(view)
         row = net.pops[pop]
         if row[t.CONSTANT_STRIDE] == 0:
+            # Unsigned bounds: no index is tested for being one from the end, so loops are vectorised.
             c, begin, end = net.constants[row[t.CONSTANT]], np.uint64(lo), np.uint64(hi)
+            # A current that no projection brings is a placeholder or zeros: a step without it reads one array less.
             if row[t.CARRIED] == 1:
                 step(net.state, c, net.x, net.current, begin, end, net.fired, net.draws)
             elif foreign:

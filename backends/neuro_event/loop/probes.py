@@ -35,6 +35,7 @@ def notes_to_come(view, upto):
     mask = net.log_ids.shape[1] - 1
     most = np.int64(0)
     for thread in range(threads):
+        # An upper bound before the step, so that no pre spike tests for room.
         number = p.note_at[thread, 0]
         for step in range(net.clock[thread, t.DONE] + 1, upto + 1):
             slot = step & (net.log_ends.shape[1] - 1)

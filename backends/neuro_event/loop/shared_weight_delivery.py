@@ -3,10 +3,10 @@
 # mypy: ignore-errors
 import numpy as np
 
+from neuro.kernels.instructions import LANES, address, prefetch
 from neuro.kernels.jit import inner, merged
-from neuro.kernels.lanes import LANES
 from neuro_event.loop import tables as t
-from neuro_event.loop.tables import address, net_of, prefetch
+from neuro_event.loop.tables import net_of
 
 LINE = 16
 """Targets of a cache line."""
@@ -33,6 +33,7 @@ def deliver_alike(view, q, first_source, step_slot, begin, stop, out, mark, spot
         end = net.log_ends[sender, step_slot, row[t.SOURCE] + 1]
         for place in range(net.log_ends[sender, step_slot, row[t.SOURCE]], end):
             at = row_of(view, row, first_source, begin, sender, place)
+            # Rows lie anywhere in a table of many megabytes: that of the next spike is asked for now.
             if place + 1 < end:
                 after = row_of(view, row, first_source, begin, sender, place + 1)
             else:
@@ -84,6 +85,7 @@ def add(targets, first, last, value, buf, out, ahead):
     These lie somewhere else in a table that is larger than the caches: at the address `ahead`.
     """
     begin = np.uint64(out)  # an unsigned place is never one from the end, so the innermost loop tests none
+    # Whole cache lines of 16 targets: one request for memory each.
     whole = first + (last - first) // LINE * LINE
     for line in range(np.uint64(first), np.uint64(whole), np.uint64(LINE)):
         prefetch(ahead + 4 * (np.int64(line) - first))
@@ -134,6 +136,7 @@ def deliver_in_ranges(view, q, first_source, step_slot, begin, stop, lo, hi, out
 def add_rows(targets, queue, n, weight, buf, out, lo, hi):
     """Add the first n rows of a queue, whose targets ascend; the queue keeps where what is left of each begins."""
     ranges = -(-(hi - lo) // RANGE)
+    # Ranges outside, spikes inside: each input still sums up in the order of spikes, as without ranges.
     for r in range(ranges):
         below = lo + (hi - lo) * (r + 1) // ranges
         for k in range(n):
@@ -150,6 +153,7 @@ def add_below(targets, first, last, below, value, buf, out, ahead):
     """
     begin = np.uint64(out)
     e = first
+    # Targets ascend, so the last of a line tells of all 16.
     while e + LINE <= last and targets[e + LINE - 1] < below:
         prefetch(ahead + 4 * (e - first))
         line = np.uint64(e)

@@ -7,7 +7,7 @@ row of synapses is gone through as a whole. Nothing is allocated in it.
 # mypy: ignore-errors
 import numpy as np
 
-from neuro.kernels.atomic import look, tell
+from neuro.kernels.instructions import load_acquire, store_release
 from neuro.kernels.jit import inner, kernel, merged
 from neuro_event.loop import tables as t
 from neuro_event.loop.arrivals import log_delivery
@@ -29,13 +29,13 @@ from neuro_event.loop.stages import (
 from neuro_event.loop.tables import call_rule, net_of, plastic_of, slot_mask
 
 HALT = -1
-"""What is told in place of a step where threads are to return."""
+"""Stands in place of a step where threads are to return."""
 
 STRIDES = 5
-"""So many times threads tell how far they are while a spike is under way."""
+"""How often a thread stores how far it is while a spike is under way."""
 
 PATIENCE = 50_000
-"""Looks at what others tell, about 100 us, before a thread gives up its processor."""
+"""Loads of the other threads' steps, about 100 us, before a thread gives up its processor."""
 
 
 @inner
@@ -58,7 +58,28 @@ def act_at_emission(view, thread, upto, dopamine_upto, h):
 
 @merged
 def deliver(view, pop, begin, stop, step):
-    """Add what arrives in a step to the input of a population's neurons of the threads begin:stop."""
+    """Add what arrives in a step to the input of a population's neurons of the threads begin:stop.
+
+    How a spike is delivered over a projection, the first condition that holds:
+
+    | condition | path | reason |
+    | --- | --- | --- |
+    | the target of a current | `varying_currents.drive` | no spike: currents are added up along lines |
+    | learns by spike pairs | ring, at emission, by the rule's entry | what is sent depends on that moment |
+    | own delays, at least as many synapses as runs | `arrivals.arrive` | its input stays in the cache: 7 ns an event |
+    | own delays otherwise | ring, `deliver.csr_delayed` | most runs would be empty: 42 ns an event |
+    | weights were set | ring, `arrivals.at_emission` | what is under way keeps the old weights |
+    | one-to-one from a busy `poisson_generator` | `generators.add_counts` | counts, no list: 0.7 ns a draw |
+    | listed, one weight, more than 32,768 targets | `deliver_in_ranges` | input of a range fits the second cache |
+    | listed, one weight | `deliver_alike` | one multiplication a spike; the next row is asked for |
+    | listed, own weights | `deliver.csr_own` | a weight is read for each synapse |
+    | dense | `deliver.scatter` | a row of weights is added as a whole, without targets |
+    | one-to-one | `deliver.scatter` | one place, found without a table |
+    | grid | `deliver.grid_add` | the kernel's weights lie maps innermost: runs of neighbours |
+
+    The first columns are set in `building.projections` (RUN, LAG), DENSE_COUNTS in `building.generators`; a row of a
+    projection with LAG 0 has a ring and is not asked here.
+    """
     net = net_of(view)
     row = net.pops[pop]
     for k in range(row[t.ARRIVALS], row[t.ARRIVALS_END]):
@@ -135,6 +156,7 @@ def room(view, step, steps, reach):
         if n == 0:
             continue
         oldest = net.log_ends[thread, (step - reach) & (net.log_ends.shape[1] - 1), 0]
+        # A bound on what can fire, so that no emission tests for room.
         steps = min(steps, (net.log_ids.shape[1] - (net.log_at[thread, 0] - oldest)) // n)
         steps = min(steps, (net.rec_ids.shape[1] - net.rec_at[thread, 0]) // n)
     return steps
@@ -176,9 +198,9 @@ def only_spikes(view):
 @inner
 def slowest(told):
     """The step up to which all threads are done."""
-    step = look(told, 0)
+    step = load_acquire(told, 0)
     for thread in range(1, told.shape[0] - 1):
-        step = min(step, look(told, thread))
+        step = min(step, load_acquire(told, thread))
     return step
 
 
@@ -189,12 +211,13 @@ def allow(view, told, step, last, ahead, reach):
     They may go as far as there is room for whatever fires; what one that is ahead has logged is counted twice.
     """
     threads = told.shape[0] - 1
-    end = look(told, threads)
+    end = load_acquire(told, threads)
     to = step + room(view, step, min(ahead, last - step), reach)
+    # One thread decides for all, so that no two see different ends.
     if to > end:
-        tell(told, threads, to)
+        store_release(told, threads, to)
     elif step == end:
-        tell(told, threads, HALT)
+        store_release(told, threads, HALT)
 
 
 @kernel
@@ -216,13 +239,13 @@ def share(view, told, thread, last, longest, reach, h):
         if thread == 0 and least != known:
             allow(view, told, least, last, ahead, reach)
             known = least
-        step, end = look(told, thread), look(told, threads)
+        step, end = load_acquire(told, thread), load_acquire(told, threads)
         if end == HALT:
             return 1
         end = min(step + stride, end)
         if step < end and least >= (end - longest if free else step):
             advance(view, thread, thread + 1, step, end, h)
-            tell(told, thread, end)
+            store_release(told, thread, end)
             patience = PATIENCE
         else:
             patience -= 1

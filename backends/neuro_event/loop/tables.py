@@ -10,10 +10,7 @@ from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
-from llvmlite import ir
 from numba import types
-from numba.core import cgutils
-from numba.extending import intrinsic
 from numpy.typing import NDArray
 
 from neuro.kernels import views
@@ -303,17 +300,6 @@ def with_plastic(table: NDArray[np.int64], **arrays: NDArray[Any]) -> NDArray[np
     return other
 
 
-@intrinsic
-def address(typingctx, array):
-    """The address of an array."""
-
-    def codegen(context, builder, signature, arguments):
-        data = context.make_array(signature.args[0])(context, builder, arguments[0]).data
-        return builder.ptrtoint(data, ir.IntType(64))
-
-    return types.int64(array), codegen
-
-
 ENTRY_TYPE = types.int64(*(types.int64,) * 7, types.float64)
 """Of the entry of a population's model."""
 
@@ -340,48 +326,6 @@ def call_rule(view, row, operation, index, step, thread, h):
 def call_entry(view, row, operation, lo, hi, thread, step, interval):
     """Let the entry of a population's model do an operation, see `operations`."""
     return _call_entry(row[ENTRY], (view, row[NUMBER], operation, lo, hi, thread, step, interval))
-
-
-@intrinsic
-def moved(typingctx, array, first):
-    """An array whose items from `first` on are those of a flat array; it has no others."""
-
-    def codegen(context, builder, signature, arguments):
-        from numba.np.arrayobj import populate_array
-
-        kind, start = signature.args[0], context.cast(builder, arguments[1], signature.args[1], types.intp)
-        given = context.make_array(kind)(context, builder, arguments[0])
-        view = context.make_array(kind)(context, builder)
-        size = builder.add(builder.extract_value(given.shape, 0), start)
-        stride = builder.extract_value(given.strides, 0)
-        populate_array(
-            view,
-            data=builder.gep(given.data, [builder.neg(start)]),
-            shape=[size],
-            strides=[stride],
-            itemsize=given.itemsize,
-            meminfo=None,
-        )
-        return view._getvalue()
-
-    return array(array, first), codegen
-
-
-@intrinsic
-def prefetch(typingctx, address):
-    """Ask for the cache line at an address, to be read soon."""
-
-    def codegen(context, builder, signature, arguments):
-        pointer = ir.PointerType(ir.IntType(8))
-        kind = ir.IntType(32)
-        function = cgutils.get_or_insert_function(
-            builder.module, ir.FunctionType(ir.VoidType(), [pointer, kind, kind, kind]), "llvm.prefetch.p0"
-        )
-        place = builder.inttoptr(arguments[0], pointer)
-        builder.call(function, [place, kind(0), kind(3), kind(1)])
-        return context.get_dummy_value()
-
-    return types.void(types.int64), codegen
 
 
 net_of = viewer(Views("Net", 0, _NET))

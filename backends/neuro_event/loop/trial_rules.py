@@ -21,6 +21,7 @@ def first_spikes(view, pop, start, end, first):
     """Fill `first` with the step of the first spike of each neuron of a population in the steps start + 1 to end."""
     net = net_of(view)
     mask = net.log_ids.shape[1] - 1
+    # Backwards: the last write of a neuron is its first spike, and nothing is compared.
     for step in range(end, start, -1):
         slot = step & (net.log_ends.shape[1] - 1)
         for thread in range(net.edges.shape[1] - 1):

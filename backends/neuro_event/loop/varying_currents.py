@@ -16,6 +16,7 @@ def drive(view, thread, step):
         line = net.lines[k]
         row = net.pops[line[t.DRIVEN]]
         for block in range(net.edges[row[t.NUMBER], thread], net.edges[row[t.NUMBER], thread + 1]):
+            # A current that changes at each step keeps its neurons awake.
             net.busy[block] = step
             if line[t.CHARGED] < 0:
                 lo, hi = block * t.BLOCK, min((block + 1) * t.BLOCK, row[t.END])
@@ -59,11 +60,13 @@ def add_line(view, number, row, lo, hi, step, out):
         for i in range(lo, hi):
             arrived = net.emitted[first + (i - begin) * each] * net.line_weights[weight + (i - begin) * stride]
             out[i] += net.shares[line[t.SHARE] + i - begin] * arrived
+    # One value for all is multiplied once.
     elif each == 0 and stride == 0:
         arrived = net.emitted[first] * net.line_weights[weight]
         for i in range(lo, hi):
             out[i] += arrived
     elif each == 1 and stride == 0:
+        # Views of neighbours, so that the loop is vectorised.
         emitted, factor = net.emitted[first + lo - begin : first + hi - begin], net.line_weights[weight]
         for i in range(lo, hi):
             out[i] += emitted[i - lo] * factor

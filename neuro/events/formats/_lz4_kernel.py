@@ -17,11 +17,11 @@ Source: lz4_Block_format.md and lz4_Frame_format.md of the LZ4 project.
 from __future__ import annotations
 
 import numpy as np
-from llvmlite import ir
 from numba import types
 from numba.extending import intrinsic
 
 from neuro.kernels.jit import inner, kernel
+from neuro.kernels.numba_internals import ir
 
 WIDE = 16
 """Bytes of the largest copy, and so the most that is written beyond what is unpacked."""
