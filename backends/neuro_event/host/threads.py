@@ -53,7 +53,7 @@ class Threads:
         self._n = n
         self._pool = ThreadPoolExecutor(n - 1) if n > 1 else None
         self._process = os.getpid()
-        self._told = np.zeros((n + 1, LINE), dtype=np.int64)
+        self._progress = np.zeros((n + 1, LINE), dtype=np.int64)
         self._begun = self._together = False
         self._alone_slices = self._alone_s = self._since = 0.0
         self._spare, self._slices = ENOUGH - SHARE * STRETCH, 1
@@ -104,18 +104,18 @@ class Threads:
         if self._process != os.getpid():  # a process that was forked has none of the threads
             self._pool, self._process = ThreadPoolExecutor(self._n - 1), os.getpid()
         assert self._pool is not None
-        self._told[:, 0] = first
+        self._progress[:, 0] = first
         given = (view, last, longest, reach, h)
         others = [self._pool.submit(self._work, thread, *given) for thread in range(1, self._n)]
         try:
             self._work(0, *given)
         finally:
-            self._told[self._n, 0] = steps.HALT
+            self._progress[self._n, 0] = steps.HALT
             for other in others:
                 other.result()
-        return int(self._told[0, 0])
+        return int(self._progress[0, 0])
 
     def _work(self, thread: int, view: int, last: int, longest: int, reach: int, h: float) -> None:
         """One thread's part, which rests where it waits for long."""
-        while not steps.share(view, self._told, thread, last, longest, reach, h):
+        while not steps.share(view, self._progress, thread, last, longest, reach, h):
             time.sleep(REST)

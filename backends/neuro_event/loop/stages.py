@@ -34,7 +34,7 @@ STAGES = {
 
 _LOOP = {
     "run": ("steps", "view, first, last, longest, reach, h", types.int64),
-    "share": ("steps", "view, told, thread, last, longest, reach, h", types.int64),
+    "share": ("steps", "view, progress, thread, last, longest, reach, h", types.int64),
     "finish": ("steps", "view, thread, last, h", types.void),
     "begin_trial": ("steps", "view, pop, group, start, h", types.void),
     "run_trial": ("steps", "view, group, first, last, at_decision, reach, h", types.int64),
@@ -43,7 +43,7 @@ _LOOP = {
 """Likewise of what Python calls to run a network."""
 
 _NAMES = list(STAGES)
-_KINDS = {"h": types.float64, "told": types.int64[:, ::1], "at_decision": types.boolean}
+_KINDS = {"h": types.float64, "progress": types.int64[:, ::1], "at_decision": types.boolean}
 
 
 def _kinds(arguments: str) -> list[Any]:

@@ -196,56 +196,56 @@ def only_spikes(view):
 
 
 @inner
-def slowest(told):
+def slowest(progress):
     """The step up to which all threads are done."""
-    step = load_acquire(told, 0)
-    for thread in range(1, told.shape[0] - 1):
-        step = min(step, load_acquire(told, thread))
+    step = load_acquire(progress, 0)
+    for thread in range(1, progress.shape[0] - 1):
+        step = min(step, load_acquire(progress, thread))
     return step
 
 
 @inner
-def allow(view, told, step, last, ahead, reach):
+def allow(view, progress, step, last, ahead, reach):
     """Let all threads run on where all have done the steps up to `step`, or halt them where none can.
 
     They may go as far as there is room for whatever fires; what one that is ahead has logged is counted twice.
     """
-    threads = told.shape[0] - 1
-    end = load_acquire(told, threads)
+    threads = progress.shape[0] - 1
+    end = load_acquire(progress, threads)
     to = step + room(view, step, min(ahead, last - step), reach)
     # One thread decides for all, so that no two see different ends.
     if to > end:
-        store_release(told, threads, to)
+        store_release(progress, threads, to)
     elif step == end:
-        store_release(told, threads, HALT)
+        store_release(progress, threads, HALT)
 
 
 @kernel
-def share(view, told, thread, last, longest, reach, h):
+def share(view, progress, thread, last, longest, reach, h):
     """Run one thread's part of the steps up to `last` beside the other threads that do so.
 
     No spike needs less than `longest` steps: a thread that waits for nothing but spikes may be so many steps ahead of
-    the slowest. Else threads begin each slice of so many together. Rows of `told` say up to which step each thread is
-    done; the last one says up to which step all may run, as thread 0 decides, or `HALT`. Return 1 where all is done or
-    there is no room for more steps; 0 where the others have been waited for in vain: who calls again after some time
-    goes on from there.
+    the slowest. Else threads begin each slice of so many together. Rows of `progress` hold the step up to which each
+    thread is done; the last one holds the step up to which all may run, as thread 0 decides, or `HALT`. Return 1 where
+    all is done or there is no room for more steps; 0 where the others have been waited for in vain: a later call goes
+    on from there.
     """
-    threads = told.shape[0] - 1
+    threads = progress.shape[0] - 1
     free = only_spikes(view)
     stride, ahead = (max(1, longest // STRIDES), 2 * longest) if free else (longest, longest)
     patience, known = PATIENCE, HALT
     while patience > 0:
-        least = slowest(told)
+        least = slowest(progress)
         if thread == 0 and least != known:
-            allow(view, told, least, last, ahead, reach)
+            allow(view, progress, least, last, ahead, reach)
             known = least
-        step, end = load_acquire(told, thread), load_acquire(told, threads)
+        step, end = load_acquire(progress, thread), load_acquire(progress, threads)
         if end == HALT:
             return 1
         end = min(step + stride, end)
         if step < end and least >= (end - longest if free else step):
             advance(view, thread, thread + 1, step, end, h)
-            store_release(told, thread, end)
+            store_release(progress, thread, end)
             patience = PATIENCE
         else:
             patience -= 1
