@@ -92,5 +92,5 @@ def test_results_of_events_of_a_program(walk, tmp_path):
         results.network()
     assert str(error.value) == (
         "the network plays events of a program, which results do not hold\n"
-        "  hint: describe it anew with these events; spikes, traces and weights are read without them"
+        "  hint: describe it again with these events; spikes, traces and weights are read without them"
     )
