@@ -58,7 +58,7 @@ def _made(controller: str, scenario: Scenario, settings: dict[str, Any], known: 
         return make(controller, scenario, 0, settings)
     except ModelError as error:
         for name in sorted(settings.keys() - known):
-            if "unknown parameter" in error.message and get_close_matches(name, known, 1):
+            if error.kind.startswith("unknown parameter") and get_close_matches(name, known, 1):
                 raise unknown(f"setting of controller '{controller}'", name, known) from None
         raise
 

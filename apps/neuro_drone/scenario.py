@@ -152,7 +152,7 @@ class Scenario:
         try:
             return _scenario(_node(said))
         except ModelError as error:
-            raise ModelError(error.message, hint=error.hint, path=error.path) from None
+            raise error.but(where=None) from None
 
 
 def load(scenario: Scenario | str | Path, /, **changes: Any) -> Scenario:

@@ -82,7 +82,7 @@ def check_parameters(part: Population, learnt: Tensors) -> None:
                 told = f"V_th of '{part.name}'{f'[{k}]' * (top.size > 1)} = {top[k]:g}"
                 raise ModelError(f"{told}: expected more than {reset}, {bottom[k]:g} mV")
     except ModelError as error:
-        raise ModelError(error.message, hint=HELD) from None
+        raise error.but(hint=HELD) from None
 
 
 def check(program: Program, weights: Named, delays: Named, neurons: Named) -> None:

@@ -54,7 +54,7 @@ def load(path: Path) -> Node:
     try:
         return read(path)
     except ModelError as error:
-        if error.message.startswith("the file is empty"):
+        if error.kind == "empty":
             told = "the file is empty: expected a table of a chip"
             raise ModelError(told, where=error.where, hint="begin: like: loihi") from None
         raise

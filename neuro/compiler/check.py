@@ -52,9 +52,10 @@ def check_network(net: Network, shapes: Mapping[str, Shape]) -> None:
     _check_groups(net, shapes)
 
 
-def refuse(part: AnyPart, message: str, hint: str = "") -> NoReturn:
-    """Raise the error for a part that cannot be as it is."""
-    raise ModelError(f"{part.word} '{part.name}': {message}", where=part.origin, hint=hint)
+def refuse(part: AnyPart, message: str, hint: str = "", word: str = "", kind: str = "") -> NoReturn:
+    """Raise the error for a part that cannot be as it is, or for one of its words."""
+    path = (word,) if word else ()
+    raise ModelError(f"{part.word} '{part.name}': {message}", where=part.origin, hint=hint, path=path, kind=kind)
 
 
 def recordable(population: Population) -> list[str]:
@@ -87,7 +88,7 @@ def _check_whole(part: AnyPart, registry: Registry[Any], model: type[Any]) -> No
     try:
         registry.check(model)
     except ModelError as error:
-        refuse(part, error.message, error.hint)
+        raise error.at(part.origin, f"{part.word} '{part.name}'") from None
 
 
 def check_values(model: Model, parameters: Mapping[str, Floats], clock: Clock) -> None:
@@ -128,20 +129,20 @@ def _check_views(part: Projection, shapes: Mapping[str, Shape]) -> None:
 def _check_ends(net: Network, part: Projection) -> None:
     source, target = net.populations[part.source].model, net.populations[part.target].model
     if not isinstance(target, Neuron):
-        refuse(
-            part, f"its target '{part.target}' is {a(target.name)}, which takes no input: expected neurons", _swap(part)
-        )
+        told = f"its target '{part.target}' is {a(target.name)}, which takes no input: expected neurons"
+        refuse(part, told, _swap(part), "to")
     if isinstance(source, CurrentGenerator):
         if not target.states:
             refuse(
                 part,
                 f"a current from '{part.source}' into '{part.target}', {a(target.name)}: expected neurons with V_m",
+                word="to",
             )
         if not target.takes_current:
             message = (
                 f"a current from '{part.source}' into '{part.target}', {a(target.name)}, whose equations have no I"
             )
-            refuse(part, f"{message}: expected neurons that take currents", "add + I/C_m to the equation of V_m")
+            refuse(part, f"{message}: expected neurons that take currents", "add + I/C_m to the equation of V_m", "to")
         if part.synapse.learns:
             refuse(
                 part,
@@ -172,12 +173,14 @@ def _check_synapse(net: Network, part: Projection, shapes: Mapping[str, Shape]) 
             "all_to_all gives each pair a delay",
         )
     if synapse.learns == "trials" and net.trials_section is None:
-        refuse(part, f"{synapse.name} learns at the end of trials: expected a section 'trials'", "add one, or use stdp")
+        told = f"{synapse.name} learns at the end of trials: expected a section 'trials'"
+        refuse(part, told, "add one, or use stdp", kind="trials")
     if synapse.learns == "pairs" and net.trials_section is not None:
         refuse(
             part,
             f"{synapse.name} in a network with trials: expected static or a rule for trials",
             "a trial drops what is under way, which would cut the traces of spike pairs",
+            kind="trials",
         )
     _check_weight(part)
     if isinstance(synapse, Modulated):
@@ -202,7 +205,7 @@ def _check_dopamine(net: Network, part: Projection, synapse: Modulated, shapes: 
     if synapse.signal is not None:
         if synapse.signal not in net.signals:
             error = unknown("signal", synapse.signal, net.signals)
-            refuse(part, f"{synapse.name}.signal: {error.message}", error.hint)
+            raise error.at(part.origin, f"projection '{part.name}': {synapse.name}.signal")
         to = net.signals[synapse.signal].to
         if to != part.target:
             refuse(
@@ -219,7 +222,7 @@ def _check_dopamine(net: Network, part: Projection, synapse: Modulated, shapes: 
         return
     if synapse.dopamine not in net.populations:
         error = unknown("population", synapse.dopamine, net.populations)
-        refuse(part, f"{synapse.name}.dopamine: {error.message}", error.hint)
+        raise error.at(part.origin, f"projection '{part.name}': {synapse.name}.dopamine")
     if isinstance(model := net.populations[synapse.dopamine].model, CurrentGenerator):
         told = f"{synapse.name}.dopamine '{synapse.dopamine}' is {a(model.name)}"
         refuse(part, f"{told}: expected a population that spikes")
@@ -263,7 +266,7 @@ def _check_groups(net: Network, shapes: Mapping[str, Shape]) -> None:
         of, kind = part.choice.of, part.choice.name
         if of not in net.populations:
             error = unknown("population", of, net.populations)
-            refuse(part, f"{kind}.of: {error.message}", error.hint)
+            raise error.at(part.origin, f"group '{part.name}': {kind}.of")
         model = net.populations[of].model
         if "V_m" not in recordable(net.populations[of]) or "V_th" not in model.quantities():
             refuse(part, f"{kind} of '{of}', {a(model.name)}: expected neurons with V_m and V_th")

@@ -62,14 +62,13 @@ def resolve_trials(net: Network, shapes: Mapping[str, Shape], clock: Clock) -> r
     )
 
 
-def _refuse(net: Network, message: str, hint: str = "") -> NoReturn:
-    raise ModelError(f"trials: {message}", where=net.trials_origin, hint=hint)
+def _refuse(net: Network, message: str, hint: str = "", missing: str = "") -> NoReturn:
+    raise ModelError(f"trials: {message}", where=net.trials_origin, hint=hint, missing=missing)
 
 
 def _known(net: Network, name: str, word: str) -> str:
     if name not in net.populations:
-        error = unknown("population", name, net.populations)
-        _refuse(net, f"{word}: {error.message}", error.hint)
+        raise unknown("population", name, net.populations).at(net.trials_origin, f"trials: {word}")
     return name
 
 
@@ -135,4 +134,6 @@ def _check_learners(net: Network, output: str, labels: Labels | None, group: Gro
             told = f"{what} teaches by the largest V_m up to the one decision, and group '{group.name}' has several"
             raise ModelError(f"{told}: expected winner_take_all", where=part.origin)
         if labels is None and part.synapse.supervised:
-            _refuse(net, f"{part.synapse.name} of '{part.name}' needs 'labels', as rewards depend on them")
+            _refuse(
+                net, f"{part.synapse.name} of '{part.name}' needs 'labels', as rewards depend on them", missing="labels"
+            )

@@ -67,7 +67,8 @@ def _check_gamma(model: gamma_sup_generator, rate: float, clock: Clock) -> None:
 def _check_noise(model: noise_generator, parameters: Mapping[str, Floats], clock: Clock) -> None:
     if clock.step(model.dt, f"{model.name}.dt") < 1:
         raise ModelError(
-            f"{model.name}.dt = {model.dt:g} ms: expected at least the resolution, {clock.resolution:g} ms"
+            f"{model.name}.dt = {model.dt:g} ms: expected at least the resolution, {clock.resolution:g} ms",
+            kind="resolution",
         )
     if {"std", "std_mod"} <= set(parameters):
         std, std_mod = np.broadcast_arrays(parameters["std"], parameters["std_mod"])

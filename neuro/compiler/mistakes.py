@@ -15,7 +15,7 @@ from typing import Any
 
 from neuro.compiler.places import Places, Words, at, has, names, subject
 from neuro.compiler.resolve import compile_network
-from neuro.compiler.stand_ins import as_node, chosen_from, meant, some_neurons, stand_in
+from neuro.compiler.stand_ins import as_node, chosen_from, some_neurons, stand_in
 from neuro.core.errors import ModelError, Where
 from neuro.core.memory import uncollected
 from neuro.core.paths import file_path
@@ -30,11 +30,9 @@ MOST = 1000
 _ENDS = (("from",), ("to",), ("of",), ("record",))
 _OF_SENSOR = ("file", "events", "format", "polarity", "crop", "scale", "event_camera")
 _OF_DECISIONS = ("labels", "dropout", "reset")
-_UNKNOWN = re.compile(r".*unknown (word|parameter|state) of")
-_UNIT = re.compile(r" = .* \w+: expected (a|an) \w+|: expected a number without unit$")
-_HANGS_ON = {"them": ("from", "to", "rule"), "there": ("from", "to")}
-_OF_PROJECTION = re.compile(rf"the (synapses) of '([^']+)'|, as '([^']+)' has ({'|'.join(_HANGS_ON)})$")
-_NAMES = tuple(f"unknown {kind} '" for kind in ("population", "parameter", "model", "signal", "synapse", "projection"))
+_WORDS = ("unknown word of", "unknown parameter of", "unknown state of")
+_HANGS_ON = {"count of synapses": ("from", "to", "rule"), "neurons at an end": ("from", "to")}
+_NAMES = tuple(f"unknown {kind}" for kind in ("population", "parameter", "model", "signal", "synapse", "projection"))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -157,7 +155,7 @@ class _Search:
                 places = places or Places(root)
                 path = places.of(error)
                 if net is not None and path and has(root, path):
-                    path = subject(root, path, error.message)
+                    path = subject(root, path, error)
                 if not has(root, path[:1]):
                     if not self.mended:
                         self.tell(error)
@@ -172,7 +170,7 @@ class _Search:
                         self.leave_out(root, where, one)
 
     def tell(self, error: ModelError) -> None:
-        self.told.append(ModelError(error.message, where=error.where, hint=error.hint))
+        self.told.append(error.but(others=()))
 
     def leave_out(self, root: Node, path: Words, error: ModelError) -> None:
         """Leave out or replace what a mistake is about."""
@@ -196,14 +194,14 @@ class _Search:
         elif instead is not None and isinstance(within, dict):
             within[path[-1]] = as_node(instead, gone or at(root, path[:-1]))
         self.note(root, path, gone, bool(renamed) or instead is not None)
-        if len(path) > 1 and _UNKNOWN.match(error.message) and isinstance(within, dict):
-            self.rename((*path[:-1], meant(error)), root, gone)
+        if len(path) > 1 and error.kind in _WORDS and isinstance(within, dict):
+            self.rename((*path[:-1], error.suggestion), root, gone)
 
     def renamed(self, path: Words, error: ModelError) -> str:
         """The section or the group that is meant, if its words can be judged without knowing which."""
         if len(path) == 1:
-            return meant(error) if meant(error) in SECTIONS else ""
-        return meant(error) or "winner_take_all" if error.message.find("unknown group") >= 0 else ""
+            return error.suggestion if error.suggestion in SECTIONS else ""
+        return error.suggestion or "winner_take_all" if error.kind == "unknown group" else ""
 
     def rename(self, path: Words, root: Node, gone: Node | None) -> None:
         """Let something stand in for the word that an unknown one most likely is."""
@@ -234,43 +232,37 @@ class _Search:
 
     def follows(self, root: Node, path: Words, error: ModelError, compiled: bool = False) -> bool:
         """Whether a mistake may only be there since something was mended."""
-        told = error.message
-        itself = re.search(rf"unknown \w+ '{re.escape(path[-1])}'$", told)
+        itself = error.kind.startswith("unknown") and not error.kind.endswith(" of") and error.found == path[-1]
         if path in self.mended or (not itself and any(mended[: len(path)] == path for mended in self.mended)):
             return True
-        if self.partial and any(kind in told for kind in _NAMES):
+        if self.partial and error.kind in _NAMES:
             return True
         there = next(path[:n] for n in range(len(path), 0, -1) if has(root, path[:n]))
         named = set(() if itself else names(at(root, there))) | set(path[2:] if self.resolved else ())
-        if named & self.failed or self.depends(path, told):
+        if named & self.failed or self.depends(root, path, error):
             return True
         if path[0] == "parameters" and path[-1] in self.params:
             return bool(self.mended)
         if path[0] == "populations" and "auto" in named and path[1:] and path[1] in self.lost:
             return True
-        return (compiled or path[0] == "models") and self.hangs(path, f"{told} {error.hint}")
+        return (compiled or path[0] == "models") and self.hangs(path, error)
 
-    def depends(self, path: Words, told: str) -> bool:
+    def depends(self, root: Node, path: Words, error: ModelError) -> bool:
         """Whether a mistake is only one by what a part is that nobody knows."""
         beside = self.beside(path)
         ends = {words[0] for words in beside}
         if path[0] == "projections":
-            return (
-                path[2:3] in (("weight",), ("synapse",))
-                and _UNIT.search(told) is not None
-                and bool(ends & {"from", "to"})
-            )
+            return path[2:3] in (("weight",), ("synapse",)) and error.kind == "unit" and bool(ends & {"from", "to"})
         if path[0] == "populations":
-            return "shape" in told and any(words[-1] in _OF_SENSOR for words in beside)
+            return path[2:3] == ("shape",) and any(words[-1] in _OF_SENSOR for words in beside)
         if path[0] != "probes":
             return False
-        of = _OF_PROJECTION.search(told)
-        if of and self.is_unsure(of[2] or of[3], of[1] or of[4]):
-            return True
-        return "is for projections" in told and "of" in ends
+        if error.kind == "synapses" or error.kind in _HANGS_ON:
+            return self.is_unsure(at(root, (*path[:2], "of")).value, error.kind)
+        return error.kind == "no projection" and "of" in ends
 
     def is_unsure(self, projection: str, what: str) -> bool:
-        """Whether it is not known what its "synapses" are, how many of "them", or whose neurons are "there"."""
+        """Whether it is not known what its synapses are, how many, or whose neurons are at its ends."""
         beside = self.beside(("projections", projection))
         if what in _HANGS_ON:
             return any(words[0] in _HANGS_ON[what] for words in beside)
@@ -282,21 +274,23 @@ class _Search:
             words[2:] for words in self.mended if words[:2] == path[:2] and len(words) > 2 and words not in self.whole
         ]
 
-    def hangs(self, path: Words, told: str) -> bool:
+    def hangs(self, path: Words, error: ModelError) -> bool:
         """Whether what the compiler tells of a part hangs on what was mended elsewhere in it, or on who decides."""
         beside = self.beside(path)
-        if {words[-1] for words in beside if words not in _ENDS} & set(re.findall(r"\w+", told)):
+        if {words[-1] for words in beside if words not in _ENDS} & set(
+            re.findall(r"\w+", f"{error.message} {error.hint}")
+        ):
             return True
         if path[0] == "trials":
             return bool(self.mended) if len(path) == 1 else path[1] in _OF_DECISIONS and self.undecided()
         if path[0] == "projections":
             if path[2:3] == ("weight",) and any(words == ("synapse",) or words[-1] == "Wmin" for words in beside):
                 return True
-            if "trial" in told and (self.undecided() or ("trials",) in self.mended or self.partial):
+            if error.kind == "trials" and (self.undecided() or ("trials",) in self.mended or self.partial):
                 return True
         if path[2:3] == ("synapses",):
             return ("of",) in beside
-        return "the resolution" not in told and any(words[:1] in _ENDS for words in beside)
+        return error.kind != "resolution" and any(words[:1] in _ENDS for words in beside)
 
     def undecided(self) -> bool:
         """Whether it is not known which population decides a trial."""

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from typing import TypeAlias
 
 from neuro.core.errors import ModelError, Where
@@ -13,12 +13,8 @@ Words: TypeAlias = tuple[str, ...]
 
 _WORD = re.compile(r"[\w.-]+")
 _SUBJECT = re.compile(r"(?:an? )?(\w+)((?:\.\w+)*)")
-_NEEDED = re.compile(r"needs '(\w+)'")
-_ABOUT: Mapping[str, tuple[tuple[str, str], ...]] = {
-    "projections": ((r"(its target|a current) ", "to"), (r"depthwise grid ", "rule")),
-    "probes": ((r"'.*has no state|'.*is recorded alone|the synapses of .* have no state|(spikes|rate) of ", "record"),),
-}
-"""What messages that do not begin with a word of their part are about, by section."""
+_DEFAULTED = ("weight", "delay", "record")
+"""Words of parts that a mistake may be about where they are not said."""
 
 
 class Places:
@@ -45,8 +41,7 @@ class Places:
     def of(self, error: ModelError) -> Words:
         """The words that lead to what a mistake is about; none if it is about no word."""
         path = self._at(error)
-        needed = _NEEDED.search(error.message)
-        return (*path, needed[1]) if path and needed else path
+        return (*path, error.missing) if path and error.missing else path
 
     def _at(self, error: ModelError) -> Words:
         if error.where is None:
@@ -57,7 +52,7 @@ class Places:
         if not word or not value or len(value) < 2:
             return word or value
         # A mapping that begins on a line of its own begins where its first word does.
-        return word if error.message.endswith((f"'{word[-1]}'", f"{word[-1]} has no value")) else value
+        return word if error.found == word[-1] else value
 
     def _around(self, where: Where) -> Words:
         """The value within which a place lies, as a character of a formula does."""
@@ -67,24 +62,24 @@ class Places:
         return self.values[max(before, key=lambda at: at.column)] if before else ()
 
 
-def subject(root: Node, part: Words, message: str) -> Words:
+def subject(root: Node, part: Words, error: ModelError) -> Words:
     """The word of a part that the message of the compiler is about: it begins with its name; else the whole part.
 
     Args:
         root: what the words lead into.
         part: the words that lead to the part.
-        message: what is told of it.
+        error: what is told of it.
     """
+    if error.path and (has(root, (*part, *error.path)) or error.path[0] in _DEFAULTED):
+        return (*part, *error.path)
+    message = error.message
     told = message.split(": ", 1)[-1] if message.startswith((f"{part[0][:-1]} '", "trials: ")) else message
-    for pattern, word in _ABOUT.get(part[0], ()):
-        if re.match(pattern, told):
-            return (*part, word)
     found = _SUBJECT.match(told)
     if found is None:
         return part
     head = next((path for name, path in _named(at(root, part), part) if name == found[1]), None)
     if head is None:
-        return (*part, found[1]) if found[1] in ("weight", "delay") else part
+        return (*part, found[1]) if found[1] in _DEFAULTED else part
     for word in found[2].split(".")[1:]:
         inner = at(root, head).value
         if not isinstance(inner, dict):

@@ -11,7 +11,7 @@ from neuro.compiler.shapes import Shape, size
 from neuro.compiler.views import end_of
 from neuro.core.clock import Clock
 from neuro.core.english import a
-from neuro.core.errors import nearest
+from neuro.core.errors import unknown
 from neuro.model.network import Network
 from neuro.model.neurons import CurrentGenerator
 from neuro.model.parts import Population, Probe
@@ -39,7 +39,8 @@ def check_probes(net: Network, shapes: Mapping[str, Shape], clock: Clock) -> Non
             with telling(part):
                 every = clock.step(part.every, "every")
             if every < 1:
-                refuse(part, f"every = {part.every:g} ms: expected at least the resolution, {clock.resolution:g} ms")
+                told = f"every = {part.every:g} ms: expected at least the resolution, {clock.resolution:g} ms"
+                refuse(part, told, kind="resolution")
         if part.of in net.populations:
             with telling(part):
                 end_of(part.view, shapes[part.of])
@@ -50,9 +51,9 @@ def _check_neurons(part: Probe, population: Population) -> None:
     states = list(part.traces())
     for word, given in (("at", part.at), ("synapses", part.synapses)):
         if given is not None:
-            refuse(part, f"{word} is for projections: '{part.of}' is a population")
+            refuse(part, f"{word} is for projections: '{part.of}' is a population", word=word, kind="no projection")
     if len(states) > 1 and (alone := next((state for state in states if state in ALONE), "")):
-        refuse(part, f"'{alone}' is recorded alone", "give it a probe of its own")
+        refuse(part, f"'{alone}' is recorded alone", "give it a probe of its own", "record")
     if states[0] in ALONE:
         _check_alone(part, states[0], population)
         return
@@ -60,12 +61,14 @@ def _check_neurons(part: Probe, population: Population) -> None:
     for state in states:
         if state not in known:
             told = f"'{part.of}', {a(population.model.name)}, has no state '{state}'"
-            refuse(part, told, nearest(state, [*known, *ALONE]))
+            raise unknown("state", state, [*known, *ALONE], part.origin, ("record",)).but(
+                message=f"probe '{part.name}': {told}"
+            )
 
 
 def _check_alone(part: Probe, what: str, population: Population) -> None:
     if isinstance(population.model, CurrentGenerator):
-        refuse(part, f"{what} of '{part.of}', {a(population.model.name)}: it emits a current")
+        refuse(part, f"{what} of '{part.of}', {a(population.model.name)}: it emits a current", word="record")
     if what == "spikes" and part.every is not None:
         refuse(part, "every is for states: spikes are all recorded", "leave 'every' out")
     if what == "rate" and part.every is None:
@@ -112,8 +115,12 @@ def _check_synapses(net: Network, part: Probe, projection: Projection) -> None:
     known = synapse_states(projection)
     for state in part.traces():
         if state not in known:
-            hint = "a probe of its source records them" if state in ALONE else nearest(state, known)
-            refuse(part, f"the synapses of '{part.of}', {projection.synapse.name}, have no state '{state}'", hint)
+            error = unknown("state", state, known, part.origin, ("record",)).but(
+                message=f"probe '{part.name}': the synapses of '{part.of}', {projection.synapse.name}, "
+                f"have no state '{state}'",
+                kind="synapses",
+            )
+            raise error.but(hint="a probe of its source records them") if state in ALONE else error
     if part.at is None:
         return
     if part.mean:
@@ -138,7 +145,8 @@ def _chosen(part: Probe, net: Network, projection: Projection, shapes: Mapping[s
         return None
     chosen = np.asarray(part.synapses)
     if chosen.size and chosen.max() >= projection.size:
-        refuse(part, f"synapses: found {chosen.max()}: expected at most {projection.size - 1}, as '{part.of}' has them")
+        told = f"synapses: found {chosen.max()}: expected at most {projection.size - 1}, as '{part.of}' has them"
+        refuse(part, told, word="synapses", kind="count of synapses")
     if np.unique(chosen).size < chosen.size or not chosen.size:
         refuse(part, "synapses: expected at least one, and each once")
     return chosen

@@ -58,6 +58,7 @@ def grid_of(part: Projection, shapes: Mapping[str, Shape]) -> Grid:
             f"projection '{part.name}': depthwise grid from {channels} channels onto {target[0]} maps of "
             f"'{part.target}': expected a multiple of {channels}",
             where=part.origin,
+            path=("rule",),
         )
     return Grid(
         channels=channels,

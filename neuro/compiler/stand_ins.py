@@ -27,8 +27,6 @@ _WORDS: Mapping[Words, tuple[Any, Any]] = {
 }
 _PARTS = {"from": (), "to": (Neuron,), "of": (), "input": (spike_generator,)}
 """Words that name a population, and of which model it is."""
-_MEANT = "did you mean '"
-_KNOWN = "known: "
 
 
 def stand_in(sections: Mapping[str, Node], path: Words, gone: Node | None, error: ModelError, turn: int) -> Any:
@@ -49,7 +47,7 @@ def stand_in(sections: Mapping[str, Node], path: Words, gone: Node | None, error
         model = "spike_generator" if _shown(sections) == path[1] else _MODEL[turn]
         return model if path[2:] else {"model": model, "shape": _SHAPE[turn]}
     if path[0] == "probes" and path[2:] == ("record",):
-        return meant(error) or _state(error)
+        return error.suggestion or next((word for word in error.expected if word not in ALONE), None)
     place = (path[0], *path[2:]) if path[0] != "trials" else path
     if place in _WORDS:
         return _WORDS[place][turn]
@@ -68,17 +66,6 @@ def chosen_from(sections: Mapping[str, Node], path: Words) -> str:
 def some_neurons(population: str, turn: int) -> Any:
     """All neurons of a population, or one of it: what hangs on how many are chosen differs."""
     return population if turn == 0 else {population: 0}
-
-
-def _state(error: ModelError) -> str | None:
-    """One of those that a mistake says are known, as it stands beside other words of a probe; None: none is."""
-    known = error.hint.removeprefix(_KNOWN) if error.hint.startswith(_KNOWN) else ""
-    return next((word for word in known.split(", ") if word and word not in ALONE), None)
-
-
-def meant(error: ModelError) -> str:
-    """The name that the author of a mistake most likely meant; "" if none is near."""
-    return error.hint.removeprefix(_MEANT).partition("'")[0] if error.hint.startswith(_MEANT) else ""
 
 
 def _shown(sections: Mapping[str, Node]) -> Any:
@@ -107,8 +94,7 @@ def _named(sections: Mapping[str, Node], word: str, error: ModelError) -> str | 
     if not isinstance(there, dict):
         return None
     fitting = [name for name, node in there.items() if issubclass(_model(node), _PARTS[word] or object)]
-    near = meant(error)
-    return near if near in there else next(iter([*fitting, *there]), None)
+    return error.suggestion if error.suggestion in there else next(iter([*fitting, *there]), None)
 
 
 def _model(node: Node) -> type[Any]:

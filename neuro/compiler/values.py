@@ -163,6 +163,7 @@ def delay_steps(
     if early.size:
         raise ModelError(
             f"{what}[{early[0]}] = 0 ms: expected at least the resolution, {clock.resolution:g} ms",
+            kind="resolution",
         )
     return steps.astype(np.int32)
 
@@ -180,6 +181,7 @@ def one_delay(value: Any, clock: Clock, what: str) -> NDArray[np.int64]:
         raise ModelError(
             f"{what} = {value:g} ms: expected at least the resolution, {clock.resolution:g} ms",
             hint=f"the smallest is {clock.ms(1):g} ms",
+            kind="resolution",
         )
     if step > LONGEST_DELAY:
         raise too_late(what, step, clock)

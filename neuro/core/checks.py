@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from neuro.core.errors import ModelError, nearest
-from neuro.core.hints import axes, notation
+from neuro.core.hints import axes, near, notation
 from neuro.core.measures import is_written, with_unit
 from neuro.core.paths import file_path
 from neuro.core.quantities import Quantity
@@ -103,8 +103,7 @@ def _hint(q: Quantity, value: Any) -> str:
     if q.kind == "boolean":
         return f"write {_BOOLEANS[value.lower()]}" if value.lower() in _BOOLEANS else ""
     if q.kind == "shape":
-        near = nearest(value, q.words)
-        return axes(value) or (near if near.startswith("did") else "")
+        return axes(value) or near(value, q.words)
     return notation(value) if q.kind not in ("name", "receptor", "names", "part", "choice") else ""
 
 

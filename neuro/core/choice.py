@@ -76,7 +76,7 @@ class Choice:
                     numbers[entry.name] = check(known, value, told)
             except ModelError as error:
                 inner = error.path if isinstance(value, str) else error.path[1:]
-                raise ModelError(error.message, hint=error.hint, path=(self.name, word, *inner)) from None
+                raise error.but(where=None, path=(self.name, word, *inner)) from None
         return replace(self, **numbers) if numbers else self
 
     @property
@@ -133,7 +133,7 @@ class Choice:
         for word, entry in names.items():
             if entry.default is MISSING and word not in parameters:
                 expected = entry.metadata["quantity"].expected()
-                raise ModelError(f"{cls.called()} needs '{word}': expected {expected}")
+                raise ModelError(f"{cls.called()} needs '{word}': expected {expected}", missing=word)
         return cls(**{names[word].name: value for word, value in parameters.items()})
 
     def parameters(self) -> dict[str, Any]:

@@ -129,4 +129,5 @@ class Clock:
         return ModelError(
             f"{what} = {ms:.12g} ms: expected a multiple of the resolution, {self.resolution:g} ms",
             hint=f"the nearest {'is' if len(near) == 1 else 'are'} {' or '.join(near)} ms" if near else "",
+            kind="resolution",
         )

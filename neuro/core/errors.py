@@ -12,9 +12,9 @@ import sys
 from collections.abc import Iterable
 from pathlib import Path
 from types import FrameType
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
-from neuro.core.hints import nearest
+from neuro.core.hints import alike, nearest
 
 __all__ = ["ModelError", "Where", "here", "nearest", "unknown"]
 
@@ -43,7 +43,14 @@ class ModelError(ValueError):
         hint: the nearest right name or the way out, if there is one.
         path: the words (and positions in lists) that lead to the value inside the part,
             e.g. `("initial", "V_m", "3")`.
+        kind: what programs tell it by, as `"unit"`, `"unknown population"`, `"unknown word of"`; "" if none needs to.
+        found: the name that nothing bears, or that has no value; "" if it is about no name.
+        expected: the names that are known, in order.
+        suggestion: the nearest of them; "" if none is near.
+        missing: the word that has to be there and is not.
         others: mistakes that were found with it, as all those of units in the equations of one model.
+
+    No program reads the text of a message: what it needs to know of a mistake is an attribute.
     """
 
     def __init__(
@@ -53,9 +60,15 @@ class ModelError(ValueError):
         where: Where | None = None,
         hint: str = "",
         path: tuple[str, ...] = (),
+        kind: str = "",
+        found: str = "",
+        expected: tuple[str, ...] = (),
+        suggestion: str = "",
+        missing: str = "",
         others: tuple[ModelError, ...] = (),
     ) -> None:
         self.message, self.where, self.hint, self.path, self.others = message, where, hint, path, others
+        self.kind, self.found, self.expected, self.suggestion, self.missing = kind, found, expected, suggestion, missing
         super().__init__(str(self))
 
     def __str__(self) -> str:
@@ -68,14 +81,31 @@ class ModelError(ValueError):
         fresh = context and not self.message.startswith(context)
         message = f"{context}: {self.message}" if fresh else self.message
         others = tuple(other.at(where, context) for other in self.others)
-        return ModelError(message, where=self.where or where, hint=self.hint, path=self.path, others=others)
+        return self.but(message=message, where=self.where or where, others=others)
+
+    def but(self, **changes: Any) -> ModelError:
+        """The same error with other attributes."""
+        other = ModelError(self.message)
+        vars(other).update(vars(self) | changes)
+        other.args = (str(other),)
+        return other
 
 
 def unknown(
     kind: str, name: object, known: Iterable[str], where: Where | None = None, path: tuple[str, ...] = ()
 ) -> ModelError:
-    """The error for a name that nothing bears."""
-    return ModelError(f"unknown {kind} '{name}'", where=where, hint=nearest(str(name), known), path=path)
+    """The error for a name that nothing bears; its kind is "unknown" and `kind` up to an "of"."""
+    names, (head, of, _) = tuple(sorted(known)), kind.partition(" of ")
+    return ModelError(
+        f"unknown {kind} '{name}'",
+        where=where,
+        hint=nearest(str(name), names),
+        path=path,
+        kind=f"unknown {head}{of}".rstrip(),
+        found=str(name),
+        expected=names,
+        suggestion=next(iter(alike(str(name), names)), ""),
+    )
 
 
 def here() -> Where | None:

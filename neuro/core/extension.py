@@ -103,5 +103,5 @@ def _told(error: BaseException, path: Path, module: ModuleType) -> ModelError:
         trace = trace.tb_next
     where = Where(str(path), line)
     if isinstance(error, ModelError):
-        return ModelError(error.message, where=where, hint=error.hint, path=error.path)
+        return error.but(where=where)
     return ModelError(f"{type(error).__name__}: {error}".removesuffix(": "), where=where)

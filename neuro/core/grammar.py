@@ -98,12 +98,12 @@ class Misread(ModelError):
 
     Attributes:
         place: of what is wrong, from 0.
-        found: the message without the place.
+        bare: the message without the place.
     """
 
-    def __init__(self, told: str, hint: str, place: int, found: str) -> None:
+    def __init__(self, told: str, hint: str, place: int, bare: str) -> None:
         super().__init__(told, hint=hint)
-        self.place, self.found = place, found
+        self.place, self.bare = place, bare
 
 
 def mistake(text: str, at: int, message: str, hint: str = "") -> Misread:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import difflib
 import re
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 
 # Words of other simulators, papers and habits -> ours; only those that are known at the place are suggested.
 ELSEWHERE: dict[str, tuple[str, ...]] = {
@@ -155,17 +155,21 @@ def nearest(name: str, known: Iterable[str]) -> str:
     names = sorted(known)
     if not names:
         return "none is defined"
-    near = [word for word in ELSEWHERE.get(name.lower(), ()) if word in names] or _similar(name, names)
-    if near:
-        return "did you mean " + " or ".join(f"'{word}'" for word in near) + "?"
+    if close := alike(name, names):
+        return "did you mean " + " or ".join(f"'{word}'" for word in close) + "?"
     more = ", ..." if len(names) > _MAX_LISTED else ""
     return "known: " + ", ".join(names[:_MAX_LISTED]) + more
 
 
 def near(name: str, known: Iterable[str]) -> str:
     """A hint that names the nearest of `known`, "" when none is near."""
-    hint = nearest(name, known)
-    return hint if hint.startswith("did you mean") else ""
+    names = sorted(known)
+    return nearest(name, names) if alike(name, names) else ""
+
+
+def alike(name: str, names: Sequence[str]) -> list[str]:
+    """The nearest of some names, in the order of the alphabet; none if none is near."""
+    return [word for word in ELSEWHERE.get(name.lower(), ()) if word in names] or _similar(name, list(names))
 
 
 def _similar(name: str, names: list[str]) -> list[str]:

@@ -23,7 +23,7 @@ def with_unit(q: Quantity, value: str, what: str) -> float:
     try:
         number = converted(value, "ms" if q.kind in ("delay", "times") else q.unit or q.taken_in)
     except ModelError as error:
-        raise ModelError(f"{what} = {value.strip()}: {error.message}", hint=error.hint) from None
+        raise error.but(message=f"{what} = {value.strip()}: {error.message}") from None
     if math.isinf(number):
         raise ModelError(f"{what} = {value.strip()}: expected a number below 1.8e308")
     return number

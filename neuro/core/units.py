@@ -187,7 +187,7 @@ def converted(value: str, to: str) -> float:
     number, tens, dimension = _read(value)
     if dimension != wanted:
         kind = _KINDS.get(wanted, "a value")
-        raise ModelError(f"expected {kind} in {to}" if to else "expected a number without unit")
+        raise ModelError(f"expected {kind} in {to}" if to else "expected a number without unit", kind="unit")
     return scaled(number, tens - wanted_tens)
 
 

@@ -153,9 +153,7 @@ class Network(Description):
         try:
             chosen = chosen.in_unit(weights, what)
         except ModelError as error:
-            raise ModelError(
-                error.message, where=error.where or self._where(), hint=error.hint, path=("synapse", *error.path)
-            ) from None
+            raise error.but(where=error.where or self._where(), path=("synapse", *error.path)) from None
         part = Projection(
             label,
             pre,
@@ -352,14 +350,14 @@ class Network(Description):
             return None
         if of in self.populations:
             told = f"{what}: {word} is for projections: '{of}' is a population"
-            raise ModelError(told, where=self._where(), path=(word,))
+            raise ModelError(told, where=self._where(), path=(word,), kind="no projection")
         end = getattr(self.projections[of], {"pre": "source", "post": "target"}[word])
         if isinstance(given, (Population, View, str, Mapping)):
             population, chosen = self._neurons(given, what, word)
             if population != end:
                 found = repr(given) if chosen is not None else f"'{population}'"
                 told = f"{what}: {word} = {found}: expected neurons of '{end}', as '{of}' has there"
-                raise ModelError(told, where=self._where(), path=(word,))
+                raise ModelError(told, where=self._where(), path=(word,), kind="neurons at an end")
             return chosen
         ids = [given] if is_number(given) else given
         try:

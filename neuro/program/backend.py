@@ -10,7 +10,7 @@ from typing import Any, Protocol, runtime_checkable
 import numpy as np
 from numpy.typing import NDArray
 
-from neuro.core.errors import ModelError, Where, nearest
+from neuro.core.errors import ModelError, Where, unknown
 from neuro.core.registry import Registry
 from neuro.model.neurons import CurrentGenerator, Model
 from neuro.model.synapses import Synapse
@@ -384,4 +384,4 @@ def find_backend(name: str | PathLike[str]) -> Backend:
         if (found := family.of(text)) is not None:
             return found
     known = dict.fromkeys((*BACKENDS, *(target for family in families for target in family.targets())))
-    raise ModelError(f"unknown backend '{text}'", hint=nearest(text, known))
+    raise unknown("backend", text, known)

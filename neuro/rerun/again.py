@@ -95,7 +95,7 @@ def _of_results(path: Path, backend: str, inputs: Sequence[Path], bar: Bar | Non
         try:
             net = _network(then, record, elsewhere, Path(folder))
         except ModelError as error:
-            raise ModelError(f"{path}: {error.message}", hint=error.hint) from None
+            raise error.but(message=f"{path}: {error.message}", where=None) from None
         now = _run(then, net, record, backend, bar)
         write(replace(now, files=then.files), Path(folder) / "now.h5")
         told = first_difference(path, Path(folder) / "now.h5")

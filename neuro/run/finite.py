@@ -80,6 +80,7 @@ class Watch:
             f"population '{part.name}': {name} of neuron {neuron} is {values[neuron]:g} "
             f"at {self.clock.ms(self.engine.step):g} ms: a numerical instability of {part.model.name}",
             hint=_STATES,
+            kind="instability",
         )
 
 
@@ -101,5 +102,6 @@ def check_weights(projection: str, rule: str, weights: Floats) -> Floats:
             f"projection '{projection}': weight of synapse {synapse} is {weights[synapse]:g}: "
             f"a numerical instability of {rule}",
             hint=_WEIGHTS,
+            kind="instability",
         )
     return weights

@@ -181,7 +181,7 @@ def mapping(said: Any, words: tuple[str, ...], what: str) -> Mapping[str, Any]:
     for word in said:
         if word not in words:
             error = unknown(f"word of {what}", word, words, path=(str(word),))
-            raise ModelError(error.message, hint=habits.WORDS.get(str(word), error.hint), path=error.path)
+            raise error.but(hint=habits.WORDS.get(str(word), error.hint))
     return said
 
 

@@ -18,7 +18,7 @@ from itertools import count
 from typing import Self
 
 from neuro.core.errors import ModelError
-from neuro.core.grammar import COMPARISONS, Binary, Call, Expression, Name, Negative, Number, Tree
+from neuro.core.grammar import COMPARISONS, Binary, Call, Expression, Misread, Name, Negative, Number, Tree
 from neuro.core.hints import nearest
 from neuro.core.units import NONE, UNITS, Dimension, times, told, unit_of
 from neuro.model.equations import habits
@@ -289,8 +289,8 @@ def refuse(errors: Iterable[ModelError]) -> None:
 
 def placed(error: ModelError, path: tuple[str, ...]) -> ModelError:
     """An error with the place in the words before it."""
-    message = f"{'.'.join(path)}{', ' if error.message.startswith('column') else ': '}{error.message}"
-    return ModelError(message, where=error.where, hint=error.hint, path=(*path, *error.path))
+    message = f"{'.'.join(path)}{', ' if isinstance(error, Misread) else ': '}{error.message}"
+    return error.but(message=message, path=(*path, *error.path))
 
 
 def _terms(tree: Tree) -> Iterator[tuple[Binary | None, Tree]]:

@@ -156,7 +156,7 @@ def _tau(given: Mapping[str, Any], parameters: Mapping[str, Parameter], more: li
     if tau and tau not in known:
         error = unknown("parameter in ms", tau, known, path=("tau",))
         hint = error.hint if known else "write tau: tau_plus, and tau_plus: 20 ms among the parameters"
-        raise ModelError(error.message, hint=hint, path=error.path)
+        raise error.but(hint=hint)
     return tau
 
 

@@ -61,9 +61,8 @@ def read_parameters(said: Any, base: type[Choice]) -> dict[str, Parameter]:
         try:
             found[name] = _parameter(name, words, base)
         except ModelError as error:
-            raise ModelError(
-                f"parameters.{name}: {error.message}", hint=error.hint, path=("parameters", str(name), *error.path)
-            ) from None
+            told = f"parameters.{name}: {error.message}"
+            raise error.but(message=told, path=("parameters", str(name), *error.path)) from None
     return found
 
 

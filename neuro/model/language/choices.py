@@ -13,7 +13,7 @@ from neuro.core.quantities import Quantity
 from neuro.core.values import shown
 from neuro.model.distributions import DISTRIBUTIONS
 from neuro.model.language.files import array, of_program, recording
-from neuro.model.language.nodes import about, found, mistake, plain, words
+from neuro.model.language.nodes import about, found, mistake, plain, put_at, words
 from neuro.model.language.reader import Node
 from neuro.model.language.trains import train
 from neuro.model.neurons import MODELS
@@ -147,7 +147,7 @@ def part(node: Node, known: Iterable[str], what: str, needs: Iterable[str]) -> d
     names = list(known)
     for word, inner in node.value.items() if isinstance(node.value, dict) else ():
         if word not in names and (home := _home(node, word)):
-            raise ModelError(f"unknown word of {what} '{word}'", where=inner.label, hint=f"write {home}")
+            raise unknown(f"word of {what}", word, names, inner.label).but(hint=f"write {home}", suggestion="")
     return words(node, names, what, needs)
 
 
@@ -181,7 +181,7 @@ def _named(name: str, node: Node, kind: str, own: Mapping[str, type[Choice]]) ->
             hint = f"write '{call[1]}' alone"
         elif "=" not in call[2]:
             hint = f"write {{{call[1]}: {{word: value}}}} with the words " + ", ".join(table[call[1]].quantities())
-    raise mistake(node, error.message, hint)
+    raise put_at(node, error.but(hint=hint, suggestion=error.suggestion if hint == error.hint else ""))
 
 
 def _regroup(node: Node, kind: str) -> str:

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from neuro.core import hdf5 as hdf5_file
 from neuro.core.errors import ModelError, nearest
+from neuro.core.hints import near
 from neuro.core.inputs import note
 from neuro.core.values import FromFile, shown
 from neuro.model.language.nodes import mistake, words
@@ -80,8 +81,8 @@ def inside(node: Node, name: str) -> Path:
         raise mistake(node, message)
     if not there:
         files = [p.name for p in path.parent.iterdir() if p.is_file()] if path.parent.is_dir() else []
-        near = nearest(path.name, [other for other in files if other != Path(node.where.file).name])
-        raise mistake(node, f"no file {shown(name)} beside the description", near if near.startswith("did") else "")
+        hint = near(path.name, [other for other in files if other != Path(node.where.file).name])
+        raise mistake(node, f"no file {shown(name)} beside the description", hint)
     note(path)
     return path
 
@@ -181,7 +182,7 @@ def check(path: Path, node: Node) -> None:
         still = time.time_ns() - status.st_mtime_ns > 2 * 10**9  # two changes at once have the same time
         (_checked if still else _checked.__wrapped__)(path, (status.st_ino, status.st_size, status.st_mtime_ns))
     except ModelError as error:
-        raise mistake(node, error.message, error.hint) from None
+        raise put_at(node, error) from None
     except OSError as error:
         raise mistake(node, f"file '{node.value}': cannot be read: {error.strerror}") from None
 

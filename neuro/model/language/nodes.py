@@ -25,6 +25,11 @@ def mistake(node: Node, message: str, hint: str = "") -> ModelError:
     return ModelError(message, where=place(node), hint=_joined(hint, node.source))
 
 
+def put_at(node: Node, error: ModelError) -> ModelError:
+    """An error as one for a node."""
+    return error.but(where=place(node), hint=_joined(error.hint, node.source))
+
+
 def place(node: Node) -> Where:
     """Where the value stands, or the word before it where there is none."""
     return node.label if node.value is None else node.where
@@ -55,10 +60,10 @@ def words(node: Node, known: Iterable[str], what: str, needs: Iterable[str] = ()
         if word not in names:
             raise _unknown_word(word, value, names, kind or f"word of {what}")
         if value.value is None:
-            raise mistake(value, f"{word} has no value", "write it after the ':'")
+            raise put_at(value, ModelError(f"{word} has no value", hint="write it after the ':'", found=word))
     for word in needs:
         if word not in node.value:
-            raise ModelError(f"{what} needs '{word}'", where=node.label)
+            raise ModelError(f"{what} needs '{word}'", where=node.label, missing=word)
     return node.value
 
 
@@ -66,7 +71,7 @@ def _unknown_word(word: str, value: Node, names: list[str], kind: str) -> ModelE
     error = unknown(kind, word, names, value.label)
     before, colon, after = word.partition(":")
     if colon and before in names and value.value is None:
-        return ModelError(error.message, where=value.label, hint=f"write '{before}: {after}', with a space after ':'")
+        return error.but(hint=f"write '{before}: {after}', with a space after ':'", suggestion="")
     return error
 
 
@@ -76,12 +81,7 @@ def about(node: Node, context: str = "") -> Iterator[None]:
 
     def told(error: ModelError) -> ModelError:
         at = follow(node, error.path)
-        return ModelError(
-            error.at(None, context).message,
-            where=place(at),
-            hint=_joined(error.hint, at.source),
-            others=tuple(map(told, error.others)),
-        )
+        return put_at(at, error.at(None, context)).but(path=(), others=tuple(map(told, error.others)))
 
     try:
         yield

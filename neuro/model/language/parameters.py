@@ -12,7 +12,7 @@ from neuro.core.grammar import Expression, Misread, Name
 from neuro.core.units import in_base, is_measure
 from neuro.core.values import shown
 from neuro.model.language.computed import Measure, computed
-from neuro.model.language.nodes import found, mistake
+from neuro.model.language.nodes import found, mistake, put_at
 from neuro.model.language.reader import MAX_DEPTH, Node
 
 MAX_PLACED = 1_000_000
@@ -104,9 +104,9 @@ class _Names:
             value = computed(text[2:-1], lambda whole, name: self._measure(whole, name, node), self.given)
         except Misread as error:
             if node.text is None:
-                raise mistake(node, error.message, error.hint) from None
+                raise put_at(node, error) from None
             where = Where(node.text.file, node.text.line, node.text.column + 2 + error.place)
-            raise ModelError(f"{shown(text)}: {error.found}", where=where, hint=error.hint) from None
+            raise error.but(message=f"{shown(text)}: {error.bare}", where=where) from None
         return Node(value, node.where, node.label, f"{text} is {value}")
 
     def _measure(self, whole: Expression, name: Name, node: Node) -> Measure:
@@ -114,7 +114,9 @@ class _Names:
         try:
             self._check(name.name, name.name, node)
         except ModelError as error:
-            raise whole.mistake(name.at, error.message, error.hint) from None
+            wrong = whole.mistake(name.at, error.message, error.hint)
+            wrong.kind = error.kind
+            raise wrong from None
         self.used.add(name.name)
         value = self.values[name.name][0].value
         if is_measure(value):
@@ -135,7 +137,7 @@ class _Names:
             raise mistake(node, f"{told} is used before it is set", f"set it above, see {self.given[name].label}")
         sign = told.removesuffix(name)
         error = unknown("parameter", told, (f"{sign}{known}" for known in self.given))
-        raise mistake(node, error.message, error.hint if self.given else f"add parameters: {{{name}: ...}}")
+        raise put_at(node, error if self.given else error.but(hint=f"add parameters: {{{name}: ...}}"))
 
     def _moved(self, value: Node, to: Node, depth: int) -> Node:
         """The value as if it stood where it is used."""

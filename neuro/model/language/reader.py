@@ -144,7 +144,10 @@ class _Reader:
         self.next()
         if isinstance(self.next(), yaml.StreamEndEvent):
             raise ModelError(
-                f"the file is empty: expected {expected}", where=Where(self.file, 1, 1), hint=f"begin: {begin}"
+                f"the file is empty: expected {expected}",
+                where=Where(self.file, 1, 1),
+                hint=f"begin: {begin}",
+                kind="empty",
             )
         root = self.node(self.next(), 0)
         self.next()

@@ -13,7 +13,7 @@ from neuro.core.errors import ModelError, unknown
 from neuro.core.quantities import Quantity
 from neuro.core.values import FromFile
 from neuro.model.language.files import array
-from neuro.model.language.nodes import about, found, mistake, plain, within
+from neuro.model.language.nodes import about, found, mistake, plain, put_at, within
 from neuro.model.language.reader import Node
 from neuro.model.parts import Population
 from neuro.model.views import view
@@ -37,7 +37,7 @@ def neurons(node: Node, populations: Mapping[str, Population], role: str) -> Any
     [(name, index)] = node.value.items()
     if name not in populations:
         error = unknown("population", name, populations)
-        raise ModelError(f"{role}: {error.message}", where=index.label, hint=error.hint)
+        raise error.at(index.label, role)
     with within(role):
         chosen = _index(index, populations[name])
         with about(index):
@@ -60,4 +60,4 @@ def _axes(node: Node, population: Population) -> tuple[int | slice, ...]:
     try:
         return indices(node.value, population.name)
     except ModelError as error:
-        raise mistake(node, error.message, error.hint) from None
+        raise put_at(node, error) from None

@@ -116,7 +116,7 @@ def _claimed(path: Path) -> Iterator[Path]:
             yield part
     except Unwritable as error:
         hint = "choose another name for the network's file, whose arrays go to an HDF5 file of the same stem"
-        raise ModelError(error.message, hint=hint) from None
+        raise error.but(hint=hint) from None
 
 
 def _write_arrays(path: Path, arrays: Arrays) -> None:

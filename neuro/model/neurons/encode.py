@@ -78,5 +78,5 @@ class encode(Generator):
                 found = code(found, seed)
             except ModelError as error:
                 path = ("values",) if k == 0 and error.path == (code.values,) else (*place, *error.path)
-                raise ModelError(f"{code.name}: {error.message}", hint=error.hint, path=path) from None
+                raise error.but(message=f"{code.name}: {error.message}", path=path) from None
         return found

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import re
 
-from neuro.core.errors import ModelError, nearest
+from neuro.core.errors import ModelError
+from neuro.core.hints import near
 from neuro.model.synapses.loihi_rule import FACTORS, LARGEST_CONSTANT, LARGEST_U, Factor, Term
 
 _TOKEN = re.compile(r"\s*(?:(\d+\.\d*|\.\d+)|(2\s*\^\s*[+-]?\d+)|(\d+)|([A-Za-z_]\w*)|(.))")
@@ -105,11 +106,8 @@ class _Reader:
     def name(self, token: str) -> str:
         if token in FACTORS:
             return token
-        near = nearest(token, FACTORS)
         known = f"factors are {', '.join(FACTORS)}, u0 to u{LARGEST_U}"
-        raise self.wrong(
-            f"unknown factor '{token}'", _REFUSED.get(token) or (near if near.startswith("did") else known)
-        )
+        raise self.wrong(f"unknown factor '{token}'", _REFUSED.get(token) or near(token, FACTORS) or known)
 
     def sum_of_two(self) -> tuple[Factor, int]:
         """(name + constant), in any order, and the sign to take out so that the name has a +."""
