@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 import warnings
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
@@ -15,8 +14,6 @@ __all__ = ["Overflows", "noted", "summed", "tell"]
 Overflows = Mapping[str, tuple[int, str]]
 """By what overflows, such as "input wraps of hidden", in how many recordings, and what keeps it from that."""
 
-_TOLD = re.compile(r": \d+ (?P<what>.+?) up to step \d+;.*hint: (?P<hint>.*)", re.DOTALL)
-
 
 @contextmanager
 def noted(found: dict[str, tuple[int, str]]) -> Iterator[None]:
@@ -25,10 +22,11 @@ def noted(found: dict[str, tuple[int, str]]) -> Iterator[None]:
         warnings.simplefilter("always", OverflowWarning)
         yield
     for each in caught:
-        if not issubclass(each.category, OverflowWarning):
-            warnings.warn_explicit(each.message, each.category, each.filename, each.lineno)
-        elif told := _TOLD.search(str(each.message)):
-            found[told["what"]] = found.get(told["what"], (0, ""))[0] + 1, told["hint"]
+        told = each.message
+        if not isinstance(told, OverflowWarning):
+            warnings.warn_explicit(told, each.category, each.filename, each.lineno)
+        elif told.what:
+            found[told.what] = found.get(told.what, (0, ""))[0] + 1, told.hint
 
 
 def summed(each: Iterator[Mapping[str, Any]]) -> dict[str, tuple[int, str]]:

@@ -150,7 +150,7 @@ class Machine:
             if self._strict:
                 raise ModelError(text, hint=f"{hint}, or run without strict=True")
             message = f"{text}; counts().native has their number\n  hint: {hint}"
-            warnings.warn(message, OverflowWarning, stacklevel=4)
+            warnings.warn(OverflowWarning(message, what, hint), stacklevel=4)
 
     def _way_out(self, what: str) -> str:
         """What would keep a register from overflowing."""

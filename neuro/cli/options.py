@@ -12,12 +12,12 @@ import typer
 def milliseconds(text: str) -> float:
     """A time > 0 ms: a number, or one with its unit."""
     from neuro.core.errors import ModelError
-    from neuro.core.measures import in_ms
+    from neuro.core.units import converted, is_measure
 
     try:
-        ms = float(in_ms(text, "--for"))
+        ms = converted(text, "ms") if is_measure(text) else float(text)
     except ModelError as error:
-        reason = error.message.removeprefix(f"--for = {text.strip()}: ") + (f"; {error.hint}" if error.hint else "")
+        reason = error.message + (f"; {error.hint}" if error.hint else "")
         raise typer.BadParameter(f"'{text}': {reason}") from None
     except ValueError:
         ms = math.nan

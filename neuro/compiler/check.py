@@ -13,7 +13,7 @@ from neuro.compiler.shapes import Shape, size
 from neuro.compiler.views import end_of
 from neuro.core.clock import Clock
 from neuro.core.english import a
-from neuro.core.errors import ModelError, unknown
+from neuro.core.errors import ModelError, unknown, words_of
 from neuro.core.registry import Registry
 from neuro.core.values import plain
 from neuro.model.distributions import Distribution
@@ -52,10 +52,12 @@ def check_network(net: Network, shapes: Mapping[str, Shape]) -> None:
     _check_groups(net, shapes)
 
 
-def refuse(part: AnyPart, message: str, hint: str = "", word: str = "", kind: str = "") -> NoReturn:
-    """Raise the error for a part that cannot be as it is, or for one of its words."""
-    path = (word,) if word else ()
-    raise ModelError(f"{part.word} '{part.name}': {message}", where=part.origin, hint=hint, path=path, kind=kind)
+def refuse(
+    part: AnyPart, message: str, hint: str = "", word: str = "", kind: str = "", about: tuple[str, ...] = ()
+) -> NoReturn:
+    """Raise the error for a part that cannot be as it is, or for one of its words, as "weight" or "stdp.signal"."""
+    told = f"{part.word} '{part.name}': {message}"
+    raise ModelError(told, where=part.origin, hint=hint, path=words_of(word), kind=kind, about=about)
 
 
 def recordable(population: Population) -> list[str]:
@@ -64,12 +66,13 @@ def recordable(population: Population) -> list[str]:
 
 
 @contextmanager
-def telling(part: AnyPart) -> Iterator[None]:
-    """Tell an error that is raised inside with the part's name and place."""
+def telling(part: AnyPart, *path: str) -> Iterator[None]:
+    """Tell an error that is raised inside with the part's name and place, and `path` before its own."""
     try:
         yield
     except ModelError as error:
-        raise error.at(part.origin, f"{part.word} '{part.name}'") from None
+        told = error.at(part.origin, f"{part.word} '{part.name}'")
+        raise told.but(path=(*path, *error.path)) from None
 
 
 def _check_population(part: Population, shape: Shape) -> None:
@@ -80,6 +83,7 @@ def _check_population(part: Population, shape: Shape) -> None:
             part,
             f"spike_generator.spike_times has {len(model.spike_times)} lists: "
             f"expected {size(shape)}, one for each neuron",
+            word="spike_generator.spike_times",
         )
 
 
@@ -111,6 +115,8 @@ def check_values(model: Model, parameters: Mapping[str, Floats], clock: Clock) -
                 f"{model.name}.V_reset{where} = {v_reset[bad[0]]:g} mV: "
                 f"expected less than {top} = {v_top[bad[0]]:g} mV",
                 hint=f"lower V_reset or raise {top}",
+                path=(model.name, "V_reset"),
+                about=(top,),
             )
     if "t_ref" in parameters:
         clock.steps(parameters["t_ref"], f"{model.name}.t_ref")
@@ -120,10 +126,11 @@ def check_values(model: Model, parameters: Mapping[str, Floats], clock: Clock) -
 
 def _check_views(part: Projection, shapes: Mapping[str, Shape]) -> None:
     for role, name, view in (("from", part.source, part.source_view), ("to", part.target, part.target_view)):
-        with telling(part):
+        with telling(part, role, name):
             seen = end_of(view, shapes[name])
         if isinstance(part.rule, grid) and seen.ids is not None:
-            refuse(part, f"a grid {role} {view}: expected the whole population", "all_to_all and pairs connect views")
+            told = f"a grid {role} {view}: expected the whole population"
+            refuse(part, told, "all_to_all and pairs connect views", "grid")
 
 
 def _check_ends(net: Network, part: Projection) -> None:
@@ -148,9 +155,10 @@ def _check_ends(net: Network, part: Projection) -> None:
                 part,
                 f"{part.synapse.name} on a current from '{part.source}': expected a static synapse",
                 "only spikes teach",
+                part.synapse.name,
             )
         if isinstance(part.rule, grid):
-            refuse(part, f"a grid on a current from '{part.source}': expected another rule")
+            refuse(part, f"a grid on a current from '{part.source}': expected another rule", word="grid")
 
 
 def _swap(part: Projection) -> str:
@@ -165,22 +173,25 @@ def _check_synapse(net: Network, part: Projection, shapes: Mapping[str, Shape]) 
             part,
             f"{synapse.name} on a shared kernel: expected static or a rule for trials",
             "all_to_all gives each pair a weight",
+            synapse.name,
         )
     if isinstance(part.rule, grid) and synapse.delays:
         refuse(
             part,
             f"{synapse.name} on a shared kernel, which has one delay: expected another rule of connections",
             "all_to_all gives each pair a delay",
+            synapse.name,
         )
     if synapse.learns == "trials" and net.trials_section is None:
         told = f"{synapse.name} learns at the end of trials: expected a section 'trials'"
-        refuse(part, told, "add one, or use stdp", kind="trials")
+        refuse(part, told, "add one, or use stdp", synapse.name, "trials")
     if synapse.learns == "pairs" and net.trials_section is not None:
         refuse(
             part,
             f"{synapse.name} in a network with trials: expected static or a rule for trials",
             "a trial drops what is under way, which would cut the traces of spike pairs",
-            kind="trials",
+            synapse.name,
+            "trials",
         )
     _check_weight(part)
     if isinstance(synapse, Modulated):
@@ -198,19 +209,22 @@ def _check_weight(part: Projection) -> None:
             part,
             f"weight = {weight:g}: expected {part.synapse.expected_weight()}",
             f"change the weight or {part.synapse.name}.Wmax" if "Wmax" in part.synapse.parameters() else "",
+            "weight",
+            about=(part.synapse.name, "Wmax"),
         )
 
 
 def _check_dopamine(net: Network, part: Projection, synapse: Modulated, shapes: Mapping[str, Shape]) -> None:
     if synapse.signal is not None:
         if synapse.signal not in net.signals:
-            error = unknown("signal", synapse.signal, net.signals)
+            error = unknown("signal", synapse.signal, net.signals, path=(synapse.name, "signal"))
             raise error.at(part.origin, f"projection '{part.name}': {synapse.name}.signal")
         to = net.signals[synapse.signal].to
         if to != part.target:
             refuse(
                 part,
                 f"{synapse.name}.signal '{synapse.signal}' goes to '{to}': expected one to '{part.target}', the target",
+                word=f"{synapse.name}.signal",
             )
     if synapse.dopamine is None:
         if synapse.signal is None and _stays(synapse):
@@ -218,20 +232,21 @@ def _check_dopamine(net: Network, part: Projection, synapse: Modulated, shapes: 
             sources = "'signal' and 'dopamine'" if fades else "'signal'"
             told = f"{synapse.name} without {sources}: n stays 0, at which its weights never change"
             way_out = f"name a signal to '{part.target}'" + ", or the population that releases dopamine" * fades
-            refuse(part, f"{told}: expected a source of n", f"{way_out}; static has weights that stay")
+            refuse(part, f"{told}: expected a source of n", f"{way_out}; static has weights that stay", synapse.name)
         return
     if synapse.dopamine not in net.populations:
-        error = unknown("population", synapse.dopamine, net.populations)
+        error = unknown("population", synapse.dopamine, net.populations, path=(synapse.name, "dopamine"))
         raise error.at(part.origin, f"projection '{part.name}': {synapse.name}.dopamine")
     if isinstance(model := net.populations[synapse.dopamine].model, CurrentGenerator):
         told = f"{synapse.name}.dopamine '{synapse.dopamine}' is {a(model.name)}"
-        refuse(part, f"{told}: expected a population that spikes")
+        refuse(part, f"{told}: expected a population that spikes", word=f"{synapse.name}.dopamine")
     n, m = size(shapes[synapse.dopamine]), size(shapes[part.target])
     if synapse.dopamine_rule == "one_to_one" and n != m:
         refuse(
             part,
             f"{synapse.name}.dopamine_rule one_to_one from '{synapse.dopamine}' of {n} neurons "
             f"to '{part.target}' of {m}: expected as many",
+            word=f"{synapse.name}.dopamine_rule",
         )
 
 
@@ -265,16 +280,16 @@ def _check_groups(net: Network, shapes: Mapping[str, Shape]) -> None:
     for part in net.groups.values():
         of, kind = part.choice.of, part.choice.name
         if of not in net.populations:
-            error = unknown("population", of, net.populations)
+            error = unknown("population", of, net.populations, path=(kind, "of"))
             raise error.at(part.origin, f"group '{part.name}': {kind}.of")
         model = net.populations[of].model
         if "V_m" not in recordable(net.populations[of]) or "V_th" not in model.quantities():
-            refuse(part, f"{kind} of '{of}', {a(model.name)}: expected neurons with V_m and V_th")
+            refuse(part, f"{kind} of '{of}', {a(model.name)}: expected neurons with V_m and V_th", word=kind)
         if isinstance(model, Neuron) and model.resets_in_step:
             told = f"{kind} of '{of}', {a(model.name)}, which resets itself before a group can choose"
-            refuse(part, f"{told}: expected neurons that a group resets")
+            refuse(part, f"{told}: expected neurons that a group resets", word=kind)
         if problem := part.choice.misfit(shapes[of]):
-            refuse(part, problem)
+            refuse(part, problem, word=kind)
         if of in members:
             refuse(part, f"'{of}' is already in group '{members[of]}': expected one group for each population")
         members[of] = part.name

@@ -9,7 +9,7 @@ from neuro.compiler.check import recordable
 from neuro.compiler.shapes import Shape
 from neuro.core.clock import Clock
 from neuro.core.english import a
-from neuro.core.errors import ModelError, nearest, unknown
+from neuro.core.errors import ModelError, nearest, unknown, words_of
 from neuro.model.network import Network
 from neuro.model.neurons import spike_generator
 from neuro.model.parts import Group, Trials, dropout as Dropout, labels as Labels, reward as Reward, winner_take_all
@@ -33,12 +33,15 @@ def resolve_trials(net: Network, shapes: Mapping[str, Shape], clock: Clock) -> r
     maps_per_label = 0 if labels is None else labels.maps_per_label
     if maps_per_label and shape[0] % maps_per_label:
         _refuse(
-            net, f"labels.maps_per_label = {maps_per_label}: expected a divisor of {shape[0]}, the maps of '{output}'"
+            net,
+            "labels.maps_per_label",
+            f"labels.maps_per_label = {maps_per_label}: expected a divisor of {shape[0]}, the maps of '{output}'",
         )
     reward: Reward = section.reward or Reward()
     if reward.silent != 0.0:
         _refuse(
             net,
+            "reward.silent",
             f"reward.silent = {reward.silent:g}: expected 0, as no neuron decided that could be rewarded",
             "r_stdp.epsilon and r_stdp.rescue say what silence teaches",
         )
@@ -62,13 +65,14 @@ def resolve_trials(net: Network, shapes: Mapping[str, Shape], clock: Clock) -> r
     )
 
 
-def _refuse(net: Network, message: str, hint: str = "", missing: str = "") -> NoReturn:
-    raise ModelError(f"trials: {message}", where=net.trials_origin, hint=hint, missing=missing)
+def _refuse(net: Network, word: str, message: str, hint: str = "", missing: str = "") -> NoReturn:
+    told = f"trials: {message}"
+    raise ModelError(told, where=net.trials_origin, hint=hint, path=words_of(word), missing=missing)
 
 
 def _known(net: Network, name: str, word: str) -> str:
     if name not in net.populations:
-        raise unknown("population", name, net.populations).at(net.trials_origin, f"trials: {word}")
+        raise unknown("population", name, net.populations, path=words_of(word)).at(net.trials_origin, f"trials: {word}")
     return name
 
 
@@ -76,9 +80,9 @@ def _input(net: Network, section: Trials) -> str:
     name = _known(net, section.input, "input")
     model = net.populations[name].model
     if not isinstance(model, spike_generator):
-        _refuse(net, f"input '{name}' is {a(model.name)}: expected a spike_generator")
+        _refuse(net, "input", f"input '{name}' is {a(model.name)}: expected a spike_generator")
     if any(len(times) for times in model.spike_times):
-        _refuse(net, f"input '{name}' has spike_times: expected none, as trials bring their own")
+        _refuse(net, "input", f"input '{name}' has spike_times: expected none, as trials bring their own")
     return name
 
 
@@ -88,12 +92,14 @@ def _output(net: Network, section: Trials) -> str:
     for word, name in said.items():
         _known(net, name, f"{word}.of")
     if len(set(said.values())) > 1:
-        _refuse(net, f"labels of '{said['labels']}' but dropout of '{said['dropout']}': expected one population")
+        _refuse(
+            net, "labels", f"labels of '{said['labels']}' but dropout of '{said['dropout']}': expected one population"
+        )
     if said:
         return str(next(iter(said.values())))
     members = [group.choice.of for group in net.groups.values() if group.choice.decides]
     if len(members) != 1:
-        _refuse(net, f"{len(members)} groups and no labels: expected labels that name the output")
+        _refuse(net, "", f"{len(members)} groups and no labels: expected labels that name the output")
     return members[0]
 
 
@@ -101,9 +107,9 @@ def _group(net: Network, output: str) -> int:
     for index, group in enumerate(net.groups.values()):
         if group.choice.of == output and group.choice.decides:
             if isinstance(group.choice, winner_take_all) and not group.choice.first_to_fire:
-                _refuse(net, f"group '{group.name}' decides at each step: expected first_to_fire: true")
+                _refuse(net, "", f"group '{group.name}' decides at each step: expected first_to_fire: true")
             return index
-    _refuse(net, f"no group decides in '{output}'", f"add a group winner_take_all of '{output}'")
+    _refuse(net, "", f"no group decides in '{output}'", f"add a group winner_take_all of '{output}'")
 
 
 def _duration(net: Network, section: Trials, clock: Clock) -> int:
@@ -112,7 +118,11 @@ def _duration(net: Network, section: Trials, clock: Clock) -> int:
     except ModelError as error:
         raise error.at(net.trials_origin, "trials") from None
     if ticks < 1:
-        _refuse(net, f"duration = {section.duration:g} ms: expected at least the resolution, {clock.resolution:g} ms")
+        _refuse(
+            net,
+            "duration",
+            f"duration = {section.duration:g} ms: expected at least the resolution, {clock.resolution:g} ms",
+        )
     return ticks
 
 
@@ -120,7 +130,7 @@ def _check_reset(net: Network, output: str, section: Trials) -> None:
     known = recordable(net.populations[output])
     for state in section.reset:
         if state not in known:
-            _refuse(net, f"reset: '{output}' has no state '{state}'", nearest(state, known))
+            _refuse(net, "reset", f"reset: '{output}' has no state '{state}'", nearest(state, known))
 
 
 def _check_learners(net: Network, output: str, labels: Labels | None, group: Group) -> None:
@@ -129,11 +139,18 @@ def _check_learners(net: Network, output: str, labels: Labels | None, group: Gro
             continue
         what = f"projection '{part.name}': {part.synapse.name}"
         if part.target != output:
-            raise ModelError(f"{what} onto '{part.target}': expected '{output}', which decides", where=part.origin)
+            raise ModelError(
+                f"{what} onto '{part.target}': expected '{output}', which decides",
+                where=part.origin,
+                path=words_of(part.synapse.name),
+            )
         if part.synapse.peaks and group.choice.several:
             told = f"{what} teaches by the largest V_m up to the one decision, and group '{group.name}' has several"
-            raise ModelError(f"{told}: expected winner_take_all", where=part.origin)
+            raise ModelError(f"{told}: expected winner_take_all", where=part.origin, path=words_of(part.synapse.name))
         if labels is None and part.synapse.supervised:
             _refuse(
-                net, f"{part.synapse.name} of '{part.name}' needs 'labels', as rewards depend on them", missing="labels"
+                net,
+                "",
+                f"{part.synapse.name} of '{part.name}' needs 'labels', as rewards depend on them",
+                missing="labels",
             )

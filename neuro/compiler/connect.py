@@ -114,6 +114,7 @@ def connect(
                 raise ModelError(
                     f"one_to_one from {n_pre} to {n_post} neurons: expected populations of equal size",
                     hint="all_to_all connects populations of any size",
+                    path=(rule.name,),
                 )
             return Connections("one_to_one", n_pre, listed=((n_pre,),))
         case all_to_all():
@@ -134,6 +135,7 @@ def connect(
                 raise ModelError(
                     f"{rule.name} between different neurons: expected one population, or view, connected with itself",
                     hint="pairwise_bernoulli connects one population with another",
+                    path=(rule.name,),
                 )
             return _both_ways(*bernoulli_pairs(rule.p, n_pre, draws), n_pre)
         case distance_dependent():
@@ -161,14 +163,16 @@ def _own_pairs(rule: Rule, source: Shape, target: Shape, same: bool, rng: np.ran
     RULES.check(type(rule))
     said = rule.connect(source, target, same, rng)
     if not isinstance(said, tuple) or len(said) != 2:
-        raise ModelError(f"{rule.name}.connect gives {said!r:.60}: expected (sources, targets)")
+        raise ModelError(f"{rule.name}.connect gives {said!r:.60}: expected (sources, targets)", path=(rule.name,))
     pre, post = (np.asarray(ids) for ids in said)
     for word, ids in (("sources", pre), ("targets", post)):
         if ids.ndim != 1 or (ids.size and (ids.dtype.kind not in "iu" or ids.min() < 0)):
             found = f"{ids.dtype} of shape {list(ids.shape)}"
-            raise ModelError(f"{rule.name}.connect: {word}: found {found}: expected a row of whole numbers >= 0")
+            told = f"{rule.name}.connect: {word}: found {found}: expected a row of whole numbers >= 0"
+            raise ModelError(told, path=(rule.name,))
     if pre.size != post.size:
-        raise ModelError(f"{rule.name}.connect: {pre.size} sources and {post.size} targets: expected as many of each")
+        told = f"{rule.name}.connect: {pre.size} sources and {post.size} targets: expected as many of each"
+        raise ModelError(told, path=(rule.name,))
     return pre.astype(np.int64), post.astype(np.int64)
 
 
@@ -205,6 +209,8 @@ def _draw(
         raise ModelError(
             f"n = {n} {what} of each neuron: expected at most {fewest}, as many as there are",
             hint="multapses: true allows a pair to be drawn twice" if fewest > 0 else "",
+            path=("n",),
+            about=("multapses",),
         )
     if repeats:
         most = fewest if fewest == choices.max() else choices[:, None]
@@ -272,7 +278,8 @@ def _listed(pre: Ints, post: Ints, n_pre: int, n_post: int, name: str) -> Connec
     for word, ids, n in (("pre", pre, n_pre), ("post", post, n_post)):
         if len(ids) and ids.max() >= n:
             bad = int(np.flatnonzero(ids >= n)[0])
-            raise ModelError(f"{name}.{word}[{bad}] = {ids[bad]}: expected a neuron below {n}, the population's size")
+            told = f"{name}.{word}[{bad}] = {ids[bad]}: expected a neuron below {n}, the population's size"
+            raise ModelError(told, path=(name, word))
     place = pre * n_post + post
     order = None if np.all(place[1:] >= place[:-1]) else np.argsort(place, kind="stable")
     targets = (post if order is None else post[order]).astype(np.int32)

@@ -12,7 +12,7 @@ import numpy as np
 
 from neuro.compiler.connect import Connections
 from neuro.core.clock import Clock
-from neuro.core.errors import ModelError
+from neuro.core.errors import ModelError, words_of
 from neuro.model.distributions import Distribution, lognormal, normal, uniform
 from neuro.model.space import of_distance
 from neuro.program.program import Floats
@@ -31,18 +31,20 @@ def check_distribution(value: Distribution | of_distance, clock: Clock, what: st
         case uniform():
             if value.low < 0.0:
                 hint = f"low: {clock.resolution:g} is one step"
-                raise ModelError(f"{what}: uniform.low = {value.low:g} ms: expected at least 0 ms", hint=hint)
+                raise ModelError(
+                    f"{what}: uniform.low = {value.low:g} ms: expected at least 0 ms", hint=hint, path=words_of(what)
+                )
             if _none(value.high, clock):
                 hint = "a finer resolution has shorter steps"
-                raise ModelError(f"{what}: uniform.high = {value.high:g} ms: {_expected(clock)}", hint=hint)
+                told = f"{what}: uniform.high = {value.high:g} ms: {_expected(clock)}"
+                raise ModelError(told, hint=hint, path=words_of(what))
         case normal() | lognormal():
             centre = value.mean if isinstance(value, normal) else math.exp(min(value.mean, 700.0))
             middle = min(max(centre, value.low), value.high)
             if _none(middle, clock):
                 hint = f"only its tail is cut; raise {value.name}.mean, or set {value.name}.low"
-                raise ModelError(
-                    f"{what}: the middle of the {value.name} is {middle:.3g} ms: {_expected(clock)}", hint=hint
-                )
+                told = f"{what}: the middle of the {value.name} is {middle:.3g} ms: {_expected(clock)}"
+                raise ModelError(told, hint=hint, path=words_of(what))
 
 
 def check_values(
@@ -68,13 +70,12 @@ def check_values(
         first = int((delays < -_SLACK * clock.resolution).argmax())
         pre, post = found.ends(first)
         hint = "the function of distance is below 0 there: raise c" if function else "'sample' must give at least 0"
-        raise ModelError(
-            f"{what} of synapse {pre} -> {post} = {delays[first]:.4g} ms: expected at least 0 ms", hint=hint
-        )
+        told = f"{what} of synapse {pre} -> {post} = {delays[first]:.4g} ms: expected at least 0 ms"
+        raise ModelError(told, hint=hint, path=words_of(what))
     if _none(float(delays.max()), clock):
         hint = "the function of distance is too small: raise c" if function else ""
         told = f"{what}: the largest of {delays.size} is {delays.max():.3g} ms"
-        raise ModelError(f"{told}: {_expected(clock)}", hint=hint)
+        raise ModelError(f"{told}: {_expected(clock)}", hint=hint, path=words_of(what))
 
 
 def _none(delay: float, clock: Clock) -> bool:

@@ -7,7 +7,7 @@ from collections.abc import Mapping
 import numpy as np
 
 from neuro.core.clock import Clock
-from neuro.core.errors import ModelError
+from neuro.core.errors import ModelError, words_of
 from neuro.core.keyed_random import LARGEST_MEAN
 from neuro.model.neurons import (
     Generator,
@@ -48,7 +48,8 @@ def _check_rate(model: Model, what: str, rate: float, clock: Clock) -> None:
     limit = LARGEST_MEAN * 1000.0 / clock.resolution
     if rate > limit:
         raise ModelError(
-            f"{model.name}.{what} = {rate:g} Hz: expected at most {limit:g} Hz, {LARGEST_MEAN:g} spikes a step"
+            f"{model.name}.{what} = {rate:g} Hz: expected at most {limit:g} Hz, {LARGEST_MEAN:g} spikes a step",
+            path=(model.name, *words_of(what)),
         )
 
 
@@ -61,6 +62,8 @@ def _check_gamma(model: gamma_sup_generator, rate: float, clock: Clock) -> None:
             f"{model.name}.rate = {rate:g} Hz: expected at most {limit:g} Hz with gamma_shape = {model.gamma_shape} "
             f"and n_proc = {model.n_proc} at a resolution of {clock.resolution:g} ms",
             hint=FINER,
+            path=(model.name, "rate"),
+            about=("gamma_shape", "n_proc"),
         )
 
 
@@ -68,6 +71,7 @@ def _check_noise(model: noise_generator, parameters: Mapping[str, Floats], clock
     if clock.step(model.dt, f"{model.name}.dt") < 1:
         raise ModelError(
             f"{model.name}.dt = {model.dt:g} ms: expected at least the resolution, {clock.resolution:g} ms",
+            path=(model.name, "dt"),
             kind="resolution",
         )
     if {"std", "std_mod"} <= set(parameters):
@@ -78,6 +82,8 @@ def _check_noise(model: noise_generator, parameters: Mapping[str, Floats], clock
             raise ModelError(
                 f"{model.name}.std_mod{where} = {std_mod[bad[0]]:g} pA: expected at most std = {std[bad[0]]:g} pA",
                 hint="the variance would be negative at times",
+                path=(model.name, "std_mod"),
+                about=("std",),
             )
 
 
@@ -97,7 +103,8 @@ def schedule_of(model: Model, size: int, clock: Clock) -> Schedule | None:
     times, values = (getattr(model, word) for word in model.schedule)
     told = f"{model.name}.{model.schedule[1]}"
     if values.ndim == 2 and len(values) != size:
-        raise ModelError(f"{told} has {len(values)} rows: expected {size}, one for each neuron, or one list for all")
+        told += f" has {len(values)} rows: expected {size}, one for each neuron, or one list for all"
+        raise ModelError(told, path=(model.name, model.schedule[1]))
     if model.role == "poisson" and values.size:
         _check_rate(model, model.schedule[1], float(values.max()), clock)
     steps = clock.steps(times, f"{model.name}.{model.schedule[0]}")

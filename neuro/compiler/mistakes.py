@@ -7,7 +7,6 @@ is not told twice alike, and is not told. Of what is left out some is known to d
 
 from __future__ import annotations
 
-import re
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -277,9 +276,7 @@ class _Search:
     def hangs(self, path: Words, error: ModelError) -> bool:
         """Whether what the compiler tells of a part hangs on what was mended elsewhere in it, or on who decides."""
         beside = self.beside(path)
-        if {words[-1] for words in beside if words not in _ENDS} & set(
-            re.findall(r"\w+", f"{error.message} {error.hint}")
-        ):
+        if {words[-1] for words in beside if words not in _ENDS} & {*error.path, *error.about, error.found}:
             return True
         if path[0] == "trials":
             return bool(self.mended) if len(path) == 1 else path[1] in _OF_DECISIONS and self.undecided()

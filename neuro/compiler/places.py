@@ -12,7 +12,6 @@ from neuro.model.language.reader import Node
 Words: TypeAlias = tuple[str, ...]
 
 _WORD = re.compile(r"[\w.-]+")
-_SUBJECT = re.compile(r"(?:an? )?(\w+)((?:\.\w+)*)")
 _DEFAULTED = ("weight", "delay", "record")
 """Words of parts that a mistake may be about where they are not said."""
 
@@ -63,29 +62,25 @@ class Places:
 
 
 def subject(root: Node, part: Words, error: ModelError) -> Words:
-    """The word of a part that the message of the compiler is about: it begins with its name; else the whole part.
+    """The words that an error of the compiler for a part is about, as far as they are said; else the whole part.
 
     Args:
         root: what the words lead into.
         part: the words that lead to the part.
-        error: what is told of it.
+        error: its path begins with a word of the part, or with a choice somewhere in it, as a model.
     """
-    if error.path and (has(root, (*part, *error.path)) or error.path[0] in _DEFAULTED):
-        return (*part, *error.path)
-    message = error.message
-    told = message.split(": ", 1)[-1] if message.startswith((f"{part[0][:-1]} '", "trials: ")) else message
-    found = _SUBJECT.match(told)
-    if found is None:
+    if not error.path:
         return part
-    head = next((path for name, path in _named(at(root, part), part) if name == found[1]), None)
+    first, *rest = error.path
+    head = next((path for name, path in _named(at(root, part), part) if name == first), None)
     if head is None:
-        return (*part, found[1]) if found[1] in _DEFAULTED else part
-    for word in found[2].split(".")[1:]:
+        return (*part, first) if first in _DEFAULTED else part
+    for word in rest:
         inner = at(root, head).value
         if not isinstance(inner, dict):
             break
-        said = [word, *_WORD.findall(told)]  # what is not said has its default, and another word of the message is said
-        head = next(((*head, name) for name in said if name in inner), head)
+        # What is not said has its default, and another word that it depends on is said.
+        head = next(((*head, name) for name in (word, *error.about) if name in inner), head)
     return head
 
 

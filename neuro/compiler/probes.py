@@ -31,7 +31,9 @@ def check_probes(net: Network, shapes: Mapping[str, Shape], clock: Clock) -> Non
     names: dict[str, str] = {}
     for part in net.probes.values():
         if part.every is not None and part.at is not None:
-            refuse(part, f"every = {part.every:g} ms and at = {part.at}: expected one of both")
+            refuse(
+                part, f"every = {part.every:g} ms and at = {part.at}: expected one of both", word="every", about=("at",)
+            )
         for name in {part.name, *part.traces().values()}:
             if (other := names.setdefault(name, part.name)) != part.name:
                 refuse(part, f"probe '{other}' has a trace of the name '{name}', too: expected another name")
@@ -40,9 +42,9 @@ def check_probes(net: Network, shapes: Mapping[str, Shape], clock: Clock) -> Non
                 every = clock.step(part.every, "every")
             if every < 1:
                 told = f"every = {part.every:g} ms: expected at least the resolution, {clock.resolution:g} ms"
-                refuse(part, told, kind="resolution")
+                refuse(part, told, word="every", kind="resolution")
         if part.of in net.populations:
-            with telling(part):
+            with telling(part, "of", part.of):
                 end_of(part.view, shapes[part.of])
             _check_neurons(part, net.populations[part.of])
 
@@ -70,12 +72,19 @@ def _check_alone(part: Probe, what: str, population: Population) -> None:
     if isinstance(population.model, CurrentGenerator):
         refuse(part, f"{what} of '{part.of}', {a(population.model.name)}: it emits a current", word="record")
     if what == "spikes" and part.every is not None:
-        refuse(part, "every is for states: spikes are all recorded", "leave 'every' out")
+        refuse(part, "every is for states: spikes are all recorded", "leave 'every' out", "every")
     if what == "rate" and part.every is None:
-        refuse(part, "a rate needs every, the length of its bins", "every: 10.0 is a common one")
+        refuse(
+            part,
+            "a rate needs every, the length of its bins",
+            "every: 10.0 is a common one",
+            "record",
+            about=("every",),
+        )
     if part.mean:
         told = "a rate is a mean over the neurons" if what == "rate" else "mean is for states"
-        refuse(part, told, "leave 'mean' out" if what == "rate" else "record: rate gives that of spikes")
+        way_out = "leave 'mean' out" if what == "rate" else "record: rate gives that of spikes"
+        refuse(part, told, way_out, "mean", about=("record",))
 
 
 def resolve_probes(net: Network, shapes: Mapping[str, Shape], clock: Clock) -> tuple[resolved.Probe, ...]:
@@ -124,17 +133,17 @@ def _check_synapses(net: Network, part: Probe, projection: Projection) -> None:
     if part.at is None:
         return
     if part.mean:
-        refuse(part, "mean is for records every so many ms, not at pre spikes", "leave 'mean' out")
+        refuse(part, "mean is for records every so many ms, not at pre spikes", "leave 'mean' out", "mean")
     if projection.carries == "current":
-        refuse(part, f"at = {part.at}: '{part.of}' carries a current, and no spikes")
+        refuse(part, f"at = {part.at}: '{part.of}' carries a current, and no spikes", word="at")
     if projection.grid is not None:
-        refuse(part, f"at = {part.at}: the synapses of a grid share their weights", "every: 10.0 records these")
+        refuse(part, f"at = {part.at}: the synapses of a grid share their weights", "every: 10.0 records these", "at")
     if projection.synapse.learns == "chip" or net.trials_section is not None:
         what = projection.synapse.name if net.trials_section is None else "a network with trials"
-        refuse(part, f"at = {part.at}: not of {what}", "every: 10.0 records its synapses")
+        refuse(part, f"at = {part.at}: not of {what}", "every: 10.0 records its synapses", "at")
     for state in part.traces():
         if state in ("K_plus", "n"):
-            refuse(part, f"at = {part.at}: '{state}' is of a neuron, not of a synapse", "every: 1.0 records it")
+            refuse(part, f"at = {part.at}: '{state}' is of a neuron, not of a synapse", "every: 1.0 records it", "at")
 
 
 def _chosen(part: Probe, net: Network, projection: Projection, shapes: Mapping[str, Shape]) -> Ints | None:
@@ -148,7 +157,7 @@ def _chosen(part: Probe, net: Network, projection: Projection, shapes: Mapping[s
         told = f"synapses: found {chosen.max()}: expected at most {projection.size - 1}, as '{part.of}' has them"
         refuse(part, told, word="synapses", kind="count of synapses")
     if np.unique(chosen).size < chosen.size or not chosen.size:
-        refuse(part, "synapses: expected at least one, and each once")
+        refuse(part, "synapses: expected at least one, and each once", word="synapses")
     return chosen
 
 
@@ -157,14 +166,18 @@ def _between(part: Probe, net: Network, projection: Projection, shapes: Mapping[
         refuse(part, "found both 'synapses' and the neurons at their ends: expected one of both")
     if projection.grid is not None:
         refuse(
-            part, "pre and post: the synapses of a grid share their weights", "synapses: [0, 1] records some of these"
+            part,
+            "pre and post: the synapses of a grid share their weights",
+            "synapses: [0, 1] records some of these",
+            "pre",
         )
     said = net.projections[part.of]
     pre, post = (size(shapes[name]) for name in (said.source, said.target))
     kept = np.ones(projection.size, dtype=np.bool_)
-    for view, ids in zip((part.pre, part.post), connections_of(projection, pre, post), strict=True):
+    views = {"pre": part.pre, "post": part.post}
+    for (word, view), ids in zip(views.items(), connections_of(projection, pre, post), strict=True):
         if view is not None:
-            with telling(part):
+            with telling(part, word, view.population.name):
                 kept &= np.isin(ids, view.within(shapes[view.population.name])[0])
     if not kept.any():
         asked = " ".join(f"{word} {view}" for word, view in (("from", part.pre), ("to", part.post)) if view is not None)

@@ -38,6 +38,7 @@ def receptor_of(synapse: Synapse, target: Population) -> Receptor | None:
         raise ModelError(
             f"static.receptor = '{named}': '{target.name}', {a(model.name)}, sums all input: expected no receptor",
             hint="leave it out",
+            path=("static", "receptor"),
         )
     if named not in names:
         raise unknown(f"receptor of '{target.name}', {a(model.name)},", named, names, path=("synapse", "receptor"))
@@ -58,7 +59,11 @@ def receptor_of_current(synapse: Synapse, target: Population, source: str) -> Re
         return None
     told = f"static.receptor = '{named}' of a current from '{source}'"
     if not model.filters:
-        raise ModelError(f"{told}, which goes to no receptor of {a(model.name)}: expected none", hint="leave it out")
+        raise ModelError(
+            f"{told}, which goes to no receptor of {a(model.name)}: expected none",
+            hint="leave it out",
+            path=("static", "receptor"),
+        )
     if named not in model.filters:
         raise unknown(
             f"receptor of '{target.name}', {a(model.name)},", named, list(model.filters), path=("synapse", "receptor")
@@ -80,4 +85,6 @@ def check_conductance(receptor: Receptor | None, weight: Floats) -> None:
             f"weight[{bad[0]}] = {weight[bad[0]]:g} onto receptor '{receptor.name}', a conductance, which grows by it: "
             "expected at least 0",
             hint="leave out the sign, or the receptor",
+            path=("weight",),
+            about=("receptor",),
         )

@@ -206,7 +206,7 @@ def _initial(part: Population, shape: Shape, parameters: Mapping[str, Floats], s
         key = (seed, "initial", f"{part.name}.{name}")
         with telling(part):
             if any(state.follows for state in part.model.states if state.name == name):
-                raise ModelError(f"initial.{name} follows from the other states: set those")
+                raise ModelError(f"initial.{name} follows from the other states: set those", path=("initial", name))
             start[name] = per_neuron(value, shape, f"initial.{name}", key)
     with telling(part):
         for state in part.model.states:
@@ -236,6 +236,8 @@ def _recorded(model: spike_train, neurons: int, clock: Clock) -> tuple[Ints, Int
         raise ModelError(
             f"spike_train.spikes[{bad[0]}] is of neuron {ids[bad[0]]:g}: expected a neuron from 0 to {neurons - 1}",
             hint=f"shape: {int(ids.max()) + 1} has room for all",
+            path=("spike_train", "spikes"),
+            about=("shape",),
         )
     steps, order = clock.steps(times, "spike_train.spikes"), np.lexsort((ids, times))
     return steps[order], ids[order].astype(np.int64)
@@ -253,7 +255,7 @@ def _projection(
 ) -> resolved.Projection:
     sizes = grid_of(part, shapes) if isinstance(part.rule, grid) else None
     if sizes is not None and not isinstance(part.delay, float):
-        refuse(part, "delay: a shared kernel has one delay: expected a number")
+        refuse(part, "delay: a shared kernel has one delay: expected a number", word="delay")
     source = end_of(part.source_view, shapes[part.source])
     target = end_of(part.target_view, shapes[part.target])
     own = own_places(source, target) if part.source == part.target else None
@@ -367,6 +369,8 @@ def check_stdp_weights(part: Projection, rule: Synapse, weight: Floats) -> None:
             f"expected {rule.expected_weight(bad)}",
             where=part.origin,
             hint="give the distribution 'low' and 'high'" + raised,
+            path=("weight",),
+            about=("Wmax", "low", "high"),
         )
 
 
@@ -386,4 +390,6 @@ def _check_delays(part: Projection, delay: Steps, clock: Clock) -> None:
                 f"delay[{bad[0]}] = {late[bad[0]]:g} ms: expected {rule.d_min:g} to {rule.d_max:g} ms, "
                 f"the bounds of {rule.name}",
                 hint=f"set {rule.name}.d_min and d_max",
+                path=("delay",),
+                about=("d_min", "d_max"),
             )

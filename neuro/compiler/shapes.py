@@ -52,6 +52,7 @@ def grid_of(part: Projection, shapes: Mapping[str, Shape]) -> Grid:
             f"expected [maps, {rows}, {columns}]",
             where=part.origin,
             hint=f"give '{part.target}' the shape [maps, auto, auto], and all grids onto it one size",
+            path=("grid",),
         )
     if rule.depthwise and target[0] % channels:
         raise ModelError(
@@ -92,16 +93,21 @@ def _shape(net: Network, name: str, known: dict[str, Shape], under_way: tuple[st
         return known[name]
     what = f"population '{name}': shape {list(part.shape)}"
     if name in under_way:
-        raise ModelError(f"{what}: its grids form a circle: expected numbers in one shape of it", where=part.origin)
+        raise ModelError(
+            f"{what}: its grids form a circle: expected numbers in one shape of it", where=part.origin, path=("shape",)
+        )
     deciding = [p for p in net.projections.values() if p.target == name and isinstance(p.rule, grid)]
     if not deciding:
         raise ModelError(
             f"{what}: 'auto' needs a grid projection onto it, found none",
             where=part.origin,
             hint="write the numbers",
+            path=("shape",),
         )
     if len(part.shape) != 3 or part.shape[0] == AUTO:
-        raise ModelError(f"{what}: expected [maps, auto, auto] with a number of maps", where=part.origin)
+        raise ModelError(
+            f"{what}: expected [maps, auto, auto] with a number of maps", where=part.origin, path=("shape",)
+        )
     source = _shape(net, deciding[0].source, known, (*under_way, name))
     _, height, width = _sheet(deciding[0], source)
     sizes = _outcome(deciding[0], height, width)
@@ -118,6 +124,7 @@ def _sheet(part: Projection, source: Shape) -> Shape:
             f"projection '{part.name}': grid from '{part.source}' of shape {list(source)}: "
             "expected [height, width] or [channels, height, width]",
             where=part.origin,
+            path=("grid",),
         )
     return source
 
@@ -134,5 +141,7 @@ def _outcome(part: Projection, height: int, width: int) -> tuple[int, int]:
             f"the size of '{part.source}' with its padding",
             where=part.origin,
             hint="a smaller kernel or more padding",
+            path=("grid", "kernel"),
+            about=("padding",),
         )
     return (high - rule.kernel[0]) // rule.stride + 1, (wide - rule.kernel[1]) // rule.stride + 1

@@ -195,7 +195,7 @@ def distant_pairs(
     """
     mask, profile = rule.mask, rule.p
     if mask is not None and (problem := mask.misfit(apart.source.places.shape[1])):
-        raise ModelError(f"distance_dependent.mask: {problem}")
+        raise ModelError(f"distance_dependent.mask: {problem}", path=("distance_dependent", "mask"))
     reach = min(
         mask.reach if mask is not None else math.inf, profile.reach if isinstance(profile, Profile) else math.inf
     )
@@ -216,6 +216,8 @@ def _probability(profile: Profile, distance: Floats) -> Floats:
         raise ModelError(
             f"distance_dependent.p is {p[bad[0]]:g} at the distance {distance[bad[0]]:g}: expected 0 to 1",
             hint="a mask keeps it to distances where it is a probability",
+            path=("distance_dependent", "p"),
+            about=("mask",),
         )
     return p
 

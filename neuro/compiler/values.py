@@ -12,7 +12,7 @@ from neuro.compiler.connect import Apart, Connections
 from neuro.compiler.drawn import BLOCK, blocks
 from neuro.compiler.early import check_distribution, check_values
 from neuro.core.clock import Clock
-from neuro.core.errors import ModelError
+from neuro.core.errors import ModelError, words_of
 from neuro.core.keyed_random import generator
 from neuro.core.values import plain
 from neuro.model.distributions import Distribution
@@ -45,6 +45,7 @@ def per_neuron(value: Any, shape: tuple[int, ...], what: str, key: tuple[int, st
         raise ModelError(
             f"{what}: an array of shape {list(array.shape)}: expected {_one_of({shape, (size,)})}",
             hint="one value for each neuron, or one number for all",
+            path=words_of(what),
         )
     return array.reshape(-1) + 0.0
 
@@ -75,9 +76,11 @@ def per_synapse(
             f"{what}: an array of shape {list(array.shape)} for synapses that are drawn at random: "
             "expected a number or a distribution",
             hint="neuro.pairs lists synapses that can have a value each",
+            path=words_of(what),
         )
     if array.shape not in found.listed:
-        raise ModelError(f"{what}: an array of shape {list(array.shape)}: expected {_one_of(set(found.listed))}")
+        told = f"{what}: an array of shape {list(array.shape)}: expected {_one_of(set(found.listed))}"
+        raise ModelError(told, path=words_of(what))
     flat = array.reshape(-1)
     return (flat if found.order is None else flat[found.order]) + 0.0
 
@@ -111,7 +114,8 @@ def _pieces(
 def _by_distance(profile: Profile, found: Connections, what: str, apart: Apart) -> Floats:
     """The value of each synapse."""
     if found.layout == "grid":
-        raise ModelError(f"{what} of distance: a shared kernel has none: expected numbers or a distribution")
+        told = f"{what} of distance: a shared kernel has none: expected numbers or a distribution"
+        raise ModelError(told, path=words_of(what))
     space, values = apart(), np.empty(found.size)
     last = 0
     for pre, post in found.pairs(len(space.target.places)):
@@ -163,6 +167,7 @@ def delay_steps(
     if early.size:
         raise ModelError(
             f"{what}[{early[0]}] = 0 ms: expected at least the resolution, {clock.resolution:g} ms",
+            path=words_of(what),
             kind="resolution",
         )
     return steps.astype(np.int32)
@@ -171,7 +176,9 @@ def delay_steps(
 def too_late(what: str, step: int, clock: Clock) -> ModelError:
     """The error for a delay that would need too much memory for what is under way."""
     longest = clock.ms(LONGEST_DELAY)
-    return ModelError(f"{what} = {clock.ms(step):g} ms: expected at most {longest:g} ms, 2^16 steps")
+    return ModelError(
+        f"{what} = {clock.ms(step):g} ms: expected at most {longest:g} ms, 2^16 steps", path=words_of(what)
+    )
 
 
 def one_delay(value: Any, clock: Clock, what: str) -> NDArray[np.int64]:
@@ -181,6 +188,7 @@ def one_delay(value: Any, clock: Clock, what: str) -> NDArray[np.int64]:
         raise ModelError(
             f"{what} = {value:g} ms: expected at least the resolution, {clock.resolution:g} ms",
             hint=f"the smallest is {clock.ms(1):g} ms",
+            path=words_of(what),
             kind="resolution",
         )
     if step > LONGEST_DELAY:

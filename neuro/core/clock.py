@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from neuro.core.checks import is_number
-from neuro.core.errors import ModelError
+from neuro.core.errors import ModelError, words_of
 from neuro.core.measures import in_ms
 from neuro.core.values import shown
 
@@ -58,7 +58,7 @@ class Clock:
         if type(ms) is not float:
             ms = in_ms(ms, what)
         if not is_number(ms) or math.isnan(ms):
-            raise ModelError(f"{what} = {shown(ms)}: expected a time in ms")
+            raise ModelError(f"{what} = {shown(ms)}: expected a time in ms", path=words_of(what))
         if not math.isfinite(ms):
             return NEVER if ms > 0 else -1
         return math.floor(float(ms) / self.resolution + TOLERANCE)
@@ -86,7 +86,7 @@ class Clock:
         if type(ms) is not float:
             ms = in_ms(ms, what)
         if not is_number(ms) or math.isnan(ms):
-            raise ModelError(f"{what} = {shown(ms)}: expected a time in ms")
+            raise ModelError(f"{what} = {shown(ms)}: expected a time in ms", path=words_of(what))
         exact = float(ms) / self.resolution
         if math.isinf(float(ms)):
             return NEVER if exact > 0 else -NEVER
@@ -119,15 +119,18 @@ class Clock:
             raise self._too_long(float(times.ravel()[long[0]]), name)
 
     def _too_long(self, ms: float, what: str) -> ModelError:
-        return ModelError(f"{what} = {ms:g} ms: expected at most {self.ms(LARGEST):g} ms, 2^40 steps")
+        return ModelError(
+            f"{what} = {ms:g} ms: expected at most {self.ms(LARGEST):g} ms, 2^40 steps", path=words_of(what)
+        )
 
     def _off_grid(self, ms: float, what: str) -> ModelError:
         if not math.isfinite(ms):
-            return ModelError(f"{what} = {ms}: expected a finite time in ms")
+            return ModelError(f"{what} = {ms}: expected a finite time in ms", path=words_of(what))
         below = math.floor(ms / self.resolution)
         near = [f"{self.ms(step):.12g}" for step in (below, below + 1) if step > 0]
         return ModelError(
             f"{what} = {ms:.12g} ms: expected a multiple of the resolution, {self.resolution:g} ms",
             hint=f"the nearest {'is' if len(near) == 1 else 'are'} {' or '.join(near)} ms" if near else "",
+            path=words_of(what),
             kind="resolution",
         )

@@ -8,6 +8,7 @@ ValueError
 
 from __future__ import annotations
 
+import re
 import sys
 from collections.abc import Iterable
 from pathlib import Path
@@ -16,7 +17,7 @@ from typing import Any, NamedTuple
 
 from neuro.core.hints import alike, nearest
 
-__all__ = ["ModelError", "Where", "here", "nearest", "unknown"]
+__all__ = ["ModelError", "Where", "here", "nearest", "unknown", "words_of"]
 
 _BACKENDS = ("neuro_chip", "neuro_event", "neuro_nest", "neuro_reference", "neuro_torch")
 _PACKAGES = ("neuro", *_BACKENDS, "dataclasses", "contextlib")
@@ -48,6 +49,7 @@ class ModelError(ValueError):
         expected: the names that are known, in order.
         suggestion: the nearest of them; "" if none is near.
         missing: the word that has to be there and is not.
+        about: other words of the part that it depends on.
         others: mistakes that were found with it, as all those of units in the equations of one model.
 
     No program reads the text of a message: what it needs to know of a mistake is an attribute.
@@ -65,10 +67,12 @@ class ModelError(ValueError):
         expected: tuple[str, ...] = (),
         suggestion: str = "",
         missing: str = "",
+        about: tuple[str, ...] = (),
         others: tuple[ModelError, ...] = (),
     ) -> None:
         self.message, self.where, self.hint, self.path, self.others = message, where, hint, path, others
-        self.kind, self.found, self.expected, self.suggestion, self.missing = kind, found, expected, suggestion, missing
+        self.kind, self.found, self.expected, self.suggestion = kind, found, expected, suggestion
+        self.missing, self.about = missing, about
         super().__init__(str(self))
 
     def __str__(self) -> str:
@@ -106,6 +110,11 @@ def unknown(
         expected=names,
         suggestion=next(iter(alike(str(name), names)), ""),
     )
+
+
+def words_of(what: str) -> tuple[str, ...]:
+    """The words of a full name that errors are told with: `("iaf_psc_exp", "tau_m")` of "iaf_psc_exp.tau_m[3]"."""
+    return tuple(re.findall(r"[^\W\d]\w*", what))
 
 
 def here() -> Where | None:

@@ -18,7 +18,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import TypeAlias
 
-from neuro.core.errors import ModelError
+from neuro.core.errors import ModelError, words_of
 
 MAX_CHARACTERS = 2000
 MAX_TOKENS = 400
@@ -118,7 +118,9 @@ def mistake(text: str, at: int, message: str, hint: str = "") -> Misread:
     begin = max(0, min(at - _WINDOW // 2, len(text) - _WINDOW))
     line = "".join(letter if letter.isprintable() else " " for letter in text[begin : begin + _WINDOW])
     told = f"column {at + 1}: {message}\n    {line}\n    {' ' * (at - begin)}^"
-    return Misread(told, hint, at, message)
+    wrong = Misread(told, hint, at, message)
+    wrong.about = words_of(text)
+    return wrong
 
 
 @dataclass(frozen=True, slots=True)

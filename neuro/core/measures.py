@@ -8,7 +8,7 @@ from __future__ import annotations
 import math
 from typing import Any
 
-from neuro.core.errors import ModelError
+from neuro.core.errors import ModelError, words_of
 from neuro.core.quantities import Quantity
 
 
@@ -35,7 +35,10 @@ def in_ms(value: Any, what: str) -> Any:
     Raises:
         ModelError: it has another dimension, or there is no such unit.
     """
-    return with_unit(Quantity("ms"), value, what) if is_written(value) else value
+    try:
+        return with_unit(Quantity("ms"), value, what) if is_written(value) else value
+    except ModelError as error:
+        raise error.but(path=words_of(what)) from None
 
 
 def is_written(value: Any) -> bool:

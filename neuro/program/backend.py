@@ -10,7 +10,7 @@ from typing import Any, Protocol, runtime_checkable
 import numpy as np
 from numpy.typing import NDArray
 
-from neuro.core.errors import ModelError, Where, unknown
+from neuro.core.errors import Where, unknown
 from neuro.core.registry import Registry
 from neuro.model.neurons import CurrentGenerator, Model
 from neuro.model.synapses import Synapse
@@ -18,7 +18,16 @@ from neuro.program.program import Floats, Ints, Program
 
 
 class OverflowWarning(UserWarning):
-    """A register of an emulated chip overflowed while a network ran: what follows is the chip's, not the network's."""
+    """A register of an emulated chip overflowed while a network ran: what follows is the chip's, not the network's.
+
+    Attributes:
+        what: overflows, such as "input wraps of hidden".
+        hint: what keeps it from that.
+    """
+
+    def __init__(self, message: str, what: str = "", hint: str = "") -> None:
+        super().__init__(message)
+        self.what, self.hint = what, hint
 
 
 @dataclass(frozen=True, slots=True)

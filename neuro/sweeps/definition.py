@@ -160,18 +160,12 @@ def load_sweep(path: Path) -> Sweep:
 
 @contextmanager
 def blaming(said: Mapping[str, Node], other: Node) -> Iterator[None]:
-    """Give an error the place of the word that it is about, as far as its message tells; else that of another one."""
+    """Give an error the place of the word that it is about, as far as it tells; else that of another one."""
     try:
         yield
     except ModelError as error:
-        message = error.message
-        words: tuple[str, ...] = ()
-        if " metric '" in message:
-            words = ("metrics", "objectives")
-        elif message.startswith("unknown backend"):
-            words = ("backend",)
-        elif message.startswith("for = "):
-            words = ("for",)
+        word = "backend" if error.kind == "unknown backend" else next(iter(error.path), "")
+        words = {"metrics": ("metrics", "objectives"), "backend": ("backend",), "for": ("for",)}.get(word, ())
         with about(next((said[word] for word in words if word in said), other)):
             raise
 
@@ -250,7 +244,7 @@ def _space(root: Node, said: Mapping[str, Node], given: Mapping[str, Any]) -> Sp
     try:
         return space_of(given.get("list", given.get("parameters", {})), **words)
     except ModelError as error:
-        where = next((said[w] for w in words if error.message.startswith(f"{w} =")), node)
+        where = next((said[w] for w in words if w in error.path), node)
         raise error.at((where or root).where) from None
 
 

@@ -34,9 +34,9 @@ def check_metrics(names: Iterable[str], populations: Collection[str], projection
     for name in names:
         word, dot, of = name.partition(".")
         if dot and word in _OF_POPULATIONS and of not in populations:
-            raise unknown(f"population of the metric '{name}':", of, populations)
+            raise unknown(f"population of the metric '{name}':", of, populations, path=("metrics",))
         if dot and word in _OF_PROJECTIONS and of not in projections:
-            raise unknown(f"projection of the metric '{name}':", of, projections)
+            raise unknown(f"projection of the metric '{name}':", of, projections, path=("metrics",))
         if dot and word in _OF_CHIPS:
             from neuro.chips.known import chip
 
@@ -44,7 +44,8 @@ def check_metrics(names: Iterable[str], populations: Collection[str], projection
         if not (dot and word in (*_OF_POPULATIONS, *_OF_PROJECTIONS, *_OF_CHIPS)) and name not in (*TOTALS, *METRICS):
             of_parts = [f"{each}.{part}" for each in _OF_POPULATIONS for part in populations]
             of_parts += [f"{each}.{part}" for each in _OF_PROJECTIONS for part in projections]
-            raise unknown("metric", name, (*TOTALS, *of_parts, *(f"{each}.CHIP" for each in _OF_CHIPS), *METRICS))
+            known = (*TOTALS, *of_parts, *(f"{each}.CHIP" for each in _OF_CHIPS), *METRICS)
+            raise unknown("metric", name, known, path=("metrics",))
 
 
 def measured(sim: Simulation, names: Iterable[str], tables: Mapping[str, str] | None = None) -> dict[str, Any]:

@@ -231,7 +231,7 @@ def _runs(sampling: str, runs: int | None) -> int:
         raise unknown("sampling", sampling, SAMPLINGS)
     if sampling == "grid":
         if runs is not None:
-            raise ModelError(f"runs = {shown(runs)}: a grid has as many as it has points")
+            raise ModelError(f"runs = {shown(runs)}: a grid has as many as it has points", path=("runs",))
         return 0
     if not isinstance(runs, int) or isinstance(runs, bool) or runs < 1:
         found = "nothing" if runs is None else shown(runs)
@@ -261,14 +261,15 @@ def seeds_of(seeds: int | Sequence[int] | None) -> tuple[int, ...]:
         return ()
     if isinstance(seeds, int) and not isinstance(seeds, bool):
         if not 1 <= seeds <= MOST:
-            raise ModelError(f"seeds = {seeds}: expected a whole number from 1 to {MOST:,}, or a list")
+            raise ModelError(f"seeds = {seeds}: expected a whole number from 1 to {MOST:,}, or a list", path=("seeds",))
         return tuple(range(seeds))
     every: list[Any] = list(seeds) if isinstance(seeds, (list, tuple, range)) else [seeds]
     for seed in every or [None]:
         if not isinstance(seed, int) or isinstance(seed, bool) or not 0 <= seed < 2**63:
-            raise ModelError(f"seeds = {shown(seeds)}: expected how many, or a list of whole numbers >= 0")
+            told = f"seeds = {shown(seeds)}: expected how many, or a list of whole numbers >= 0"
+            raise ModelError(told, path=("seeds",))
     if len(set(every)) < len(every):
-        raise ModelError(f"seeds = {shown(seeds)}: one is there twice")
+        raise ModelError(f"seeds = {shown(seeds)}: one is there twice", path=("seeds",))
     return tuple(every)
 
 

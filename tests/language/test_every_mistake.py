@@ -7,6 +7,7 @@ import pytest
 from hypothesis import HealthCheck, given, settings, strategies as st
 
 from neuro.compiler.mistakes import mistakes
+from rewording import same_if_reworded
 
 PAIRS = """\
 neuro: 1
@@ -413,3 +414,13 @@ def test_all_of_a_network_with_stdp(folder, singles, names):
 @ANY
 def test_all_of_a_network_with_trials(folder, singles, names):
     assert sorted(together(TRIALS, IN_TRIALS, names)) == sorted(singles[f"trials: {name}"] for name in names)
+
+
+@pytest.mark.parametrize(("text", "catalogue"), [(PAIRS, IN_PAIRS), (TRIALS, IN_TRIALS)])
+@given(data=st.data())
+@settings(max_examples=30, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+def test_no_program_reads_the_messages(folder, data, text, catalogue):
+    for name in data.draw(independent(catalogue)):
+        part, word, instead, _ = catalogue[name]
+        text, _ = planted(text, part, word, instead)
+    same_if_reworded(text)

@@ -5,6 +5,7 @@ from pathlib import Path
 import pytest
 
 from neuro.compiler.mistakes import mistakes
+from rewording import same_if_reworded
 
 POPULATIONS = """\
 neuro: 1
@@ -109,3 +110,8 @@ def test_told(folder, case):
     assert len(found) == len(expected), found
     for message in expected:
         assert sum(message in line for line in found) == 1, (message, found)
+
+
+@pytest.mark.parametrize("case", CASES)
+def test_no_program_reads_the_messages(folder, case):
+    same_if_reworded(POPULATIONS + CASES[case][0])

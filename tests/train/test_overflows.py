@@ -107,7 +107,7 @@ def test_each_kind_is_counted_and_told_with_its_way_out():
     found = {}
     for number, what in ((3, "input wraps of a"), (20, "input wraps of a"), (1, "current wraps of b")):
         with noted(found):
-            warnings.warn(text.format(number, what), snn.OverflowWarning, stacklevel=1)
+            warnings.warn(snn.OverflowWarning(text.format(number, what), what, "raise vth"), stacklevel=1)
     assert found == {"input wraps of a": (2, "raise vth"), "current wraps of b": (1, "raise vth")}
     both = summed([found, {"input wraps of a": [5, "raise vth"]}])
     assert both["input wraps of a"] == (7, "raise vth")

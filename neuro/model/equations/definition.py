@@ -238,7 +238,7 @@ def _refractory(said: Any, states: Mapping[str, Any], parameters: Mapping[str, P
         if given.get("time") != "t_ref" or "t_ref" not in parameters:
             hint = "" if "t_ref" in parameters else "add it to 'parameters', e.g. t_ref: 2 ms"
             message = f"time = {shown(given.get('time'))}: expected t_ref, a parameter on the grid of steps"
-            raise ModelError(message, hint=hint, path=("time",))
+            raise ModelError(message, hint=hint, path=("time",), about=("t_ref",))
         if parameters["t_ref"].unit != "ms":
             raise _not_in_ms(parameters["t_ref"])
         hold = given.get("hold", [])
@@ -252,7 +252,7 @@ def _refractory(said: Any, states: Mapping[str, Any], parameters: Mapping[str, P
 
 def _not_in_ms(period: Parameter) -> ModelError:
     hint = f"write t_ref: {period.default * period.factor:g} ms" if period.dimension == TIME else ""
-    return ModelError(f"t_ref is in '{period.unit}': expected ms", hint=hint, path=("time",))
+    return ModelError(f"t_ref is in '{period.unit}': expected ms", hint=hint, path=("time",), about=("t_ref",))
 
 
 def _integrator(said: Any) -> tuple[str, dict[str, float]]:
@@ -287,9 +287,9 @@ def _refuse_name(
         what = {CURRENT_NAME: "the current from outside", HELD: "the steps left to hold"}.get(word, "a function")
         raise ModelError(f"'{word}' is {what}: expected another name")
     if word in parameters:
-        raise ModelError(f"'{word}' is a parameter, too: expected another name")
+        raise ModelError(f"'{word}' is a parameter, too: expected another name", found=word)
     if kind == "let" and word in states:
-        raise ModelError(f"'{word}' has an equation, too: expected another name")
+        raise ModelError(f"'{word}' has an equation, too: expected another name", found=word)
     if kind == "receptors":
         delta = next(r for r in receptors if r.name == word).kernel == "delta"
         if delta and word not in states:
@@ -359,7 +359,8 @@ def _check_spike(d: Definition, dims: Dimensions) -> None:
     if d.threshold is None:
         for section in ("reset", "refractory"):
             if section in d.plain:
-                raise ModelError(f"{section} without 'threshold': expected one, e.g. V_m >= V_th", path=(section,))
+                told = f"{section} without 'threshold': expected one, e.g. V_m >= V_th"
+                raise ModelError(told, path=(section,), about=("threshold",))
         return
     with dims.at("threshold"):
         if not is_comparison(d.threshold.tree):

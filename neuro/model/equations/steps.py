@@ -78,6 +78,7 @@ def checked(neuron: Neuron) -> Neuron:
             f"the equations {told}, see {name}: expected an integrator",
             hint="write integrator: {rkf45: {tolerance: 1e-6}}, or {rk4: {substeps: 4}}, exponential_euler, euler",
             path=("integrator",) if neuron.definition.integrator else ("equations", name),
+            about=("integrator", name),
         )
     return neuron
 
@@ -159,6 +160,7 @@ def _relaxing(neuron: Neuron, name: str, tree: Tree, variables: dict[str, str]) 
             f"equations.{name}: not linear in {name}, as exponential_euler needs",
             hint="write integrator: {rkf45: {tolerance: 1e-6}}, or {rk4: {substeps: 4}}",
             path=("integrator",),
+            about=("integrator", name),
         )
     h = Name("h", 0)
     exponent = algebra.multiplied(row.get(name, algebra.ZERO), h)

@@ -8,7 +8,7 @@ from typing import Any, TypeVar
 
 from neuro.coding.codes import CHOICES
 from neuro.core.choice import Choice
-from neuro.core.errors import ModelError, unknown
+from neuro.core.errors import unknown
 from neuro.core.quantities import Quantity
 from neuro.core.values import shown
 from neuro.model.distributions import DISTRIBUTIONS

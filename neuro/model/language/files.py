@@ -18,7 +18,7 @@ from neuro.core.errors import ModelError, nearest
 from neuro.core.hints import near
 from neuro.core.inputs import note
 from neuro.core.values import FromFile, shown
-from neuro.model.language.nodes import mistake, words
+from neuro.model.language.nodes import mistake, put_at, words
 from neuro.model.language.reader import Node
 
 MAX_ELEMENTS = 2**28

@@ -203,7 +203,7 @@ class Neuron(Model):
             resolution: the length of a step.
 
         Raises:
-            ModelError: it cannot; the message begins with the parameter.
+            ModelError: it cannot; its path is `(name of the model, parameter)`.
         """
 
 

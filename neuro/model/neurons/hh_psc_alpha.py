@@ -84,6 +84,7 @@ class hh_psc_alpha(Neuron):
                 f"hh_psc_alpha.rk4_substeps = {substeps}: steps of {resolution / substeps:g} ms run away: "
                 f"expected at most {LONGEST:g} ms",
                 hint=f"write rk4_substeps={fewest}, or 0 for RKF45",
+                path=("hh_psc_alpha", "rk4_substeps"),
             )
 
 

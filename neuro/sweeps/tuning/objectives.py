@@ -34,14 +34,16 @@ def objectives_of(said: Any) -> dict[str, str]:
     """
     if not isinstance(said, Mapping) or not said:
         hint = "write objectives: {accuracy: maximise}"
-        raise ModelError(f"objectives = {shown(said)}: expected metrics, each maximise or minimise", hint=hint)
+        raise ModelError(
+            f"objectives = {shown(said)}: expected metrics, each maximise or minimise", hint=hint, path=("objectives",)
+        )
     found = {}
     for name, direction in said.items():
         if not isinstance(direction, str) or direction not in _WORDS:
             told = f"objectives.{name} = {shown(direction)}"
             if isinstance(direction, str) and (near := nearest(direction, _WORDS)):
-                raise ModelError(f"{told}: expected {MAXIMISE} or {MINIMISE}", hint=near)
-            raise ModelError(f"{told}: expected {MAXIMISE} or {MINIMISE}")
+                raise ModelError(f"{told}: expected {MAXIMISE} or {MINIMISE}", hint=near, path=("objectives",))
+            raise ModelError(f"{told}: expected {MAXIMISE} or {MINIMISE}", path=("objectives",))
         found[str(name)] = _WORDS[direction]
     return found
 

@@ -9,7 +9,7 @@ from dataclasses import asdict, dataclass
 from itertools import pairwise
 from typing import Any
 
-from neuro.core.errors import ModelError, unknown
+from neuro.core.errors import ModelError, unknown, words_of
 from neuro.core.measures import in_ms
 from neuro.core.values import shown
 from neuro.sweeps.definition import Item, key_of
@@ -131,7 +131,7 @@ def plan_of(
     aims = objectives_of(objectives)
     chosen = sampler or ("tpe" if len(aims) == 1 else "nsga2")
     if chosen not in SAMPLERS:
-        raise unknown("sampler", chosen, SAMPLERS)
+        raise unknown("sampler", chosen, SAMPLERS, path=("sampler",))
     space = axes(parameters)
     if not space:
         raise ModelError("the space is empty: expected parameters with values")
@@ -165,22 +165,24 @@ def _prune(said: Any, objectives: Mapping[str, str]) -> dict[str, Any] | None:
         return None
     words = {"by": said} if isinstance(said, str) else said
     if not isinstance(words, Mapping):
-        raise ModelError(f"prune = {shown(said)}: expected {' or '.join(PRUNERS)}, or words such as {{by: median}}")
+        told = f"prune = {shown(said)}: expected {' or '.join(PRUNERS)}, or words such as {{by: median}}"
+        raise ModelError(told, path=("prune",))
     for word in words:
         if word not in _PRUNE:
-            raise unknown("word of prune", word, _PRUNE)
+            raise unknown("word of prune", word, _PRUNE, path=("prune",))
     by = words.get("by", "median")
     if by not in PRUNERS:
-        raise unknown("pruner", by, PRUNERS)
+        raise unknown("pruner", by, PRUNERS, path=("prune",))
     if len(objectives) > 1:
         told = f"prune = {by}: trials of {len(objectives)} objectives cannot be compared on the way"
-        raise ModelError(f"{told}: expected one objective, or no prune")
+        raise ModelError(f"{told}: expected one objective, or no prune", path=("prune",))
     found: dict[str, Any] = {"by": by}
     for word, value in words.items():
         if word == "at":
             found["at"] = _times(value)
         elif word != "by" and word not in PRUNERS[by]:
-            raise ModelError(f"prune.{word}: has no meaning with {by}, which has {', '.join(PRUNERS[by])}")
+            told = f"prune.{word}: has no meaning with {by}, which has {', '.join(PRUNERS[by])}"
+            raise ModelError(told, path=("prune",))
         elif word != "by":
             found[word] = _whole(f"prune.{word}", value, _LEAST[word], 10**9)
     return found
@@ -190,13 +192,15 @@ def _times(said: Any) -> list[float]:
     many = said if isinstance(said, (list, tuple)) else [said]
     times = [float(in_ms(each, "prune.at")) for each in many]
     if not times or times[0] <= 0 or any(b <= a for a, b in pairwise(times)):
-        raise ModelError(f"prune.at = {shown(said)}: expected times > 0, each later than the one before")
+        told = f"prune.at = {shown(said)}: expected times > 0, each later than the one before"
+        raise ModelError(told, path=("prune",))
     return times
 
 
 def _whole(name: str, value: Any, least: int, most: int) -> int:
     if isinstance(value, bool) or not isinstance(value, int) or not least <= value <= most:
-        raise ModelError(f"{name} = {shown(value)}: expected a whole number from {least:,} to {most:,}")
+        told = f"{name} = {shown(value)}: expected a whole number from {least:,} to {most:,}"
+        raise ModelError(told, path=words_of(name))
     return value
 
 

@@ -151,10 +151,7 @@ def _plan(said: Mapping[str, Node], given: Mapping[str, Any]) -> Plan:
     try:
         return plan_of(**values)
     except ModelError as error:
-        first = error.message.partition(" ")[0].partition(".")[0].rstrip(":")
-        unknown_of = {"unknown sampler": "sampler", "unknown pruner": "prune", "unknown word of prune": "prune"}
-        word = next((word for begin, word in unknown_of.items() if error.message.startswith(begin)), first)
-        node = said.get(word, said["parameters"])
+        node = next((said[word] for word in error.path[:1] if word in said), said["parameters"])
         raise error.at(node.where) from None
 
 
