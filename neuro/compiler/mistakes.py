@@ -256,8 +256,9 @@ class _Search:
             return path[2:3] == ("shape",) and any(words[-1] in _OF_SENSOR for words in beside)
         if path[0] != "probes":
             return False
-        if error.kind == "synapses" or error.kind in _HANGS_ON:
-            return self.is_unsure(at(root, (*path[:2], "of")).value, error.kind)
+        of = (*path[:2], "of")
+        if (error.kind == "synapses" or error.kind in _HANGS_ON) and has(root, of):
+            return self.is_unsure(str(at(root, of).value), error.kind)
         return error.kind == "no projection" and "of" in ends
 
     def is_unsure(self, projection: str, what: str) -> bool:
