@@ -273,28 +273,6 @@ def test_a_network_is_cut_only_where_threads_meet_seldom_enough(
     assert thread_partition.parts(compile_network(net, 0), 1) == 1
 
 
-def test_a_state_saved_with_one_edge_for_all_populations_goes_on(monkeypatch: pytest.MonkeyPatch):
-    """As in version 0.1.0, where threads owned stretches of all neurons."""
-
-    def flat(program: Any, where: list[layout.PopulationPlace], n: int) -> Any:
-        words = layout.total(program) // layout.WORD
-        return thread_partition.edges_of(np.arange(n + 1) * words // n * 8, where)
-
-    alone = ran([40.0])
-    with monkeypatch.context() as patched:
-        patched.setattr(thread_partition, "thread_edges", flat)
-        sim = neuro.compile(network(), seed=4, threads=2)
-        sim.run(15.3)
-        arrays = sim._engine.snapshot()
-    words = layout.total(sim.program) // layout.WORD
-    arrays["engine.edges"] = np.arange(3) * words // 2 * 8
-    other = neuro.compile(network(), seed=4, threads=2)
-    other._engine.restore(arrays)
-    other.run(24.7)
-    found = [*other.spikes("exc"), *other.spikes("inh"), other.get("exc_exc", "weight"), other.get("exc", "V_m")]
-    assert all(np.array_equal(a, b) for a, b in zip(found, alone, strict=False))
-
-
 def test_a_state_of_another_number_of_threads_is_refused():
     sim, other = neuro.compile(network(), seed=4, threads=3), neuro.compile(network(), seed=4, threads=2)
     sim.run(5.0)

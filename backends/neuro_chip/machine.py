@@ -35,8 +35,6 @@ _CLEARED = (
 _LIVE = (*_CLEARED, "emitted", "emitted_times", "groups", "clock", "potential", "mean", "nothing")
 _WON = ("muted", "standing", "map_wins")
 """Kept of networks in which several neurons of a group may win."""
-_STORED = {"arrived": "heard", "arrived_all": "heard_all"}
-"""Words of saved states where they are not those of the arrays: states of earlier versions stay readable."""
 
 
 class Machine:
@@ -195,7 +193,7 @@ class Machine:
     def snapshot(self) -> dict[str, NDArray[Any]]:
         """Everything that `restore` needs."""
         return {
-            **{f"live.{_STORED.get(name, name)}": self.arrays[name].copy() for name in self._live},
+            **{f"live.{name}": self.arrays[name].copy() for name in self._live},
             **self.record.snapshot(),
             **self.listed.snapshot(),
             **self.currents.snapshot(),
@@ -211,11 +209,7 @@ class Machine:
         for k in range(len(self.program.populations)):
             write_registers(self.arrays, self.fixed, k, self.cells.fixed[k])
         for name in self._live:
-            value = arrays.get(f"live.{_STORED.get(name, name)}", np.zeros(1, dtype=np.int64))  # set_out came later
-            if name == "groups":
-                self.arrays[name][:, : value.shape[1]] = value  # fewer columns in version 0.1.0
-            else:
-                self.arrays[name][:] = value
+            self.arrays[name][:] = arrays[f"live.{name}"]
         self.arrays["came"][:] = 1  # which slots have input is not kept
         self.record.restore(arrays)
         self.listed.restore(arrays, self.step)

@@ -204,13 +204,10 @@ class ReferenceEngine:
 
 Arrays = Mapping[str, NDArray[Any]]
 
-AT_ONCE = "at_once"
-"""Present where what generators emitted in the last step has set out; up to version 0.1.0 it waited for the next."""
-
 
 def take(net: ReferenceNetwork) -> dict[str, NDArray[Any]]:
     """Copies of everything that changes while a net runs."""
-    arrays = {AT_ONCE: np.array(True)}
+    arrays: dict[str, NDArray[Any]] = {}
     for path, part in _parts(net):
         for name in part.kept:
             arrays[f"{path}/{name}"] = np.array(getattr(part, name))
@@ -226,7 +223,6 @@ def take(net: ReferenceNetwork) -> dict[str, NDArray[Any]]:
 
 def put(net: ReferenceNetwork, arrays: Arrays) -> None:
     """Set a net of the same program to what `take` gave."""
-    arrays = {**arrays, **_first_version(net, arrays)}
     for path, part in _parts(net):
         for name in part.kept:
             value = arrays[f"{path}/{name}"]
@@ -240,25 +236,6 @@ def put(net: ReferenceNetwork, arrays: Arrays) -> None:
     net.rules = {index: arrays[f"rule/{index}"].copy() for index in net.rules}
     for pairs in net.pairs.values():
         pairs.refresh()
-    if AT_ONCE not in arrays:
-        for index in [index for index, wires in enumerate(net.wires) if wires.at_once]:
-            net.send(index, net.step)
-
-
-def _first_version(net: ReferenceNetwork, arrays: Arrays) -> dict[str, NDArray[Any]]:
-    """The traces of a state of version 0.1.0, which had one of each side, by their present names."""
-    found = {}
-    for number in net.pairs:
-        path = f"pairs/{number}"
-        if f"{path}/k_plus" in arrays:
-            for side, after, before, step in (
-                ("pre", "k_plus", "k_plus", "k_plus_step"),
-                ("post", "k_minus", "k_minus_before", "heard"),
-            ):
-                found[f"{path}/{side}/after"] = arrays[f"{path}/{after}"][None]
-                found[f"{path}/{side}/before"] = arrays[f"{path}/{before}"][None]
-                found[f"{path}/{side}/since"] = found[f"{path}/{side}/last"] = arrays[f"{path}/{step}"]
-    return found
 
 
 def _parts(net: ReferenceNetwork) -> Iterator[tuple[str, Any]]:

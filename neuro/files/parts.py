@@ -26,11 +26,10 @@ class Stored:
         opener: gives the open file.
         name: of the data set.
         length: what comes after so many entries, as in a file that grows, is not seen, so that arrays of one part fit.
-        flat: whether it has one axis; older files have a single column instead.
     """
 
-    def __init__(self, opener: Opener, name: str, length: int, flat: bool = False) -> None:
-        self._opener, self._name, self._length, self._flat = opener, name, length, flat
+    def __init__(self, opener: Opener, name: str, length: int) -> None:
+        self._opener, self._name, self._length = opener, name, length
 
     def read(self) -> Any:
         """All of it."""
@@ -38,8 +37,7 @@ class Stored:
 
     def __getitem__(self, where: Any) -> Any:
         with self._opener() as file:
-            found = file[self._name][where]
-            return found.reshape(-1) if self._flat else found
+            return file[self._name][where]
 
     def span(self, after: float, to: float) -> slice:
         """Where those of ascending numbers lie that are in after < x <= to; few of them are read."""

@@ -415,8 +415,6 @@ def _read_part(kind: type[P], group: h5py.Group, opener: Opener) -> P:
     if any(field.name == "counts" for field in fields(kind)):
         counts = {name: value for name, value in group.attrs.items() if name.startswith(_COUNT)}
         words["counts"] = {name.removeprefix(_COUNT): int(value) for name, value in counts.items()}
-    if kind is Trace and (words.get("mean") or words.get("state") == "rate"):
-        words["values"] = Stored(opener, f"{group.name}/values", len(group["values"]), flat=True)
     return kind(**words)
 
 

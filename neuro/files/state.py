@@ -114,8 +114,7 @@ def _plain(value: Any) -> Any:
 
 
 _SAID_ELSEWHERE = {"origin", "kind", "carries", "receptor", "stream", "declared", "span"}
-"""Fields of a program that decide nothing, follow from others, or count only where they are; states of version 0.1.0 do
-not count them."""
+"""Fields of a program that decide nothing, follow from others, or count only where they are."""
 
 
 def fingerprint(program: Program) -> str:
@@ -141,7 +140,7 @@ def _feed(digest: hashlib.blake2b, value: Any) -> None:
     elif is_dataclass(value):
         for field in fields(value):
             held = getattr(value, field.name)
-            # What came later has a default, which says nothing: states of versions without it go on.
+            # A default decides nothing: states go on where a field is added.
             if field.name not in _SAID_ELSEWHERE and held is not field.default:
                 digest.update(field.name.encode())
                 _feed(digest, held)

@@ -177,15 +177,6 @@ def synapses(program: Program, index: int, where: list[PopulationPlace]) -> Arra
     return ArrangedSynapses(t.CSR, row_ends, post.astype(np.int32), order)
 
 
-def by_target(program: Program, index: int, where: list[PopulationPlace]) -> Ints:
-    """As `ArrangedSynapses.order` of a listed projection, were it not delivered in runs: by source, then target."""
-    p = program.projections[index]
-    (pre, post), source, target = program.connections(index), where[p.source], where[p.target]
-    return np.lexsort(
-        (post if target.inside is None else target.inside[post], pre if source.inside is None else source.inside[pre])
-    )
-
-
 def split_rows(row_ends: Ints, targets: NDArray[np.int32], edges: Ints) -> Ints:
     """Row ends cut at the threads' edges (local target ids): synapses of source s for thread k are rows[s T + k] on."""
     threads = edges.size - 1

@@ -129,10 +129,3 @@ def parts(program: Program, threads: int) -> int:
     """Into how many parts a program is cut for some threads: one where they would meet more often than is worth it."""
     steps = sum(p.size for p in program.populations) * max(1, program.min_delay)
     return threads if steps >= WORTH_MEETING else 1
-
-
-def edges_of(saved: Ints, where: list[PopulationPlace]) -> Ints:
-    """The edges of a saved state as of `thread_edges`; in version 0.1.0 they were those of all populations."""
-    if saved.ndim == 2:
-        return saved
-    return np.array([np.clip(saved, place.begin // t.BLOCK, -(-place.end // t.BLOCK)) for place in where])

@@ -514,7 +514,7 @@ class EventEngine:
         Raises:
             ModelError: it was taken with another number of threads.
         """
-        edges = thread_partition.edges_of(arrays["engine.edges"], self._a.places)
+        edges = arrays["engine.edges"]
         n = edges.shape[1] - 1
         if n not in (thread_partition.parts(self._program, self._n_threads), self._n_threads):
             raise ModelError(f"the state was saved with threads={n}: expected the same to continue")

@@ -45,8 +45,16 @@ _DRIVES = {
     "emitted_rows",
     "emitted_from",
 }
-_TABLES = {"guides", "cumulative"}
-_REBUILT = _DRIVES | _TABLES | {"incoming", "at_emission", "list_steps", "list_ids", "list_counts", "cursor"}
+_REBUILT = _DRIVES | {
+    "guides",
+    "cumulative",
+    "incoming",
+    "at_emission",
+    "list_steps",
+    "list_ids",
+    "list_counts",
+    "cursor",
+}
 _FIXED = _GIVEN | VIEWS | _EMPTY | _REBUILT
 """Arrays that a snapshot leaves out: they follow from the program, or hold nothing between two runs."""
 
@@ -60,7 +68,7 @@ def snapshot(a: EventArrays) -> dict[str, NDArray[Any]]:
     net["net.projections"] = a.net["projections"][:, : t.CHANNEL_HEIGHT].copy()  # the rest follows from the program
     plastic = {f"plastic.{k}": v.copy() for k, v in a.plastic.items() if k not in VIEWS | _NOTES | _LISTS | {"rule"}}
     plastic["plastic.table"] = a.plastic["table"][:, : t.RULE_NUMBER].copy()
-    return {**net, **plastic, "engine.runs": np.flatnonzero(a.net["projections"][:, t.RUN] >= 0)}
+    return {**net, **plastic}
 
 
 def _own_marks(a: EventArrays, due: NDArray[np.uint8]) -> NDArray[np.uint8]:
@@ -73,37 +81,21 @@ def _own_marks(a: EventArrays, due: NDArray[np.uint8]) -> NDArray[np.uint8]:
     return slots[owner, :, np.arange(owner.size)].T.ravel()
 
 
-def _by_runs(a: EventArrays) -> None:
-    """Put weights that lie by source, then target where those of runs lie."""
-    for q in np.flatnonzero(a.net["projections"][:, t.RUN] >= 0).tolist():
-        row, p = a.net["projections"][q], a.program.projections[q]
-        if row[t.WEIGHT_STRIDE] == 1:
-            here = a.net["weights"][row[t.WEIGHT] : row[t.WEIGHT] + p.size]
-            given = np.empty_like(here)
-            given[layout.by_target(a.program, q, a.places)] = here
-            order = a.synapses[q].order
-            here[:] = given if order is None else given[order]
-
-
 def is_eager(arrays: Mapping[str, NDArray[Any]]) -> bool:
-    """Whether synapses learn eagerly in a snapshot where they can: before they did so there were no such arrays."""
-    return len(arrays.get("plastic.heard", ())) > 0
+    """Whether synapses learn eagerly in a snapshot where they can."""
+    return len(arrays["plastic.heard"]) > 0
 
 
 def restore(a: EventArrays, arrays: Mapping[str, NDArray[Any]]) -> None:
     """Put the arrays of a snapshot in place of those of step 0."""
     for name, value in arrays.items():
         part, _, rest = name.partition(".")
-        if part == "net" and rest in _TABLES:
-            continue  # kept in version 0.1.0, of another size
         if name == "net.pops":
             a.net["pops"][:, : t.NUMBER] = value
         elif name == "net.projections":
-            a.net["projections"][:, : t.CHANNEL_HEIGHT] = value[:, : t.CHANNEL_HEIGHT]
+            a.net["projections"][:, : t.CHANNEL_HEIGHT] = value
         elif name == "net.due":
             a.net["due"] = np.tile(value, (a.net["due"].shape[0], 1))
-        elif name == "net.groups":
-            a.net["groups"][:, : value.shape[1]] = value  # fewer columns in version 0.1.0
         elif name == "net.state":
             a.net["state"][:, : value.shape[1]] = value
         elif part == "net" and a.net[rest].shape == value.shape:
@@ -112,12 +104,8 @@ def restore(a: EventArrays, arrays: Mapping[str, NDArray[Any]]) -> None:
             a.net[rest] = value.copy()
         elif name == "plastic.table":
             a.plastic["table"][:, : t.RULE_NUMBER] = value
-        elif part == "plastic" and rest not in _LISTS | {"rule"}:  # laid out again
+        elif part == "plastic":
             a.plastic[rest] = value.copy()
-    if "engine.runs" not in arrays:  # version 0.1.0: all lay by source, then target
-        _by_runs(a)
-    if "plastic.spiked" not in arrays:  # version 0.1.0
-        a.plastic["spiked"] = a.plastic["k_time"].copy()
     rings = [q for q in range(len(a.program.projections)) if a.net["projections"][q, t.LAG] == 0]
     a.net["at_emission"] = np.array([q for q in rings if q not in a.plastic_of], dtype=np.int64)
     projections.set_buffer(a, a.net["buf"])
