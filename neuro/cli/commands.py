@@ -16,7 +16,7 @@ from neuro.cli.catalogue import backends, models, schema
 from neuro.cli.check import check, show
 from neuro.cli.chips import energy, fit
 from neuro.cli.compare import compare, verify
-from neuro.cli.events import app as events, shell
+from neuro.cli.events import app as events
 from neuro.cli.pictures import plot, report
 from neuro.cli.run import rerun, run
 from neuro.cli.start import example, new
@@ -161,7 +161,6 @@ COMMANDS = (
     verify,
     models,
     backends,
-    shell,
 )
 
 app = typer.Typer(cls=Commands, name="neuro", add_completion=False, pretty_exceptions_enable=False)

@@ -29,7 +29,7 @@ def of(variables, **options):
     return load(mat(variables, **options), name="f.mat")
 
 
-@pytest.mark.parametrize("options", [{}, {"do_compression": True}, {"format": "4"}, {"oned_as": "column"}])
+@pytest.mark.parametrize("options", [{}, {"do_compression": True}, {"oned_as": "column"}])
 def test_vectors(options):
     events = of({"ts": T.astype(float), "x": X, "y": Y, "pol": P, "note": "a"}, **options)
     assert events.records().tolist() == ROWS
@@ -143,7 +143,7 @@ def test_a_cut_file():
 @given(st.data())
 @settings(deadline=None, max_examples=200)
 def test_damage_is_told(data):
-    files = [mat({"TD": td()}), mat({"a": {"b": td()}}, do_compression=True), mat(td(), format="4")]
+    files = [mat({"TD": td()}), mat({"a": {"b": td()}}, do_compression=True)]
     whole = bytearray(data.draw(st.sampled_from(files)))
     for _ in range(data.draw(st.integers(1, 4))):
         whole[data.draw(st.integers(0, len(whole) - 1))] = data.draw(st.integers(0, 255))

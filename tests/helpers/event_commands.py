@@ -1,15 +1,14 @@
-"""`neuro events` and `neuro shell` without the other commands."""
+"""`neuro events` without the other commands."""
 
 import typer
 
 from neuro.cli.commands import Commands
-from neuro.cli.events import app, shell
+from neuro.cli.events import app
 
 
 def root():
     made = typer.Typer(cls=Commands, name="neuro", add_completion=False, pretty_exceptions_enable=False)
     made.add_typer(app)
-    made.command()(shell)
     made.command("show")(lambda: None)
     made.callback()(lambda: None)
     return made

@@ -26,28 +26,34 @@ def deliver_alike(view, q, first_source, step_slot, begin, stop, out, mark, spot
     """
     net = net_of(view)
     row = net.projections[q]
-    mask = net.log_ids.shape[1] - 1
-    weight = net.weights[row[t.WEIGHT]]
+    # Read once: a store into `buf` could be one into the tables, as far as the compiler knows. What is called for each
+    # spike is merged. Together they make short rows 1.4 times as fast: 10 ns a spike over one synapse.
+    targets, rows, buf, ids, counts = net.targets, net.rows, net.buf, net.log_ids, net.log_counts
+    mask, source, senders = ids.shape[1] - 1, row[t.SOURCE], net.edges.shape[1] - 1
+    base, width = row[t.ROW] + begin - first_source * senders, stop - begin
+    weight, due = net.weights[row[t.WEIGHT]], net.due[begin]
     # Threads own ascending ids, so going through them in order adds as one thread would.
-    for sender in range(net.edges.shape[1] - 1):
-        end = net.log_ends[sender, step_slot, row[t.SOURCE] + 1]
-        for place in range(net.log_ends[sender, step_slot, row[t.SOURCE]], end):
-            at = row_of(view, row, first_source, begin, sender, place)
+    for sender in range(senders):
+        end = net.log_ends[sender, step_slot, source + 1]
+        for place in range(net.log_ends[sender, step_slot, source], end):
+            at = base + np.int64(ids[sender, place & mask]) * senders
             # Rows lie anywhere in a table of many megabytes: that of the next spike is asked for now.
             if place + 1 < end:
-                after = row_of(view, row, first_source, begin, sender, place + 1)
+                after = base + np.int64(ids[sender, (place + 1) & mask]) * senders
             else:
                 after = first_row(view, row, first_source, begin, sender + 1, step_slot, at)
-            ahead = address(net.targets) + 4 * net.rows[after]
-            value = weight * np.float64(net.log_counts[sender, place & mask])
-            first, last = net.rows[at], net.rows[at + stop - begin]
-            add(net.targets, first, last, value, net.buf, out, ahead)
-            if mark >= 0:
+            ahead = address(targets) + 4 * rows[after]
+            value = weight * np.float64(counts[sender, place & mask])
+            first, last = rows[at], rows[at + width]
+            add(targets, first, last, value, buf, out, ahead)
+            if mark >= 0 and width == 1:
+                mark_blocks(targets, first, last, due, mark)
+            elif mark >= 0:
                 for thread in range(begin, stop):
                     k = at + thread - begin
-                    mark_blocks(net.targets, net.rows[k], net.rows[k + 1], net.due[thread], mark)
+                    mark_blocks(targets, rows[k], rows[k + 1], net.due[thread], mark)
             if spot >= 0:
-                mark_spots(net.targets, first, last, net.spots, spot)
+                mark_spots(targets, first, last, net.spots, spot)
 
 
 @inner
@@ -78,7 +84,7 @@ def first_row(view, row, first_source, thread, sender, step_slot, otherwise):
     return otherwise
 
 
-@inner
+@merged
 def add(targets, first, last, value, buf, out, ahead):
     """Add one value to the targets first:last; meanwhile ask for those of the next spike.
 
@@ -95,7 +101,7 @@ def add(targets, first, last, value, buf, out, ahead):
         buf[begin + np.uint64(targets[e])] += value
 
 
-@inner
+@merged
 def mark_blocks(targets, first, last, due, mark):
     """Mark the blocks of the targets first:last; `mark` is the place of the first of all.
 

@@ -6,9 +6,8 @@ import typer
 
 from neuro.cli.events.looking import formats, gif, info, view
 from neuro.cli.events.making import convert, filter, frames, split, tohdf5
-from neuro.cli.events.shell import shell
 
-COMMANDS = (info, formats, convert, filter, split, frames, gif, view, tohdf5, shell)
+COMMANDS = (info, formats, convert, filter, split, frames, gif, view, tohdf5)
 
 app = typer.Typer(name="events", add_completion=False, pretty_exceptions_enable=False)
 for command in COMMANDS:
@@ -20,6 +19,3 @@ def events(context: typer.Context) -> None:
     """Look at, convert, filter, cut, draw and gather the files of event cameras."""
     if context.invoked_subcommand is None:
         typer.echo(context.get_help())
-
-
-__all__ = ["app", "shell"]

@@ -185,8 +185,6 @@ TYPES = {1: "i1", 2: "u1", 3: "i2", 4: "u2", 5: "i4", 6: "u4", 7: "f4", 9: "f8",
 MATRIX, COMPRESSED = 14, 15
 CELL, STRUCT = 1, 2
 CLASSES = {6: "f8", 7: "f4", 8: "i1", 9: "u1", 10: "i2", 11: "u2", 12: "i4", 13: "u4", 14: "i8", 15: "u8"}
-OLD = ("f8", "f4", "i4", "i2", "u2", "u1")
-"""Types of version 4 by the tens digit of the kind."""
 
 DEPTH = 8
 """Structs and cells within each other that are read; what lies deeper is left out."""
@@ -205,25 +203,24 @@ def variables(data: Any) -> dict[str, Any]:
     Raises:
         ValueError: it is damaged.
 
-    The variables of MAT files of versions 4 and 5 (to 7), from their bytes.
+    The variables of MAT files of versions 5 to 7, from their bytes.
 
     SciPy reads these too, but ends the program with a segmentation fault on some damaged files. Numbers become arrays
     (flat, in the file's order), structs mappings, cells and arrays of structs lists; text, sparse matrices, objects and
     functions are left out.
 
-    Version 5: 128 bytes of header, then elements of a type and a size (or both in four bytes, with up to four bytes of
+    A file is 128 bytes of header, then elements of a type and a size (or both in four bytes, with up to four bytes of
     content), padded to 8 bytes; a matrix is an element of elements: flags and class, shape, name, content; compressed
-    elements are zlib streams. Version 4: per variable five int32 (kind, rows, columns, whether complex, length of the
-    name), the name, the numbers.
+    elements are zlib streams.
 
     Source: MathWorks, "MAT-File Format", R2024b, chapter 1.
     """
     data = memoryview(data)
     mark = bytes(data[126:128])
-    if mark in (b"IM", b"MI"):
-        order = "<" if mark == b"IM" else ">"
-        return dict(_matrix(content, order, DEPTH) for kind, content in _elements(data[128:], order) if kind == MATRIX)
-    return dict(_old(data))
+    if mark not in (b"IM", b"MI"):
+        raise ValueError("is no MAT file of version 5 to 7.3: expected one that MATLAB saved with -v7 or -v7.3")
+    order = "<" if mark == b"IM" else ">"
+    return dict(_matrix(content, order, DEPTH) for kind, content in _elements(data[128:], order) if kind == MATRIX)
 
 
 def _elements(data: memoryview, order: str) -> Iterator[tuple[int, memoryview]]:
@@ -299,27 +296,6 @@ def _structs(parts: Any, order: str, depth: int) -> Any:
     values = [_matrix(field, order, depth)[1] for (_, field), _ in zip(parts, range(ITEMS), strict=False)]
     found = [dict(zip(keys, values[at : at + len(keys)], strict=False)) for at in range(0, len(values), len(keys) or 1)]
     return found[0] if len(found) == 1 else found
-
-
-def _old(data: memoryview) -> Iterator[tuple[str, Any]]:
-    """Variables of version 4."""
-    at = 0
-    while at < len(data):
-        head = data[at : at + 20].tobytes().ljust(20, b"\xff")
-        order = "<" if 0 <= int.from_bytes(head[:4], "little", signed=True) < 1000 else ">"
-        kind, rows, columns, complex_, length = np.frombuffer(head, order + "i4").tolist()
-        number = kind // 10 % 10
-        if not (0 <= kind < 2000 and number < len(OLD) and min(rows, columns) >= 0 and 1 <= length <= 256):
-            raise ValueError("a variable has an impossible header")
-        start = at + 20 + length
-        size = rows * columns * np.dtype(OLD[number]).itemsize
-        content = data[start : start + size]
-        at = start + size * (2 if complex_ else 1)
-        if len(content) < size or at > len(data):
-            raise ValueError("a variable ends beyond the file")
-        name = bytes(data[start - length : start]).split(b"\0")[0].decode("latin-1")
-        plain = kind % 10 == 0 and not complex_
-        yield name, np.frombuffer(content, order + OLD[number]) if plain else None
 
 
 MAT = Format("mat", "MATLAB", (".mat",), lambda head: head.startswith(MAGIC), open_mat)
