@@ -59,11 +59,7 @@ def test_without_metadata(monkeypatch):
 def test_hints_name_extras_that_there_are():
     ways = r"install\(['\"](\w+)['\"]\)|needed\(\"[\w.]+\", \"(\w+)\""
     named = {"".join(found) for file in CODE for found in re.findall(ways, file.read_text())}
-    assert (
-        {"compare", "torch", "rl", "bullet", "events", "neo", "pandas"}
-        <= named
-        <= PROJECT["optional-dependencies"].keys()
-    )
+    assert {"compare", "torch", "rl", "bullet", "neo", "pandas"} <= named <= PROJECT["optional-dependencies"].keys()
 
 
 def test_no_page_or_message_installs_the_package_of_that_name_on_the_index():
