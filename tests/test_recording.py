@@ -16,7 +16,7 @@ import neuro
 from neuro import ModelError
 from neuro.core import growing
 from neuro.core.growing import Growing, Grown
-from neuro.core.hdf5 import FRONT, seal
+from neuro.core.hdf5 import FRONT
 from neuro.files.parts import Stored
 
 
@@ -278,21 +278,6 @@ def test_one_quantity_has_one_axis(path):
         assert np.array_equal(sim.trace(name)[1], whole.trace(name)[1][4:])
     several = {name: {word: array.shape for word, array in whole.trace(name)[1].items()} for name in ("means", "all")}
     assert several == {"means": {"weight": (5,), "K_plus": (5,)}, "all": {"V_m": (5, 3), "I_syn_ex": (5, 3)}}
-
-
-def test_a_file_with_a_column_of_a_mean(path):
-    """As files had it before."""
-    net = neuro.Network("before", resolution=1.0)
-    net.population("cells", 3, neuro.iaf_psc_exp())
-    net.probe("mean", "cells", "V_m", every=1.0, mean=True)
-    neuro.compile(net).run(4.0, out=path)
-    with h5py.File(path, "r+") as file:
-        values = file["traces/mean/values"][:]
-        del file["traces/mean/values"]
-        file["traces/mean/values"] = values.reshape(4, 1)
-    seal(path)
-    assert np.array_equal(neuro.results.read(path).trace("mean")[1], values)
-    assert neuro.results.read(path).traces["mean"].values.shape == (4,)
 
 
 def test_a_probe_of_each_step_does_not_let_the_log_of_spikes_grow():

@@ -88,8 +88,8 @@ class ModelError(ValueError):
         return self.but(message=message, where=self.where or where, others=others)
 
     def but(self, **changes: Any) -> ModelError:
-        """The same error with other attributes."""
-        other = ModelError(self.message)
+        """The same error, of its class, with other attributes."""
+        other = type(self).__new__(type(self))
         vars(other).update(vars(self) | changes)
         other.args = (str(other),)
         return other

@@ -164,7 +164,7 @@ def test_every_command_takes_it(neuro):
     assert len(commands) > 25
     for command in commands:
         assert [one.opts for one in command.params].count(["--with"]) == 1, command.name
-    for words in (["run"], ["events", "convert"], ["drone", "train"], ["remus", "train"]):
+    for words in (["run"], ["events", "convert"], ["drone", "train"], ["remus", "demo"]):
         assert "--with" in neuro(*words, "--help").out
 
 
