@@ -4,7 +4,7 @@
 
 Each fault of a set (`SET.yaml`) names the text that it replaces and the test files that must fail with it. The text is
 looked for in the named file, then in all sources, so that a fault outlives a move of its code. A fault is *found* if a
-test fails or runs into the time limit, *missed* if all pass, *broken* if its text is not there or the tests do not run.
+test fails, *missed* if all pass or if they do not end in time, *broken* if its text is not there or no test runs.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ import yaml
 ROOT = Path(__file__).resolve().parents[2]
 SOURCES = ("neuro", "backends", "models", "apps")
 SUFFIXES = (".py", ".html", ".js", ".css")
-LIMIT_S = 300
+LIMIT_S = 600
 
 
 @dataclass(frozen=True)
@@ -86,13 +86,13 @@ class Copy:
         return found[0] if len(found) == 1 and found[0].read_text("utf-8").count(fault.old) == 1 else None
 
     def test(self, files: list[str]) -> tuple[int, str]:
-        """The exit status of pytest, 1 also where it takes too long, and what it printed."""
+        """The exit status of pytest, 0 also where it does not end in time, and what it printed."""
         words = ["-x", "-q", "-p", "no:xdist", "-p", "no:benchmark", "-p", "no:cacheprovider", "--hypothesis-seed=0"]
         command = [sys.executable, "-m", "pytest", *words, *files]
         try:
             done = subprocess.run(command, cwd=self.root, env=self.env, capture_output=True, text=True, timeout=LIMIT_S)
         except subprocess.TimeoutExpired:
-            return 1, f"FAILED {files[0]}: no end in {LIMIT_S} s"
+            return 0, f"no end in {LIMIT_S} s"
         return done.returncode, done.stdout
 
     def try_out(self, fault: Fault) -> Outcome:
