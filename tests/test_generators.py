@@ -291,6 +291,7 @@ def test_what_is_fixed_is_told():
             sim.set(name, **{word: value})
         model = net.populations[name].model.name
         assert str(told.value) == f"{model}.{word} of '{name}' is fixed: change the network and compile again"
+    sim.set("noise", std_mod=5.0)
     with pytest.raises(ModelError) as told:
         sim.set("noise", std_mod=6.0)
     assert "noise_generator.std_mod = 6 pA: expected at most std = 5 pA" in str(told.value)

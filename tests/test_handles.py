@@ -104,6 +104,17 @@ def test_spikes_of_a_view_and_of_a_time(run):
     assert np.array_equal(sim.trace("s"), sim.spikes(cells[1:3]))
 
 
+@pytest.mark.parametrize("backend", ["event", "reference", "loihi", "spinnaker"])
+def test_spikes_since_the_time_of_a_spike_are_later(backend):
+    net = neuro.Network("listed", resolution=0.1)
+    net.population("in", 1, neuro.spike_generator(spike_times=[[0.3, 0.6, 0.7, 0.9]]))
+    net.probe("s", "in")
+    sim = neuro.compile(net, backend)
+    sim.run(1.0)
+    for since, later in ((0.3, [0.6, 0.7, 0.9]), (0.6, [0.7, 0.9]), (0.7, [0.9])):
+        assert sim.spikes("in", since=since)[0].tolist() == later
+
+
 def test_a_probe_of_a_view_records_its_neurons():
     found = {}
     for index in ([5, 0], slice(None)):

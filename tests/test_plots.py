@@ -132,7 +132,9 @@ def test_a_window_is_after_its_begin_up_to_its_end(sim):
     (train,) = trains(recorded(sim), "in", (10.0, 30.0))
     assert train.times_ms.tolist() == [20.0, 20.0, 30.0, 30.0]
     assert train.ids.tolist() == [0, 3, 1, 3]
-    assert plots.raster(sim, "in", window=(10.0, 30.0)).axes[0].get_xlim() == (10.0, 30.0)
+    axis = plots.raster(sim, "in", window=(10.0, 30.0)).axes[0]
+    assert axis.get_xlim() == (10.0, 30.0)
+    assert axis.get_title("left") == "in: 4 neurons, 50 Hz"
     shown = plots.trace(sim, "v", window=(10.0, 12.0)).axes[0]
     assert [line.get_xdata().tolist() for line in shown.lines] == [[10.0, 11.0, 12.0]] * 6
 

@@ -28,6 +28,16 @@ def both(tmp_path_factory):
     return net, live, neuro.results.read(path)
 
 
+def test_spikes_between_any_two_of_them(both):
+    _, live, left = both
+    times = np.unique(live.spikes("drive")[0])[::7]
+    for since, until in zip(times, times[2:], strict=False):
+        kept = live.spikes("drive", since=since, until=until)
+        assert kept[0].min() > since
+        assert kept[0].max() == until
+        assert np.array_equal(kept, left.spikes("drive", since=since, until=until))
+
+
 @pytest.mark.parametrize("words", [{}, {"delays": True}, {"pre": [0, 3]}, {"post": 2, "delays": True}, {"post": [5]}])
 @pytest.mark.parametrize("name", ["w", "back"])
 def test_weights(both, name, words):

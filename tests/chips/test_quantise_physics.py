@@ -331,3 +331,10 @@ def test_networks_whose_values_are_exact_fire_at_the_same_steps_everywhere():
     for backend in ("event", *CHIPS):
         for ours, theirs in zip(found[backend], found["reference"], strict=True):
             np.testing.assert_array_equal(ours, theirs, err_msg=backend)
+
+
+@pytest.mark.parametrize("backend", ["reference", *CHIPS])
+def test_a_driven_neuron_fires_as_soon_as_it_is_no_longer_refractory(backend):
+    times = build(neuro.iaf_psc_exp(t_ref=2.0, I_e=100_000.0, tau_m=10.0), backend)
+    times.run(50.0)
+    assert set(np.diff(times.spikes("out")[0]).tolist()) == {2.0 + H}

@@ -13,7 +13,7 @@ from neuro.files import results
 from neuro.pages.histograms import histogram
 from neuro.pages.raster import packed
 from neuro.report.counted import energy
-from neuro.report.curves import curves, ticks
+from neuro.report.curves import curves, rates, ticks
 from neuro.report.page import page
 from neuro.run.collect import collect
 from rasters import unpacked
@@ -260,6 +260,15 @@ def test_curves_have_units_round_ticks_and_names():
     assert two == ["mV", "-70", "-60", "neuron 3", "-70", "-60", "neuron 7", "0", "200", "400 ms"]
     assert words(curves(x, [np.full(4, 5.0)], None, 3.0, "mV", "v"))[:2] == ["mV", "4.95"]
     assert words(curves(x, [np.zeros(4)], 0.0, 3.0, "Hz", "v"))[:2] == ["Hz", "0.0"]
+
+
+def test_a_rate_is_that_of_a_neuron():
+    net = neuro.Network("regular")
+    net.population("in", 20, neuro.spike_generator(spike_times=[list(range(5, 1000, 100))] * 20))
+    sim = neuro.compile(net)
+    sim.run(1000.0)
+    hz = [float(word) for word in words(rates(collect(sim, net)))[1:3]]
+    assert 10.0 <= max(hz) <= 100.0
 
 
 @given(st.floats(-1e300, 1e300), st.floats(-1e300, 1e300), st.integers(2, 6))
