@@ -405,3 +405,8 @@ def test_a_kernel_has_no_distance():
     net.connect("a", "b", neuro.grid(kernel=(2, 2)), weight=neuro.of_distance(neuro.linear()))
     with pytest.raises(neuro.ModelError, match="a shared kernel has none: expected numbers or a distribution"):
         compile_network(net, 1)
+
+
+def test_a_gaussian_has_its_peak_at_its_mean():
+    profile = neuro.gaussian(std=0.1, mean=0.5, a=0.6, c=0.1)
+    assert profile.at(np.array([0.5, 0.6, 0.0])) == pytest.approx([0.7, 0.1 + 0.6 * np.exp(-0.5), 0.1], abs=1e-5)

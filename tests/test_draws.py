@@ -171,3 +171,13 @@ def test_rows_that_are_read_together_begin_elsewhere_in_their_pages():
     assert len(places) == 6
     assert not any(place % LINE for place in places)
     assert aligned_zeros(0, np.uint16).size == 0
+
+
+@pytest.mark.parametrize("distribution", [neuro.normal(std=5.0, low=-6.0, high=3.0), neuro.lognormal(low=0.5, high=2.0)])
+@pytest.mark.parametrize("n", [20, 300])
+def test_drawn_values_lie_between_their_bounds(distribution: Any, n: int):
+    net = neuro.Network("drawn")
+    net.population("cells", n, neuro.iaf_psc_exp())
+    net.connect("cells", "cells", neuro.all_to_all(), weight=distribution)
+    weights = neuro.compile(net, "reference", seed=1).get("cells_cells", "weight")
+    assert distribution.low <= weights.min() < weights.max() <= distribution.high

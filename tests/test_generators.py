@@ -262,6 +262,7 @@ def test_mistakes_are_told():
         "population 'source': gamma_sup_generator.rate = 6000 Hz: expected at most 5000 Hz with gamma_shape = 1 and "
         "n_proc = 1 at a resolution of 0.1 ms\n  hint: use a finer resolution or a lower rate"
     )
+    assert "expected at most" in refused(neuro.gamma_sup_generator(rate=1000.0, n_proc=10**6))
     assert refused(neuro.spike_train(spikes=[[1.0, 2.0]])) == (
         "population 'source': spike_train.spikes[0] is of neuron 2: expected a neuron from 0 to 1\n"
         "  hint: shape: 3 has room for all"

@@ -31,6 +31,11 @@ def test_delays(delay, message):
     assert message in str(error.value)
 
 
+def test_drawn_delays():
+    with pytest.raises(neuro.ModelError, match=r"expected at most 6553\.6 ms, 2\^16 steps"):
+        neuro.compile(pair(delay=neuro.uniform(low=1.0, high=1e9)), "reference")
+
+
 def test_refractory_period():
     net = neuro.Network("one")
     net.population("a", 1, neuro.iaf_psc_exp(t_ref=1e300))

@@ -116,3 +116,17 @@ def test_loihi_says_which_rules_it_has():
         "projection 'learnt': stdp_triplet: the learning engine runs stdp, stdp_dopa and loihi_learning\n"
         "  hint: run it on event, or send static weights: sim.network() has what was learnt"
     )
+
+
+def test_depression_by_triplets_ends_at_no_weight():
+    net = neuro.Network("depressed")
+    net.population("pre", 1, neuro.spike_generator(spike_times=[np.arange(10.0, 200.0, 10.0).tolist()]))
+    net.population("post", 1, neuro.spike_generator(spike_times=[np.arange(8.0, 200.0, 10.0).tolist()]))
+    net.population("out", 1, neuro.parrot_neuron())
+    rule = neuro.stdp_triplet(Aplus=0.0, Aplus_triplet=0.0, Aminus=5.0, Aminus_triplet=0.0)
+    net.connect("pre", "out", neuro.one_to_one(), rule, weight=3.0, delay=1.0, name="w")
+    net.connect("post", "out", neuro.one_to_one(), weight=1.0, delay=1.0)
+    for backend in ("reference", "event"):
+        sim = neuro.compile(net, backend)
+        sim.run(200.0)
+        assert sim.get("w", "weight").tolist() == [0.0]

@@ -162,6 +162,12 @@ def test_intervals_and_their_variation():
     assert _spikes.variation(train) == pytest.approx(expected, rel=1e-12)
 
 
+def test_a_single_interval_has_no_variation():
+    times, ids = np.array([1.0, 2.0, 3.0, 5.0, 9.0]), np.array([0, 0, 1, 1, 1])
+    train = Spikes("cells", np.arange(2), times, ids, (0.0, 10.0))
+    assert _spikes.variation(train) == pytest.approx([1.0 / 3.0])
+
+
 def test_what_intervals_and_cv_say(sim):
     assert plots.isi(sim, "in").axes[0].get_title("left") == "in: 4 intervals, mean 12.5 ms"
     heights, edges, _ = plots.isi(sim, "in").axes[0].patches[0].get_data()

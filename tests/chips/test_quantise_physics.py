@@ -338,3 +338,13 @@ def test_a_driven_neuron_fires_as_soon_as_it_is_no_longer_refractory(backend):
     times = build(neuro.iaf_psc_exp(t_ref=2.0, I_e=100_000.0, tau_m=10.0), backend)
     times.run(50.0)
     assert set(np.diff(times.spikes("out")[0]).tolist()) == {2.0 + H}
+
+
+def test_currents_on_loihi_decay_by_their_time_constant():
+    keep = 1.0 - 256.0 / 4096.0  # a decay that the chip holds exactly
+    tau = -H / math.log(keep)
+    sim = build(neuro.iaf_psc_exp(tau_syn_ex=tau, V_th=1e3), "loihi", [2000.0], [[1.0]])
+    sim.run(30.0)
+    current = sim.trace("I_syn_ex")[1][:, 0]
+    first = int(np.argmax(current > 0.0))
+    assert current[first + 20] / current[first] == pytest.approx(keep**20, rel=2e-3)  # cut towards 0 in each step

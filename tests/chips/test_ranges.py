@@ -10,6 +10,7 @@ from hypothesis import given, strategies as st
 import neuro
 from neuro.chips import chip, chips, place, price
 from neuro.chips.description import Figure
+from neuro.chips.pricing.duration import run_of
 from neuro.core.errors import ModelError
 
 STEPS = 20
@@ -233,3 +234,10 @@ def test_mistakes(table, case):
     with pytest.raises(ModelError) as caught:
         chip(table(f"costs: {{synaptic_op: {figure}}}"))
     assert str(caught.value).startswith(told)
+
+
+def test_the_rate_of_a_run_is_in_hertz(sim):
+    counts = sim.counts()
+    spikes = len(sim.spikes("out")[0])
+    assert spikes > 0
+    assert run_of(sim.program, counts, None, 1)["rate"] == pytest.approx(spikes / (4 * STEPS * 1e-3))

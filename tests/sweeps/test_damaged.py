@@ -100,6 +100,11 @@ def test_a_claim_of_nobody_is_taken_over(made, told, content, touched):
     assert not (made / "runs" / "claims" / key).exists()
 
 
+def test_a_claim_of_a_process_whose_number_another_has_is_nobodys(tmp_path):
+    (tmp_path / "claim").write_text(json.dumps({"machine": machine(), "process": os.getpid(), "began": "0"}))
+    assert not alive(tmp_path / "claim")
+
+
 @pytest.mark.parametrize("touched", [-LEASE_S / 2, LEASE_S / 2], ids=["before", "after"])
 def test_who_waits_says_for_whom(made, told, monkeypatch, touched):
     """A claim of another machine that was touched near to now is somebody's; it is given up while one waits."""

@@ -1,0 +1,61 @@
+"""What pages, tables and pictures label is what they show."""
+
+import re
+from types import SimpleNamespace
+
+import numpy as np
+
+from neuro.compare.cells import where
+from neuro.compare.spikes import Divergence
+from neuro.pages import bills
+from neuro.sweeps import page
+from neuro.sweeps.tuning import pictures
+from neuro_drone.report import columns_of
+from neuro_train.telling import curves
+
+
+def test_a_spike_of_the_first_run_alone_is_missing_in_the_other():
+    assert where(Divergence(1.5, 3, True)) == "1.5 ms, neuron 3: missing"
+    assert where(Divergence(1.5, 3, False)) == "1.5 ms, neuron 3: extra"
+
+
+def test_static_joules_are_those_of_their_clock():
+    bill = SimpleNamespace(dynamic_j=1.0, static_j=2.0, real_time=SimpleNamespace(static_j=3.0))
+    assert bills._spent(bill) == {"dynamic": 1.0, "static": 2.0, "waiting": 3.0}
+
+
+def test_values_of_a_map_lie_beside_their_axes():
+    axes = [[1, 2, 3], [10, 20]]
+    grid = np.array([[0.0, 1.0, 2.0], [3.0, 4.0, 5.0]])
+    data = SimpleNamespace(grid=lambda: grid, axis=axes.__getitem__, names=["a", "b"], metric="m")
+    drawn = str(page._map(data))
+    ticks = {told: float(y) for y, told in re.findall(r'<text[^>]* y="([\d.]+)"[^>]*>(\d+)</text>', drawn)}
+    for y, told in re.findall(r'<rect[^>]* y="([\d.]+)".*?b = (\d+):', drawn):
+        assert 0.0 < ticks[told] - float(y) < 34.0
+
+
+def test_bars_of_importance_stand_at_their_names(monkeypatch):
+    shares = {"first": 0.1, "second": 0.7, "third": 0.2}
+    monkeypatch.setattr(pictures, "importance", lambda table, name: shares)
+    plan = SimpleNamespace(objectives={"loss": "minimise"}, names=tuple(shares))
+    (axis,) = pictures._importance(SimpleNamespace(plan=plan, name="search"), []).axes
+    names = [label.get_text() for label in axis.get_yticklabels()]
+    lengths = {names[round(bar.get_y() + bar.get_height() / 2)]: bar.get_width() for bar in axis.patches}
+    assert lengths == shares
+
+
+def test_the_curve_of_right_decisions_is_in_percent():
+    noted = {"loss": np.array([2.0, 1.0]), "right": np.array([0.5, 0.75]), "joules": np.zeros(2)}
+    drawn = curves(noted)
+    assert drawn["right, %"].axes[0].lines[0].get_ydata().tolist() == [50.0, 75.0]
+    assert drawn["loss"].axes[0].lines[0].get_ydata().tolist() == [2.0, 1.0]
+
+
+def test_signed_errors_of_the_drone_have_signs():
+    means = {"learning_on": None, "error_px": 1.0, "absolute": [2.0, 3.0], "signed": [-2.0, 0.5]}
+    sums = {"laps": 1, "starts": 2}
+    row = SimpleNamespace(text="static", steps=0)
+    summary = SimpleNamespace(row=row, each=[0], sd=None, mean=means.__getitem__, total=sums.__getitem__)
+    columns, [cells] = columns_of([summary])
+    shown = dict(zip(columns, cells, strict=True))
+    assert (shown[">absolute"], shown[">signed"]) == ("2.00, 3.00", "-2.00, +0.50")
