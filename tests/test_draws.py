@@ -173,7 +173,9 @@ def test_rows_that_are_read_together_begin_elsewhere_in_their_pages():
     assert aligned_zeros(0, np.uint16).size == 0
 
 
-@pytest.mark.parametrize("distribution", [neuro.normal(std=5.0, low=-6.0, high=3.0), neuro.lognormal(low=0.5, high=2.0)])
+@pytest.mark.parametrize(
+    "distribution", [neuro.normal(std=5.0, low=-6.0, high=3.0), neuro.lognormal(low=0.5, high=2.0)]
+)
 @pytest.mark.parametrize("n", [20, 300])
 def test_drawn_values_lie_between_their_bounds(distribution: Any, n: int):
     net = neuro.Network("drawn")

@@ -1,5 +1,6 @@
 """Delays that cannot be: what is drawn, or follows from distance, is cut to one step only where that is promised."""
 
+import numpy as np
 import pytest
 
 import neuro
@@ -88,3 +89,21 @@ def test_a_distribution_of_ones_own(registries):
 
     assert "delay of synapse 0 -> 0 = -1." in told(shifted())
     assert "hint: 'sample' must give at least 0" in told(shifted())
+
+
+@pytest.mark.parametrize("at", range(2, 7))
+def test_a_spike_that_has_arrived_when_weights_are_set_does_not_come_again(at):
+    def run(backend):
+        net = neuro.Network("set", resolution=1.0)
+        net.population("in", 20, neuro.spike_generator(spike_times=[[1.0]] * 20))
+        net.population("relay", 20, neuro.parrot_neuron())
+        net.population("out", 50, neuro.iaf_psc_exp())
+        net.connect("in", "relay", neuro.one_to_one(), delay=1.0)
+        net.connect("relay", "out", neuro.all_to_all(), weight=20.0, delay=neuro.uniform(low=1.0, high=3.0), name="w")
+        sim = neuro.compile(net, backend, seed=2)
+        sim.run(float(at))
+        sim.set("w", weight=10.0)
+        sim.run(30.0)
+        return sim.get("out", "V_m")
+
+    assert np.array_equal(run("event"), run("reference"))

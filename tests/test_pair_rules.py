@@ -130,3 +130,23 @@ def test_depression_by_triplets_ends_at_no_weight():
         sim = neuro.compile(net, backend)
         sim.run(200.0)
         assert sim.get("w", "weight").tolist() == [0.0]
+
+
+@pytest.mark.parametrize("name", RULES)
+def test_each_of_several_spikes_in_a_step_teaches(name):
+    def weights(backend):
+        net = neuro.Network("doubled", resolution=1.0)
+        net.population("in", 4, neuro.poisson_generator(rate=60.0))
+        net.population("double", 8, neuro.poisson_generator(rate=40.0))
+        net.population("out", 4, neuro.parrot_neuron())
+        rule, weight = RULES[name], -30.0 if (RULES[name].parameters().get("Wmax") or 1.0) < 0.0 else 30.0
+        delay = neuro.uniform(low=1.0, high=4.0)
+        net.connect("in", "out", neuro.all_to_all(), rule, weight=weight, delay=delay, name="w")
+        pairs = [(source, source % 4) for source in range(8) for _ in range(2)]
+        net.connect("double", "out", neuro.pairs(*map(list, zip(*pairs, strict=True))), weight=1.0, delay=1.0)
+        sim = neuro.compile(net, backend, seed=6)
+        sim.run(400.0)
+        assert sim.counts().populations["out"].spikes > 200
+        return sim.get("w", "weight")
+
+    assert np.allclose(weights("event"), weights("reference"), rtol=1e-9)

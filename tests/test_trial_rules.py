@@ -364,3 +364,16 @@ def test_rates_that_follow_mistakes_learn(seed):
         wrong = (told.label != labels) & (told.winner >= 0)
         sim.set("w", hits=np.mean(told.label == labels), misses=np.mean(wrong))
     assert right(sim, 2) > 0.75
+
+
+def test_a_reset_keeps_the_numbers_of_rules_that_were_set():
+    times, ids, offsets, labels = latencies(5, 60, 3)
+
+    def learnt(backend: str) -> Any:
+        sim = task(tempotron(lambda_=0.02, tau_m=15.0, tau_s=0.0), 3, 1, 6.0, 0, backend)
+        sim.set("w", lambda_=0.1)
+        sim.reset()
+        sim.trials(times, ids, offsets, labels, learn=True)
+        return sim.get("w", "weight")
+
+    assert np.allclose(learnt("event"), learnt("reference"), rtol=1e-12)
