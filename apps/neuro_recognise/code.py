@@ -31,8 +31,8 @@ PLAIN = (bool, int, float, str)
 def code_of(method: Settings) -> str:
     """A digest of the sources that a method and its parts come from: equal for equal code.
 
-    Of what is ours that is all that computes; of a stranger's class its file, and the files beside it or of its package
-    that it takes names from. What was typed into a notebook is told by its functions.
+    Of this package all that computes counts; of a third-party class its file, and the files beside it or of its package
+    that it takes names from. What was typed into a notebook counts by its functions.
     """
     classes = dict.fromkeys(_classes(method))
     digest = hashlib.sha256(_ours().encode())
@@ -70,7 +70,7 @@ def _folders() -> list[Path]:
 
 
 def _with_neighbours(names: Iterable[str]) -> dict[str, ModuleType | None]:
-    """The strangers' modules of some names, and those of the same place that they have names of."""
+    """The third-party modules of some names, and those of the same place that they have names of."""
     found: dict[str, ModuleType | None] = {}
     waiting = [*names]
     while waiting:

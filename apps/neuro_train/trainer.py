@@ -136,7 +136,7 @@ def learn(
         report: is told the epochs that are done, and what was noted of the last.
 
     Raises:
-        ModelError: the network cannot be trained so, the loss or what learns is no number any more, or the
+        ModelError: the network cannot be trained so, the loss or what learns has become NaN or infinite, or the
             checkpoint is of another training.
     """
     training = _Training(net, shown, plan, "" if checkpoint is None else f" in {checkpoint.path}")

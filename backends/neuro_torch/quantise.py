@@ -84,7 +84,7 @@ def _rounding_as(scales: _Scales, module: Module) -> Module:
 class _Scales:
     """Chooses the scales of all projections together, before a batch runs.
 
-    Since populations share one for all that arrives at them, and a chip's may hang on more than the largest weight.
+    Since populations share one for all that arrives at them, and a chip's may depend on more than the largest weight.
     """
 
     def __init__(self, program: Program, chip: Chip, bits: int) -> None:

@@ -2,8 +2,8 @@
 
 A model's `step` is a loop over neurons with branches. Each neuron is a lane here: what was `for i in range(lo, hi)` is
 done once for all of them, and where lanes go different ways, both ways are gone and each lane keeps what its own way
-left (`neuro_torch.lanes` says how). So models of this package, of strangers and those made of equations need nothing
-more than what the reference backend runs.
+left (`neuro_torch.lanes` says how). So third-party models and models made of equations
+need nothing beyond what the reference backend runs.
 
 What cannot be rewritten is refused with the line that stops it: comprehensions, `try`, `with`, functions in functions.
 """

@@ -159,7 +159,7 @@ Function = Callable[..., Floats]
 
 
 def _complete(function: Function, rates: bool) -> Function:
-    """Return a function of a stranger if it can be said in a description.
+    """Return a third-party function if a description can name it.
 
     Raises:
         TypeError: it cannot, or a code of the other kind has its name.

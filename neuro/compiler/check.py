@@ -88,7 +88,7 @@ def _check_population(part: Population, shape: Shape) -> None:
 
 
 def _check_whole(part: AnyPart, registry: Registry[Any], model: type[Any]) -> None:
-    """The class of a stranger has all that backends rely on, registered or not."""
+    """A third-party class has all that backends rely on, registered or not."""
     try:
         registry.check(model)
     except ModelError as error:

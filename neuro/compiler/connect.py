@@ -159,7 +159,7 @@ def _is_same(own: Ints | None, n_post: int) -> bool:
 
 
 def _own_pairs(rule: Rule, source: Shape, target: Shape, same: bool, rng: np.random.Generator) -> tuple[Ints, Ints]:
-    """The pairs that a rule of a stranger says, if they are whole numbers >= 0 and as many of each."""
+    """The pairs that a third-party rule says, if they are whole numbers >= 0 and as many of each."""
     RULES.check(type(rule))
     said = rule.connect(source, target, same, rng)
     if not isinstance(said, tuple) or len(said) != 2:

@@ -1,4 +1,4 @@
-"""What parts of strangers give, looked at."""
+"""Checks values that third-party parts return."""
 
 from __future__ import annotations
 
@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 from neuro.core.errors import ModelError
 
 
-def so_many(values: Any, shape: tuple[int, ...], told: str) -> NDArray[Any]:
-    """What a part of a stranger gave, as numbers of a shape; they may still be none.
+def check_returned(values: Any, shape: tuple[int, ...], told: str) -> NDArray[Any]:
+    """What a third-party part returned, as numbers of a shape; they may be NaN.
 
     Args:
         values: that.

@@ -125,7 +125,7 @@ def mistake(text: str, at: int, message: str, hint: str = "") -> Misread:
 
 @dataclass(frozen=True, slots=True)
 class Hints:
-    """Ways out that hang on what the expression is for: by a sign that is none, and for what is too long."""
+    """Hints that depend on what the expression is for: by a sign that is none, and for what is too long."""
 
     signs: Mapping[str, str] = field(default_factory=dict)
     shorter: str = ""

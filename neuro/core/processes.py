@@ -1,4 +1,4 @@
-"""Processes of this machine that do jobs, one each at a time: one that ends is started anew, its job tried once more.
+"""Worker processes of this machine, one job at a time each. A worker that dies is restarted; its job is retried once.
 
 They hear and tell on a pipe of their own, see `neuro.core.hand`, leave Ctrl-C to the process that asked, and end when
 that does, whatever ended it. Each has a process group of its own, so that what a job forks ends with it.

@@ -1,7 +1,7 @@
 """Parts by name: those of this package, of installed packages (entry points), and those that a program registers.
 
 One registry for each kind of part stands beside what defines the kind. Whoever names a part, in YAML, on the command
-line or in a report, looks here, so a part of a stranger is like one of ours.
+line or in a report, looks here, so a third-party part is like one of ours.
 """
 
 from __future__ import annotations
@@ -47,7 +47,7 @@ class Registry(Mapping[str, T], Generic[T]):
         takes: whether a thing is of this kind; a kind of plain functions is said to `register`.
         group: the entry points of installed packages.
         name: how a part is called.
-        complete: returns a part of a stranger if it has all that is relied on, and raises `TypeError` if not. It is
+        complete: returns a third-party part if it has all that is relied on, and raises `TypeError` if not. It is
             asked when the part is first used: a decorator sees a class before the functions below it.
     """
 

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from neuro.core.choice import Choice
 from neuro.core.errors import ModelError
-from neuro.core.given import so_many
+from neuro.core.given import check_returned
 from neuro.core.quantities import quantity
 from neuro.core.registry import Registry
 
@@ -43,7 +43,7 @@ class Distribution(Choice):
             ModelError: they are not so many finite numbers.
         """
         DISTRIBUTIONS.check(type(self))
-        values = so_many(self.sample(rng, n), (n,), f"{self!r} drew")
+        values = check_returned(self.sample(rng, n), (n,), f"{self!r} drew")
         if not np.isfinite(values).all():
             raise ModelError(f"{self!r} drew {values[~np.isfinite(values)][0]}: expected finite numbers")
         copied: NDArray[np.float64] = np.add(values, 0.0, dtype=np.float64)  # in which no 0 is negative
@@ -159,7 +159,7 @@ class lognormal(_Clipped):
 
 
 def complete(distribution: type[Distribution]) -> type[Distribution]:
-    """Return a distribution of a stranger if it can be drawn from.
+    """Return a third-party distribution if it can be drawn from.
 
     Raises:
         TypeError: it has no `sample`, or one with other arguments.

@@ -189,7 +189,7 @@ class grid(Rule):
 
 
 def complete(rule: type[Rule]) -> type[Rule]:
-    """Return a rule of a stranger if it says its pairs.
+    """Return a third-party rule if it says its pairs.
 
     Raises:
         TypeError: it does not.

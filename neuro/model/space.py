@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from neuro.core.choice import Choice
 from neuro.core.errors import ModelError
-from neuro.core.given import so_many
+from neuro.core.given import check_returned
 from neuro.core.quantities import Quantity, quantity
 from neuro.core.registry import Registry
 from neuro.core.values import shown
@@ -46,7 +46,7 @@ class Profile(Choice):
             ModelError: they are not so many finite numbers.
         """
         PROFILES.check(type(self))
-        values = so_many(self.at(distance), distance.shape, f"{self!r} has")
+        values = check_returned(self.at(distance), distance.shape, f"{self!r} has")
         bad = np.flatnonzero(~np.isfinite(values))
         if bad.size:
             found = f"{values[bad[0]]} at the distance {distance[bad[0]]:g}"
@@ -112,7 +112,7 @@ class box(Profile):
 
 
 def complete(profile: type[Profile]) -> type[Profile]:
-    """Return a profile of a stranger if it says its values.
+    """Return a third-party profile if it says its values.
 
     Raises:
         TypeError: it has no `at`, or one with other arguments.

@@ -51,7 +51,7 @@ class Population:
 
     Attributes:
         model: the model; its numbers are in `parameters`.
-        kind: what it does, `model.role`: "neuron", "poisson", "listed", "current" or "generator" (a stranger's).
+        kind: what it does, `model.role`: "neuron", "poisson", "listed", "current" or "generator" (third-party).
         shape: sizes of the axes; `size` is their product and neuron ids run in C order.
         parameters: by word, shape (1,) where all neurons share it, else (size,).
         initial: states at step 0 by name, likewise.

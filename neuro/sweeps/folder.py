@@ -135,7 +135,7 @@ class Folder:
         Raises:
             ModelError: it is the folder of another sweep, or of something else, or cannot be written.
         """
-        foreign = self._foreign()  # first: what another process makes meanwhile is no stranger's
+        foreign = self._foreign()  # first: what another process makes meanwhile is not foreign
         file = self.path / self.holding.file
         if file.exists():
             self._check_same(told, same, what)

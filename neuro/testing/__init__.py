@@ -1,6 +1,6 @@
 """The conformance suite: every feature of the language as a small case, compared with the reference backend.
 
-A stranger's backend is tested by `check_backend(backend)`, or case by case in pytest:
+A third-party backend is tested by `check_backend(backend)`, or case by case in pytest:
 
     from neuro.testing import CASES, check_case
 
@@ -16,7 +16,7 @@ A backend that computes in integers says so in its attribute `arithmetic = "inte
 hold exactly are then not run; `check_case` returns `NEEDS_FLOATS` for them. Those that integers hold exactly, too,
 and the laws of cutting, saving, seeds and counts must pass on every backend.
 
-A model or a rule of a stranger is tried by `check_part`, in networks of its own, on a backend beside the reference.
+A third-party model or rule is tried by `check_part`, in networks of its own, on a backend beside the reference.
 """
 
 from neuro.testing.case import CASES, Case, Found, observe

@@ -171,7 +171,7 @@ def _most_traces(a: EventArrays, learning: list[int]) -> int:
 
 
 def _columns(a: EventArrays, learning: list[int], table: Ints) -> Ints:
-    """The post traces that rules of strangers read lazily, by population; each rule's begin at its COLUMN."""
+    """The post traces that third-party rules read lazily, by population; each rule's begin at its COLUMN."""
     found: list[list[tuple[int, int]]] = [[] for _ in a.program.populations]
     for k, q in enumerate(learning):
         if table[k, t.RULE] < 0 and table[k, t.EAGER] == 0:

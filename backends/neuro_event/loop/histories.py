@@ -107,7 +107,7 @@ def bring_history(view, pop, thread, target, step, whole, h):
 
 @inner
 def keep_others(net, p, pop, local, n, step, h):
-    """Keep the traces that rules of strangers read of a neuron, as they are just before its spike."""
+    """Keep the traces that third-party rules read of a neuron, as they are just before its spike."""
     history, neuron = net.pops[pop, t.HISTORY] + local, net.pops[pop, t.BEGIN] + local
     others = p.others[history]
     for column in range(p.columns.shape[1]):
@@ -182,7 +182,7 @@ def bring_traces(view, q, n_sources, n_targets, step, h):
 
 @kernel
 def bring_own_traces(view, q, n_sources, n_targets, step, h):
-    """Likewise of a stranger's rule; the time constants of post traces cannot be set."""
+    """Likewise of a third-party rule; the time constants of post traces cannot be set."""
     p = plastic_of(view)
     for target in range(n_targets):
         place = p.table[q, t.FIRST_TARGET] + target

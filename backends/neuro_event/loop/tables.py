@@ -271,7 +271,7 @@ in_source i4 1     their sources
 heard f8 2         (targets, traces) of the post spikes that eager synapses have heard, kept as in `eager`
 past i8 2          history of each neuron's spikes, see `plastic`
 traces f8 2        the same memory as floats
-kinds f8 3         (projections, traces, 3) of strangers' rules: time constant, nearest, what a spike adds
+kinds f8 3         (projections, traces, 3) of third-party rules: time constant, nearest, what a spike adds
 columns i8 3       (populations, columns, 2) whose post trace a column of `others` is: projection and trace
 others f8 3        (histories, entries, columns) these traces just before each entry
 draw_keys u8 1     of the synapses' draws, by projection

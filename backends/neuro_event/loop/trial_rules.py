@@ -1,6 +1,6 @@
 """Rules for trials, applied to the shared kernel or the synapses of one neuron.
 
-The two passes are compiled for each rule by itself, ours and strangers' alike: Python calls them between trials.
+The two passes are compiled for each rule by itself, ours and third-party ones alike: Python calls them between trials.
 """
 
 # mypy: ignore-errors

@@ -120,7 +120,7 @@ def _read_in_reset(neuron: Neuron) -> list[str]:
 
 
 def _exact(neuron: Neuron) -> list[str]:
-    """The solution of a linear system; where states hang on held ones, a second one for held neurons."""
+    """The solution of a linear system; where states depend on held ones, a second one for held neurons."""
     linear = neuron.linear
     assert linear is not None
     before: list[str] = []

@@ -72,7 +72,7 @@ def _is_constant(tree: Tree, leaf: Leaf) -> bool:
 
 
 class Constants:
-    """What is worked out once, in `constants`: all parts of expressions that hang on parameters only.
+    """What is worked out once, in `constants`: all parts of expressions that depend on parameters only.
 
     Args:
         parameters: of the model, in order.

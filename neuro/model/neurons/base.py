@@ -94,7 +94,7 @@ class Model(Choice):
 
     @classmethod
     def identity(cls) -> str:
-        """The names of a stranger's states: an edit may swap two, and all arrays still fit."""
+        """The names of a third-party model's states: an edit may swap two, and all arrays still fit."""
         return "" if cls.__module__.startswith("neuro.") else repr([state.name for state in cls.states])
 
 
