@@ -240,7 +240,7 @@ class Module(torch.nn.Module):
         else is changed.
 
         Raises:
-            ModelError: something that learns has become NaN or infinite, or a delay longer than any may be; it says what.
+            ModelError: what learns has become NaN or infinite, or a delay is longer than any may be; it says what.
         """
         bounds.hold(self.program, self.weights, self.delays, self.neurons)
 

@@ -36,7 +36,7 @@ def refused(**words):
         ("E_L/tau if V_m > E_L else 0", 9, CHOICE),
         ("V_m > E_L ? 1 : 0", 11, CHOICE),
         ("where(V_m > E_L and V_m < V_th, 1, 0)", 17, "write min(where(a > b, 1, 0), where(c > d, 1, 0))"),
-        ("E_L/tau*exp(t/tau)", 13, "equations do not hang on the time: connect a generator"),
+        ("E_L/tau*exp(t/tau)", 13, "equations do not depend on time: connect a generator"),
         ("convolve(K, spikes)*E_L/tau", 1, "spikes arrive in 'receptors', e.g. {g: {kernel: exp, tau: tau_syn}}"),
         ("3*volt/second", 3, "write mV or V"),
         ("pi*V_m/tau", 1, "write 3.141592653589793"),

@@ -9,7 +9,7 @@ from neuro.core.grammar import Expression, Hints, parse as read
 _CHOICE = "write where(a > b, value, other)"
 _RECEPTOR = "spikes arrive in 'receptors', e.g. {g: {kernel: exp, tau: tau_syn}}"
 _NO_NOISE = "equations have no noise of their own: connect a poisson_generator"
-_NO_TIME = "equations do not hang on the time: connect a generator"
+_NO_TIME = "equations do not depend on time: connect a generator"
 _LET = "an abbreviation is a word of 'let', e.g. {I_syn: g*(E - V_m)}"
 REFRACTORY = "write refractory: {time: t_ref, hold: [V_m]}"
 RIGHT_SIDE = "write the right side alone, by the name of its state: {V_m: (E_L - V_m)/tau_m}"
