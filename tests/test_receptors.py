@@ -220,3 +220,27 @@ def test_loihi_has_one_current_and_spinnaker_two_slots():
     assert why in str(told.value)
     with pytest.raises(ModelError, match=r"weight\[0\] = 300: expected -[0-9.]+ to 0, what its"):
         sim.set_weights("a_b", 300.0)
+
+
+class with_a_third(neuro.iaf_psc_exp):
+    """As if `iaf_psc_exp` had got one receptor more."""
+
+    receptors = 3
+    receptor_names = ("ex", "in", "slow")
+
+
+@pytest.mark.parametrize(
+    ("backend", "why"),
+    [
+        ("loihi", "with_a_third with 3 receptors"),
+        ("spinnaker", "with_a_third with 3 receptors"),
+        ("nest", "receptor 'slow' by name"),
+    ],
+)
+def test_a_receptor_that_a_backend_has_not_is_refused_not_dropped(backend, why):
+    net = neuro.Network("third")
+    net.population("input", 1, neuro.spike_generator(spike_times=[1.0]))
+    net.population("cells", 1, with_a_third())
+    net.connect("input", "cells", neuro.all_to_all(), static(receptor="slow"), weight=900.0)
+    with pytest.raises(ModelError, match=why):
+        neuro.compile(net, backend)

@@ -3,6 +3,9 @@
 Importing this package tells gymnasium of ``neuro/Drone-v0``.
 """
 
-from neuro_drone.register import register
+import gymnasium
 
-register()
+ID = "neuro/Drone-v0"
+
+if ID not in gymnasium.registry:  # gymnasium 1.0 and later look for no plug-ins of themselves
+    gymnasium.register(id=ID, entry_point="neuro_drone.env:DroneEnv")

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from functools import lru_cache
-from math import hypot, inf
+from math import cos, hypot, inf, pi, sin, sqrt
 from typing import Any
 
 import numpy as np
@@ -11,13 +11,12 @@ import numpy.typing as npt
 
 from neuro import ModelError
 from neuro_drone.geometry import AIM, Pose, View
-from neuro_drone.hop import hop
+from neuro_drone.parts import GRAVITY, Ball
 from neuro_drone.paths import FIXED, Path, Variation, star
-from neuro_drone.scenario import Ball
 from neuro_drone.scene import Scene
 from neuro_drone.tasks import FARTHEST, LARGEST_ERROR, NEARER, Judged, border
 
-__all__ = ["BallTask"]
+__all__ = ["BallTask", "hop"]
 
 PIECES = 100
 NEAR = 0.05
@@ -196,3 +195,23 @@ def _way(lap: float, varied: Variation) -> tuple[Path, npt.NDArray[Any], float]:
     ends = np.arange(PIECES) * (path.length / PIECES)
     pieces = np.array([path.at(varied.begin * path.length + s) for s in ends])
     return path, pieces, float(np.hypot(*pieces.T).mean())
+
+
+def hop(ball: Ball, time: float) -> tuple[float, float]:
+    """Height of a ball's middle and its radius, m.
+
+    A slow rise is half a wave of a cosine; jumps are parabolas, one after the other, as of a ball that loses nothing.
+
+    Args:
+        ball: of the scenario.
+        time: since the start of the episode, s; the ball then lies on the ground and has its own radius.
+    """
+    radius = up = ball.radius
+    if ball.swell:
+        radius = up = ball.radius * (1.0 + ball.swell * sin(2.0 * pi * time / ball.swell_time))
+    if ball.rise:
+        up += 0.5 * ball.rise * (1.0 - cos(2.0 * pi * time / ball.rise_time))
+    if ball.bounce:
+        share = time / sqrt(8.0 * ball.bounce / GRAVITY) % 1.0
+        up += 4.0 * ball.bounce * share * (1.0 - share)
+    return up, radius

@@ -9,11 +9,11 @@ from weakref import finalize
 
 from neuro import ModelError
 from neuro.apps import install
-from neuro_drone.body import CALM, Kinematic
+from neuro_drone.body import CALM, Body, Kinematic
 from neuro_drone.geometry import Pose
 from neuro_drone.parts import GRAVITY, MASS, Drone
 
-__all__ = ["Bullet"]
+__all__ = ["Bullet", "body_of"]
 
 Vector = tuple[float, float, float]
 
@@ -256,3 +256,14 @@ def _pybullet() -> Any:
 def _disconnect(p: Any, client: int) -> None:
     if p.isConnected(client):
         p.disconnect(client)
+
+
+def body_of(drone: Drone) -> Body:
+    """The body for the physics that a drone asks for.
+
+    Raises:
+        ModelError: it needs a package that is not installed.
+    """
+    if drone.physics == "kinematic":
+        return Kinematic(drone)
+    return Bullet(drone)

@@ -11,12 +11,12 @@ import numpy as np
 import numpy.typing as npt
 
 from neuro import ModelError
-from neuro.apps import unknown
+from neuro.apps import kernel, unknown
 from neuro.events import Events
 from neuro_drone.actions import ACTIONS, model
 from neuro_drone.ball import BallTask
-from neuro_drone.bodies import body_of
 from neuro_drone.body import Body
+from neuro_drone.bullet import body_of
 from neuro_drone.eye import Eye
 from neuro_drone.geometry import View
 from neuro_drone.line import LineTask
@@ -107,7 +107,6 @@ class DroneEnv(gymnasium.Env[npt.NDArray[Any], Any]):
         self._t_us = 0
         self._running = False
         self._events: Events | None = None
-        from neuro_drone._counts_kernel import count
 
         self._count = count
 
@@ -229,3 +228,10 @@ def _wishes(options: Mapping[str, Any], task: Task, axes: int) -> tuple[tuple[fl
 def _one_of(name: str, value: object, known: tuple[object, ...]) -> None:
     if value not in known:
         raise ModelError(f"{name} = {value!r}: expected {' or '.join(str(one) for one in known)}")
+
+
+@kernel
+def count(x: npt.NDArray[Any], y: npt.NDArray[Any], shift: int, out: npt.NDArray[np.int64]) -> None:
+    """Add the events at x, y (uint16, px) to out[y >> shift, x >> shift] (int64)."""
+    for k in range(x.shape[0]):
+        out[y[k] >> shift, x[k] >> shift] += 1

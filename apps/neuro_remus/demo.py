@@ -3,19 +3,25 @@
 from __future__ import annotations
 
 import time
+from collections.abc import Mapping
 from pathlib import Path
 
 import numpy as np
 
-from neuro.apps import TARGETS, make_folder, sealed, write_text
+import neuro
+from neuro.apps import TARGETS, console, make_folder, sealed, table, write_text
+from neuro.chips import COLUMNS
 from neuro.events import Recordings, recordings
+from neuro_models import path
+from neuro_recognise.methods.gradients import Dense
 from neuro_recognise.priced import Priced
-from neuro_recognise.recogniser import fit
+from neuro_recognise.recogniser import Recogniser, fit
 from neuro_recognise.telling import energy, report
 from neuro_recognise.telling.bars import Bar
 from neuro_recognise.telling.tried import Tried, try_out
-from neuro_remus import beside
 from neuro_remus.saccades import make_dataset
+
+__all__ = ["TARGET", "show_beside_each_other", "trained_by_gradients"]
 
 N_TRAIN, N_TEST = 1500, 500
 SEED = 0
@@ -65,12 +71,12 @@ def _show_beside(learning: Recordings, unseen: Recordings, out: Path, found: dic
     """Test the network that learnt these recordings by gradients, and compare."""
     name = "by gradients"
     print(f"\nthe same {len(unseen)} recordings for a network that ships and learnt {name} from the {len(learning)}\n")
-    made = beside.trained(learning, SEED)
+    made = trained_by_gradients(learning, SEED)
     tried = try_out(made, unseen)
     found[name] = tried, energy.bills(tried, TARGETS)
     write_text(out / "gradients.json", energy.words(made, *found[name]) + "\n", BILLS)
     print(f"{out / 'gradients.json'}\n", flush=True)
-    beside.show(found)
+    show_beside_each_other(found)
 
 
 def halves(data: Path, seed: int) -> tuple[Recordings, Recordings]:
@@ -95,3 +101,33 @@ def _shuffled(data: Recordings, seed: int) -> Recordings:
         mine = np.flatnonzero(labels == label)
         turn[mine] = chance[mine].argsort().argsort()
     return Recordings(data.path, [data[int(k)] for k in np.lexsort((chance, turn))], data.classes)
+
+
+TARGET = "loihi"
+"""The chip on which both are compared."""
+
+
+def trained_by_gradients(data: Recordings, seed: int) -> Recogniser:
+    """The network as a recogniser.
+
+    Args:
+        data: the recordings that it learnt from.
+        seed: by which they were made.
+    """
+    net = neuro.load(path("demo_digits"))
+    method = Dense(size=(34, 34), hidden=int(net.populations["hidden"].shape[0]))
+    return Recogniser(method, data.classes, method.learnt_of(net), {"recordings": len(data), "seed": seed})
+
+
+def show_beside_each_other(found: Mapping[str, tuple[Tried, Priced]]) -> None:
+    """Print a row for each recogniser: how many it decides rightly, and what a recording takes on the chip.
+
+    Args:
+        found: what came of each and its bills, by name.
+    """
+    heads = ("recogniser", ">accuracy", ">95 % interval", *COLUMNS)
+    rows = []
+    for name, (tried, priced) in found.items():
+        low, high = tried.own.interval
+        rows.append((name, f"{tried.own.accuracy:.1%}", f"{low:.1%} - {high:.1%}", *priced.bills[TARGET].cells()))
+    console().print(table(heads, rows, title=f"a recording on {TARGET}"))

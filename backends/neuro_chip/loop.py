@@ -7,7 +7,7 @@ import numpy as np
 from neuro.kernels.draws import poisson_by_sum, step_word, uniform
 from neuro.kernels.jit import inner, kernel
 from neuro_chip.deliver import may_gather, send, send_grids
-from neuro_chip.families.dispatch import update
+from neuro_chip.families.every import NUMBERS, STEPS
 from neuro_chip.groups import fire, settle_locally, settle_one, settle_rivals
 from neuro_chip.net import net_of
 from neuro_chip.tables import (
@@ -270,9 +270,6 @@ def advance(view, words, end):
             return
 
 
-# mypy: ignore-errors
-
-
 @inner
 def keep_states(net, pop, row):
     """Keep the states of a population for `stayed`; return what has been counted of it."""
@@ -320,3 +317,23 @@ def counted(net, pop):
     for column in range(net.native.shape[1]):
         total += net.native[pop, column]
     return total
+
+
+def _chosen(numbered):
+    """A function (net, pop, row, step) that runs the step whose number a row has; the last one else."""
+    (number, own), *others = numbered
+    if not others:
+        return own
+    rest = _chosen(others)
+
+    @inner
+    def chosen(net, pop, row, step):
+        if row[KIND] == number:
+            own(net, pop, row, step)
+        else:
+            rest(net, pop, row, step)
+
+    return chosen
+
+
+update = _chosen([(NUMBERS[kind], step) for kind, step in STEPS.items()])

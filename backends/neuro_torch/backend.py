@@ -6,13 +6,86 @@ from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
 from neuro.core.errors import ModelError, nearest
+from neuro.core.extras import needed
 from neuro.program.backend import Problem
 from neuro.program.program import Program
 from neuro_torch.problems import problems
-from neuro_torch.unsupported import UNSUPPORTED
 
 if TYPE_CHECKING:
+    import torch
+
     from neuro_torch.engine import TorchEngine
+
+_TRIALS = "there are no trials"
+_GROUP = "there is no winner-take-all"
+_COMPETITION = "there is no competition"
+_RIVALS = "there is no lateral reset"
+_PAIRS = "only static synapses are stepped"
+
+_LAWS = (
+    *("a_seed_repeats", "seeds_differ", "threads_do_not_matter", "a_reset_repeats", "a_reset_keeps_weights"),
+    *("another_population_does_not_matter", "counts_follow_from_spikes", "cutting_does_not_matter"),
+    *("cutting_does_not_matter_when_steered", "probes_do_not_matter"),
+    *("a_saved_state_continues", "a_state_saved_after_a_change_continues"),
+)
+
+UNSUPPORTED: dict[str, str] = {
+    **dict.fromkeys(("best_of_each_step", "first_to_fire", "exact_best_of_each_step"), _GROUP),
+    **dict.fromkeys((f"{law}_of_fixed_weights" for law in _LAWS), _GROUP),
+    **dict.fromkeys(("first_along_an_axis", "maps_that_reset_each_other", "exact_lateral_reset"), _RIVALS),
+    "local_winners_without_trials": _COMPETITION,
+    **dict.fromkeys((*_LAWS, *(f"{law}_of_learning" for law in _LAWS)), _PAIRS),
+    **dict.fromkeys(
+        (
+            *("stdp_multiplicative", "stdp_additive", "stdp_between", "stdp_within_a_population", "stdp_onto_parrots"),
+            *("stdp_changes", "synapses_that_differ", "synapses_that_come_to_differ", "counts_of_learning"),
+            *("dopamine_by_signal", "dopamine_by_spikes", "dopamine_one_to_one", "dopamine_without_a_source"),
+            *("dopamine_from_the_target", "dopamine_changes", "ports_of_signals_and_weights", "weights_are_recorded"),
+            *("weights_at_pre_spikes", "states_at_pre_spikes", "views_are_connected"),
+            *("single_plastic_weights_change",),
+        ),
+        _PAIRS,
+    ),
+    **dict.fromkeys(
+        (
+            *("trials_decide", "trials_run_to_their_end", "silent_trials", "rewarded_learning", "rescued_learning"),
+            *("dropout_of_each_trial", "rewarded_learning_with_padding", "rewarded_learning_of_all_pairs"),
+            *("rewarded_learning_by_channel", "rewarded_learning_with_delays", "rewarded_learning_from_a_layer"),
+            *("learning_without_labels", "learning_at_the_peak", "states_that_go_on"),
+            *("exact_decisions", "exact_full_trials", "exact_run_after_a_decision", "exact_rewards", "exact_rescue"),
+            *("exact_growth", "exact_local_winners", "exact_local_winners_to_the_last", "local_winners_learn"),
+            *("local_winners_are_rewarded", "saved_trials_continue", "cutting_a_batch_does_not_matter"),
+        ),
+        _TRIALS,
+    ),
+}
+
+
+def torch_module(told: str = "backend 'torch'") -> Any:
+    """torch, or the one error that says how to get it."""
+    return needed("torch", "torch", f"{told}: torch is not installed")
+
+
+def device_of(told: str | torch.device) -> torch.device:
+    """A device that is there and has doubles.
+
+    Args:
+        told: "cpu", "cuda" (the first GPU), "cuda:1", or a `torch.device`.
+
+    Raises:
+        ModelError: torch is not installed, or there is no such device.
+    """
+    own = torch_module()
+    there = ["cpu", *(f"cuda:{number}" for number in range(own.cuda.device_count()))]
+    try:
+        device: torch.device | None = own.device(told)
+    except (RuntimeError, TypeError):
+        device = None
+    if device is None or device.type not in ("cpu", "cuda"):
+        raise ModelError(f"device = {told!r}: expected 'cpu' or 'cuda'", hint=f"here: {', '.join(there)}")
+    if device.type == "cuda" and f"cuda:{device.index or 0}" not in there:
+        raise ModelError(f"device = '{device}': torch sees no such GPU", hint=f"here: {', '.join(there)}")
+    return device
 
 
 class TorchBackend:
@@ -41,7 +114,6 @@ class TorchBackend:
         for name in options.keys() - {"strict"}:
             known = ["device", "strict", "threads"]
             raise ModelError(f"backend 'torch' has no option '{name}'", hint=nearest(name, known))
-        from neuro_torch.devices import device_of
 
         found = device_of(device)
         from neuro_torch.engine import TorchEngine

@@ -15,17 +15,15 @@ from neuro.compiler import compile_network
 from neuro.core.clock import Clock
 from neuro.core.errors import ModelError, unknown
 from neuro.program.program import Floats
-from neuro_torch import bounds, feeding, late, learnt, memory, trainable as words
-from neuro_torch.active import active_updates
+from neuro_torch import bounds, feeding, learnt, memory, trainable as words
 from neuro_torch.events import Events
 from neuro_torch.named import Named
-from neuro_torch.outcome import Outcome, Told
+from neuro_torch.outcome import Outcome, Told, active_updates
 from neuro_torch.plan import Plan, plan_of
 from neuro_torch.problems import problems, without_gradient
 from neuro_torch.scan import compiled, layers, operations
 from neuro_torch.scan.task import Task
-from neuro_torch.stepped import Tensors, stepped
-from neuro_torch.stepping import Stepper
+from neuro_torch.stepping import Learning, Stepper, stepped
 from neuro_torch.surrogates import Plain, Surrogate, surrogate_of
 
 __all__ = ["Module"]
@@ -177,16 +175,16 @@ class Module(torch.nn.Module):
                     task.batch, task.steps, part.cells[k].size, dtype=task.dtype, device=task.device
                 )
             inside = self._ways(part.inside, weights)
-            spikes, before = scans.scan(late.component(part, inside), drives, [weight for _, weight in inside], task)
+            spikes, before = scans.scan(layers.component(part, inside), drives, [weight for _, weight in inside], task)
             emitted |= spikes
             for k in before.keys() & task.wanted:
                 reset = torch.as_tensor(populations[k].parameters["V_reset"]).to(task.device, task.dtype)
                 potentials[k] = torch.where(spikes[k] > 0, reset, before[k])
         return emitted, potentials
 
-    def _ways(self, parts: Iterable[layers.Synapses], weights: Mapping[int, Tensor]) -> list[late.Way]:
+    def _ways(self, parts: Iterable[layers.Synapses], weights: Mapping[int, Tensor]) -> list[layers.Way]:
         """What spikes go along, with its weights: a projection, or two of shares of its weights where delays learn."""
-        found: list[late.Way] = []
+        found: list[layers.Way] = []
         for part in parts:
             name = self.program.projections[part.projection].name
             if name not in self.delays:
@@ -194,7 +192,7 @@ class Module(torch.nn.Module):
                 continue
             listed, weight = self._one_by_one(part.projection), weights[part.projection]
             steps = bounds.in_steps(self.delays[name], self.program.resolution, name)
-            found += late.ways(listed, weight, steps, self.training)
+            found += layers.ways(listed, weight, steps, self.training)
         return found
 
     def _one_by_one(self, projection: int) -> layers.Synapses:
@@ -209,7 +207,7 @@ class Module(torch.nn.Module):
         if name not in self.delays:
             return layers.synapses(self.program, projection)
         steps = bounds.in_steps(self.delays[name], self.program.resolution, name)
-        return layers.delayed(self._one_by_one(projection), late.rounded(steps))
+        return layers.delayed(self._one_by_one(projection), layers.rounded(steps))
 
     def _stepped(self, given: Mapping[int, Any], task: Task) -> tuple[dict[int, Any], dict[int, Tensor]]:
         """The same, step by step."""
@@ -224,7 +222,7 @@ class Module(torch.nn.Module):
             with torch.inference_mode(False):
                 self._steppers = {task.device: Stepper(self.program, device=task.device, surrogate=self.surrogate)}
         delays = {name: delay if self.training else self._whole(name) for name, delay in self.delays.items()}
-        tensors = Tensors(dict(self.weights.items()), delays, parameters)
+        tensors = Learning(dict(self.weights.items()), delays, parameters)
         return stepped(self._steppers[task.device], task, tensors, inputs)
 
     def _whole(self, name: str) -> Tensor:

@@ -215,6 +215,8 @@ class Projection:
         """Whether the signs of what arrives send it where a receptor that is named would; so they do if none is."""
         if self.receptor is None:
             return True
+        if self.receptor.index > 1:
+            return False
         arriving = self.arriving(weights)
         return bool(np.all(arriving <= 0.0 if self.receptor.index == 1 else arriving >= 0.0))
 

@@ -21,6 +21,7 @@ from neuro.core.clock import Clock
 from neuro.core.errors import ModelError
 from neuro.core.keyed_random import LARGEST_MEAN
 from neuro.core.quantities import Quantity, word_of
+from neuro.kernels.jit import kernel
 from neuro.model.parts import Population, Projection, Signal
 from neuro.model.views import View
 from neuro.program.backend import Engine, Fired
@@ -300,8 +301,6 @@ class Ports:
 
     def port(self, plain: SimulationOfPorts, of: Part, what: str | None) -> Port:
         """A port of a simulation, see `Simulation.port`."""
-        from neuro.kernels.bounds import within  # compiled: only ports need it
-
         net = _Net(self._program, self._engine, self._clock, plain, within, self._turn)
         made = self._made(net, of, what)
         self._used.add(made)
@@ -340,3 +339,13 @@ def _closed(q: Quantity) -> tuple[float, float]:
     if q.below is not None:
         high = min(high, math.nextafter(q.below, -math.inf))
     return low, high
+
+
+@kernel
+def within(values: NDArray[np.float64], low: float, high: float) -> bool:
+    """Whether all values lie in [low, high]; NaN does not."""
+    # one pass: several passes of NumPy take longer than a step of a small network
+    inside = True
+    for k in range(values.size):
+        inside &= (low <= values[k]) & (values[k] <= high)
+    return inside

@@ -53,6 +53,10 @@ class Rows(ABC):
             times: whether also how long it took.
         """
 
+    @abstractmethod
+    def __len__(self) -> int:
+        """How many rows there are."""
+
     def column(self, name: str) -> list[Any]:
         """One column, an entry for each run; None where there is none yet.
 

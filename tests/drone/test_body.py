@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from hypothesis import given, strategies as st
 
-from neuro_drone.bodies import body_of
 from neuro_drone.body import GRAVITY, Kinematic
+from neuro_drone.bullet import body_of
 from neuro_drone.scenario import Drone
 
 speeds = st.floats(-3.0, 3.0)

@@ -12,9 +12,8 @@ from hypothesis import given, settings, strategies as st
 
 from neuro import ModelError
 from neuro.core.extras import install
-from neuro_drone.bodies import body_of
 from neuro_drone.body import Kinematic
-from neuro_drone.bullet import ARM, DRAG_TO_THRUST, MOST_THRUST, Bullet, _rotors
+from neuro_drone.bullet import ARM, DRAG_TO_THRUST, MOST_THRUST, Bullet, _rotors, body_of
 from neuro_drone.env import DroneEnv
 from neuro_drone.scenario import Drone
 

@@ -8,9 +8,9 @@ from hypothesis import given, settings, strategies as st
 
 from neuro import ModelError
 from neuro.events import DVS
+from neuro_drone.ball import hop
 from neuro_drone.eye import SKY, Eye, pixels
 from neuro_drone.geometry import Pose, View
-from neuro_drone.hop import hop
 from neuro_drone.scenario import Ball, Camera, Ground, Line, Scenario
 from neuro_drone.scene import Scene
 

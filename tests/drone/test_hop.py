@@ -7,11 +7,11 @@ import numpy as np
 import pytest
 
 from neuro import ModelError
+from neuro_drone.ball import hop
 from neuro_drone.body import GRAVITY
 from neuro_drone.controllers import make
 from neuro_drone.env import DroneEnv
 from neuro_drone.evaluate import Start, begin, fly_lap, grid
-from neuro_drone.hop import hop
 from neuro_drone.paths import Variation
 from neuro_drone.scenario import Ball, load
 

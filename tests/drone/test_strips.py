@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from hypothesis import given, strategies as st
 
-from neuro_drone.strips import strips
+from neuro_drone.eye import strips
 
 
 def area(corners):

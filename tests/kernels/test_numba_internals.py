@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 
 from neuro.kernels import numba_internals
-from neuro.kernels.bounds import within
+from neuro.run.ports import within
 
 ROOT = Path(__file__).parents[2]
 PUBLIC = {"numba", "numba.extending"}

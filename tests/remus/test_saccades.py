@@ -7,8 +7,7 @@ import pytest
 from neuro.events import EventFileError, load, recordings
 from neuro_recognise.parts.segmenters import Msd
 from neuro_remus import saccades
-from neuro_remus.digits import RESOURCE, mnist_5k
-from neuro_remus.saccades import Saccades, make_dataset
+from neuro_remus.saccades import RESOURCE, Saccades, make_dataset, mnist_5k
 
 
 @pytest.fixture(scope="module")

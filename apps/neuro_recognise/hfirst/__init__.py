@@ -1,7 +1,17 @@
 """HFirst: the network `hfirst`, what turns a recording into its input, its templates and its decisions."""
 
-from neuro_recognise.hfirst.decisions import READINGS, decide, decisive, scores
-from neuro_recognise.hfirst.network import c1_alone, c1_spikes, network, s2_alone, s2_heard, show
+from neuro_recognise.hfirst.network import (
+    READINGS,
+    c1_alone,
+    c1_spikes,
+    decide,
+    decisive,
+    network,
+    s2_alone,
+    s2_heard,
+    scores,
+    show,
+)
 from neuro_recognise.hfirst.s1 import s1_spikes, shown
 from neuro_recognise.hfirst.settings import HFirstSettings
 from neuro_recognise.hfirst.spikes import Heard, Spikes

@@ -8,10 +8,11 @@ from __future__ import annotations
 import numpy as np
 
 import neuro
+from neuro.apps import allocating
 from neuro.events import Events
 from neuro.events.filters import BackgroundActivity
 from neuro_recognise.hfirst.settings import HFirstSettings
-from neuro_recognise.hfirst.spikes import Spikes
+from neuro_recognise.hfirst.spikes import Floats, Ints, Spikes
 
 
 def shown(settings: HFirstSettings, events: Events) -> dict[str, Spikes]:
@@ -48,8 +49,6 @@ def s1_spikes(settings: HFirstSettings, inputs: dict[str, Spikes]) -> dict[str, 
     Returns:
         By the name of the population.
     """
-    from neuro_recognise.hfirst._s1_kernels import first_spikes
-
     h, (width, height) = settings.resolution, settings.size
     bank = np.ascontiguousarray(settings.gabors.transpose(1, 2, 0))
     found = {}
@@ -72,3 +71,66 @@ def _without_noise(events: Events, settings: HFirstSettings) -> Events:
             hint="set size",
         )
     return BackgroundActivity(sensor_size=events.sensor_size, dt_us=settings.noise_us)(events)
+
+
+@allocating
+def first_spikes(
+    steps: Ints,
+    rows: Ints,
+    columns: Ints,
+    bank: Floats,
+    leak: float,
+    threshold: float,
+    held: int,
+    height: int,
+    width: int,
+) -> Ints:
+    """Spikes of layer S1: of the orientations at a place the first to reach threshold, which resets the others.
+
+    A place is brought up to date where an event reaches it. Of equal orientations the first fires.
+
+    steps: int64[n], ascending, in which events arrive; rows, columns: int64[n]; bank: float64[side, side,
+    orientations], mV; leak: mV a step; held: steps of rest after a spike. Returns int64[2, spikes]: steps and neurons,
+    (orientation, row, column) in C order.
+    """
+    side, orientations = bank.shape[0], bank.shape[2]
+    half = side // 2
+    v = np.zeros((height, width, orientations))
+    since = np.zeros((height, width), np.int64)
+    free = np.zeros((height, width), np.int64)
+    reached = np.empty((height * width, 2), np.int64)
+    found = np.empty((2, 256), np.int64)
+    n, k = 0, 0
+    while k < steps.size:
+        now, touched = steps[k], 0
+        while k < steps.size and steps[k] == now:
+            y, x = rows[k], columns[k]
+            for r in range(max(0, y - half), min(height, y + half + 1)):
+                for c in range(max(0, x - half), min(width, x + half + 1)):
+                    if now < free[r, c]:
+                        continue
+                    here, taps = v[r, c], bank[half + y - r, half + x - c]
+                    if since[r, c] != now:
+                        lost = leak * (now - since[r, c])
+                        for o in range(orientations):
+                            here[o] -= min(max(here[o], -lost), lost)
+                        since[r, c] = now
+                        reached[touched, 0], reached[touched, 1] = r, c
+                        touched += 1
+                    for o in range(orientations):
+                        here[o] += taps[o]
+            k += 1
+        for place in range(touched):
+            r, c = reached[place]
+            best = v[r, c].argmax()
+            if v[r, c, best] < threshold:
+                continue
+            if n == found.shape[1]:
+                more = np.empty((2, 2 * n), np.int64)
+                more[:, :n] = found
+                found = more
+            found[0, n], found[1, n] = now, (best * height + r) * width + c
+            n += 1
+            v[r, c] = 0.0
+            free[r, c] = now + held + 1
+    return found[:, :n].copy()

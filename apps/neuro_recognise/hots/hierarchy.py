@@ -4,7 +4,7 @@ An event i sees in the neighbourhood of radius R round it, for each channel p an
 there was: ``S_i(u, p) = exp(-(t_i - T_i(u, p)) / tau)``, 0 where there was none. It is given to the
 closest of N prototypes, ``k_i``, and goes on to the next layer as an event of channel ``k_i``. Layer l + 1 has
 ``R K_R``, ``tau K_tau`` and ``N K_N`` (eq. 119 of the thesis). A histogram counts the prototypes of the last layer,
-and `neuro_recognise.parts.distances` has the paper's distances between histograms.
+and `neuro_recognise.parts.readouts` has the paper's distances between histograms.
 
 Source: Lagorce et al., "HOTS: A Hierarchy of Event-Based Time-Surfaces for Pattern Recognition", IEEE TPAMI 39:1346,
 2017; thesis lines 2211-2280 with algorithm 13.

@@ -5,10 +5,12 @@ A training is epochs over all frames, kept after each, so that it can go on afte
 
 from __future__ import annotations
 
+import tempfile
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import reduce
 from operator import add
+from pathlib import Path
 from typing import TYPE_CHECKING, Any, Self
 
 import numpy as np
@@ -24,7 +26,6 @@ from neuro_recognise.parts.layers import FOLLOWS, Inputs, Layer, RemusLayer, Sha
 from neuro_recognise.parts.pools import Max, Pool
 from neuro_recognise.parts.representations import Counts, Representation
 from neuro_recognise.parts.segmenters import Msd, Segmenter
-from neuro_recognise.parts.under_way import restore, shares_of, state_of, told_of
 from neuro_recognise.parts.votes import VOTES, votes
 from neuro_recognise.settings import part, setting
 from neuro_recognise.shown import Array, Evidence, Floats, Ints, Shown, unlabelled
@@ -33,7 +34,7 @@ from neuro_recognise.views import Pictures, Trials, View
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-__all__ = ["Framewise"]
+__all__ = ["Framewise", "restore", "shares_of", "state_of", "told_of"]
 
 ORDERS = ("recordings", "frames")
 DRAWN = 1
@@ -292,3 +293,30 @@ def _batches(frames: Frames, recordings: int, order: str, size: int, rng: np.ran
         turn = np.argsort(place[frames.recording], kind="stable")
     for first in range(0, len(turn), size):
         yield frames.take(turn[first : first + size])
+
+
+def told_of(shares: Sequence[Shares]) -> dict[str, Array]:
+    """Shares of frames by epoch: ``history`` of right decisions, ``mistakes`` of wrong ones."""
+    return {
+        "history": np.array([one.right for one in shares]),
+        "mistakes": np.array([one.wrong for one in shares]),
+    }
+
+
+def shares_of(told: Mapping[str, Array]) -> list[Shares]:
+    """What `told_of` was given."""
+    return [Shares(*both) for both in zip(told["history"].tolist(), told["mistakes"].tolist(), strict=True)]
+
+
+def state_of(sim: neuro.Simulation) -> Array:
+    """The file that `Simulation.save` writes, as bytes."""
+    with tempfile.TemporaryDirectory() as folder:
+        sim.save(Path(folder) / "state.h5")
+        return np.fromfile(Path(folder) / "state.h5", np.uint8)
+
+
+def restore(sim: neuro.Simulation, state: Array) -> None:
+    """Go on from what `state_of` gave."""
+    with tempfile.TemporaryDirectory() as folder:
+        state.tofile(Path(folder) / "state.h5")
+        sim.restore(Path(folder) / "state.h5")

@@ -2,16 +2,18 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
 
+from neuro.apps import kernel
 from neuro.events import Events
 from neuro_recognise.methods.hats import Hats
 from neuro_recognise.observers import Grows
 from neuro_recognise.parts.cleaners import Cleaner, Tar
 from neuro_recognise.settings import part
-from neuro_recognise.shown import Floats
+from neuro_recognise.shown import Array, Floats, Ints
 
 NEVER = -(1 << 53)
 """us; so long ago that nothing is left of it."""
@@ -49,8 +51,6 @@ class _LastSurfaces:
 
     def add(self, events: Events) -> None:
         """Take in what the filter leaves of the next events."""
-        from neuro_recognise.methods._surface_kernels import last_surfaces
-
         left = self._sieve(events)
         state = (self._last, self._sums, self._counts)
         last_surfaces(left.t, left.x, left.y, left.p, self._cell, self._tau_us, *state)
@@ -59,3 +59,24 @@ class _LastSurfaces:
         """Means over the events of each cell."""
         means: Floats = self._sums / np.maximum(self._counts, 1)[:, :, None, None, None]
         return means
+
+
+@kernel
+def last_surfaces(
+    t: Ints, x: Array, y: Array, p: Array, cell: int, tau_us: float, last: Ints, sums: Floats, counts: Ints
+) -> None:
+    """Add to each cell what its events see: exp(-age / tau) of the last event of their polarity at each pixel round.
+
+    t: int64[n]; x, y: uint16[n]; p: uint8[n]; last: int64[2, height + 2 radius, width + 2 radius], long ago where there
+    was none; sums: float64[rows, columns, 2, side, side]; counts: int64[rows, columns]. An event sees itself.
+    """
+    side = sums.shape[3]
+    radius = side // 2
+    for k in range(len(t)):
+        last[p[k], y[k] + radius, x[k] + radius] = t[k]
+        seen = sums[y[k] // cell, x[k] // cell, p[k]]
+        counts[y[k] // cell, x[k] // cell] += 1
+        for i in range(side):
+            for j in range(side):
+                age = t[k] - last[p[k], y[k] + i, x[k] + j]
+                seen[i, j] += math.exp(-age / tau_us)

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import warnings
 from abc import abstractmethod
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -15,11 +16,45 @@ import numpy as np
 from neuro import ModelError
 from neuro.apps import Registry, install
 from neuro_recognise.method import Course, Learnt
-from neuro_recognise.parts.distances import DISTANCES
 from neuro_recognise.settings import Part, setting
 from neuro_recognise.shown import Array, Floats, Ints
 
-__all__ = ["Nearest", "Rbf", "Readout", "Ridge", "Svm"]
+__all__ = ["DISTANCES", "Nearest", "Rbf", "Readout", "Ridge", "Svm", "bhattacharyya", "normalised", "standard"]
+
+
+def standard(x: Array, means: Array) -> Floats:
+    """Euclidean distances of vectors (recordings, values) from those of classes, (recordings, classes)."""
+    return np.stack([np.sqrt(((x - mean) ** 2).sum(axis=1)) for mean in means], axis=1)
+
+
+def normalised(x: Array, means: Array) -> Floats:
+    """Euclidean distances of vectors whose sums are brought to 1."""
+    return standard(_shares(x), _shares(means))
+
+
+def bhattacharyya(x: Array, means: Array) -> Floats:
+    """Bhattacharyya distances, ``-ln sum_k sqrt(x_k m_k)`` of vectors whose sums are brought to 1; 0 to infinity.
+
+    Values must not be negative, as those of histograms.
+    """
+    with np.errstate(divide="ignore"):
+        found: Floats = -np.log(np.sqrt(_shares(x)) @ np.sqrt(_shares(means)).T)
+    return found
+
+
+DISTANCES: Mapping[str, Callable[[Array, Array], Floats]] = {
+    "standard": standard,
+    "normalised": normalised,
+    "bhattacharyya": bhattacharyya,
+}
+"""The distances by name."""
+
+
+def _shares(x: Array) -> Floats:
+    """Vectors brought to a sum of 1; one of zeros stays."""
+    total = x.sum(axis=1, keepdims=True)
+    found: Floats = x / np.where(total > 0, total, 1.0)
+    return found
 
 
 @dataclass(frozen=True)

@@ -4,20 +4,73 @@ Each model has an entry of its own, which the loop calls by its address, once fo
 compiles the models that it has, and a new model compiles nothing but itself.
 """
 
-# mypy: ignore-errors
+from __future__ import annotations
+
+import operator
 from functools import cache
 
 import numpy as np
+from numba import types
+from numba.extending import intrinsic, lower_builtin, models, register_model
 
 from neuro.kernels.address import Entry
 from neuro.kernels.draws import step_word, uniform
 from neuro.kernels.instructions import moved
 from neuro.kernels.jit import compiled, inner, kernel, merged
+from neuro.kernels.numba_internals import AbstractTemplate, infer_global
 from neuro.model.neurons import Neuron, iaf_psc_alpha, iaf_psc_delta, iaf_psc_exp, izhikevich, parrot_neuron
 from neuro.model.synapses import Synapse, stdp, stdp_dopa
 from neuro_event.loop import tables as t
-from neuro_event.loop.placeholders import no_current, no_input
 from neuro_event.loop.tables import ENTRY_TYPE, net_of
+
+# mypy: disable-error-code="no-untyped-def,no-untyped-call,arg-type"
+
+
+class Placeholder(types.Opaque):
+    """An array of any shape of which each item is one known number."""
+
+    def __init__(self, value):
+        super().__init__(name=f"Placeholder({value})")
+        self.value = value
+
+
+register_model(Placeholder)(models.OpaqueModel)
+
+
+@infer_global(operator.getitem)
+class _Item(AbstractTemplate):
+    def generic(self, args, kws):
+        if len(args) == 2 and isinstance(args[0], Placeholder):
+            return types.float64(*args)
+        return None
+
+
+@lower_builtin(operator.getitem, Placeholder, types.Any)
+def _item(context, builder, signature, arguments):
+    return context.get_constant(types.float64, signature.args[0].value)
+
+
+def _placeholder(value):
+    kind = Placeholder(value)
+
+    @intrinsic
+    def placeholder(typingctx):
+        def codegen(context, builder, signature, arguments):
+            return context.get_dummy_value()
+
+        return kind(), codegen
+
+    return placeholder
+
+
+no_input = _placeholder(-0.0)
+"""What arrives where nothing does: added to a state it changes no bit."""
+
+no_current = _placeholder(0.0)
+
+
+# mypy: ignore-errors
+
 
 _ONE = np.uint64(1)
 

@@ -33,6 +33,9 @@ from neuro.program.program import Floats, Population, Program
 
 __all__ = ["LIMITS", "quantise", "requantise"]
 
+RECEPTORS = 2
+"""Of neurons on chips."""
+
 _Parts = tuple[tuple[FixedPopulation, ...], tuple[FixedProjection | None, ...], tuple[Problem, ...], tuple[str, ...]]
 _KEPT: WeakKeyDictionary[Program, dict[str, _Parts]] = WeakKeyDictionary()
 """By all that the table of the chip says, not by its name: a table may be edited while a program lives.
@@ -122,6 +125,8 @@ def _population(
         return FixedPopulation(part.name, "relay"), relays, []
     if not isinstance(part.model, arithmetic.models):
         return FixedPopulation(part.name, "none"), {}, [_lacking(inputs, chip, arithmetic)]
+    if part.model.receptors > RECEPTORS:
+        return FixedPopulation(part.name, "none"), {}, [_too_many_receptors(inputs, chip)]
     with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
         fixed, found, problems = arithmetic.population(inputs, options)
         if inputs.currents:
@@ -148,6 +153,13 @@ def _lacking(inputs: Inputs, chip: Chip, arithmetic: Arithmetic) -> Problem:
     if isinstance(model, iaf_psc_exp_adaptive_threshold):
         way = "adapt on event, then give iaf_psc_exp the V_th of each neuron that is V_th + theta there"
     return refused(inputs.part.origin, f"population '{inputs.part.name}': {model.name}", why, way)
+
+
+def _too_many_receptors(inputs: Inputs, chip: Chip) -> Problem:
+    model = inputs.part.model
+    what = f"population '{inputs.part.name}': {model.name} with {model.receptors} receptors"
+    why = f"neurons of {chip.name} have {RECEPTORS}: for excitation and for inhibition"
+    return refused(inputs.part.origin, what, why, "run on event")
 
 
 def _unbounded(program: Program) -> Iterator[Problem]:

@@ -149,7 +149,7 @@ def _tick(value: float, name: str) -> str:
 
 def _failures(found: TuneTable, trials: Sequence[Found], outcomes: Mapping[str, Any]) -> Iterator[Html]:
     failed = reasons(outcomes)
-    judged = [trial for trial in trials if trial.error and not any(trial.error == each[0].error for each in failed)]
+    judged = [trial for trial in trials if trial.has_no_value and trial.error]
     if not failed and not judged:
         return
     yield tag("h2", "What failed")

@@ -41,6 +41,7 @@ class Found:
         metrics: means over them.
         values: of the objectives, where it is done.
         error: why it failed.
+        has_no_value: whether it failed though all runs were done: an objective is missing or not finite.
     """
 
     number: int
@@ -50,6 +51,7 @@ class Found:
     metrics: Mapping[str, Any]
     values: tuple[float, ...] | None
     error: str
+    has_no_value: bool
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -93,13 +95,16 @@ class TuneTable(Rows):
         state = _OUTCOMES.get(trial.state.name, UNDER_WAY)
         metrics = mean_metrics([one.metrics for one in outcomes]) if len(outcomes) == len(items) else {}
         error = next((one.error for one in outcomes if one.failed), "")
-        if state == "failed" and not error:
+        has_no_value = state == "failed" and not error
+        if has_no_value:
             try:
                 worth(metrics, self.plan.objectives)
-            except ModelError as told:
-                error = str(told)
+            except ModelError as mistake:
+                error = str(mistake)
         values = tuple(trial.values) if state == "done" else None
-        return Found(trial.number, state, point_of(self.plan, trial.params), items, metrics, values, error)
+        return Found(
+            trial.number, state, point_of(self.plan, trial.params), items, metrics, values, error, has_no_value
+        )
 
     def best(self) -> list[Found]:
         """The trials that no other beats, by the first objective: the best one, or the front of several objectives.
