@@ -26,7 +26,7 @@ from neuro_drone.scenario import load
 from neuro_drone.train import train
 from neuro_recognise.methods.framewise import Framewise
 from neuro_recognise.parts.frames import Frames
-from neuro_recognise.shown import Shown
+from neuro_recognise.shown import Features
 
 if TYPE_CHECKING:
     from neuro.chips import Energy
@@ -61,7 +61,7 @@ def main() -> None:
     print(json.dumps(bills, indent=1))
 
 
-def of_remus(method: Framewise, learning: Shown, held: Shown, seed: int) -> dict[str, Any]:
+def of_remus(method: Framewise, learning: Features, held: Features, seed: int) -> dict[str, Any]:
     """Joules on Loihi of a recording that is learnt from, mean of all epochs, and of one that is decided."""
     net = method.layer.network(method.inputs, len(learning.classes))
     sim, frames = neuro.compile(net, seed=seed), Frames.of(learning)

@@ -27,7 +27,7 @@ from neuro_recognise.observations import observe
 from neuro_recognise.parts.frames import Frames
 from neuro_recognise.parts.votes import VOTES, votes
 from neuro_recognise.recogniser import Recogniser, learn
-from neuro_recognise.shown import Shown
+from neuro_recognise.shown import Features
 
 BACKENDS = ["event", "loihi", "spinnaker"]
 """The first one is what the others are compared with."""
@@ -67,7 +67,7 @@ def main() -> None:
         print(json.dumps(report | {"backends": rows}, indent=1))
 
 
-def models(shown: Shown, folds: list[Split], method: Remus, seed: int) -> Iterator[tuple[Recogniser, Shown]]:
+def models(shown: Features, folds: list[Split], method: Remus, seed: int) -> Iterator[tuple[Recogniser, Features]]:
     """Recognisers, and the recordings to show to each."""
     if not folds:
         yield learn(method, shown, "all", seed=seed), shown
@@ -76,7 +76,7 @@ def models(shown: Shown, folds: list[Split], method: Remus, seed: int) -> Iterat
         yield learn(method, shown.take(others), f"fold {k}", seed=seed), shown.take(held_out)
 
 
-def decided(made: Recogniser, shown: Shown, backend: str) -> Found:
+def decided(made: Recogniser, shown: Features, backend: str) -> Found:
     """What a backend decides: of frames label, winner and step, of recordings the votes and whether they are right."""
     method = made.method
     assert isinstance(method, Remus)
@@ -104,7 +104,7 @@ def compared(mine: Found, first: Found) -> dict[str, float]:
     return same | right | {"decide_ms_a_frame": 1e3 * float(mine["seconds"].sum()) / len(mine["frame_label"])}
 
 
-def learning_time(shown: Shown, method: Remus, backend: str) -> float:
+def learning_time(shown: Features, method: Remus, backend: str) -> float:
     """Seconds of one core for a frame of one epoch, over a fifth of the recordings."""
     part = shown.take(range(0, len(shown), 5))
     learn(method, part.take(range(2)), "two", backend=backend)  # compiles

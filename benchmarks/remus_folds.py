@@ -26,7 +26,7 @@ from neuro_recognise.methods.remus import Remus
 from neuro_recognise.observations import observe
 from neuro_recognise.parts.votes import VOTES
 from neuro_recognise.recogniser import learn
-from neuro_recognise.shown import Shown
+from neuro_recognise.shown import Features
 
 SHARED = Path(__file__).resolve().parents[2] / "shared" / "data"
 POKER = "poker_dvs/poker_dvs_shared_aedat2.zip"
@@ -41,7 +41,7 @@ FIELD = (34, 34)
 class Fold:
     """Recordings to learn from and others to test, with a seed."""
 
-    shown: Shown
+    shown: Features
     split: Split
     method: Remus
     seed: int

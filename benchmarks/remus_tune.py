@@ -20,7 +20,7 @@ from neuro_recognise.methods.remus import Remus
 from neuro_recognise.observations import observe
 from neuro_recognise.priced import price
 from neuro_recognise.recogniser import learn
-from neuro_recognise.shown import Ints, Shown
+from neuro_recognise.shown import Features, Ints
 
 DATA = Path(__file__).resolve().parents[2] / "shared" / "data" / "nmnist" / "nmnist_train1000_bin.zip"
 HELD_OUT = 4
@@ -66,6 +66,6 @@ def divided(fold: int | None, folds: int) -> tuple[Ints, Ints]:
 
 
 @cache
-def evidence() -> Shown:
+def evidence() -> Features:
     """What the recordings show, which does not depend on what is tuned."""
     return observe(Remus().fitting((34, 34)), recordings(DATA))

@@ -27,7 +27,7 @@ if TYPE_CHECKING:
     from neuro.core.errors import Where as Where, unknown as unknown
     from neuro.core.extension import extensions as extensions, run_extensions as run_extensions
     from neuro.core.extras import install as install
-    from neuro.core.inputs import note as note
+    from neuro.core.inputs import record_input as record_input
     from neuro.core.jobs import side_by_side as side_by_side
     from neuro.core.outputs import (
         Kind as Kind,
@@ -49,7 +49,7 @@ if TYPE_CHECKING:
     from neuro.core.values import literal as literal
     from neuro.files.checkpoint import Checkpoint as Checkpoint
     from neuro.files.state import fingerprint as fingerprint
-    from neuro.kernels.jit import allocating as allocating, inner as inner, kernel as kernel
+    from neuro.kernels.jit import allocating as allocating, kernel as kernel, subkernel as subkernel
     from neuro.model.language import (
         Node as Node,
         about as about,

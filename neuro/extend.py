@@ -28,7 +28,7 @@ if TYPE_CHECKING:
         in_order as in_order,
         refuse as refuse,
     )
-    from neuro.kernels.jit import allocating as allocating, inner as inner, kernel as kernel
+    from neuro.kernels.jit import allocating as allocating, kernel as kernel, subkernel as subkernel
     from neuro.model.distributions import Distribution as Distribution
     from neuro.model.neurons.base import Generator as Generator, Neuron as Neuron, State as State
     from neuro.model.neurons.integrators import (

@@ -15,7 +15,7 @@ import pytest
 import neuro
 from neuro import ModelError
 from neuro.core import growing
-from neuro.core.growing import Growing, Grown
+from neuro.core.growing import JournaledFile, JournalReader
 from neuro.core.hdf5 import FRONT
 from neuro.files.parts import Stored
 
@@ -159,7 +159,7 @@ def test_a_kill_within_a_commit_leaves_one_state(tmp_path, monkeypatch):
             write(disk, at, part)
             if committed:
                 shutil.copyfile(path, copy)
-                with Grown(copy, "a test", "of a test").reading() as file:
+                with JournalReader(copy, "a test", "of a test").reading() as file:
                     k = int(file.attrs["k"])
                     assert k in (len(committed) - 1, len(committed))
                     assert np.array_equal(file["x"][()], np.arange(file["x"].size))
@@ -167,7 +167,7 @@ def test_a_kill_within_a_commit_leaves_one_state(tmp_path, monkeypatch):
                     seen.add((len(committed), k))
 
     monkeypatch.setattr(growing, "_write", torn)
-    with Growing(path, "of a test") as disk:
+    with JournaledFile(path, "of a test") as disk:
         file = h5py.File(disk, "w", userblock_size=FRONT)
         data = file.create_dataset("x", (0,), "f8", maxshape=(None,), chunks=(500,), compression="gzip")
         for k in range(4):
@@ -305,11 +305,11 @@ def test_a_kill_within_a_commit_of_a_shorter_file_leaves_one_state(tmp_path, mon
         for part in (data[: data.nbytes // 2], data):
             write(disk, at, part)
             shutil.copyfile(path, copy)
-            held = Grown(copy, "a test", "of a test")
+            held = JournalReader(copy, "a test", "of a test")
             found = held._checked()
             states.append((found.front.size, bytes(found.at(FRONT, 1 << 20)).rstrip(b"\0")[:1]))
 
-    with Growing(path, "of a test") as disk:
+    with JournaledFile(path, "of a test") as disk:
         for size, content in ((40_000, b"a"), (20_000, b"b")):
             disk.seek(FRONT)
             disk.write(content * (size - FRONT))

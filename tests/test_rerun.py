@@ -14,7 +14,7 @@ import neuro
 from neuro.cli.start import shipped
 from neuro.core import provenance as provenances
 from neuro.core.hdf5 import seal
-from neuro.core.inputs import digest_of, gathering, note
+from neuro.core.inputs import digest_of, gathering, record_input
 from neuro.core.provenance import ATTRIBUTE, differences, provenance
 from neuro.rerun.compared import first_difference
 
@@ -282,8 +282,8 @@ def test_differences_name_what_changed():
 
 def test_what_is_read_in_a_block_is_gathered(tmp_path):
     with gathering() as found:
-        note(tmp_path / "a")
-    note(tmp_path / "b")
+        record_input(tmp_path / "a")
+    record_input(tmp_path / "b")
     assert [*found] == [str(tmp_path / "a")]
 
 

@@ -8,7 +8,7 @@ the share of each pixel that lies inside. No pixel is sampled, so the share is e
 
 from math import ceil, floor, pi, sin, sqrt
 
-from neuro.apps import inner, kernel
+from neuro.apps import kernel, subkernel
 from neuro_drone._texture_kernels import sharpness, textured_ground
 
 NEAR = 1e-3
@@ -22,7 +22,7 @@ FEWEST = 64
 """Corners of a ball in the picture."""
 
 
-@inner
+@subkernel
 def project(points, n, matrix, focal, middle, corners):
     """Where an outline is in the picture; what is behind the camera is cut off.
 
@@ -47,7 +47,7 @@ def project(points, n, matrix, focal, middle, corners):
     return m
 
 
-@inner
+@subkernel
 def in_camera(x, y, z, matrix):
     """Depth, distance to the right and downwards of a point, m."""
     x -= matrix[3, 0]
@@ -58,7 +58,7 @@ def in_camera(x, y, z, matrix):
     return depth, right, x * matrix[1, 0] + y * matrix[1, 1] + z * matrix[1, 2]
 
 
-@inner
+@subkernel
 def left_of(column, x0, x1):
     """Mean of max(0, column - x) over an edge that goes from x0 to x1 >= x0."""
     if column <= x0:
@@ -68,7 +68,7 @@ def left_of(column, x0, x1):
     return (column - x0) ** 2 / (2.0 * (x1 - x0))
 
 
-@inner
+@subkernel
 def fill(corners, n, cover, spans):
     """Add an outline to the shares.
 
@@ -107,7 +107,7 @@ def fill(corners, n, cover, spans):
                 before, reached = share, ahead
 
 
-@inner
+@subkernel
 def blend(shade, cover, spans, image, painted):
     """Paint what was filled in one shade; cover is then empty again, and painted holds these spans, too."""
     for row in range(cover.shape[0]):
@@ -124,7 +124,7 @@ def blend(shade, cover, spans, image, painted):
         spans[row, 0], spans[row, 1] = cover.shape[1], 0
 
 
-@inner
+@subkernel
 def ball_outline(ball, matrix, focal, circle, points):
     """The circle on a ball, as a polygon of the same area, along which rays from the camera touch it.
 
@@ -159,14 +159,14 @@ def ball_outline(ball, matrix, focal, circle, points):
     return n
 
 
-@inner
+@subkernel
 def all_ground(matrix, focal, middle):
     """Whether no corner of the picture sees the sky."""
     edge = (middle + 0.5) / focal
     return matrix[2, 2] + edge * (abs(matrix[0, 2]) + abs(matrix[1, 2])) < 0.0
 
 
-@inner
+@subkernel
 def plain_ground(matrix, focal, middle, shades, work, base):
     """Ground of one shade under the sky."""
     if all_ground(matrix, focal, middle):
@@ -183,7 +183,7 @@ def plain_ground(matrix, focal, middle, shades, work, base):
     blend(shades[1], cover, spans, base, spans)
 
 
-@inner
+@subkernel
 def turned(matrix, drawn):
     """Whether the horizon, or the distance of the ground, is another in each pixel."""
     same = matrix[3, 2] == drawn[3, 2]
@@ -192,7 +192,7 @@ def turned(matrix, drawn):
     return not same
 
 
-@inner
+@subkernel
 def moved(matrix, drawn):
     """Whether anything on the ground is elsewhere in the picture."""
     same = True
@@ -202,7 +202,7 @@ def moved(matrix, drawn):
     return not same
 
 
-@inner
+@subkernel
 def copy(source, target):
     """Fill the first rows of an array with another; assigning slices would allocate, as they may overlap."""
     for row in range(source.shape[0]):
@@ -210,7 +210,7 @@ def copy(source, target):
             target[row, column] = source[row, column]
 
 
-@inner
+@subkernel
 def ground(matrix, focal, middle, shades, pattern, work, drawn, base):
     """Draw ground and sky if they look different from those in the base; returns whether they did."""
     levels, size, wide, sharp, x, y = pattern
@@ -270,7 +270,7 @@ def paint(matrix, focal, middle, shades, pattern, ball, strips, circle, work, dr
         box[:] = 0
 
 
-@inner
+@subkernel
 def widen(box, row, first, last):
     """Take columns of a row into a box."""
     box[0], box[2] = min(box[0], first), max(box[2], last)

@@ -5,7 +5,7 @@ from math import floor, log2
 
 import numpy as np
 
-from neuro.apps import inner
+from neuro.apps import subkernel
 
 RUN = 8
 """Pixels of a row that take one level of the pattern."""
@@ -13,13 +13,13 @@ HIGHEST = 64.0
 """Level of what is at the horizon or above."""
 
 
-@inner
+@subkernel
 def texel(levels, start, mask, i, j):
     """A texel of the tile, which is repeated. All are unsigned, so that no index is from the end."""
     return levels[start + (j & mask) * (mask + np.uint64(1)) + (i & mask)]
 
 
-@inner
+@subkernel
 def lookup(levels, start, size, x, y):
     """Bilinear mean of the four texels round a place. x, y: texels of this level, middles at halves."""
     left, upper = floor(x - 0.5), floor(y - 0.5)
@@ -32,7 +32,7 @@ def lookup(levels, start, size, x, y):
     return above + b * (below - above)
 
 
-@inner
+@subkernel
 def sharpness(matrix, focal, middle, wide, out):
     """Logarithm (2) of the longer side of a pixel on the ground, in texels, in the middle of each run; at least 0.
 
@@ -52,7 +52,7 @@ def sharpness(matrix, focal, middle, wide, out):
                 out[row, run] = 0.5 * log2(max(square, 1.0))
 
 
-@inner
+@subkernel
 def places(row, matrix, focal, middle, x, y):
     """Where the pixels of a row meet the ground, m; anywhere where they do not."""
     b = (row - middle) / focal
@@ -65,7 +65,7 @@ def places(row, matrix, focal, middle, x, y):
         y[column] = matrix[3, 1] + reach * (a * matrix[0, 1] + b * matrix[1, 1] + matrix[2, 1])
 
 
-@inner
+@subkernel
 def textured_ground(matrix, focal, middle, levels, size, wide, sharp, x, y, base):
     """Replace the ground of a base by a pattern; where that is one shade for its distance, the base stays.
 

@@ -27,7 +27,7 @@ import numpy as np
 import numpy.typing as npt
 
 import neuro
-from neuro.apps import hdf5, note, provenance
+from neuro.apps import hdf5, provenance, record_input
 from neuro_drone.controllers import Controller, Learner, kind_of, make
 from neuro_drone.scenario import Scenario
 
@@ -135,7 +135,7 @@ class Model:
             ModelError: there is no such file, it is something else, or damaged.
         """
         with hdf5.reading(path, FORMAT) as file:
-            note(path)
+            record_input(path)
             return cls(
                 str(file.attrs["controller"]),
                 Scenario.from_words(json.loads(file.attrs["scenario"])),

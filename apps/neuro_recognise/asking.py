@@ -7,14 +7,14 @@ from collections.abc import Callable
 from typing import Any, TypeAlias
 
 from neuro_recognise.method import Answer, Learnt, Method
-from neuro_recognise.shown import Shown
+from neuro_recognise.shown import Features
 
 __all__ = ["Ask", "Ready"]
 
 AT_MOST = 4
 """Kept ready; those that were not asked for longest go first."""
 
-Ask: TypeAlias = Callable[[Shown], Answer]
+Ask: TypeAlias = Callable[[Features], Answer]
 
 
 class Ready:

@@ -37,7 +37,7 @@ from neuro_recognise.methods import METHODS, method_of
 from neuro_recognise.observations import observe
 from neuro_recognise.priced import price
 from neuro_recognise.recogniser import learn
-from neuro_recognise.shown import Ints, Shown
+from neuro_recognise.shown import Features, Ints
 from neuro_recognise.training import field_of
 
 __all__ = ["Compared", "Contestant", "Plan", "compare", "contestants"]
@@ -162,7 +162,7 @@ def compare(data: Recordings, plan: Plan, report: Callable[[Progress], None]) ->
     looked = [_looked(data, fingerprint, field, one, plan, report) for one in plan.contestants]
     jobs = [
         [_fold_of(one, shown, fingerprint[:32], (seed, k), parts, plan) for seed in plan.seeds
-         for k, parts in enumerate(folds[seed])] if isinstance(shown, Shown) else []
+         for k, parts in enumerate(folds[seed])] if isinstance(shown, Features) else []
         for one, shown in looked
     ]  # fmt: skip
     told = iter(_told(list(chain(*jobs)), plan.jobs, report))
@@ -179,7 +179,7 @@ def _looked(
     contestant: Contestant,
     plan: Plan,
     report: Callable[[Progress], None],
-) -> tuple[Contestant, Shown | str]:
+) -> tuple[Contestant, Features | str]:
     """A method that fits the recordings, and what they show to it; or why it cannot be run."""
 
     def look(done: int, n: int) -> None:
@@ -196,7 +196,7 @@ def _looked(
 
 
 def _compared(
-    data: Recordings, contestant: Contestant, shown: Shown | str, told: Sequence[Mapping[str, Any]], plan: Plan
+    data: Recordings, contestant: Contestant, shown: Features | str, told: Sequence[Mapping[str, Any]], plan: Plan
 ) -> Compared:
     """One method; one that cannot be run, as its extra is missing or the recordings do not suit it, says so."""
     refused = shown if isinstance(shown, str) else next((one["refused"] for one in told if "refused" in one), "")
@@ -227,7 +227,7 @@ class Fold:
 
     name: str
     method: Method
-    shown: Shown
+    shown: Features
     others: Ints
     mine: Ints
     of: Mapping[str, Any]
@@ -277,7 +277,7 @@ _Said = tuple[str, Progress | None]
 
 
 def _fold_of(
-    contestant: Contestant, shown: Shown, digest: str, which: tuple[int, int], parts: tuple[Ints, Ints], plan: Plan
+    contestant: Contestant, shown: Features, digest: str, which: tuple[int, int], parts: tuple[Ints, Ints], plan: Plan
 ) -> Fold:
     (seed, fold), method = which, contestant.method
     backend, targets = plan.runs(method), plan.targets if which == (plan.seeds[0], 0) else ()
@@ -340,7 +340,7 @@ def _observing_ms(method: Method, data: Recordings) -> float:
 
 
 def _summary(
-    contestant: Contestant, told: Sequence[Mapping[str, Any]], shown: Shown, plan: Plan, observe_ms: float
+    contestant: Contestant, told: Sequence[Mapping[str, Any]], shown: Features, plan: Plan, observe_ms: float
 ) -> Compared:
     """What came of all folds."""
     seeds = [[one for one in told if one["of"]["seed"] == seed] for seed in plan.seeds]

@@ -20,7 +20,7 @@ from neuro.apps import Registry, find_backend, unknown
 from neuro.events import Events
 from neuro_recognise.observers import Observer, Whole
 from neuro_recognise.settings import Settings, setting
-from neuro_recognise.shown import Array, Evidence, Floats, Ints, Shown
+from neuro_recognise.shown import Array, Evidence, Features, Floats, Ints
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -263,7 +263,7 @@ class Method(Settings):
         return ()
 
     @abstractmethod
-    def fit(self, shown: Shown, course: Course) -> Learnt:
+    def fit(self, shown: Features, course: Course) -> Learnt:
         """Learn from what labelled recordings show.
 
         Raises:
@@ -271,7 +271,7 @@ class Method(Settings):
         """
 
     @abstractmethod
-    def answer(self, learnt: Learnt, shown: Shown, backend: str = "event") -> Answer:
+    def answer(self, learnt: Learnt, shown: Features, backend: str = "event") -> Answer:
         """What was learnt, asked about recordings.
 
         Args:
@@ -280,7 +280,7 @@ class Method(Settings):
             backend: runs networks.
         """
 
-    def asker(self, learnt: Learnt, backend: str = "event") -> Callable[[Shown], Answer]:
+    def asker(self, learnt: Learnt, backend: str = "event") -> Callable[[Features], Answer]:
         """`answer` with all that can be prepared: for asking often. It gives the same bits whatever it was asked."""
         return partial(self.answer, learnt, backend=backend)
 

@@ -19,7 +19,7 @@ from pathlib import Path
 from typing import Any, TypeAlias
 
 import neuro
-from neuro.apps import hdf5, note, provenance
+from neuro.apps import hdf5, provenance, record_input
 from neuro_recognise.deciding.early import Early, part_of
 from neuro_recognise.method import Learnt, Method
 from neuro_recognise.methods import method_of
@@ -58,7 +58,7 @@ def write(path: Path, parts: Parts) -> None:
 def read(path: Path) -> Parts:
     """What `write` was given; errors as of `Recogniser.load`."""
     with hdf5.reading(path, FORMAT) as file:
-        note(path)
+        record_input(path)
         method = method_of(str(file.attrs["method"])).from_words(json.loads(file.attrs["settings"]))
         classes = tuple(file["classes"].asstr()[:].tolist())
         learnt = {name: part_of(data) for name, data in file["learnt"].items()}

@@ -20,7 +20,7 @@ from neuro.events import Events, Recordings
 from neuro_recognise.code import code_of
 from neuro_recognise.kept import Kept, is_kept, keep
 from neuro_recognise.method import Method
-from neuro_recognise.shown import Evidence, Shown
+from neuro_recognise.shown import Evidence, Features
 
 __all__ = ["observe", "observed"]
 
@@ -30,7 +30,7 @@ AT_ONCE = 500
 Report = Callable[[int, int], None]
 
 
-def observed(method: Method, recordings: Iterable[Events], classes: Sequence[str]) -> Shown:
+def observed(method: Method, recordings: Iterable[Events], classes: Sequence[str]) -> Features:
     """What some recordings without labels show, in memory.
 
     Raises:
@@ -38,7 +38,7 @@ def observed(method: Method, recordings: Iterable[Events], classes: Sequence[str
     """
     evidence = [method.observe(events) for events in recordings]
     names = tuple(str(k) for k in range(len(evidence)))
-    return Shown(evidence, np.full(len(evidence), -1, np.int64), names, tuple(classes))
+    return Features(evidence, np.full(len(evidence), -1, np.int64), names, tuple(classes))
 
 
 def observe(
@@ -48,7 +48,7 @@ def observe(
     fingerprint: str = "",
     cache: Path | None = None,
     report: Report | None = None,
-) -> Shown:
+) -> Features:
     """What a data set shows, from where it was kept or computed now.
 
     Args:
@@ -77,7 +77,7 @@ def observe(
             parts.append(Kept(file, wanted))
         if report:
             report(first + wanted, len(data))
-    return Shown(_Joined(parts), data.labels, tuple(item.name for item in data), data.classes)
+    return Features(_Joined(parts), data.labels, tuple(item.name for item in data), data.classes)
 
 
 def _computed(method: Method, data: Recordings, first: int, n: int, report: Report | None) -> list[Evidence]:

@@ -21,7 +21,7 @@ from neuro_recognise.method import Answer, Course, Learnt, Method, Progress, cho
 from neuro_recognise.methods import method_of
 from neuro_recognise.model_file import FORMAT
 from neuro_recognise.observations import observe, observed
-from neuro_recognise.shown import Evidence, Floats, Ints, Shown, unlabelled
+from neuro_recognise.shown import Evidence, Features, Floats, Ints, unlabelled
 from neuro_recognise.training import Training, check_same, digest_of, settled, told
 
 __all__ = ["FORMAT", "Recogniser", "fit", "learn", "method_of", "settled"]
@@ -172,12 +172,12 @@ class Recogniser:
         self._ready.asker(self.method, self.learnt, backend)  # what cannot run shows before recordings are read
         return self.answer_shown(self.shown(recordings), backend)
 
-    def answer_shown(self, shown: Shown, backend: str = "event") -> Answer:
+    def answer_shown(self, shown: Features, backend: str = "event") -> Answer:
         """Likewise of what was looked at before, see `shown`; of nothing there are no scores."""
         ask = self._ready.asker(self.method, self.learnt, backend)
         return ask(shown) if len(shown) else Answer(np.empty((0, len(self.classes))))
 
-    def shown(self, recordings: Recordings | Iterable[Events] | Events) -> Shown:
+    def shown(self, recordings: Recordings | Iterable[Events] | Events) -> Features:
         """What recordings show to this recogniser."""
         if isinstance(recordings, Recordings):
             return observe(self.method, recordings)
@@ -253,7 +253,7 @@ def fit(
 
 def learn(
     method: Method,
-    shown: Shown,
+    shown: Features,
     digest: str,
     *,
     seed: int = 0,
@@ -285,7 +285,7 @@ def learn(
     return _learn(method, shown, training, Course(seed, backend, None, report), out)
 
 
-def _learn(method: Method, shown: Shown, training: Training, course: Course, out: Path | None) -> Recogniser:
+def _learn(method: Method, shown: Features, training: Training, course: Course, out: Path | None) -> Recogniser:
     """Train, and write to `out` what was learnt; what is reached is kept beside it until then."""
     if out is None:
         return Recogniser(method, shown.classes, method.fit(shown, course), training)

@@ -9,7 +9,7 @@ from typing import Any, TypeAlias, overload
 import numpy as np
 import numpy.typing as npt
 
-__all__ = ["Array", "Evidence", "Floats", "Ints", "Ragged", "Shown", "unlabelled"]
+__all__ = ["Array", "Evidence", "Features", "Floats", "Ints", "Ragged", "unlabelled"]
 
 Array: TypeAlias = npt.NDArray[Any]
 Floats: TypeAlias = npt.NDArray[np.float64]
@@ -33,7 +33,7 @@ class Ragged:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Shown:
+class Features:
     """What recordings show, with their labels.
 
     Attributes:
@@ -52,13 +52,13 @@ class Shown:
         """The number of recordings."""
         return len(self.evidence)
 
-    def take(self, chosen: Iterable[int] | Array) -> Shown:
+    def take(self, chosen: Iterable[int] | Array) -> Features:
         """Some of the recordings, in the order given."""
         indices = np.asarray(chosen if isinstance(chosen, np.ndarray) else list(chosen), np.int64)
         names = tuple(self.names[k] for k in indices)
         return replace(self, evidence=_Taken(self.evidence, indices), labels=self.labels[indices], names=names)
 
-    def batches(self, size: int) -> Iterator[Shown]:
+    def batches(self, size: int) -> Iterator[Features]:
         """All recordings, so many at a time; of none one empty batch."""
         for first in range(0, max(len(self), 1), size):
             yield self.take(range(first, min(first + size, len(self))))
@@ -75,9 +75,9 @@ class Shown:
         return np.stack([one[name] for one in self.evidence])
 
 
-def unlabelled(evidence: Sequence[Evidence], classes: tuple[str, ...]) -> Shown:
+def unlabelled(evidence: Sequence[Evidence], classes: tuple[str, ...]) -> Features:
     """What recordings show whose classes are not known."""
-    return Shown(evidence, np.full(len(evidence), -1, np.int64), tuple(map(str, range(len(evidence)))), classes)
+    return Features(evidence, np.full(len(evidence), -1, np.int64), tuple(map(str, range(len(evidence)))), classes)
 
 
 class _Taken(Sequence[Evidence]):

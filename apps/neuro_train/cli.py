@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 
     import neuro
     from neuro.events import Recordings
-    from neuro_train.data import Shown
+    from neuro_train.data import BatchData
 
 app = typer.Typer(
     name="train", help=__doc__, no_args_is_help=True, add_completion=False, pretty_exceptions_enable=False
@@ -181,7 +181,7 @@ def _search(
         typer.echo(f"{written}: written")
 
 
-def _shown(net: neuro.Network, data: Recordings, plan: Plan, bar: Bar, *hint: str) -> Shown:
+def _shown(net: neuro.Network, data: Recordings, plan: Plan, bar: Bar, *hint: str) -> BatchData:
     from neuro_train.data import show
 
     return show(net, data, plan, lambda what, done, n: bar.show(done, n, what), *hint)

@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     from neuro.events.dataset import Sample
     from neuro_torch import Events
 
-__all__ = ["Shown", "but", "check_network", "moved", "show"]
+__all__ = ["BatchData", "but", "check_network", "moved", "show"]
 
 Ints = npt.NDArray[np.int64]
 Floats = npt.NDArray[np.float64]
@@ -32,7 +32,7 @@ Report = Callable[[str, int, int], None]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Shown:
+class BatchData:
     """Labelled recordings as a network sees them.
 
     Attributes:
@@ -52,9 +52,9 @@ class Shown:
     def __len__(self) -> int:
         return len(self.labels)
 
-    def take(self, chosen: Ints) -> Shown:
+    def take(self, chosen: Ints) -> BatchData:
         """Some of them."""
-        return Shown(self.events[chosen.tolist()], self.labels[chosen], self.classes, self.shape, self.digest)
+        return BatchData(self.events[chosen.tolist()], self.labels[chosen], self.classes, self.shape, self.digest)
 
 
 def but(found: Recordings, patterns: Sequence[str]) -> Recordings:
@@ -93,7 +93,7 @@ def show(
     plan: Plan,
     report: Report,
     hint: str = "set it in the file, or by --set; --window centred shows a part of a larger sensor",
-) -> Shown:
+) -> BatchData:
     """Read recordings.
 
     Args:
@@ -120,7 +120,7 @@ def show(
     for k in range(len(data)):
         parts.append(Events.of_recordings([_seen(data[k], shape, plan)], plan.input, **words))
         report("reading recordings", k + 1, len(data))
-    return Shown(Events.join(parts), data.labels, data.classes, shape, data.fingerprint()[:32])
+    return BatchData(Events.join(parts), data.labels, data.classes, shape, data.fingerprint()[:32])
 
 
 def _seen(item: Sample, shape: tuple[int, ...], plan: Plan) -> Recorded:

@@ -13,7 +13,7 @@ import numpy.typing as npt
 
 import neuro
 from neuro.apps import kept_json, sealed, write_text
-from neuro_train.data import Shown
+from neuro_train.data import BatchData
 from neuro_train.plan import Plan
 from neuro_train.room import rooms
 from neuro_train.tested import by_module, on_backend
@@ -29,7 +29,7 @@ Fold = tuple[npt.NDArray[np.int64], npt.NDArray[np.int64]]
 
 def cross_validate(
     net: neuro.Network,
-    shown: Shown,
+    shown: BatchData,
     folds: Sequence[Fold],
     plan: Plan,
     backends: Sequence[str],
@@ -56,7 +56,7 @@ def cross_validate(
 
 def _fold(
     net: neuro.Network,
-    shown: Shown,
+    shown: BatchData,
     k: int,
     parts: Fold,
     n: int,

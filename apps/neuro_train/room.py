@@ -12,7 +12,7 @@ import torch
 
 import neuro
 from neuro.chips import chip, chips, filled, quantise
-from neuro_train.data import Shown
+from neuro_train.data import BatchData
 from neuro_train.plan import Plan
 from neuro_train.trainer import module_of
 
@@ -51,7 +51,7 @@ def chip_of(target: str) -> Chip | None:
     return chip(target) if target in chips() or target.endswith((".yaml", ".yml")) else None
 
 
-def rooms(net: neuro.Network, target: str, shown: Shown, plan: Plan) -> list[Room]:
+def rooms(net: neuro.Network, target: str, shown: BatchData, plan: Plan) -> list[Room]:
     """How much room a chip's registers have, at scales that leave some.
 
     A chip chooses a scale as fine as its threshold allows, so that only a sum of all synapses is sure to fit. Here it

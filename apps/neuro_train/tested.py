@@ -15,7 +15,7 @@ import neuro
 import neuro_torch
 from neuro.chips import place, price
 from neuro_recognise.evaluate import Evaluation, evaluate
-from neuro_train.data import Shown
+from neuro_train.data import BatchData
 from neuro_train.overflows import Overflows, noted
 from neuro_train.plan import Plan
 from neuro_train.room import AT_ONCE, Room, chip_of, scales
@@ -66,7 +66,7 @@ class Tried:
         return int((self.spikes == other.spikes).all(axis=(1, 2)).sum())
 
 
-def by_module(module: neuro_torch.Module, shown: Shown, plan: Plan) -> Tried:
+def by_module(module: neuro_torch.Module, shown: BatchData, plan: Plan) -> Tried:
     """By what learnt, on its device."""
     parts = []
     with torch.no_grad():
@@ -79,7 +79,7 @@ def by_module(module: neuro_torch.Module, shown: Shown, plan: Plan) -> Tried:
 def on_backend(
     net: neuro.Network,
     backend: str,
-    shown: Shown,
+    shown: BatchData,
     plan: Plan,
     report: Callable[[str, int, int], None] = lambda what, done, total: None,
     room: Sequence[Room] = (),
@@ -131,7 +131,7 @@ def _bill(
 def _tried(
     backend: str,
     spikes: torch.Tensor,
-    shown: Shown,
+    shown: BatchData,
     step: float,
     bill: Energy | None = None,
     overflows: Overflows | None = None,

@@ -22,7 +22,7 @@ import neuro
 import neuro_torch
 from neuro import ModelError
 from neuro.apps import Checkpoint, fingerprint
-from neuro_train.data import Shown, moved
+from neuro_train.data import BatchData, moved
 from neuro_train.plan import Plan
 
 __all__ = ["CURVES", "Trained", "begun", "identity", "learn", "module_of", "sizes"]
@@ -100,7 +100,7 @@ def sizes(module: neuro_torch.Module) -> dict[str, float]:
     return found
 
 
-def begun(net: neuro.Network, out: Path, shown: Shown, plan: Plan, which: str = "") -> Checkpoint:
+def begun(net: neuro.Network, out: Path, shown: BatchData, plan: Plan, which: str = "") -> Checkpoint:
     """Where a training keeps itself.
 
     Args:
@@ -114,14 +114,14 @@ def begun(net: neuro.Network, out: Path, shown: Shown, plan: Plan, which: str = 
     return Checkpoint(out, FORMAT, told, WAYS)
 
 
-def identity(net: neuro.Network, shown: Shown, plan: Plan) -> dict[str, Any]:
+def identity(net: neuro.Network, shown: BatchData, plan: Plan) -> dict[str, Any]:
     """All that decides what comes of a training, as plain data."""
     return plan.as_words() | {"network": fingerprint(module_of(net, plan).program), "data": shown.digest}
 
 
 def learn(
     net: neuro.Network,
-    shown: Shown,
+    shown: BatchData,
     plan: Plan,
     checkpoint: Checkpoint | None = None,
     report: Callable[[int, Mapping[str, float]], None] = lambda epoch, noted: None,
@@ -163,7 +163,7 @@ def learn(
 class _Training:
     """A training under way, from one epoch to the next."""
 
-    def __init__(self, net: neuro.Network, shown: Shown, plan: Plan, place: str) -> None:
+    def __init__(self, net: neuro.Network, shown: BatchData, plan: Plan, place: str) -> None:
         self._shown, self._plan, self._net, self._place = shown, plan, net, place
         self.done, self._spent = 0, 0.0
         self._stay: dict[str, Array] = {}

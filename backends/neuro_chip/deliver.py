@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from neuro.kernels.jit import inner, kernel
+from neuro.kernels.jit import kernel, subkernel
 from neuro.program.program import Grid, Ints, Program, Projection
 from neuro_chip import tables as t
 from neuro_chip.tables import (
@@ -50,7 +50,7 @@ OVER = np.int32(65536)
 """What a SpiNNaker slot holds in place of more than 65535: enough to tell that it is saturated."""
 
 
-@inner
+@subkernel
 def add(ring, place, below, word, times, capped):
     """Add a word to a slot, or to that of the inhibitory receptor."""
     amount = np.int32(word * times)
@@ -62,7 +62,7 @@ def add(ring, place, below, word, times, capped):
         ring[place + below] = min(np.int32(ring[place + below] - amount), OVER)
 
 
-@inner
+@subkernel
 def send(net, q, i, times, step):
     """Send a spike that source i emitted in `step` along a projection."""
     row = net.projections[q]
@@ -122,7 +122,7 @@ def send(net, q, i, times, step):
         send_grid(net, row, target, i, times, step, below, capped)
 
 
-@inner
+@subkernel
 def send_row(into, words, times):
     """Add a row of words to neighbouring slots."""
     if times == 1:
@@ -133,7 +133,7 @@ def send_row(into, words, times):
             into[k] = np.int32(into[k] + np.int32(words[k] * times))
 
 
-@inner
+@subkernel
 def send_capped(into, words, times):
     """Add the words of one sign to slots that saturate."""
     zero = np.int32(0)
@@ -142,7 +142,7 @@ def send_capped(into, words, times):
         into[k] = min(np.int32(into[k] + amount), OVER)
 
 
-@inner
+@subkernel
 def send_sparse(into, arrived, targets, words):
     """Add words to scattered slots."""
     for e in range(targets.size):
@@ -151,7 +151,7 @@ def send_sparse(into, arrived, targets, words):
         arrived[place] = 1
 
 
-@inner
+@subkernel
 def send_grid(net, row, target, i, times, step, below, capped):
     """Add a shared kernel: every place of every map whose kernel covers the source."""
     sheet = row[CHANNEL_HEIGHT] * row[CHANNEL_WIDTH]
@@ -251,19 +251,19 @@ def write_some(mantissas, synapses, table, lowest, words, kernels, row, where):
             kernels[into + where[s - first] * reach] = word
 
 
-@inner
+@subkernel
 def may_gather(net, row, capped):
     """Whether a projection is such a grid; slots that saturate must not be told of both signs in one sum."""
     return row[t.LAYOUT] == t.GRID and row[t.GATHER] >= 0 and not (capped and row[t.POSITIVE] and row[t.NEGATIVE])
 
 
-@inner
+@subkernel
 def covering(at, kernel, stride, places):
     """The first place whose kernel covers a line of the source, and one after the last."""
     return max(0, -((kernel - 1 - at) // stride)), min(places, at // stride + 1)
 
 
-@inner
+@subkernel
 def place_in_line(x, width, stride):
     """Where the words of column x of a kernel lie in their line, see `places`."""
     first = x % stride
@@ -271,7 +271,7 @@ def place_in_line(x, width, stride):
     return before + (width - 1 - first) // stride - x // stride
 
 
-@inner
+@subkernel
 def gather(net, row, begin, first, last):
     """Add up the emitted spikes first:last of a source whose neurons begin at `begin`, and mark the places.
 
@@ -305,21 +305,21 @@ def gather(net, row, begin, first, last):
     return top, bottom, left, right
 
 
-@inner
+@subkernel
 def pour_map(into, sums, apart):
     """Add every so-manieth sum to neighbouring slots."""
     for p in range(into.size):
         into[p] = np.int32(into[p] + sums[p * apart])
 
 
-@inner
+@subkernel
 def pour_capped(into, sums, apart, sign):
     """Likewise to slots that saturate."""
     for p in range(into.size):
         into[p] = min(np.int32(into[p] + np.int32(sums[p * apart] * sign)), OVER)
 
 
-@inner
+@subkernel
 def pour(net, row, target, box, step, below, capped):
     """Add the sums to the slot in which they arrive, and clear them."""
     top, bottom, left, right = box
@@ -352,7 +352,7 @@ def pour(net, row, target, box, step, below, capped):
             marks[:] = 0
 
 
-@inner
+@subkernel
 def send_grids(net, row, begin, first, last, step):
     """Send the emitted spikes first:last of one source along a grid."""
     target = net.pops[row[t.TARGET]]

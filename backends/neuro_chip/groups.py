@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from neuro.kernels.draws import step_word, uniform
-from neuro.kernels.jit import inner
+from neuro.kernels.jit import subkernel
 from neuro_chip.tables import (
     APART,
     BEGIN,
@@ -30,14 +30,14 @@ from neuro_chip.tables import (
 # mypy: ignore-errors
 
 
-@inner
+@subkernel
 def fire(net, i):
     """Reset a neuron that spiked."""
     net.v[i] = net.v_reset[i]
     net.hold[i] = net.refractory[i]
 
 
-@inner
+@subkernel
 def choose(net, row, first, last, apart, step):
     """The candidate of first:last:apart that may win of the largest margin; of equal ones the larger draw; or -1."""
     best = -1
@@ -53,7 +53,7 @@ def choose(net, row, first, last, apart, step):
     return best
 
 
-@inner
+@subkernel
 def settle_one(net, row, step):
     """Of the candidates of a group the best fires."""
     group, lo, hi = row[GROUP], row[BEGIN], row[END]
@@ -74,7 +74,7 @@ def settle_one(net, row, step):
         net.groups[group, CLOSED] = 1
 
 
-@inner
+@subkernel
 def settle_rivals(net, row, step):
     """Of neurons that are rivals the best fires and all others are reset."""
     group, lo = row[GROUP], row[BEGIN]
@@ -94,7 +94,7 @@ def settle_rivals(net, row, step):
 # mypy: ignore-errors
 
 
-@inner
+@subkernel
 def settle_locally(net, row, step):
     """Of the candidates of a group leave those that win, the best first."""
     group, lo, hi = row[GROUP], row[BEGIN], row[END]
@@ -108,7 +108,7 @@ def settle_locally(net, row, step):
     net.groups[group, CLOSED] = net.standing[group, OPEN] == 0
 
 
-@inner
+@subkernel
 def win(net, row, i, step):
     """Neuron i wins: enter it, keep the voltages of its map if it is the first of it, and silence what is near."""
     group, lo = row[GROUP], row[BEGIN]
@@ -136,7 +136,7 @@ def win(net, row, i, step):
     net.standing[group, WINS] += 1
 
 
-@inner
+@subkernel
 def silence(net, group, begin, end, step):
     """Silence the neurons begin:end:step that are not yet."""
     for i in range(begin, end, step):

@@ -7,10 +7,10 @@ import numpy as np
 
 from neuro.core.clock import NEVER
 from neuro.kernels.draws import step_word, uniform
-from neuro.kernels.jit import compiled, inner, kernel
+from neuro.kernels.jit import compiled, kernel, subkernel
 
 
-@inner
+@subkernel
 def rounded(exact, low, high, grain, draw):
     """The mantissa below or above, so that the mean is exact; draw is uniform in [0, 1)."""
     floor = np.floor(exact / grain)

@@ -31,7 +31,7 @@ import numpy as np
 
 from neuro.core.keyed_random import NEURON_STRIDE
 from neuro.kernels.draws import mix, step_word
-from neuro.kernels.jit import kernel, merged
+from neuro.kernels.jit import inlined, kernel
 
 GATE, MASK, MANTISSA, SHIFT, SIZE, FIRST = range(6)
 """Columns of a product: gate; 2^k - 1; scale; number of factors; then (factor, constant) pairs."""
@@ -49,7 +49,7 @@ _NEURON = np.uint64(NEURON_STRIDE)
 _HALF = np.uint64(32)
 
 
-@merged
+@inlined
 def draw(base, index, below):
     """A whole number in [0, below), below <= 2^24."""
     return np.int64(((mix(base + np.uint64(index) * _NEURON) >> _HALF) * np.uint64(below)) >> _HALF)
@@ -98,7 +98,7 @@ def spike(history, slot, impulses, ids, flags, times):
     return saturated
 
 
-@merged
+@inlined
 def factor(code, i, j, at, xs, ys, x0, y0, w, t):
     """The value of a factor; codes as in `neuro.model.synapses.loihi_rule.FACTORS`."""
     if code == 9:
@@ -116,7 +116,7 @@ def factor(code, i, j, at, xs, ys, x0, y0, w, t):
     return np.int64(ys[ys.shape[0] - 1, code - 4, j])
 
 
-@merged
+@inlined
 def change(terms, first, end, number, i, j, xs, ys, tx, ty, x0, y0, w, t, value, counts):
     """The sum of the due products for one variable, in units of 2^-7, within what the accumulator holds."""
     begin = value << 7
@@ -155,7 +155,7 @@ def change(terms, first, end, number, i, j, xs, ys, tx, ty, x0, y0, w, t, value,
     return total - begin
 
 
-@merged
+@inlined
 def limited(v, counts):
     """A value as 16 bits hold it."""
     if v > LAST:
@@ -167,7 +167,7 @@ def limited(v, counts):
     return v
 
 
-@merged
+@inlined
 def rounded(delta, precision, away, base, e):
     """A change in units of 2^-7 as a multiple of the variable's step."""
     if away:
@@ -182,7 +182,7 @@ def rounded(delta, precision, away, base, e):
     return whole * precision
 
 
-@merged
+@inlined
 def apply(terms, settings, number, i, j, e, xs, ys, tx, ty, x0, y0, weights, tags, base_w, base_t, counts):
     """Apply the rule to synapse `e` from neuron `i` to `j`."""
     counts[EVALUATED] += 1

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from neuro.kernels.draws import poisson_by_sum, step_word, uniform
-from neuro.kernels.jit import inner, kernel
+from neuro.kernels.jit import kernel, subkernel
 from neuro_chip.deliver import may_gather, send, send_grids
 from neuro_chip.families.every import NUMBERS, STEPS
 from neuro_chip.groups import fire, settle_locally, settle_one, settle_rivals
@@ -43,7 +43,7 @@ from neuro_chip.tables import (
 # mypy: ignore-errors
 
 
-@inner
+@subkernel
 def emit(net, pop, row, i, times, step):
     """Neuron i, counted through all populations, emits."""
     if row[BINARY] and times > 1:  # before it is counted, recorded or sent
@@ -65,7 +65,7 @@ def emit(net, pop, row, i, times, step):
         net.clock[RECORDED] = at + 1
 
 
-@inner
+@subkernel
 def send_all(net, step):
     """The spikes of the last step set out; they are sorted by population.
 
@@ -86,7 +86,7 @@ def send_all(net, step):
     net.clock[EMITTED] = 0
 
 
-@inner
+@subkernel
 def send_along(net, q, begin, first, last, step):
     """The spikes first:last of those emitted in a step, of the population that begins at a neuron, set out along q."""
     row = net.projections[q]
@@ -113,7 +113,7 @@ def send_ahead(view, words, pop, q):
         net.set_out[q] = step
 
 
-@inner
+@subkernel
 def count_active(net, pop, row, step):
     """Neurons that a spike reached or fired; what arrives now may be seen by the next update only."""
     lo, hi = row[BEGIN], row[END]
@@ -133,7 +133,7 @@ def count_active(net, pop, row, step):
     net.active[pop] += count
 
 
-@inner
+@subkernel
 def admit(fired, muted):
     """Leave those above threshold that may fire; return whether there are any."""
     some = np.uint8(0)
@@ -143,7 +143,7 @@ def admit(fired, muted):
     return some != 0
 
 
-@inner
+@subkernel
 def decide(net, row, step):
     """Of the candidates of a group leave those that fire; reset who loses by it."""
     group = row[GROUP]
@@ -162,7 +162,7 @@ def decide(net, row, step):
         settle_one(net, row, step)
 
 
-@inner
+@subkernel
 def any_fired(fired):
     """Whether any of some neurons is above threshold."""
     some = np.uint8(0)
@@ -171,7 +171,7 @@ def any_fired(fired):
     return some != 0
 
 
-@inner
+@subkernel
 def advance_neurons(net, pop, row, step):
     """A population of neurons: update, decide, emit, count; one at rest only counts what is on its way."""
     slot = row[ARRIVED] + (step & (row[SLOTS] - 1))
@@ -185,7 +185,7 @@ def advance_neurons(net, pop, row, step):
     count_active(net, pop, row, step)
 
 
-@inner
+@subkernel
 def update_and_fire(net, pop, row, step):
     """Update the neurons of a population, and let fire who does; return whether any was above threshold."""
     update(net, pop, row, step)
@@ -205,7 +205,7 @@ def update_and_fire(net, pop, row, step):
     return reached
 
 
-@inner
+@subkernel
 def relay(net, pop, row, step):
     """Parrots: as many spikes as arrived."""
     n = row[END] - row[BEGIN]
@@ -219,7 +219,7 @@ def relay(net, pop, row, step):
             emit(net, pop, row, i, np.int64(times), step)
 
 
-@inner
+@subkernel
 def draw(net, pop, row, step):
     """One step of a poisson_generator."""
     if step <= row[START] or step > row[STOP]:
@@ -232,7 +232,7 @@ def draw(net, pop, row, step):
                 emit(net, pop, row, i, times, step)
 
 
-@inner
+@subkernel
 def list_spikes(net, pop, row, step):
     """The listed spikes of a spike_generator in this step."""
     at, end = net.cursor[pop, 0], net.cursor[pop, 1]
@@ -270,7 +270,7 @@ def advance(view, words, end):
             return
 
 
-@inner
+@subkernel
 def keep_states(net, pop, row):
     """Keep the states of a population for `stayed`; return what has been counted of it."""
     lo, hi = row[BEGIN], row[END]
@@ -281,7 +281,7 @@ def keep_states(net, pop, row):
     return counted(net, pop)
 
 
-@inner
+@subkernel
 def stayed(net, pop, row, before):
     """Whether a step has changed neither the states that were kept nor what was counted."""
     lo, hi = row[BEGIN], row[END]
@@ -294,14 +294,14 @@ def stayed(net, pop, row, before):
     )
 
 
-@inner
+@subkernel
 def copy(into, values):
     """Copy an array."""
     for k in range(into.size):
         into[k] = values[k]
 
 
-@inner
+@subkernel
 def equal(one, other):
     """Whether two arrays are."""
     changed = np.int32(0)
@@ -310,7 +310,7 @@ def equal(one, other):
     return changed == 0
 
 
-@inner
+@subkernel
 def counted(net, pop):
     """Overflows and what else is counted of a population."""
     total = 0
@@ -326,7 +326,7 @@ def _chosen(numbered):
         return own
     rest = _chosen(others)
 
-    @inner
+    @subkernel
     def chosen(net, pop, row, step):
         if row[KIND] == number:
             own(net, pop, row, step)

@@ -4,7 +4,7 @@
 import math
 
 from neuro.core.clock import NEVER
-from neuro.kernels.jit import inner, kernel
+from neuro.kernels.jit import kernel, subkernel
 from neuro_chip.net import net_of
 from neuro_chip.tables import (
     AFTER,
@@ -24,7 +24,7 @@ from neuro_chip.tables import (
 )
 
 
-@inner
+@subkernel
 def count_open(net):
     """Count how many of each group with several winners may still win."""
     for k in range(net.groups.shape[0]):
@@ -36,7 +36,7 @@ def count_open(net):
             net.standing[k, OPEN] = free
 
 
-@inner
+@subkernel
 def open_groups(net):
     """No group has decided, and whoever was silenced by a winner may fire."""
     net.groups[:, CLOSED] = 0

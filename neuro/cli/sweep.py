@@ -80,9 +80,9 @@ def run(
     """Do all runs of a sweep that the folder does not have; the same command goes on where it was."""
     from neuro.sweeps.definition import load_sweep
     from neuro.sweeps.execute import execute
+    from neuro.sweeps.executors import place_of
     from neuro.sweeps.folder import SWEEP, Folder
     from neuro.sweeps.page import write_page
-    from neuro.sweeps.place import place_of
     from neuro.sweeps.table import table_of
 
     place = place_of(on, workers, part)

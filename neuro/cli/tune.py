@@ -61,8 +61,8 @@ def run(
     retry_failed: Retry = False,
 ) -> None:
     """Ask for trials and run them until there are as many as the file says; the same command goes on where it was."""
+    from neuro.sweeps.executors import place_of
     from neuro.sweeps.folder import TUNING, Folder
-    from neuro.sweeps.place import place_of
     from neuro.sweeps.tuning.execute import as_text, execute
     from neuro.sweeps.tuning.page import write_page
     from neuro.sweeps.tuning.search import load_search
@@ -157,8 +157,8 @@ def held_out(folder: Tuned, on: On = "cores", workers: Workers = None) -> None:
     """Run the best trials on what is held out from all folds, and tell what they are worth there."""
     from neuro.core.errors import ModelError
     from neuro.core.progress import Bar
+    from neuro.sweeps.executors import place_of
     from neuro.sweeps.folder import TUNING, Folder
-    from neuro.sweeps.place import place_of
     from neuro.sweeps.rows import text
     from neuro.sweeps.tuning.execute import hold_out
     from neuro.sweeps.tuning.search import search_of

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from neuro.core.keyed_random import NEURON_STRIDE
 from neuro.kernels.draws import mix, step_word
-from neuro.kernels.jit import inner, kernel
+from neuro.kernels.jit import kernel, subkernel
 from neuro.program.program import Ints
 
 _HEAP = 15
@@ -85,7 +85,7 @@ def by_delay(
         _sort_rows(row_ends, delays, targets, shortest, counts, scratch)
 
 
-@inner
+@subkernel
 def _draw(base, first, bound, chunk):
     """The whole numbers below a bound that begin with that of draw `first`."""
     z = base + np.uint64(first) * _NEURON
@@ -116,7 +116,7 @@ def _deal(key, n, bound, bits, heaps, chunk, found):
             heaps[heap] += 1
 
 
-@inner
+@subkernel
 def _sort(found, scratch, counts, bits):
     """Sort numbers of so many bits, a digit at a time, lowest first; an even number of passes ends where it began."""
     passes, mask = counts.shape[0], counts.shape[1] - 1
@@ -137,7 +137,7 @@ def _sort(found, scratch, counts, bits):
         _deal_by(scratch[: found.size], found, counts[p + 1], (p + 1) * digit)
 
 
-@inner
+@subkernel
 def _deal_by(numbers, to, places, shift):
     mask = places.size - 1
     for k in range(numbers.size):
@@ -166,7 +166,7 @@ def _sort_heaps(bits, heaps, scratch, counts, ends, but, row_ends, targets):
     row_ends[source + 1 :] = targets.size
 
 
-@inner
+@subkernel
 def _places(delays, shortest, counts):
     """Where those of each delay begin."""
     counts[:] = 0

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from neuro.compiler.connect import Apart, Connections
 from neuro.compiler.drawn import BLOCK, blocks
-from neuro.compiler.early import check_distribution, check_values
+from neuro.compiler.minimum_delay import check_distribution, check_values
 from neuro.core.clock import Clock
 from neuro.core.errors import ModelError, words_of
 from neuro.core.keyed_random import generator

@@ -1,11 +1,11 @@
 """HDF5 files that grow while they can be read: what is on the disk is whole, and that of the last `commit`.
 
 HDF5 changes its tables in place, so a file whose process is killed can be unreadable, and on a full disk HDF5 brings
-the process down. So it writes into `Growing` instead. New bytes go behind all that was committed, where no table leads
-to them yet; changes of older bytes are held back, in pages. A commit writes these pages behind the end, then a mark
-that they are whole, then puts each in its place, and cuts the end off. Who finds the mark reads the pages from there,
-so a kill at any moment leaves the state before a commit or after it. The front of the file, with its digest, is on the
-first page, so it is always of the same commit as the rest; see `neuro.core.hdf5`.
+the process down. So it writes into `JournaledFile` instead. New bytes go behind all that was committed, where no table
+leads to them yet; changes of older bytes are held back, in pages. A commit writes these pages behind the end, then a
+mark that they are whole, then puts each in its place, and cuts the end off. Who finds the mark reads the pages from
+there, so a kill at any moment leaves the state before a commit or after it. The front of the file, with its digest, is
+on the first page, so it is always of the same commit as the rest; see `neuro.core.hdf5`.
 """
 
 from __future__ import annotations
@@ -73,7 +73,7 @@ class _Paged(io.RawIOBase):
         return patched
 
 
-class Growing(_Paged):
+class JournaledFile(_Paged):
     """A file for `h5py.File(..., "w", userblock_size=FRONT)` that is whole on the disk after each commit.
 
     Args:
@@ -187,8 +187,8 @@ class Growing(_Paged):
         super().close()
 
 
-class Grown:
-    """A file of ours to read, of `Growing` or any other; where another takes its name it stays this one.
+class JournalReader:
+    """A file of ours to read, of `JournaledFile` or any other; where another takes its name it stays this one.
 
     Args:
         path: of the file.

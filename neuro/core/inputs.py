@@ -9,21 +9,21 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
-__all__ = ["digest_of", "gathering", "note", "noted"]
+__all__ = ["digest_of", "gathering", "record_input", "recorded_inputs"]
 
 _BLOCK = 1 << 20
 _read: dict[str, None] = {}
 _lists: list[dict[str, None]] = []
 
 
-def note(path: str | os.PathLike[str]) -> None:
+def record_input(path: str | os.PathLike[str]) -> None:
     """A file is an input of what is made in this process from now on."""
     name = os.path.abspath(os.fspath(path))
     for each in (_read, *_lists):
         each[name] = None
 
 
-def noted() -> tuple[str, ...]:
+def recorded_inputs() -> tuple[str, ...]:
     """All files that were read so far, as absolute paths, in the order in which they were first read."""
     return tuple(_read)
 

@@ -1,7 +1,7 @@
 """Worker processes of this machine, one job at a time each. A worker that dies is restarted; its job is retried once.
 
-They hear and tell on a pipe of their own, see `neuro.core.hand`, leave Ctrl-C to the process that asked, and end when
-that does, whatever ended it. Each has a process group of its own, so that what a job forks ends with it.
+They read and write on a pipe of their own, see `neuro.core.worker_process`, leave Ctrl-C to the process that asked, and
+end when that does, whatever ended it. Each has a process group of its own, so that what a job forks ends with it.
 """
 
 from __future__ import annotations
@@ -147,7 +147,7 @@ class Processes:
         for each in self._processes:
             _kill(each)
         while self._processes:
-            self._bury(self._processes[-1])
+            self._terminate(self._processes[-1])
         self._waiting.clear()
 
     @property
@@ -204,7 +204,7 @@ class Processes:
         mine, its = Pipe()
         paths = [os.path.abspath(path) for path in sys.path]
         process = subprocess.Popen(
-            [sys.executable, "-P", "-m", "neuro.core.hand", str(its.fileno())],
+            [sys.executable, "-P", "-m", "neuro.core.worker_process", str(its.fileno())],
             stdin=subprocess.DEVNULL,
             pass_fds=[its.fileno()],
             env={**os.environ, "PYTHONPATH": os.pathsep.join(paths)},
@@ -219,7 +219,7 @@ class Processes:
         words |= {
             "python_path": os.environ.get("PYTHONPATH"),
             "begin": pickle.dumps(self._begin),
-            "read": inputs.noted(),
+            "read": inputs.recorded_inputs(),
         }
         _send(each, words)
 
@@ -242,7 +242,7 @@ class Processes:
             what = error
         if is_ == "read":
             for name in what:
-                inputs.note(name)
+                inputs.record_input(name)
             return []
         if is_ == "ready":
             each.ready, self._unborn = True, 0
@@ -257,7 +257,7 @@ class Processes:
     def _ended(self, each: _Process) -> list[Event]:
         """A process is gone: its job waits again, unless it was tried often enough."""
         connection.wait([each.end], END_S)  # a pipe is closed a little before
-        how, task = self._bury(each), each.task
+        how, task = self._terminate(each), each.task
         if task is None:
             self._unborn += not each.ready
             if self._unborn >= TRIES:
@@ -272,7 +272,7 @@ class Processes:
         """End processes whose job takes longer than it may."""
         now, events = time.monotonic(), list[Event]()
         for each in [one for one in self._processes if one.deadline < now]:
-            how, task = self._bury(each), each.task
+            how, task = self._terminate(each), each.task
             assert task is not None
             events.append(Lost(task.job, how, task.attempt, now - each.began, True))
         return events
@@ -286,7 +286,7 @@ class Processes:
         patience = min(most, max(0.0, first - time.monotonic()) + 0.001)
         return None if patience == float("inf") else patience
 
-    def _bury(self, each: _Process) -> str:
+    def _terminate(self, each: _Process) -> str:
         """Forget a process, which ends if it has not; how it ended, in words."""
         self._processes.remove(each)
         _kill(each)

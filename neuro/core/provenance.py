@@ -51,7 +51,7 @@ def provenance(files: Iterable[str] | None = None, /, **of_a_run: Any) -> dict[s
         files: what it is made of; all files that were read so far if not given.
         of_a_run: backend, threads, seed and network, where there are such; None is left out.
     """
-    read = _outermost(inputs.noted() if files is None else files)
+    read = _outermost(inputs.recorded_inputs() if files is None else files)
     return {
         "neuro": VERSION,
         "commit": commit(),

@@ -14,7 +14,7 @@ from math import exp, expm1, inf, isnan, log, nan
 import numpy as np
 
 from neuro.kernels.draws import mix
-from neuro.kernels.jit import allocating, inner, kernel
+from neuro.kernels.jit import allocating, kernel, subkernel
 
 BLOCK = 64
 SETTLED = 40.0
@@ -42,39 +42,39 @@ FIXED = np.dtype([("cutoff", "f8"), ("blind", "f8"), ("wait", "f8"), ("dimmed", 
 share of them that full scale takes away, seed."""
 
 
-@inner
+@subkernel
 def draw(seed, pixel, number):
     """The pixel's random word of this number: a function of nothing else."""
     key = mix(np.uint64(seed) + np.uint64(pixel) * np.uint64(0x9E3779B97F4A7C15))
     return mix(key + np.uint64(number) * np.uint64(0x9E3779B97F4A7C15))
 
 
-@inner
+@subkernel
 def unit(word):
     """A number between 0 and 1, both excluded, from the upper 53 bits."""
     return (float(word >> np.uint64(11)) + 0.5) / 9007199254740992.0
 
 
-@inner
+@subkernel
 def next_noise(state, i, all_):
     """Draw the time of the next noise event; the lowest bit of the word is its polarity."""
     state.drawn += 1
     state.noise -= all_.wait * log(unit(draw(all_.seed, i, state.drawn)))
 
 
-@inner
+@subkernel
 def eased(q, r, u):
     """What the lag, and so v, has changed by because of the limited bandwidth."""
     return q * expm1(-r * u) if q != 0.0 else 0.0
 
 
-@inner
+@subkernel
 def value(v, a, q, r, u):
     """v(u), see above."""
     return v + a * u + eased(q, r, u)
 
 
-@inner
+@subkernel
 def root(v, a, q, r, target, left, right):
     """Time in [left, right], where v(u) is monotone and reaches the target.
 
@@ -92,7 +92,7 @@ def root(v, a, q, r, target, left, right):
     return u
 
 
-@inner
+@subkernel
 def crossing(v, a, q, r, on, off, span):
     """First time up to span at which v(u) reaches a threshold, and the polarity; inf if it does not."""
     if q == 0.0:
@@ -117,13 +117,13 @@ def crossing(v, a, q, r, on, off, span):
     return inf, 0
 
 
-@inner
+@subkernel
 def bandwidth(state, all_):
     """1/us; in proportion to the intensity."""
     return all_.cutoff * state.bright
 
 
-@inner
+@subkernel
 def due_time(state, levels, i, all_):
     """Until when the pixel has no event and draws no noise while its image stays as it is, or a bit less."""
     r = bandwidth(state, all_)
@@ -141,7 +141,7 @@ def due_time(state, levels, i, all_):
     return min(state.since + wait + u, state.noise)
 
 
-@inner
+@subkernel
 def run(state, levels, i, s, end, all_, origin, earliest, n, out_t, out_pixel, out_p):
     """Let a pixel see the log intensity go with slope s until `end`; returns events written, whether it got there."""
     r = bandwidth(state, all_)
@@ -274,7 +274,7 @@ MANY = 48
 """Changed pixels of a block from which on all of it is tried at once."""
 
 
-@inner
+@subkernel
 def differing(new, old, low, high):
     """How many pixels from low to high - 1 differ; without a branch, so that it is done many pixels at a time."""
     found = 0
@@ -283,14 +283,14 @@ def differing(new, old, low, high):
     return found
 
 
-@inner
+@subkernel
 def outside(low, high, width, box):
     """Whether pixels low to high - 1 of the flat image certainly have none in a box; its rows are looked at before."""
     row = low // width
     return high <= (row + 1) * width and (high - row * width <= box[0] or low - row * width >= box[2])
 
 
-@inner
+@subkernel
 def possible(new, scale, low, high):
     """Whether all intensities from low to high - 1 are finite and not negative; without a branch."""
     bad = 0
@@ -300,7 +300,7 @@ def possible(new, scale, low, high):
     return bad == 0
 
 
-@inner
+@subkernel
 def glide(logs, low, high, levels):
     """Take on the logs of a block of pixels without leak and noise if none has an event; returns whether it did."""
     loud = 0
@@ -345,7 +345,7 @@ def look(new, old, first, box, width, scale, block_due, t1, blocks, changed):
     return n, -1
 
 
-@inner
+@subkernel
 def curve(value, table, scale, floor, knee, slope, height):
     """Log intensity of a pixel."""
     if table.size:

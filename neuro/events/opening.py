@@ -9,7 +9,7 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 from neuro.core.hints import near
-from neuro.core.inputs import note
+from neuro.core.inputs import record_input
 from neuro.events.check import Checked
 from neuro.events.errors import EventFileError, EventFileWarning, let_go
 from neuro.events.formats import FORMATS, HEAD, Damage, Format, Piece, Reader, Seeker, called
@@ -114,7 +114,7 @@ def opened(source: Given, format: str | None, name: str | None) -> Opened:
     """
     data = opened_source(source, name)
     if isinstance(source, (str, os.PathLike)):
-        note(source)
+        record_input(source)
     try:
         found = find(data, format)
         return Opened(data, found.open(data), found)

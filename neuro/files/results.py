@@ -44,9 +44,9 @@ from neuro.core.checks import check_span
 from neuro.core.clock import Clock
 from neuro.core.english import a
 from neuro.core.errors import ModelError, unknown
-from neuro.core.growing import Grown
+from neuro.core.growing import JournalReader
 from neuro.core.hdf5 import has_format, new_file
-from neuro.core.inputs import note
+from neuro.core.inputs import record_input
 from neuro.core.outputs import Kind
 from neuro.core.paths import existing
 from neuro.core.tables import Table, as_html, as_text
@@ -353,9 +353,9 @@ def read(path: str | PathLike[str]) -> Results:
         hint = f"{unfinished(path)} has what a run recorded that did not come to its end"
         raise ModelError(f"{path}: there is no such file", hint=hint)
     path = existing(path)
-    note(path)
+    record_input(path)
     try:
-        held = Grown(path, "a file of results, as 'neuro run' writes it", FORMAT)
+        held = JournalReader(path, "a file of results, as 'neuro run' writes it", FORMAT)
         with held.reading() as file:
             return read_file(file, held.reading, path)
     except ModelError:

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from neuro.core.keyed_random import NEURON_STRIDE, STEP_STRIDE
 from neuro.kernels.instructions import LANES, load
-from neuro.kernels.jit import inner
+from neuro.kernels.jit import subkernel
 from neuro.kernels.numba_internals import ir
 
 _STEP = np.uint64(STEP_STRIDE)
@@ -25,7 +25,7 @@ _CELLS = ((_ENDS[:-1], "right"), (_ENDS[1:], "left"))
 """The least number of each cell of a guide, which an equal entry counts for, and the end, which no number reaches."""
 
 
-@inner
+@subkernel
 def mix(z):
     """SplitMix64's finaliser."""
     z = (z ^ (z >> _S30)) * _A
@@ -33,13 +33,13 @@ def mix(z):
     return z ^ (z >> _S31)
 
 
-@inner
+@subkernel
 def step_word(key, step):
     """What all draws of one part in one step have in common."""
     return mix(key + np.uint64(step) * _STEP)
 
 
-@inner
+@subkernel
 def uniform(base, neuron):
     """A number in [0, 1) for one neuron."""
     return np.float64(mix(base + np.uint64(neuron) * _NEURON) >> _S11) * _UNIT
@@ -72,7 +72,7 @@ def reaching(typingctx, base, neuron, bounds, place):
     return types.uint64(types.uint64, types.int64, bounds, types.intp), codegen
 
 
-@inner
+@subkernel
 def words_of(base, first, words):
     """Fill `words` with the random words of neighbouring neurons."""
     z = base + np.uint64(first) * _NEURON
@@ -81,7 +81,7 @@ def words_of(base, first, words):
         z += _NEURON
 
 
-@inner
+@subkernel
 def poisson_by_table(words, guide, cumulative, counts):
     """Of each word the count of entries of `cumulative` up to its uniform number: its first bits nearly always tell."""
     for k in range(words.size):
@@ -93,7 +93,7 @@ def poisson_by_table(words, guide, cumulative, counts):
         counts[k] = m
 
 
-@inner
+@subkernel
 def _count(word, m, cumulative):
     """Count of entries up to the number of a word, of which the first m are known to be."""
     u = np.float64(word >> _S11) * _UNIT
@@ -108,7 +108,7 @@ def guide_to(cumulative: NDArray[np.float64]) -> NDArray[np.uint16]:
     return (least + UNSURE * (least < most)).astype(np.uint16)
 
 
-@inner
+@subkernel
 def poisson_by_sum(base, neuron, mean, nothing):
     """The same number, summing the probabilities; `nothing` is exp(-mean)."""
     u = uniform(base, neuron)

@@ -62,23 +62,23 @@ def _kept(dispatcher: Any) -> Any:
     return dispatcher
 
 
-def inner(function: Callable[..., Any]) -> Any:
+def subkernel(function: Callable[..., Any]) -> Any:
     """Compile a function that only other kernels call."""
     return _njit(error_model="numpy", _nrt=False, **_PART)(_named(function))
 
 
-def merged(function: Callable[..., Any]) -> Any:
-    """Compile a function that is always merged into its callers: for the few in the innermost loops."""
+def inlined(function: Callable[..., Any]) -> Any:
+    """Compile a function that is always inlined into its callers: for the few in the innermost loops."""
     return _njit(error_model="numpy", _nrt=False, forceinline=True, **_PART)(_named(function))
 
 
 @cache
-def compiled(function: FunctionType, how: Callable[[Callable[..., Any]], Any] = inner) -> Any:
-    """Compile a model's plain function; the plain functions that it calls, or hands on, are merged into it."""
+def compiled(function: FunctionType, how: Callable[[Callable[..., Any]], Any] = subkernel) -> Any:
+    """Compile a model's plain function; the plain functions that it calls, or hands on, are inlined into it."""
     scope = dict(function.__globals__)
     for name in function.__code__.co_names:
         called = scope.get(name)
         if isinstance(called, FunctionType):
-            scope[name] = compiled(called, merged)
+            scope[name] = compiled(called, inlined)
     twin = FunctionType(function.__code__, scope, function.__name__, function.__defaults__)
     return how(twin)

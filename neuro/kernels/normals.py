@@ -12,7 +12,7 @@ from numba import types
 from numba.extending import intrinsic
 from numpy.typing import NDArray
 
-from neuro.kernels.jit import inner, kernel
+from neuro.kernels.jit import kernel, subkernel
 from neuro.kernels.numba_internals import ir, normal_tables
 
 PIECE = 1 << 16
@@ -69,7 +69,7 @@ def _high(typingctx, a, b):
     return types.uint64(types.uint64, types.uint64), codegen
 
 
-@inner
+@subkernel
 def _refill(stream):
     """The next words: each lane makes every fourth."""
     a, b = stream[_JUMP], stream[_JUMP + 1]
@@ -87,7 +87,7 @@ def _refill(stream):
     stream[_AT] = 0
 
 
-@inner
+@subkernel
 def _word(stream):
     if stream[_AT] == _WORDS:
         _refill(stream)
@@ -96,12 +96,12 @@ def _word(stream):
     return word
 
 
-@inner
+@subkernel
 def _uniform(stream):
     return np.float64(_word(stream) >> _S11) * _UNIT
 
 
-@inner
+@subkernel
 def _beyond(stream, level, fraction, x):
     """What becomes of a number outside its level's rectangle, and whether it is taken."""
     if level > 0:
@@ -114,7 +114,7 @@ def _beyond(stream, level, fraction, x):
             return (-(_R + out) if (fraction >> _S8) & _ONE else _R + out), True
 
 
-@inner
+@subkernel
 def _fill_all(stream, values, mean, std):
     """Fill with numbers, of whatever size."""
     done = np.uint64(0)

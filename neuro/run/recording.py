@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from neuro.core.clock import Clock
 from neuro.core.errors import ModelError
-from neuro.core.growing import Growing
+from neuro.core.growing import JournaledFile
 from neuro.core.hdf5 import FRONT
 from neuro.core.outputs import Unwritable, check_output
 from neuro.core.paths import file_path
@@ -77,7 +77,7 @@ class ResultsWriter:
             check_output(each, KIND)
         files = collect.files_of(net)
         with self._unwritable_as_error():
-            self._disk = Growing(self.part, FORMAT)
+            self._disk = JournaledFile(self.part, FORMAT)
         self._file = h5py.File(self._disk, "w", userblock_size=FRONT)
         self._origin = partial(collect.origin, sim, net, threads, record, all_weights)
         head = {**collect.about(sim, threads), **collect.recordings_of(net), ATTRIBUTE: self._origin()}

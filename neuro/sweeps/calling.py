@@ -13,8 +13,8 @@ from neuro.core.progress import Bar
 from neuro.core.quantities import Quantity
 from neuro.sweeps.definition import limits_of, python_sweep
 from neuro.sweeps.execute import execute
+from neuro.sweeps.executors import HERE, place_of
 from neuro.sweeps.folder import SWEEP, Folder
-from neuro.sweeps.place import HERE, place_of
 from neuro.sweeps.space import space_of
 from neuro.sweeps.table import SweepTable, table_of
 

@@ -14,7 +14,7 @@ from typing import Any
 
 from neuro.core.errors import ModelError
 from neuro.core.extension import extensions
-from neuro.core.inputs import digest_of, note
+from neuro.core.inputs import digest_of, record_input
 from neuro.core.measures import in_ms
 from neuro.core.values import shown
 from neuro.model.language.nodes import about, mistake, plain, words
@@ -147,7 +147,7 @@ def load_sweep(path: Path) -> Sweep:
         ModelError: with the place of the first mistake.
     """
     root = read(path, "a sweep", "network: net.yaml")
-    note(path)
+    record_input(path)
     said = words(root, WORDS, "a sweep")
     given = {word: plain(node) for word, node in said.items()}
     run = run_said(root, said, given, path)

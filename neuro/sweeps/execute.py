@@ -8,8 +8,8 @@ from dataclasses import dataclass
 from neuro.core.progress import Bar
 from neuro.core.provenance import provenance
 from neuro.sweeps.definition import Item, Sweep
+from neuro.sweeps.executors import Place, doing
 from neuro.sweeps.folder import Folder
-from neuro.sweeps.place import Place, doing
 
 
 @dataclass

@@ -16,8 +16,8 @@ from neuro.core.outputs import output, sealed
 from neuro.core.provenance import differences
 from neuro.core.version import VERSION
 from neuro.sweeps.folder import Folder, Outcome
+from neuro.sweeps.plot_data import PlotData, is_log, ordered, places, plot_data, scaled, told
 from neuro.sweeps.rows import Rows, text
-from neuro.sweeps.shaped import Shaped, is_log, ordered, places, scaled, shaped, told
 from neuro.sweeps.table import SweepTable, reasons
 
 PAGE = sealed("a page of 'neuro sweep'", '<meta name="generator" content="neuro sweep">', "<!-- digest {} -->")
@@ -90,7 +90,7 @@ def many(n: int, what: str) -> str:
 
 def _pictures(found: SweepTable) -> Iterator[Html]:
     try:
-        drawn = shaped(found, (), (), "auto")
+        drawn = plot_data(found, (), (), "auto")
     except ModelError as error:
         yield tag("p", error.message)
         return
@@ -103,7 +103,7 @@ def _pictures(found: SweepTable) -> Iterator[Html]:
             yield parallel(each)
 
 
-def _lines(data: Shaped) -> Html:
+def _lines(data: PlotData) -> Html:
     lines = data.lines()
     drawn = lines[:_COLOURS]
     x = np.concatenate([line[1] for line in drawn])
@@ -133,7 +133,7 @@ def _lines(data: Shaped) -> Html:
     return html.figure(html.join([words, picture]), caption, data.metric)
 
 
-def _map(data: Shaped) -> Html:
+def _map(data: PlotData) -> Html:
     grid, x, y = data.grid(), data.axis(0), data.axis(1)
     wide, tall = (WIDE - LEFT - 12) / len(x), min(34.0, TALL / len(y))
     low, high = float(np.nanmin(grid)), float(np.nanmax(grid))
@@ -156,7 +156,7 @@ def _map(data: Shaped) -> Html:
     return html.figure(html.svg(WIDE, floor + BELOW, *parts, label=label), caption, data.metric)
 
 
-def parallel(data: Shaped) -> Html:
+def parallel(data: PlotData) -> Html:
     """All parameters and a metric, as parallel coordinates."""
     names = (*data.names, data.metric)
     metric = [float(np.mean(each)) for _, each in data.points]
@@ -191,7 +191,7 @@ def parallel(data: Shaped) -> Html:
 _DRAW = {"lines": _lines, "map": _map, "parallel": parallel}
 
 
-def _frame(data: Shaped, to_x: Any, y: Any) -> Iterator[Html]:
+def _frame(data: PlotData, to_x: Any, y: Any) -> Iterator[Html]:
     floor = TOP + TALL
     yield html.line(LEFT, floor, WIDE - 12, floor, "axis")
     low, high = float(np.min(y)), float(np.max(y))

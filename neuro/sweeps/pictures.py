@@ -11,15 +11,15 @@ from matplotlib.figure import Figure
 from neuro.core.checks import is_number
 from neuro.core.values import literal
 from neuro.plots._canvas import Picture, colours, tidy
-from neuro.sweeps.shaped import Shaped, is_log, ordered, scaled, shaped, told
+from neuro.sweeps.plot_data import PlotData, is_log, ordered, plot_data, scaled, told
 from neuro.sweeps.table import SweepTable
 
 
 def pictures(
     table: SweepTable, metrics: Sequence[str] = (), of: Sequence[str] = (), kind: str = "auto"
 ) -> dict[str, Figure]:
-    """A figure for each metric, by the name of a file; arguments and errors as of `neuro.sweeps.shaped.shaped`."""
-    drawn = shaped(table, metrics, of, kind)
+    """A figure for each metric, by the name of a file; arguments and errors as of `plot_data.plot_data`."""
+    drawn = plot_data(table, metrics, of, kind)
     return {f"{_in_a_name(each.metric)}-{each.kind}": _DRAW[each.kind](table, each) for each in drawn}
 
 
@@ -36,7 +36,7 @@ def _figure(table: SweepTable, wide: float = 7.0) -> tuple[Figure, Any]:
     return figure, axis
 
 
-def _lines(table: SweepTable, data: Shaped) -> Figure:
+def _lines(table: SweepTable, data: PlotData) -> Figure:
     """A line for each value of the second parameter, with a band of one standard deviation over what is left."""
     figure, axis = _figure(table)
     lines = data.lines()
@@ -54,7 +54,7 @@ def _lines(table: SweepTable, data: Shaped) -> Figure:
     return figure
 
 
-def _map(table: SweepTable, data: Shaped) -> Figure:
+def _map(table: SweepTable, data: PlotData) -> Figure:
     """A field for each pair of values, by the mean over what is left."""
     figure, axis = _figure(table)
     grid = data.grid()
@@ -73,7 +73,7 @@ def _map(table: SweepTable, data: Shaped) -> Figure:
     return figure
 
 
-def _parallel(table: SweepTable, data: Shaped) -> Figure:
+def _parallel(table: SweepTable, data: PlotData) -> Figure:
     """An axis for each parameter and one for the metric; a line for each point, in the colour of its metric.
 
     Source: Inselberg, The Visual Computer 1:69, 1985

@@ -54,7 +54,7 @@ class Sweep:
 
     def do(self, out):
         from neuro.sweeps.execute import execute
-        from neuro.sweeps.place import Place
+        from neuro.sweeps.executors import Place
 
         execute(self.load(self.file), self.folder(out / "runs"), Place(*self.place))
 

@@ -22,10 +22,10 @@ def total(values):
     return add(values[0], values[1])
 """
 FAR = """
-from neuro.kernels.jit import inner
+from neuro.kernels.jit import subkernel
 from far.numbers import EXTRA
 
-@inner
+@subkernel
 def add(a, b):
     return a + b + EXTRA
 """

@@ -6,7 +6,7 @@ import pytest
 from neuro.events import Events, recordings, save
 from neuro_recognise.methods.remus import Remus
 from neuro_recognise.recogniser import learn
-from neuro_recognise.shown import Shown
+from neuro_recognise.shown import Features
 
 
 def bars(k, n=900):
@@ -73,7 +73,7 @@ def shapes():
         ends = 10_000 * np.arange(1, len(lengths) + 1)
         one = {"codes": codes.astype(np.uint16), "ids": ids.astype(np.uint32)}
         evidence.append(one | {"lengths": np.array(lengths, np.int64), "ends": ends})
-    return Shown(evidence, labels, tuple(f"{k}.bin" for k in range(26)), ("a", "b", "c"))
+    return Features(evidence, labels, tuple(f"{k}.bin" for k in range(26)), ("a", "b", "c"))
 
 
 @pytest.fixture(scope="session")

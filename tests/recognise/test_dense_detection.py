@@ -10,7 +10,7 @@ from neuro_recognise.detection import Detector
 from neuro_recognise.detection.boxes import iou
 from neuro_recognise.methods.remus import Remus
 from neuro_recognise.recogniser import learn
-from neuro_recognise.shown import Shown
+from neuro_recognise.shown import Features
 
 UPRIGHT, LYING = 0, 1
 PLACES = {UPRIGHT: (12, 10), LYING: (60, 44)}
@@ -35,7 +35,7 @@ def recogniser():
     method = Remus().changed({"epochs": 2, "per_class": 2, "size": [34, 34]})
     labels = np.arange(8) % 2
     evidence = [method.observe(recording(int(label), k)) for k, label in enumerate(labels)]
-    shown = Shown(evidence, labels, tuple(f"{k}.bin" for k in range(8)), ("upright", "lying"))
+    shown = Features(evidence, labels, tuple(f"{k}.bin" for k in range(8)), ("upright", "lying"))
     return learn(method, shown, "bars")
 
 

@@ -12,7 +12,7 @@ from neuro_recognise.evaluate import evaluate
 from neuro_recognise.hfirst import Heard, Spikes, decisive
 from neuro_recognise.method import choose
 from neuro_recognise.recogniser import learn, method_of
-from neuro_recognise.shown import Shown
+from neuro_recognise.shown import Features
 from neuro_recognise.telling.compare_report import show
 from neuro_recognise.telling.energy import bills, counted, show as show_energy
 from neuro_recognise.telling.tried import Tried
@@ -70,7 +70,7 @@ def bars():
         x, y = (along, across) if k % 2 else (across, along)
         events.append(Events(np.arange(300) * 60, x, y, rng.integers(0, 2, 300), (12, 12)))
     labels = np.arange(8) % 2
-    shown = Shown([method.observe(one) for one in events], labels, tuple("abcdefgh"), ("upright", "lying"))
+    shown = Features([method.observe(one) for one in events], labels, tuple("abcdefgh"), ("upright", "lying"))
     return learn(method, shown, "bars"), shown
 
 

@@ -14,7 +14,7 @@ from neuro_recognise.method import METHODS, choose
 from neuro_recognise.methods.framewise import Framewise
 from neuro_recognise.parts.layers import Inputs, Layer, Shares
 from neuro_recognise.recogniser import learn, method_of
-from neuro_recognise.shown import Shown
+from neuro_recognise.shown import Features
 
 FRONT_END = {"segmenter": "msd", "bank": "gabors", "pool": "max", "encoder": "log_latency"}
 SMALL = {
@@ -100,7 +100,7 @@ def test_scores_on_the_way(name, front_end, bars):
     """At the end they are the scores; what comes later has no influence; before the first frame nobody speaks."""
     method = small(name, **front_end)
     labels = np.arange(len(bars)) % 2
-    shown = Shown([method.observe(one) for one in bars], labels, tuple(map(str, labels)), ("upright", "lying"))
+    shown = Features([method.observe(one) for one in bars], labels, tuple(map(str, labels)), ("upright", "lying"))
     made = learn(method, shown, "bars", seed=1)
     events = bars[0]
     at = made.scores_at(events, [0.0, 60.0, 90.0, 1000.0])

@@ -8,7 +8,7 @@ import pytest
 from neuro.events import Events
 from neuro_recognise.method import choose
 from neuro_recognise.recogniser import learn, method_of
-from neuro_recognise.shown import Shown
+from neuro_recognise.shown import Features
 
 
 @pytest.fixture(scope="module")
@@ -37,9 +37,9 @@ def test_the_same_kernels(bars, settings, history, kernels):
     order = sorted(range(16), key=lambda k: (k % 2 == 0, k))
     evidence = [method.observe(bars[k]) for k in order]
     labels = np.array([0 if k % 2 else 1 for k in order])
-    made = learn(method, Shown(evidence, labels, tuple(map(str, order)), ("lying", "upright")), "bars", seed=3)
+    made = learn(method, Features(evidence, labels, tuple(map(str, order)), ("lying", "upright")), "bars", seed=3)
     rounded = np.round(made.learnt["c1_s2"], 9) + 0.0
     assert made.learnt["history"].tolist() == history
     assert hashlib.blake2b(rounded.tobytes(), digest_size=8).hexdigest() == kernels
-    unseen = Shown([method.observe(one) for one in bars[16:]], np.full(8, -1), tuple("abcdefgh"), made.classes)
+    unseen = Features([method.observe(one) for one in bars[16:]], np.full(8, -1), tuple("abcdefgh"), made.classes)
     assert choose(method.answer(made.learnt, unseen).scores).tolist() == [1, 0] * 4

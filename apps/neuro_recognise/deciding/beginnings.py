@@ -21,7 +21,7 @@ from neuro.events import Recordings
 from neuro.events.dataset import Sample
 from neuro_recognise.kept import write_evidence
 from neuro_recognise.method import Method
-from neuro_recognise.shown import Evidence, Ints, Shown
+from neuro_recognise.shown import Evidence, Features, Ints
 
 __all__ = ["Beginnings", "beginnings"]
 
@@ -74,10 +74,10 @@ class Beginnings:
                 _write(file, [beginnings(self._method, item, self._times) for item in part])
             yield AT_ONCE * k + len(part)
 
-    def at(self, moment: int) -> Shown:
+    def at(self, moment: int) -> Features:
         """What beginnings so long show, in memory."""
         evidence = [one for file in self._files for one in _read(file, moment)]
-        return Shown(evidence, self._data.labels, tuple(item.name for item in self._data), self._data.classes)
+        return Features(evidence, self._data.labels, tuple(item.name for item in self._data), self._data.classes)
 
     def remove(self) -> None:
         """They are no longer needed."""

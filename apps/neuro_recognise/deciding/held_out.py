@@ -17,7 +17,7 @@ from neuro_recognise.deciding.beginnings import Beginnings, beginnings
 from neuro_recognise.method import Course, Learnt, Progress
 from neuro_recognise.observations import observe
 from neuro_recognise.recogniser import Recogniser, learn
-from neuro_recognise.shown import Floats, Ints, Shown, unlabelled
+from neuro_recognise.shown import Features, Floats, Ints, unlabelled
 
 __all__ = ["Apart", "Decided", "HeldOut", "Wholes"]
 
@@ -169,7 +169,7 @@ class Wholes(HeldOut):
         return self.file(f"fold{fold}")
 
     @cached_property
-    def _shown(self) -> Shown:
+    def _shown(self) -> Features:
         def tell(done: int, n: int) -> None:
             self.report(Progress("looking at recordings", done, n))
 

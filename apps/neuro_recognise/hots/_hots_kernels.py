@@ -13,7 +13,7 @@ of channels. All terms are positive, so the sums stay exact to a few last bits.
 
 from math import exp, sqrt
 
-from neuro.apps import inner, kernel
+from neuro.apps import kernel, subkernel
 
 LONGEST = 30.0
 """Time constants after which a map is counted from now on again."""
@@ -21,7 +21,7 @@ NOTHING = 1e-200
 """What is smaller is 0: numbers below 1e-308 would be slow."""
 
 
-@inner
+@subkernel
 def shrink(numbers, factor):
     """Multiply numbers >= 0, in place."""
     for i in range(numbers.size):
@@ -29,14 +29,14 @@ def shrink(numbers, factor):
         numbers[i] = value if value > NOTHING else 0.0
 
 
-@inner
+@subkernel
 def add(row, taps, change):
     """Add a multiple of taps to a row of the same length; by slices, which numba turns into vector instructions."""
     for j in range(taps.size):
         row[j] += change * taps[j]
 
 
-@inner
+@subkernel
 def closest(products, first, scale, squares):
     """The centre k with the smallest ``|C_k|^2 - 2 S C_k``, the first of equal ones: the closest to a surface S.
 
@@ -80,7 +80,7 @@ def find(t, x, y, channel, seen, products, width, radius, channels, tau, turned,
         out[e] = closest(products, corner + radius * (stride + n), 1.0 / grown, squares)
 
 
-@inner
+@subkernel
 def counted_from(begin, now, tau, seen):
     """From when on the map is counted: from now on, and shrunk to the present, where it has grown for too long."""
     if now - begin > LONGEST * tau:
@@ -89,7 +89,7 @@ def counted_from(begin, now, tau, seen):
     return begin
 
 
-@inner
+@subkernel
 def compared(seen, corner, stride, span, side, scale, centres, products):
     """The inner product of the time surface with each centre; gives the surface's squared length.
 
@@ -108,7 +108,7 @@ def compared(seen, corner, stride, span, side, scale, centres, products):
     return square
 
 
-@inner
+@subkernel
 def moved(seen, corner, stride, span, side, scale, centres, k, keep, alpha):
     """Move centre k: ``C = keep C + alpha S``; gives its squared length."""
     square = 0.0

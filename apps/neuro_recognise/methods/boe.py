@@ -14,7 +14,7 @@ from neuro_recognise.parts.cleaners import Cleaner, Plain
 from neuro_recognise.parts.readouts import Readout, Svm
 from neuro_recognise.parts.segmenters import Msd, Segmenter
 from neuro_recognise.settings import part
-from neuro_recognise.shown import Evidence, Floats, Ints, Shown
+from neuro_recognise.shown import Evidence, Features, Floats, Ints
 from neuro_recognise.views import Pictures, View
 
 if TYPE_CHECKING:
@@ -51,7 +51,7 @@ class Boe(Method):
         pixels = (seen.y.astype(np.int64) * self.size[0] + seen.x)[bounds[0] : bounds[-1]]
         return {"pixels": pixels.astype(np.uint32), "lengths": np.diff(bounds)}
 
-    def fit(self, shown: Shown, course: Course) -> Learnt:
+    def fit(self, shown: Features, course: Course) -> Learnt:
         """Weigh pixels by how few segments they have events in, and teach the readout segment by segment."""
         shares, recording = self._shares(shown)
         n = shares.shape[0]
@@ -60,7 +60,7 @@ class Boe(Method):
         taught = self.readout.fit(self._weighed(shares, special), shown.labels[recording], len(shown.classes), course)
         return {"speciality": special, **taught}
 
-    def answer(self, learnt: Learnt, shown: Shown, backend: str = "event") -> Answer:
+    def answer(self, learnt: Learnt, shown: Features, backend: str = "event") -> Answer:
         """The mean of what the readout says of the segments."""
         shares, recording = self._shares(shown)
         of_segments = self.readout.scores(learnt, self._weighed(shares, learnt["speciality"]))
@@ -89,7 +89,7 @@ class Boe(Method):
         bounds = self.segmenter.bounds(seen.t)
         return seen, np.array([0, len(seen)]) if len(bounds) == 1 and len(seen) else bounds
 
-    def _shares(self, shown: Shown) -> tuple[csr_matrix, Any]:
+    def _shares(self, shown: Features) -> tuple[csr_matrix, Any]:
         """(segments, pixels) share of each segment's events; and (segments,) the recording of each."""
         from scipy.sparse import csr_matrix
 

@@ -13,7 +13,7 @@ from neuro.events import Events
 from neuro_recognise.method import Answer, Course, Learnt, Method
 from neuro_recognise.parts.readouts import Readout, Svm
 from neuro_recognise.settings import part
-from neuro_recognise.shown import Evidence, Floats, Shown
+from neuro_recognise.shown import Evidence, Features, Floats
 
 __all__ = ["Descriptor"]
 
@@ -43,16 +43,16 @@ class Descriptor(Method):
         """The vector."""
         return {"vector": self.describe(self.inside(events)).astype(np.float32)}
 
-    def fit(self, shown: Shown, course: Course) -> Learnt:
+    def fit(self, shown: Features, course: Course) -> Learnt:
         """Teach the readout."""
         return self.readout.fit(_vectors(shown), shown.labels, len(shown.classes), course)
 
-    def answer(self, learnt: Learnt, shown: Shown, backend: str = "event") -> Answer:
+    def answer(self, learnt: Learnt, shown: Features, backend: str = "event") -> Answer:
         """Ask the readout; a recording without events is silent."""
         x = _vectors(shown)
         scores = self.readout.scores(learnt, x)
         return Answer(np.where(x.any(axis=1, keepdims=True), scores, np.nan))
 
 
-def _vectors(shown: Shown) -> Floats:
+def _vectors(shown: Features) -> Floats:
     return shown.stacked("vector").astype(np.float64)

@@ -17,7 +17,7 @@ from neuro_recognise.parts.pools import LocalMaximum, Pool
 from neuro_recognise.parts.segmenters import Segmenter, Ses
 from neuro_recognise.parts.votes import votes
 from neuro_recognise.settings import part, setting
-from neuro_recognise.shown import Floats, Ints, Shown
+from neuro_recognise.shown import Features, Floats, Ints
 
 CODE = "github BEJ97/MK-Tempotron, top_onN_MNIST.m"
 RISE = 4.0
@@ -97,6 +97,8 @@ class EdhmaxTempotron(Framewise):
         """``edhmax_tempotron``."""
         return "edhmax_tempotron"
 
-    def votes(self, learnt: Learnt, results: neuro.TrialResults, frames: Frames, shown: Shown) -> Mapping[str, Floats]:
+    def votes(
+        self, learnt: Learnt, results: neuro.TrialResults, frames: Frames, shown: Features
+    ) -> Mapping[str, Floats]:
         """The neurons of a class, each of which was taught by itself, speak together."""
         return votes(results, frames.recording, len(shown), len(shown.classes), together=True)

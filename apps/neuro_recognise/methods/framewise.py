@@ -28,7 +28,7 @@ from neuro_recognise.parts.representations import Counts, Representation
 from neuro_recognise.parts.segmenters import Msd, Segmenter
 from neuro_recognise.parts.votes import VOTES, votes
 from neuro_recognise.settings import part, setting
-from neuro_recognise.shown import Array, Evidence, Floats, Ints, Shown, unlabelled
+from neuro_recognise.shown import Array, Evidence, Features, Floats, Ints, unlabelled
 from neuro_recognise.views import Pictures, Trials, View
 
 if TYPE_CHECKING:
@@ -139,7 +139,7 @@ class Framewise(Method):
         whole = self.observe(events)
         return [ended_by(whole, us) for us in times_us]
 
-    def fit(self, shown: Shown, course: Course) -> Learnt:
+    def fit(self, shown: Features, course: Course) -> Learnt:
         """Teach the network.
 
         Returns:
@@ -169,7 +169,7 @@ class Framewise(Method):
         learnt |= told | self.layer.also(sim)
         return {**learnt, **self.afterwards(learnt, shown, course)}
 
-    def afterwards(self, learnt: Learnt, shown: Shown, course: Course) -> Learnt:
+    def afterwards(self, learnt: Learnt, shown: Features, course: Course) -> Learnt:
         """What is learnt once the network has, from what it answers to the same recordings; more arrays by name."""
         return {}
 
@@ -209,7 +209,7 @@ class Framewise(Method):
         """The learnt network, ready to be shown recordings."""
         return neuro.compile(self.network(learnt), backend=backend, seed=int(learnt["seed"]))
 
-    def present(self, sim: neuro.Simulation, learnt: Learnt, shown: Shown) -> tuple[neuro.TrialResults, Frames]:
+    def present(self, sim: neuro.Simulation, learnt: Learnt, shown: Features) -> tuple[neuro.TrialResults, Frames]:
         """Show all frames of recordings without teaching: how each ended, and the frames."""
         frames = Frames.of(shown)
         results = sim.trials(self.encoder.times(frames.codes, learnt), frames.ids, frames.offsets)
@@ -217,21 +217,21 @@ class Framewise(Method):
         return results, frames
 
     def presented(
-        self, sim: neuro.Simulation, learnt: Learnt, shown: Shown
-    ) -> Iterator[tuple[Shown, neuro.TrialResults, Frames]]:
+        self, sim: neuro.Simulation, learnt: Learnt, shown: Features
+    ) -> Iterator[tuple[Features, neuro.TrialResults, Frames]]:
         """Show many recordings without teaching, a batch in memory after the other: each, and as `present` gives."""
         for batch in shown.batches(AT_ONCE):
             yield batch, *self.present(sim, learnt, batch)
 
-    def answer(self, learnt: Learnt, shown: Shown, backend: str = "event") -> Answer:
+    def answer(self, learnt: Learnt, shown: Features, backend: str = "event") -> Answer:
         """By each vote; a recording without frames is silent."""
         return self.asker(learnt, backend)(shown)
 
-    def asker(self, learnt: Learnt, backend: str = "event") -> Callable[[Shown], Answer]:
+    def asker(self, learnt: Learnt, backend: str = "event") -> Callable[[Features], Answer]:
         """With a network that is compiled once; `Answer.run` gives it as it is after the last question."""
         sim = self.simulation(learnt, backend)
 
-        def ask(shown: Shown) -> Answer:
+        def ask(shown: Features) -> Answer:
             sim.reset()  # noise and rounding are drawn by the step
             found: dict[str, list[Floats]] = {}
             taken: list[neuro.TrialCounts] = []
@@ -244,7 +244,9 @@ class Framewise(Method):
 
         return ask
 
-    def votes(self, learnt: Learnt, results: neuro.TrialResults, frames: Frames, shown: Shown) -> Mapping[str, Floats]:
+    def votes(
+        self, learnt: Learnt, results: neuro.TrialResults, frames: Frames, shown: Features
+    ) -> Mapping[str, Floats]:
         """What speaks for each class, (recordings, classes), by each way of letting frames decide."""
         return votes(results, frames.recording, len(shown), len(shown.classes))
 

@@ -23,9 +23,9 @@ from neuro_models import path
 from neuro_recognise.method import Answer, Course, Learnt, Method, Progress
 from neuro_recognise.parts.layers import from_text, to_text
 from neuro_recognise.settings import setting
-from neuro_recognise.shown import Array, Evidence, Floats, Shown
+from neuro_recognise.shown import Array, Evidence, Features, Floats
 from neuro_torch import Events as Spikes
-from neuro_train.data import Shown as Taught
+from neuro_train.data import BatchData as Taught
 from neuro_train.plan import Plan
 
 __all__ = ["Conv", "Dense", "Gradients", "LearntDelays", "Recurrent"]
@@ -88,7 +88,7 @@ class Gradients(Method):
         train = Spikes.of_recordings([self.inside(events)], INPUT, **words).trains[INPUT]
         return {"step": train.step.astype(np.uint16), "neuron": train.neuron.astype(np.uint32)}
 
-    def fit(self, shown: Shown, course: Course) -> Learnt:
+    def fit(self, shown: Features, course: Course) -> Learnt:
         """Teach the network on one thread of torch, so that the same training gives the same bits.
 
         Returns:
@@ -153,16 +153,16 @@ class Gradients(Method):
                 net.projections[name] = replace(net.projections[name], **listed)
         return net
 
-    def answer(self, learnt: Learnt, shown: Shown, backend: str = "event") -> Answer:
+    def answer(self, learnt: Learnt, shown: Features, backend: str = "event") -> Answer:
         """Who of the output fires most; of several who fires first. A recording that none fires for is silent."""
         return self.asker(learnt, backend)(shown)
 
-    def asker(self, learnt: Learnt, backend: str = "event") -> Callable[[Shown], Answer]:
+    def asker(self, learnt: Learnt, backend: str = "event") -> Callable[[Features], Answer]:
         """With a network that is compiled once and begins anew with each recording."""
         sim = neuro.compile(self.network(learnt), backend=backend)
         h, end = self.step, round(self.duration / self.step) * self.step
 
-        def ask(shown: Shown) -> Answer:
+        def ask(shown: Features) -> Answer:
             scores, taken = [], []
             for one in shown.evidence:
                 sim.reset()
@@ -174,7 +174,7 @@ class Gradients(Method):
 
         return ask
 
-    def _taught(self, shown: Shown) -> Taught:
+    def _taught(self, shown: Features) -> Taught:
         """Recordings as the trainer has them."""
         step, neuron = shown.column("step"), shown.column("neuron")
         recording = np.repeat(np.arange(len(shown)), np.diff(step.offsets))

@@ -14,7 +14,7 @@ from neuro_recognise.methods.descriptor import Descriptor
 from neuro_recognise.observers import Growing, Grows, Observer
 from neuro_recognise.parts.readouts import Readout, Svm
 from neuro_recognise.settings import part, setting
-from neuro_recognise.shown import Array, Floats, Shown
+from neuro_recognise.shown import Array, Features, Floats
 from neuro_recognise.views import Pictures, View
 
 if TYPE_CHECKING:
@@ -59,7 +59,7 @@ class Hats(Descriptor):
         grown.add(events)
         return grown.histograms().ravel().astype(np.float64)
 
-    def fit(self, shown: Shown, course: Course) -> Learnt:
+    def fit(self, shown: Features, course: Course) -> Learnt:
         """Teach the readout; ``averages`` (classes, values) of what recordings show are kept for pictures."""
         sums = np.zeros((len(shown.classes), len(shown.evidence[0]["vector"])))
         for label, one in zip(shown.labels.tolist(), shown.evidence, strict=True):

@@ -30,7 +30,7 @@ from neuro_recognise.hfirst import (
 )
 from neuro_recognise.method import Answer, Course, Learnt, Method, Run
 from neuro_recognise.settings import setting
-from neuro_recognise.shown import Evidence, Shown
+from neuro_recognise.shown import Evidence, Features
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -73,27 +73,27 @@ class HFirst(Method, HFirstSettings):
             name: np.stack([steps[name], spikes.ids], axis=1).astype(np.uint32) for name, spikes in inputs.items()
         }
 
-    def fit(self, shown: Shown, course: Course) -> Learnt:
+    def fit(self, shown: Features, course: Course) -> Learnt:
         """Sum what C1 sent for each class."""
         counts = c1_counts(self, [_spikes(one) for one in shown.evidence])
         return {"templates": templates(self, counts, shown.labels, len(shown.classes))}
 
-    def answer(self, learnt: Learnt, shown: Shown, backend: str = "event") -> Answer:
+    def answer(self, learnt: Learnt, shown: Features, backend: str = "event") -> Answer:
         """Let S2 hear the spikes of C1; a recording without any is silent. For the bill the whole network runs."""
         return self.asker(learnt, backend)(shown)
 
-    def asker(self, learnt: Learnt, backend: str = "event") -> Callable[[Shown], Answer]:
+    def asker(self, learnt: Learnt, backend: str = "event") -> Callable[[Features], Answer]:
         """With S2 compiled once; it starts anew with each recording."""
         sim = neuro.compile(s2_alone(self, np.asarray(learnt["templates"])), backend=backend)
 
-        def ask(shown: Shown) -> Answer:
+        def ask(shown: Features) -> Answer:
             heard = [s2_heard(sim, self, _spikes(one)) for one in shown.evidence]
             votes = {reading: np.stack([decisive(one, reading) for one in heard]) for reading in READINGS}
             return Answer(votes[self.reading], votes, partial(self.run_whole, learnt, shown, backend))
 
         return ask
 
-    def run_whole(self, learnt: Learnt, shown: Shown, backend: str = "event") -> Run:
+    def run_whole(self, learnt: Learnt, shown: Features, backend: str = "event") -> Run:
         """Let the network, with all of its layers, hear recordings; what that took."""
         sim = neuro.compile(self.network(learnt), backend=backend)
         taken = []

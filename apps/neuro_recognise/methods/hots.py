@@ -13,7 +13,7 @@ from neuro_recognise.hots.hierarchy import Hierarchy, Layers
 from neuro_recognise.method import Answer, Course, Learnt, Method, Progress
 from neuro_recognise.parts.readouts import Readout, Svm
 from neuro_recognise.settings import part, setting
-from neuro_recognise.shown import Evidence, Floats, Shown
+from neuro_recognise.shown import Evidence, Features, Floats
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -53,13 +53,13 @@ class Hots(Method):
         seen = self.inside(events)
         return {"t": seen.t - (seen.t[0] if len(seen) else 0), "x": seen.x, "y": seen.y, "p": seen.p}
 
-    def fit(self, shown: Shown, course: Course) -> Learnt:
+    def fit(self, shown: Features, course: Course) -> Learnt:
         """Learn prototypes layer by layer, then teach the readout."""
         layers = self._taught(shown, course)
         x = self._histograms(layers, shown)
         return {**layers.state(), **self.readout.fit(x, shown.labels, len(shown.classes), course)}
 
-    def answer(self, learnt: Learnt, shown: Shown, backend: str = "event") -> Answer:
+    def answer(self, learnt: Learnt, shown: Features, backend: str = "event") -> Answer:
         """Ask the readout; a recording without events is silent."""
         kept = {name: part for name, part in learnt.items() if not isinstance(part, str)}
         x = self._histograms(Layers.from_state(self.hierarchy, self.size, kept), shown)
@@ -81,7 +81,7 @@ class Hots(Method):
             drawn[f"layer-{layer + 1}"] = images(seen, [""] * len(seen), title, about)
         return drawn
 
-    def _taught(self, shown: Shown, course: Course) -> Layers:
+    def _taught(self, shown: Features, course: Course) -> Layers:
         kept = course.resume()
         layers = Layers(self.hierarchy, self.size, seed=course.seed)
         if kept:
@@ -98,7 +98,7 @@ class Hots(Method):
         layers.learn(_Recordings(self, shown.take(chosen)), tell)
         return layers
 
-    def _histograms(self, layers: Layers, shown: Shown) -> Floats:
+    def _histograms(self, layers: Layers, shown: Features) -> Floats:
         """(recordings, cells and prototypes) shares of a recording's events."""
         found: Floats = np.stack(
             [layers.features(events, cell=self.cell).ravel() for events in _Recordings(self, shown)]
@@ -110,7 +110,7 @@ class Hots(Method):
 class _Recordings(Sequence[Events]):
     """Evidence as events again, one recording at a time."""
 
-    def __init__(self, method: Hots, shown: Shown) -> None:
+    def __init__(self, method: Hots, shown: Features) -> None:
         self._size, self._shown = method.size, shown
 
     def __len__(self) -> int:

@@ -15,7 +15,7 @@ from neuro_recognise.parts.frames import Frames
 from neuro_recognise.parts.layers import Inputs, Layer
 from neuro_recognise.parts.readouts import Readout, Svm
 from neuro_recognise.settings import SPLITS, part, setting
-from neuro_recognise.shown import Floats, Shown
+from neuro_recognise.shown import Features, Floats
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -92,7 +92,7 @@ class MasquelierThorpe(Framewise):
         """``masquelier_thorpe``."""
         return "masquelier_thorpe"
 
-    def afterwards(self, learnt: Learnt, shown: Shown, course: Course) -> Learnt:
+    def afterwards(self, learnt: Learnt, shown: Features, course: Course) -> Learnt:
         """Teach the readout with what the maps answer to the same recordings."""
         features, labels = [], []
         for batch, results, frames in self.presented(self.simulation(learnt, course.backend), learnt, shown):
@@ -101,7 +101,9 @@ class MasquelierThorpe(Framewise):
             labels.append(batch.labels[seen])
         return self.readout.fit(np.concatenate(features), np.concatenate(labels), len(shown.classes), course)
 
-    def votes(self, learnt: Learnt, results: neuro.TrialResults, frames: Frames, shown: Shown) -> Mapping[str, Floats]:
+    def votes(
+        self, learnt: Learnt, results: neuro.TrialResults, frames: Frames, shown: Features
+    ) -> Mapping[str, Floats]:
         """By the readout alone."""
         scores = self.readout.scores(learnt, _features(results, frames, len(shown)))
         seen = np.isin(np.arange(len(shown)), frames.recording)

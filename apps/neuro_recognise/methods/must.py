@@ -16,7 +16,7 @@ from neuro_recognise.parts.frames import Frames
 from neuro_recognise.parts.layers import Inputs, Layer
 from neuro_recognise.parts.votes import majority, potentials
 from neuro_recognise.settings import part, setting
-from neuro_recognise.shown import Array, Floats, Shown
+from neuro_recognise.shown import Array, Features, Floats
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -83,7 +83,7 @@ class Must(Framewise):
         words=("rate", "majority", "potentials"),
     )  # fmt: skip
 
-    def afterwards(self, learnt: Learnt, shown: Shown, course: Course) -> Learnt:
+    def afterwards(self, learnt: Learnt, shown: Features, course: Course) -> Learnt:
         """Name each neuron by the class of whose frames it wins the largest share; -1 where it never wins."""
         winners, labels = [], []
         for batch, results, frames in self.presented(self.simulation(learnt, course.backend), learnt, shown):
@@ -92,7 +92,9 @@ class Must(Framewise):
         of = len(np.asarray(learnt["thresholds"]))
         return {"labels": neuro.assign_labels(np.concatenate(winners), np.concatenate(labels), of)}
 
-    def votes(self, learnt: Learnt, results: neuro.TrialResults, frames: Frames, shown: Shown) -> Mapping[str, Floats]:
+    def votes(
+        self, learnt: Learnt, results: neuro.TrialResults, frames: Frames, shown: Features
+    ) -> Mapping[str, Floats]:
         """By wins for each neuron of a class, by wins, and by the largest potential of a class' neurons."""
         labels, classes = np.asarray(learnt["labels"]), len(shown.classes)
         named = labels >= 0

@@ -7,7 +7,7 @@ from typing import Self
 
 import numpy as np
 
-from neuro_recognise.shown import Array, Evidence, Ints, Shown
+from neuro_recognise.shown import Array, Evidence, Features, Ints
 
 __all__ = ["Frames", "ended_by"]
 
@@ -29,7 +29,7 @@ class Frames:
     recording: Ints
 
     @classmethod
-    def of(cls, shown: Shown) -> Self:
+    def of(cls, shown: Features) -> Self:
         """Those of recordings whose evidence has ``codes`` and ``ids``, and ``lengths``, the spikes of each frame."""
         lengths = shown.column("lengths")
         recording = np.repeat(np.arange(len(shown)), np.diff(lengths.offsets))

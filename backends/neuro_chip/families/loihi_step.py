@@ -3,7 +3,7 @@
 # mypy: ignore-errors
 import numpy as np
 
-from neuro.kernels.jit import inner
+from neuro.kernels.jit import subkernel
 from neuro_chip.tables import BEGIN, CLIPS, DRIVE_WRAPS, END, INPUT_WRAPS, RING, SLOTS, WRAPS
 
 i32 = np.int32
@@ -12,7 +12,7 @@ ZERO, ONE, SIX, EIGHT, TWELVE, SIXTEEN = i32(0), i32(1), i32(6), i32(8), i32(12)
 LOW, SIGN = i32(4095), i32(31)
 
 
-@inner
+@subkernel
 def lif(net, pop, row, step):
     """Step a population; who is above threshold is in `fired`."""
     lo, hi = row[BEGIN], row[END]
@@ -34,7 +34,7 @@ def lif(net, pop, row, step):
     net.native[pop, CLIPS] += clips
 
 
-@inner
+@subkernel
 def kept(value, share):
     """Value x share / 4096, truncated towards 0; numba widens each operation, so each is cut back to 32 bits.
 
@@ -47,7 +47,7 @@ def kept(value, share):
     return i32(i32(i32(high + low) ^ sign) - sign)
 
 
-@inner
+@subkernel
 def step_loihi(x, v, u, hold, keep_u, keep_v, threshold, bias, fired):
     """Loihi 1's compartments; return how many inputs, currents and drives wrapped and voltages were clipped.
 

@@ -3,7 +3,7 @@
 # mypy: ignore-errors
 import numpy as np
 
-from neuro.kernels.jit import inner
+from neuro.kernels.jit import subkernel
 from neuro_chip.tables import BEGIN, END, EXC_SHIFT, INH_SHIFT, RING, SATURATIONS, SLOTS, WRAPS
 
 i32 = np.int32
@@ -11,7 +11,7 @@ SLOT = i32(65535)
 FIFTEEN, THIRTY_TWO = np.int64(15), np.int64(32)
 
 
-@inner
+@subkernel
 def lif(net, pop, row, step):
     """Step a population of exponential neurons; who reaches threshold is in `fired`."""
     lo, hi = row[BEGIN], row[END]
@@ -27,7 +27,7 @@ def lif(net, pop, row, step):
     net.native[pop, WRAPS] += wraps
 
 
-@inner
+@subkernel
 def delta(net, pop, row, step):
     """Step a population with delta input; who reaches threshold is in `fired`."""
     lo, hi = row[BEGIN], row[END]
@@ -41,19 +41,19 @@ def delta(net, pop, row, step):
     net.native[pop, WRAPS] += wraps
 
 
-@inner
+@subkernel
 def product(a, b):
     """An s16.15 product: floor, not yet wrapped to 32 bits."""
     return (np.int64(a) * np.int64(b)) >> FIFTEEN
 
 
-@inner
+@subkernel
 def decayed(x, d):
     """(x d) >> 32 with d unsigned 0.32."""
     return (np.int64(x) * np.int64(d)) >> THIRTY_TWO
 
 
-@inner
+@subkernel
 def step_spinnaker(exc, inh, v, g_exc, g_inh, hold, r, first, shift_exc, shift_inh, fired):
     """SpiNNaker's exponential neurons; return how many slots were saturated and values wrapped.
 
@@ -89,7 +89,7 @@ def step_spinnaker(exc, inh, v, g_exc, g_inh, hold, r, first, shift_exc, shift_i
     return saturated, wraps
 
 
-@inner
+@subkernel
 def step_delta(exc, inh, v, hold, r, first, shift_exc, shift_inh, fired):
     """Delta-input neurons in SpiNNaker's arithmetic; return how many slots were saturated and values wrapped."""
     saturated = 0

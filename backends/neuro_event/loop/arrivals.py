@@ -10,7 +10,7 @@ same for any number of threads, which own targets.
 import numpy as np
 
 from neuro.kernels.instructions import address, prefetch
-from neuro.kernels.jit import inner, kernel, merged
+from neuro.kernels.jit import inlined, kernel, subkernel
 from neuro_event.loop import tables as t
 from neuro_event.loop.deliver import base_of, csr_own, receptor, receptors_by_sign, spikes
 from neuro_event.loop.shared_weight_delivery import add, mark_blocks
@@ -23,7 +23,7 @@ AHEAD = 6
 _LINE = 64
 
 
-@inner
+@subkernel
 def ask(begin, end):
     """Ask for the lines between two addresses. Runs are short: what asks for three lines has no branch."""
     final = end - 1
@@ -34,7 +34,7 @@ def ask(begin, end):
         prefetch(place)
 
 
-@inner
+@subkernel
 def ask_for(view, row, first, last):
     """Ask for the targets and the weights of a run."""
     net = net_of(view)
@@ -45,7 +45,7 @@ def ask_for(view, row, first, last):
         ask(weights + 8 * first, weights + 8 * last)
 
 
-@inner
+@subkernel
 def add_run(view, row, thread, first, last, m, receptors, between, out, mark):
     """Add a run, the synapses first:last of its projection, to the input whose target 0 lies at `out`."""
     net = net_of(view)
@@ -65,7 +65,7 @@ def add_run(view, row, thread, first, last, m, receptors, between, out, mark):
         csr_own(net.targets, e + first, e + last, net.weights, w, m, apart, between, net.buf, at, due, mark)
 
 
-@inner
+@subkernel
 def add_queue(view, row, thread, n, total, slot):
     """Add the first n runs of a thread's queue to the input of the present step, whose marks lie at `slot`.
 
@@ -148,7 +148,7 @@ def at_emission(view, q, step, after, thread):
             keep_for_later(view, row, i, np.float64(net.log_counts[sender, place & mask]), step, after, thread)
 
 
-@inner
+@subkernel
 def keep_for_later(view, row, i, m, step, after, thread):
     """Put the spike of source i in a step, of multiplicity m, into the ring of its projection."""
     net = net_of(view)
@@ -169,7 +169,7 @@ def keep_for_later(view, row, i, m, step, after, thread):
         add_run(view, row, thread, first, last, m, receptors_by_sign(row, receptors), row[t.RING_SIZE], out, mark)
 
 
-@inner
+@subkernel
 def owner(edges, block):
     """The thread that a block belongs to."""
     thread = 0
@@ -213,7 +213,7 @@ def deliver_between(view, q, first, last, now):
             at_emission(view, q, step, now, thread)
 
 
-@merged
+@inlined
 def log_delivery(view, q, j, k, begin, stop, ring):
     """Deliver what projection q's source emitted in step j, if it did, as `deliver_log`."""
     net = net_of(view)

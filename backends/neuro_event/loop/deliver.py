@@ -8,16 +8,16 @@ projections whose spikes are delivered at emission. `due` marks the blocks that 
 import numpy as np
 
 from neuro.kernels.instructions import LANES
-from neuro.kernels.jit import inner, kernel, merged
+from neuro.kernels.jit import inlined, kernel, subkernel
 from neuro_event.loop import tables as t
-from neuro_event.loop.shared_weight_delivery import RANGE, deliver_alike, deliver_in_ranges, mark_spots
+from neuro_event.loop.shared_weight_delivery import RANGE, deliver_in_ranges, deliver_shared_weight, mark_spots
 from neuro_event.loop.tables import net_of, slot_mask
 
 _BLOCK = 6
 assert 1 << _BLOCK == t.BLOCK
 
 
-@merged
+@inlined
 def spikes(net, source, slot):
     """How many neurons of a population fired in the step whose ends are kept at a slot."""
     n = 0
@@ -26,25 +26,25 @@ def spikes(net, source, slot):
     return n
 
 
-@inner
+@subkernel
 def receptor(weight, receptors):
     """Which of the receptors a weight goes to by its sign."""
     return 1 if receptors == 2 and weight < 0.0 else 0
 
 
-@inner
+@subkernel
 def base_of(row):
     """The first receptor that a projection may reach: the one that it names, else the first of all."""
     return max(row[t.RECEPTOR], 0)
 
 
-@inner
+@subkernel
 def receptors_by_sign(row, receptors):
     """How many receptors signs tell apart: 1 where all goes to the one that is named."""
     return receptors if row[t.RECEPTOR] < 0 else 1
 
 
-@inner
+@subkernel
 def csr_own(targets, first, last, weights, w, m, receptors, stride, buf, out, due, mark):
     """Add to the targets first:last their own weight times m; `w` is the place of the first one's weight."""
     if receptors == 2:
@@ -61,7 +61,7 @@ def csr_own(targets, first, last, weights, w, m, receptors, stride, buf, out, du
             due[mark + (np.int64(targets[e]) >> _BLOCK)] = 1
 
 
-@inner
+@subkernel
 def csr_delayed(view, q, source_id, m, step, thread, lo, hi):
     """One spike over a projection whose synapses have delays of their own, into its ring, to the targets lo:hi.
 
@@ -85,7 +85,7 @@ def csr_delayed(view, q, source_id, m, step, thread, lo, hi):
         net.due[thread, (at & slots) * blocks + mark + (target >> _BLOCK)] = 1
 
 
-@inner
+@subkernel
 def grid_add(row, source, m, weights, lo, hi, buf, out, apart, due, mark):
     """A shared kernel, kept with the maps innermost: add it to those of lo:hi round one source, and mark their blocks.
 
@@ -123,7 +123,7 @@ def grid_add(row, source, m, weights, lo, hi, buf, out, apart, due, mark):
                     to[k] += some[k] * m
 
 
-@inner
+@subkernel
 def add_by_sign(weights, m, first, second):
     """Add weights times m to the first receptor or, below 0, to the second; -0.0, which changes no bit, to the other.
 
@@ -135,7 +135,7 @@ def add_by_sign(weights, m, first, second):
         first[i] += -0.0 if weight < 0.0 else weight
 
 
-@inner
+@subkernel
 def scatter(view, q, source_id, m, thread, lo, hi, n, receptors, out, between, mark, spot):
     """One spike of multiplicity m over a projection with one delay, to this thread's targets lo:hi of n.
 
@@ -222,7 +222,7 @@ def deliver_log(view, q, j, k, begin, stop, ring):
                 view, q, source, step_slot, begin, stop, lo, min(lo + n, target[t.END] - target[t.BEGIN]), to
             )
         else:
-            deliver_alike(view, q, source, step_slot, begin, stop, to, mark, spot)
+            deliver_shared_weight(view, q, source, step_slot, begin, stop, to, mark, spot)
     else:
         for thread in range(begin, stop):
             deliver_each(view, q, j, step_slot, thread, out, between, mark, spot)
@@ -231,7 +231,7 @@ def deliver_log(view, q, j, k, begin, stop, ring):
             net.due[thread, slot + edges[thread] : slot + edges[thread + 1]] = 1
 
 
-@inner
+@subkernel
 def deliver_each(view, q, j, step_slot, thread, out, between, mark, spot):
     """Deliver the spikes of step j to a thread's targets, each synapse with a weight, or a delay, of its own."""
     net = net_of(view)

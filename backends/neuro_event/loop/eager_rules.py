@@ -14,7 +14,7 @@ from neuro.core.keyed_random import NTH_STRIDE
 from neuro.kernels.address import Entry
 from neuro.kernels.draws import step_word, uniform
 from neuro.kernels.instructions import address, prefetch
-from neuro.kernels.jit import compiled, inner, kernel, merged
+from neuro.kernels.jit import compiled, inlined, kernel, subkernel
 from neuro_event.loop import tables as t
 from neuro_event.loop.lazy_rules import (
     ADDS,
@@ -45,39 +45,39 @@ NOTHING = 1e-290
 """A trace below this is 0: numbers that are slow to compute with are never reached."""
 
 
-@merged
+@inlined
 def pre_left(p, q, j, kind, step):
     """What is left of a pre trace of 1 since the epoch of a step began."""
     return p.decay[q, OWN + j, step % p.table[q, t.EPOCH]]
 
 
-@merged
+@inlined
 def post_left(p, q, j, kind, step):
     """Likewise of a post trace."""
     return p.decay[q, OWN + p.kinds.shape[1] // 2 + j, step % p.table[q, t.EPOCH]]
 
 
-@merged
+@inlined
 def pre_value(p, j, kind, thread, own, left, step, h):
     """A pre trace at a step; a time trace is kept as the step of the last spike."""
     kept = p.k_plus[thread, own + j]
     return (step - kept) * h if kind[TAU] == TIME else kept * left[j]
 
 
-@merged
+@inlined
 def post_value(p, j, kind, place, left, step, h):
     """A post trace at a step, of the spikes that were heard before."""
     kept = p.heard[place, j]
     return (step - kept) * h if kind[TAU] == TIME else kept * left[j]
 
 
-@merged
+@inlined
 def value_after(j, kind, values, m):
     """A post trace after m spikes, from the values before them."""
     return 0.0 if m > 0 and kind[TAU] == TIME else grown(kind, values[j], m)
 
 
-@merged
+@inlined
 def kept_after(kind, kept, left, step, m):
     """As what a trace is kept after m spikes in a step."""
     if kind[TAU] == TIME:
@@ -88,7 +88,7 @@ def kept_after(kind, kept, left, step, m):
     return kind[ADDS] / left if kind[NEAREST] == 1.0 else kept + kind[ADDS] * m / left
 
 
-@merged
+@inlined
 def keep_pre(p, j, kind, thread, own, left, step):
     """Let a pre trace grow by a spike."""
     kept = kept_after(kind, p.k_plus[thread, own + j], left[j], step, 1)
@@ -96,7 +96,7 @@ def keep_pre(p, j, kind, thread, own, left, step):
     return kept
 
 
-@merged
+@inlined
 def keep_post(p, j, kind, place, left, step, m):
     """Let a post trace grow by m spikes."""
     kept = kept_after(kind, p.heard[place, j], left[j], step, m)
@@ -104,7 +104,7 @@ def keep_post(p, j, kind, place, left, step, m):
     return kept
 
 
-@merged
+@inlined
 def lessen(traces, first, last, stride, left):
     """Let some traces enter a new epoch."""
     for place in range(first, last, stride):
@@ -113,7 +113,7 @@ def lessen(traces, first, last, stride, left):
         traces[place] = value if abs(value) > NOTHING else 0.0
 
 
-@inner
+@subkernel
 def enter_epoch(view, q, thread):
     """Let all traces of a thread enter a new epoch."""
     net, p = net_of(view), plastic_of(view)
@@ -131,7 +131,7 @@ def enter_epoch(view, q, thread):
             lessen(p.heard[:, j], lo, hi, 1, p.decay[q, OWN + half + j, table[t.EPOCH]])
 
 
-@inner
+@subkernel
 def heard_in(view, q, step, thread):
     """Which places of a thread's log hold the post spikes that synapses hear in a step: the first, and the end."""
     net, p = net_of(view), plastic_of(view)
@@ -143,7 +143,7 @@ def heard_in(view, q, step, thread):
     return ends[row[t.TARGET]], ends[row[t.TARGET] + 1]
 
 
-@inner
+@subkernel
 def ask_for_list(view, q, target):
     """Ask for the list of the synapses onto a neuron."""
     p = plastic_of(view)
@@ -172,17 +172,17 @@ def eager_entry(model, own_rows):
 
     if model.draws:
 
-        @inner
+        @subkernel
         def learn_pre(p, q, z, c, step, nth, pre, post):
             on_pre(p.y, z, c, pre, post, uniform(step_word(p.draw_keys[q], step + nth * NTH_STRIDE), p.drawn_as[z]))
 
     else:
 
-        @inner
+        @subkernel
         def learn_pre(p, q, z, c, step, nth, pre, post):
             on_pre(p.y, z, c, pre, post)
 
-    @inner
+    @subkernel
     def post_spike(view, q, target, ahead, m, step, thread, h):
         """The m spikes of a neuron that its synapses hear in a step; the weights of neuron `ahead` are asked for."""
         p = plastic_of(view)
@@ -203,7 +203,7 @@ def eager_entry(model, own_rows):
                 own = (sources + np.int64(p.in_source[i]) * stride) & FORWARD
                 on_post(p.y, z, p.rule[row_of(q, table, z)], pre_values(p, thread, own, left, step, h), post)
 
-    @inner
+    @subkernel
     def arrivals(view, q, step, thread, h):
         """The post spikes that this thread's synapses hear in a step. They count in traces from the next step on."""
         net, p = net_of(view), plastic_of(view)
@@ -224,7 +224,7 @@ def eager_entry(model, own_rows):
             ask_for_list(view, q, np.int64(net.log_ids[thread, min(place + 2, last - 1) & mask]) - begins)
             post_spike(view, q, target, ahead, np.int64(net.log_counts[thread, place & mask]), step, thread, h)
 
-    @inner
+    @subkernel
     def pre_spike(view, q, source, step, nth, thread, h):
         """A pre spike: each synapse of this thread learns and sends; then the traces of the source grow."""
         net, p = net_of(view), plastic_of(view)

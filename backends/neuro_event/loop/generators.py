@@ -5,7 +5,7 @@ import numpy as np
 
 from neuro.kernels.draws import poisson_by_sum, poisson_by_table, reaching, step_word, words_of
 from neuro.kernels.instructions import LANES, lowest, marked
-from neuro.kernels.jit import inner, kernel
+from neuro.kernels.jit import kernel, subkernel
 from neuro_event.loop import tables as t
 from neuro_event.loop.deliver import base_of, receptor, receptors_by_sign
 from neuro_event.loop.neurons import emit
@@ -16,7 +16,7 @@ from neuro_event.loop.tables import call_entry, net_of
 _ONE = np.uint64(1)
 
 
-@inner
+@subkernel
 def draw_poisson(view, thread, pop, step, at, done, h):
     """One step of a poisson_generator: into its counts, or into the log."""
     net = net_of(view)
@@ -44,7 +44,7 @@ def draw_poisson(view, thread, pop, step, at, done, h):
     return at
 
 
-@inner
+@subkernel
 def let_emit(view, thread, pop, step, at, done, h):
     """One step of a generator with an entry of its own."""
     net = net_of(view)
@@ -62,7 +62,7 @@ def let_emit(view, thread, pop, step, at, done, h):
     return at
 
 
-@inner
+@subkernel
 def list_spikes(view, thread, pop, step, at, done, h):
     """The listed spikes of a spike_generator in this step."""
     net = net_of(view)
@@ -123,7 +123,7 @@ def draw_counts(view, thread, pop, step):
                 net.counts[place + lo : place + hi] = 0
 
 
-@inner
+@subkernel
 def draw_some(view, thread, row, base, lo, hi, counts):
     """The numbers of the neurons lo:hi of a generator for one step; they are tallied, too."""
     net = net_of(view)
@@ -146,7 +146,7 @@ def draw_some(view, thread, row, base, lo, hi, counts):
         settle_tally(tally, net.events[begin:end], net.spikes[begin:end])
 
 
-@inner
+@subkernel
 def settle_tally(tally, events, spikes):
     """Move tallies to the numbers that they stand for: few bytes a step are cheaper than many."""
     for k in range(tally.size):

@@ -4,7 +4,7 @@
 import math
 
 from neuro.kernels.draws import step_word, uniform
-from neuro.kernels.jit import inner, kernel
+from neuro.kernels.jit import kernel, subkernel
 from neuro_event.loop import tables as t
 from neuro_event.loop.neurons import emit, spike, wake
 from neuro_event.loop.tables import net_of
@@ -38,7 +38,7 @@ def settle(view, thread, pop, n, step, at, done, h):
     return at
 
 
-@inner
+@subkernel
 def choose(view, group, row, candidates, n, step):
     """Who wins of the first n candidates of a group that may: largest margin, then keyed draw, then id; or -1."""
     net = net_of(view)
@@ -59,7 +59,7 @@ def choose(view, group, row, candidates, n, step):
     return best
 
 
-@inner
+@subkernel
 def weigh_maps(view, thread, row, step, h):
     """Largest V_m of each map that has not won, and the neuron that has it (the smaller id of equals)."""
     net = net_of(view)
@@ -81,7 +81,7 @@ def weigh_maps(view, thread, row, step, h):
             net.best[m] = i
 
 
-@inner
+@subkernel
 def first_rival(view, row, i):
     """The first of the neurons of which only one fires when neuron i does."""
     net = net_of(view)
@@ -90,7 +90,7 @@ def first_rival(view, row, i):
     return i - before * apart
 
 
-@inner
+@subkernel
 def best_rival(view, thread, row, i, step):
     """The winner among neuron i and its rivals at threshold."""
     net = net_of(view)
@@ -105,7 +105,7 @@ def best_rival(view, thread, row, i, step):
     return choose(view, row[t.GROUP], row, net.rivals[thread], n, step)
 
 
-@inner
+@subkernel
 def reset_rivals(view, thread, row, i, step, h):
     """Reset neuron i, which fires, and all its rivals."""
     net = net_of(view)
@@ -117,7 +117,7 @@ def reset_rivals(view, thread, row, i, step, h):
         spike(view, row[t.NUMBER], j)
 
 
-@inner
+@subkernel
 def settle_rivals(view, thread, pop, row, n, step, at, done, h):
     """Let the winners among the found neurons fire and reset their rivals; return the next place in the log."""
     net = net_of(view)
@@ -136,7 +136,7 @@ def settle_rivals(view, thread, pop, row, n, step, at, done, h):
     return at
 
 
-@inner
+@subkernel
 def silence(view, row, group, begin, end, step):
     """Silence the neurons begin:end:step that are not yet."""
     net = net_of(view)
@@ -145,7 +145,7 @@ def silence(view, row, group, begin, end, step):
         net.muted[i] |= t.BLOCKED
 
 
-@inner
+@subkernel
 def win(view, row, i, step):
     """Neuron i of a group with several winners wins: enter it, and silence what is near it."""
     net = net_of(view)
@@ -171,7 +171,7 @@ def win(view, row, i, step):
         net.standing[group, t.WINS] += 1
 
 
-@inner
+@subkernel
 def settle_locally(view, thread, pop, row, n, step, at, done, h):
     """Let those of the found neurons fire that win, the best first; return the next place in the log."""
     net = net_of(view)
@@ -193,7 +193,7 @@ def settle_locally(view, thread, pop, row, n, step, at, done, h):
     return at
 
 
-@inner
+@subkernel
 def open_groups(view):
     """Nobody has won: all but those that are left out of a trial may fire."""
     net = net_of(view)
@@ -209,7 +209,7 @@ def open_groups(view):
             net.standing[group, t.OPEN] += net.muted[i] == 0
 
 
-@inner
+@subkernel
 def admit_all(view, row):
     """Nobody is left out any more; who was silenced by a winner still is."""
     net = net_of(view)

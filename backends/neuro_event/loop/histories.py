@@ -9,7 +9,7 @@ import math
 
 import numpy as np
 
-from neuro.kernels.jit import inner, kernel, merged
+from neuro.kernels.jit import inlined, kernel, subkernel
 from neuro_event.loop import tables as t
 from neuro_event.loop.lazy_rules import (
     APPLIED,
@@ -30,7 +30,7 @@ from neuro_event.loop.tables import call_rule, net_of, plastic_of
 PLUS, CONCENTRATION, MINUS = range(3)
 
 
-@merged
+@inlined
 def dopamine_at(view, q, target, step, h):
     """Concentration n of one target of a modulated projection."""
     p = plastic_of(view)
@@ -40,7 +40,7 @@ def dopamine_at(view, q, target, step, h):
     return p.n[place] * decayed(p.decay[q, CONCENTRATION], step - p.n_time[place], h, p.tau[q], 1)
 
 
-@inner
+@subkernel
 def bring_target(view, q, thread, target, step, whole, h):
     """Catch up every synapse of a projection onto one target; `whole`: up to the step, not the last spike before it.
 
@@ -50,7 +50,7 @@ def bring_target(view, q, thread, target, step, whole, h):
     call_rule(view, table, BRING_WHOLE if whole else BRING, target, step, thread, h)
 
 
-@inner
+@subkernel
 def release(view, q, thread, target, step, amount, h):
     """Dopamine arrives at one target."""
     bring_target(view, q, thread, target, step, True, h)
@@ -90,7 +90,7 @@ def dopamine_arrivals(view, q, step, thread, h):
             release(view, q, thread, target, step, total * each, h)
 
 
-@inner
+@subkernel
 def bring_history(view, pop, thread, target, step, whole, h):
     """Catch up every plastic synapse onto one neuron, see `bring_target`; return the longest of their delays."""
     net, p = net_of(view), plastic_of(view)
@@ -105,7 +105,7 @@ def bring_history(view, pop, thread, target, step, whole, h):
     return longest
 
 
-@inner
+@subkernel
 def keep_others(net, p, pop, local, n, step, h):
     """Keep the traces that third-party rules read of a neuron, as they are just before its spike."""
     history, neuron = net.pops[pop, t.HISTORY] + local, net.pops[pop, t.BEGIN] + local

@@ -14,7 +14,7 @@ from neuro.core.keyed_random import NTH_STRIDE
 from neuro.kernels.address import Entry
 from neuro.kernels.draws import step_word, uniform
 from neuro.kernels.instructions import address, prefetch
-from neuro.kernels.jit import compiled, inner, kernel, merged
+from neuro.kernels.jit import compiled, inlined, kernel, subkernel
 from neuro.model.synapses.delays import DELAY as DELAY_ROW, steps_of
 from neuro_event.loop import tables as t
 from neuro_event.loop.tables import RULE_TYPE, net_of, plastic_of, slot_mask
@@ -41,7 +41,7 @@ TIME, OF_NEURON = -1.0, -2.0
 """In place of a time constant: the trace is a time; it decays with the neuron's tau_minus."""
 
 
-@inner
+@subkernel
 def due_everywhere(net, target_row, at, thread):
     """Wake the blocks of this thread's neurons of a population when input arrives in a step."""
     blocks = net.awake.shape[0]
@@ -50,7 +50,7 @@ def due_everywhere(net, target_row, at, thread):
     net.due[thread, mark + lo : mark + hi] = 1
 
 
-@inner
+@subkernel
 def slot_of_first(net, row, receptors, step):
     """Where the slot lies in which a spike arrives over the first synapse: over all, if they have one delay."""
     if net.delays.size <= row[t.DELAY]:  # there is no synapse
@@ -59,19 +59,19 @@ def slot_of_first(net, row, receptors, step):
     return address(net.buf) + 8 * (row[t.RING] + (at & row[t.RING_MASK]) * receptors * row[t.RING_SIZE])
 
 
-@merged
+@inlined
 def shared_row(q, table, z):
     """Where the constants of a rule are that all synapses share."""
     return q
 
 
-@merged
+@inlined
 def own_row(q, table, z):
     """Where those of a synapse are, of its own or shared."""
     return table[t.CONSTANTS] + table[t.CONSTANTS_STRIDE] * z
 
 
-@inner
+@subkernel
 def grown(kind, value, m):
     """A trace just after m spikes (0: none), from its value just before them."""
     if m == 0:
@@ -79,7 +79,7 @@ def grown(kind, value, m):
     return kind[ADDS] if kind[NEAREST] == 1.0 else value + kind[ADDS] * m
 
 
-@merged
+@inlined
 def pre_value(p, q, j, kind, thread, own, step, h):
     """A pre trace at a step. A time trace holds the step of the last spike and 1, or 0 where there was none."""
     value = p.k_plus[thread, own + j]
@@ -90,7 +90,7 @@ def pre_value(p, q, j, kind, thread, own, step, h):
     return value * left(p.decay[q, OWN + j], step - p.k_time[thread, own], h, p.kinds[q, j, TAU])
 
 
-@merged
+@inlined
 def newest_before(past, before):
     """The newest entry of a history strictly before a step; the number of its entries if there is none."""
     i = 0
@@ -99,7 +99,7 @@ def newest_before(past, before):
     return i
 
 
-@merged
+@inlined
 def post_value(net, p, q, j, kind, column, history, i, neuron, before, h):
     """A post trace at a step, from the i-th entry of a history and those before it, if there is such an entry."""
     past = p.past[history]
@@ -114,7 +114,7 @@ def post_value(net, p, q, j, kind, column, history, i, neuron, before, h):
     return grown(kind, value, m) * left(p.decay[q, OWN + row], passed, h, tau)
 
 
-@merged
+@inlined
 def kept_value(p, j, kind, column, history, k, m):
     """A post trace just before the k-th entry of a history, and after the first m of its spikes."""
     if m > 0 and kind[TAU] == TIME:
@@ -128,7 +128,7 @@ def tuple_of(function, traces, arguments):
     calls = "".join(f"{name}({arguments.format(j=j, kind=_kind(each))}), " for j, each in enumerate(traces))
     space = {name: function}
     exec(f"def values({arguments.replace('{j}, {kind}, ', '')}):\n    return ({calls})", space)
-    return merged(space["values"])
+    return inlined(space["values"])
 
 
 def _kind(trace):
@@ -152,24 +152,24 @@ def rule_entry(model, own_rows):
 
     if model.draws:
 
-        @inner
+        @subkernel
         def learn_pre(p, q, z, step, nth, pre, post):
             u = uniform(step_word(p.draw_keys[q], step + nth * NTH_STRIDE), p.drawn_as[z])
             on_pre(p.y, z, p.rule[row_of(q, p.table[q], z)], pre, post, u)
 
     else:
 
-        @inner
+        @subkernel
         def learn_pre(p, q, z, step, nth, pre, post):
             on_pre(p.y, z, p.rule[row_of(q, p.table[q], z)], pre, post)
 
     if modulated:
 
-        @inner
+        @subkernel
         def learnt_until(p, z, thread, own, past):
             return p.reached[z]
 
-        @inner
+        @subkernel
         def pass_time(view, q, z, target, since, upto, h):
             p = plastic_of(view)
             place = p.table[q, t.FIRST_TARGET] + target
@@ -179,35 +179,35 @@ def rule_entry(model, own_rows):
 
     else:
 
-        @inner
+        @subkernel
         def learnt_until(p, z, thread, own, past):
             return max(p.k_time[thread, own], past[APPLIED])
 
-        @inner
+        @subkernel
         def pass_time(view, q, z, target, since, upto, h):
             pass
 
     if model.delays:
 
-        @inner
+        @subkernel
         def heard_after(net, row, s):
             return 0
 
-        @inner
+        @subkernel
         def taken(p, q, z, delay, h):
             return nearest(p.y[DELAY_ROW, z], h, p.table[q, t.FEWEST], p.table[q, t.MOST])
 
     else:
 
-        @inner
+        @subkernel
         def heard_after(net, row, s):
             return np.int64(net.delays[row[t.DELAY] + s * row[t.DELAY_STRIDE]])
 
-        @inner
+        @subkernel
         def taken(p, q, z, delay, h):
             return delay
 
-    @merged
+    @inlined
     def flow(view, q, z, own, thread, history, target, upto, whole, delay, h):
         """Let the post spikes up to step `upto` act on a synapse; with `whole` also what flows after the last."""
         p = plastic_of(view)
@@ -230,7 +230,7 @@ def rule_entry(model, own_rows):
         if whole and since < upto:
             pass_time(view, q, z, target, since, upto, h)
 
-    @inner
+    @subkernel
     def pre_spike(view, q, source, step, nth, thread, h):
         net, p = net_of(view), plastic_of(view)
         table, column = p.table[q], p.table[q, t.COLUMN]
@@ -282,7 +282,7 @@ def rule_entry(model, own_rows):
         p.k_time[thread, own] = step
         p.spiked[thread, own] = step
 
-    @inner
+    @subkernel
     def bring(view, q, target, step, thread, whole, h):
         net, p = net_of(view), plastic_of(view)
         table = p.table[q]
@@ -312,7 +312,7 @@ DECAYS = 2048
 """Steps for which decays are kept in tables."""
 
 
-@merged
+@inlined
 def decayed(table, steps, h, tau, k):
     """What is left after some steps of a trace that decays with tau[k]; `table` holds it for the first steps."""
     # A table in place of exp; where it does not begin with 1, time constants differ and there is none.
@@ -321,7 +321,7 @@ def decayed(table, steps, h, tau, k):
     return math.exp(-steps * h / tau[k])
 
 
-@merged
+@inlined
 def left(table, steps, h, tau):
     """Likewise of one time constant; where it is 0, nothing is ever left."""
     if steps < DECAYS and table[0] == 1.0:

@@ -8,7 +8,7 @@ import numpy as np
 
 from neuro.kernels.address import Entry
 from neuro.kernels.instructions import address, prefetch
-from neuro.kernels.jit import inner, kernel, merged
+from neuro.kernels.jit import inlined, kernel, subkernel
 from neuro_event.loop import tables as t
 from neuro_event.loop.histories import MINUS, PLUS, dopamine_at
 from neuro_event.loop.lazy_rules import (
@@ -29,7 +29,7 @@ from neuro_event.loop.operations import taking
 from neuro_event.loop.tables import RULE_TYPE, net_of, plastic_of, slot_mask
 
 
-@merged
+@inlined
 def arrived_since(past, since, delay):
     """How many entries of a history, the newest ones, arrive after a step."""
     n = past[ENTRIES]
@@ -39,7 +39,7 @@ def arrived_since(past, since, delay):
     return i
 
 
-@merged
+@inlined
 def post_trace(decay, past, traces, before, h, tau_minus, neuron):
     """K- of a neuron from its spikes strictly before a step."""
     for i in range(past[ENTRIES]):
@@ -53,7 +53,7 @@ def _modulated(model, on_post):
     """What a synapse under dopamine does with a history; see `_plain`."""
     advance = taking(model, "advance", "y, e, c, begin, end, n, grid")
 
-    @inner
+    @subkernel
     def hear(view, q, z, own, thread, target, past, upto, delay, h):
         """The post spikes of a history that synapse z has yet to hear, up to `upto`; return when the last arrived."""
         p = plastic_of(view)
@@ -72,7 +72,7 @@ def _modulated(model, on_post):
                     on_post(p.y, z, c, (k,), (0.0,))
         return since
 
-    @merged
+    @inlined
     def learn(view, q, z, c, own, thread, target, past, plus, tau, k_plus, last, upto, whole, delay, h):
         """Let the post spikes up to step `upto` act on a synapse, and what flows between them.
 
@@ -90,7 +90,7 @@ def _modulated(model, on_post):
             since = upto
         p.reached[z] = since
 
-    @merged
+    @inlined
     def bring_one(view, q, z, c, own, thread, target, past, upto, whole, delay, h):
         """Let it catch up."""
         if plastic_of(view).reached[z] < upto:
@@ -105,7 +105,7 @@ def _plain(on_post):
     It shows the weight that it sent last, so that is kept aside before the first change.
     """
 
-    @merged
+    @inlined
     def learn(view, q, z, c, own, thread, target, past, plus, tau, k_plus, last, upto, whole, delay, h):
         """Apply the post spikes that have arrived since the last pre spike, and were not applied."""
         # No pre spike yet, so no post spike can potentiate.
@@ -120,7 +120,7 @@ def _plain(on_post):
             for _ in range(past[NEWEST + ENTRY * i + 2]):
                 on_post(y, z, c, (k,), (0.0,))
 
-    @merged
+    @inlined
     def bring_one(view, q, z, c, own, thread, target, past, upto, whole, delay, h):
         """Let it catch up."""
         p = plastic_of(view)
@@ -139,7 +139,7 @@ def lazy_entry(model, own_rows):
     on_pre, on_post = (taking(model, name, "y, e, c, pre, post") for name in ("on_pre", "on_post"))
     learn, bring_one = _modulated(model, on_post) if model.modulated else _plain(on_post)
 
-    @inner
+    @subkernel
     def pre_spike(view, q, source, step, thread, h):
         """A pre spike: each synapse of this thread catches up, learns and sends; then K+ grows."""
         net, p = net_of(view), plastic_of(view)
@@ -200,7 +200,7 @@ def lazy_entry(model, own_rows):
         p.k_time[thread, own] = step
         p.spiked[thread, own] = step
 
-    @inner
+    @subkernel
     def bring(view, q, target, step, thread, whole, h):
         """Catch up every synapse onto one target; who brings all such projections onto it then sets its APPLIED."""
         net, p = net_of(view), plastic_of(view)

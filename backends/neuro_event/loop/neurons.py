@@ -4,7 +4,7 @@
 import numpy as np
 
 from neuro.kernels.instructions import LANES, bits_of, lowest, marked, take
-from neuro.kernels.jit import inner, kernel
+from neuro.kernels.jit import kernel, subkernel
 from neuro_event.loop import tables as t
 from neuro_event.loop.operations import BARE, CATCH_UP, FIRE, QUIET, STEP
 from neuro_event.loop.stages import post_spike
@@ -17,7 +17,7 @@ _SIGN = np.int64(-(2**63))
 _ONE = np.uint64(1)
 
 
-@inner
+@subkernel
 def emit(view, thread, pop, i, m, step, done, h, at):
     """Enter a spike of neuron i into log, counts, record and history; return the next place in the log."""
     net = net_of(view)
@@ -38,7 +38,7 @@ def emit(view, thread, pop, i, m, step, done, h, at):
     return at + 1
 
 
-@inner
+@subkernel
 def wake(view, thread, pop, block, last, h):
     """Bring a sleeping block to the end of step `last`."""
     net = net_of(view)
@@ -52,21 +52,21 @@ def wake(view, thread, pop, block, last, h):
     net.busy[block] = last
 
 
-@inner
+@subkernel
 def calm(view, pop, lo, hi):
     """Whether no neuron of a block can fire before its next input."""
     row = net_of(view).pops[pop]
     return call_entry(view, row, QUIET, lo, hi, 0, 0, 0.0) == 1
 
 
-@inner
+@subkernel
 def spike(view, pop, i):
     """What a spike does to its neuron."""
     row = net_of(view).pops[pop]
     call_entry(view, row, FIRE, i, i + 1, 0, 0, 0.0)
 
 
-@inner
+@subkernel
 def add_ring(view, q, block_lo, block_hi, step, n_all):
     """Move what the ring of a projection holds for this step into the input of some neurons, and clear it."""
     net = net_of(view)
@@ -83,7 +83,7 @@ def add_ring(view, q, block_lo, block_hi, step, n_all):
             net.buf[ring + i] = -0.0
 
 
-@inner
+@subkernel
 def heard(view, i, receptors):
     """Whether a neuron has input in this step."""
     net = net_of(view)
@@ -93,7 +93,7 @@ def heard(view, i, receptors):
     return came
 
 
-@inner
+@subkernel
 def take_arrivals(view, lo, receptors):
     """How many of a block's neurons had input in this step; it is cleared. To places that no neuron has none comes."""
     net = net_of(view)
@@ -117,7 +117,7 @@ def take_arrivals(view, lo, receptors):
     return count
 
 
-@inner
+@subkernel
 def step_word_of_blocks(view, thread, pop, begin, end, slot, step, h, n_all):
     """Wake the due blocks among begin:end, take in what their rings hold, and step all that are awake.
 
@@ -141,14 +141,14 @@ def step_word_of_blocks(view, thread, pop, begin, end, slot, step, h, n_all):
         run = block + 1
 
 
-@inner
+@subkernel
 def step_neighbours(view, pop, lo, hi, step):
     """Step neighbouring neurons."""
     row = net_of(view).pops[pop]
     call_entry(view, row, STEP, lo, hi, 0, step, 0.0)
 
 
-@inner
+@subkernel
 def step_neurons(view, thread, pop, step, at, done, h, n_all, slots, blocks):
     """One step of a population of neurons; return the next place in the log."""
     net = net_of(view)
@@ -208,7 +208,7 @@ SPOTS = t.BLOCK // LANES
 """Of a block."""
 
 
-@inner
+@subkernel
 def collect(view, first_state, word):
     """Add what arrives at the marked spots of a group of blocks; their marks then tell who of the eight had some."""
     net = net_of(view)
@@ -221,7 +221,7 @@ def collect(view, first_state, word):
         net.spots[spot] = take(one, net.x[0], spot * LANES) | take(other, net.x[1], spot * LANES)
 
 
-@inner
+@subkernel
 def silent(view, pop, block):
     """Whether no neuron of a block can fire before its next input."""
     return calm(view, pop, block * t.BLOCK, min((block + 1) * t.BLOCK, net_of(view).pops[pop, t.END]))

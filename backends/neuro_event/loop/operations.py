@@ -16,7 +16,7 @@ from numba.extending import intrinsic, lower_builtin, models, register_model
 from neuro.kernels.address import Entry
 from neuro.kernels.draws import step_word, uniform
 from neuro.kernels.instructions import moved
-from neuro.kernels.jit import compiled, inner, kernel, merged
+from neuro.kernels.jit import compiled, inlined, kernel, subkernel
 from neuro.kernels.numba_internals import AbstractTemplate, infer_global
 from neuro.model.neurons import Neuron, iaf_psc_alpha, iaf_psc_delta, iaf_psc_exp, izhikevich, parrot_neuron
 from neuro.model.synapses import Synapse, stdp, stdp_dopa
@@ -84,7 +84,7 @@ def taking(model, function, arguments):
     taken = ", ".join(arguments.split(", ")[: own.__code__.co_argcount])
     scope = {"own": compiled(own)}
     exec(f"def {function}({arguments}):\n    return own({taken})", scope)
-    return merged(scope[function])
+    return inlined(scope[function])
 
 
 def operations(model):
@@ -96,7 +96,7 @@ def operations(model):
     step, quiet = taking(model, "step", "s, c, x, i_0, lo, hi, fired, u"), taking(model, "quiet", "s, c, i_0, lo, hi")
     foreign = model not in NEURONS
 
-    @inner
+    @subkernel
     def catch_up(view, thread, pop, lo, hi, interval):
         """One step of `interval` ms without input, for neurons that slept so long."""
         net = net_of(view)
@@ -112,7 +112,7 @@ def operations(model):
                 u = np.uint64(i)
                 step(net.state, c, net.calm, net.current, u, u + _ONE, net.fired, net.draws)
 
-    @merged
+    @inlined
     def step_run(view, pop, lo, hi):
         """Step neurons with their input."""
         net = net_of(view)
@@ -135,7 +135,7 @@ def operations(model):
 
     if model.collects:
 
-        @inner
+        @subkernel
         def step_bare(view, pop, lo, hi):
             net = net_of(view)
             row = net.pops[pop]
@@ -151,11 +151,11 @@ def operations(model):
 
     else:
 
-        @inner
+        @subkernel
         def step_bare(view, pop, lo, hi):
             pass
 
-    @inner
+    @subkernel
     def is_quiet(view, pop, lo, hi):
         """Whether none of the neurons can fire before its next input."""
         net = net_of(view)
@@ -168,7 +168,7 @@ def operations(model):
                 return False
         return True
 
-    @inner
+    @subkernel
     def fire_one(view, pop, i):
         """What a spike does to its neuron."""
         net = net_of(view)
@@ -179,7 +179,7 @@ def operations(model):
     return catch_up, step_run, step_bare, is_quiet, fire_one
 
 
-@inner
+@subkernel
 def draw(view, pop, lo, hi, step):
     """Draw the numbers of neurons for a step."""
     net = net_of(view)

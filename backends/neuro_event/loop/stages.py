@@ -13,7 +13,7 @@ from typing import Any
 from numba import types
 
 from neuro.kernels.address import Entry, caller
-from neuro.kernels.jit import merged
+from neuro.kernels.jit import inlined
 from neuro_event.loop.tables import net_of
 
 STAGES = {
@@ -57,7 +57,7 @@ def _stage(name: str) -> Any:
     space = {"call": caller(result, *_kinds(arguments)), "net_of": net_of}
     code = f"def {name}({arguments}):\n    return call(net_of(view).stages[{_NAMES.index(name)}], ({arguments}))"
     exec(code, space)
-    return merged(space[name])
+    return inlined(space[name])
 
 
 arrive, at_emission, deliver_log, add_counts, draw_counts, drive, charge = map(_stage, _NAMES[:7])

@@ -8,7 +8,7 @@ row of synapses is gone through as a whole. Nothing is allocated in it.
 import numpy as np
 
 from neuro.kernels.instructions import load_acquire, store_release
-from neuro.kernels.jit import inner, kernel, merged
+from neuro.kernels.jit import inlined, kernel, subkernel
 from neuro_event.loop import tables as t
 from neuro_event.loop.arrivals import log_delivery
 from neuro_event.loop.generators import draw_poisson, let_emit, list_spikes
@@ -38,7 +38,7 @@ PATIENCE = 50_000
 """Loads of the other threads' steps, about 100 us, before a thread gives up its processor."""
 
 
-@inner
+@subkernel
 def act_at_emission(view, thread, upto, dopamine_upto, h):
     """What spikes do when they are emitted: fill the rings, and learn, up to a step."""
     net = net_of(view)
@@ -56,7 +56,7 @@ def act_at_emission(view, thread, upto, dopamine_upto, h):
     clock[t.DONE_DOPAMINE] = max(clock[t.DONE_DOPAMINE], dopamine_upto)
 
 
-@merged
+@inlined
 def deliver(view, pop, begin, stop, step):
     """Add what arrives in a step to the input of a population's neurons of the threads begin:stop.
 
@@ -71,7 +71,7 @@ def deliver(view, pop, begin, stop, step):
     | weights were set | ring, `arrivals.at_emission` | what is under way keeps the old weights |
     | one-to-one from a busy `poisson_generator` | `generators.add_counts` | counts, no list: 0.7 ns a draw |
     | listed, one weight, more than 32,768 targets | `deliver_in_ranges` | input of a range fits the second cache |
-    | listed, one weight | `deliver_alike` | one multiplication a spike; the next row is asked for |
+    | listed, one weight | `deliver_shared_weight` | one multiplication a spike; the next row is asked for |
     | listed, own weights | `deliver.csr_own` | a weight is read for each synapse |
     | dense | `deliver.scatter` | a row of weights is added as a whole, without targets |
     | one-to-one | `deliver.scatter` | one place, found without a table |
@@ -99,7 +99,7 @@ def deliver(view, pop, begin, stop, step):
             log_delivery(view, q, j, step, begin, stop, False)
 
 
-@merged
+@inlined
 def step_population(view, thread, pop, step, done, h):
     """One step of a population's neurons of a thread, whose input is there."""
     net = net_of(view)
@@ -123,7 +123,7 @@ def step_population(view, thread, pop, step, done, h):
     net.log_at[thread, 0] = at
 
 
-@inner
+@subkernel
 def advance(view, begin, stop, first, last, h):
     """Run the steps first:last of the neurons of the threads begin:stop; all spikes before `first` are known."""
     net = net_of(view)
@@ -147,7 +147,7 @@ def advance(view, begin, stop, first, last, h):
             net.log_ends[thread, step & (net.log_ends.shape[1] - 1), n] = net.log_at[thread, 0]
 
 
-@inner
+@subkernel
 def room(view, step, steps, reach):
     """How many of the next steps the log and the record have room for, whatever fires."""
     net = net_of(view)
@@ -188,14 +188,14 @@ def run(view, first, last, longest, reach, h):
     return last
 
 
-@inner
+@subkernel
 def only_spikes(view):
     """Whether threads need nothing of each other but spikes that arrive: no ring to fill, no learning, no currents."""
     net = net_of(view)
     return net.at_emission.shape[0] + plastic_of(view).table.shape[0] + net.lines.shape[0] == 0
 
 
-@inner
+@subkernel
 def slowest(progress):
     """The step up to which all threads are done."""
     step = load_acquire(progress, 0)
@@ -204,7 +204,7 @@ def slowest(progress):
     return step
 
 
-@inner
+@subkernel
 def allow(view, progress, step, last, ahead, reach):
     """Let all threads run on where all have done the steps up to `step`, or halt them where none can.
 
@@ -321,7 +321,7 @@ def end_trial(view, pop, group, end, h):
     net.groups[group, t.IN_TRIAL] = 0
 
 
-@inner
+@subkernel
 def drop_all(view, step):
     """Forget every spike under way at the end of a step."""
     net = net_of(view)
@@ -335,7 +335,7 @@ def drop_all(view, step):
         net.due[:, :] = 0
 
 
-@inner
+@subkernel
 def learn_step(view, step, done_arrivals, thread, h, arrivals_only):
     """All pairwise learning of one step: what arrives in it, then the pre spikes emitted in it."""
     net, p = net_of(view), plastic_of(view)

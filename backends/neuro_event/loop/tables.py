@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from neuro.kernels import views
 from neuro.kernels.address import caller
-from neuro.kernels.jit import inner, merged
+from neuro.kernels.jit import inlined, subkernel
 from neuro.kernels.views import Views, fields_of, viewer
 
 BLOCK = 64
@@ -310,19 +310,19 @@ _call_entry = caller(ENTRY_TYPE.return_type, *ENTRY_TYPE.args)
 _call = caller(RULE_TYPE.return_type, *RULE_TYPE.args)
 
 
-@merged
+@inlined
 def slot_mask(net):
     """What takes a step to its slot in `due`. To divide the sizes of `due` would take as long as a spike."""
     return net.due_slots.shape[1] - 1
 
 
-@inner
+@subkernel
 def call_rule(view, row, operation, index, step, thread, h):
     """Let the entry of a rule do an operation, see `own_rules`; `row` is its projection's in `plastic.table`."""
     return _call(row[RULE_ENTRY], (view, row[RULE_NUMBER], operation, index, step, thread, h))
 
 
-@inner
+@subkernel
 def call_entry(view, row, operation, lo, hi, thread, step, interval):
     """Let the entry of a population's model do an operation, see `operations`."""
     return _call_entry(row[ENTRY], (view, row[NUMBER], operation, lo, hi, thread, step, interval))

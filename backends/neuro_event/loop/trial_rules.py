@@ -10,7 +10,7 @@ from functools import cache
 import numpy as np
 
 from neuro.core.clock import NEVER
-from neuro.kernels.jit import compiled, inner, kernel
+from neuro.kernels.jit import compiled, kernel, subkernel
 from neuro.model.synapses.delays import steps_of
 from neuro_event.loop import tables as t
 from neuro_event.loop.tables import net_of
@@ -29,13 +29,13 @@ def first_spikes(view, pop, start, end, first):
                 first[np.int64(net.log_ids[thread, place & mask]) - net.pops[pop, t.BEGIN]] = step
 
 
-@inner
+@subkernel
 def since(first, delay, moment, h):
     """Time in ms from the arrival of an input's first spike to the moment of a lesson."""
     return -math.inf if first == NEVER else (moment - first - delay) * h
 
 
-@inner
+@subkernel
 def source_place(row, channel, y, x):
     """The internal place of a neuron in the source of a grid."""
     pixel = y * row[t.CHANNEL_WIDTH] + x

@@ -3,7 +3,7 @@
 # mypy: ignore-errors
 import numpy as np
 
-from neuro.kernels.jit import inner, kernel
+from neuro.kernels.jit import kernel, subkernel
 from neuro_event.loop import tables as t
 from neuro_event.loop.tables import net_of
 
@@ -38,7 +38,7 @@ def charge(view, thread, step):
             add_line(view, k, row, lo, hi, step, net.state[line[t.CHARGED]])
 
 
-@inner
+@subkernel
 def add_line(view, number, row, lo, hi, step, out):
     """Add what arrives along a line in a step; where it charges a state, its share."""
     net = net_of(view)

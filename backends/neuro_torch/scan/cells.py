@@ -11,7 +11,7 @@ A spike resets V, and through a reset flows no gradient: what V was before no lo
 # mypy: ignore-errors
 from functools import cache
 
-from neuro.kernels.jit import compiled, kernel, merged
+from neuro.kernels.jit import compiled, inlined, kernel
 
 E_L, P33, V_TH, V_RESET, REFRACTORY, V_MIN, P32, P11 = range(8)
 """Rows of `c`; `V_MIN` is of `iaf_psc_delta`, `P32` and `P11` of `iaf_psc_exp`."""
@@ -23,7 +23,7 @@ FREE, LOW, HELD = range(3)
 @cache
 def through_spikes(at):
     """The kernel of a surrogate, `Surrogate.at`: what the gradients of the spikes of a stretch are for V."""
-    derivative = compiled(at, merged)
+    derivative = compiled(at, inlined)
 
     @kernel
     def through_spikes(first, last, c, potential, slope, grad_spikes, grad):

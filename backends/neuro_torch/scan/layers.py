@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from torch import Tensor
 
 from neuro.core.clock import NEVER
+from neuro.model.neurons import Neuron
 from neuro.program.currents import Currents, driven
 from neuro.program.program import Floats, Population, Program, Projection
 from neuro_torch.scan import cells as rows
@@ -105,7 +106,7 @@ def _unfit_cells(part: Population) -> list[str]:
     p = part.parameters
     if part.model.name == "iaf_psc_delta":
         return ["it keeps input while refractory"] if np.any(p["refractory_input"] != 0.0) else []
-    if part.model.receptors > 2:
+    if isinstance(part.model, Neuron) and part.model.receptors > 2:
         return ["it has more receptors than excitation and inhibition"]
     return [] if np.all(p["tau_syn_ex"] == p["tau_syn_in"]) else ["tau_syn_ex and tau_syn_in differ"]
 

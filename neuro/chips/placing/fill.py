@@ -5,15 +5,15 @@ A line is one source neuron of one projection, see `neuro.chips.placing.incoming
 
 # mypy: ignore-errors
 from neuro.chips.placing import packing
-from neuro.kernels.jit import inner, kernel
+from neuro.kernels.jit import kernel, subkernel
 
 NEURONS, AXONS, MEMORY, EDGES, LINES = range(5)
 """What is counted of a core while it fills: neurons, axons in, bits, axons out, lines that reach it."""
 
 _ROW_BITS = packing.ROW_WORDS * packing.WORD_BITS
 _WORD_BITS = packing.WORD_BITS
-block_bits = inner(packing.block_bits)
-index_bits = inner(packing.index_bits)
+block_bits = subkernel(packing.block_bits)
+index_bits = subkernel(packing.index_bits)
 
 
 @kernel

@@ -15,15 +15,15 @@ import numpy as np
 
 from neuro.chips.placing import packing
 from neuro.chips.placing.incoming import Incoming
-from neuro.kernels.jit import inner, kernel
+from neuro.kernels.jit import kernel, subkernel
 from neuro.program.program import Ints
 
 # mypy: ignore-errors
 
-block_bits = inner(packing.block_bits)
+block_bits = subkernel(packing.block_bits)
 
 
-@inner
+@subkernel
 def _count(i, rows, core_of, count, cores):
     """The cores that source i reaches, each once; returns how many there are."""
     begin, end, targets = rows
@@ -36,7 +36,7 @@ def _count(i, rows, core_of, count, cores):
     return n
 
 
-@inner
+@subkernel
 def _new(i, core, sent):
     """Whether this is the first projection of source i that sends a spike to a core."""
     if sent.size == 0:

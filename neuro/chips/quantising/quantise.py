@@ -26,7 +26,7 @@ from neuro.core.checks import check
 from neuro.core.errors import ModelError
 from neuro.model.equations import EquationNeuron
 from neuro.model.equations.twin import Twin
-from neuro.model.neurons import Model, iaf_psc_exp_adaptive_threshold, parrot_neuron
+from neuro.model.neurons import Model, Neuron, iaf_psc_exp_adaptive_threshold, parrot_neuron
 from neuro.program.backend import Problem, own_generators
 from neuro.program.currents import Currents
 from neuro.program.program import Floats, Population, Program
@@ -125,8 +125,8 @@ def _population(
         return FixedPopulation(part.name, "relay"), relays, []
     if not isinstance(part.model, arithmetic.models):
         return FixedPopulation(part.name, "none"), {}, [_lacking(inputs, chip, arithmetic)]
-    if part.model.receptors > RECEPTORS:
-        return FixedPopulation(part.name, "none"), {}, [_too_many_receptors(inputs, chip)]
+    if isinstance(part.model, Neuron) and part.model.receptors > RECEPTORS:
+        return FixedPopulation(part.name, "none"), {}, [_too_many_receptors(inputs, chip, part.model)]
     with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
         fixed, found, problems = arithmetic.population(inputs, options)
         if inputs.currents:
@@ -155,8 +155,7 @@ def _lacking(inputs: Inputs, chip: Chip, arithmetic: Arithmetic) -> Problem:
     return refused(inputs.part.origin, f"population '{inputs.part.name}': {model.name}", why, way)
 
 
-def _too_many_receptors(inputs: Inputs, chip: Chip) -> Problem:
-    model = inputs.part.model
+def _too_many_receptors(inputs: Inputs, chip: Chip, model: Neuron) -> Problem:
     what = f"population '{inputs.part.name}': {model.name} with {model.receptors} receptors"
     why = f"neurons of {chip.name} have {RECEPTORS}: for excitation and for inhibition"
     return refused(inputs.part.origin, what, why, "run on event")

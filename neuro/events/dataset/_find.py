@@ -9,7 +9,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 from neuro.core.errors import ModelError
-from neuro.core.inputs import note
+from neuro.core.inputs import record_input
 from neuro.core.paths import file_path
 from neuro.events.dataset._files import ARCHIVES, files_of, is_hdf5, natural
 from neuro.events.dataset._layouts import Item, Layout, is_part, layout_of
@@ -57,7 +57,7 @@ def recordings(
         EventFileError: no such path, no recording in it, a class that ``classes`` lacks, a wrong manifest.
         ModelError: `path` is no name of a file; an option that this kind of data cannot have.
     """
-    note(file_path(path, "path"))
+    record_input(file_path(path, "path"))
     where = os.fspath(path)
     asked = {"layout": layout, "ending": ending, "part": None if whole else part}
     if is_hdf5(where) and holds_samples(where):

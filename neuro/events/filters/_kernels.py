@@ -8,7 +8,7 @@ from math import exp, log
 import numpy as np
 
 from neuro.kernels.draws import mix, step_word, uniform
-from neuro.kernels.jit import inner, kernel
+from neuro.kernels.jit import kernel, subkernel
 
 
 @kernel
@@ -93,7 +93,7 @@ def surfaces(t, x, y, p, tau_us, theta, radius, cell, origin, held, counts, sums
         held[y[k] + radius, x[k] + radius, p[k]] += unit
 
 
-@inner
+@subkernel
 def add_surface(unit, x, y, p, radius, cell, held, counts, sums):
     """Add what the neighbours in the event's cell hold to the sum of the cell."""
     cell_row, cell_column = y // cell, x // cell

@@ -7,7 +7,7 @@ import numpy as np
 
 from neuro.events.formats._aedat4_packet import LIMIT, RECORD
 from neuro.events.formats._lz4_kernel import HEADER, WIDE, address, frame, load4, load8, straight
-from neuro.kernels.jit import inner, kernel
+from neuro.kernels.jit import kernel, subkernel
 
 AEDAT2_WORD = 8
 T_WRAP = 1 << 32
@@ -82,14 +82,14 @@ POLARITY = 1
 OTHER, INVALID = 0, 1
 
 
-@inner
+@subkernel
 def word(data, at):
     """A little-endian signed 32-bit number."""
     low = np.int64(data[at]) | np.int64(data[at + 1]) << 8 | np.int64(data[at + 2]) << 16 | np.int64(data[at + 3]) << 24
     return low - ((low & 0x80000000) << 1)
 
 
-@inner
+@subkernel
 def wrong(data, at):
     """Whether these are not the sizes of a packet: events, their bytes and their times have none below zero."""
     size, offset = word(data, at + 4), word(data, at + 8)
@@ -207,7 +207,7 @@ def split(plain, start, count, n, t, x, y, p):
     return x_max, y_max, not back
 
 
-@inner
+@subkernel
 def _same(data, at, expected):
     """Whether data go on like that at a place."""
     same = at + len(expected) <= data.size
@@ -216,7 +216,7 @@ def _same(data, at, expected):
     return same
 
 
-@inner
+@subkernel
 def _unpacked(data, at, size, head, plain):
     """Number of bytes that a packet has when unpacked, -1 where it is not of the usual kind or too long."""
     if len(head) == 0 and size + WIDE <= plain.size:

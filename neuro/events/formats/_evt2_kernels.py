@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from neuro.kernels.jit import inner, kernel
+from neuro.kernels.jit import kernel, subkernel
 
 OTHER, STARTED, HIGH, WRAPS, LAST, STATES = range(6)
 """State: words left out; whether a TIME_HIGH was seen; its value; us that wraps add; last time."""
@@ -18,7 +18,7 @@ BLOCK = 64
 U = np.uint32
 
 
-@inner
+@subkernel
 def time_high(state, value):
     """A new TIME_HIGH: the time of events whose low bits are 0."""
     if state[HIGH] >= (1 << 28) - NEAR_WRAP and value < NEAR_WRAP:
@@ -28,7 +28,7 @@ def time_high(state, value):
     return state[WRAPS] + (value << 6)
 
 
-@inner
+@subkernel
 def decode_events(words, begin, t, x, y, p):
     """Decode words that are all events, without a branch, so that the compiler makes vector instructions of it.
 

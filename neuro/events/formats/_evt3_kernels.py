@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from neuro.kernels.jit import inner, kernel
+from neuro.kernels.jit import kernel, subkernel
 
 OTHER, STARTED, TIME, ROW, BASE, ON, LAST, STATES = range(8)
 """State: words left out; whether a TIME_HIGH was seen; time with all wraps; row, -1 without one; next column of a
@@ -125,7 +125,7 @@ def decode(words, state, t, x, y, p):
     return n, x_max, y_max, ordered
 
 
-@inner
+@subkernel
 def vector(t, x, y, p, k, start):
     """How many events from `k` on a vector of 12 from column `start` can hold in their order, and its bits."""
     bits = 0
@@ -138,7 +138,7 @@ def vector(t, x, y, p, k, start):
     return at - k, bits
 
 
-@inner
+@subkernel
 def tell(now, time, words, n):
     """Words from `n` on that bring a clock (-1: none yet) to a time; a wrap is told by its last and first TIME_HIGH."""
     high = now >> 12

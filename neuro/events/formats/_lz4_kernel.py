@@ -20,7 +20,7 @@ import numpy as np
 from numba import types
 from numba.extending import intrinsic
 
-from neuro.kernels.jit import inner, kernel
+from neuro.kernels.jit import kernel, subkernel
 from neuro.kernels.numba_internals import ir
 
 WIDE = 16
@@ -31,7 +31,7 @@ TAIL, MATCH_TAIL, PACKED_TAIL = 5, 12, 8
 """Least bytes after the end and the beginning of a match, and packed ones after the literals before it."""
 
 
-@inner
+@subkernel
 def _longer(at, end, count):
     """Address after the bytes that make a length longer, and the length."""
     apart()
@@ -43,7 +43,7 @@ def _longer(at, end, count):
     return at, count
 
 
-@inner
+@subkernel
 def _each(to, start, count):
     """Copy bytes one after the other; those that are written are read again where the places overlap."""
     apart()
@@ -51,7 +51,7 @@ def _each(to, start, count):
         copy1(to + k, start + k)
 
 
-@inner
+@subkernel
 def _wide(to, start, count):
     """Copy bytes, and some more."""
     apart()
@@ -61,7 +61,7 @@ def _wide(to, start, count):
         k += WIDE
 
 
-@inner
+@subkernel
 def straight(to, start, count):
     """Copy bytes to an address from another that is not near, and no more."""
     whole = count & -WIDE
@@ -69,7 +69,7 @@ def straight(to, start, count):
     _each(to + whole, start + whole, count - whole)
 
 
-@inner
+@subkernel
 def block(at, end, readable, to, base, limit):
     """Unpack a block.
 
@@ -206,7 +206,7 @@ load1, load2, load4, load8 = (_load(8 * count) for count in (1, 2, 4, 8))
 copy1, copy4, copy8, copy16 = (_copy(8 * count) for count in (1, 4, 8, 16))
 
 
-@inner
+@subkernel
 def address(array):
     """The address of the first item, as int64."""
     return np.int64(array.ctypes.data)

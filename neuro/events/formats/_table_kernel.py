@@ -3,7 +3,7 @@
 
 import numpy as np
 
-from neuro.kernels.jit import allocating, inner, kernel
+from neuro.kernels.jit import allocating, kernel, subkernel
 
 NOT_A_NUMBER, TOO_FEW, TOO_MANY, NOT_WHOLE, OUT_OF_RANGE = 1, 2, 3, 4, 5
 _LOW = np.int64(-922337203685477580)
@@ -100,7 +100,7 @@ def rows(data, wanted, begin):
         line += 1
 
 
-@inner
+@subkernel
 def _blanks(data, at):
     """The next byte that is no space or tab."""
     while at < data.size and (data[at] == 32 or data[at] == 9):
@@ -108,13 +108,13 @@ def _blanks(data, at):
     return at
 
 
-@inner
+@subkernel
 def _no_event(byte):
     """Whether a line that begins with a byte is empty or a comment."""
     return byte == 10 or byte == 13 or byte == 35 or byte == 37
 
 
-@inner
+@subkernel
 def _ends(byte):
     """Whether a byte ends a number: comma, semicolon, space, tab or the end of the line."""
     return byte == 44 or byte == 59 or byte == 32 or byte == 9 or byte == 10 or byte == 13
@@ -124,7 +124,7 @@ _TRUE = np.frombuffer(b"true", np.uint8)
 _FALSE = np.frombuffer(b"false", np.uint8)
 
 
-@inner
+@subkernel
 def _truth(data, at, end):
     """1 for True, 0 for False, in small or capital letters; -1 for anything else."""
     if end - at < 4 or end - at > 5:
@@ -136,7 +136,7 @@ def _truth(data, at, end):
     return 5 - (end - at)
 
 
-@inner
+@subkernel
 def _number(data, at, end, unit, rounded):
     """A decimal number times ten to the power of `unit`; exact, or rounded to the nearest if `rounded`."""
     negative = at < end and data[at] == 45
@@ -192,7 +192,7 @@ def _number(data, at, end, unit, rounded):
     return -value, wrong
 
 
-@inner
+@subkernel
 def _scaled(value, power, lost, rounded):
     """A number of at most 0 times a power of ten; `lost`: it had more digits."""
     while power > 0 and value:
@@ -242,7 +242,7 @@ def form(t, x, y, p, between, out):
     return at
 
 
-@inner
+@subkernel
 def _digits(value, between, out, at):
     """Write a number and a comma."""
     ten = np.uint64(10)

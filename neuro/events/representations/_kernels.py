@@ -7,7 +7,7 @@ from math import exp
 
 import numpy as np
 
-from neuro.kernels.jit import inner, kernel
+from neuro.kernels.jit import kernel, subkernel
 
 
 @kernel
@@ -67,7 +67,7 @@ def spread(t, x, y, p, start, stop, separate, signed, timed, out):
 NEVER = np.iinfo(np.int64).min
 
 
-@inner
+@subkernel
 def passed(before, now):
     """From one time to a later one, us; subtracted as uint64, which is right over all of int64."""
     return np.float64(np.uint64(now) - np.uint64(before))
@@ -136,7 +136,7 @@ def leaked(value, since, now, tau, linear, out):
 FURTHEST = 30.0
 
 
-@inner
+@subkernel
 def leave(now, t, x, y, constants, oldest, reference, here, filled, following):
     """Take events that have left the window out of the memory of a cell; returns the oldest that stays, -1 for none."""
     cell, radius, window, tau, _ = constants

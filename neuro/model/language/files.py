@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from neuro.core import hdf5 as hdf5_file
 from neuro.core.errors import ModelError, nearest
 from neuro.core.hints import near
-from neuro.core.inputs import note
+from neuro.core.inputs import record_input
 from neuro.core.values import FromFile, shown
 from neuro.model.language.nodes import mistake, put_at, words
 from neuro.model.language.reader import Node
@@ -83,7 +83,7 @@ def inside(node: Node, name: str) -> Path:
         files = [p.name for p in path.parent.iterdir() if p.is_file()] if path.parent.is_dir() else []
         hint = near(path.name, [other for other in files if other != Path(node.where.file).name])
         raise mistake(node, f"no file {shown(name)} beside the description", hint)
-    note(path)
+    record_input(path)
     return path
 
 

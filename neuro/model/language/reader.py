@@ -12,7 +12,7 @@ import yaml
 
 from neuro.core.errors import ModelError, Where, nearest
 from neuro.core.hdf5 import is_hdf5
-from neuro.core.inputs import note
+from neuro.core.inputs import record_input
 from neuro.core.memory import uncollected
 
 MAX_BYTES = 32 * 2**20
@@ -79,7 +79,7 @@ def _bytes(path: Path) -> bytes:
             kind = "a folder" if path.is_dir() else "neither file nor folder"
         else:
             with path.open("rb") as file:
-                note(path)
+                record_input(path)
                 return file.read(MAX_BYTES + 1)
     except FileNotFoundError:
         beside = [p.name for p in path.parent.glob("*.y*ml")] if path.parent.is_dir() else []

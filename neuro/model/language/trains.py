@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from neuro.core.clock import Clock
 from neuro.core.errors import Where
-from neuro.core.inputs import note
+from neuro.core.inputs import record_input
 from neuro.core.values import FromFile
 from neuro.model.language.files import ENDINGS, MAX_ELEMENTS, check, check_named, hdf5, held, named, npy
 from neuro.model.language.nodes import mistake
@@ -42,7 +42,7 @@ def train_of(path: Path, key: str | None, where: Where) -> NDArray[np.float64]:
     check_named(file, path.suffix, (*ENDINGS, CSV), file, None if key is None else file)
     if not path.is_file():
         raise mistake(file, f"{path}: there is no such file")
-    note(path)
+    record_input(path)
     return _rows(path, file, None if key is None else Node(key, where, where))
 
 

@@ -12,8 +12,8 @@ from neuro.core.paths import file_path
 from neuro.core.progress import Bar
 from neuro.core.quantities import Quantity
 from neuro.sweeps.definition import limits_of
+from neuro.sweeps.executors import HERE, place_of
 from neuro.sweeps.folder import TUNING, Folder
-from neuro.sweeps.place import HERE, place_of
 from neuro.sweeps.tuning.execute import execute
 from neuro.sweeps.tuning.plan import plan_of
 from neuro.sweeps.tuning.search import python_search

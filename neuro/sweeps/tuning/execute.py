@@ -11,8 +11,8 @@ from neuro.core.progress import Bar
 from neuro.core.provenance import provenance
 from neuro.sweeps.claims import claimed, waiting
 from neuro.sweeps.cores import POLL_S
+from neuro.sweeps.executors import Place, doing
 from neuro.sweeps.folder import Folder
-from neuro.sweeps.place import Place, doing
 from neuro.sweeps.space import Point
 from neuro.sweeps.tuning.asking import Asker
 from neuro.sweeps.tuning.journal import journal_of, locked, optuna, trials_of

@@ -15,8 +15,8 @@ from neuro.core.outputs import output, sealed
 from neuro.core.version import VERSION
 from neuro.sweeps.folder import TUNING, Folder
 from neuro.sweeps.page import BELOW, LEFT, MOST_REASONS, TALL, TOP, WIDE, card, many, origin, parallel, rows_of, scale
+from neuro.sweeps.plot_data import plot_data, told
 from neuro.sweeps.rows import text
-from neuro.sweeps.shaped import shaped, told
 from neuro.sweeps.table import reasons
 from neuro.sweeps.tuning.objectives import Floats, so_far
 from neuro.sweeps.tuning.table import Found, TuneTable
@@ -105,7 +105,7 @@ def _pictures(found: TuneTable, trials: Sequence[Found]) -> Iterator[Html]:
         caption = f"each trial, and the best so far ({direction}d)"
         small.append(_points("trial", name, numbers, values[:, k], numbers, steps, caption))
     yield tag("div", *small, class_="grid")
-    for each in shaped(found.runs(), tuple(found.plan.objectives), found.plan.names, "parallel"):
+    for each in plot_data(found.runs(), tuple(found.plan.objectives), found.plan.names, "parallel"):
         yield parallel(each)
 
 

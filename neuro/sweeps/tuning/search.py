@@ -11,7 +11,7 @@ from typing import Any
 
 from neuro.core.errors import ModelError
 from neuro.core.extension import extensions
-from neuro.core.inputs import digest_of, note
+from neuro.core.inputs import digest_of, record_input
 from neuro.core.measures import in_ms
 from neuro.model.language.nodes import mistake, plain, words
 from neuro.model.language.reader import Node, read
@@ -84,7 +84,7 @@ def load_search(path: Path) -> Search:
         ModelError: with the place of the first mistake.
     """
     root = read(path, "a tuning", "network: net.yaml")
-    note(path)
+    record_input(path)
     said = words(root, WORDS, "a tuning", needs=("parameters", "objectives", "trials"))
     given = {word: plain(node) for word, node in said.items()}
     plan = _plan(said, given)

@@ -19,7 +19,7 @@ Values = tuple[Any, ...]
 
 
 @dataclass(frozen=True, slots=True)
-class Shaped:
+class PlotData:
     """What is drawn of one metric.
 
     Attributes:
@@ -65,7 +65,7 @@ class Shaped:
             return np.where(count > 0, sums / np.maximum(count, 1), np.nan)
 
 
-def shaped(table: SweepTable, metrics: Sequence[str], of: Sequence[str], kind: str) -> list[Shaped]:
+def plot_data(table: SweepTable, metrics: Sequence[str], of: Sequence[str], kind: str) -> list[PlotData]:
     """What is drawn of each metric.
 
     Args:
@@ -105,7 +105,7 @@ def varied(table: SweepTable) -> tuple[str, ...]:
     return tuple(name for name, values in seen.items() if len(values) > 1)
 
 
-def _one(table: SweepTable, done: Mapping[str, Outcome], metric: str, names: tuple[str, ...], kind: str) -> Shaped:
+def _one(table: SweepTable, done: Mapping[str, Outcome], metric: str, names: tuple[str, ...], kind: str) -> PlotData:
     found: dict[str, tuple[Values, list[float]]] = {}
     for key, (point, _) in zip(table.keys, table.points, strict=True):
         value: Any = done[key].metrics.get(metric) if key in done else None
@@ -113,16 +113,16 @@ def _one(table: SweepTable, done: Mapping[str, Outcome], metric: str, names: tup
             values = tuple(point.get(name) for name in names)
             found.setdefault(repr(values), (values, []))[1].append(float(value))
     points = tuple((values, tuple(each)) for values, each in found.values())
-    whole = Shaped("lines", metric, names, points)
+    whole = PlotData("lines", metric, names, points)
     kind = _fitting(whole) if kind == "auto" else kind
     if kind == "map" and len(names) < 2:
         raise ModelError(f"a map needs two parameters: found {names[0]} alone")
     most = {"lines": 2, "map": 2}.get(kind, len(names))
     cut = tuple((values[:most], each) for values, each in points)
-    return Shaped(kind, metric, names[:most], cut)
+    return PlotData(kind, metric, names[:most], cut)
 
 
-def _fitting(whole: Shaped) -> str:
+def _fitting(whole: PlotData) -> str:
     """Lines of one parameter, or of two of which one has few values; a map of a full grid of two; else parallel."""
     if len(whole.names) == 1:
         return "lines"

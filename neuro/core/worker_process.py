@@ -1,6 +1,7 @@
-"""A process that does jobs, one after the other: `python -m neuro.core.hand PIPE`, started by `neuro.core.processes`.
+"""A process that does jobs, one after the other, started by `neuro.core.processes`.
 
-It is told first how to begin, then one job after the other, and ends when the pipe does.
+`python -m neuro.core.worker_process PIPE` reads first how to begin, then one job after the other, and ends when the
+pipe does.
 """
 
 from __future__ import annotations
@@ -92,7 +93,7 @@ def main() -> None:
         try:
             attempt, job = _read(message)
             found = work(job, attempt, lambda what: back.tell("said", what))
-            read = inputs.noted()
+            read = inputs.recorded_inputs()
             if len(read) > known:
                 back.tell("read", read[known:])
                 known = len(read)
@@ -109,7 +110,7 @@ def _prepare(words: Mapping[str, Any]) -> None:
     sys.argv[:], sys.path[:] = words["argv"], words["paths"]
     _Unpickler.script = words["script"]
     for name in words["read"]:  # what is made of them tells of them, wherever it is made
-        inputs.note(name)
+        inputs.record_input(name)
 
 
 if __name__ == "__main__":
