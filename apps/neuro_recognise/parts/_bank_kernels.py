@@ -3,7 +3,7 @@
 
 import numpy as np
 
-from neuro.apps import allocating, inner
+from neuro.apps import allocating, subkernel
 
 
 @allocating
@@ -104,7 +104,7 @@ def leaky_responses(t, x, y, sign, bounds, bank, sizes, height, width, leak, cel
                         out[frame, s, o, i, j] = best
 
 
-@inner
+@subkernel
 def _leaked(v, amount):
     """A response that is nearer to 0 by an amount."""
     return max(v - amount, 0.0) if v > 0.0 else min(v + amount, 0.0)
