@@ -70,6 +70,7 @@ class Delays:
         """The delay registers or the tags; None for another name."""
         if name == "delay":
             return register(self._lags(index).astype(np.int32), REGISTER_OF_ONE).astype(np.int64)
+        # The tag is signed, from -128 to 127: the register has the nearest step, not the one below.
         return self.units[index] - FRACTIONS * self.steps(index) if name in ("t", "tag") else None
 
     def bounds(self, index: int) -> tuple[int, int]:
@@ -88,6 +89,8 @@ class Delays:
 
     def after(self, step: int) -> None:
         """What the spikes of a step change; those that are emitted in it set out with what they have changed."""
+        # The loop stops after each step where pairs change delays: the host writes them, as it would on the chip, which
+        # cannot write its own delay registers.
         emitted, pops = self._a["emitted"][: self._a["clock"][t.EMITTED]], self._a["pops"]
         for index, pairs in self._pairs.items():
             part = self._program.projections[index]
@@ -162,10 +165,14 @@ def _pass(on_pre: Any, on_post: Any) -> Any:
     @kernel
     def learn(y, units, unit, low, high, c, by_source, row_ends, by_target, column_ends, source, target,
               pre, post, last_pre, last_post, step, h):  # fmt: skip
+        # Post before pre, as in the float backends; neither side sees the other's spikes of this step, which are
+        # entered below.
         for j in post:
             for n in range(column_ends[j], column_ends[j + 1]):
                 e = by_target[n]
                 last = last_pre[source[e]]
+                # The rule's own function in ms; between spikes only whole units of 1/256 step are kept, as the two
+                # registers hold them.
                 y[DELAY, 0] = units[e] * unit
                 by_post(y, 0, c, (np.inf if last < 0 else (step - last) * h,), (0.0,))
                 units[e] = min(high, max(low, np.int64(np.floor(y[DELAY, 0] / unit + 0.5))))

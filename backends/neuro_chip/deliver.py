@@ -53,9 +53,11 @@ OVER = np.int32(65536)
 @subkernel
 def add(ring, place, below, word, times, capped):
     """Add a word to a slot, or to that of the inhibitory receptor."""
+    # numba widens products of 32 bits to 64: cut back, since the register wraps at 32.
     amount = np.int32(word * times)
     if not capped:
         ring[place] += amount
+    # SpiNNaker has a slot for each receptor, both unsigned: a negative word goes to the second as its size.
     elif amount >= 0:
         ring[place] = min(np.int32(ring[place] + amount), OVER)
     else:
@@ -74,6 +76,7 @@ def send(net, q, i, times, step):
     if row[LAYOUT] == DENSE:
         slot = (step + net.lags[row[LAG]]) & mask
         begin = target[RING] + slot * n
+        # A dense row reaches all: one flag in place of n marks.
         net.arrived_all[target[ARRIVED] + slot] = 1
         net.came[target[ARRIVED] + slot] = 1
         into = net.ring[begin : begin + n]
@@ -90,6 +93,7 @@ def send(net, q, i, times, step):
             if row[POSITIVE]:
                 send_capped(into, words, np.int32(times))
             if row[NEGATIVE]:
+                # Times -1: words of the other sign become negative here and are cut to 0.
                 send_capped(net.ring[begin + below : begin + below + n], words, np.int32(-times))
     elif row[LAYOUT] == CSR:
         first, last = net.rows[row[ROW] + i], net.rows[row[ROW] + i + 1]
@@ -136,6 +140,7 @@ def send_row(into, words, times):
 @subkernel
 def send_capped(into, words, times):
     """Add the words of one sign to slots that saturate."""
+    # A literal 0 has 64 bits, which would widen the loop and halve the words that are done at a time.
     zero = np.int32(0)
     for k in range(into.size):
         amount = max(np.int32(words[k] * times), zero)
@@ -185,6 +190,8 @@ FEWEST = 4
 
 def lay_out(a: dict[str, NDArray[Any]], program: Program) -> None:
     """Room for the words of grids with the maps innermost, and for the sums of a step."""
+    # Several spikes of a step reach the same places of a grid. Added up first, with the maps innermost, they cost a run
+    # of neighbours each; then the sums go once into the slots, which lie by map as ids do.
     kernels = places = marks = 0
     for row, part in zip(a["projections"], program.projections, strict=True):
         row[t.GATHER] = t.NONE
@@ -203,6 +210,8 @@ def lay_out(a: dict[str, NDArray[Any]], program: Program) -> None:
 def places(grid: Grid) -> Ints:
     """Where the weights of one map lie among the words that `gather` adds: shape (depth x height x width,)."""
     _, depth, height, width = grid.kernels
+    # A source covers neighbouring places with every stride-th column of the kernel, from the right to the left. In this
+    # order these columns are neighbours, too.
     line = np.concatenate([np.arange(first, width, grid.stride)[::-1] for first in range(grid.stride)])
     found: Ints = (np.arange(depth * height)[:, np.newaxis] * width + np.argsort(line)).ravel()
     return found
@@ -245,6 +254,7 @@ def write_some(mantissas, synapses, table, lowest, words, kernels, row, where):
         elif word < 0:
             row[t.NEGATIVE] = 1
         if row[t.GATHER] >= 0:
+            # A division for each map instead of each synapse.
             if s < first or s >= end:
                 m = s // size
                 first, end, into = m * size, (m + 1) * size, row[t.KERNEL] + m // reach * size * reach + m % reach
@@ -330,6 +340,7 @@ def pour(net, row, target, box, step, below, capped):
     net.came[target[t.ARRIVED] + slot] = 1
     at_once = 2 * (right - left) >= columns  # what lies between the lines of the box has sums of 0
     spans = 1 if at_once else bottom - top
+    # One long run with zeros between is faster than many short ones where the box is at least half as wide as the grid.
     run = right - left + (bottom - top - 1) * columns if at_once else right - left
     for span in range(spans):
         first = (top + span) * columns + left
@@ -348,6 +359,7 @@ def pour(net, row, target, box, step, below, capped):
                 arrived = net.arrived[to : to + run]
                 for p in range(run):
                     arrived[p] |= marks[p]
+            # Cleared while they are in the cache; the next step finds them empty.
             sums[:] = 0
             marks[:] = 0
 

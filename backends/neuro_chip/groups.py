@@ -42,6 +42,8 @@ def choose(net, row, first, last, apart, step):
     """The candidate of first:last:apart that may win of the largest margin; of equal ones the larger draw; or -1."""
     best = -1
     best_margin, best_draw = np.int64(0), -1.0
+    # The chip has no winner-take-all: its host compares voltages after each step, with the keyed draws of the float
+    # backends, so that ties fall alike.
     base = step_word(net.group_keys[row[GROUP]], step)
     for i in range(first, last, apart):
         if not net.fired[i] or net.muted[i]:
@@ -64,6 +66,7 @@ def settle_one(net, row, step):
         net.groups[group, WINNER] = best - lo
         net.groups[group, DECIDED] = step
         for i in range(lo, hi):
+            # Kept before losers are reset: rules for trials read the potentials at the decision.
             net.potential[i] = net.v[i]
     for i in range(lo, hi):
         if net.fired[i] and i != best:
@@ -81,6 +84,7 @@ def settle_rivals(net, row, step):
     rivals, apart = net.groups[group, RIVALS], net.groups[group, APART]
     for first in range(lo, row[END]):
         last = first + rivals * apart
+        # Each set of rivals once, from its first neuron.
         if (first - lo) // apart % rivals != 0:
             continue
         best = choose(net, row, first, last, apart, step)
@@ -101,6 +105,7 @@ def settle_locally(net, row, step):
     best = choose(net, row, lo, hi, 1, step)
     while best >= 0:
         win(net, row, best, step)
+        # A winner silences others, so the best of the rest is looked for anew.
         best = choose(net, row, lo, hi, 1, step)
     for i in range(lo, hi):
         if net.fired[i] and not net.muted[i] & WON:

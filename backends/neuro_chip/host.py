@@ -13,6 +13,7 @@ from neuro.kernels.jit import compiled, kernel, subkernel
 @subkernel
 def rounded(exact, low, high, grain, draw):
     """The mantissa below or above, so that the mean is exact; draw is uniform in [0, 1)."""
+    # Rounded to nearest, lessons below half a grain would never move a weight; drawn, their mean is exact.
     floor = np.floor(exact / grain)
     mantissa = np.int64(floor + (draw < exact / grain - floor)) * grain
     return min(max(mantissa, low), high)
@@ -52,6 +53,7 @@ def teacher(teach):
             key: of the draws.
             count: how many changes there were, this one included; each has draws of its own.
         """
+        # Keyed by how many lessons there were: the same draws however trials are cut into calls.
         base = step_word(key, count)
         for k in range(slots.size):
             w = function(mantissas[slots[k]] * step, since[k], lesson, rule)

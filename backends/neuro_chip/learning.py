@@ -66,6 +66,7 @@ def decay(history, slot, keep, keys, step):
         keys: uint64, one for each trace.
         step: the step, for the draws.
     """
+    # A ring of one slot for each step of an epoch: products read traces at the step of the last spike in it.
     before = (slot - 1) % history.shape[0]
     for k in range(history.shape[1]):
         base = step_word(keys[k], step)
@@ -101,6 +102,7 @@ def spike(history, slot, impulses, ids, flags, times):
 @inlined
 def factor(code, i, j, at, xs, ys, x0, y0, w, t):
     """The value of a factor; codes as in `neuro.model.synapses.loihi_rule.FACTORS`."""
+    # The weight and the tag first: most rules multiply by one of them. A kernel has no table of values by name.
     if code == 9:
         return w
     if code == 10:
@@ -119,6 +121,7 @@ def factor(code, i, j, at, xs, ys, x0, y0, w, t):
 @inlined
 def change(terms, first, end, number, i, j, xs, ys, tx, ty, x0, y0, w, t, value, counts):
     """The sum of the due products for one variable, in units of 2^-7, within what the accumulator holds."""
+    # Seven bits below the mantissa: the accumulator keeps fractions of a weight until the end of the epoch's sum.
     begin = value << 7
     total = begin
     for n in range(first, end):
@@ -187,6 +190,7 @@ def apply(terms, settings, number, i, j, e, xs, ys, tx, ty, x0, y0, weights, tag
     """Apply the rule to synapse `e` from neuron `i` to `j`."""
     counts[EVALUATED] += 1
     w, t = np.int64(weights[e]), np.int64(tags[e])
+    # Both changes from the values before either is applied.
     dw = change(terms, 0, settings[OF_WEIGHT], number, i, j, xs, ys, tx, ty, x0, y0, w, t, w, counts)
     dt = change(terms, settings[OF_WEIGHT], terms.shape[0], number, i, j, xs, ys, tx, ty, x0, y0, w, t, t, counts)
     if dw != 0:

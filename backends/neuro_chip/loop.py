@@ -55,6 +55,7 @@ def emit(net, pop, row, i, times, step):
     net.clock[EMITTED] = at + 1
     net.events[i] += 1
     net.spikes[i] += times
+    # The host's rules for trials ask for first spikes only; to look for them in the record would need a record.
     if net.first[i] > step:
         net.first[i] = step
     if row[RECORD]:
@@ -76,10 +77,12 @@ def send_all(net, step):
     first = 0
     for pop in range(net.pops.shape[0]):
         last, begin, end = first, net.pops[pop, BEGIN], net.pops[pop, END]
+        # Emitted ids ascend, since populations are stepped in order: one pass cuts them by population.
         while last < total and net.emitted[last] < end:
             last += 1
         if first < last:
             for k in range(net.out_ends[pop], net.out_ends[pop + 1]):
+                # `send_ahead` has sent these already, with the words of before the host wrote.
                 if net.set_out[net.out[k]] < step:
                     send_along(net, net.out[k], begin, first, last, step)
         first = last
@@ -91,6 +94,7 @@ def send_along(net, q, begin, first, last, step):
     """The spikes first:last of those emitted in a step, of the population that begins at a neuron, set out along q."""
     row = net.projections[q]
     if may_gather(net, row, net.pops[row[TARGET], RECEPTORS] == 2):
+        # All spikes of the step together: they meet in the same places.
         send_grids(net, row, begin, first, last, step)
     else:
         for at in range(first, last):
@@ -118,6 +122,7 @@ def count_active(net, pop, row, step):
     """Neurons that a spike reached or fired; what arrives now may be seen by the next update only."""
     lo, hi = row[BEGIN], row[END]
     n = hi - lo
+    # Where input acts a step late (`LATE`), the arrivals of this update lie one slot ahead.
     slot = (step + row[LATE]) & (row[SLOTS] - 1)
     begin = row[RING] + slot * n
     arrived, fired = net.arrived[begin : begin + n], net.fired[lo:hi]
@@ -139,6 +144,7 @@ def admit(fired, muted):
     some = np.uint8(0)
     for k in range(fired.size):
         fired[k] &= np.uint8(muted[k] == 0)
+        # No early end: a loop without branches looks at many neurons at a time.
         some |= fired[k]
     return some != 0
 
@@ -175,6 +181,8 @@ def any_fired(fired):
 def advance_neurons(net, pop, row, step):
     """A population of neurons: update, decide, emit, count; one at rest only counts what is on its way."""
     slot = row[ARRIVED] + (step & (row[SLOTS] - 1))
+    # A population at rest: nothing came, nobody reached threshold, and the last step changed no bit of any state. So
+    # the next would not either, and the step is left out until input comes or the host writes.
     came, net.came[slot] = net.came[slot], 0
     if row[KIND] == RELAY:
         relay(net, pop, row, step)
@@ -197,6 +205,7 @@ def update_and_fire(net, pop, row, step):
     if some:
         for i in range(row[BEGIN], row[END]):
             if net.fired[i]:
+                # Silenced for a trial: no spike and no reset; it may go on rising.
                 if net.muted[i] & SILENCED:
                     net.fired[i] = 0
                     continue
@@ -211,6 +220,7 @@ def relay(net, pop, row, step):
     n = row[END] - row[BEGIN]
     begin = row[RING] + (step & (row[SLOTS] - 1)) * n
     for k in range(n):
+        # A parrot's slot counts spikes, not weights: `relay_projection` gives every synapse the word 1.
         times = net.ring[begin + k]
         net.ring[begin + k] = 0
         i = row[BEGIN] + k
@@ -226,6 +236,7 @@ def draw(net, pop, row, step):
         return
     base = step_word(net.keys[pop], step)
     for i in range(row[BEGIN], row[END]):
+        # Most draws are 0, and one comparison tells: the sum over the distribution is worked out for the others only.
         if uniform(base, i - row[BEGIN]) >= net.nothing[i]:
             times = poisson_by_sum(base, i - row[BEGIN], net.mean[i], net.nothing[i])
             if times > 0:
@@ -255,6 +266,8 @@ def advance(view, words, end):
     total = net.v.size  # a step records at most one event a neuron: there is room for it, or the caller empties first
     while net.clock[STEP] < end and net.clock[RECORDED] + total <= net.rec_steps.size:
         step = net.clock[STEP] + 1
+        # At the beginning of a step, so that the host may write weights between steps, and what was emitted before is
+        # sent with what learning has written.
         send_all(net, step - 1)
         for pop in range(net.pops.shape[0]):
             row = net.pops[pop]
@@ -274,6 +287,7 @@ def advance(view, words, end):
 def keep_states(net, pop, row):
     """Keep the states of a population for `stayed`; return what has been counted of it."""
     lo, hi = row[BEGIN], row[END]
+    # Only when nothing came: a step with input is never one at rest, and pays nothing here.
     copy(net.still[0, lo:hi], net.v[lo:hi])
     copy(net.still[1, lo:hi], net.u[lo:hi])
     copy(net.still[2, lo:hi], net.g_inh[lo:hi])
@@ -324,6 +338,8 @@ def _chosen(numbered):
     (number, own), *others = numbered
     if not others:
         return own
+    # A chain of comparisons, since a kernel holds no table of functions: there are few kinds, and a population asks
+    # once a step.
     rest = _chosen(others)
 
     @subkernel

@@ -42,6 +42,7 @@ def open_groups(net):
     net.groups[:, CLOSED] = 0
     net.groups[:, WINNER] = NONE
     for i in range(net.muted.size):
+        # What a winner silenced is over; whom the trial left out stays so until it ends.
         net.muted[i] &= SILENCED
     net.map_wins[:] = 0
     net.standing[:, WINS] = 0
@@ -66,6 +67,8 @@ def begin_trial(view, words, output, silenced, rested):
         rested: whether none of its neurons is refractory any more.
     """
     net = net_of(view, words)
+    # One kernel does all of it: each call from NumPy takes about a microsecond, and a trial begins with a dozen of
+    # them.
     net.ring[:] = 0
     net.came[:] = 0
     net.arrived[:] = 0
@@ -77,6 +80,7 @@ def begin_trial(view, words, output, silenced, rested):
     for m in range(silenced.size):
         net.muted[begin + m * per_map : begin + (m + 1) * per_map] = SILENCED if silenced[m] else 0
     if rested:
+        # A neuron that decided the last trial in its last step would else begin this one refractory.
         net.hold[begin:end] = 0
     open_groups(net)
 
@@ -87,6 +91,7 @@ def list_trial(view, words, population, first, ticks, ids, began):
     net = net_of(view, words)
     at, begin = first - 1, net.pops[population, BEGIN]
     for k in range(ticks.size):
+        # Several spikes of one neuron in one tick are one event of that multiplicity, as generators emit them.
         if k > 0 and ticks[k] == ticks[k - 1] and ids[k] == ids[k - 1]:
             net.list_times[at] += 1
             continue
@@ -128,9 +133,11 @@ def end_trial(view, words, output, group, volt, rest, potential, best):
             decided = net.map_wins[group, m] > 0
         else:
             decided = net.groups[group, WINNER] >= 0
+        # After the decision losers were reset, so their present voltages say nothing of how close it was.
         v = net.potential if decided else net.v
         potential[m] = -math.inf
         for k in range(m * per_map, (m + 1) * per_map):
+            # In mV, not in register units: neurons may rest at different potentials.
             here = v[begin + k] / volt + rest[k if rest.size > 1 else 0]
             if here > potential[m]:
                 potential[m], best[m] = here, k

@@ -40,6 +40,7 @@ def kept(value, share):
 
     |a| f / 4096 is (|a| >> 12) f + ((|a| & 4095) f >> 12): no product leaves 32 bits.
     """
+    # Two's complement without a branch: a = (v ^ s) - s with s all ones where v is negative.
     sign = i32(value >> SIGN)
     a = i32(i32(value ^ sign) - sign)
     high = i32(i32(a >> TWELVE) * share)
@@ -58,6 +59,8 @@ def step_loihi(x, v, u, hold, keep_u, keep_v, threshold, bias, fired):
     drives = ZERO
     clips = ZERO
     for i in range(v.size):
+        # Shifted up and back: the upper bits are lost and the sign is that of the highest bit kept, as a register of
+        # that width has it.
         arrived = i32(i32(x[i] << SIXTEEN) >> SIXTEEN)
         full = i32(kept(u[i], keep_u[i]) + i32(arrived << SIX))
         now = i32(i32(full << EIGHT) >> EIGHT)
@@ -70,6 +73,7 @@ def step_loihi(x, v, u, hold, keep_u, keep_v, threshold, bias, fired):
         currents = i32(currents + i32(now != full))
         drives = i32(drives + i32(drive != driven))
         clips = i32(clips + i32(free & i32(clipped != w)))
+        # While refractory the voltage is held at 0, Loihi's reset, but the current goes on.
         clipped = i32(clipped * free)
         x[i] = ZERO
         u[i] = now

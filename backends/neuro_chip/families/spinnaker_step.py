@@ -44,6 +44,7 @@ def delta(net, pop, row, step):
 @subkernel
 def product(a, b):
     """An s16.15 product: floor, not yet wrapped to 32 bits."""
+    # A shift of a negative number rounds down, which is what the machine's arithmetic does.
     return (np.int64(a) * np.int64(b)) >> FIFTEEN
 
 
@@ -64,10 +65,12 @@ def step_spinnaker(exc, inh, v, g_exc, g_inh, hold, r, first, shift_exc, shift_i
     for k in range(v.size):
         i = first + k
         saturated += (exc[k] > SLOT) + (inh[k] > SLOT)
+        # The slot holds 16 bits and saturates; the shift of the receptor brings its unit to s16.15.
         slot_exc = np.int64(min(exc[k], SLOT)) << shift_exc
         slot_inh = np.int64(min(inh[k], SLOT)) << shift_inh
         exc[k] = 0
         inh[k] = 0
+        # Each term is cut by itself before the sum, in this order: the last bit hangs on it.
         full_exc = decayed(g_exc[k], r.exc_decay[i]) + decayed(slot_exc, r.exc_init[i])
         full_inh = decayed(g_inh[k], r.inh_decay[i]) + decayed(slot_inh, r.inh_init[i])
         ge, gi = i32(full_exc), i32(full_inh)
@@ -77,6 +80,7 @@ def step_spinnaker(exc, inh, v, g_exc, g_inh, hold, r, first, shift_exc, shift_i
         fired[k] = 0
         if hold[k] > 0:
             hold[k] -= 1
+            # A refractory neuron is compared as well, as in the machine's code: V_reset above V_th fires again at once.
             fired[k] = v[k] >= r.threshold[i]
             continue
         drive = np.int64(ge) - np.int64(gi) + np.int64(r.bias[i])

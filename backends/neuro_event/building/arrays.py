@@ -19,7 +19,7 @@ from neuro_event.loop import tables as t
 class EventArrays:
     """Everything the loop needs, by the names of `loop.Net`, and how a program's parts map to it.
 
-    Without `eager` all synapses learn lazily: as in states that earlier versions have saved.
+    Without `eager` all synapses learn lazily: tests compare the two ways.
     """
 
     program: Program

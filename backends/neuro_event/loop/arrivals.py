@@ -26,6 +26,7 @@ _LINE = 64
 @subkernel
 def ask(begin, end):
     """Ask for the lines between two addresses. Runs are short: what asks for three lines has no branch."""
+    # A prefetch of the same line twice costs less than a branch that is mispredicted.
     final = end - 1
     prefetch(begin)
     prefetch(min(begin + _LINE, final))
@@ -54,11 +55,14 @@ def add_run(view, row, thread, first, last, m, receptors, between, out, mark):
         weight = net.weights[row[t.WEIGHT]] * m
         at = out + receptor(weight, receptors) * between
         here = address(net.targets) + 4 * (e + first)  # asked for long before
+        # `add` asks for the memory of the row that follows; here runs were asked for by `ask_for`, so it asks for its
+        # own.
         add(net.targets, e + first, e + last, weight, net.buf, at, here)
         if mark >= 0:
             mark_blocks(net.targets, e + first, e + last, net.due[thread], mark)
     else:
         apart, at = receptors, out
+        # Weights of one sign need no choice of a receptor for each synapse.
         if receptors == 2 and row[t.SIGN] != t.MIXED:
             apart, at = 1, out + (between if row[t.SIGN] == t.NEGATIVE else 0)
         w, due = row[t.WEIGHT] + first, net.due[thread]
@@ -99,10 +103,14 @@ def arrive(view, q, step, thread):
     row = net.projections[q]
     source, target = net.pops[row[t.SOURCE]], net.pops[row[t.TARGET]]
     threads = net.edges.shape[1] - 1
+    # This thread has none of the targets.
     if net.edges[target[t.NUMBER], thread] >= net.edges[target[t.NUMBER], thread + 1]:
         return
     blocks = net.awake.shape[0]
     slot = (step & slot_mask(net)) * blocks
+    # A step adds the runs of all spikes that are as old as their delay. Its input stays in the cache, where the ring of
+    # a large network would not: a write into one cost 42 ns an event. Runs are short and lie anywhere, so they are
+    # gathered first and asked for ahead.
     queue = net.queue[thread]
     mask, steps = net.log_ids.shape[1] - 1, net.log_ends.shape[1] - 1
     n = total = 0
@@ -116,6 +124,8 @@ def arrive(view, q, step, thread):
             for place in range(ends[row[t.SOURCE]], ends[row[t.SOURCE] + 1]):
                 i = np.int64(net.log_ids[sender, place & mask]) - source[t.BEGIN]
                 run = row[t.RUN] + (i * row[t.DELAYS] + d) * threads
+                # Of all threads together, so that every thread takes the same decision in `add_queue` about marking all
+                # blocks.
                 synapses = np.int64(net.runs[run + threads]) - np.int64(net.runs[run])
                 if synapses == 0:
                     continue
@@ -136,6 +146,7 @@ def at_emission(view, q, step, after, thread):
     """Put what the source of a projection emitted in a step, and what of it arrives after another, into its ring."""
     net = net_of(view)
     row = net.projections[q]
+    # Weights were set after these spikes set out: `deliver_between` has put them into the ring with the old ones.
     if step <= net.set_out[q]:
         return
     if row[t.RUN] < 0:
@@ -200,6 +211,8 @@ def deliver_counts(view, q, first, last):
                 weight = net.weights[row[t.WEIGHT] + i * row[t.WEIGHT_STRIDE]]
                 to = receptor(weight, receptors_by_sign(row, target[t.RECEPTORS]))
                 net.buf[ring + to * row[t.RING_SIZE] + i] += weight * m
+                # Marks of arrivals lie apart for each thread, so the mark goes into the row of the thread that owns the
+                # block.
                 block = target[t.FIRST_BLOCK] + i // t.BLOCK
                 net.due[owner(net.edges[row[t.TARGET]], block), (at & slots) * blocks + block] = 1
 
@@ -217,6 +230,7 @@ def deliver_between(view, q, first, last, now):
 def log_delivery(view, q, j, k, begin, stop, ring):
     """Deliver what projection q's source emitted in step j, if it did, as `deliver_log`."""
     net = net_of(view)
+    # Tested before the call: most projections have no spike in most steps.
     if spikes(net, net.projections[q, t.SOURCE], j & (net.log_ends.shape[1] - 1)) > 0:
         deliver_log(view, q, j, k, begin, stop, ring)
 
@@ -246,6 +260,7 @@ def fill_runs(row_ends, targets, delays, shortest, n_delays, edges, runs):
         place = source * n_delays * threads
         thread = 0
         for e in range(row_ends[source], row_ends[source + 1]):
+            # Synapses of a source lie by delay, then target, so the thread is looked for anew for each.
             if threads > 1:
                 thread = 0
                 while targets[e] >= edges[thread + 1]:

@@ -22,6 +22,7 @@ def spikes(net, source, slot):
     """How many neurons of a population fired in the step whose ends are kept at a slot."""
     n = 0
     for sender in range(net.edges.shape[1] - 1):
+        # Populations are logged in their order, so the end of one is where the next begins.
         n += net.log_ends[sender, slot, source + 1] - net.log_ends[sender, slot, source]
     return n
 
@@ -56,6 +57,7 @@ def csr_own(targets, first, last, weights, w, m, receptors, stride, buf, out, du
         begin, shift = np.uint64(out), np.uint64(w) - np.uint64(first)
         for e in range(np.uint64(first), np.uint64(last)):
             buf[begin + np.uint64(targets[e])] += weights[shift + e] * m
+    # A loop of its own: the one above is nothing but adds, and these few bytes stay in the cache.
     if mark >= 0:
         for e in range(first, last):
             due[mark + (np.int64(targets[e]) >> _BLOCK)] = 1
@@ -70,6 +72,8 @@ def csr_delayed(view, q, source_id, m, step, thread, lo, hi):
     net = net_of(view)
     row = net.projections[q]
     threads, blocks, slots = net.edges.shape[1] - 1, net.awake.shape[0], slot_mask(net)
+    # Rows are cut at the threads' edges; here one thread goes through all pieces of a row and passes over targets of
+    # others, since synapses by delay are not together by target.
     place, receptors = row[t.ROW] + source_id * threads, net.pops[row[t.TARGET], t.RECEPTORS]
     size, base, apart = row[t.RING_SIZE], base_of(row), receptors_by_sign(row, receptors)
     mark = net.pops[row[t.TARGET], t.FIRST_BLOCK]
@@ -93,10 +97,12 @@ def grid_add(row, source, m, weights, lo, hi, buf, out, apart, due, mark):
     """
     width, sheet = row[t.CHANNEL_WIDTH], row[t.CHANNEL_HEIGHT] * row[t.CHANNEL_WIDTH]
     maps, rows, columns, reach = row[t.MAPS], row[t.ROWS], row[t.COLUMNS], row[t.REACH]
+    # A source that is a grid itself has its channels innermost; an input has them outermost, as its ids are.
     inside = row[t.CHANNELS_INSIDE]
     channel, pixel = (source % inside, source // inside) if inside > 0 else (source // sheet, source % sheet)
     y, x = pixel // width + row[t.TOP], pixel % width + row[t.LEFT]
     stride = row[t.STRIDE]
+    # Grouped convolutions: a channel reaches the maps of its own group.
     first_map, channel = channel // row[t.DEPTH] * reach, channel % row[t.DEPTH]
     first, last = max(0, (x - row[t.KERNEL_WIDTH]) // stride + 1), min(columns, x // stride + 1)
     for r in range(max(0, (y - row[t.KERNEL_HEIGHT]) // stride + 1), min(rows, y // stride + 1)):
@@ -104,6 +110,7 @@ def grid_add(row, source, m, weights, lo, hi, buf, out, apart, due, mark):
         if mark >= 0:
             begin, end = max(lo, line + first * maps), min(hi, line + (last - 1) * maps + reach)
             if begin < end:
+                # A line of places is one stretch of neighbours, so it is marked at once.
                 due[mark + (begin >> _BLOCK) : mark + ((end - 1) >> _BLOCK) + 1] = 1
         for c in range(first, last):
             place = (channel * row[t.KERNEL_HEIGHT] + y - r * stride) * row[t.KERNEL_WIDTH] + x - c * stride
@@ -111,6 +118,8 @@ def grid_add(row, source, m, weights, lo, hi, buf, out, apart, due, mark):
             begin, end = max(lo, target), min(hi, target + reach)
             if begin >= end:
                 continue
+            # Maps are innermost: one spike adds a run of neighbouring weights to neighbouring neurons, in a loop that
+            # is vectorised.
             w = row[t.WEIGHT] + place * maps + first_map + begin - target
             # Only mixed signs pay for the choice of a receptor.
             if apart != 0:
@@ -140,7 +149,8 @@ def scatter(view, q, source_id, m, thread, lo, hi, n, receptors, out, between, m
     """One spike of multiplicity m over a projection with one delay, to this thread's targets lo:hi of n.
 
     `out` is the place of target 0 in `buf`, `between` the distance to the second receptor, and `mark` the
-    place of the targets' first block in `due`, or -1 where all blocks are marked at once; `spot` as in `alike`.
+    place of the targets' first block in `due`, or -1 where all blocks are marked at once; `spot` is as in
+    `deliver_shared_weight`.
     """
     net = net_of(view)
     row = net.projections[q]
@@ -171,6 +181,7 @@ def scatter(view, q, source_id, m, thread, lo, hi, n, receptors, out, between, m
             o = out + between
             add_by_sign(weights[w + lo : w + hi], m, buf[out + lo : out + hi], buf[o + lo : o + hi])
     elif layout == t.ONE_TO_ONE:
+        # The one target may be another thread's.
         if lo <= source_id < hi:
             weight = weights[row[t.WEIGHT] + source_id * row[t.WEIGHT_STRIDE]] * m
             buf[out + source_id + receptor(weight, receptors) * between] += weight
@@ -194,6 +205,7 @@ def deliver_log(view, q, j, k, begin, stop, ring):
     row = net.projections[q]
     target = net.pops[row[t.TARGET]]
     edges = net.edges[target[t.NUMBER]]
+    # Small populations may lie on some threads only.
     if edges[begin] >= edges[stop]:
         return
     own_delays = ring and row[t.DELAY_STRIDE] == 1
@@ -205,6 +217,7 @@ def deliver_log(view, q, j, k, begin, stop, ring):
         at = k
         out = target[t.BEGIN]
         between = net.x.shape[1]
+    # A named receptor moves the whole delivery; signs then tell receptors apart from there on.
     out += base_of(row) * between
     step_slot = j & (net.log_ends.shape[1] - 1)
     slot = (at & slot_mask(net)) * net.awake.shape[0]

@@ -1,6 +1,8 @@
 """Pairwise rules at once: a post spike acts on all synapses onto its neuron as it reaches them, a pre spike on its row.
 
 That is possible where all synapses of a projection hear a spike in the same step: no history is kept, none searched.
+So the rule has no modulator, the synapses share one delay, which does not learn, and the rule reads no K- of neurons
+that differ in tau_minus. Nothing that can be set changes the path.
 A trace that decays is kept as K e^(t / tau), t from the last step that is a multiple of EPOCH: so it changes at spikes
 only, and one product gives it back. Passes are compiled for each rule by itself and called by their address.
 """
@@ -48,6 +50,9 @@ NOTHING = 1e-290
 @inlined
 def pre_left(p, q, j, kind, step):
     """What is left of a pre trace of 1 since the epoch of a step began."""
+    # A trace is kept as K e^(t / tau), t counted from the step in which an epoch began: it changes at spikes only, and
+    # one product gives its value. An epoch is at most 1024 steps and at most 64 of the shortest time constant, so that
+    # no digit is lost.
     return p.decay[q, OWN + j, step % p.table[q, t.EPOCH]]
 
 
@@ -138,6 +143,7 @@ def heard_in(view, q, step, thread):
     row = net.projections[p.table[q, t.PROJECTION]]
     emitted = step - np.int64(net.delays[row[t.DELAY]])
     if emitted < 1:
+        # Step 0 is the start: nothing was emitted before it.
         return np.int64(0), np.int64(0)
     ends = net.log_ends[thread, emitted & (net.log_ends.shape[1] - 1)]
     return ends[row[t.TARGET]], ends[row[t.TARGET] + 1]
@@ -188,9 +194,13 @@ def eager_entry(model, own_rows):
         p = plastic_of(view)
         table = p.table[q]
         first, left = table[t.FIRST_SYNAPSE], pre_lefts(p, q, step)
+        # Once a spike, not once a synapse: all synapses of the projection hear it in this step, which is what makes a
+        # projection eager.
         before = post_values(p, table[t.FIRST_TARGET] + target, post_lefts(p, q, step), step, h)
         sources = table[t.FIRST_SOURCE]
         begin, end = p.incoming[table[t.INCOMING] + target], p.incoming[table[t.INCOMING] + target + 1]
+        # The k-th synapse of the next neuron's list while the k-th of this one's learns: requests spread over the whole
+        # pass.
         on, last = p.incoming[table[t.INCOMING] + ahead] - begin, p.in_synapse.shape[0] - 1
         weights = address(p.y) + 8 * first
         for k in range(m):
@@ -209,6 +219,8 @@ def eager_entry(model, own_rows):
         net, p = net_of(view), plastic_of(view)
         table, mask = p.table[q], net.log_ids.shape[1] - 1
         begins = net.pops[net.projections[table[t.PROJECTION], t.TARGET], t.BEGIN]
+        # The spikes of the step before enter the traces now: post is before pre, so a spike counts in K- from the step
+        # after its arrival.
         first, last = heard_in(view, q, step - 1, thread)
         for place in range(first, last):
             target = np.int64(net.log_ids[thread, place & mask]) - begins

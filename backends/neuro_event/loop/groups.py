@@ -20,8 +20,10 @@ def settle(view, thread, pop, n, step, at, done, h):
         return settle_locally(view, thread, pop, row, n, step, at, done, h)
     if net.groups[group, t.RIVALS] > 0:
         return settle_rivals(view, thread, pop, row, n, step, at, done, h)
+    # A group lies on one thread, so all its candidates are in this thread's list.
     winner = choose(view, group, row, net.found[thread], n, step)
     if net.groups[group, t.IN_TRIAL] == 1 and net.groups[group, t.WINNER] < 0:
+        # Before anybody is reset: the potentials of the maps are those at the decision.
         weigh_maps(view, thread, row, step, h)
         net.groups[group, t.WINNER] = winner
         net.groups[group, t.DECIDED] = step
@@ -31,6 +33,8 @@ def settle(view, thread, pop, n, step, at, done, h):
             spike(view, pop, i)
             at = emit(view, thread, pop, i, 1, step, done, h, at)
             net.active[thread, pop] += 1 - net.found_arrived[thread, k]
+        # Losers of "best of each step" are reset without a spike; of "first to fire" they keep their potential, since
+        # none of them fires any more.
         elif net.groups[group, t.FIRST_TO_FIRE] == 0:
             spike(view, pop, i)
     if net.groups[group, t.FIRST_TO_FIRE] == 1:
@@ -50,6 +54,7 @@ def choose(view, group, row, candidates, n, step):
             continue
         c = net.constants[row[t.CONSTANT] + (i - row[t.BEGIN]) * row[t.CONSTANT_STRIDE]]
         margin = net.state[0, i] - c[0]
+        # Most candidates lose by their margin: the hash of a draw is worked out for ties with the best alone.
         if margin < best_margin:
             continue
         # Keyed by the id, not by the place inside, so ties fall alike on all backends.
@@ -63,8 +68,10 @@ def choose(view, group, row, candidates, n, step):
 def weigh_maps(view, thread, row, step, h):
     """Largest V_m of each map that has not won, and the neuron that has it (the smaller id of equals)."""
     net = net_of(view)
+    # A map that has won keeps what it had when it did.
     wins = net.map_wins[row[t.GROUP]]
     for block in range(row[t.FIRST_BLOCK], row[t.LAST_BLOCK]):
+        # A sleeping block has the potentials of the step in which it fell asleep.
         if net.awake[block] == 0:
             wake(view, thread, row[t.NUMBER], block, step, h)
     for m in range(net.potential.size):
@@ -75,6 +82,7 @@ def weigh_maps(view, thread, row, step, h):
         m = net.map_of[i - row[t.BEGIN]]
         if wins[m] > 0:
             continue
+        # The first state is V_m wherever a model has it, see `Neuron`; groups of others are refused.
         v = net.state[0, i]
         if v > net.potential[m] or (v == net.potential[m] and net.order[i] < net.order[net.best[m]]):
             net.potential[m] = v
@@ -86,6 +94,7 @@ def first_rival(view, row, i):
     """The first of the neurons of which only one fires when neuron i does."""
     net = net_of(view)
     apart = net.groups[row[t.GROUP], t.APART]
+    # Maps lie innermost, so neurons that differ along one axis are equally far apart.
     before = (i - row[t.BEGIN]) // apart % net.groups[row[t.GROUP], t.RIVALS]
     return i - before * apart
 
@@ -130,6 +139,7 @@ def settle_rivals(view, thread, pop, row, n, step, at, done, h):
             winners += 1
     for k in range(winners):
         i = net.found[thread, k]
+        # The winner is reset with its rivals; it emits afterwards, so that its spike is logged once.
         reset_rivals(view, thread, row, i, step, h)
         at = emit(view, thread, pop, i, 1, step, done, h, at)
         net.active[thread, pop] += 1 - net.found_arrived[thread, k]
@@ -141,6 +151,7 @@ def silence(view, row, group, begin, end, step):
     """Silence the neurons begin:end:step that are not yet."""
     net = net_of(view)
     for i in range(begin, end, step):
+        # Counted once a neuron: who is silenced twice, by its place and by its map, was open once.
         net.standing[group, t.OPEN] -= net.muted[i] == 0
         net.muted[i] |= t.BLOCKED
 
@@ -152,12 +163,14 @@ def win(view, row, i, step):
     group = row[t.GROUP]
     local = net.local[group]
     rows, columns, radius = local[t.LOCAL_ROWS], local[t.LOCAL_COLUMNS], local[t.RADIUS]
+    # By id, (map, row, column); inside, maps are innermost, so places are worked out from steps between neighbours.
     m, r, c = net.order[i] // (rows * columns), net.order[i] // columns % rows, net.order[i] % columns
     for near_r in range(max(0, r - radius), min(rows, r + radius + 1)):
         for near_c in range(max(0, c - radius), min(columns, c + radius + 1)):
             place = row[t.BEGIN] + (near_r * columns + near_c) * local[t.NEXT_PLACE]
             silence(view, row, group, place, place + local[t.LOCAL_MAPS] * local[t.NEXT_MAP], local[t.NEXT_MAP])
     net.map_wins[group, m] += 1
+    # Tested for equality: once a map is full nobody of it can win again, so the count goes no further.
     if net.map_wins[group, m] == local[t.PER_MAP]:
         place = row[t.BEGIN] + m * local[t.NEXT_MAP]
         silence(view, row, group, place, place + rows * columns * local[t.NEXT_PLACE], local[t.NEXT_PLACE])

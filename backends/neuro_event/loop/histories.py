@@ -1,7 +1,8 @@
-"""Pairwise learning: lazy, one synapse at a time, at the events that concern it; what may act at once is in `eager`.
+"""Pairwise learning: lazy, one synapse at a time, at the events that concern it; `eager_rules` has what acts at once.
 
-Post spikes are kept in a short history per neuron. When it is full, the synapses onto that neuron are caught up
-to what has been processed, and what nobody needs any more is dropped.
+Post spikes are kept in a short history per neuron. When it is full, the synapses onto that neuron are caught up to what
+has been processed, and entries that no synapse needs any more are dropped: silent partners cost no memory. A read
+catches up a copy of the states. A state saved when all projections learnt so goes on so until it is reset.
 """
 
 # mypy: ignore-errors
@@ -35,6 +36,7 @@ def dopamine_at(view, q, target, step, h):
     """Concentration n of one target of a modulated projection."""
     p = plastic_of(view)
     place = p.table[q, t.FIRST_TARGET] + target
+    # Most targets have never had dopamine: no exponential for them.
     if p.n[place] == 0.0:
         return 0.0
     return p.n[place] * decayed(p.decay[q, CONCENTRATION], step - p.n_time[place], h, p.tau[q], 1)
@@ -53,6 +55,8 @@ def bring_target(view, q, thread, target, step, whole, h):
 @subkernel
 def release(view, q, thread, target, step, amount, h):
     """Dopamine arrives at one target."""
+    # Caught up with the old concentration first: the integral of n times c is worked out in pieces between changes of
+    # n.
     bring_target(view, q, thread, target, step, True, h)
     p = plastic_of(view)
     place = p.table[q, t.FIRST_TARGET] + target
@@ -66,6 +70,7 @@ def dopamine_arrivals(view, q, step, thread, h):
     net, p = net_of(view), plastic_of(view)
     table = p.table[q]
     j = step - table[t.DOPAMINE_DELAY]
+    # Dropped by a trial, a reset or a restored state.
     if j <= net.clock[thread, t.HORIZON]:
         return
     target_row = net.pops[net.projections[table[t.PROJECTION], t.TARGET]]
@@ -74,6 +79,7 @@ def dopamine_arrivals(view, q, step, thread, h):
     population = table[t.DOPAMINE]
     slot = j & (net.log_ends.shape[1] - 1)
     mask = net.log_ids.shape[1] - 1
+    # NEST's: a spike adds 1/tau_n, so that its integral is 1 whatever tau_n.
     each = 1.0 / p.tau[q, 1]
     total = 0.0
     for sender in range(net.edges.shape[1] - 1):
@@ -84,6 +90,7 @@ def dopamine_arrivals(view, q, step, thread, h):
                 if lo <= target < hi:
                     release(view, q, thread, target, step, m * each, h)
             else:
+                # All spikes of a step at once: each release would catch up all synapses once more.
                 total += m
     if total > 0.0:
         for target in range(lo, hi):
@@ -96,11 +103,13 @@ def bring_history(view, pop, thread, target, step, whole, h):
     net, p = net_of(view), plastic_of(view)
     longest = 0
     for q in range(p.table.shape[0]):
+        # Eager projections have heard every spike already and read no history.
         if net.projections[p.table[q, t.PROJECTION], t.TARGET] == pop and p.table[q, t.EAGER] == 0:
             # An entry is needed until the synapse with the longest delay has heard it.
             longest = max(longest, p.table[q, t.LONGEST])
             bring_target(view, q, thread, target, step, whole, h)
     past = p.past[net.pops[pop, t.HISTORY] + target]
+    # One number for all synapses onto the neuron: without it each would need the step up to which it has heard.
     past[APPLIED] = max(past[APPLIED], step)
     return longest
 
@@ -112,6 +121,7 @@ def keep_others(net, p, pop, local, n, step, h):
     others = p.others[history]
     for column in range(p.columns.shape[1]):
         q, j = p.columns[pop, column, 0], p.columns[pop, column, 1]
+        # Columns are filled from the front, -1 ends them.
         if q < 0:
             break
         kind = p.kinds[q, p.kinds.shape[1] // 2 + j]
@@ -133,6 +143,8 @@ def post_spike(view, pop, thread, local, m, step, done, h):
         while n > 1 and past[NEWEST + ENTRY * (n - 2)] + longest <= done:
             n -= 1
         if NEWEST + ENTRY * (n + 1) > past.size:
+            # No kernel raises: the host reads this after the run and reports it. The engine sizes histories so that one
+            # delay and one slice fit.
             net.clock[thread, t.OVERRUN] = pop + 1
             n -= 1
     traces = p.traces[net.pops[pop, t.HISTORY] + local]
@@ -140,6 +152,7 @@ def post_spike(view, pop, thread, local, m, step, done, h):
     if n > 0:
         age = (step - past[NEWEST]) * h
         trace += traces[NEWEST + 1] * math.exp(-age / net.tau_minus[net.pops[pop, t.BEGIN] + local])
+    # Before the entry is made: the values are those just before the spike.
     if p.others.shape[2] > 0:
         keep_others(net, p, pop, local, n, step, h)
     # The newest goes in front: a search begins with what a synapse most likely needs.

@@ -34,6 +34,8 @@ def arrived_since(past, since, delay):
     """How many entries of a history, the newest ones, arrive after a step."""
     n = past[ENTRIES]
     i = 0
+    # Two searches from the newest entry, here and below in `post_trace`: histories are short, and the newest is nearly
+    # always enough.
     while i < n and past[NEWEST + ENTRY * i] + delay > since:
         i += 1
     return i
@@ -66,6 +68,7 @@ def _modulated(model, on_post):
                 break
             advance(p.y, z, c, since, arrival, dopamine_at(view, q, target, since, h), grid)
             since = arrival
+            # Without a pre trace a post spike changes nothing, but the flow of dopamine has to be cut at it.
             if k_plus != 0.0:
                 k = k_plus * decayed(p.decay[q, PLUS], arrival - then, h, p.tau[q], 0)
                 for _ in range(past[NEWEST + ENTRY * i + 2]):
@@ -88,6 +91,8 @@ def _modulated(model, on_post):
             n = dopamine_at(view, q, target, since, h)
             advance(p.y, z, p.rule[q], since, upto, n, p.table[q, t.GRID_STEPS])
             since = upto
+        # Kept for each synapse: dopamine flows between spikes, so the time since the last stop matters, not only which
+        # spikes were heard.
         p.reached[z] = since
 
     @inlined
@@ -144,6 +149,8 @@ def lazy_entry(model, own_rows):
         """A pre spike: each synapse of this thread catches up, learns and sends; then K+ grows."""
         net, p = net_of(view), plastic_of(view)
         table, y = p.table[q], p.y
+        # K+ and K- are two numbers that stay in registers: read from memory for each synapse, as third-party traces
+        # are, they would cost more than what this pass shares with `lazy_rules`.
         plus, minus, tau = p.decay[q, PLUS], p.decay[q, MINUS], p.tau[q]
         row = net.projections[table[t.PROJECTION]]
         target_row = net.pops[row[t.TARGET]]
@@ -157,6 +164,8 @@ def lazy_entry(model, own_rows):
         end = net.rows[place + 1]
         slot = slot_of_first(net, row, receptors, step)
         histories, width = address(p.past) + 8 * p.past.shape[1] * target_row[t.HISTORY], 8 * p.past.shape[1]
+        # Read once a spike: a store into `buf` could change the tables, as far as the compiler knows, so it would read
+        # them again for each synapse.
         first, to_synapse = row[t.SYNAPSE], table[t.FIRST_SYNAPSE] - row[t.SYNAPSE]
         delay_at, delay_stride = row[t.DELAY], row[t.DELAY_STRIDE]
         ring_at, ring_mask, ring_size = row[t.RING], row[t.RING_MASK], row[t.RING_SIZE]

@@ -25,6 +25,7 @@ def emit(view, thread, pop, i, m, step, done, h, at):
     place = at & (net.log_ids.shape[1] - 1)
     net.log_ids[thread, place] = i
     net.log_counts[thread, place] = m
+    # Nothing here tests for room: `room` has bounded what a step can add before the step began.
     net.events[i] += 1
     net.spikes[i] += m
     if row[t.RECORD] == 1:
@@ -43,6 +44,9 @@ def wake(view, thread, pop, block, last, h):
     """Bring a sleeping block to the end of step `last`."""
     net = net_of(view)
     row = net.pops[pop]
+    # Neurons lie in blocks of 64. Every 16 steps a block without input is asked `quiet`: can any of its neurons reach
+    # threshold without input? A bound answers, not stepping. If none can, the block sleeps until input is due or
+    # something is set. These moments follow from steps and events alone, so cutting a run changes nothing.
     n = last - net.slept[block]
     # One step of n h is exact for linear models; of others nothing changed while they slept.
     if n > 0 and row[t.LINEAR] == 1:
@@ -56,6 +60,7 @@ def wake(view, thread, pop, block, last, h):
 def calm(view, pop, lo, hi):
     """Whether no neuron of a block can fire before its next input."""
     row = net_of(view).pops[pop]
+    # An entry returns whole numbers only, whatever the operation.
     return call_entry(view, row, QUIET, lo, hi, 0, 0, 0.0) == 1
 
 
@@ -89,6 +94,7 @@ def heard(view, i, receptors):
     net = net_of(view)
     came = False
     for r in range(receptors):
+        # Compared as integers: as floats 0.0 equals -0.0, and a weight of 0 that arrives would count as nothing.
         came |= net.bits[r, i] != _SIGN
     return came
 
@@ -130,8 +136,10 @@ def step_word_of_blocks(view, thread, pop, begin, end, slot, step, h, n_all):
         if block < end and (net.awake[block] == 1 or net.due[thread, slot + block] == 1):
             lo, hi = block * t.BLOCK, min((block + 1) * t.BLOCK, row[t.END])
             if net.awake[block] == 0:
+                # To the end of the step before: this step follows for the block like for all others.
                 wake(view, thread, pop, block, step - 1, h)
             if net.due[thread, slot + block] == 1:
+                # Rings only where a block is due: a ring of a large network lies outside the caches.
                 for k in range(row[t.RINGS], row[t.RINGS_END]):
                     add_ring(view, net.incoming[k], lo, hi, step, n_all)
             continue
@@ -164,11 +172,13 @@ def step_neurons(view, thread, pop, step, at, done, h, n_all, slots, blocks):
         # One 64-bit word tells of eight blocks: silent networks skip 512 neurons at a time.
         if net.awake_groups[word] == 0 and net.due_groups[thread, slot // t.GROUPED + word] == 0:
             continue
+        # A population begins at a new group of 8 blocks, so that a word never tells of two populations.
         begin, end = word * t.GROUPED, min((word + 1) * t.GROUPED, last)
         step_word_of_blocks(view, thread, pop, begin, end, slot, step, h, n_all)
         for block in range(begin, end):
             if net.awake[block] == 0:
                 continue
+            # Read and cleared here: `due` of the next step of this slot is marked by deliveries to come.
             due = net.due[thread, slot + block]
             net.due[thread, slot + block] = 0
             lo, hi = block * t.BLOCK, min((block + 1) * t.BLOCK, row[t.END])
@@ -186,6 +196,8 @@ def step_neurons(view, thread, pop, step, at, done, h, n_all, slots, blocks):
                         at = emit(view, thread, pop, i, m, step, done, h, at)
                         active += not came
                     elif net.muted[i] == 0 and net.closed[row[t.GROUP]] == 0:
+                        # Of a group nobody fires yet: `settle` compares all of its candidates when the population is
+                        # stepped.
                         net.found[thread, n_found] = i
                         net.found_arrived[thread, n_found] = came
                         n_found += 1
@@ -198,6 +210,8 @@ def step_neurons(view, thread, pop, step, at, done, h, n_all, slots, blocks):
                 net.slept[block] = step
             elif active:
                 net.busy[block] = step
+            # Asked at multiples of IDLE steps, not IDLE steps after the last event: so the answer does not hang on
+            # where a run was cut.
             elif step % IDLE == 0 and step - net.busy[block] >= IDLE and calm(view, pop, lo, hi):
                 net.awake[block] = 0
                 net.slept[block] = step
@@ -214,10 +228,13 @@ def collect(view, first_state, word):
     net = net_of(view)
     first = word * t.GROUPED * SPOTS
     one, other = net.state[first_state], net.state[first_state + 1]
+    # The input of 4,000 neurons takes half as much memory as their states, and most of it is empty. Deliveries mark
+    # *spots* of eight neighbours, and what lies there is added, counted and cleared, the rest is never read.
     marks = marked(net.spots, first)
     while marks:
         spot = first + lowest(marks)
         marks &= marks - _ONE
+        # The mark of a spot becomes a mask of who of the eight had input, which `step_collecting` counts by bits.
         net.spots[spot] = take(one, net.x[0], spot * LANES) | take(other, net.x[1], spot * LANES)
 
 
@@ -250,6 +267,7 @@ def step_collecting(view, thread, pop, step, at, done, h, slots, blocks):
                     wake(view, thread, pop, block, step - 1, h)
                 continue
             if run < block:
+                # Step first, collect afterwards: these models add what arrives to their currents at the end of a step.
                 call_entry(view, row, BARE, run * t.BLOCK, min(block * t.BLOCK, row[t.END]), thread, step, 0.0)
             run = block + 1
         if due:

@@ -4,6 +4,7 @@ Each model has an entry of its own, which the loop calls by its address, once fo
 compiles the models that it has, and a new model compiles nothing but itself.
 """
 
+# mypy: ignore-errors
 from __future__ import annotations
 
 import operator
@@ -23,9 +24,10 @@ from neuro.model.synapses import Synapse, stdp, stdp_dopa
 from neuro_event.loop import tables as t
 from neuro_event.loop.tables import ENTRY_TYPE, net_of
 
-# mypy: disable-error-code="no-untyped-def,no-untyped-call,arg-type"
 
-
+# A step takes its input and its current as arrays. Where there is none, an array of zeros would still be read for each
+# neuron and step. An opaque type, of which each item is a constant, compiles to a step without the read: memory sets
+# the pace of large networks.
 class Placeholder(types.Opaque):
     """An array of any shape of which each item is one known number."""
 
@@ -69,9 +71,6 @@ no_input = _placeholder(-0.0)
 no_current = _placeholder(0.0)
 
 
-# mypy: ignore-errors
-
-
 _ONE = np.uint64(1)
 
 CATCH_UP, STEP, BARE, QUIET, FIRE = range(5)
@@ -81,6 +80,7 @@ CATCH_UP, STEP, BARE, QUIET, FIRE = range(5)
 def taking(model, function, arguments):
     """A function of a model, compiled, for these arguments; it may take fewer of them: the first ones."""
     own = getattr(model.arithmetic, function)
+    # A model that draws nothing takes no `u`; all are called in one way.
     taken = ", ".join(arguments.split(", ")[: own.__code__.co_argcount])
     scope = {"own": compiled(own)}
     exec(f"def {function}({arguments}):\n    return own({taken})", scope)
@@ -94,6 +94,7 @@ def operations(model):
     """
     constants, fire = taking(model, "constants", "p, h, c"), taking(model, "fire", "s, c, i")
     step, quiet = taking(model, "step", "s, c, x, i_0, lo, hi, fired, u"), taking(model, "quiet", "s, c, i_0, lo, hi")
+    # Ours take single items of input and current, so a placeholder will do; a third-party step may slice them.
     foreign = model not in NEURONS
 
     @subkernel
@@ -101,12 +102,14 @@ def operations(model):
         """One step of `interval` ms without input, for neurons that slept so long."""
         net = net_of(view)
         row = net.pops[pop]
+        # Room of the thread: kernels allocate nothing.
         c = net.scratch[thread]
         if row[t.CONSTANT_STRIDE] == 0:
             # Constants of the whole interval: one step of n h in place of n steps.
             constants(net.parameters[row[t.CONSTANT]], interval, c)
             step(net.state, c, net.calm, net.current, np.uint64(lo), np.uint64(hi), net.fired, net.draws)
         else:
+            # Constants differ between neurons: one at a time, with its own row.
             for i in range(lo, hi):
                 constants(net.parameters[row[t.CONSTANT] + i - row[t.BEGIN]], interval, c)
                 u = np.uint64(i)
@@ -190,7 +193,7 @@ def draw(view, pop, lo, hi, step):
 
 @cache
 def entry(model):
-    """All operations of one model. Its arguments are those of `neuro_event.views.call_entry`."""
+    """All operations of one model. Its arguments are those of `neuro_event.loop.tables.call_entry`."""
     catch_up, step_run, step_bare, is_quiet, fire_one = operations(model)
     draws, linear, foreign = model.draws, model.linear, model not in NEURONS
 
@@ -245,4 +248,4 @@ NEURONS: tuple[type[Neuron], ...] = (parrot_neuron, iaf_psc_delta, iaf_psc_exp, 
 """Their steps take items of the input and of the current only, and write for each neuron whether it fired."""
 
 RULES: tuple[type[Synapse], ...] = (stdp, stdp_dopa)
-"""Their traces are those that `plastic` keeps; those of all others are kept as `own_rules` has them."""
+"""Their traces are K+ and K-, see `lazy_stdp`; those of all others are kept as `lazy_rules` has them."""

@@ -18,6 +18,7 @@ def note(view, q, source, step, thread):
     at = p.note_at[thread, 0]
     for e in range(net.rows[place], net.rows[place + 1]):
         z = p.table[q, t.FIRST_SYNAPSE] + e - row[t.SYNAPSE]
+        # Probes name synapses, and a row has thousands: a byte for each is less than a search.
         if p.note_this[z] == 1:
             p.note_steps[thread, at] = step
             p.note_synapses[thread, at] = z
@@ -63,11 +64,14 @@ def sample(view, pop, state, places, step, h, aside, out):
     k = 0
     while k < places.shape[0]:
         block = places[k] // t.BLOCK
+        # A read must not change what follows: a block that sleeps is brought up to date in a copy and put back, so that
+        # probes do not decide when it wakes.
         if net.awake[block] == 1:
             out[k] = net.state[state, places[k]]
             k += 1
             continue
         lo, hi, busy = block * t.BLOCK, min((block + 1) * t.BLOCK, net.state.shape[1]), net.busy[block]
+        # All neurons of the block and all states: `wake` steps whole blocks.
         states = net.state.shape[0]
         for i in range(lo, hi):
             for r in range(states):
@@ -89,6 +93,7 @@ def follow_peaks(view, pop, tick, value, when):
     """Note whose V_m is larger than at all ticks before, by id."""
     net = net_of(view)
     for i in range(net.pops[pop, t.BEGIN], net.pops[pop, t.END]):
+        # By id: maps lie innermost here, and who asks knows nothing of that.
         k = net.order[i]
         if net.state[0, i] > value[k]:
             value[k], when[k] = net.state[0, i], tick

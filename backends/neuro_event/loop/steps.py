@@ -44,13 +44,17 @@ def act_at_emission(view, thread, upto, dopamine_upto, h):
     net = net_of(view)
     clock = net.clock[thread]
     for step in range(clock[t.DONE] + 1, upto + 1):
+        # A trial, a reset or a restored state has dropped all spikes up to the horizon.
         if step <= clock[t.HORIZON]:
             continue
         for k in range(net.at_emission.shape[0]):
             at_emission(view, net.at_emission[k], step, step, thread)
+        # Static synapses first, in the order of `at_emission`: sums of rings then have one order, whatever the threads.
         learn_step(view, step, clock[t.DONE_DOPAMINE], thread, h, False)
     clock[t.DONE] = max(clock[t.DONE], upto)
     clock[t.DONE_DOPAMINE] = max(clock[t.DONE_DOPAMINE], upto)
+    # At the end of a run dopamine and post spikes count one step further than pre spikes, which a read must not see
+    # yet.
     for step in range(clock[t.DONE_DOPAMINE] + 1, dopamine_upto + 1):
         learn_step(view, step, clock[t.DONE_DOPAMINE], thread, h, True)
     clock[t.DONE_DOPAMINE] = max(clock[t.DONE_DOPAMINE], dopamine_upto)
@@ -89,6 +93,7 @@ def deliver(view, pop, begin, stop, step):
             for thread in range(begin, stop):
                 arrive(view, q, step, thread)
             continue
+        # A spike lies in the log and is read LAG steps later: no ring is written and read in between.
         j = step - projection[t.LAG]
         if j <= net.clock[begin, t.HORIZON]:
             continue
@@ -105,13 +110,17 @@ def step_population(view, thread, pop, step, done, h):
     net = net_of(view)
     row = net.pops[pop]
     at, kind = net.log_at[thread, 0], row[t.KIND]
+    # Ends are kept for every step, also an empty one: who reads the log finds a population's spikes without a search.
+    # The number of steps is a power of two, so a mask takes the place of a division.
     net.log_ends[thread, step & (net.log_ends.shape[1] - 1), pop] = at
     if kind == t.NEURON:
         slots, blocks = slot_mask(net), net.awake.shape[0]
+        # Input that a model only adds to its states need not be read by its step: `step_collecting` steps without it.
         if row[t.COLLECTS] >= 0:
             at = step_collecting(view, thread, pop, step, at, done, h, slots, blocks)
         else:
             n_found, at = step_neurons(view, thread, pop, step, at, done, h, net.x.shape[1], slots, blocks)
+            # Compiled apart and called by its address: only networks with groups compile it.
             if n_found > 0:
                 at = settle(view, thread, pop, n_found, step, at, done, h)
     elif kind == t.POISSON:
@@ -120,6 +129,7 @@ def step_population(view, thread, pop, step, done, h):
         at = list_spikes(view, thread, pop, step, at, done, h)
     elif kind == t.GENERATOR:
         at = let_emit(view, thread, pop, step, at, done, h)
+    # Each thread's place is alone in its cache line: a line that two write goes back and forth, 250 ns each way.
     net.log_at[thread, 0] = at
 
 
@@ -136,6 +146,8 @@ def advance(view, begin, stop, first, last, h):
         if driven:
             for thread in range(begin, stop):
                 drive(view, thread, step)
+        # Deliver, then step, population by population: the input of one population is still in the cache when it is
+        # stepped. Spikes of this step arrive in the next at the earliest, so the order of populations changes nothing.
         for pop in range(n):
             if net.pops[pop, t.KIND] == t.NEURON:
                 deliver(view, pop, begin, stop, step)
@@ -155,6 +167,7 @@ def room(view, step, steps, reach):
         n = net.most[thread]
         if n == 0:
             continue
+        # What was emitted before `reach` steps has arrived everywhere, and its place in the log is free.
         oldest = net.log_ends[thread, (step - reach) & (net.log_ends.shape[1] - 1), 0]
         # A bound on what can fire, so that no emission tests for room.
         steps = min(steps, (net.log_ids.shape[1] - (net.log_at[thread, 0] - oldest)) // n)
@@ -175,10 +188,13 @@ def run(view, first, last, longest, reach, h):
     threads = net.edges.shape[1] - 1
     step = first
     while step < last:
+        # Asked once for many steps: tests for room at each spike cost more than the space that an exact bound would
+        # save.
         until = step + room(view, step, last - step, reach)
         if until == step:
             return step
         while step < until:
+            # No spike needs less than `longest` steps, so within a slice no population waits for another one's spikes.
             end = min(step + longest, until)
             advance(view, 0, threads, step, end, h)
             step = end
@@ -192,6 +208,8 @@ def run(view, first, last, longest, reach, h):
 def only_spikes(view):
     """Whether threads need nothing of each other but spikes that arrive: no ring to fill, no learning, no currents."""
     net = net_of(view)
+    # Rings, learning and currents are worked out at the end of a slice from what all threads have logged in it: with
+    # any of them all threads must begin each slice together.
     return net.at_emission.shape[0] + plastic_of(view).table.shape[0] + net.lines.shape[0] == 0
 
 
@@ -232,10 +250,15 @@ def share(view, progress, thread, last, longest, reach, h):
     """
     threads = progress.shape[0] - 1
     free = only_spikes(view)
+    # Threads that need only spikes run up to `longest` steps ahead of the slowest: where one population is busier in
+    # one part, the part that is done goes on instead of waiting. They report five times on the way, so that others
+    # learn of it early; at each step it would cost a cache line that moves between cores.
     stride, ahead = (max(1, longest // STRIDES), 2 * longest) if free else (longest, longest)
     patience, known = PATIENCE, HALT
     while patience > 0:
         least = slowest(progress)
+        # Thread 0 alone decides how far all may run, and only when something has changed: the decision reads the logs
+        # of all.
         if thread == 0 and least != known:
             allow(view, progress, least, last, ahead, reach)
             known = least
@@ -248,6 +271,8 @@ def share(view, progress, thread, last, longest, reach, h):
             store_release(progress, thread, end)
             patience = PATIENCE
         else:
+            # It spins for about 100 us and then gives up its processor: a meeting takes one to three microseconds, but
+            # the other thread's core may be taken by another program for milliseconds.
             patience -= 1
     return 0
 
@@ -282,6 +307,7 @@ def begin_trial(view, pop, group, start, h):
     """Drop what is under way after step `start`, open the groups, and reset the population of the trials' own."""
     net = net_of(view)
     row = net.pops[pop]
+    # Before the groups are opened: a spike under way from the last trial must not decide this one.
     drop_all(view, start)
     open_groups(view)
     net.groups[group, t.IN_TRIAL] = 1
@@ -300,6 +326,7 @@ def run_trial(view, group, first, last, at_decision, reach, h):
     """Run the steps first:last of a trial; return the next step: at a decision, where there was no room, or `last`."""
     net = net_of(view)
     for step in range(first, last):
+        # One step at a time: a decision ends a trial in the step in which it falls.
         if room(view, step, 1, reach) < 1:
             return step
         advance(view, 0, net.edges.shape[1] - 1, step, step + 1, h)
@@ -329,6 +356,8 @@ def drop_all(view, step):
         net.clock[thread, t.HORIZON] = step
         net.clock[thread, t.DONE] = step
         net.clock[thread, t.DONE_DOPAMINE] = step
+    # The rings lie behind the input of the present step in `buf`; -0.0 stands for no input, since adding it changes no
+    # bit.
     ring = net.x.shape[0] * net.x.shape[1]
     if net.buf.shape[0] > ring:
         net.buf[ring:] = -0.0
@@ -347,6 +376,7 @@ def learn_step(view, step, done_arrivals, thread, h, arrivals_only):
                 call_rule(view, p.table[q], ARRIVE, 0, step, thread, h)
         if arrivals_only:
             continue
+        # Pre spikes act at emission, after all that arrives in the step: post is before pre, as in NEST.
         source = net.projections[p.table[q, t.PROJECTION], t.SOURCE]
         slot = step & (net.log_ends.shape[1] - 1)
         mask = net.log_ids.shape[1] - 1

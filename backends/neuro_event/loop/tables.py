@@ -18,6 +18,7 @@ from neuro.kernels.address import caller
 from neuro.kernels.jit import inlined, subkernel
 from neuro.kernels.views import Views, fields_of, viewer
 
+# Bits of a word: one test tells of 64 neurons. Eight bytes, one a block, are again a word.
 BLOCK = 64
 GROUPED = 8
 NONE = -1
@@ -29,7 +30,7 @@ POSITIVE, NEGATIVE, MIXED = range(3)
 # populations
 (
     KIND,
-    MODEL,  # of states that earlier versions have saved
+    MODEL,  # unused; saved states have it
     BEGIN,
     END,
     FIRST_BLOCK,
@@ -160,7 +161,7 @@ OPEN, WINS = range(2)
 SILENCED, BLOCKED, WON = 1, 2, 4
 
 TALLY_BITS = 20
-"""Of a tally, see `counted`: the lower bits that hold spikes; the others hold events, of which there are no more."""
+"""Of a tally, see `generators`: the lower bits that hold spikes; the others hold events, of which there are no more."""
 
 
 NET = """
@@ -192,7 +193,7 @@ emitted f8 1       currents that are emitted, each value once: of each line (row
 emitted_rows i8 2  (lines, steps) which row of a line is emitted
 emitted_from i8 1  the first of these steps
 fired u1 1         how often each reached threshold in the present step
-spots u1 1         eight neurons each: not 0 where input of the present step arrived, see `collected`
+spots u1 1         eight neurons each: not 0 where input of the present step arrived, see `step_collecting`
 spot_words u8 1    the same memory, a block at a time
 muted u1 1         who must not fire, and why: bits of `tables`
 events i8 1        spike events of each neuron
@@ -213,7 +214,7 @@ words u8 2         random words of a group of blocks, a row per thread
 guides u2 2        of `cumulative`, see `neuro.kernels.draws`
 cumulative f8 2    Poisson tables
 counts u2 1        rings of multiplicities of generators that keep them
-tally u4 1         what these have sent and is not yet in `events` and `spikes`, see `counted`
+tally u4 1         what these have sent and is not yet in `events` and `spikes`, see `generators`
 keys u8 1          of the generators' draws
 list_steps i8 1    listed spikes of the generators
 list_ids i8 1
@@ -260,7 +261,7 @@ decay f8 3         (projections, 3 + traces, steps) of tau_plus, tau_n, the targ
 y f8 2             (states, synapses)
 sent f8 1          weight at the last pre spike
 reached i8 1       step up to which a modulated synapse has learnt; empty if none is
-k_plus f8 2        (threads, sources) trace of each source at a step, or as in `eager`; each thread has its own copy
+k_plus f8 2        (threads, sources) trace of each source at a step, as in `eager_rules`; each thread has a copy
 k_time i8 2        the step of that value
 spiked i8 2        the step of each source's last spike
 n f8 1             dopamine of each target at a step
@@ -268,8 +269,8 @@ n_time i8 1        that step
 incoming i8 1      synapses by target: ends
 in_synapse i4 1    the synapses, from the first of their projection on
 in_source i4 1     their sources
-heard f8 2         (targets, traces) of the post spikes that eager synapses have heard, kept as in `eager`
-past i8 2          history of each neuron's spikes, see `plastic`
+heard f8 2         (targets, traces) of the post spikes that eager synapses have heard, kept as in `eager_rules`
+past i8 2          history of each neuron's spikes, see `histories`
 traces f8 2        the same memory as floats
 kinds f8 3         (projections, traces, 3) of third-party rules: time constant, nearest, what a spike adds
 columns i8 3       (populations, columns, 2) whose post trace a column of `others` is: projection and trace
@@ -318,7 +319,7 @@ def slot_mask(net):
 
 @subkernel
 def call_rule(view, row, operation, index, step, thread, h):
-    """Let the entry of a rule do an operation, see `own_rules`; `row` is its projection's in `plastic.table`."""
+    """Let the entry of a rule do an operation, see `lazy_rules`; `row` is its projection's in `plastic.table`."""
     return _call(row[RULE_ENTRY], (view, row[RULE_NUMBER], operation, index, step, thread, h))
 
 

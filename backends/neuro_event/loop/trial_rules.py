@@ -32,6 +32,7 @@ def first_spikes(view, pop, start, end, first):
 @subkernel
 def since(first, delay, moment, h):
     """Time in ms from the arrival of an input's first spike to the moment of a lesson."""
+    # An input that stayed silent came infinitely late, so a rule needs no second case for it.
     return -math.inf if first == NEVER else (moment - first - delay) * h
 
 
@@ -41,6 +42,7 @@ def source_place(row, channel, y, x):
     pixel = y * row[t.CHANNEL_WIDTH] + x
     inside = row[t.CHANNELS_INSIDE]
     sheet = row[t.CHANNEL_HEIGHT] * row[t.CHANNEL_WIDTH]
+    # Grids have their maps innermost inside this backend, inputs keep the order of their ids.
     return pixel * inside + channel if inside > 0 else channel * sheet + pixel
 
 
@@ -58,6 +60,8 @@ def teacher(teach):
         net = net_of(view)
         n_source = first.shape[0]
         row = net.projections[q]
+        # A pass takes microseconds and runs between trials, on one thread: it is written for all layouts at once, not
+        # for speed.
         w = net.weights
         delay = np.int64(net.delays[row[t.DELAY]])
         changed = 0
@@ -71,11 +75,13 @@ def teacher(teach):
             for channel in range(row[t.DEPTH]):
                 for i in range(row[t.KERNEL_HEIGHT]):
                     for j in range(row[t.KERNEL_WIDTH]):
+                        # Padding has no neuron: its weights are not taught by places at the border.
                         if not (0 <= r + i < height and 0 <= s + j < width):
                             continue
                         source = source_place(row, first_channel + channel, r + i, s + j)
                         came = since(first[source], delay, moment, h)
                         place = (channel * row[t.KERNEL_HEIGHT] + i) * row[t.KERNEL_WIDTH] + j
+                        # The kernel is shared: one neuron's lesson changes it for all places of its map.
                         e = row[t.WEIGHT] + place * maps + at
                         w[e] = rule(w[e], came, lesson, c)
                         changed += 1
@@ -93,6 +99,8 @@ def teacher(teach):
                     w[e] = rule(w[e], since(first[source], delay, moment, h), lesson, c)
                     changed += 1
             else:
+                # Rows are by source, so all are gone through: a list by target would cost 8 bytes a synapse for
+                # something that happens once a trial.
                 begin = row[t.ROW] + source * threads
                 for s in range(net.rows[begin], net.rows[begin + threads]):
                     if net.targets[s] == local:
@@ -108,6 +116,7 @@ def teacher(teach):
 
 def added(w, since, lesson, c):
     """Add a weight to the sum in `c`, and leave it."""
+    # A `teach` that sums: `learn` then serves to read the summed weight of a neuron, with the places that it knows.
     c[0] += w
     return w
 
@@ -138,6 +147,7 @@ def grower(encourage):
         for s in range(n_source):
             if row[t.LAYOUT] == t.DENSE:
                 for k in range(n_target):
+                    # Ids are (map, row, column), so the map is the id divided by the neurons of a map.
                     if chosen[outside[k] // per_map]:
                         e = row[t.WEIGHT] + s * n_target + k
                         w[e] = rule(w[e], c)
@@ -176,6 +186,7 @@ def delay_teacher(teach):
                     k = e - row[t.SYNAPSE]
                     came = since(first[source], np.int64(net.delays[row[t.DELAY] + k]), moment, h)
                     late[k] = rule(late[k], came, lesson, c)
+                    # A delay is kept in ms with its fraction: rounded each time, small lessons would add up to nothing.
                     net.delays[row[t.DELAY] + k] = nearest(late[k], h, fewest, most)
                     changed += 1
         return changed

@@ -44,6 +44,7 @@ def add_line(view, number, row, lo, hi, step, out):
     net = net_of(view)
     line, rows = net.lines[number], net.emitted_rows[number]
     begin, weight, stride = row[t.BEGIN], line[t.LINE_WEIGHT], line[t.LINE_STRIDE]
+    # Currents are worked out in NumPy for a stretch of steps; what is emitted at the end of a step acts in the next.
     at = step - 1 - net.emitted_from[0]
     if line[t.HOW] == t.AS_LISTED:
         for i in range(lo, hi):

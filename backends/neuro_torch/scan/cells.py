@@ -30,6 +30,8 @@ def through_spikes(at):
         for b in range(grad.shape[0]):
             for t in range(first, last):
                 for i in range(grad.shape[2]):
+                    # In units of the distance from reset to threshold: one slope of a surrogate then fits neurons of
+                    # any scale.
                     width = c[V_TH, i] - c[V_RESET, i]
                     x = (potential[b, t, i] - c[V_TH, i]) / width
                     grad[b, t, i] = grad_spikes[b, t, i] * derivative(x, slope) / width
@@ -48,12 +50,14 @@ def delta(drive, push, first, last, c, v, held, keep, potential, spikes, fate):
                 new = c[E_L, i] + c[P33, i] * (old - c[E_L, i]) + push[row, i] + drive[b, t, i]
                 low = new < c[V_MIN, i]
                 new = c[V_MIN, i] if low else new
+                # Selections, not branches: the loop over neurons is vectorised.
                 new = old if left > 0 else new
                 fires = new >= c[V_TH, i]
                 potential[b, at, i] = new
                 fate[b, at, i] = HELD if left > 0 else (LOW if low else FREE)
                 spikes[b, t, i] = fires
                 v[b, i] = c[V_RESET, i] if fires else new
+                # V before the reset is what the adjoint and a probe of potentials need; V itself is kept after it.
                 held[b, i] = c[REFRACTORY, i] if fires else left - (left > 0)
 
 
@@ -64,11 +68,13 @@ def delta_adjoint(first, last, c, spikes, fate, grad_potential, carry, grad):
     `grad` holds at first what `through_spikes` left there, `grad_potential` what else there is.
     `carry` is the gradient of V after the last step of the stretch, and then of V before its first.
     """
+    # Of the array's type: a literal has 64 bits, and would widen a pass in 32.
     zero = c.dtype.type(0)
     for b in range(spikes.shape[0]):
         for t in range(last - 1, first - 1, -1):
             at = min(t, grad_potential.shape[1] - 1)
             for i in range(spikes.shape[2]):
+                # A spike resets V, so what follows does not depend on V before it.
                 here = carry[b, i] if spikes[b, t, i] == 0 else zero
                 here += grad_potential[b, at, i] + grad[b, t, i]
                 moved = here if fate[b, t, i] == FREE else zero
@@ -106,6 +112,8 @@ def exp_adjoint(first, last, c, spikes, fate, grad_potential, carry, carry_curre
                 here = carry[b, i] if spikes[b, t, i] == 0 else zero
                 here += grad_potential[b, at, i] + grad[b, t, i]
                 moved = here if fate[b, t, i] == FREE else zero
+                # Input adds to the current after V has moved: its gradient is that of the current at the end of the
+                # step.
                 grad[b, t, i] = carry_current[b, i]
                 carry_current[b, i] = c[P11, i] * carry_current[b, i] + c[P32, i] * moved
                 carry[b, i] = c[P33, i] * moved if fate[b, t, i] == FREE else here

@@ -16,6 +16,7 @@ def pack(spikes, first, width, ends, ids, values):
     for b in range(spikes.shape[0]):
         for t in range(width):
             ends[b * width + t] = found
+            # By step, then neuron, as the reference adds: sums of doubles then agree to the last bit.
             for j in range(spikes.shape[2]):
                 if spikes[b, first + t, j] != 0:
                     ids[found] = j
@@ -41,6 +42,7 @@ def push_dense(ends, ids, values, first, width, weight, delay, drive):
     """Add the row of weights of each spike to the input of the step in which it arrives."""
     for b in range(drive.shape[0]):
         for t in range(width):
+            # What would arrive after the end of the recording acts on nothing.
             to = first + t + delay
             if to >= drive.shape[1]:
                 continue
@@ -61,6 +63,7 @@ def teach_dense(ends, ids, values, first, width, grad, delay, grad_weight):
             for place in range(ends[b * width + t], ends[b * width + t + 1]):
                 source, value = ids[place], values[place]
                 for i in range(grad.shape[2]):
+                    # Only spikes that happened move a weight, so the cost is that of the forward pass.
                     grad_weight[source, i] += value * grad[b, to, i]
 
 
@@ -98,5 +101,7 @@ def pull_listed(recordings, least, row_ends, target, slot, delay, weight, grad, 
     for j in range(grad_spikes.shape[0]):
         for e in range(row_ends[j], row_ends[j + 1]):
             w, i, late = weight[slot[e]], target[e], (delay[e] - least) * recordings
+            # Steps are the outer part of a row and recordings the inner one, so a delay is one shift for the whole
+            # batch.
             for place in range(min(grad_spikes.shape[1], grad.shape[1] - late)):
                 grad_spikes[j, place] += w * grad[i, late + place]

@@ -102,9 +102,7 @@ class Asker:
             for trial in trials:
                 waits = not trial.state.is_finished() and trial.number not in self._going
                 if waits and self._claims.take(_claim(trial.number)):
-                    whole = len(trial.params) == len(self._plan.axes)
-                    point = point_of(self._plan, trial.params) if whole else draw(self._study, self._plan, trial.number)
-                    return trial.number, point
+                    return trial.number, point_of(self._plan, trial.params)
             number = len(trials)
             if self._left <= 0 or number >= self._plan.most:
                 return None

@@ -66,27 +66,18 @@ def draw(study: Study, plan: Plan, number: int) -> Point:
     """Let the trial of a number have all parameters.
 
     Args:
-        study: gets the trial; where it is there with some parameters alone, as in journals of earlier versions, it
-            keeps these.
+        study: gets the trial.
         plan: how the search goes.
         number: of the trial.
     """
-    storage, trials = study._storage, study.get_trials(deepcopy=False)
     with quietly():
         trial = optuna().trial.create_trial(state=optuna().trial.TrialState.RUNNING)
         trial.number = trial._trial_id = number
-        asked = Aside(storage, trial).study(sampler=sampler_of(plan, number)).ask()
+        asked = Aside(study._storage, trial).study(sampler=sampler_of(plan, number)).ask()
         for axis in plan.axes:
             _suggest(asked, axis, plan.sampler == "grid")
-        if number == len(trials):
-            study.add_trial(trial)
-            return point_of(plan, trial.params)
-        there = trials[number]
-        for name, value in trial.params.items():
-            if name not in there.params:
-                kind = trial.distributions[name]
-                storage.set_trial_param(there._trial_id, name, kind.to_internal_repr(value), kind)
-    return point_of(plan, {**trial.params, **there.params})
+        study.add_trial(trial)
+    return point_of(plan, trial.params)
 
 
 def _suggest(trial: Trial, axis: Axis, is_grid: bool) -> None:
