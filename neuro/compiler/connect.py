@@ -126,6 +126,7 @@ def connect(
             return _by_source(drawn, n_pre)
         case fixed_outdegree():
             drawn = _draw(rule.n, n_pre, n_post, but, rule.multapses, rng, "targets")
+            # Ascending targets in each row: threads own ranges of targets, and caches like neighbours.
             drawn.sort(axis=1)
             return _rows(np.arange(n_pre + 1, dtype=np.int64) * rule.n, drawn.reshape(-1))
         case fixed_total_number():
@@ -149,6 +150,7 @@ def connect(
             shape = sizes.kernels
             n = int(np.prod(shape))
             return Connections("grid", n, listed=(shape, (n,), *(((shape[0], *shape[2:]),) if shape[1] == 1 else ())))
+    # None of ours: a third-party rule.
     same = _is_same(own, n_post)
     return _listed(*_own_pairs(rule, source, target, same, rng), n_pre, n_post, rule.name)
 
@@ -219,6 +221,7 @@ def _draw(
         drawn = np.empty((rows, n), dtype=np.int32)
         for row, most in zip(drawn, choices.tolist(), strict=True):
             row[:] = rng.choice(most, n, replace=False, shuffle=False)
+    # One number less is drawn from, and those from the excluded one on move up by one: no draw is thrown away.
     if but is not None:
         drawn += drawn >= np.where(but < 0, among, but).astype(np.int32)[:, None]
     return drawn
@@ -233,11 +236,13 @@ def _by_source(sources: NDArray[np.int32], n_pre: int) -> Connections:
     ends = np.arange(n_post + 1, dtype=np.int64) * n
     if flat.size < 2**31 - 1:
         ends = ends.astype(np.int32)
+    # A transposition sorts by counting; an argsort of as many pairs takes several times as long.
     table = csc_array((np.zeros(flat.size, dtype=np.int8), flat, ends), shape=(n_pre, n_post)).tocsr()
     return _rows(table.indptr.astype(np.int64), table.indices.astype(np.int32, copy=False))
 
 
 def _bernoulli(p: float, n_pre: int, n_post: int, but: Ints | None, rng: np.random.Generator) -> Connections:
+    # A matrix of all pairs would take 8 bytes for each pair that is not connected, too.
     block = max(1, _DRAWS // n_post)
     degrees, targets = [np.zeros(1, dtype=np.int64)], [NO_TARGETS]
     for first in range(0, n_pre, block):

@@ -53,6 +53,7 @@ def total_number(
 
         targets = np.empty(n, dtype=np.int32) if room is None else room
         return draw_rows(key, ends, but, targets), targets
+    # A pair is one whole number, counted by source without the excluded ones: sorting it sorts by source, then target.
     places = _below(pairs, 0, n, key) if repeats else _distinct(n, pairs, key)
     places.sort()
     row_ends = np.searchsorted(places, ends)
@@ -73,12 +74,14 @@ def _below(bound: int, first: int, last: int, key: int) -> Ints:
 
 def _distinct(n: int, bound: int, key: int) -> Ints:
     """The first n different numbers of that sequence; where they are most of all, those that remain."""
+    # Of nearly all pairs it is the few that are left out which are drawn: redrawing what is taken would not end soon.
     if 2 * n > bound:
         remain = np.ones(bound, dtype=bool)
         remain[_distinct(bound - n, bound, key)] = False
         return np.flatnonzero(remain)
     found, taken = _below(bound, 0, n, key), n
     while True:
+        # The first n different ones of one sequence: the result does not hang on how many were drawn at a time.
         _, first = np.unique(found, return_index=True)
         if first.size == n:
             return found

@@ -108,6 +108,7 @@ def schedule_of(model: Model, size: int, clock: Clock) -> Schedule | None:
     if model.role == "poisson" and values.size:
         _check_rate(model, model.schedule[1], float(values.max()), clock)
     steps = clock.steps(times, f"{model.name}.{model.schedule[0]}")
+    # A row for each moment: whoever runs the network takes one row where it stops.
     rows = np.ascontiguousarray(np.atleast_2d(values).T + 0.0)
     return Schedule(steps, rows)
 

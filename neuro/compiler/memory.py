@@ -37,6 +37,7 @@ def check_memory(net: Network, shapes: Mapping[str, Shape]) -> None:
     Raises:
         ModelError: it needs more than is free.
     """
+    # Views have fewer synapses than the populations that they are of: counted as a whole they could refuse what fits.
     parts = [part for part in net.projections.values() if part.source_view is None and part.target_view is None]
     synapses = {part.name: _synapses(part, size(shapes[part.source]), size(shapes[part.target])) for part in parts}
     total = sum(synapses.values())

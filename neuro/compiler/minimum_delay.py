@@ -62,6 +62,7 @@ def check_values(
     Raises:
         ModelError: one lies below 0, or all below one step.
     """
+    # Judged before they were drawn: a tail below one step is rounded up to it.
     if isinstance(value, (uniform, normal, lognormal)) or not delays.size:
         return
     function = isinstance(value, of_distance)

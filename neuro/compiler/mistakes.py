@@ -63,6 +63,8 @@ def mistakes(path: str | Path, params: Mapping[str, Any] | None, seed: int) -> F
     first.run()
     found = {str(error): error for error in first.told}
     if first.mended:
+        # Once more with other stand-ins: a mistake that only a stand-in caused is reported in other words, or not at
+        # all, and is dropped.
         second = _Search(file, dict(said), seed, turn=1)
         second.run()
         again = {str(error) for error in second.told}
@@ -160,6 +162,7 @@ class _Search:
                         self.tell(error)
                     return
                 others = [(places.of(other), other) for other in error.others[: MOST - len(self.mended)]]
+                # A check that found several reports them together, in `others`; each is judged as if it were alone.
                 for where, one in [(path, error), *others]:  # before anything is left out for one of them
                     if not self.follows(root, where, one, compiled=net is not None):
                         self.tell(one)

@@ -42,6 +42,7 @@ def packed(projections: Iterable[Projection], made: Mapping[str, Room] | None) -
     moved = list(projections)
     if made is None or any(_misfits(part, made[part.name]) for part in moved):
         made = _laid_out({part.name: (part.targets.size, part.weight.size) for part in moved})
+    # One by one, each freed as it is moved: both copies of a large network would not fit.
     for k in range(len(moved)):
         part, room = moved[k], made[moved[k].name]
         moved[k] = replace(part, targets=_into(room.targets, part.targets), weight=_into(room.weight, part.weight))
@@ -85,6 +86,7 @@ def _laid_out(numbers: Mapping[str, tuple[int, int]]) -> dict[str, Room]:
 
 def _into(room: NDArray[Any], values: NDArray[Any]) -> NDArray[Any]:
     """The values, in a room."""
+    # Drawn into its room already: the same memory.
     if room.size and room.ctypes.data != values.ctypes.data:
         room[:] = values
     return room

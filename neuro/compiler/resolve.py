@@ -65,17 +65,23 @@ def compile_network(net: Network, seed: int, threads: int = 1) -> resolved.Progr
     Raises:
         ModelError: the network cannot be run by any backend.
     """
+    # From here on a name means the same: a part registered later under a name of this network would make its saved
+    # state another network's.
     for registry in (MODELS, SYNAPSES, RULES, DISTRIBUTIONS, PROFILES, CODES, RATE_CODES):
         registry.close("a network was compiled")
     clock = Clock(net.resolution)
+    # Recordings first: a camera's sensor decides the shape of its population, and shapes of grids follow from it.
     cameras = cameras_of(net, clock)
     shapes = resolve_shapes(net, {name: camera.shape for name, camera in cameras.items()})
     check_network(net, shapes)
     check_probes(net, shapes, clock)
     declared = {name: part.model.name for name, part in net.populations.items()}
     heard = _heard(net)
+    # Codes become spikes here, so no later step and no backend knows of them; `declared` keeps the name that people
+    # wrote.
     net = with_generators(net, shapes, clock, seed)
     trials = resolve_trials(net, shapes, clock)
+    # Before anything is drawn: a network that does not fit is refused in microseconds, not when memory is full.
     check_memory(net, shapes)
     alike: dict[tuple[int, Shape], dict[str, Any]] = {}
     populations = tuple(
@@ -83,6 +89,8 @@ def compile_network(net: Network, seed: int, threads: int = 1) -> resolved.Progr
         for name, part in net.populations.items()
     )
     many = many_synapses(net, shapes, MANY)
+    # Drawn into one array where sizes are known: to touch memory for the first time may cost more than the draws, and a
+    # copy would need twice as much.
     made = rooms(net, shapes) if many else None
     projections = packed(_projections(net, shapes, clock, seed, threads, many, made), made)
     names = {name: index for index, name in enumerate(net.populations)}
@@ -140,6 +148,7 @@ def _population(
 ) -> resolved.Population:
     """A population; those of one model and shape that draw nothing are worked out once, as `alike`."""
     model = part.model
+    # Files of 200,000 small populations share a few models: to work each out anew took seconds.
     found = None if part.initial else alike.get((id(model), shape))
     if found is None:
         found = _worked_out(part, shape, clock, seed)
@@ -201,6 +210,7 @@ def _initial(part: Population, shape: Shape, parameters: Mapping[str, Floats], s
     start: dict[str, Floats] = {state.name: np.zeros(1) for state in part.model.states}
     if isinstance(part.model, (Neuron, Generator)):
         for name, value in part.model.initial(parameters).items():
+            # + 0.0 turns -0.0 into 0.0: backends read the sign bit as "nothing arrived".
             start[name] = np.asarray(value, dtype=np.float64).reshape(-1) + 0.0
     for name, value in part.initial.items():
         key = (seed, "initial", f"{part.name}.{name}")
@@ -225,6 +235,7 @@ def _listed_spikes(model: Model, neurons: int, clock: Clock) -> tuple[Ints, Ints
     steps = [clock.steps(t, f"spike_generator.spike_times[{i}]") for i, t in enumerate(model.spike_times)]
     ids = np.repeat(np.arange(len(steps), dtype=np.int64), [len(s) for s in steps])
     together = np.concatenate(steps)
+    # By step, then neuron: the order in which every backend emits, and so that of all sums.
     order = np.lexsort((ids, together))
     return together[order], ids[order]
 
@@ -260,6 +271,7 @@ def _projection(
     target = end_of(part.target_view, shapes[part.target])
     own = own_places(source, target) if part.source == part.target else None
 
+    # Only rules and values of distance ask; for others no place is worked out.
     @cache
     def apart() -> Between:
         return between(net.populations[part.source], net.populations[part.target], shapes)
@@ -270,6 +282,7 @@ def _projection(
         to = None if room is None else room.targets
         found = placed(connect(part.rule, source.shape, target.shape, own, sizes, key, seen, to), source, target)
         ordered = many and not part.synapse.learns
+        # Delays before weights, each with a key of its own: adding a distribution to one changes nothing of the other.
         drawn = generator(seed, "delay", part.name)
         delay = delay_steps(part.delay, found, clock, "delay", drawn, apart, ordered)
         span = (int(delay.min()), int(delay.max())) if delay.size else (1, 1)
@@ -278,6 +291,7 @@ def _projection(
         drawn = generator(seed, "weight", part.name)
         weight = per_synapse(part.weight, found, "weight", drawn, apart, None if room is None else room.weight)
         rule = _rule(part, found, seed, apart)
+    # A shared kernel learns weight by weight, so it has an entry for each from the start.
     if sizes is not None and weight.size == 1:
         weight = np.repeat(weight, found.size)
     check_stdp_weights(part, rule, weight)

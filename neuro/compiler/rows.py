@@ -42,11 +42,14 @@ def draw_rows(key: int, ends: Ints, but: Ints | None, targets: NDArray[np.int32]
         targets: of all synapses, to be filled.
     """
     n, pairs = targets.size, int(ends[-1])
+    # So many heaps that each has about 2^15 numbers: dealing touches few lines of memory at a time, and each heap is
+    # sorted within the cache.
     bits = max(1, (pairs - 1).bit_length() - max(0, n.bit_length() - _HEAP))
     bits = min(bits, _MOST_BITS)
     passes = 2 if bits <= 2 * _DIGIT else 4
     heaps = np.zeros(((pairs - 1) >> bits) + 2, dtype=np.int64)
     word, chunk = np.uint64(key), np.empty(_CHUNK, dtype=np.int64)
+    # All draws are made twice, to count and to deal: a draw is a hash of its number and needs no memory.
     _count(word, n, pairs, bits, heaps, chunk)
     scratch = np.empty(int(heaps.max()), dtype=np.int32)
     np.cumsum(heaps, out=heaps)
@@ -119,6 +122,7 @@ def _deal(key, n, bound, bits, heaps, chunk, found):
 @subkernel
 def _sort(found, scratch, counts, bits):
     """Sort numbers of so many bits, a digit at a time, lowest first; an even number of passes ends where it began."""
+    # A radix sort. All digits are counted in one go, since each pass moves the same numbers.
     passes, mask = counts.shape[0], counts.shape[1] - 1
     digit = (bits + passes - 1) // passes
     counts[:] = 0
@@ -160,6 +164,8 @@ def _sort_heaps(bits, heaps, scratch, counts, ends, but, row_ends, targets):
                 row_ends[source] = k
             target = place - ends[source]
             if but.size > 0:
+                # Targets from the excluded one on move up by one, as in `connect._draw`, so that both ways draw the
+                # same network.
                 target += (but[source] >= 0) & (target >= but[source])
             targets[k] = target
         first = last
@@ -200,6 +206,7 @@ def _sort_rows(row_ends, delays, targets, shortest, counts, scratch):
             counts[d] += 1
         for e in range(first, last):
             targets[e] = scratch[e - first]
+        # The delays follow from the counts: written once more in order instead of being moved along.
         begin = first
         for d in range(counts.size - 1):
             delays[begin : first + counts[d]] = shortest + d

@@ -96,6 +96,7 @@ def _shape(net: Network, name: str, known: dict[str, Shape], under_way: tuple[st
         raise ModelError(
             f"{what}: its grids form a circle: expected numbers in one shape of it", where=part.origin, path=("shape",)
         )
+    # The first grid decides; `grid_of` then refuses others that give another size.
     deciding = [p for p in net.projections.values() if p.target == name and isinstance(p.rule, grid)]
     if not deciding:
         raise ModelError(
