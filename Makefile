@@ -1,4 +1,5 @@
-# make test         environment, install, lint, types, all tests
+# make test         environment, install, lint, types, tests
+# make test-slow    the tests that are left out of it: kills at random moments, many processes, memory, long runs
 # make demo         environment, install, then learn to recognise digits from event-camera recordings
 #                   (DATA=folder: real N-MNIST files instead of recordings made here)
 # make test-bounds  what runs networks once more, with every index of every compiled loop looked at
@@ -62,7 +63,7 @@ endef
 unexport PYTHONDONTWRITEBYTECODE
 
 .DEFAULT_GOAL := help
-.PHONY: help test test-bounds test-nest test-mpi test-oracles demo bench bench-peers constraints clean distclean
+.PHONY: help test test-slow test-bounds test-nest test-mpi test-oracles demo bench bench-peers constraints clean distclean
 
 help:
 	@sed -n 's/^# \{0,1\}//p;/^$$/q' Makefile
@@ -73,6 +74,9 @@ test: $(VENV)/.test
 	$(BIN)/mypy
 	$(if $(TORCH),$(MYPY_WITHOUT_TORCH))
 	$(BIN)/pytest -n 2 --dist loadfile -p no:benchmark --hypothesis-seed=0
+
+test-slow: $(VENV)/.test
+	$(BIN)/pytest -m slow -n 2 --dist loadfile -p no:benchmark --hypothesis-seed=0
 
 test-bounds: $(VENV)/.test
 	$(BIN)/pytest --bounds -n 2 --dist loadfile -p no:benchmark --hypothesis-seed=0 $(RUNNING)

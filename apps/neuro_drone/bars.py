@@ -53,8 +53,8 @@ class Bars:
         what = f"seed {progress.seed}"
         errors = self._errors[what]
         errors.append(progress.error_px)
-        told = f"{progress.step:,} of {progress.steps:,} steps, {sum(errors) / len(errors):.1f} px"
-        self.at(what, progress.step, progress.steps, told)
+        message = f"{progress.step:,} of {progress.steps:,} steps, {sum(errors) / len(errors):.1f} px"
+        self.at(what, progress.step, progress.steps, message)
 
     def laps(self, total: int) -> Callable[[Lap], None]:
         """What shows how many laps of so many are flown; only on a terminal."""

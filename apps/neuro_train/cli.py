@@ -133,8 +133,8 @@ def _train(
     telling.show(tried, room)
     noted = trained.curves
     if plan.epochs:
-        told = f"loss {noted['loss'][-1]:.4g}, {noted['right'][-1]:.1%} of {len(shown)} right"
-        typer.echo(f"{plan.epochs} epoch{'s' * (plan.epochs > 1)}: {told}")
+        message = f"loss {noted['loss'][-1]:.4g}, {noted['right'][-1]:.1%} of {len(shown)} right"
+        typer.echo(f"{plan.epochs} epoch{'s' * (plan.epochs > 1)}: {message}")
     for written in (out, page):
         typer.echo(f"{written}: written")
 
@@ -189,8 +189,8 @@ def _shown(net: neuro.Network, data: Recordings, plan: Plan, bar: Bar, *hint: st
 
 def _tell(bar: Bar, plan: Plan, epoch: int, noted: Mapping[str, float]) -> None:
     spent = f", {1e6 * noted['joules']:.3g} uJ as fast as the chip can" if noted.get("joules") else ""
-    told = f"epoch {epoch}: loss {noted['loss']:.4g}, {noted['right']:.1%} right{spent}"
-    bar.show(epoch, plan.epochs, told)
+    message = f"epoch {epoch}: loss {noted['loss']:.4g}, {noted['right']:.1%} right{spent}"
+    bar.show(epoch, plan.epochs, message)
 
 
 def _check_tests(folds: int | None, test: Path | None) -> None:

@@ -61,8 +61,10 @@ def but(found: Recordings, patterns: Sequence[str]) -> Recordings:
     """The recordings whose names fit no pattern, such as "*i.aedat"."""
     kept = [k for k, item in enumerate(found) if not any(fnmatchcase(item.name, pattern) for pattern in patterns)]
     if len(found) and not kept:
-        told = f"--without {' --without '.join(patterns)}: leaves none of the {len(found)} recordings of {found.path}"
-        raise ModelError(f"{told}: expected some of each class", hint=f"names are such as '{found[0].name}'")
+        message = (
+            f"--without {' --without '.join(patterns)}: leaves none of the {len(found)} recordings of {found.path}"
+        )
+        raise ModelError(f"{message}: expected some of each class", hint=f"names are such as '{found[0].name}'")
     return found.take(kept)
 
 
@@ -77,14 +79,14 @@ def check_network(net: neuro.Network, plan: Plan) -> None:
             raise unknown(f"population for --{option}", name, net.populations)
     pixels = net.populations[plan.input]
     if not isinstance(pixels.model, neuro.spike_generator):
-        told = (
+        message = (
             f"--input {plan.input}: found {pixels.model.name}: expected a spike_generator, whose spikes recordings are"
         )
-        raise ModelError(told)
+        raise ModelError(message)
     shape = pixels.shape
     if len(shape) not in (2, 3) or (len(shape) == 3 and shape[0] != 2):
-        told = f"--input {plan.input}: shape {list(shape)}"
-        raise ModelError(f"{told}: expected [2, rows, columns], OFF then ON, or [rows, columns]")
+        message = f"--input {plan.input}: shape {list(shape)}"
+        raise ModelError(f"{message}: expected [2, rows, columns], OFF then ON, or [rows, columns]")
 
 
 def show(
@@ -138,12 +140,14 @@ def _check_labels(net: neuro.Network, data: Recordings, plan: Plan) -> None:
         raise ModelError(f"{data.path}: has no recordings: expected some of each class")
     for item in data:
         if item.label == UNKNOWN:
-            told = f"{item.path}: its class is not known: expected recordings in folders of classes"
-            raise ModelError(told, hint="Train.zip with 0/a.bin, 1/b.bin, ...; or a MANIFEST.csv beside them")
+            message = f"{item.path}: its class is not known: expected recordings in folders of classes"
+            raise ModelError(message, hint="Train.zip with 0/a.bin, 1/b.bin, ...; or a MANIFEST.csv beside them")
     neurons = math.prod(int(side) for side in net.populations[plan.output].shape)
     if neurons != len(data.classes):
-        told = f"--output {plan.output}: {neurons} neurons for the {len(data.classes)} classes of {data.path}"
-        raise ModelError(f"{told}: expected one for each", hint="give the population as many neurons, such as by --set")
+        message = f"--output {plan.output}: {neurons} neurons for the {len(data.classes)} classes of {data.path}"
+        raise ModelError(
+            f"{message}: expected one for each", hint="give the population as many neurons, such as by --set"
+        )
 
 
 def _check_sensor(data: Recordings, shape: tuple[int, ...], plan: Plan, hint: str) -> None:
@@ -151,9 +155,11 @@ def _check_sensor(data: Recordings, shape: tuple[int, ...], plan: Plan, hint: st
     rows, columns = (-(-side // plan.scale) for side in (height, width))
     if shape[-2:] != (rows, columns):
         seen = f"{width}x{height} px" + (f" by {plan.scale}" if plan.scale > 1 else "")
-        told = f"--input {plan.input}: shape {list(shape)}: recordings of {seen} have {rows} rows and {columns} columns"
+        message = (
+            f"--input {plan.input}: shape {list(shape)}: recordings of {seen} have {rows} rows and {columns} columns"
+        )
         expected = [*shape[:-2], rows, columns]
-        raise ModelError(f"{data.path}: {told}: expected the shape {expected}", hint=hint)
+        raise ModelError(f"{data.path}: {message}: expected the shape {expected}", hint=hint)
 
 
 def moved(

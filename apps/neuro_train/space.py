@@ -59,8 +59,8 @@ def space(text: str, net: neuro.Network, plan: Plan, given: Mapping[str, Any]) -
         if name not in known:
             raise unknown("parameter of --search", name, known)
     if "step" in said and "resolution" not in given:
-        told = "--search step: the network's file has no parameter 'resolution'"
-        raise ModelError(f"{told}: expected one, as 'neuro train dense' has")
+        message = "--search step: the network's file has no parameter 'resolution'"
+        raise ModelError(f"{message}: expected one, as 'neuro train dense' has")
     steps = said.get("step") or [net.resolution * k for k in STEPS] if "step" in said else [net.resolution]
     found: Space = {}
     for name, values in said.items():
@@ -68,8 +68,8 @@ def space(text: str, net: neuro.Network, plan: Plan, given: Mapping[str, Any]) -
     for duration in found.get("duration", [plan.duration]):
         for step in steps:
             if abs(duration / step - round(duration / step)) > 1e-9:
-                told = f"--search: a duration of {duration:g} ms is no whole number of steps of {step:g} ms"
-                raise ModelError(f"{told}: expected multiples of all steps", hint="duration=50:100,step=5:10")
+                message = f"--search: a duration of {duration:g} ms is no whole number of steps of {step:g} ms"
+                raise ModelError(f"{message}: expected multiples of all steps", hint="duration=50:100,step=5:10")
     return {name: list(dict.fromkeys(values)) for name, values in found.items()}
 
 

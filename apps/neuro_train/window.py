@@ -67,9 +67,9 @@ def windowed(
     outside, total = int((seen & ~inside).sum()), int(seen.sum())
     if outside > MAX_OUTSIDE * total:
         window = f"the window of {size[0]}x{size[1]} px at {left},{top}"
-        told = f"{name}: {outside} of {total} events lie outside of {window}"
+        message = f"{name}: {outside} of {total} events lie outside of {window}"
         hint = "another --window, a larger --scale or population of pixels, or recordings without noise"
-        raise ModelError(f"{told}: expected at most {MAX_OUTSIDE:.0%}", hint=hint)
+        raise ModelError(f"{message}: expected at most {MAX_OUTSIDE:.0%}", hint=hint)
     places = x[inside].astype(np.uint16), y[inside].astype(np.uint16)
     return Events(events.t[inside], *places, events.p[inside], size)
 

@@ -63,17 +63,17 @@ def _of_network(program: Program) -> Iterator[Problem]:
 
 
 def _of_population(program: Program, index: int, part: Population) -> Iterator[Problem]:
-    told = f"population '{part.name}'"
+    message = f"population '{part.name}'"
     if part.model.name not in NODES:
-        yield _refused(f"{told}: {part.model.name}", "NEST has no such model", ELSEWHERE, part)
+        yield _refused(f"{message}: {part.model.name}", "NEST has no such model", ELSEWHERE, part)
         return
     if np.any(part.parameters.get(RK4, 0.0) != 0.0):
-        yield _refused(f"{told}: {RK4}", RKF45_ONLY, f"leave it out, or {ELSEWHERE}", part)
+        yield _refused(f"{message}: {RK4}", RKF45_ONLY, f"leave it out, or {ELSEWHERE}", part)
     for name, values in part.initial.items():
         if name in UNREADABLE and np.any(values != 0.0):
-            yield _refused(f"{told}: initial {name}", "NEST's starts at 0", ELSEWHERE, part)
+            yield _refused(f"{message}: initial {name}", "NEST's starts at 0", ELSEWHERE, part)
     if _without_leak(part.parameters) and _has_current(program, index, part):
-        yield _refused(f"{told}: a current without leak", NO_LEAK, FINITE, part)
+        yield _refused(f"{message}: a current without leak", NO_LEAK, FINITE, part)
 
 
 def _without_leak(parameters: Mapping[str, Floats]) -> bool:
@@ -94,17 +94,17 @@ def _has_current(program: Program, index: int, part: Population) -> bool:
 
 
 def _of_projection(program: Program, part: Projection) -> Iterator[Problem]:
-    told = f"projection '{part.name}'"
+    message = f"projection '{part.name}'"
     if part.synapse.name not in SYNAPSES:
-        yield _refused(f"{told}: {part.synapse.name}", "NEST has no such rule", ELSEWHERE, part)
+        yield _refused(f"{message}: {part.synapse.name}", "NEST has no such rule", ELSEWHERE, part)
         return
     if part.carries == "current":
         yield from _of_current(program, part)
     elif part.receptor is not None and not part.as_by_sign(part.weight):
-        yield _refused(f"{told}: receptor '{part.receptor.name}' by name", BY_SIGN, ELSEWHERE, part)
+        yield _refused(f"{message}: receptor '{part.receptor.name}' by name", BY_SIGN, ELSEWHERE, part)
     for word in ALWAYS & set(part.synapse.numbers()):
         if not part.synapse.parameters()[word]:
-            what = f"{told}: {part.synapse.name}.{word} = false"
+            what = f"{message}: {part.synapse.name}.{word} = false"
             yield _refused(what, "NEST acts as if it were true", f"set {word}: true, or {ELSEWHERE}", part)
 
 

@@ -149,8 +149,8 @@ class Events:
         first = parts[0]
         for k, part in enumerate(parts):
             if part.steps != first.steps or part.trains.keys() != first.trains.keys():
-                told = f"batch {k} has {part.steps} steps of {sorted(part.trains)}"
-                raise ModelError(f"{told}: expected {first.steps} of {sorted(first.trains)}, as the first")
+                message = f"batch {k} has {part.steps} steps of {sorted(part.trains)}"
+                raise ModelError(f"{message}: expected {first.steps} of {sorted(first.trains)}, as the first")
         return cls.of_trains(first.steps, {name: _joined([p.trains[name] for p in parts]) for name in first.trains})
 
     def _train(self, name: str, spikes: tuple[Any, Any, Any]) -> Train:
@@ -220,8 +220,8 @@ def _of_camera(events: Any, shape: tuple[int, ...], step: float, steps: int, sca
     seen = (at >= 0) & (at < steps)
     x, y = (np.asarray(each, dtype=np.int64)[seen] // scale for each in (events.x, events.y))
     for k in np.flatnonzero((x >= columns) | (y >= rows))[:1]:
-        told = f"an event at x = {x[k] * scale}, y = {y[k] * scale} px"
-        raise ModelError(f"{told}: expected within the shape {list(shape)} at scale {scale}")
+        message = f"an event at x = {x[k] * scale}, y = {y[k] * scale} px"
+        raise ModelError(f"{message}: expected within the shape {list(shape)} at scale {scale}")
     neuron = y * columns + x
     if len(shape) == 3:
         neuron = neuron + np.asarray(events.p, dtype=np.int64)[seen] * (rows * columns)

@@ -40,8 +40,8 @@ def sizes(program: Program, batch: Any, steps: int | None) -> tuple[int, int]:
     """
     known = [part.name for part in program.populations if part.kind == "listed"]
     if not isinstance(batch, (Events, Mapping)):
-        told = f"batch: found {type(batch).__name__}: expected neuro_torch.Events, or tensors by population"
-        raise ModelError(told, hint=f"{{'{known[0]}': tensor}}" if known else "")
+        message = f"batch: found {type(batch).__name__}: expected neuro_torch.Events, or tensors by population"
+        raise ModelError(message, hint=f"{{'{known[0]}': tensor}}" if known else "")
     named = batch.trains if isinstance(batch, Events) else batch
     for name in named:
         if name not in known:
@@ -54,8 +54,8 @@ def sizes(program: Program, batch: Any, steps: int | None) -> tuple[int, int]:
             if not isinstance(each, (torch.Tensor, np.ndarray)):
                 raise ModelError(f"batch: '{name}': found {type(each).__name__}: expected a tensor")
             if each.ndim < 3:
-                told = f"batch: '{name}': found the shape {tuple(each.shape)}"
-                raise ModelError(f"{told}: expected (batch, steps, neurons)")
+                message = f"batch: '{name}': found the shape {tuple(each.shape)}"
+                raise ModelError(f"{message}: expected (batch, steps, neurons)")
         found = {tuple(each.shape[:2]) for each in batch.values()}
     if len(found) != 1:
         raise ModelError(f"batch: found (batch, steps) of {sorted(found)}: expected one of all inputs")
@@ -80,8 +80,8 @@ def checked(part: Population, given: Any) -> Any:
         return None
     if isinstance(given, Train):
         if given.neuron.size and int(given.neuron.max()) >= part.size:
-            told = f"batch: '{part.name}': found neuron {given.neuron.max()}"
-            raise ModelError(f"{told}: expected 0 to {part.size - 1}")
+            message = f"batch: '{part.name}': found neuron {given.neuron.max()}"
+            raise ModelError(f"{message}: expected 0 to {part.size - 1}")
         return given
     check(part, given)
     return given

@@ -146,8 +146,8 @@ def van_rossum(spikes: Tensor, wanted: Tensor, *, tau: float = 10.0, resolution:
         ModelError: shapes or times cannot be.
     """
     if spikes.shape != wanted.shape or spikes.dim() != 3:
-        told = f"spikes of shape {tuple(spikes.shape)} and wanted ones of shape {tuple(wanted.shape)}"
-        raise ModelError(f"{told}: expected the same shape, (batch, steps, neurons)")
+        message = f"spikes of shape {tuple(spikes.shape)} and wanted ones of shape {tuple(wanted.shape)}"
+        raise ModelError(f"{message}: expected the same shape, (batch, steps, neurons)")
     _check_times(tau=tau, resolution=resolution)
     kept = math.exp(-resolution / tau)
     apart, trace = torch.zeros_like(spikes[:, 0]), torch.zeros_like(spikes[:, 0])

@@ -320,8 +320,8 @@ class Module(torch.nn.Module):
         if not self._plan.parts:
             by = "steps"
         if by == "kernels" and not fits:
-            told = f"by = 'kernels': parameters are {like.dtype} on '{like.device}': expected 32 or 64 bits on a CPU"
-            raise ModelError(told, hint="by='torch' runs them")
+            message = f"by = 'kernels': parameters are {like.dtype} on '{like.device}': expected 32 or 64 bits on a CPU"
+            raise ModelError(message, hint="by='torch' runs them")
         return compiled if by == "kernels" else operations, by
 
     def _like(self) -> Tensor:

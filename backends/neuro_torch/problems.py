@@ -39,9 +39,9 @@ def _of_population(part: Population) -> Iterator[Problem]:
             try:
                 translated(getattr(part.model.arithmetic, name))
             except Untranslatable as error:
-                told = f"population '{part.name}': {part.said}"
+                message = f"population '{part.name}': {part.said}"
                 way_out = f"write it with numbers, ifs and loops only, or {ELSEWHERE.replace(' it', ' it as it is')}"
-                yield _refused(told, f"it cannot run for all neurons at once ({error})", way_out, part)
+                yield _refused(message, f"it cannot run for all neurons at once ({error})", way_out, part)
 
 
 def without_gradient(program: Program) -> list[Problem]:
@@ -49,9 +49,9 @@ def without_gradient(program: Program) -> list[Problem]:
     found = []
     for part in program.populations:
         if isinstance(part.model, Neuron) and (why := _no_gradient(part)):
-            told = f"population '{part.name}': {part.said}"
+            message = f"population '{part.name}': {part.said}"
             found.append(
-                _refused(told, f"its spikes have no gradient: {why}", "use iaf_psc_delta or iaf_psc_exp", part)
+                _refused(message, f"its spikes have no gradient: {why}", "use iaf_psc_delta or iaf_psc_exp", part)
             )
     return found
 

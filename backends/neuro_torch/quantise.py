@@ -126,8 +126,8 @@ class _Scales:
         fixed = quantise(program, self.chip)
         for problem in fixed.problems:
             if problem.refused:
-                told = f"{problem.what}: {problem.why}"
-                raise ModelError(f"{self.chip.name} refuses the network: {told}", hint=problem.way_out)
+                message = f"{problem.what}: {problem.why}"
+                raise ModelError(f"{self.chip.name} refuses the network: {message}", hint=problem.way_out)
         most = min(wires.bits for wires in fixed.projections if wires is not None)
         if self.bits > most:
             raise ModelError(f"bits = {self.bits}: weights of {self.chip.name} have {most}: expected 1 to {most}")

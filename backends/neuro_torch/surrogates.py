@@ -238,8 +238,8 @@ def _check(own: Own) -> None:
     except Untranslatable as error:
         raise ModelError(f"surrogate '{name}': it cannot run for all neurons at once: {error}", hint=_LIKE) from None
     except Exception as error:
-        told = f"surrogate '{name}': {type(error).__name__}: {error}: expected plain arithmetic of one number"
-        raise ModelError(told, hint=_LIKE) from None
+        message = f"surrogate '{name}': {type(error).__name__}: {error}: expected plain arithmetic of one number"
+        raise ModelError(message, hint=_LIKE) from None
     if not all(map(math.isfinite, numbers)):
         raise ModelError(f"surrogate '{name}': found {numbers} at x = -1, 0 and 1: expected numbers")
 

@@ -61,5 +61,5 @@ def _check_finite(part: Population, tensor: Tensor) -> None:
     if tensor.sum().isfinite() or tensor.isfinite().all():
         return
     b, t, i = (~tensor.isfinite()).nonzero()[0].tolist()
-    told = f"found {float(tensor[b, t, i])} of recording {b}, step {t}, neuron {i}"
-    raise ModelError(f"batch: '{part.name}': {told}: expected numbers")
+    message = f"found {float(tensor[b, t, i])} of recording {b}, step {t}, neuron {i}"
+    raise ModelError(f"batch: '{part.name}': {message}: expected numbers")

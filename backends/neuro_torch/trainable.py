@@ -33,8 +33,8 @@ def trainable(program: Program, given: Iterable[str] | Mapping[str, Iterable[str
     projections = [part.name for part in program.projections if part.carries == "spikes"]
     neurons = {part.name: part for part in program.populations if isinstance(part.model, Neuron)}
     if not projections and not words:
-        told = f"network '{program.name}': no projection carries spikes: expected one, whose weights learn"
-        raise ModelError(told, hint="net.connect makes one")
+        message = f"network '{program.name}': no projection carries spikes: expected one, whose weights learn"
+        raise ModelError(message, hint="net.connect makes one")
     if not words:
         hint = f"known: {', '.join(projections)}"
         raise ModelError("trainable: found no projection: expected at least one", hint=hint)
@@ -51,8 +51,8 @@ def trainable(program: Program, given: Iterable[str] | Mapping[str, Iterable[str
             found[0][name] = each
         elif name in neurons and isinstance(asked, Mapping):
             if "weight" in each:
-                told = f"'{name}' is a population, whose neurons have no weight: expected the name of a projection"
-                raise ModelError(f"trainable: {told}", hint=f"known: {', '.join(projections)}")
+                message = f"'{name}' is a population, whose neurons have no weight: expected the name of a projection"
+                raise ModelError(f"trainable: {message}", hint=f"known: {', '.join(projections)}")
             _check_parameters(name, each, neurons[name].parameters)
             found[1][name] = each
         else:
@@ -64,8 +64,8 @@ def trainable(program: Program, given: Iterable[str] | Mapping[str, Iterable[str
 def _check_delay(program: Program, name: str, words: tuple[str, ...]) -> None:
     part = next(part for part in program.projections if part.name == name)
     if "delay" in words and part.grid is not None:
-        told = f"trainable: '{name}': synapses of a grid share their delay, which has no gradient"
-        raise ModelError(f"{told}: expected its weight alone")
+        message = f"trainable: '{name}': synapses of a grid share their delay, which has no gradient"
+        raise ModelError(f"{message}: expected its weight alone")
 
 
 def _check_parameters(population: str, words: tuple[str, ...], known: Mapping[str, Any]) -> None:

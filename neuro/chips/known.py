@@ -55,8 +55,8 @@ def load(path: Path) -> Node:
         return read(path)
     except ModelError as error:
         if error.kind == "empty":
-            told = "the file is empty: expected a table of a chip"
-            raise ModelError(told, where=error.where, hint="begin: like: loihi") from None
+            message = "the file is empty: expected a table of a chip"
+            raise ModelError(message, where=error.where, hint="begin: like: loihi") from None
         raise
 
 

@@ -95,23 +95,23 @@ def as_choice(function: Callable[..., Any], rates: bool) -> type[Code]:
     Raises:
         TypeError: it takes something else; it says what.
     """
-    told = f"code '{function.__name__}'"
+    message = f"code '{function.__name__}'"
     arguments = [
         p for p in inspect.signature(function).parameters.values() if p.kind not in (p.VAR_POSITIONAL, p.VAR_KEYWORD)
     ]
     if not arguments:
-        raise TypeError(f"{told} takes no argument: expected the values first")
+        raise TypeError(f"{message} takes no argument: expected the values first")
     first, *named = arguments
     try:
         hints = get_type_hints(function)
     except NameError as error:
-        raise TypeError(f"{told}: its annotations cannot be read: {error}") from None
+        raise TypeError(f"{message}: its annotations cannot be read: {error}") from None
     doc = inspect.getdoc(function) or ""
     meanings = _meanings(doc)
     words = [p for p in named if p.name != SEED]
     made: type[Code] = make_dataclass(
         function.__name__,
-        [(p.name, Any, _field(told, p, hints.get(p.name, float), meanings.get(p.name, ""))) for p in words],
+        [(p.name, Any, _field(message, p, hints.get(p.name, float), meanings.get(p.name, ""))) for p in words],
         bases=(Code,),
         namespace={
             "__doc__": doc.partition("\nArgs:")[0].strip(),
@@ -225,8 +225,8 @@ def _code(said: Any) -> Code:
         return said
     name, parameters = next(iter(said.items())) if isinstance(said, Mapping) and len(said) == 1 else (said, {})
     if not isinstance(name, str) or not isinstance(parameters, Mapping):
-        told = f"code = {shown(said)}: expected the name of a code, or {{name: {{parameters}}}}"
-        raise ModelError(told, path=("code",))
+        message = f"code = {shown(said)}: expected the name of a code, or {{name: {{parameters}}}}"
+        raise ModelError(message, path=("code",))
     if name not in CHOICES:
         raise unknown("code", name, CHOICES, path=("code",))
     return CHOICES[name].from_words(parameters)

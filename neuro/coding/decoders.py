@@ -109,8 +109,8 @@ def population_vector(activity: npt.ArrayLike, directions: npt.ArrayLike) -> Flo
     """
     c, theta = finite(activity, "activity", at_least=0), _list(finite(directions, "directions"), "directions")
     if c.shape[-1:] != theta.shape:
-        told = f"activity has the shape {list(c.shape)}, expected [..., {theta.size}]"
-        raise ModelError(f"{told}, one for each direction", path=("activity",))
+        message = f"activity has the shape {list(c.shape)}, expected [..., {theta.size}]"
+        raise ModelError(f"{message}, one for each direction", path=("activity",))
     vector = c @ np.exp(1j * theta)
     return np.where(np.abs(vector) <= ROUNDING * c.sum(axis=-1), np.nan, np.angle(vector))
 

@@ -126,8 +126,8 @@ def rate(r: npt.ArrayLike, r_min: float, r_max: float, max_rate: float, min_rate
     """
     low, high = argument("min_rate", min_rate), argument("max_rate", max_rate)
     if not 0 <= low < high:
-        told = f"min_rate is {min_rate} and max_rate {max_rate}"
-        raise ModelError(f"{told}, expected 0 <= min_rate < max_rate", path=("max_rate",))
+        message = f"min_rate is {min_rate} and max_rate {max_rate}"
+        raise ModelError(f"{message}, expected 0 <= min_rate < max_rate", path=("max_rate",))
     rates: Floats = low + (high - low) * share(r, r_min, r_max)
     return rates
 
@@ -208,8 +208,8 @@ def poisson(r: npt.ArrayLike, window: float, seed: int = 0) -> Floats:
     rates = finite(r, "r", unit="Hz", at_least=0)
     mean = rates * (length / 1000.0)
     if mean.size and mean.max() * mean.size > MOST_SPIKES:
-        told = f"up to {mean.max():g} spikes of each of {mean.size} trains"
-        raise ModelError(f"{told}, expected a table of at most {MOST_SPIKES} times", path=("window",))
+        message = f"up to {mean.max():g} spikes of each of {mean.size} trains"
+        raise ModelError(f"{message}, expected a table of at most {MOST_SPIKES} times", path=("window",))
     rng = generator(argument("seed", seed, kind="integer", at_least=0, at_most=2**64 - 1), "code", "poisson")
     counts = np.asarray(rng.poisson(mean))
     most = int(counts.max(initial=0))

@@ -40,8 +40,8 @@ def cameras_of(net: Network, clock: Clock) -> dict[str, Camera]:
                 made[part.name] = Camera(part, part.model, clock)
                 made[part.name].check_events()
                 if net.trials_section is not None:
-                    told = "an event_camera in a network with trials, which show what they are given"
-                    raise ModelError(f"{told}: expected a spike_generator", hint="sim.trials(times, ids, offsets)")
+                    message = "an event_camera in a network with trials, which show what they are given"
+                    raise ModelError(f"{message}: expected a spike_generator", hint="sim.trials(times, ids, offsets)")
     return made
 
 
@@ -89,8 +89,8 @@ class Camera:
         begin = self._origin + self._offset
         if not any(len(part) and int(part.t[-1]) >= begin for part in self._played.parts(begin, self._least)):
             unit = model.quantities()[word].unit
-            told = f"{model.name}.{word} = {getattr(model, word):.7g} {unit}"
-            raise ModelError(f"{told}: the recording has no event after that", path=(model.name, word))
+            message = f"{model.name}.{word} = {getattr(model, word):.7g} {unit}"
+            raise ModelError(f"{message}: the recording has no event after that", path=(model.name, word))
 
     def _shape_of(self, said: tuple[int | str, ...]) -> Shape:
         """The shape that the sensor gives, which a shape that is said must agree with."""
@@ -101,20 +101,20 @@ class Camera:
                 hint = "write the numbers: [2, height, width], or [height, width] unless the polarities are split"
                 if isinstance(self._played, OfEvents):
                     hint = f"neuro.events.Events(t, x, y, p, (width, height)) tells it; or {hint}"
-                told = "no sensor is told before it is played" if self._played is None else self._played.untold
-                raise ModelError(f"shape {_written(said)}: {told}", hint=hint, path=("shape",))
+                message = "no sensor is told before it is played" if self._played is None else self._played.untold
+                raise ModelError(f"shape {_written(said)}: {message}", hint=hint, path=("shape",))
             found = tuple(int(n) for n in said)
             if len(found) != 2 + self._split or (self._split and found[0] != 2):
                 wanted = "[2, height, width]" if self._split else "[height, width]"
-                told = f"shape {list(found)}: expected {wanted} with polarity: {self._model.polarity}"
-                raise ModelError(told, path=("shape",), about=("polarity",))
+                message = f"shape {list(found)}: expected {wanted} with polarity: {self._model.polarity}"
+                raise ModelError(message, path=("shape",), about=("polarity",))
             return found
         shape = self._model.seen(self._sensor)
         fits = len(said) == len(shape) and all(word in (AUTO, n) for word, n in zip(said, shape, strict=True))
         if not fits and said != (AUTO,):
             width, height = self._sensor
-            told = f"shape {_written(said)}: expected {list(shape)}, as the sensor is {width}x{height} px"
-            raise ModelError(told, hint="'shape: auto' takes it from the recording", path=("shape",))
+            message = f"shape {_written(said)}: expected {list(shape)}, as the sensor is {width}x{height} px"
+            raise ModelError(message, hint="'shape: auto' takes it from the recording", path=("shape",))
         return shape
 
     def _least_sensor(self) -> tuple[int, int]:

@@ -129,8 +129,8 @@ def _check_views(part: Projection, shapes: Mapping[str, Shape]) -> None:
         with telling(part, role, name):
             seen = end_of(view, shapes[name])
         if isinstance(part.rule, grid) and seen.ids is not None:
-            told = f"a grid {role} {view}: expected the whole population"
-            refuse(part, told, "all_to_all and pairs connect views", "grid")
+            message = f"a grid {role} {view}: expected the whole population"
+            refuse(part, message, "all_to_all and pairs connect views", "grid")
 
 
 def _check_ends(net: Network, part: Projection) -> None:
@@ -183,8 +183,8 @@ def _check_synapse(net: Network, part: Projection, shapes: Mapping[str, Shape]) 
             synapse.name,
         )
     if synapse.learns == "trials" and net.trials_section is None:
-        told = f"{synapse.name} learns at the end of trials: expected a section 'trials'"
-        refuse(part, told, "add one, or use stdp", synapse.name, "trials")
+        message = f"{synapse.name} learns at the end of trials: expected a section 'trials'"
+        refuse(part, message, "add one, or use stdp", synapse.name, "trials")
     if synapse.learns == "pairs" and net.trials_section is not None:
         refuse(
             part,
@@ -230,16 +230,16 @@ def _check_dopamine(net: Network, part: Projection, synapse: Modulated, shapes: 
         if synapse.signal is None and _stays(synapse):
             fades = "tau_n" in synapse.numbers()
             sources = "'signal' and 'dopamine'" if fades else "'signal'"
-            told = f"{synapse.name} without {sources}: n stays 0, at which its weights never change"
+            message = f"{synapse.name} without {sources}: n stays 0, at which its weights never change"
             way_out = f"name a signal to '{part.target}'" + ", or the population that releases dopamine" * fades
-            refuse(part, f"{told}: expected a source of n", f"{way_out}; static has weights that stay", synapse.name)
+            refuse(part, f"{message}: expected a source of n", f"{way_out}; static has weights that stay", synapse.name)
         return
     if synapse.dopamine not in net.populations:
         error = unknown("population", synapse.dopamine, net.populations, path=(synapse.name, "dopamine"))
         raise error.at(part.origin, f"projection '{part.name}': {synapse.name}.dopamine")
     if isinstance(model := net.populations[synapse.dopamine].model, CurrentGenerator):
-        told = f"{synapse.name}.dopamine '{synapse.dopamine}' is {a(model.name)}"
-        refuse(part, f"{told}: expected a population that spikes", word=f"{synapse.name}.dopamine")
+        message = f"{synapse.name}.dopamine '{synapse.dopamine}' is {a(model.name)}"
+        refuse(part, f"{message}: expected a population that spikes", word=f"{synapse.name}.dopamine")
     n, m = size(shapes[synapse.dopamine]), size(shapes[part.target])
     if synapse.dopamine_rule == "one_to_one" and n != m:
         refuse(
@@ -286,8 +286,8 @@ def _check_groups(net: Network, shapes: Mapping[str, Shape]) -> None:
         if "V_m" not in recordable(net.populations[of]) or "V_th" not in model.quantities():
             refuse(part, f"{kind} of '{of}', {a(model.name)}: expected neurons with V_m and V_th", word=kind)
         if isinstance(model, Neuron) and model.resets_in_step:
-            told = f"{kind} of '{of}', {a(model.name)}, which resets itself before a group can choose"
-            refuse(part, f"{told}: expected neurons that a group resets", word=kind)
+            message = f"{kind} of '{of}', {a(model.name)}, which resets itself before a group can choose"
+            refuse(part, f"{message}: expected neurons that a group resets", word=kind)
         if problem := part.choice.misfit(shapes[of]):
             refuse(part, problem, word=kind)
         if of in members:

@@ -145,8 +145,10 @@ def _check_learners(net: Network, output: str, labels: Labels | None, group: Gro
                 path=words_of(part.synapse.name),
             )
         if part.synapse.peaks and group.choice.several:
-            told = f"{what} teaches by the largest V_m up to the one decision, and group '{group.name}' has several"
-            raise ModelError(f"{told}: expected winner_take_all", where=part.origin, path=words_of(part.synapse.name))
+            message = f"{what} teaches by the largest V_m up to the one decision, and group '{group.name}' has several"
+            raise ModelError(
+                f"{message}: expected winner_take_all", where=part.origin, path=words_of(part.synapse.name)
+            )
         if labels is None and part.synapse.supervised:
             _refuse(
                 net,

@@ -170,11 +170,11 @@ def _own_pairs(rule: Rule, source: Shape, target: Shape, same: bool, rng: np.ran
     for word, ids in (("sources", pre), ("targets", post)):
         if ids.ndim != 1 or (ids.size and (ids.dtype.kind not in "iu" or ids.min() < 0)):
             found = f"{ids.dtype} of shape {list(ids.shape)}"
-            told = f"{rule.name}.connect: {word}: found {found}: expected a row of whole numbers >= 0"
-            raise ModelError(told, path=(rule.name,))
+            message = f"{rule.name}.connect: {word}: found {found}: expected a row of whole numbers >= 0"
+            raise ModelError(message, path=(rule.name,))
     if pre.size != post.size:
-        told = f"{rule.name}.connect: {pre.size} sources and {post.size} targets: expected as many of each"
-        raise ModelError(told, path=(rule.name,))
+        message = f"{rule.name}.connect: {pre.size} sources and {post.size} targets: expected as many of each"
+        raise ModelError(message, path=(rule.name,))
     return pre.astype(np.int64), post.astype(np.int64)
 
 
@@ -283,8 +283,8 @@ def _listed(pre: Ints, post: Ints, n_pre: int, n_post: int, name: str) -> Connec
     for word, ids, n in (("pre", pre, n_pre), ("post", post, n_post)):
         if len(ids) and ids.max() >= n:
             bad = int(np.flatnonzero(ids >= n)[0])
-            told = f"{name}.{word}[{bad}] = {ids[bad]}: expected a neuron below {n}, the population's size"
-            raise ModelError(told, path=(name, word))
+            message = f"{name}.{word}[{bad}] = {ids[bad]}: expected a neuron below {n}, the population's size"
+            raise ModelError(message, path=(name, word))
     place = pre * n_post + post
     order = None if np.all(place[1:] >= place[:-1]) else np.argsort(place, kind="stable")
     targets = (post if order is None else post[order]).astype(np.int32)

@@ -46,8 +46,8 @@ def total_number(
     pairs = int(ends[-1])
     if n and (pairs < 1 or (not repeats and n > pairs)):
         hint = "multapses: true allows a pair to be drawn twice" if pairs > 0 else ""
-        told = f"n = {n} synapses: expected at most {pairs}, as many as there are pairs"
-        raise ModelError(told, hint=hint, path=("n",), about=("multapses",))
+        message = f"n = {n} synapses: expected at most {pairs}, as many as there are pairs"
+        raise ModelError(message, hint=hint, path=("n",), about=("multapses",))
     if repeats and n >= MANY:
         from neuro.compiler.rows import draw_rows
 

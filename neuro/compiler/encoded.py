@@ -50,8 +50,8 @@ def _generator(part: Population, model: encode | event_camera, shape: Shape, clo
         found = model.spikes(key(seed, "encode", part.name))
         neurons = found.shape if model.gives_rates else found.shape[:-1]
         if neurons not in (shape, (size(shape),)):
-            told = f"encode makes the spikes of neurons of shape {list(neurons)}: expected {list(shape)}"
-            raise ModelError(told, hint=f"give the population the shape {list(neurons)}")
+            message = f"encode makes the spikes of neurons of shape {list(neurons)}: expected {list(shape)}"
+            raise ModelError(message, hint=f"give the population the shape {list(neurons)}")
         if model.gives_rates:
             return poisson_generator(rate=found, start=model.start, stop=model.stop)
         return spike_generator(spike_times=_times(model, found.reshape(size(shape), -1), clock))

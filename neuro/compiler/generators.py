@@ -101,10 +101,10 @@ def schedule_of(model: Model, size: int, clock: Clock) -> Schedule | None:
     if not isinstance(model, Generator) or not model.schedule:
         return None
     times, values = (getattr(model, word) for word in model.schedule)
-    told = f"{model.name}.{model.schedule[1]}"
+    message = f"{model.name}.{model.schedule[1]}"
     if values.ndim == 2 and len(values) != size:
-        told += f" has {len(values)} rows: expected {size}, one for each neuron, or one list for all"
-        raise ModelError(told, path=(model.name, model.schedule[1]))
+        message += f" has {len(values)} rows: expected {size}, one for each neuron, or one list for all"
+        raise ModelError(message, path=(model.name, model.schedule[1]))
     if model.role == "poisson" and values.size:
         _check_rate(model, model.schedule[1], float(values.max()), clock)
     steps = clock.steps(times, f"{model.name}.{model.schedule[0]}")

@@ -36,15 +36,15 @@ def check_distribution(value: Distribution | of_distance, clock: Clock, what: st
                 )
             if _none(value.high, clock):
                 hint = "a finer resolution has shorter steps"
-                told = f"{what}: uniform.high = {value.high:g} ms: {_expected(clock)}"
-                raise ModelError(told, hint=hint, path=words_of(what))
+                message = f"{what}: uniform.high = {value.high:g} ms: {_expected(clock)}"
+                raise ModelError(message, hint=hint, path=words_of(what))
         case normal() | lognormal():
             centre = value.mean if isinstance(value, normal) else math.exp(min(value.mean, 700.0))
             middle = min(max(centre, value.low), value.high)
             if _none(middle, clock):
                 hint = f"only its tail is cut; raise {value.name}.mean, or set {value.name}.low"
-                told = f"{what}: the middle of the {value.name} is {middle:.3g} ms: {_expected(clock)}"
-                raise ModelError(told, hint=hint, path=words_of(what))
+                message = f"{what}: the middle of the {value.name} is {middle:.3g} ms: {_expected(clock)}"
+                raise ModelError(message, hint=hint, path=words_of(what))
 
 
 def check_values(
@@ -71,12 +71,12 @@ def check_values(
         first = int((delays < -_SLACK * clock.resolution).argmax())
         pre, post = found.ends(first)
         hint = "the function of distance is below 0 there: raise c" if function else "'sample' must give at least 0"
-        told = f"{what} of synapse {pre} -> {post} = {delays[first]:.4g} ms: expected at least 0 ms"
-        raise ModelError(told, hint=hint, path=words_of(what))
+        message = f"{what} of synapse {pre} -> {post} = {delays[first]:.4g} ms: expected at least 0 ms"
+        raise ModelError(message, hint=hint, path=words_of(what))
     if _none(float(delays.max()), clock):
         hint = "the function of distance is too small: raise c" if function else ""
-        told = f"{what}: the largest of {delays.size} is {delays.max():.3g} ms"
-        raise ModelError(f"{told}: {_expected(clock)}", hint=hint, path=words_of(what))
+        message = f"{what}: the largest of {delays.size} is {delays.max():.3g} ms"
+        raise ModelError(f"{message}: {_expected(clock)}", hint=hint, path=words_of(what))
 
 
 def _none(delay: float, clock: Clock) -> bool:

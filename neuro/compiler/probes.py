@@ -41,8 +41,8 @@ def check_probes(net: Network, shapes: Mapping[str, Shape], clock: Clock) -> Non
             with telling(part):
                 every = clock.step(part.every, "every")
             if every < 1:
-                told = f"every = {part.every:g} ms: expected at least the resolution, {clock.resolution:g} ms"
-                refuse(part, told, word="every", kind="resolution")
+                message = f"every = {part.every:g} ms: expected at least the resolution, {clock.resolution:g} ms"
+                refuse(part, message, word="every", kind="resolution")
         if part.of in net.populations:
             with telling(part, "of", part.of):
                 end_of(part.view, shapes[part.of])
@@ -62,9 +62,9 @@ def _check_neurons(part: Probe, population: Population) -> None:
     known = recordable(population)
     for state in states:
         if state not in known:
-            told = f"'{part.of}', {a(population.model.name)}, has no state '{state}'"
+            message = f"'{part.of}', {a(population.model.name)}, has no state '{state}'"
             raise unknown("state", state, [*known, *ALONE], part.origin, ("record",)).but(
-                message=f"probe '{part.name}': {told}"
+                message=f"probe '{part.name}': {message}"
             )
 
 
@@ -82,9 +82,9 @@ def _check_alone(part: Probe, what: str, population: Population) -> None:
             about=("every",),
         )
     if part.mean:
-        told = "a rate is a mean over the neurons" if what == "rate" else "mean is for states"
+        message = "a rate is a mean over the neurons" if what == "rate" else "mean is for states"
         way_out = "leave 'mean' out" if what == "rate" else "record: rate gives that of spikes"
-        refuse(part, told, way_out, "mean", about=("record",))
+        refuse(part, message, way_out, "mean", about=("record",))
 
 
 def resolve_probes(net: Network, shapes: Mapping[str, Shape], clock: Clock) -> tuple[resolved.Probe, ...]:
@@ -154,8 +154,8 @@ def _chosen(part: Probe, net: Network, projection: Projection, shapes: Mapping[s
         return None
     chosen = np.asarray(part.synapses)
     if chosen.size and chosen.max() >= projection.size:
-        told = f"synapses: found {chosen.max()}: expected at most {projection.size - 1}, as '{part.of}' has them"
-        refuse(part, told, word="synapses", kind="count of synapses")
+        message = f"synapses: found {chosen.max()}: expected at most {projection.size - 1}, as '{part.of}' has them"
+        refuse(part, message, word="synapses", kind="count of synapses")
     if np.unique(chosen).size < chosen.size or not chosen.size:
         refuse(part, "synapses: expected at least one, and each once", word="synapses")
     return chosen

@@ -57,10 +57,10 @@ def receptor_of_current(synapse: Synapse, target: Population, source: str) -> Re
     named = synapse.receptor if isinstance(synapse, static) else None
     if named is None:
         return None
-    told = f"static.receptor = '{named}' of a current from '{source}'"
+    message = f"static.receptor = '{named}' of a current from '{source}'"
     if not model.filters:
         raise ModelError(
-            f"{told}, which goes to no receptor of {a(model.name)}: expected none",
+            f"{message}, which goes to no receptor of {a(model.name)}: expected none",
             hint="leave it out",
             path=("static", "receptor"),
         )

@@ -127,12 +127,12 @@ def _lines(program: Program) -> Iterator[str]:
         yield f"group {number} {group.name}: population {group.population}, {_group_text(group)}"
     for number, probe in enumerate(program.probes):
         mean = "mean " if probe.mean else ""
-        told = f"population {probe.population}, {mean}{probe.record}, every {probe.every} steps"
-        yield f"probe {number} {probe.name}: {told}"
+        message = f"population {probe.population}, {mean}{probe.record}, every {probe.every} steps"
+        yield f"probe {number} {probe.name}: {message}"
     for number, part in enumerate(program.synapse_probes):
         mean, chosen = "mean " if part.mean else "", "all" if part.synapses is None else summary(part.synapses)
-        told = f"projection {part.projection}, {mean}{part.record}, every {part.every} steps, synapses {chosen}"
-        yield f"synapse probe {number} {part.name}: {told}"
+        message = f"projection {part.projection}, {mean}{part.record}, every {part.every} steps, synapses {chosen}"
+        yield f"synapse probe {number} {part.name}: {message}"
     if program.trials is not None:
         yield from _trials_lines(program.trials)
 

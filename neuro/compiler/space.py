@@ -52,25 +52,25 @@ def space_of(part: Population, shape: tuple[int, ...]) -> Space:
     Raises:
         ModelError: nothing tells it, or what is told does not fit.
     """
-    told = f"population '{part.name}'"
+    message = f"population '{part.name}'"
     extent: Floats | None = None if part.extent is None else plain(part.extent)
     if part.positions is not None:
         return _given(part, np.asarray(plain(part.positions)), extent, math.prod(shape))
     if len(shape) > MOST_AXES:
         raise ModelError(
-            f"{told} has no positions: its shape {list(shape)} has {len(shape)} axes: expected at most {MOST_AXES}",
+            f"{message} has no positions: its shape {list(shape)} has {len(shape)} axes: expected at most {MOST_AXES}",
             where=part.origin,
             hint="give it 'positions'",
         )
     if len(shape) == 1 and extent is None:
         raise ModelError(
-            f"{told} has no positions: its shape is a number of neurons",
+            f"{message} has no positions: its shape is a number of neurons",
             where=part.origin,
             hint=f"give it 'positions', a shape of several axes, or the 'extent' of a line, e.g. [{shape[0]}.0]",
         )
     if extent is not None and extent.shape != (len(shape),):
         raise ModelError(
-            f"{told}: extent = {extent.tolist()}: expected {len(shape)} numbers, one for each axis of its shape",
+            f"{message}: extent = {extent.tolist()}: expected {len(shape)} numbers, one for each axis of its shape",
             where=part.origin,
         )
     length = np.array(shape, dtype=np.float64) if extent is None else extent
@@ -80,23 +80,25 @@ def space_of(part: Population, shape: tuple[int, ...]) -> Space:
 
 
 def _given(part: Population, places: Floats, extent: Floats | None, n: int) -> Space:
-    told = f"population '{part.name}': positions"
+    message = f"population '{part.name}': positions"
     places = places[:, None] if places.ndim == 1 else places
     if places.ndim != 2 or places.shape[0] != n or not 1 <= places.shape[1] <= MOST_AXES:
         raise ModelError(
-            f"{told} have the shape {list(places.shape)}: expected [{n}, 1 to {MOST_AXES}], a row for each neuron",
+            f"{message} have the shape {list(places.shape)}: expected [{n}, 1 to {MOST_AXES}], a row for each neuron",
             where=part.origin,
         )
     if extent is not None and extent.shape != places.shape[1:]:
         raise ModelError(
-            f"{told} have {places.shape[1]} coordinates, extent {extent.size}: expected as many", where=part.origin
+            f"{message} have {places.shape[1]} coordinates, extent {extent.size}: expected as many", where=part.origin
         )
     if part.periodic and extent is None:
-        raise ModelError(f"{told} with periodic edges: expected 'extent', the length of each axis", where=part.origin)
+        raise ModelError(
+            f"{message} with periodic edges: expected 'extent', the length of each axis", where=part.origin
+        )
     if extent is not None and np.any(np.ptp(places, axis=0) > extent):
         axis = int(np.flatnonzero(np.ptp(places, axis=0) > extent)[0])
         raise ModelError(
-            f"{told} span {np.ptp(places[:, axis]):g} on axis {axis}: expected at most its extent, {extent[axis]:g}",
+            f"{message} span {np.ptp(places[:, axis]):g} on axis {axis}: expected at most its extent, {extent[axis]:g}",
             where=part.origin,
         )
     return Space(places, extent, part.periodic, None)
@@ -162,19 +164,20 @@ def between(source: Population, target: Population, shapes: Mapping[str, tuple[i
     Raises:
         ModelError: they are not.
     """
-    told = f"'{source.name}' and '{target.name}'"
+    message = f"'{source.name}' and '{target.name}'"
     one, other = (space_of(part, shapes[part.name]) for part in (source, target))
     axes = one.places.shape[1], other.places.shape[1]
     if axes[0] != axes[1]:
-        raise ModelError(f"positions of {told} have {axes[0]} and {axes[1]} coordinates: expected as many")
+        raise ModelError(f"positions of {message} have {axes[0]} and {axes[1]} coordinates: expected as many")
     if one.lattice != other.lattice:
         raise ModelError(
-            f"{told} have no common scale: neurons of one lie a unit apart by their shape: expected 'extent' of both",
+            f"{message} have no common scale: neurons of one lie a unit apart by their shape: "
+            "expected 'extent' of both",
             hint="populations of one shape need none",
         )
     if not np.array_equal(one.periods, other.periods):
         raise ModelError(
-            f"{told} have periodic edges of {_edges(one)} and {_edges(other)}: expected the same of both",
+            f"{message} have periodic edges of {_edges(one)} and {_edges(other)}: expected the same of both",
         )
     return Between(one, other)
 

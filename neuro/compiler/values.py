@@ -79,8 +79,8 @@ def per_synapse(
             path=words_of(what),
         )
     if array.shape not in found.listed:
-        told = f"{what}: an array of shape {list(array.shape)}: expected {_one_of(set(found.listed))}"
-        raise ModelError(told, path=words_of(what))
+        message = f"{what}: an array of shape {list(array.shape)}: expected {_one_of(set(found.listed))}"
+        raise ModelError(message, path=words_of(what))
     flat = array.reshape(-1)
     return (flat if found.order is None else flat[found.order]) + 0.0
 
@@ -116,8 +116,8 @@ def _pieces(
 def _by_distance(profile: Profile, found: Connections, what: str, apart: Apart) -> Floats:
     """The value of each synapse."""
     if found.layout == "grid":
-        told = f"{what} of distance: a shared kernel has none: expected numbers or a distribution"
-        raise ModelError(told, path=words_of(what))
+        message = f"{what} of distance: a shared kernel has none: expected numbers or a distribution"
+        raise ModelError(message, path=words_of(what))
     space, values = apart(), np.empty(found.size)
     last = 0
     for pre, post in found.pairs(len(space.target.places)):

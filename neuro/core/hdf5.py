@@ -188,8 +188,10 @@ def not_ours(path: Path, what: str) -> ModelError:
 
 def damaged(path: Path, front: Front, hint: str = "") -> ModelError:
     """That a file is not what was written."""
-    told = f"{path}: damaged {front.format}: it is not what was written"
-    return ModelError(told, hint=hint or "make it again, or take a copy; if you edited it: neuro.apps.hdf5.seal(path)")
+    message = f"{path}: damaged {front.format}: it is not what was written"
+    return ModelError(
+        message, hint=hint or "make it again, or take a copy; if you edited it: neuro.apps.hdf5.seal(path)"
+    )
 
 
 def seal(path: Path) -> None:

@@ -58,8 +58,8 @@ def side_by_side(
                 elif isinstance(event, Raised):
                     failed[number] = event.error
                 else:
-                    told = f"a process {event.how}, {event.attempts} times: it was killed or ran out of memory"
-                    failed[number] = ModelError(told, hint="the same command goes on where it was")
+                    message = f"a process {event.how}, {event.attempts} times: it was killed or ran out of memory"
+                    failed[number] = ModelError(message, hint="the same command goes on where it was")
     if failed:
         raise failed[min(failed)]
     return [found[number] for number in range(len(jobs))]

@@ -129,8 +129,8 @@ class Processes:
 
     def __init__(self, begin: Callable[[], Work], count: int, seconds: float | None = None) -> None:
         if loading_script:
-            told = f"{sys.argv[0]}: starts processes wherever it is read, and they read it to find what they run"
-            raise ModelError(told, hint='write the call below: if __name__ == "__main__":')
+            message = f"{sys.argv[0]}: starts processes wherever it is read, and they read it to find what they run"
+            raise ModelError(message, hint='write the call below: if __name__ == "__main__":')
         self._begin, self._count, self._seconds = begin, count, seconds
         self._waiting: deque[_Task] = deque()
         self._processes: list[_Process] = []

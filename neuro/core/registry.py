@@ -153,16 +153,16 @@ class Registry(Mapping[str, T], Generic[T]):
     def _loaded(self, name: str) -> T:
         """A part of an installed package."""
         entry = installed(self._group)[name]
-        told = f"{self.kind} '{name}' cannot be loaded from {entry.value}"
+        message = f"{self.kind} '{name}' cannot be loaded from {entry.value}"
         try:
             part = entry.load()
         except Exception as error:
             hint = "install again the package that brings it"
-            raise ModelError(f"{told}: {type(error).__name__}: {error}", hint=hint) from error
+            raise ModelError(f"{message}: {type(error).__name__}: {error}", hint=hint) from error
         if self.takes is not None and not self.takes(part):
-            raise ModelError(f"{told}: found {part!r:.60}: expected a {self.kind}")
+            raise ModelError(f"{message}: found {part!r:.60}: expected a {self.kind}")
         if self._name(part) != name:
-            raise ModelError(f"{told}: it is called '{self._name(part)}': expected the same name")
+            raise ModelError(f"{message}: it is called '{self._name(part)}': expected the same name")
         return self._completed(part)
 
     def _completed(self, part: T) -> T:

@@ -133,8 +133,8 @@ def write(
 def _write_out(parts: Iterator[Events], format: str | None) -> None:
     chosen = None if format is None else called(format, written())
     if chosen is None or chosen.write is None:
-        told = "to no format" if format is None else f"as format {format!r}"
-        raise EventFileError(OUTPUT, f"cannot write {told}, expected one of {', '.join(f.name for f in written())}")
+        message = "to no format" if format is None else f"as format {format!r}"
+        raise EventFileError(OUTPUT, f"cannot write {message}, expected one of {', '.join(f.name for f in written())}")
     sys.stdout.flush()
     try:
         if chosen.name in STREAMED:

@@ -108,14 +108,14 @@ def page(events: Events, title: str, total: int, step: int) -> str:
     }  # fmt: skip
     width, height = events.sensor_size
     seconds = int(since[-1]) / 1e6
-    told = f"{total:,} events, {width}×{height} px, {seconds:,.3f} s"
+    message = f"{total:,} events, {width}×{height} px, {seconds:,.3f} s"
     if step > 1:
-        told += f" · one of every {step:,} events is shown ({len(events):,})"
+        message += f" · one of every {step:,} events is shown ({len(events):,})"
     template = Template(files("neuro.events").joinpath("view.html").read_text("utf-8"))
     return template.substitute(
         head=html.head("neuro events view", title),
         title=escape(title),
-        told=escape(told),
+        told=escape(message),
         data=json.dumps(data).replace("<", "\\u003c"),
     )
 

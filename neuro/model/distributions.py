@@ -164,12 +164,12 @@ def complete(distribution: type[Distribution]) -> type[Distribution]:
     Raises:
         TypeError: it has no `sample`, or one with other arguments.
     """
-    told = f"distribution '{distribution.__name__}'"
+    message = f"distribution '{distribution.__name__}'"
     if distribution.sample is Distribution.sample:
-        raise TypeError(f"{told} has no method 'sample', which draws values")
+        raise TypeError(f"{message} has no method 'sample', which draws values")
     taken = distribution.sample.__code__.co_argcount
     if taken != 3:
-        raise TypeError(f"{told}: 'sample' takes {taken} arguments: expected 3, (self, rng, n)")
+        raise TypeError(f"{message}: 'sample' takes {taken} arguments: expected 3, (self, rng, n)")
     return distribution
 
 

@@ -208,8 +208,8 @@ class Network(Description):
         what = f"probe '{name}'"
         states = self._checked(RECORD, record, f"{what}: record", ("record",))
         if not states or len(set(states)) < len(states):
-            told = f"{what}: record = {shown(record)}: expected one or several names, each once"
-            raise ModelError(told, where=self._where(), path=("record",))
+            message = f"{what}: record = {shown(record)}: expected one or several names, each once"
+            raise ModelError(message, where=self._where(), path=("record",))
         population, view = self._recorded(of, what)
         part = Probe(
             name,
@@ -307,8 +307,8 @@ class Network(Description):
         except ModelError as error:
             raise error.at(self._where(), what) from None
         if isinstance(found, Mapping):
-            told = f"{what}: found {shown(dict(found))}: expected a name, or {{name: index}}"
-            raise ModelError(told, where=self._where())
+            message = f"{what}: found {shown(dict(found))}: expected a name, or {{name: index}}"
+            raise ModelError(message, where=self._where())
         return found
 
     def _neurons(self, of: Population | View | str, what: str, role: str) -> tuple[str, View | None]:
@@ -325,15 +325,15 @@ class Network(Description):
         if name not in self.populations:
             raise unknown("population", name, self.populations, path=(role,)).at(self._where(), what)
         if isinstance(population, Population) and population is not self.populations[name]:
-            told = f"{what}: {role}: population '{name}' is a part of another network: expected one of '{self.name}'"
-            raise ModelError(told, where=self._where(), hint=f"'{name}' names the one here", path=(role,))
+            message = f"{what}: {role}: population '{name}' is a part of another network: expected one of '{self.name}'"
+            raise ModelError(message, where=self._where(), hint=f"'{name}' names the one here", path=(role,))
         return name
 
     def _recorded(self, of: Population | View | Projection | str, what: str) -> tuple[str, View | None]:
         """The name of a population or a projection, and the view if only some of its neurons are meant."""
         if isinstance(of, Projection) and self.projections.get(of.name) is not of:
-            told = f"{what}: of: projection '{of.name}' is a part of another network: expected one of '{self.name}'"
-            raise ModelError(told, where=self._where(), path=("of",))
+            message = f"{what}: of: projection '{of.name}' is a part of another network: expected one of '{self.name}'"
+            raise ModelError(message, where=self._where(), path=("of",))
         name = of.name if isinstance(of, Projection) else of
         if isinstance(name, str) and name in self.projections and name not in self.populations:
             return name, None
@@ -349,15 +349,15 @@ class Network(Description):
         if given is None:
             return None
         if of in self.populations:
-            told = f"{what}: {word} is for projections: '{of}' is a population"
-            raise ModelError(told, where=self._where(), path=(word,), kind="no projection")
+            message = f"{what}: {word} is for projections: '{of}' is a population"
+            raise ModelError(message, where=self._where(), path=(word,), kind="no projection")
         end = getattr(self.projections[of], {"pre": "source", "post": "target"}[word])
         if isinstance(given, (Population, View, str, Mapping)):
             population, chosen = self._neurons(given, what, word)
             if population != end:
                 found = repr(given) if chosen is not None else f"'{population}'"
-                told = f"{what}: {word} = {found}: expected neurons of '{end}', as '{of}' has there"
-                raise ModelError(told, where=self._where(), path=(word,), kind="neurons at an end")
+                message = f"{what}: {word} = {found}: expected neurons of '{end}', as '{of}' has there"
+                raise ModelError(message, where=self._where(), path=(word,), kind="neurons at an end")
             return chosen
         ids = [given] if is_number(given) else given
         try:

@@ -139,8 +139,8 @@ def _no_attribute(part: Population, word: str, way: str) -> str:
     known = () if model is None else (*model.quantities(), *(state.name for state in model.states))
     if word_of(word) not in known:
         return f"'{type(part).__name__}' object has no attribute '{word}'"
-    told = f"population '{part.name}' is a description: its {word_of(word)} is in a simulation"
-    return f"{told}: {way.format(name=part.name, word=word_of(word))}"
+    message = f"population '{part.name}' is a description: its {word_of(word)} is in a simulation"
+    return f"{message}: {way.format(name=part.name, word=word_of(word))}"
 
 
 def _refuse_change(part: Population, word: str, value: Any) -> None:
@@ -275,8 +275,8 @@ class lateral_reset(Competition):
         """Why neurons of this shape cannot compete so."""
         if self.axis < len(shape):
             return ""
-        told = f"{self.name}.axis = {self.axis} of '{self.of}', whose shape is {list(shape)}"
-        return f"{told}: expected at most {len(shape) - 1}"
+        message = f"{self.name}.axis = {self.axis} of '{self.of}', whose shape is {list(shape)}"
+        return f"{message}: expected at most {len(shape) - 1}"
 
     def told(self) -> str:
         """Who fires, in a few words."""

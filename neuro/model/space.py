@@ -117,12 +117,12 @@ def complete(profile: type[Profile]) -> type[Profile]:
     Raises:
         TypeError: it has no `at`, or one with other arguments.
     """
-    told = f"profile '{profile.__name__}'"
+    message = f"profile '{profile.__name__}'"
     if profile.at is Profile.at:
-        raise TypeError(f"{told} has no method 'at', which says its values")
+        raise TypeError(f"{message} has no method 'at', which says its values")
     taken = profile.at.__code__.co_argcount
     if taken != 2:
-        raise TypeError(f"{told}: 'at' takes {taken} arguments: expected 2, (self, distance)")
+        raise TypeError(f"{message}: 'at' takes {taken} arguments: expected 2, (self, distance)")
     return profile
 
 
@@ -197,8 +197,8 @@ class rectangular(Mask):
         for word in ("lower_left", "upper_right"):
             found = getattr(self, word)
             if not isinstance(found, np.ndarray) or found.ndim != 1:
-                told = f"rectangular.{word} = {shown(found)}"
-                raise ModelError(f"{told}: expected a list, a number for each axis", path=(word,))
+                message = f"rectangular.{word} = {shown(found)}"
+                raise ModelError(f"{message}: expected a list, a number for each axis", path=(word,))
         if self.lower_left.shape != self.upper_right.shape or not np.all(self.lower_left < self.upper_right):
             found = f"{self.lower_left.tolist()} and {self.upper_right.tolist()}"
             raise ModelError(

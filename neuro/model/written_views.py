@@ -67,8 +67,8 @@ def indices(text: str, name: str) -> tuple[int | slice, ...]:
     items = [item.strip() for item in text.split(",")]
     for item in items:
         if not _AXIS.fullmatch(item):
-            told = f"{name}: found '{item}': expected a number or begin:end:step for each axis"
-            raise ModelError(told, hint='write "0:100" or "2:4, :"')
+            message = f"{name}: found '{item}': expected a number or begin:end:step for each axis"
+            raise ModelError(message, hint='write "0:100" or "2:4, :"')
     return tuple(_axis(item) for item in items)
 
 

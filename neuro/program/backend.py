@@ -350,17 +350,17 @@ def own_generators(program: Program) -> list[Problem]:
     varying = "its current changes at every step, and the host writes a current only when it changes"
     found = []
     for part in program.populations:
-        told = f"population '{part.name}': {part.model.name}"
+        message = f"population '{part.name}': {part.model.name}"
         if part.kind == "generator":
-            found.append(Problem(True, told, emitting, inject, part.origin))
+            found.append(Problem(True, message, emitting, inject, part.origin))
         elif isinstance(part.model, CurrentGenerator) and part.model.varies:
             steps = "list its values in a step_current_generator, or run it on backend 'event'"
-            found.append(Problem(True, told, varying, steps, part.origin))
+            found.append(Problem(True, message, varying, steps, part.origin))
     for projection in program.projections:
         if projection.carries == "current" and projection.receptor is not None:
-            told = f"projection '{projection.name}': a current to receptor '{projection.receptor.name}'"
+            message = f"projection '{projection.name}': a current to receptor '{projection.receptor.name}'"
             way_out = "leave the receptor out: the current then acts on V_m as it is"
-            found.append(Problem(True, told, "the host writes currents into the bias", way_out, projection.origin))
+            found.append(Problem(True, message, "the host writes currents into the bias", way_out, projection.origin))
     return found
 
 

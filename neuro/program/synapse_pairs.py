@@ -42,8 +42,8 @@ def places_of_pairs(ends: Ends, of: Any) -> Ints:
     for k, word in enumerate(("source", "target")):
         n = ends.sizes[k]
         for row in np.flatnonzero((pairs[:, k] < 0) | (pairs[:, k] >= n))[:1]:
-            told = f"of: pair {row}: found {word} {pairs[row, k]}"
-            raise ModelError(f"{told}: expected a neuron of '{ends.populations[k]}', 0 to {n - 1}")
+            message = f"of: pair {row}: found {word} {pairs[row, k]}"
+            raise ModelError(f"{message}: expected a neuron of '{ends.populations[k]}', 0 to {n - 1}")
     n = ends.sizes[1]
     keys, asked = ends.pre * n + ends.post, pairs[:, 0] * n + pairs[:, 1]
     order = None if (keys[1:] >= keys[:-1]).all() else np.argsort(keys, kind="stable")
@@ -52,8 +52,8 @@ def places_of_pairs(ends: Ends, of: Any) -> Ints:
     number = end - first
     for row in np.flatnonzero(number == 0)[:1]:
         pair = f"{pairs[row, 0]} to {pairs[row, 1]}"
-        told = f"none of the {keys.size:,} synapses of '{ends.name}' goes from {pair}"
-        raise ModelError(f"of: pair {row}: {told}")
+        message = f"none of the {keys.size:,} synapses of '{ends.name}' goes from {pair}"
+        raise ModelError(f"of: pair {row}: {message}")
     if np.unique(asked).size < asked.size:
         raise ModelError("of: found a pair more than once: expected each once")
     places: Ints = np.arange(number.sum()) + np.repeat(first - np.cumsum(number) + number, number)
@@ -66,20 +66,20 @@ def refuse_some_of_a_grid(name: str, said: str) -> None:
     Raises:
         ModelError: always; `said` is the word by which they were to be chosen.
     """
-    told = f"{said} of '{name}', a grid, whose synapses share weights: expected all of them"
-    raise ModelError(told, hint="its kernels are set as a whole, by map")
+    message = f"{said} of '{name}', a grid, whose synapses share weights: expected all of them"
+    raise ModelError(message, hint="its kernels are set as a whole, by map")
 
 
 def _pairs(of: Any) -> Ints:
     """Pairs of neurons as rows, shape (n, 2)."""
-    told = "expected pairs (source, target) of neurons as whole numbers, such as [(0, 5), (3, 1)]"
+    message = "expected pairs (source, target) of neurons as whole numbers, such as [(0, 5), (3, 1)]"
     if isinstance(of, (Part, View, str)):
         text = f"'{of.name}'" if isinstance(of, Part) else repr(of)
-        raise ModelError(f"of = {text}: {told}", hint="pre= and post= take the neurons at either end")
+        raise ModelError(f"of = {text}: {message}", hint="pre= and post= take the neurons at either end")
     try:
         pairs = np.atleast_2d(np.asarray(of))
     except ValueError:  # rows of different lengths
-        raise ModelError(f"of = {shown(of)}: {told}") from None
+        raise ModelError(f"of = {shown(of)}: {message}") from None
     if pairs.dtype.kind not in "iu" or pairs.ndim != 2 or pairs.shape[1] != 2:
-        raise ModelError(f"of = {shown(of)}: {told}", hint="pre= and post= take the neurons at either end")
+        raise ModelError(f"of = {shown(of)}: {message}", hint="pre= and post= take the neurons at either end")
     return pairs.astype(np.int64)

@@ -69,14 +69,14 @@ def _of_arrays(place: str, one: Any, other: Any) -> str:
     one, other = np.asarray(one), np.asarray(other)
     if one.dtype != other.dtype or one.ndim != other.ndim or one.ndim == 0:
         return f"{place}: {_told(one)} then, {_told(other)} now"
-    told = "" if one.shape == other.shape else f" (shape {one.shape} then, {other.shape} now)"
+    message = "" if one.shape == other.shape else f" (shape {one.shape} then, {other.shape} now)"
     least = tuple(slice(min(pair)) for pair in zip(one.shape, other.shape, strict=True))
     differs = np.argwhere(_unequal(one[least], other[least]))
     if not differs.size:
         return f"{place}: shape {one.shape} then, {other.shape} now"
     at = tuple(int(k) for k in differs[0])
     where = ", ".join(map(str, at))
-    return f"{place}[{where}]: {_told(one[at])} then, {_told(other[at])} now{told}"
+    return f"{place}[{where}]: {_told(one[at])} then, {_told(other[at])} now{message}"
 
 
 def _unequal(a: Any, b: Any) -> Any:

@@ -102,8 +102,8 @@ def _checked(client: Any, where: str, folder: Folder) -> int:
         if version != VERSION:
             raise ModelError(f"the worker {address} has neuro {version}: expected {VERSION}, as here")
         if not seen:
-            told = f"the worker {address} does not see {path}"
-            raise ModelError(told, hint="runs are kept in the folder: expected one that all machines share")
+            message = f"the worker {address} does not see {path}"
+            raise ModelError(message, hint="runs are kept in the folder: expected one that all machines share")
     return sum(client.nthreads().values())
 
 

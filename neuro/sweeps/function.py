@@ -94,8 +94,8 @@ class FunctionRun:
             ModelError: it is not.
         """
         if self.here is None and _source(self.function) != self.source:
-            told = f"'{self.name}' was edited since the sweep began: expected the function that it was"
-            raise ModelError(told, hint="a new folder is a new sweep")
+            message = f"'{self.name}' was edited since the sweep began: expected the function that it was"
+            raise ModelError(message, hint="a new folder is a new sweep")
 
     def check(self, point: Mapping[str, Any], seeded: bool) -> None:
         """Refuse names that the function does not take.

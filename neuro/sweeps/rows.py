@@ -126,14 +126,14 @@ class Rows(ABC):
             import pyarrow
             from pyarrow import parquet
         except ImportError:
-            told = f"{file}: the package pyarrow is not installed"
-            raise ModelError(told, hint=install("parquet")) from None
+            message = f"{file}: the package pyarrow is not installed"
+            raise ModelError(message, hint=install("parquet")) from None
         try:
             frame = pyarrow.Table.from_pylist(self.rows(times), metadata={"neuro sweep": self.name})
         except (pyarrow.ArrowInvalid, pyarrow.ArrowTypeError, OverflowError) as error:
             kinds = "whole numbers of more than 64 bits" if isinstance(error, OverflowError) else "several kinds"
-            told = f"{file}: a column has values of {kinds}: {error}"
-            raise ModelError(told, hint="a CSV file takes them") from None
+            message = f"{file}: a column has values of {kinds}: {error}"
+            raise ModelError(message, hint="a CSV file takes them") from None
         with output(file, PARQUET) as part:
             parquet.write_table(frame, part)
 

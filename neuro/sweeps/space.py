@@ -266,8 +266,8 @@ def seeds_of(seeds: int | Sequence[int] | None) -> tuple[int, ...]:
     every: list[Any] = list(seeds) if isinstance(seeds, (list, tuple, range)) else [seeds]
     for seed in every or [None]:
         if not isinstance(seed, int) or isinstance(seed, bool) or not 0 <= seed < 2**63:
-            told = f"seeds = {shown(seeds)}: expected how many, or a list of whole numbers >= 0"
-            raise ModelError(told, path=("seeds",))
+            message = f"seeds = {shown(seeds)}: expected how many, or a list of whole numbers >= 0"
+            raise ModelError(message, path=("seeds",))
     if len(set(every)) < len(every):
         raise ModelError(f"seeds = {shown(seeds)}: one is there twice", path=("seeds",))
     return tuple(every)
@@ -275,5 +275,5 @@ def seeds_of(seeds: int | Sequence[int] | None) -> tuple[int, ...]:
 
 def _smaller(space: Space) -> str:
     sizes = [f"{axis.name} has {axis.count():,}" for axis in space.axes if space.sampling == "grid"]
-    told = ", ".join(sizes[:6]) + "; " if sizes else ""
-    return told + "'sampling: latin_hypercube' with 'runs: 1000' covers a large space"
+    message = ", ".join(sizes[:6]) + "; " if sizes else ""
+    return message + "'sampling: latin_hypercube' with 'runs: 1000' covers a large space"

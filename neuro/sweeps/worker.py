@@ -170,8 +170,12 @@ def _filling(fill: Callable[[Path], None] | None, printed: str) -> Callable[[Pat
 
 
 def _lack(limit: int | None, error: MemoryError) -> str:
-    told = f": {error}" if str(error) else ""
-    return f"memory: needs more than the limit of {limit / 1e6:,.0f} MB{told}" if limit else f"memory: not enough{told}"
+    message = f": {error}" if str(error) else ""
+    return (
+        f"memory: needs more than the limit of {limit / 1e6:,.0f} MB{message}"
+        if limit
+        else f"memory: not enough{message}"
+    )
 
 
 @contextlib.contextmanager

@@ -90,8 +90,8 @@ def check_case(backend: str | Backend, name: str) -> str:
 def _computes_in_integers(backend: Backend) -> bool:
     """Whether a backend says that it rounds; one that says nothing computes in floats."""
     arithmetic = getattr(backend, "arithmetic", "float")
-    told = f"backend '{backend.name}': arithmetic = {arithmetic!r}: expected one of {ARITHMETIC}"
-    assert arithmetic in ARITHMETIC, told
+    message = f"backend '{backend.name}': arithmetic = {arithmetic!r}: expected one of {ARITHMETIC}"
+    assert arithmetic in ARITHMETIC, message
     return bool(arithmetic == "integer")
 
 

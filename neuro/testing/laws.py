@@ -245,8 +245,8 @@ def a_seed_repeats(start: Start, subject: Subject) -> tuple[Found, Found]:
 def seeds_differ(start: Start, subject: Subject) -> tuple[Found, Found]:
     """Another seed gives another run."""
     a, b = (steered(start(subject.make(), seed=seed), subject) for seed in (7, 8))
-    told = "spikes of {}: steps"
-    alike = [name for name in ("relay", "exp") if np.array_equal(a[told.format(name)], b[told.format(name)])]
+    message = "spikes of {}: steps"
+    alike = [name for name in ("relay", "exp") if np.array_equal(a[message.format(name)], b[message.format(name)])]
     return {"populations that spike alike": np.array(0)}, {"populations that spike alike": np.array(len(alike))}
 
 

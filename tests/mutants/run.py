@@ -87,7 +87,19 @@ class Copy:
 
     def test(self, files: list[str]) -> tuple[int, str]:
         """The exit status of pytest, 0 also where it does not end in time, and what it printed."""
-        words = ["-x", "-q", "-p", "no:xdist", "-p", "no:benchmark", "-p", "no:cacheprovider", "--hypothesis-seed=0"]
+        words = [
+            "-m",
+            "slow or not slow",
+            "-x",
+            "-q",
+            "-p",
+            "no:xdist",
+            "-p",
+            "no:benchmark",
+            "-p",
+            "no:cacheprovider",
+            "--hypothesis-seed=0",
+        ]
         command = [sys.executable, "-m", "pytest", *words, *files]
         try:
             done = subprocess.run(command, cwd=self.root, env=self.env, capture_output=True, text=True, timeout=LIMIT_S)

@@ -159,9 +159,11 @@ class Wholes(HeldOut):
         """Of what was learnt of the other folds: a recogniser with a file of its own, so that a kill costs little."""
         if fold not in self._askers:
             method, course = self.recogniser.method, self.course
-            told = f"{self.fingerprint} without fold {fold} of {len(self.folds)}"
+            message = f"{self.fingerprint} without fold {fold} of {len(self.folds)}"
             shown, file = self._shown.take(self.folds[fold][0]), self._file(fold)
-            made = learn(method, shown, told, seed=course.seed, backend=course.backend, out=file, report=course.report)
+            made = learn(
+                method, shown, message, seed=course.seed, backend=course.backend, out=file, report=course.report
+            )
             self._askers[fold] = method.asker(made.learnt, self.backend)
         return self._askers[fold]
 

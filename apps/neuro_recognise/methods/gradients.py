@@ -99,8 +99,8 @@ class Gradients(Method):
             ModelError: torch is not installed.
         """
         if find_spec("torch") is None:
-            told = f"{self.place()} learns by PyTorch, which is not installed"
-            raise ModelError(told, hint=install("torch"))
+            message = f"{self.place()} learns by PyTorch, which is not installed"
+            raise ModelError(message, hint=install("torch"))
         import torch
 
         from neuro_train.trainer import learn

@@ -52,9 +52,9 @@ def confusion(evaluation: Evaluation, by: str = "") -> Figure:
     axis.set_xlabel("decided", color=INK)
     axis.set_ylabel("shown", color=INK)
     low, high = evaluation.interval
-    told = f" by {literal(by)}" if by else ""
+    message = f" by {literal(by)}" if by else ""
     axis.set_title(
-        f"{evaluation.accuracy:.1%} of {evaluation.n} right{told}\n", loc="left", fontsize=12.5, color=INK, pad=8
+        f"{evaluation.accuracy:.1%} of {evaluation.n} right{message}\n", loc="left", fontsize=12.5, color=INK, pad=8
     )
     axis.text(0, 1.02, f"95 % interval {low:.1%} to {high:.1%}", transform=axis.transAxes, fontsize=9.5, color=GREY)
     return figure

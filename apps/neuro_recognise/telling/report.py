@@ -55,8 +55,8 @@ def show_settings(name: str) -> None:
 
 def learnt(recogniser: Recogniser) -> str:
     """One line about a training."""
-    told = f"{recogniser.method.called()} for {len(recogniser.classes)} classes"
-    return f"{told}, learnt from {recogniser.training['recordings']} recordings"
+    message = f"{recogniser.method.called()} for {len(recogniser.classes)} classes"
+    return f"{message}, learnt from {recogniser.training['recordings']} recordings"
 
 
 def describe(recogniser: Recogniser) -> None:
@@ -99,8 +99,8 @@ def show_predicted(
         name = "silent" if one.label == SILENT else recogniser.classes[one.label]
         when = "-" if one.decided_ms is None else f"{one.decided_ms:.0f} of {one.length_ms:.0f} ms"
         best = sorted(zip(recogniser.classes, one.scores.tolist(), strict=True), key=lambda pair: -pair[1])[:3]
-        told = "-" if one.label == SILENT else ", ".join(f"{which} {number(score)}" for which, score in best)
-        rows.append((one.path, name, when, told))
+        message = "-" if one.label == SILENT else ", ".join(f"{which} {number(score)}" for which, score in best)
+        rows.append((one.path, name, when, message))
     console().print(table(("recording", "class", ">decided after", "scores"), rows))
     if allow is not None:
         console().print(ASSUMES)

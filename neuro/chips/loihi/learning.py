@@ -354,20 +354,20 @@ def give_rules(program: Program, chip: Chip, wires: dict[int, FixedProjection], 
 def _delays(program: Program, index: int) -> Problem:
     """What a rule for delays becomes on the chip; a synapse that has other traces than times cannot be there."""
     part = program.projections[index]
-    told = f"projection '{part.name}': {part.synapse.name}"
+    message = f"projection '{part.name}': {part.synapse.name}"
     traces = (*part.synapse.pre, *part.synapse.post) if part.synapse.learns == "pairs" else ()
     if any(trace.tau for trace in traces) or len(traces) > 2:
-        return refused(part.origin, told, "of spikes the host knows when the last ones were", LEARN_ELSEWHERE)
+        return refused(part.origin, message, "of spikes the host knows when the last ones were", LEARN_ELSEWHERE)
     when = "times of spikes, which its learning engine has not" if traces else "the ends of trials"
     kept = f"delays are whole steps in the register and 1/{FRACTIONS} of a step in the tag"
-    return approximated(part.origin, told, f"{kept}; the host changes them by {when}")
+    return approximated(part.origin, message, f"{kept}; the host changes them by {when}")
 
 
 def _no_rule(program: Program, index: int) -> Problem | None:
     """Why a synapse model cannot be onto these neurons; None if it can."""
     part = program.projections[index]
     synapse, target = part.synapse, program.populations[part.target].model
-    told = f"projection '{part.name}': {synapse.name}"
+    message = f"projection '{part.name}': {synapse.name}"
     if isinstance(target, parrot_neuron) and synapse.learns in ("pairs", "chip"):
         why, way = (
             "the host relays the spikes of parrots, so there is no weight to learn",
@@ -382,7 +382,7 @@ def _no_rule(program: Program, index: int) -> Problem | None:
         why, way = f"its weights are in mV or pA, but {target.name} has registers", "use loihi_learning"
     else:
         return None
-    return refused(part.origin, told, why, way)
+    return refused(part.origin, message, why, way)
 
 
 def _mapped(program: Program, index: int, wires: FixedProjection, options: Options) -> Mapped:

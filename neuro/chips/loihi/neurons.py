@@ -201,13 +201,13 @@ def _times(inputs: Inputs) -> Iterator[Problem]:
 def _potentials(inputs: Inputs) -> Iterator[Problem]:
     """Potentials that a compartment cannot tell apart, or has not."""
     part, p = inputs.part, inputs.part.parameters
-    told = f"population '{part.name}'"
+    message = f"population '{part.name}'"
     off = np.flatnonzero(np.broadcast_to(p["V_reset"] != p["E_L"], part.size))
     if off.size:
         v_reset, e_l = value_at(part, "V_reset", off[0]), value_at(part, "E_L", off[0])
         yield refused(
             part.origin,
-            f"{told}: V_reset = {v_reset:g} mV",
+            f"{message}: V_reset = {v_reset:g} mV",
             f"a spike sets the voltage register to 0, which is E_L = {e_l:g} mV",
             f"set V_reset to {e_l:g}, or run on spinnaker",
         )
@@ -216,21 +216,21 @@ def _potentials(inputs: Inputs) -> Iterator[Problem]:
         v_th, e_l = value_at(part, "V_th", below[0]), value_at(part, "E_L", below[0])
         yield refused(
             part.origin,
-            f"{told}: V_th = {v_th:g} mV",
+            f"{message}: V_th = {v_th:g} mV",
             f"the threshold register is unsigned, so V_th must be above E_L = {e_l:g} mV",
             "raise V_th or lower E_L, or run on spinnaker",
         )
     if "V_min" in p and np.isfinite(p["V_min"]).any():
-        what = f"{told}: V_min = {p['V_min'].max():g} mV"
+        what = f"{message}: V_min = {p['V_min'].max():g} mV"
         yield refused(part.origin, what, "a compartment has no lowest potential", "leave V_min out")
 
 
 def _input(inputs: Inputs) -> Iterator[Problem]:
     """Input that a compartment does not keep apart, or not keep."""
     part, p = inputs.part, inputs.part.parameters
-    told = f"population '{part.name}'"
+    message = f"population '{part.name}'"
     if p.get("refractory_input", np.zeros(1)).any():
-        what = f"{told}: refractory_input"
+        what = f"{message}: refractory_input"
         yield refused(part.origin, what, "a compartment loses input while it is refractory", "leave it out")
     if "tau_syn_ex" not in p or not all(receives(inputs)):
         return
@@ -239,7 +239,7 @@ def _input(inputs: Inputs) -> Iterator[Problem]:
         ex, inh = value_at(part, "tau_syn_ex", apart[0]), value_at(part, "tau_syn_in", apart[0])
         yield refused(
             part.origin,
-            f"{told}: tau_syn_ex = {ex:g} ms and tau_syn_in = {inh:g} ms",
+            f"{message}: tau_syn_ex = {ex:g} ms and tau_syn_in = {inh:g} ms",
             "a compartment has one current and so one synaptic time constant",
             "use one time constant for both, or run on spinnaker",
         )

@@ -183,8 +183,8 @@ def one_kernel(inputs: Inputs, index: int, gains: int) -> list[Problem]:
     part = inputs.program.projections[index]
     if part.grid is None or gains == 1:
         return []
-    told = f"projection '{part.name}': a shared kernel onto neurons that differ"
-    return [refused(part.origin, told, "a kernel has one scale", "give the neurons the same time constants and C_m")]
+    message = f"projection '{part.name}': a shared kernel onto neurons that differ"
+    return [refused(part.origin, message, "a kernel has one scale", "give the neurons the same time constants and C_m")]
 
 
 def converging(inputs: Inputs, index: int, sign: float, weight: Floats | None = None) -> Floats:

@@ -109,10 +109,10 @@ def foreign(program: Program, chip: Chip, index: int) -> Problem | None:
     """Why a synapse model cannot be on a chip: it is in the registers of another family; or None."""
     part = program.projections[index]
     other = part.synapse.chip
-    told = f"projection '{part.name}': {part.synapse.name}"
+    message = f"projection '{part.name}': {part.synapse.name}"
     if not other or other == chip.arithmetic:
         return None
-    return refused(part.origin, told, f"its parameters are registers of {other}", f"backend '{other}' runs it")
+    return refused(part.origin, message, f"its parameters are registers of {other}", f"backend '{other}' runs it")
 
 
 def refuse_rules(

@@ -57,8 +57,8 @@ def _check_part(program: Program, arithmetic: Arithmetic, option: Option, name: 
         raise ModelError(f"{option.name}: unknown part '{name}'", hint=nearest(name, models))
     if not isinstance(models[name], arithmetic.models):
         known = " or ".join(model.__name__ for model in arithmetic.models)
-        told = f"{option.name}['{name}']: {a(models[name].name)}: expected {expected} of {known}"
-        raise ModelError(told)
+        message = f"{option.name}['{name}']: {a(models[name].name)}: expected {expected} of {known}"
+        raise ModelError(message)
 
 
 def is_positive(value: Any) -> bool:

@@ -218,8 +218,8 @@ def _notes(
     if any(p.kind == "current" for p in program.populations):
         yield "the host writes currents of dc_generators into the bias registers when they change"
     for group in program.groups:
-        told = f"the host decides group '{group.name}' from the voltages of the step"
-        yield f"{told}; the chip has no {group.choice.noun}"
+        message = f"the host decides group '{group.name}' from the voltages of the step"
+        yield f"{message}; the chip has no {group.choice.noun}"
     if program.trials is not None:
         yield f"the host resets {', '.join(program.trials.reset) or 'nothing'} before each trial"
     for part in program.projections:

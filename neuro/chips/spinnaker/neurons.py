@@ -60,10 +60,13 @@ def native_projection(inputs: Inputs, index: int) -> tuple[FixedProjection, list
     problems = [*other_receptor(inputs, index)]
     bad = np.flatnonzero((part.weight != np.rint(part.weight)) | (np.abs(part.weight) > SLOT))
     if bad.size:
-        told = f"projection '{part.name}': weight = {part.weight[bad[0]]:g}"
+        message = f"projection '{part.name}': weight = {part.weight[bad[0]]:g}"
         problems.append(
             refused(
-                part.origin, told, f"a word is a whole number from -{SLOT} to {SLOT}", "change exc_shift or inh_shift"
+                part.origin,
+                message,
+                f"a word is a whole number from -{SLOT} to {SLOT}",
+                "change exc_shift or inh_shift",
             )
         )
     words: Words = np.clip(np.rint(part.weight), -SLOT, SLOT).astype(np.int32)

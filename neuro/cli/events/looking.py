@@ -253,10 +253,10 @@ def gif(
             replace=force,
         )
     speed = made.window_us * made.fps / 1e6
-    told = "as fast as it was" if abs(speed - 1) < 0.005 else f"{speed:.3g} times as fast as it was"
+    message = "as fast as it was" if abs(speed - 1) < 0.005 else f"{speed:.3g} times as fast as it was"
     frames = "1 frame" if made.frames == 1 else f"{made.frames:,} frames"
     without = f"; {made.left_out:,} still frames left out" if made.left_out else ""
-    typer.echo(f"{target}: {frames} of {made.size[0]}x{made.size[1]} px, {made.fps:.4g} a second, {told}{without}")
+    typer.echo(f"{target}: {frames} of {made.size[0]}x{made.size[1]} px, {made.fps:.4g} a second, {message}{without}")
 
 
 PageOut = Annotated[Path | None, typer.Option("--out", metavar="FILE", help="The page; IN.html in the current folder.")]

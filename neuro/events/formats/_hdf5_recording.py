@@ -327,11 +327,11 @@ def _recording(file: Any, node: Any, order: str) -> Recording:
 
 
 def _several(found: list[Any]) -> str:
-    told = f"{len(found)} recordings or more ({', '.join(node.name for node in found[:3])}), expected one"
+    message = f"{len(found)} recordings or more ({', '.join(node.name for node in found[:3])}), expected one"
     if all(_rows(node) for node in found):
-        return f"is a data set with {told}; neuro.events.Dataset reads it"
+        return f"is a data set with {message}; neuro.events.Dataset reads it"
     name = f"hdf5:{found[0].name}"
-    return f"has {told}: name it, as in format={name!r} or --from {name}"
+    return f"has {message}: name it, as in format={name!r} or --from {name}"
 
 
 def _candidates(group: Any, depth: int = DEPTH) -> Iterator[Any]:

@@ -116,14 +116,13 @@ class Table:
             return f"has {len(values)} columns, expected {layout.columns}"
         name = next(name for name, place in layout.where.items() if place == column)
         value = values[column] if column < len(values) else ""
-        told = f"{name} is {value[:40]!r}"
+        message = f"{name} is {value[:40]!r}"
         if wrong == NOT_A_NUMBER:
-            return f"{told}, expected a number"
+            return f"{message}, expected a number"
         if name == "t":
-            return f"{told}, expected {'whole us, as before' if wrong == NOT_WHOLE else 'less than 2^63 us'}"
-        return (
-            f"{told}, expected {'1 for ON, and 0 or -1 for OFF' if name == 'p' else 'a whole number from 0 to 65535'}"
-        )
+            return f"{message}, expected {'whole us, as before' if wrong == NOT_WHOLE else 'less than 2^63 us'}"
+        expected = "1 for ON, and 0 or -1 for OFF" if name == "p" else "a whole number from 0 to 65535"
+        return f"{message}, expected {expected}"
 
 
 def _whole_lines(data: Bytes) -> int:

@@ -359,8 +359,8 @@ def _check_spike(d: Definition, dims: Dimensions) -> None:
     if d.threshold is None:
         for section in ("reset", "refractory"):
             if section in d.plain:
-                told = f"{section} without 'threshold': expected one, e.g. V_m >= V_th"
-                raise ModelError(told, path=(section,), about=("threshold",))
+                message = f"{section} without 'threshold': expected one, e.g. V_m >= V_th"
+                raise ModelError(message, path=(section,), about=("threshold",))
         return
     with dims.at("threshold"):
         if not is_comparison(d.threshold.tree):

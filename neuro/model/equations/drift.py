@@ -44,9 +44,9 @@ def _moved(pairs: Pairs, drift: Expression, constants: Constants) -> str:
     if found is None or not fits(drift.tree):
         odd = culprit(drift.tree, fits)
         summed = f"a sum of products of at most {DEGREE} of {', '.join(taus) or 'the states'}"
-        told = f"a rate without {WEIGHT}" if WEIGHT in names(odd) else f"{summed}, whose decay is integrated exactly"
+        message = f"a rate without {WEIGHT}" if WEIGHT in names(odd) else f"{summed}, whose decay is integrated exactly"
         hint = "Wmin and Wmax keep the weight within bounds" if WEIGHT in names(odd) else ""
-        raise drift.mistake(odd.at, f"found '{text_of(odd)}': expected {told}", hint)
+        raise drift.mistake(odd.at, f"found '{text_of(odd)}': expected {message}", hint)
     variables = {**{name: local(name) for name in pairs.states}, SIGNAL: SIGNAL}
     leaf = constants.leaf(variables)
     terms = []

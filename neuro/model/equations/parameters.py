@@ -61,8 +61,8 @@ def read_parameters(said: Any, base: type[Choice]) -> dict[str, Parameter]:
         try:
             found[name] = _parameter(name, words, base)
         except ModelError as error:
-            told = f"parameters.{name}: {error.message}"
-            raise error.but(message=told, path=("parameters", str(name), *error.path)) from None
+            message = f"parameters.{name}: {error.message}"
+            raise error.but(message=message, path=("parameters", str(name), *error.path)) from None
     return found
 
 

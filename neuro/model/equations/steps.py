@@ -73,9 +73,9 @@ def checked(neuron: Neuron) -> Neuron:
     """
     if neuron.integrator == "exact" and neuron.linear is None:
         name = next(name for name in neuron.definition.states if not _alone_linear(neuron, name))
-        told = "are not linear" if not neuron.definition.integrator else "are not linear, as 'exact' needs"
+        message = "are not linear" if not neuron.definition.integrator else "are not linear, as 'exact' needs"
         raise ModelError(
-            f"the equations {told}, see {name}: expected an integrator",
+            f"the equations {message}, see {name}: expected an integrator",
             hint="write integrator: {rkf45: {tolerance: 1e-6}}, or {rk4: {substeps: 4}}, exponential_euler, euler",
             path=("integrator",) if neuron.definition.integrator else ("equations", name),
             about=("integrator", name),

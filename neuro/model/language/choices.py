@@ -133,8 +133,8 @@ def _with_array(cls: type[Choice], node: Node) -> Node:
         return node
     first = next(iter(inner.values()))
     if cls.file_of in said:
-        told = f"{cls.called()}: found both '{cls.file_of}' and '{next(iter(inner))}': expected one of them"
-        raise mistake(first, told)
+        message = f"{cls.called()}: found both '{cls.file_of}' and '{next(iter(inner))}': expected one of them"
+        raise mistake(first, message)
     if "file" not in said:
         raise mistake(first, f"{cls.called()}: found 'key' without 'file': expected both")
     rest = {word: value for word, value in said.items() if word not in inner}

@@ -51,8 +51,8 @@ class Arrays:
             return path.as_posix()
         folder = self._folder.resolve()
         if not path.resolve().is_relative_to(folder):
-            told = f"{key} = {str(path)!r}: expected a file in the folder of the description, or below"
-            raise ModelError(told, hint=f"copy it to {self._folder}, or save the network beside it")
+            message = f"{key} = {str(path)!r}: expected a file in the folder of the description, or below"
+            raise ModelError(message, hint=f"copy it to {self._folder}, or save the network beside it")
         return path.resolve().relative_to(folder).as_posix()
 
     def events(self, key: str) -> None:

@@ -92,8 +92,8 @@ def _bytes(path: Path) -> bytes:
 
 def _kind(data: bytes) -> str:
     """A hint at what a file is that is no text."""
-    told = "an HDF5 file, as results are: neuro report FILE tells what these hold, and their bill"
-    return told if is_hdf5(data) else ""
+    message = "an HDF5 file, as results are: neuro report FILE tells what these hold, and their bill"
+    return message if is_hdf5(data) else ""
 
 
 def _text(path: Path) -> str:

@@ -143,6 +143,6 @@ def _two_columns(values: NDArray[np.float64], node: Node, what: str) -> NDArray[
 def _joined(columns: list[NDArray[np.float64]], node: Node, what: str) -> NDArray[np.float64]:
     times, ids = columns
     if times.shape != ids.shape or times.ndim != 1:
-        told = f"{what} holds {times.size} times and {ids.size} ids"
-        raise mistake(node, f"{told}: expected as many of each, in lists")
+        message = f"{what} holds {times.size} times and {ids.size} ids"
+        raise mistake(node, f"{message}: expected as many of each, in lists")
     return np.stack(columns, axis=1)

@@ -118,13 +118,13 @@ class Generator(Model):
         super().__post_init__()
         start, stop = (self.parameters().get(word) for word in ("start", "stop"))
         if start is not None and stop is not None and stop < start:
-            told = f"{self.name}.stop = {stop:g} ms: expected at least start = {start:g} ms"
-            raise ModelError(told, where=here(), path=("stop",))
+            message = f"{self.name}.stop = {stop:g} ms: expected at least start = {start:g} ms"
+            raise ModelError(message, where=here(), path=("stop",))
         if self.schedule:
             times, values = (getattr(self, word) for word in self.schedule)
             if len(times) != values.shape[-1]:
-                told = f"{self.name}.{self.schedule[1]}: {values.shape[-1]} values for {len(times)} times"
-                raise ModelError(f"{told}: expected as many", where=here(), path=(self.schedule[1],))
+                message = f"{self.name}.{self.schedule[1]}: {values.shape[-1]} values for {len(times)} times"
+                raise ModelError(f"{message}: expected as many", where=here(), path=(self.schedule[1],))
 
     @staticmethod
     def initial(parameters: Mapping[str, Any]) -> dict[str, Any]:
@@ -216,24 +216,24 @@ def complete(model: type[Model]) -> type[Model]:
     if issubclass(model, Neuron) and not model.chip:
         _complete_neuron(model)
     elif issubclass(model, Generator) and model.role == "generator":
-        told = f"generator '{model.__name__}'"
-        check_functions(told, model, EMITTING)
-        _complete_numbers(told, model)
+        message = f"generator '{model.__name__}'"
+        check_functions(message, model, EMITTING)
+        _complete_numbers(message, model)
     elif not issubclass(model, (Neuron, Generator)):
         raise TypeError(f"model '{model.__name__}': expected a subclass of Neuron or Generator")
     return model
 
 
 def _complete_neuron(model: type[Neuron]) -> None:
-    told = f"neuron model '{model.__name__}'"
-    check_functions(told, model, DRAWING if model.draws else FUNCTIONS)
+    message = f"neuron model '{model.__name__}'"
+    check_functions(message, model, DRAWING if model.draws else FUNCTIONS)
     names = [state.name for state in model.states]
     if "V_m" in names[1:]:
-        raise TypeError(f"{told}: V_m is state {names.index('V_m')}: expected it first")
-    _check_receptors(told, model)
-    c = _complete_numbers(told, model)
+        raise TypeError(f"{message}: V_m is state {names.index('V_m')}: expected it first")
+    _check_receptors(message, model)
+    c = _complete_numbers(message, model)
     if c is not None and "V_m" in names and "V_th" in model.quantities() and c[0] != model.defaults()["V_th"]:
-        raise TypeError(f"{told}: its first constant is {c[0]:g}: expected V_th = {model.defaults()['V_th']:g}")
+        raise TypeError(f"{message}: its first constant is {c[0]:g}: expected V_th = {model.defaults()['V_th']:g}")
 
 
 def _check_receptors(told: str, model: type[Neuron]) -> None:

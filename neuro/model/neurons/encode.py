@@ -45,8 +45,8 @@ class encode(Generator):
             raise error.at(here(), self.name) from None
         super().__post_init__()
         if isinstance(self.values, Choice):
-            told = f"{self.name}.values = {shown(self.values)}: expected numbers"
-            raise ModelError(told, where=here(), path=("values",))
+            message = f"{self.name}.values = {shown(self.values)}: expected numbers"
+            raise ModelError(message, where=here(), path=("values",))
         try:
             self.spikes(0)
         except ModelError as error:

@@ -29,8 +29,8 @@ class crop(Choice):
         for word in ("x", "y"):
             sides = getattr(self, word)
             if sides is not None and (len(sides) != 2 or sides[0] >= sides[1]):
-                told = f"crop.{word} = {shown(sides)}: expected [first, the one after the last]"
-                raise ModelError(told, where=here(), path=(word,))
+                message = f"crop.{word} = {shown(sides)}: expected [first, the one after the last]"
+                raise ModelError(message, where=here(), path=(word,))
 
     def sides(self, width: int, height: int) -> tuple[tuple[int, int], tuple[int, int]]:
         """Columns and rows that are kept of a sensor, each as the first and the one after the last.
@@ -41,8 +41,10 @@ class crop(Choice):
         for word, limit in (("x", width), ("y", height)):
             sides = getattr(self, word)
             if sides is not None and sides[1] > limit:
-                told = f"crop.{word} = {shown(sides)}: expected within [0, {limit}], the sensor is {width}x{height} px"
-                raise ModelError(told, path=("crop", word))
+                message = (
+                    f"crop.{word} = {shown(sides)}: expected within [0, {limit}], the sensor is {width}x{height} px"
+                )
+                raise ModelError(message, path=("crop", word))
         return self.x or (0, width), self.y or (0, height)
 
 
@@ -104,8 +106,8 @@ class event_camera(Generator):
             except ModelError as error:
                 raise error.at(here(), "event_camera") from None
         if abs(self.offset * 1000.0 - round(self.offset * 1000.0)) > 1e-6:
-            told = f"event_camera.offset = {self.offset:.12g} ms: expected whole us, as the times of events are"
-            raise ModelError(told, where=here(), path=("offset",))
+            message = f"event_camera.offset = {self.offset:.12g} ms: expected whole us, as the times of events are"
+            raise ModelError(message, where=here(), path=("offset",))
 
     def seen(self, sensor: tuple[int, int]) -> tuple[int, ...]:
         """The shape of what is seen of a sensor of this width and height, px.

@@ -40,31 +40,33 @@ def complete(model: type[Synapse]) -> type[Synapse]:
     Raises:
         TypeError: something is missing or not possible yet; it says what.
     """
-    told = f"synapse model '{model.__name__}'"
+    message = f"synapse model '{model.__name__}'"
     if model.learns not in ("", "pairs", "trials", "chip"):
-        raise TypeError(f"{told}: learns = '{model.learns}': expected '', 'pairs', 'trials' or 'chip'")
+        raise TypeError(f"{message}: learns = '{model.learns}': expected '', 'pairs', 'trials' or 'chip'")
     if model.modulated and not issubclass(model, Modulated):
-        raise TypeError(f"{told}: expected a subclass of Modulated, whose words say where n comes from")
+        raise TypeError(f"{message}: expected a subclass of Modulated, whose words say where n comes from")
     if model.delays and not issubclass(model, DelayRule):
-        raise TypeError(f"{told}: expected a subclass of DelayRule, which says how far a delay may go")
+        raise TypeError(f"{message}: expected a subclass of DelayRule, which says how far a delay may go")
     first = [state.name for state in model.states[:1]]
     if model.delays and (model.modulated or model.learns not in ("pairs", "trials") or first != ["delay"]):
-        raise TypeError(f"{told} changes delays: expected learns 'pairs' or 'trials', no dopamine, first state 'delay'")
+        raise TypeError(
+            f"{message} changes delays: expected learns 'pairs' or 'trials', no dopamine, first state 'delay'"
+        )
     if not model.learns and any(hasattr(model.arithmetic, name) for name in ("on_pre", "on_post")):
-        raise TypeError(f"{told} has rules for spikes and learns = '': expected learns = 'pairs'")
+        raise TypeError(f"{message} has rules for spikes and learns = '': expected learns = 'pairs'")
     if model.learns == "pairs":
-        _check_traces(told, model)
-        _check_of_each(told, model)
+        _check_traces(message, model)
+        _check_of_each(message, model)
         functions = FUNCTIONS | ({"advance": 7} if model.modulated else {}) | ({"on_pre": 6} if model.draws else {})
-        check_functions(told, model, functions | ({"sent": 3} if hasattr(model.arithmetic, "sent") else {}))
-        _check_constants(told, model)
+        check_functions(message, model, functions | ({"sent": 3} if hasattr(model.arithmetic, "sent") else {}))
+        _check_constants(message, model)
     if model.learns == "trials":
-        _check_of_each(told, model)
+        _check_of_each(message, model)
         more = {name: count for name, count in MORE_TEACHING.items() if hasattr(model.arithmetic, name)}
-        check_functions(told, model, {**TEACHING, **more})
+        check_functions(message, model, {**TEACHING, **more})
         if model.delays and "settle" in more:
-            raise TypeError(f"{told} changes delays: expected no function 'settle', which is for weights")
-        _check_constants(told, model)
+            raise TypeError(f"{message} changes delays: expected no function 'settle', which is for weights")
+        _check_constants(message, model)
     return model
 
 

@@ -49,8 +49,8 @@ def execute(
     """
     optuna()  # whether it is there shows before a folder is made
     if retry and place.part is not None:
-        told = "what failed is done again by one process for all"
-        raise ModelError(f"{told}: expected no part", hint="run it once without, then the parts")
+        message = "what failed is done again by one process for all"
+        raise ModelError(f"{message}: expected no part", hint="run it once without, then the parts")
     begin(search, folder)
     if retry:
         retry_failed(search.plan, search.before, folder)
@@ -158,8 +158,8 @@ def retry_failed(plan: Plan, before: str, folder: Folder) -> int:
     """
     with locked(folder.claims / ".ask"):
         if others := claimed(folder.claims):
-            told = f"{folder.path}: others work in it, on {len(others)} runs or trials"
-            raise ModelError(told, hint="what failed is done again when nobody does")
+            message = f"{folder.path}: others work in it, on {len(others)} runs or trials"
+            raise ModelError(message, hint="what failed is done again when nobody does")
         state = optuna().trial.TrialState.FAIL
         trials = [trial for trial in trials_of(folder) if trial.state == state]
         items = {trial._trial_id: plan.items(before, point_of(plan, trial.params)) for trial in trials}

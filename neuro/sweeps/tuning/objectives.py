@@ -40,10 +40,10 @@ def objectives_of(said: Any) -> dict[str, str]:
     found = {}
     for name, direction in said.items():
         if not isinstance(direction, str) or direction not in _WORDS:
-            told = f"objectives.{name} = {shown(direction)}"
+            message = f"objectives.{name} = {shown(direction)}"
             if isinstance(direction, str) and (near := nearest(direction, _WORDS)):
-                raise ModelError(f"{told}: expected {MAXIMISE} or {MINIMISE}", hint=near, path=("objectives",))
-            raise ModelError(f"{told}: expected {MAXIMISE} or {MINIMISE}", path=("objectives",))
+                raise ModelError(f"{message}: expected {MAXIMISE} or {MINIMISE}", hint=near, path=("objectives",))
+            raise ModelError(f"{message}: expected {MAXIMISE} or {MINIMISE}", path=("objectives",))
         found[str(name)] = _WORDS[direction]
     return found
 

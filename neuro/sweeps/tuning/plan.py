@@ -165,8 +165,8 @@ def _prune(said: Any, objectives: Mapping[str, str]) -> dict[str, Any] | None:
         return None
     words = {"by": said} if isinstance(said, str) else said
     if not isinstance(words, Mapping):
-        told = f"prune = {shown(said)}: expected {' or '.join(PRUNERS)}, or words such as {{by: median}}"
-        raise ModelError(told, path=("prune",))
+        message = f"prune = {shown(said)}: expected {' or '.join(PRUNERS)}, or words such as {{by: median}}"
+        raise ModelError(message, path=("prune",))
     for word in words:
         if word not in _PRUNE:
             raise unknown("word of prune", word, _PRUNE, path=("prune",))
@@ -174,15 +174,15 @@ def _prune(said: Any, objectives: Mapping[str, str]) -> dict[str, Any] | None:
     if by not in PRUNERS:
         raise unknown("pruner", by, PRUNERS, path=("prune",))
     if len(objectives) > 1:
-        told = f"prune = {by}: trials of {len(objectives)} objectives cannot be compared on the way"
-        raise ModelError(f"{told}: expected one objective, or no prune", path=("prune",))
+        message = f"prune = {by}: trials of {len(objectives)} objectives cannot be compared on the way"
+        raise ModelError(f"{message}: expected one objective, or no prune", path=("prune",))
     found: dict[str, Any] = {"by": by}
     for word, value in words.items():
         if word == "at":
             found["at"] = _times(value)
         elif word != "by" and word not in PRUNERS[by]:
-            told = f"prune.{word}: has no meaning with {by}, which has {', '.join(PRUNERS[by])}"
-            raise ModelError(told, path=("prune",))
+            message = f"prune.{word}: has no meaning with {by}, which has {', '.join(PRUNERS[by])}"
+            raise ModelError(message, path=("prune",))
         elif word != "by":
             found[word] = _whole(f"prune.{word}", value, _LEAST[word], 10**9)
     return found
@@ -192,15 +192,15 @@ def _times(said: Any) -> list[float]:
     many = said if isinstance(said, (list, tuple)) else [said]
     times = [float(in_ms(each, "prune.at")) for each in many]
     if not times or times[0] <= 0 or any(b <= a for a, b in pairwise(times)):
-        told = f"prune.at = {shown(said)}: expected times > 0, each later than the one before"
-        raise ModelError(told, path=("prune",))
+        message = f"prune.at = {shown(said)}: expected times > 0, each later than the one before"
+        raise ModelError(message, path=("prune",))
     return times
 
 
 def _whole(name: str, value: Any, least: int, most: int) -> int:
     if isinstance(value, bool) or not isinstance(value, int) or not least <= value <= most:
-        told = f"{name} = {shown(value)}: expected a whole number from {least:,} to {most:,}"
-        raise ModelError(told, path=words_of(name))
+        message = f"{name} = {shown(value)}: expected a whole number from {least:,} to {most:,}"
+        raise ModelError(message, path=words_of(name))
     return value
 
 

@@ -178,6 +178,6 @@ def _reporting(run: NetworkRun, plan: Plan, said: Mapping[str, Node]) -> Network
         raise mistake(said["prune"], "prune.at: with seeds, trials are compared after each seed: expected no 'at'")
     end = float(in_ms(run.duration, "for"))
     if times and times[-1] >= end:
-        told = f"prune.at = {times[-1]:g} ms: expected times before the end of the run, {end:g} ms"
-        raise mistake(said["prune"], told)
+        message = f"prune.at = {times[-1]:g} ms: expected times before the end of the run, {end:g} ms"
+        raise mistake(said["prune"], message)
     return replace(run, at=times, reports=next(iter(plan.objectives)))
