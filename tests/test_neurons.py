@@ -51,6 +51,7 @@ def test_every_trace_of_nest_comes_out(traces: Path, backend: str):
     assert {r.quantity for r in results} >= {"spikes", "V_m", "g_ex", "g_in", "w", "Act_m", "I_syn_ex", "V_th"}
 
 
+@pytest.mark.slow
 def test_nest_verifies_its_own_traces(traces: Path, nest):
     assert told(verify(traces, "nest")) == []
 

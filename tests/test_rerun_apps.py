@@ -13,6 +13,8 @@ from neuro.core.hdf5 import seal
 from neuro.core.provenance import ATTRIBUTE
 from neuro.events import Events, save
 
+pytestmark = pytest.mark.slow
+
 
 @pytest.fixture
 def neuro(answer, monkeypatch, tmp_path):

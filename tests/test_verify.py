@@ -40,7 +40,7 @@ def wrong(results: list[Result]) -> dict[str, str]:
     return {result.quantity: result.message for result in results if not result.ok}
 
 
-@pytest.mark.parametrize("backend", BACKENDS)
+@pytest.mark.parametrize("backend", [pytest.param("reference", marks=pytest.mark.slow), "event"])
 def test_every_trace_of_nest_comes_out(traces: Path, backend: str):
     results = verify(traces, backend)
     assert [f"{r.case} {r.quantity}: {r.message}" for r in results if not r.ok] == []

@@ -26,6 +26,7 @@ def test_a_trained_network_flies_on_chips_as_well(model, backend):
     assert chip.error_px == pytest.approx(event.error_px, rel=0.15)
 
 
+@pytest.mark.slow
 def test_training_on_loihi_goes_on_after_a_kill_and_learns(tmp_path, monkeypatch):
     monkeypatch.setattr("neuro_drone.train.KEEP", 200)
 

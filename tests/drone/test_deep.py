@@ -117,6 +117,7 @@ def test_the_users_generators_are_left_alone(name):
     assert torch.get_num_threads() == threads
 
 
+@pytest.mark.slow
 @needs
 @every
 @pytest.mark.parametrize("kept", [{}, {"buffer": 90}])

@@ -219,6 +219,7 @@ def test_a_broken_file_is_compiled_anew(package, python, tmp_path):
     assert python(RUN) == ("3", "")
 
 
+@pytest.mark.slow
 def test_processes_compile_at_once(package, tmp_path):
     pipes = {**settings(tmp_path), "stdout": subprocess.PIPE, "stderr": subprocess.PIPE}
     del pipes["capture_output"]

@@ -215,6 +215,7 @@ def on_pre(y, e, c, pre, post):
 """
 
 
+@pytest.mark.slow
 def test_models_that_other_processes_compiled_do_not_mix(compiled, tmp_path):
     """Numba numbers functions within a process: two entries of one factory could have one name."""
 

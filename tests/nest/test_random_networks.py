@@ -26,7 +26,7 @@ import neuro
 from neuro.testing.case import Found
 from neuro.testing.scenarios import SILENCE, Scenario, amplifies_rounding, differences, read, scenarios
 
-NETWORKS = int(os.environ.get("NEURO_RANDOM_NETWORKS", "200"))
+NETWORKS = int(os.environ.get("NEURO_RANDOM_NETWORKS", "100"))
 PARTS = 20
 FEW = 0.1
 """The largest share of networks in which rounding may explain a difference."""

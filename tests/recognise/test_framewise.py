@@ -126,6 +126,7 @@ learn(method, shown, "letters", seed=4, out=out, report=slowly)
 """
 
 
+@pytest.mark.slow
 def test_killed_at_any_time(letters, small, train, tmp_path):
     import pickle
 

@@ -203,6 +203,7 @@ def test_parts_may_be_empty_and_all_forms_of_events(hats):
     )
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["hats", "boe"])
 def test_memory_stays_flat_however_long_a_stream_is(name, request):
     session, held = request.getfixturevalue(name).session(every_ms=10.0, window_ms=20.0), []

@@ -49,6 +49,7 @@ def test_it_knows_unseen_digits_without_torch_and_is_priced(folder, monkeypatch)
     assert np.mean(loihi == made.predict(unseen)) >= 0.95
 
 
+@pytest.mark.slow
 def test_the_demonstration_ends_with_it(folder, tmp_path, monkeypatch, capsys):
     monkeypatch.setattr(demo, "make_dataset", lambda *words: folder)
     monkeypatch.setattr("platformdirs.user_cache_path", lambda name: tmp_path / "cache")

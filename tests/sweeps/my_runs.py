@@ -42,7 +42,7 @@ def forking(a, notes):
         if not os.fork():
             (Path(notes) / f"child-{a}").write_text(str(os.getpid()))
             time.sleep(1000)
-        while not (Path(notes) / f"child-{a}").exists():
+        while not ((child := Path(notes) / f"child-{a}").exists() and child.read_text()):
             time.sleep(0.01)
         if a == 3:
             os.abort()

@@ -78,6 +78,7 @@ def test_the_same_table_as_on_cores(runs, cluster, tmp_path):
     assert on_cluster.csv() == sweep(runs.add, space, tmp_path / "here", seeds=2, on="here").csv()
 
 
+@pytest.mark.slow
 def test_limits_hold_on_a_cluster(runs, cluster, tmp_path):
     cluster.add()
     table = sweep(
@@ -91,6 +92,7 @@ def test_limits_hold_on_a_cluster(runs, cluster, tmp_path):
     ]
 
 
+@pytest.mark.slow
 def test_a_killed_worker_loses_nothing(runs, cluster, tmp_path):
     notes, out = tmp_path / "notes", tmp_path / "out"
     notes.mkdir()
@@ -112,6 +114,7 @@ def test_a_killed_worker_loses_nothing(runs, cluster, tmp_path):
     assert sum(begun) <= 62
 
 
+@pytest.mark.slow
 def test_a_killed_scheduler_loses_nothing(runs, cluster, tmp_path):
     notes, out = tmp_path / "notes", tmp_path / "out"
     notes.mkdir()

@@ -59,6 +59,7 @@ def hit(process, whom):
     return bool(targets)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", [0])
 def test_kills_at_random_moments(tmp_path, seed):
     out, notes = tmp_path / "out", tmp_path / "notes"

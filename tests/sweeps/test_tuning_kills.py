@@ -66,6 +66,7 @@ def test_two_processes_ask_one_journal(start, tmp_path, words):
     assert times_begun(tmp_path) == [1] * 40
 
 
+@pytest.mark.slow
 def test_kills_at_random_moments(start, tmp_path):
     """All at once, as a loss of power would, or the process that asks alone."""
     draw, kills, process, trials = random.Random(0), 0, start(60, pause=0.2), 60

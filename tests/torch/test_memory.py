@@ -77,6 +77,7 @@ CASES = {
 }
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(not os.access("/proc/self/clear_refs", os.W_OK), reason="no peak of a process that starts anew")
 @pytest.mark.parametrize("case", CASES)
 def test_what_is_told_is_about_what_a_process_takes(case):

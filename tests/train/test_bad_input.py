@@ -134,6 +134,7 @@ main()
 """
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("where", "function", "told"),
     [

@@ -104,6 +104,7 @@ main()
 """
 
 
+@pytest.mark.slow
 def test_after_a_kill_a_search_goes_on_to_the_same_front(neuro, words, tmp_path):
     words += ["--search", "hidden=2:4:8,prune"]
     assert neuro(*words, "--out", "whole.yaml")[0] == 0

@@ -104,6 +104,7 @@ main()
 """
 
 
+@pytest.mark.slow
 def test_after_a_kill_it_goes_on_to_the_same_bits(neuro, folder, file, tmp_path):
     words = (file, "--data", folder, *QUICK, "--augment", "shift=1", "--bits", 6, "--prune", 0.4, "--seed", 3)
     assert neuro(*words, "--out", "whole.yaml")[0] == 0
