@@ -30,9 +30,9 @@ from typing import Any
 
 import numpy as np
 
-from neuro_drone.evaluate import Tried, grid, try_out
+from neuro_drone.evaluate import FlightTest, grid, try_out
 from neuro_drone.model import Model
-from neuro_drone.paths import Course
+from neuro_drone.paths import FlightCourse
 from neuro_drone.scenario import load
 from neuro_drone.train import train
 
@@ -128,9 +128,9 @@ class Run:
     def test(self, model: Model) -> dict[str, Any]:
         """Figures of the stage's test."""
         if self.stage != "final":
-            places = grid(model.scenario, TRY_GRID, TRY_SPREAD[self.task], Course(seed=TRY_TEST))
+            places = grid(model.scenario, TRY_GRID, TRY_SPREAD[self.task], FlightCourse(seed=TRY_TEST))
             return figures(try_out(model, starts=places))
-        fixed = figures(try_out(model, starts=grid(model.scenario, course=Course("fixed"))))
+        fixed = figures(try_out(model, starts=grid(model.scenario, course=FlightCourse("fixed"))))
         return figures(try_out(model)) | {"fixed": fixed}
 
 
@@ -239,7 +239,7 @@ def main() -> None:
     bench.write()
 
 
-def figures(tried: Tried) -> dict[str, Any]:
+def figures(tried: FlightTest) -> dict[str, Any]:
     """Error, of a line on both axes without moments at which none was to be seen; laps; starts that lost the target."""
     seen = [lap.track[np.isfinite(lap.track).all(axis=1)] for lap in tried.each]
     absolute = np.mean([np.abs(track).mean(axis=0) for track in seen], axis=0).tolist()

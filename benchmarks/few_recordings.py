@@ -35,7 +35,7 @@ from neuro_recognise.observations import observe
 from neuro_recognise.recogniser import learn, method_of
 from neuro_train import trainer
 from neuro_train.data import show
-from neuro_train.plan import Plan
+from neuro_train.plan import TrainingPlan
 from neuro_train.tested import by_module
 
 Ints = npt.NDArray[np.int64]
@@ -50,7 +50,7 @@ FOLDS = 5
 """Of which the first is held back."""
 BATCH, STEPS, SHOWINGS = 20, 1200, 1600
 """Recordings in a batch; steps of learning by gradients: of 30 epochs of 800; showings of recordings to ReMuS."""
-PLAN = Plan(input="pixels", output="out", duration=105.0, shift=2, warp=0.15, decay=0.1, batch=BATCH)
+PLAN = TrainingPlan(input="pixels", output="out", duration=105.0, shift=2, warp=0.15, decay=0.1, batch=BATCH)
 """Of docs/how-to/train.md, without a chip's grid."""
 WAYS = {
     "hats": ("HATS", "#0072B2"),
@@ -116,10 +116,10 @@ class Bench:
         return Learnt(tried.decided == tried.labels, spent)
 
 
-def plan_of(recordings: int, seed: int, **changes: Any) -> Plan:
+def plan_of(recordings: int, seed: int, **changes: Any) -> TrainingPlan:
     """The training by gradients that makes `STEPS` steps, as near as whole epochs allow."""
     words = PLAN.as_words() | {"epochs": round(STEPS / math.ceil(recordings / BATCH)), "seed": seed} | changes
-    return Plan(**words)
+    return TrainingPlan(**words)
 
 
 def showings_epochs(recordings: int) -> int:

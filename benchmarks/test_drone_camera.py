@@ -8,14 +8,14 @@ import pytest
 from neuro_drone.eye import Eye
 from neuro_drone.geometry import Pose
 from neuro_drone.scenario import Ball, Camera, Ground, Line, Scenario
-from neuro_drone.scene import Scene
+from neuro_drone.scene import WorldScene
 
 FRAMES = 2000
 STEP = 50_000
 NOISE = {"leak_rate_hz": 0.1, "shot_noise_rate_hz": 1.0}
 TIME = 0.02 * np.arange(FRAMES)
 HEXAGON = 3.0 * np.stack([np.cos(np.arange(7) * np.pi / 3), np.sin(np.arange(7) * np.pi / 3)], axis=1)
-LINE = Scene(line=np.concatenate([HEXAGON[:-1], HEXAGON[1:]], axis=1))
+LINE = WorldScene(line=np.concatenate([HEXAGON[:-1], HEXAGON[1:]], axis=1))
 
 
 def after_a_ball(tilt):
@@ -24,7 +24,7 @@ def after_a_ball(tilt):
     away = 2.4 / np.tan(np.radians(tilt))
     balls = [(away + 0.3 * np.cos(0.3 * t), 0.3 * np.sin(0.3 * t), radius, radius) for t in TIME]
     poses = [Pose(0.1 * np.sin(t), 0.1 * np.cos(t), 2.4) for t in TIME]
-    return poses, [Scene(ball=ball) for ball in balls], Ball(radius=radius)
+    return poses, [WorldScene(ball=ball) for ball in balls], Ball(radius=radius)
 
 
 def along_a_line(tilt):

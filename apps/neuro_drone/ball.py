@@ -10,10 +10,10 @@ import numpy as np
 import numpy.typing as npt
 
 from neuro import ModelError
-from neuro_drone.geometry import AIM, Pose, View
+from neuro_drone.geometry import AIM, CameraView, Pose
 from neuro_drone.parts import GRAVITY, Ball
 from neuro_drone.paths import FIXED, Path, Variation, star
-from neuro_drone.scene import Scene
+from neuro_drone.scene import WorldScene
 from neuro_drone.tasks import FARTHEST, LARGEST_ERROR, NEARER, Judged, border
 
 __all__ = ["BallTask", "hop"]
@@ -61,7 +61,7 @@ class BallTask:
     forward = 0.0
     turns = False
 
-    def __init__(self, ball: Ball, view: View, height: float) -> None:
+    def __init__(self, ball: Ball, view: CameraView, height: float) -> None:
         self.ball, self.view, self.height = ball, view, height
         self._begin(FIXED)
 
@@ -128,18 +128,18 @@ class BallTask:
     def _right_size(self, tall: float) -> bool:
         return self.ball.tall / TALLEST < tall < self.ball.tall * TALLEST
 
-    def scene(self) -> Scene:
+    def scene(self) -> WorldScene:
         """See `Task`."""
-        return Scene(self._place)
+        return WorldScene(self._place)
 
-    def advance(self, seconds: float) -> Scene:
+    def advance(self, seconds: float) -> WorldScene:
         """See `Task`."""
         self.way += self._speed * seconds
         self._time += seconds
         self._set()
         return self.scene()
 
-    def judge(self, view: View, pose: Pose) -> Judged:
+    def judge(self, view: CameraView, pose: Pose) -> Judged:
         """See `Task`."""
         x, y, z, _ = self._place
         u, v, depth = view.project(x, y, z)

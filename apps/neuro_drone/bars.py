@@ -10,7 +10,7 @@ from typing import Any
 import typer
 
 from neuro_drone.evaluate import Lap
-from neuro_drone.train import Progress
+from neuro_drone.train import TrainingProgress
 
 __all__ = ["Bars"]
 
@@ -48,7 +48,7 @@ class Bars:
     def __exit__(self, *error: Any) -> None:
         self._bar.stop()
 
-    def training(self, progress: Progress) -> None:
+    def training(self, progress: TrainingProgress) -> None:
         """Show how far a training is, and its error of late."""
         what = f"seed {progress.seed}"
         errors = self._errors[what]

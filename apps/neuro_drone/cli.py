@@ -85,11 +85,14 @@ def train(
     from neuro_drone.bars import Bars
     from neuro_drone.pilot import chosen
     from neuro_drone.report import learnt
-    from neuro_drone.train import Job, side_by_side
+    from neuro_drone.train import TrainingJob, side_by_side
 
     world, settings = chosen(scenario, controller, set)
     files = [out] if seeds == 1 else [out.with_name(f"{out.stem}-{seed + k}{out.suffix}") for k in range(seeds)]
-    jobs = [Job(world, controller, steps, seed=seed + k, settings=settings, out=file) for k, file in enumerate(files)]
+    jobs = [
+        TrainingJob(world, controller, steps, seed=seed + k, settings=settings, out=file)
+        for k, file in enumerate(files)
+    ]
     try:
         with Bars() as bars:
             models = side_by_side(jobs, report=bars.training)
@@ -119,12 +122,12 @@ def try_model(
     """Fly a lap from each of a grid of starts, with frozen weights and without dopamine."""
     from neuro_drone.bars import Bars
     from neuro_drone.evaluate import grid, try_out
-    from neuro_drone.paths import Course
+    from neuro_drone.paths import FlightCourse
     from neuro_drone.report import figures, show, write_pictures
 
     if learning and backend != "event":
         raise typer.BadParameter("a network goes on learning on what it learnt on", param_hint="'--backend'")
-    course, pilot = Course(path, seed), _pilot(model, scenario, controller, set)
+    course, pilot = FlightCourse(path, seed), _pilot(model, scenario, controller, set)
     places = grid(pilot.scenario, starts, course=course)
     with Bars() as bars:
         tried = try_out(pilot, starts=places, backend=backend, learning=learning, report=bars.laps(len(places)))
@@ -164,16 +167,16 @@ def compare(
     dopamine and with dopamine of the wrong sign. --set changes the scenario of all.
     """
     from neuro_drone.bars import Bars
-    from neuro_drone.compare import ROWS, Plan, Row, run
-    from neuro_drone.paths import Course
+    from neuro_drone.compare import ROWS, ComparisonRow, ControllerComparison, run
+    from neuro_drone.paths import FlightCourse
     from neuro_drone.report import comparison, show_comparison, write_comparison
 
-    course, all_seeds = Course(path, test_seed), range(seed, seed + seeds)
-    rows = tuple(Row.of(text, scenario, steps, all_seeds, set) for text in [*(row or ROWS), *more])
+    course, all_seeds = FlightCourse(path, test_seed), range(seed, seed + seeds)
+    rows = tuple(ComparisonRow.of(text, scenario, steps, all_seeds, set) for text in [*(row or ROWS), *more])
     folder = out or Path(f"compare-{rows[0].scenario.name}")
     try:
         with Bars(lines=1) as bars:
-            plan = Plan(rows, starts, course, folder)
+            plan = ControllerComparison(rows, starts, course, folder)
             found = run(plan, lambda said: bars.at(said.what, said.done, said.total, said.told))
     except KeyboardInterrupt:
         typer.echo("interrupted: the same command goes on where it was", err=True)
@@ -225,10 +228,10 @@ def watch(
     set: Set = [],  # noqa: B006
 ) -> None:
     """Write a lap as one page for a browser: the world, the camera's events, spikes and actions side by side."""
-    from neuro_drone.paths import Course
+    from neuro_drone.paths import FlightCourse
     from neuro_drone.watch import watch as write
 
-    course = Course(path, seed)
+    course = FlightCourse(path, seed)
     told = write(_pilot(model, scenario, controller, set), out, start, backend, course)
     typer.echo(f"{out}: {told}")
 

@@ -16,12 +16,12 @@ from neuro.apps import check_output, kept_json, make_folder, provenance, sealed,
 from neuro_drone.controllers import kind_of
 from neuro_drone.evaluate import Lap, grid, try_out
 from neuro_drone.model import Model
-from neuro_drone.paths import Course
+from neuro_drone.paths import FlightCourse
 from neuro_drone.pilot import chosen
 from neuro_drone.scenario import Scenario
-from neuro_drone.train import Progress, train
+from neuro_drone.train import TrainingProgress, train
 
-__all__ = ["ROWS", "Job", "Plan", "Row", "Said", "Summary", "run"]
+__all__ = ["ROWS", "ComparisonJob", "ComparisonRow", "ControllerComparison", "RowMessage", "Summary", "run"]
 
 FORMAT = "neuro drone result 1"
 RESULT = sealed("a result of 'neuro drone compare'", f'"format": "{FORMAT}"', ', "digest": "{}"')
@@ -33,7 +33,7 @@ SEEDLESS = ("nothing", "oracle", "centroid")
 
 
 @dataclass(frozen=True, slots=True)
-class Row:
+class ComparisonRow:
     """One line of the table.
 
     Attributes:
@@ -53,7 +53,9 @@ class Row:
     seeds: tuple[int, ...]
 
     @classmethod
-    def of(cls, text: str, scenario: str | Path, steps: int, seeds: Sequence[int], changes: Iterable[str]) -> Row:
+    def of(
+        cls, text: str, scenario: str | Path, steps: int, seeds: Sequence[int], changes: Iterable[str]
+    ) -> ComparisonRow:
         """A row from what the user says.
 
         Args:
@@ -82,7 +84,7 @@ class Row:
 
 
 @dataclass(frozen=True, slots=True)
-class Plan:
+class ControllerComparison:
     """What is to be compared.
 
     Attributes:
@@ -92,18 +94,20 @@ class Plan:
         folder: where models and results are kept.
     """
 
-    rows: tuple[Row, ...]
+    rows: tuple[ComparisonRow, ...]
     starts: int
-    course: Course
+    course: FlightCourse
     folder: Path
 
-    def jobs(self) -> list[Job]:
+    def jobs(self) -> list[ComparisonJob]:
         """All trainings and tests."""
-        return [Job(row, seed, self.starts, self.course, self.folder) for row in self.rows for seed in row.seeds]
+        return [
+            ComparisonJob(row, seed, self.starts, self.course, self.folder) for row in self.rows for seed in row.seeds
+        ]
 
 
 @dataclass(frozen=True, slots=True)
-class Said:
+class RowMessage:
     """How far a job is: what it is, how much of how much is done, and in words; of one that is done its result."""
 
     what: str
@@ -113,7 +117,7 @@ class Said:
 
 
 @dataclass(frozen=True, slots=True)
-class Job:
+class ComparisonJob:
     """A training and its test.
 
     Attributes:
@@ -124,10 +128,10 @@ class Job:
         folder: where the model and the result are kept.
     """
 
-    row: Row
+    row: ComparisonRow
     seed: int
     starts: int
-    course: Course
+    course: FlightCourse
     folder: Path
 
     @property
@@ -136,14 +140,14 @@ class Job:
         name = re.sub(r"[^\w.=-]+", "_", self.row.text)
         return self.folder / f"{name}-{self.seed}.h5"
 
-    def run(self, report: Callable[[Said], None]) -> dict[str, Any]:
+    def run(self, report: Callable[[RowMessage], None]) -> dict[str, Any]:
         """Train and test, unless the result is there; gives the figures as plain data."""
         row, result = self.row, self.file.with_suffix(".json")
 
         def say(share: float, told: str) -> None:
-            report(Said(f"{row.text} seed {self.seed}", round(1000 * share), 1000, told))
+            report(RowMessage(f"{row.text} seed {self.seed}", round(1000 * share), 1000, told))
 
-        def learns(p: Progress) -> None:
+        def learns(p: TrainingProgress) -> None:
             say(0.6 * p.step / p.steps, f"{p.step:,} of {p.steps:,} steps, {p.error_px:.1f} px")
 
         steps = max(1, row.steps)
@@ -178,7 +182,7 @@ class Job:
         return figures
 
 
-def run(plan: Plan, report: Callable[[Said], None] | None = None) -> list[Summary]:
+def run(plan: ControllerComparison, report: Callable[[RowMessage], None] | None = None) -> list[Summary]:
     """Train and test all, on all cores; what is in the folder already is not done again.
 
     Args:
@@ -190,7 +194,7 @@ def run(plan: Plan, report: Callable[[Said], None] | None = None) -> list[Summar
     """
     make_folder(plan.folder)
     jobs = plan.jobs()
-    found = side_by_side(Job.run, jobs, report=report)
+    found = side_by_side(ComparisonJob.run, jobs, report=report)
     return [
         Summary(row, tuple(told for job, told in zip(jobs, found, strict=True) if job.row is row)) for row in plan.rows
     ]
@@ -205,7 +209,7 @@ class Summary:
         each: figures of each seed.
     """
 
-    row: Row
+    row: ComparisonRow
     each: tuple[Mapping[str, Any], ...] = field(repr=False)
 
     def mean(self, name: str) -> Any:
@@ -214,10 +218,10 @@ class Summary:
         return np.mean(found, axis=0).tolist() if found else None
 
     @property
-    def course(self) -> Course:
+    def course(self) -> FlightCourse:
         """Of the laps."""
         of = self.each[0]["of"]
-        return Course(of["path"], of["test_seed"])
+        return FlightCourse(of["path"], of["test_seed"])
 
     @property
     def sd(self) -> float | None:

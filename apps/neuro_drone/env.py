@@ -18,11 +18,11 @@ from neuro_drone.ball import BallTask
 from neuro_drone.body import Body
 from neuro_drone.bullet import body_of
 from neuro_drone.eye import Eye
-from neuro_drone.geometry import View
+from neuro_drone.geometry import CameraView
 from neuro_drone.line import LineTask
 from neuro_drone.paths import FIXED, Variation
 from neuro_drone.scenario import Ball, Scenario, errors, load
-from neuro_drone.scene import Scene
+from neuro_drone.scene import WorldScene
 from neuro_drone.tasks import Judged, Task
 from neuro_drone.weather import Weather
 
@@ -89,7 +89,7 @@ class DroneEnv(gymnasium.Env[npt.NDArray[Any], Any]):
         self.observation_space = _space(observation)
         self.action_space, self._commands = model(actions, scenario.axes)
         camera, drone = scenario.camera, scenario.drone
-        level = View(fov=camera.fov, tilt=camera.tilt)
+        level = CameraView(fov=camera.fov, tilt=camera.tilt)
         self.task: Task
         if isinstance(scenario.task, Ball):
             self.task = BallTask(scenario.task, level, drone.height)
@@ -101,7 +101,9 @@ class DroneEnv(gymnasium.Env[npt.NDArray[Any], Any]):
         # what is judged is where the camera would look without its shake
         self._shakes = camera.shake > 0.0
         self.view = (
-            View(fov=camera.fov, tilt=camera.tilt, fixed=camera.mount == "body") if self._shakes else self.eye.view
+            CameraView(fov=camera.fov, tilt=camera.tilt, fixed=camera.mount == "body")
+            if self._shakes
+            else self.eye.view
         )
         self._step_us, self._seconds = round(scenario.step * 1000.0), scenario.step / 1000.0
         self._t_us = 0
@@ -147,7 +149,7 @@ class DroneEnv(gymnasium.Env[npt.NDArray[Any], Any]):
         self._running = not (terminated or truncated)
         return seen, judged.reward, terminated, truncated, info
 
-    def _look(self, scene: Scene) -> tuple[npt.NDArray[Any], dict[str, Any], Judged]:
+    def _look(self, scene: WorldScene) -> tuple[npt.NDArray[Any], dict[str, Any], Judged]:
         """What the camera and the judge see now."""
         pose = self.body.pose
         self._events = events = self.eye.see(pose, scene, self._t_us)

@@ -14,10 +14,10 @@ from neuro_drone.controllers import Controller
 from neuro_drone.env import DroneEnv
 from neuro_drone.model import Model
 from neuro_drone.parts import Ball, Line
-from neuro_drone.paths import FIXED, TESTS, VARIED, Course, Variation
+from neuro_drone.paths import FIXED, TESTS, VARIED, FlightCourse, Variation
 from neuro_drone.scenario import Scenario
 
-__all__ = ["Lap", "Start", "Tried", "begin", "fly_lap", "grid", "try_out"]
+__all__ = ["FlightTest", "Lap", "Start", "begin", "fly_lap", "grid", "try_out"]
 
 
 @dataclass(frozen=True, slots=True)
@@ -79,7 +79,7 @@ class Lap:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Tried:
+class FlightTest:
     """What came of all starts; means are over starts.
 
     Attributes:
@@ -132,7 +132,7 @@ def grid(
     scenario: Scenario,
     n: int = 5,
     spread: float | tuple[float, float] | None = None,
-    course: Course = VARIED,
+    course: FlightCourse = VARIED,
 ) -> tuple[Start, ...]:
     """Starts on a grid round the aim; those of a line alternate in direction.
 
@@ -171,7 +171,7 @@ def try_out(
     backend: str = "event",
     learning: bool = False,
     report: Callable[[Lap], None] | None = None,
-) -> Tried:
+) -> FlightTest:
     """Fly one lap from each start.
 
     Args:
@@ -195,7 +195,7 @@ def try_out(
         if report is not None:
             report(each[-1])
     env.close()
-    return Tried(tuple(each), learning)
+    return FlightTest(tuple(each), learning)
 
 
 def begin(env: DroneEnv, start: Start, index: int = 0) -> dict[str, Any]:

@@ -9,9 +9,9 @@ import numpy as np
 import numpy.typing as npt
 
 from neuro.events import DVS, DVSParameters, Events
-from neuro_drone.geometry import Pose, View
+from neuro_drone.geometry import CameraView, Pose
 from neuro_drone.scenario import Camera, Line, Scenario
-from neuro_drone.scene import Scene
+from neuro_drone.scene import WorldScene
 from neuro_drone.texture import Pattern, pattern
 
 __all__ = ["SKY", "Eye", "strips"]
@@ -48,7 +48,7 @@ class Eye:
 
         camera, task, light = scenario.camera, scenario.task, scenario.light
         self._ground, self._light = scenario.ground, light
-        self.view = View(fov=camera.fov, tilt=camera.tilt, fixed=camera.mount == "body")
+        self.view = CameraView(fov=camera.fov, tilt=camera.tilt, fixed=camera.mount == "body")
         size = self.view.size
         self._shake = radians(camera.shake)
         self._shades = light * np.array([SKY, scenario.ground.brightness, task.brightness, task.brightness])
@@ -84,7 +84,7 @@ class Eye:
     def _new_dvs(self, seed: int) -> DVS:
         return DVS((self.view.size, self.view.size), self._parameters, seed=seed)
 
-    def see(self, pose: Pose, scene: Scene, t_us: int) -> Events:
+    def see(self, pose: Pose, scene: WorldScene, t_us: int) -> Events:
         """Look at the world.
 
         Args:
@@ -101,7 +101,7 @@ class Eye:
         self._told = True
         return events
 
-    def draw(self, pose: Pose, scene: Scene) -> npt.NDArray[np.float32]:
+    def draw(self, pose: Pose, scene: WorldScene) -> npt.NDArray[np.float32]:
         """The picture alone.
 
         Args:

@@ -12,17 +12,17 @@ import neuro
 from neuro_drone.controllers import Controller
 from neuro_drone.env import DroneEnv
 from neuro_drone.evaluate import Start, begin
-from neuro_drone.geometry import View
+from neuro_drone.geometry import CameraView
 from neuro_drone.model import Model, packed, unpacked
 
-__all__ = ["Flight", "Spikes", "fly", "listening"]
+__all__ = ["Flight", "FlightSpikes", "fly", "listening"]
 
 FAR = 6.0
 """How far away the ground is drawn that the camera sees, m; towards the horizon it would have no end."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Spikes:
+class FlightSpikes:
     """Of one population.
 
     Attributes:
@@ -83,7 +83,7 @@ class Flight:
     x: npt.NDArray[Any]
     y: npt.NDArray[Any]
     p: npt.NDArray[Any]
-    spikes: tuple[Spikes, ...]
+    spikes: tuple[FlightSpikes, ...]
     lap: bool
     lost: bool
     backend: str = "event"
@@ -182,7 +182,7 @@ def _where(env: DroneEnv) -> dict[str, Any]:
     }
 
 
-def footprint(view: View) -> list[tuple[float, float]]:
+def footprint(view: CameraView) -> list[tuple[float, float]]:
     """Corners of what a camera sees of the ground up to `FAR`, clockwise from the far left."""
     low, high = -0.5, view.size - 0.5
     x, y, _ = view.place()
@@ -194,8 +194,8 @@ def footprint(view: View) -> list[tuple[float, float]]:
     return [corner or (x, y) for corner in corners]
 
 
-def _spikes(pilot: Controller) -> tuple[Spikes, ...]:
+def _spikes(pilot: Controller) -> tuple[FlightSpikes, ...]:
     sim = getattr(pilot, "sim", None)
     if sim is None:
         return ()
-    return tuple(Spikes(p.name, p.size, *sim.spikes(p.name)) for p in sim.program.populations if p.records)
+    return tuple(FlightSpikes(p.name, p.size, *sim.spikes(p.name)) for p in sim.program.populations if p.records)

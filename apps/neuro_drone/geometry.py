@@ -12,7 +12,7 @@ from math import cos, inf, radians, sin, sqrt, tan
 import numpy as np
 import numpy.typing as npt
 
-__all__ = ["AIM", "Pose", "View"]
+__all__ = ["AIM", "CameraView", "Pose"]
 
 AIM = 63.0
 """Row and column of the picture at which a target shall be, px. Source: thesis, section 7.3.7 (63 x 63 px)."""
@@ -37,7 +37,7 @@ class Pose:
     roll: float = 0.0
 
 
-class View:
+class CameraView:
     """A pinhole camera below a drone.
 
     Args:

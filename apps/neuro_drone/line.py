@@ -7,10 +7,10 @@ from math import atan2, cos, degrees, hypot, inf, pi, radians, sin, tan
 import numpy as np
 
 from neuro import ModelError
-from neuro_drone.geometry import AIM, Pose, View
+from neuro_drone.geometry import AIM, CameraView, Pose
 from neuro_drone.paths import FIXED, Variation, hexagon
 from neuro_drone.scenario import Line
-from neuro_drone.scene import Scene
+from neuro_drone.scene import WorldScene
 from neuro_drone.tasks import FARTHEST, LARGEST_ERROR, NEARER, Judged, border
 
 __all__ = ["LineTask"]
@@ -57,14 +57,14 @@ class LineTask:
 
     turns = True
 
-    def __init__(self, line: Line, view: View, height: float) -> None:
+    def __init__(self, line: Line, view: CameraView, height: float) -> None:
         self.line, self.view, self.height = line, view, height
         self._begin(1, FIXED)
 
     def _begin(self, direction: int, varied: Variation) -> None:
         self.direction, self.forward = direction, self.line.speed * varied.speed
         self.path = hexagon(self.line.side, direction).varied(varied)
-        self._scene = Scene(line=self.path.segments())
+        self._scene = WorldScene(line=self.path.segments())
         self._first = 0.5 + varied.begin
         self._sides: list[list[float]] = self.path.segments().tolist()
         self._headings = [atan2(y1 - y0, x1 - x0) for x0, y0, x1, y1 in self._sides]
@@ -114,16 +114,16 @@ class LineTask:
         y = rest * y0 + share * y1 - (here[0] * s + here[1] * c)
         return x, y, yaw
 
-    def scene(self) -> Scene:
+    def scene(self) -> WorldScene:
         """See `Task`."""
         return self._scene
 
-    def advance(self, seconds: float) -> Scene:
+    def advance(self, seconds: float) -> WorldScene:
         """See `Task`; the line stays where it is."""
         self.time += seconds
         return self._scene
 
-    def judge(self, view: View, pose: Pose) -> Judged:
+    def judge(self, view: CameraView, pose: Pose) -> Judged:
         """See `Task`."""
         u, lean = self._crossing(view)
         if u == inf:
@@ -144,7 +144,7 @@ class LineTask:
         scaled = (max(-1.0, min(1.0, du / 64.0)), lean / 90.0)
         return Judged((u, AIM), (du, lean), scaled, abs(du), reward, progress, lost, done, lap)
 
-    def _crossing(self, view: View) -> tuple[float, float]:
+    def _crossing(self, view: CameraView) -> tuple[float, float]:
         """Column at which a side crosses row 63, nearest to column 63, and its lean, degrees; infinite for none."""
         # A point of the ground is on the row where its dot product with `n` is 0; n is normal to all rays of the row.
         best, lean = inf, 0.0
@@ -166,7 +166,7 @@ class LineTask:
     def _follows(self) -> bool:
         return self._sum <= LARGEST_ERROR * self._count and self._off <= NEARER * EVENLY * self._count
 
-    def _go(self, view: View, yaw: float) -> float:
+    def _go(self, view: CameraView, yaw: float) -> float:
         """Take account of the way made since the last moment; how far the heading is off the nearest side's."""
         aim = view.ground(AIM, AIM)
         if aim is None:

@@ -7,7 +7,20 @@ from typing import Any
 
 from neuro.apps import Quantity, check_fields
 
-__all__ = ["GRAVITY", "MASS", "Ball", "Camera", "Drone", "Ground", "Line", "Load", "Part", "Wind", "one_of", "range_of"]
+__all__ = [
+    "GRAVITY",
+    "MASS",
+    "Ball",
+    "Camera",
+    "Drone",
+    "Ground",
+    "Line",
+    "Load",
+    "Wind",
+    "WorldPart",
+    "one_of",
+    "range_of",
+]
 
 GRAVITY = 9.81
 """m/s^2."""
@@ -27,7 +40,7 @@ def one_of(default: str, *words: str) -> Any:
     return field(default=default, metadata={"quantity": Quantity(kind="word", words=words)})
 
 
-class Part:
+class WorldPart:
     """A frozen dataclass whose fields are checked."""
 
     __slots__ = ()
@@ -38,7 +51,7 @@ class Part:
 
 
 @dataclass(frozen=True, slots=True)
-class Ball(Part):
+class Ball(WorldPart):
     """A ball that goes round a closed Bezier curve through a star of four branches; on the ground unless it rises.
 
     Attributes:
@@ -74,7 +87,7 @@ class Ball(Part):
 
 
 @dataclass(frozen=True, slots=True)
-class Line(Part):
+class Line(WorldPart):
     """A hexagon painted on the ground; the drone flies forward, moves sideways and turns.
 
     Attributes:
@@ -97,7 +110,7 @@ class Line(Part):
 
 
 @dataclass(frozen=True, slots=True)
-class Ground(Part):
+class Ground(WorldPart):
     """The ground.
 
     Attributes:
@@ -116,7 +129,7 @@ class Ground(Part):
 
 
 @dataclass(frozen=True, slots=True)
-class Camera(Part):
+class Camera(WorldPart):
     """The event camera; its pixels are those of `neuro.events.DVSParameters`.
 
     Attributes:
@@ -145,7 +158,7 @@ class Camera(Part):
 
 
 @dataclass(frozen=True, slots=True)
-class Drone(Part):
+class Drone(WorldPart):
     """The quadrotor.
 
     Attributes:
@@ -178,7 +191,7 @@ class Drone(Part):
 
 
 @dataclass(frozen=True, slots=True)
-class Wind(Part):
+class Wind(WorldPart):
     """Level wind, the same everywhere.
 
     Attributes:
@@ -205,7 +218,7 @@ class Wind(Part):
 
 
 @dataclass(frozen=True, slots=True)
-class Load(Part):
+class Load(WorldPart):
     """What the drone takes up, or drops, in flight; its controller goes on as if it had not.
 
     Attributes:

@@ -11,7 +11,7 @@ import numpy.typing as npt
 from neuro import ModelError
 from neuro.apps import unknown
 
-__all__ = ["FIXED", "PATHS", "TESTS", "VARIED", "Course", "Path", "Variation", "drawn", "hexagon", "star"]
+__all__ = ["FIXED", "PATHS", "TESTS", "VARIED", "FlightCourse", "Path", "Variation", "drawn", "hexagon", "star"]
 
 Floats = npt.NDArray[np.float64]
 
@@ -83,7 +83,7 @@ TESTS = 1_000_000
 
 
 @dataclass(frozen=True, slots=True)
-class Course:
+class FlightCourse:
     """The paths of a test's laps.
 
     Attributes:
@@ -120,7 +120,7 @@ class Course:
         return FIXED if self.path == "fixed" else drawn(np.random.default_rng((TESTS, self.seed, index)), line)
 
 
-VARIED = Course()
+VARIED = FlightCourse()
 """What is flown if nothing else is said."""
 
 

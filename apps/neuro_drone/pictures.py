@@ -9,7 +9,7 @@ import numpy.typing as npt
 
 from neuro.apps import literal
 from neuro_drone.controllers import Learner
-from neuro_drone.evaluate import Tried
+from neuro_drone.evaluate import FlightTest
 from neuro_drone.geometry import AIM
 from neuro_drone.model import Model
 from neuro_drone.scenario import Scenario
@@ -40,7 +40,7 @@ def motors(scenario: Scenario) -> tuple[str, ...]:
     return NAMES[scenario.kind][: 2 * scenario.axes]
 
 
-def density(model: Model, tried: Tried) -> Figure:
+def density(model: Model, tried: FlightTest) -> Figure:
     """Where the target was in the picture, with the marginal distributions; of a line column and angle.
 
     Args:

@@ -13,9 +13,9 @@ import numpy as np
 from neuro.apps import console, make_folder, sealed, table, write_picture, write_text
 from neuro_drone.compare import Summary
 from neuro_drone.controllers import CONTROLLERS
-from neuro_drone.evaluate import Tried
+from neuro_drone.evaluate import FlightTest
 from neuro_drone.model import Model
-from neuro_drone.paths import Course
+from neuro_drone.paths import FlightCourse
 from neuro_drone.scenario import NAMES, Ball, Scenario, load
 
 MARK = "<!-- neuro drone compare -->"
@@ -42,7 +42,7 @@ def learnt(model: Model) -> str:
     )
 
 
-def figures(model: Model, tried: Tried, course: Course) -> str:
+def figures(model: Model, tried: FlightTest, course: FlightCourse) -> str:
     """All figures of a test as JSON."""
     words = tried.as_words() | {"path": course.path, "test_seed": course.seed}
     about = {"controller": model.controller, "scenario": model.scenario.name, "steps": model.steps, "seed": model.seed}
@@ -55,7 +55,7 @@ def axes(scenario: Scenario) -> tuple[str, ...]:
     return AXES[scenario.kind][: scenario.axes]
 
 
-def show(model: Model, tried: Tried, course: Course) -> None:
+def show(model: Model, tried: FlightTest, course: FlightCourse) -> None:
     """Print a row for each start, and the means."""
     names = axes(model.scenario)
     line = model.scenario.kind == "line"
@@ -85,7 +85,7 @@ def show(model: Model, tried: Tried, course: Course) -> None:
     )
 
 
-def _how(tried: Tried) -> str:
+def _how(tried: FlightTest) -> str:
     return "learning goes on, dopamine steers" if tried.learning else "weights frozen, no dopamine"
 
 
@@ -194,7 +194,7 @@ def _short(value: Any) -> str:
     return f"{value:g}" if isinstance(value, float) else str(value)
 
 
-def write_pictures(model: Model, tried: Tried, folder: Path) -> list[Path]:
+def write_pictures(model: Model, tried: FlightTest, folder: Path) -> list[Path]:
     """Draw where the target was and, of a trained model, how the training went and the weights; gives the files."""
     from neuro_drone import pictures
 

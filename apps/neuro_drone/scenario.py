@@ -10,7 +10,7 @@ from typing import Any
 
 from neuro import ModelError
 from neuro.apps import Node, Quantity, Where, about, check, check_fields, mistake, plain, read, unknown, words
-from neuro_drone.parts import GRAVITY, MASS, Ball, Camera, Drone, Ground, Line, Load, Part, Wind, range_of
+from neuro_drone.parts import GRAVITY, MASS, Ball, Camera, Drone, Ground, Line, Load, Wind, WorldPart, range_of
 
 __all__ = ["NAMES", "Ball", "Camera", "Drone", "Ground", "Line", "Load", "Scenario", "Wind", "errors", "load"]
 
@@ -25,7 +25,7 @@ BULLET_A_MAX = 8.0
 SEED = Quantity(whole=True, at_least=0)
 ERROR = Quantity(at_least=-180, at_most=180)
 """Of an axis at the beginning, px or degrees."""
-PARTS: dict[str, type[Part]] = {"camera": Camera, "ground": Ground, "drone": Drone, "wind": Wind, "load": Load}
+PARTS: dict[str, type[WorldPart]] = {"camera": Camera, "ground": Ground, "drone": Drone, "wind": Wind, "load": Load}
 
 
 @dataclass(frozen=True, slots=True)
@@ -221,7 +221,7 @@ def _plain(word: str, node: Node) -> Any:
     return {kind: _words(TASKS[kind], inner, kind) for kind, inner in tasks.items()}
 
 
-def _words(part: type[Part], node: Node, what: str) -> dict[str, Any]:
+def _words(part: type[WorldPart], node: Node, what: str) -> dict[str, Any]:
     known = [one.name for one in fields(part)]  # type: ignore[arg-type]
     return {word: plain(inner) for word, inner in words(node, known, what).items()}
 

@@ -7,11 +7,11 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-__all__ = ["Scene"]
+__all__ = ["WorldScene"]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Scene:
+class WorldScene:
     """Objects on the ground; how bright they are is the scenario's.
 
     Attributes:

@@ -7,9 +7,9 @@ from typing import NamedTuple, Protocol
 
 import numpy as np
 
-from neuro_drone.geometry import AIM, Pose, View
+from neuro_drone.geometry import AIM, CameraView, Pose
 from neuro_drone.paths import FIXED, Path, Variation
-from neuro_drone.scene import Scene
+from neuro_drone.scene import WorldScene
 
 __all__ = ["FARTHEST", "LARGEST_ERROR", "NEARER", "Judged", "Task", "border"]
 
@@ -90,11 +90,11 @@ class Task(Protocol):
             ModelError: no place of the drone gives this start.
         """
 
-    def scene(self) -> Scene:
+    def scene(self) -> WorldScene:
         """What there is to be seen now."""
 
-    def advance(self, seconds: float) -> Scene:
+    def advance(self, seconds: float) -> WorldScene:
         """Let time pass; returns what there is to be seen then."""
 
-    def judge(self, view: View, pose: Pose) -> Judged:
+    def judge(self, view: CameraView, pose: Pose) -> Judged:
         """Judge the drone at `pose`, whose camera is `view`; once after each `advance`."""

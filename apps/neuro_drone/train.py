@@ -20,7 +20,7 @@ from neuro_drone.model import FORMAT, Model, packed
 from neuro_drone.parts import Ball, Line
 from neuro_drone.scenario import Scenario, load
 
-__all__ = ["STEPS", "Job", "Progress", "Report", "side_by_side", "train"]
+__all__ = ["STEPS", "Report", "TrainingJob", "TrainingProgress", "side_by_side", "train"]
 
 STEPS = 60_000
 """Steps of a training. Source: thesis, table 5."""
@@ -37,7 +37,7 @@ _KINDS = {"steps": np.int64, "error_px": np.float64, "lost": np.bool_}
 
 
 @dataclass(frozen=True, slots=True)
-class Progress:
+class TrainingProgress:
     """How far a training is.
 
     Attributes:
@@ -56,7 +56,7 @@ class Progress:
     lost: bool
 
 
-Report = Callable[[Progress], None]
+Report = Callable[[TrainingProgress], None]
 
 
 def train(
@@ -148,7 +148,7 @@ def _learn(
         done += flown[0]
         curve.follow(learner, done)
         if report is not None:
-            report(Progress(model.seed, index, done, steps, flown[1], flown[2]))
+            report(TrainingProgress(model.seed, index, done, steps, flown[1], flown[2]))
         if checkpoint and done - kept >= KEEP and done < steps:
             checkpoint.keep(state=learner.state(), history=_arrays(history), curve=curve.arrays())
             kept = done
@@ -175,7 +175,7 @@ def _episode(env: DroneEnv, learner: Learner, seed: tuple[int, int], most: int) 
 
 
 @dataclass(frozen=True, slots=True)
-class Job:
+class TrainingJob:
     """A training among several; the words are those of `train`."""
 
     scenario: Scenario | str | Path
@@ -191,7 +191,9 @@ class Job:
         return train(report=report, **{name: getattr(self, name) for name in self.__slots__})
 
 
-def side_by_side(jobs: Sequence[Job], processes: int | None = None, report: Report | None = None) -> list[Model]:
+def side_by_side(
+    jobs: Sequence[TrainingJob], processes: int | None = None, report: Report | None = None
+) -> list[Model]:
     """Train several, each in a process of its own; each gives what it gives alone. See `neuro.apps.side_by_side`.
 
     Args:
@@ -205,4 +207,4 @@ def side_by_side(jobs: Sequence[Job], processes: int | None = None, report: Repo
     Raises:
         ModelError: of the first job that raises one.
     """
-    return apps.side_by_side(Job.run, jobs, processes, report)
+    return apps.side_by_side(TrainingJob.run, jobs, processes, report)

@@ -18,10 +18,10 @@ import numpy as np
 from neuro import ModelError
 from neuro.apps import html, output, sealed
 from neuro_drone.evaluate import Start
-from neuro_drone.flight import Flight, Spikes, fly
+from neuro_drone.flight import Flight, FlightSpikes, fly
 from neuro_drone.model import Model
 from neuro_drone.parts import Ball, Line
-from neuro_drone.paths import VARIED, Course
+from neuro_drone.paths import VARIED, FlightCourse
 from neuro_drone.pictures import motors
 
 __all__ = ["page", "watch"]
@@ -42,7 +42,7 @@ def watch(
     file: Path,
     start: tuple[float, ...] | None = None,
     backend: str = "event",
-    course: Course = VARIED,
+    course: FlightCourse = VARIED,
 ) -> str:
     """Fly a lap and write the page.
 
@@ -127,7 +127,7 @@ def _training(model: Model) -> dict[str, Any]:
     return told
 
 
-def _spikes(one: Spikes) -> dict[str, Any]:
+def _spikes(one: FlightSpikes) -> dict[str, Any]:
     every = max(1, -(-len(one.times) // MOST))
     times, ids = _base64(one.times[::every], "<f4"), _base64(one.ids[::every], "<u2")
     return {"name": one.name, "size": one.size, "times": times, "ids": ids}

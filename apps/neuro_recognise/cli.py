@@ -73,13 +73,13 @@ def train(
 ) -> None:
     """Train on recordings; after a kill the same command goes on where it was."""
     from neuro_recognise.recogniser import fit, method_of
-    from neuro_recognise.telling.bars import Bar
+    from neuro_recognise.telling.bars import LearningBar
     from neuro_recognise.telling.report import learnt
 
     chosen = method_of(method, settings, assignments(set))
     found = _recordings(data, part)
     try:
-        with Bar() as bar:
+        with LearningBar() as bar:
             made = fit(found, chosen, seed=seed, backend=backend, out=out, replace=force, report=bar.show)
     except KeyboardInterrupt:
         typer.echo("interrupted: the same command goes on where it was", err=True)
@@ -159,12 +159,12 @@ def early(
     from neuro_recognise.deciding.learn_early import learn_early
     from neuro_recognise.recogniser import Recogniser
     from neuro_recognise.telling import report
-    from neuro_recognise.telling.bars import Bar
+    from neuro_recognise.telling.bars import LearningBar
 
     trained = Recogniser.load(model)
     chosen = _recordings(data, part, trained.classes)
     try:
-        with Bar() as bar:
+        with LearningBar() as bar:
             made = learn_early(
                 trained, chosen, every_ms=every, folds=folds, backend=backend, out=model, report=bar.show
             )
@@ -233,13 +233,13 @@ def compare(
 
     What is in the folder already is not done again.
     """
-    from neuro_recognise.compare import Plan, compare as side_by_side, contestants
-    from neuro_recognise.telling.bars import Bar
+    from neuro_recognise.compare import MethodComparison, compare as side_by_side, contestants
+    from neuro_recognise.telling.bars import LearningBar
     from neuro_recognise.telling.compare_report import show, write
 
-    plan = Plan(contestants(method), folds, tuple(range(seeds)), tuple(target), out, backend, jobs)
+    plan = MethodComparison(contestants(method), folds, tuple(range(seeds)), tuple(target), out, backend, jobs)
     try:
-        with Bar() as bar:
+        with LearningBar() as bar:
             found = side_by_side(_but(_recordings(data, part), without), plan, bar.show)
     except KeyboardInterrupt:
         typer.echo("interrupted: the same command goes on where it was", err=True)

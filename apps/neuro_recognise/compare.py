@@ -40,7 +40,7 @@ from neuro_recognise.recogniser import learn
 from neuro_recognise.shown import Features, Ints
 from neuro_recognise.training import field_of
 
-__all__ = ["Compared", "Contestant", "Plan", "compare", "contestants"]
+__all__ = ["Compared", "Contestant", "MethodComparison", "compare", "contestants"]
 
 FORMAT = "neuro recognise fold 1"
 RESULT = sealed("a result of 'neuro recognise compare'", f'"format": "{FORMAT}"', ', "digest": "{}"')
@@ -62,7 +62,7 @@ class Contestant:
 
 
 @dataclass(frozen=True, slots=True)
-class Plan:
+class MethodComparison:
     """What is to be compared.
 
     Attributes:
@@ -138,7 +138,7 @@ def contestants(names: Sequence[str] = ()) -> tuple[Contestant, ...]:
     return tuple(Contestant(name + colon + preset, method_of(name, preset)) for name, colon, preset in asked)
 
 
-def compare(data: Recordings, plan: Plan, report: Callable[[Progress], None]) -> list[Compared]:
+def compare(data: Recordings, plan: MethodComparison, report: Callable[[Progress], None]) -> list[Compared]:
     """Train and test all; what is in the folder already is not done again.
 
     Folds are done side by side in processes of their own, see `neuro.apps.side_by_side`.
@@ -177,7 +177,7 @@ def _looked(
     fingerprint: str,
     field: tuple[int, int],
     contestant: Contestant,
-    plan: Plan,
+    plan: MethodComparison,
     report: Callable[[Progress], None],
 ) -> tuple[Contestant, Features | str]:
     """A method that fits the recordings, and what they show to it; or why it cannot be run."""
@@ -196,7 +196,11 @@ def _looked(
 
 
 def _compared(
-    data: Recordings, contestant: Contestant, shown: Features | str, told: Sequence[Mapping[str, Any]], plan: Plan
+    data: Recordings,
+    contestant: Contestant,
+    shown: Features | str,
+    told: Sequence[Mapping[str, Any]],
+    plan: MethodComparison,
 ) -> Compared:
     """One method; one that cannot be run, as its extra is missing or the recordings do not suit it, says so."""
     refused = shown if isinstance(shown, str) else next((one["refused"] for one in told if "refused" in one), "")
@@ -277,7 +281,12 @@ _Said = tuple[str, Progress | None]
 
 
 def _fold_of(
-    contestant: Contestant, shown: Features, digest: str, which: tuple[int, int], parts: tuple[Ints, Ints], plan: Plan
+    contestant: Contestant,
+    shown: Features,
+    digest: str,
+    which: tuple[int, int],
+    parts: tuple[Ints, Ints],
+    plan: MethodComparison,
 ) -> Fold:
     (seed, fold), method = which, contestant.method
     backend, targets = plan.runs(method), plan.targets if which == (plan.seeds[0], 0) else ()
@@ -340,7 +349,11 @@ def _observing_ms(method: Method, data: Recordings) -> float:
 
 
 def _summary(
-    contestant: Contestant, told: Sequence[Mapping[str, Any]], shown: Features, plan: Plan, observe_ms: float
+    contestant: Contestant,
+    told: Sequence[Mapping[str, Any]],
+    shown: Features,
+    plan: MethodComparison,
+    observe_ms: float,
 ) -> Compared:
     """What came of all folds."""
     seeds = [[one for one in told if one["of"]["seed"] == seed] for seed in plan.seeds]

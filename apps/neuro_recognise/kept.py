@@ -21,7 +21,7 @@ from neuro import ModelError
 from neuro.apps import hdf5
 from neuro_recognise.shown import Array, Evidence, Ints
 
-__all__ = ["Kept", "is_kept", "keep", "write_evidence"]
+__all__ = ["KeptAnswers", "is_kept", "keep", "write_evidence"]
 
 FORMAT = "neuro recognise evidence 1"
 
@@ -51,7 +51,7 @@ def write_evidence(group: Any, evidence: Sequence[Evidence]) -> None:
         group[f"{name}/values"] = np.concatenate([array.ravel() for array in arrays])
 
 
-class Kept(Sequence[Evidence]):
+class KeptAnswers(Sequence[Evidence]):
     """The recordings of a file, which is opened when one of them is asked for.
 
     Args:
@@ -77,7 +77,7 @@ class Kept(Sequence[Evidence]):
 class _One(Mapping[str, Array]):
     """The arrays of one recording."""
 
-    def __init__(self, of: Kept, number: int) -> None:
+    def __init__(self, of: KeptAnswers, number: int) -> None:
         self._of, self._number = of, number
 
     def __getitem__(self, name: str) -> Array:
@@ -137,7 +137,7 @@ class _File:
 
 
 @lru_cache(maxsize=64)
-def _opened(kept: Kept) -> _File:
+def _opened(kept: KeptAnswers) -> _File:
     return _File(kept.file)
 
 

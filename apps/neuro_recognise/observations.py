@@ -18,7 +18,7 @@ from neuro import ModelError
 from neuro.apps import Unwritable
 from neuro.events import Events, Recordings
 from neuro_recognise.code import code_of
-from neuro_recognise.kept import Kept, is_kept, keep
+from neuro_recognise.kept import KeptAnswers, is_kept, keep
 from neuro_recognise.method import Method
 from neuro_recognise.shown import Evidence, Features
 
@@ -72,9 +72,9 @@ def observe(
             parts.append(_computed(method, data, first, wanted, report))
             with contextlib.suppress(OSError, Unwritable):
                 keep(file, parts[-1])
-                parts[-1] = Kept(file, wanted)
+                parts[-1] = KeptAnswers(file, wanted)
         else:
-            parts.append(Kept(file, wanted))
+            parts.append(KeptAnswers(file, wanted))
         if report:
             report(first + wanted, len(data))
     return Features(_Joined(parts), data.labels, tuple(item.name for item in data), data.classes)

@@ -7,7 +7,7 @@ from typing import TypeAlias
 
 from neuro_recognise.shown import Array, Floats, Ints
 
-__all__ = ["Pictures", "Trials", "View"]
+__all__ = ["Pictures", "TrialView", "View"]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -28,7 +28,7 @@ class Pictures:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Trials:
+class TrialView:
     """Spikes of the trials of a network, each shown from its time on until that of the next.
 
     Attributes:
@@ -54,4 +54,4 @@ class Trials:
     bands: tuple[str, ...] = ()
 
 
-View: TypeAlias = Pictures | Trials
+View: TypeAlias = Pictures | TrialView

@@ -17,7 +17,7 @@ from neuro_recognise.methods.gradients import Dense
 from neuro_recognise.priced import Priced
 from neuro_recognise.recogniser import Recogniser, fit
 from neuro_recognise.telling import energy, report
-from neuro_recognise.telling.bars import Bar
+from neuro_recognise.telling.bars import LearningBar
 from neuro_recognise.telling.tried import Tried, try_out
 from neuro_remus.saccades import make_dataset
 
@@ -49,7 +49,7 @@ def run(data: Path | None, out: Path, seed: int) -> None:
         data = make_dataset(out / "recordings", N_TRAIN, N_TEST, seed)
     learning, unseen = halves(data, seed)
     print(f"learning from {len(learning)} recordings of {len(learning.classes)} classes")
-    with Bar() as bar:
+    with LearningBar() as bar:
         made = fit(learning, "remus", seed=seed, out=out / "model.h5", cache=out / "c1", report=bar.show)
     print(f"{out / 'model.h5'}: {report.learnt(made)}\n\ntesting on {len(unseen)} recordings that it has never seen\n")
     tried = try_out(made, unseen)

@@ -12,7 +12,7 @@ import typer
 
 from neuro.apps import NETWORK, Bar, NetworkFile, Seed, Set, assignments, check_output, install, plain, read
 from neuro_train import options
-from neuro_train.plan import Plan, augmentation, costs
+from neuro_train.plan import TrainingPlan, augmentation, costs
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -66,7 +66,7 @@ def train(
 ) -> None:
     """Train a network on recordings, write it, and test it; after a kill the same command goes on where it was."""
     _need_torch()
-    plan = Plan(
+    plan = TrainingPlan(
         input=input, output=output, trainable=tuple(learn), epochs=epochs, duration=duration, start=start, scale=scale,
         window=window, batch=batch, rate=rate, decay=decay, loss=loss, temperature=temperature, surrogate=surrogate,
         slope=slope, **augmentation(augment), cost=costs(cost), bits=bits, prune=prune,
@@ -102,7 +102,7 @@ def _train(
     net: neuro.Network,
     data: Recordings,
     unseen: Recordings | None,
-    plan: Plan,
+    plan: TrainingPlan,
     backends: list[str],
     out: Path,
     page: Path,
@@ -139,7 +139,9 @@ def _train(
         typer.echo(f"{written}: written")
 
 
-def _validate(net: neuro.Network, data: Recordings, folds: int, plan: Plan, backends: list[str], out: Path) -> None:
+def _validate(
+    net: neuro.Network, data: Recordings, folds: int, plan: TrainingPlan, backends: list[str], out: Path
+) -> None:
     from neuro_train import telling
     from neuro_train.folds import cross_validate
 
@@ -153,7 +155,7 @@ def _validate(net: neuro.Network, data: Recordings, folds: int, plan: Plan, back
 def _search(
     told: tuple[Path, Path, str, list[str]],
     net: neuro.Network,
-    plan: Plan,
+    plan: TrainingPlan,
     params: Mapping[str, Any],
     text: str,
     budget: int,
@@ -181,13 +183,13 @@ def _search(
         typer.echo(f"{written}: written")
 
 
-def _shown(net: neuro.Network, data: Recordings, plan: Plan, bar: Bar, *hint: str) -> BatchData:
+def _shown(net: neuro.Network, data: Recordings, plan: TrainingPlan, bar: Bar, *hint: str) -> BatchData:
     from neuro_train.data import show
 
     return show(net, data, plan, lambda what, done, n: bar.show(done, n, what), *hint)
 
 
-def _tell(bar: Bar, plan: Plan, epoch: int, noted: Mapping[str, float]) -> None:
+def _tell(bar: Bar, plan: TrainingPlan, epoch: int, noted: Mapping[str, float]) -> None:
     spent = f", {1e6 * noted['joules']:.3g} uJ as fast as the chip can" if noted.get("joules") else ""
     message = f"epoch {epoch}: loss {noted['loss']:.4g}, {noted['right']:.1%} right{spent}"
     bar.show(epoch, plan.epochs, message)
@@ -201,7 +203,7 @@ def _check_tests(folds: int | None, test: Path | None) -> None:
         raise ModelError("--folds and --test: expected one of them", hint="folds test on what they leave out")
 
 
-def _check_before(net: neuro.Network, plan: Plan, backends: list[str], out: Path, page: Path | None) -> None:
+def _check_before(net: neuro.Network, plan: TrainingPlan, backends: list[str], out: Path, page: Path | None) -> None:
     """Refuse what would fail after long work."""
     import neuro
     import neuro_torch

@@ -15,7 +15,7 @@ import neuro
 from neuro import ModelError
 from neuro.apps import unknown
 from neuro.events.dataset import UNKNOWN
-from neuro_train.plan import Plan
+from neuro_train.plan import TrainingPlan
 from neuro_train.window import corner, windowed
 
 if TYPE_CHECKING:
@@ -68,7 +68,7 @@ def but(found: Recordings, patterns: Sequence[str]) -> Recordings:
     return found.take(kept)
 
 
-def check_network(net: neuro.Network, plan: Plan) -> None:
+def check_network(net: neuro.Network, plan: TrainingPlan) -> None:
     """Refuse a network that has no such input and output.
 
     Raises:
@@ -92,7 +92,7 @@ def check_network(net: neuro.Network, plan: Plan) -> None:
 def show(
     net: neuro.Network,
     data: Recordings,
-    plan: Plan,
+    plan: TrainingPlan,
     report: Report,
     hint: str = "set it in the file, or by --set; --window centred shows a part of a larger sensor",
 ) -> BatchData:
@@ -125,7 +125,7 @@ def show(
     return BatchData(Events.join(parts), data.labels, data.classes, shape, data.fingerprint()[:32])
 
 
-def _seen(item: Sample, shape: tuple[int, ...], plan: Plan) -> Recorded:
+def _seen(item: Sample, shape: tuple[int, ...], plan: TrainingPlan) -> Recorded:
     """The events of a recording, those of the window where there is one."""
     events = item.load()
     if plan.window is None:
@@ -135,7 +135,7 @@ def _seen(item: Sample, shape: tuple[int, ...], plan: Plan) -> Recorded:
     return windowed(events, size, corner(plan.window), plan.start, plan.duration, str(item.path))
 
 
-def _check_labels(net: neuro.Network, data: Recordings, plan: Plan) -> None:
+def _check_labels(net: neuro.Network, data: Recordings, plan: TrainingPlan) -> None:
     if not len(data):
         raise ModelError(f"{data.path}: has no recordings: expected some of each class")
     for item in data:
@@ -150,7 +150,7 @@ def _check_labels(net: neuro.Network, data: Recordings, plan: Plan) -> None:
         )
 
 
-def _check_sensor(data: Recordings, shape: tuple[int, ...], plan: Plan, hint: str) -> None:
+def _check_sensor(data: Recordings, shape: tuple[int, ...], plan: TrainingPlan, hint: str) -> None:
     width, height = data.sensor_size(setting="another shape of the population")
     rows, columns = (-(-side // plan.scale) for side in (height, width))
     if shape[-2:] != (rows, columns):

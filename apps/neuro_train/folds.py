@@ -14,7 +14,7 @@ import numpy.typing as npt
 import neuro
 from neuro.apps import kept_json, sealed, write_text
 from neuro_train.data import BatchData
-from neuro_train.plan import Plan
+from neuro_train.plan import TrainingPlan
 from neuro_train.room import rooms
 from neuro_train.tested import by_module, on_backend
 from neuro_train.trainer import begun, identity, learn
@@ -31,7 +31,7 @@ def cross_validate(
     net: neuro.Network,
     shown: BatchData,
     folds: Sequence[Fold],
-    plan: Plan,
+    plan: TrainingPlan,
     backends: Sequence[str],
     out: Path,
     report: Callable[[str, int, int], None],
@@ -60,7 +60,7 @@ def _fold(
     k: int,
     parts: Fold,
     n: int,
-    plan: Plan,
+    plan: TrainingPlan,
     backends: Sequence[str],
     out: Path,
     report: Callable[[str, int, int], None],

@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-__all__ = ["SPENT", "Place", "draw", "logarithmic", "show", "write"]
+__all__ = ["SPENT", "FrontPlace", "draw", "logarithmic", "show", "write"]
 
 SPENT = tuple(f"{clock}microjoules{end}" for clock in ("", "real_time_") for end in ("", "_low", "_high"))
 """What a recording takes, with its range, as fast as the chip can and in real time."""
@@ -27,7 +27,7 @@ GREY, BLUE = "0.65", "#0072B2"
 
 
 @dataclass(frozen=True, slots=True)
-class Place:
+class FrontPlace:
     """A point of a search.
 
     Attributes:
@@ -45,7 +45,7 @@ class Place:
     tested: Mapping[str, float] | None
 
 
-def show(places: Sequence[Place], chip: str) -> None:
+def show(places: Sequence[FrontPlace], chip: str) -> None:
     """Print a row for each point of the front."""
     front = [place for place in places if place.tested]
     names = list(front[0].varied)
@@ -68,7 +68,7 @@ def _held_out(tested: Mapping[str, float]) -> tuple[float, tuple[float, float]]:
     return right / n, wilson(right, n)
 
 
-def write(folder: Path, places: Sequence[Place], chip: str) -> tuple[Path, Path]:
+def write(folder: Path, places: Sequence[FrontPlace], chip: str) -> tuple[Path, Path]:
     """Write front.csv and front.png; errors as of `neuro.apps.output`."""
     out = io.StringIO()
     writer = csv.writer(out, lineterminator="\n")
@@ -84,7 +84,7 @@ def write(folder: Path, places: Sequence[Place], chip: str) -> tuple[Path, Path]
     return files
 
 
-def draw(places: Sequence[Place], chip: str) -> Figure:
+def draw(places: Sequence[FrontPlace], chip: str) -> Figure:
     """Accuracy against joules: all points, and the front with what it reaches on recordings that are held out."""
     from matplotlib.figure import Figure
 
@@ -124,5 +124,5 @@ def logarithmic(axis: Axes) -> None:
     axis.xaxis.set_minor_formatter(NullFormatter())
 
 
-def _at(places: Sequence[Place]) -> tuple[list[float], list[float]]:
+def _at(places: Sequence[FrontPlace]) -> tuple[list[float], list[float]]:
     return [place.microjoules for place in places], [100.0 * place.accuracy for place in places]

@@ -1,4 +1,4 @@
-"""What `neuro train` may be told on a command line; `neuro_train.plan.Plan` says what most of it means."""
+"""What `neuro train` may be told on a command line; `neuro_train.plan.TrainingPlan` says what most of it means."""
 
 from __future__ import annotations
 

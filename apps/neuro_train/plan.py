@@ -11,7 +11,7 @@ from neuro import ModelError
 from neuro.apps import unknown
 from neuro_train.window import corner
 
-__all__ = ["LOSSES", "Plan", "augmentation", "costs"]
+__all__ = ["LOSSES", "TrainingPlan", "augmentation", "costs"]
 
 LOSSES = ("count", "potential", "first_spike")
 SHARE = "a share, 0 to less than 1"
@@ -19,7 +19,7 @@ AUGMENTATIONS = {"shift": "a whole number of px >= 0", "warp": SHARE, "mirror": 
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Plan:
+class TrainingPlan:
     """What a training is told.
 
     Attributes:

@@ -13,13 +13,13 @@ import torch
 import neuro
 from neuro.chips import chip, chips, filled, quantise
 from neuro_train.data import BatchData
-from neuro_train.plan import Plan
+from neuro_train.plan import TrainingPlan
 from neuro_train.trainer import module_of
 
 if TYPE_CHECKING:
     from neuro.chips import Chip
 
-__all__ = ["AT_ONCE", "MARGIN", "Room", "chip_of", "rooms", "scales", "told"]
+__all__ = ["AT_ONCE", "MARGIN", "MemoryRoom", "chip_of", "rooms", "scales", "told"]
 
 MARGIN = 2.0
 """The largest input of the recordings that were learnt from, times this, shall fit into its register."""
@@ -28,7 +28,7 @@ AT_ONCE = 50
 
 
 @dataclass(frozen=True, slots=True)
-class Room:
+class MemoryRoom:
     """How much of its registers the input of a population takes on a chip.
 
     Attributes:
@@ -51,7 +51,7 @@ def chip_of(target: str) -> Chip | None:
     return chip(target) if target in chips() or target.endswith((".yaml", ".yml")) else None
 
 
-def rooms(net: neuro.Network, target: str, shown: BatchData, plan: Plan) -> list[Room]:
+def rooms(net: neuro.Network, target: str, shown: BatchData, plan: TrainingPlan) -> list[MemoryRoom]:
     """How much room a chip's registers have, at scales that leave some.
 
     A chip chooses a scale as fine as its threshold allows, so that only a sum of all synapses is sure to fit. Here it
@@ -90,16 +90,16 @@ def rooms(net: neuro.Network, target: str, shown: BatchData, plan: Plan) -> list
             spare = min(wires.exponent for part, wires in parts if part.target == k and wires is not None)
             wanted = math.ceil(math.log2(max(MARGIN * shares[cells.name], 1.0)))
             less = 2.0 ** max(0, min(wanted, spare))
-            found.append(Room(target, cells.name, shares[cells.name] / less, cells.volt / less, less > 1.0))
+            found.append(MemoryRoom(target, cells.name, shares[cells.name] / less, cells.volt / less, less > 1.0))
     return found
 
 
-def scales(found: Sequence[Room], target: str) -> dict[str, float]:
+def scales(found: Sequence[MemoryRoom], target: str) -> dict[str, float]:
     """The option `scales` of `neuro.compile` on a chip: of the populations whose scale is not the chip's own."""
     return {room.population: room.scale for room in found if room.chip == target and room.chosen}
 
 
-def told(found: Sequence[Room]) -> list[str]:
+def told(found: Sequence[MemoryRoom]) -> list[str]:
     """A line for each chip."""
     lines = []
     for target in dict.fromkeys(room.chip for room in found):

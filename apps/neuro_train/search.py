@@ -25,8 +25,8 @@ from neuro import ModelError
 from neuro.apps import fingerprint, install, kept_json, make_folder, sealed, write_text
 from neuro_train import overflows
 from neuro_train.data import but, show
-from neuro_train.front import SPENT, Place
-from neuro_train.plan import Plan
+from neuro_train.front import SPENT, FrontPlace
+from neuro_train.plan import TrainingPlan
 from neuro_train.room import rooms
 from neuro_train.space import Space, parted
 from neuro_train.tested import on_backend
@@ -64,14 +64,14 @@ def search(
     data: Path,
     part: str,
     without: list[str],
-    plan: Plan,
+    plan: TrainingPlan,
     params: Mapping[str, Any],
     space: Space,
     budget: int,
     folds: int | None,
     folder: Path,
     say: Callable[[str], None],
-) -> list[Place]:
+) -> list[FrontPlace]:
     """Train `budget` networks, and the best of them anew.
 
     Args:
@@ -106,7 +106,7 @@ def search(
     if not best:
         failed = next((trial.error for trial in asked.trials() if trial.error), "no trial is done")
         raise ModelError(f"{folder}: no network could be trained: {failed}")
-    found, seen = list[Place](), set[str]()
+    found, seen = list[FrontPlace](), set[str]()
     done = [trial for trial in asked.trials() if trial.values is not None]
     for trial in done:
         name = _name(trial.point)
@@ -119,7 +119,7 @@ def search(
             tested = point(**words, **trial.point, fold=None, folds=folds or PARTS - 1)
         where = folder / ("front" if tested else "points") / f"{name}.yaml"
         values = trial.values or (float("nan"),) * 2
-        found.append(Place(trial.point, values[0], values[1], where, tested or None))
+        found.append(FrontPlace(trial.point, values[0], values[1], where, tested or None))
     return sorted(found, key=lambda place: place.microjoules)
 
 
@@ -158,7 +158,7 @@ def point(
         many are `right` of `n`, and `cpu_s`.
     """
     of_file, of_plan = parted(varied)
-    told = Plan(**{**json.loads(plan), **of_plan})
+    told = TrainingPlan(**{**json.loads(plan), **of_plan})
     net = neuro.load(file, params={**json.loads(params), **of_file})
     held = fold is None
     out = Path(folder) / ("front" if held else "points") / f"{_name(varied)}.yaml"

@@ -9,7 +9,7 @@ from typing import Any
 import neuro
 from neuro import ModelError
 from neuro.apps import unknown
-from neuro_train.plan import Plan
+from neuro_train.plan import TrainingPlan
 
 __all__ = ["Space", "parted", "space"]
 
@@ -38,7 +38,7 @@ PRUNE = (0.0, 0.25, 0.5, 0.75)
 EXAMPLE = "--search step,duration,hidden=16:64,prune"
 
 
-def space(text: str, net: neuro.Network, plan: Plan, given: Mapping[str, Any]) -> Space:
+def space(text: str, net: neuro.Network, plan: TrainingPlan, given: Mapping[str, Any]) -> Space:
     """Read what varies.
 
     Args:
@@ -75,7 +75,7 @@ def space(text: str, net: neuro.Network, plan: Plan, given: Mapping[str, Any]) -
 
 def parted(point: Mapping[str, Any]) -> tuple[dict[str, Any], dict[str, Any]]:
     """What of a point the network's file is told, and what the plan."""
-    words = {field.name for field in fields(Plan)}
+    words = {field.name for field in fields(TrainingPlan)}
     of_plan = {name: value for name, value in point.items() if name in words}
     of_file = {"resolution" if name == "step" else name: value for name, value in point.items() if name not in words}
     return of_file, of_plan
@@ -99,7 +99,7 @@ def _number(name: str, text: str) -> float | int:
         raise ModelError(f"--search {name}={text}: expected numbers with ':' between them", hint=EXAMPLE) from None
 
 
-def _usual(name: str, steps: list[Any], plan: Plan, given: Mapping[str, Any]) -> list[Any]:
+def _usual(name: str, steps: list[Any], plan: TrainingPlan, given: Mapping[str, Any]) -> list[Any]:
     """The values of a parameter for which none are given."""
     if name == "step":
         return steps

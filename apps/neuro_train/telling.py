@@ -14,13 +14,13 @@ from neuro.apps import console, html, sealed, table, write_text
 from neuro.chips import COLUMNS, footnotes
 from neuro_recognise.evaluate import wilson
 from neuro_train import overflows
-from neuro_train.room import MARGIN, Room, told
-from neuro_train.tested import Tried
+from neuro_train.room import MARGIN, MemoryRoom, told
+from neuro_train.tested import TestedNetwork
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-    from neuro_train.plan import Plan
+    from neuro_train.plan import TrainingPlan
     from neuro_train.trainer import Trained
 
 __all__ = ["PAGE", "rows", "show", "show_folds", "write"]
@@ -42,7 +42,7 @@ ROOM = (
 )
 
 
-def rows(tried: Sequence[Tried]) -> list[tuple[str, ...]]:
+def rows(tried: Sequence[TestedNetwork]) -> list[tuple[str, ...]]:
     """A row for each backend."""
     found: list[tuple[str, ...]] = []
     for one in tried:
@@ -54,12 +54,12 @@ def rows(tried: Sequence[Tried]) -> list[tuple[str, ...]]:
     return found
 
 
-def bills(tried: Sequence[Tried]) -> list[tuple[str, ...]]:
+def bills(tried: Sequence[TestedNetwork]) -> list[tuple[str, ...]]:
     """A row for each chip: what a recording takes."""
     return [(one.backend, *one.bill.cells()) for one in tried if one.bill]
 
 
-def show(tried: Sequence[Tried], room: Sequence[Room] = ()) -> None:
+def show(tried: Sequence[TestedNetwork], room: Sequence[MemoryRoom] = ()) -> None:
     """Print the room in registers, a row for each backend, the bills and what they assume; warn of what overflowed."""
     for line in told(room):
         print(f"- {line}")
@@ -77,7 +77,7 @@ def show(tried: Sequence[Tried], room: Sequence[Room] = ()) -> None:
 def show_folds(folds: Sequence[Mapping[str, Any]]) -> None:
     """Print a row for each fold, and the mean of all, and the least room; warn of what overflowed in any."""
     names, n = list(folds[0]["right"]), sum(one["n"] for one in folds)
-    every = [Room(**one) for fold in folds for one in fold.get("room", ())]
+    every = [MemoryRoom(**one) for fold in folds for one in fold.get("room", ())]
     least = {(one.chip, one.population): one for one in sorted(every, key=lambda one: one.share)}
     for line in told([replace(one, chosen=False) for one in least.values()]):  # each fold has scales of its own
         print(f"- {line}")
@@ -96,7 +96,12 @@ def show_folds(folds: Sequence[Mapping[str, Any]]) -> None:
 
 
 def write(
-    path: Path, plan: Plan, trained: Trained, tried: Sequence[Tried], recordings: int, room: Sequence[Room] = ()
+    path: Path,
+    plan: TrainingPlan,
+    trained: Trained,
+    tried: Sequence[TestedNetwork],
+    recordings: int,
+    room: Sequence[MemoryRoom] = (),
 ) -> None:
     """Write the page; errors as of `neuro.apps.write_text`."""
     title = f"{trained.net.name}: trained by gradients"
@@ -104,7 +109,7 @@ def write(
 
 
 def _parts(
-    plan: Plan, trained: Trained, tried: Sequence[Tried], recordings: int, room: Sequence[Room]
+    plan: TrainingPlan, trained: Trained, tried: Sequence[TestedNetwork], recordings: int, room: Sequence[MemoryRoom]
 ) -> Iterator[Any]:
     tag = html.tag
     yield tag("h1", f"{trained.net.name}: trained by gradients")
@@ -135,7 +140,7 @@ def _parts(
         yield tag("ul", *(tag("li", line) for line in sources))
 
 
-def _own(room: Room) -> str:
+def _own(room: MemoryRoom) -> str:
     return "smaller, to leave room" if room.chosen else "the chip's own"
 
 

@@ -17,19 +17,19 @@ from neuro.chips import place, price
 from neuro_recognise.evaluate import Evaluation, evaluate
 from neuro_train.data import BatchData
 from neuro_train.overflows import Overflows, noted
-from neuro_train.plan import Plan
-from neuro_train.room import AT_ONCE, Room, chip_of, scales
+from neuro_train.plan import TrainingPlan
+from neuro_train.room import AT_ONCE, MemoryRoom, chip_of, scales
 
 if TYPE_CHECKING:
     from neuro.chips import Energy
 
-__all__ = ["Tried", "by_module", "on_backend"]
+__all__ = ["TestedNetwork", "by_module", "on_backend"]
 
 Ints = npt.NDArray[np.int64]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Tried:
+class TestedNetwork:
     """What came of some recordings.
 
     Attributes:
@@ -57,16 +57,16 @@ class Tried:
         """How good the decisions are."""
         return evaluate(self.decided, self.labels, self.classes)
 
-    def agrees(self, other: Tried) -> float:
+    def agrees(self, other: TestedNetwork) -> float:
         """The share of decisions that are equal."""
         return float(np.mean(self.decided == other.decided))
 
-    def same_spikes(self, other: Tried) -> int:
+    def same_spikes(self, other: TestedNetwork) -> int:
         """Recordings whose spikes are all equal."""
         return int((self.spikes == other.spikes).all(axis=(1, 2)).sum())
 
 
-def by_module(module: neuro_torch.Module, shown: BatchData, plan: Plan) -> Tried:
+def by_module(module: neuro_torch.Module, shown: BatchData, plan: TrainingPlan) -> TestedNetwork:
     """By what learnt, on its device."""
     parts = []
     with torch.no_grad():
@@ -80,10 +80,10 @@ def on_backend(
     net: neuro.Network,
     backend: str,
     shown: BatchData,
-    plan: Plan,
+    plan: TrainingPlan,
     report: Callable[[str, int, int], None] = lambda what, done, total: None,
-    room: Sequence[Room] = (),
-) -> Tried:
+    room: Sequence[MemoryRoom] = (),
+) -> TestedNetwork:
     """By a backend, one recording after the other, each from the beginning.
 
     Args:
@@ -135,9 +135,9 @@ def _tried(
     step: float,
     bill: Energy | None = None,
     overflows: Overflows | None = None,
-) -> Tried:
+) -> TestedNetwork:
     decided = neuro_torch.losses.decisions(spikes).numpy()
     first = neuro_torch.losses.first_spike_steps(spikes).amin(dim=1)
     some = first < spikes.shape[1]
     mean = float((first[some] + 1.0).mean()) * step if bool(some.any()) else float("nan")
-    return Tried(backend, spikes.numpy(), decided, shown.labels, shown.classes, mean, bill, overflows or {})
+    return TestedNetwork(backend, spikes.numpy(), decided, shown.labels, shown.classes, mean, bill, overflows or {})

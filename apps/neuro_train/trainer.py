@@ -23,7 +23,7 @@ import neuro_torch
 from neuro import ModelError
 from neuro.apps import Checkpoint, fingerprint
 from neuro_train.data import BatchData, moved
-from neuro_train.plan import Plan
+from neuro_train.plan import TrainingPlan
 
 __all__ = ["CURVES", "Trained", "begun", "identity", "learn", "module_of", "sizes"]
 
@@ -62,7 +62,7 @@ class Trained:
     rates: Mapping[str, float]
 
 
-def module_of(net: neuro.Network, plan: Plan, outputs: Sequence[str] | None = None) -> neuro_torch.Module:
+def module_of(net: neuro.Network, plan: TrainingPlan, outputs: Sequence[str] | None = None) -> neuro_torch.Module:
     """The network as a module, on the device that is asked for.
 
     Args:
@@ -100,7 +100,7 @@ def sizes(module: neuro_torch.Module) -> dict[str, float]:
     return found
 
 
-def begun(net: neuro.Network, out: Path, shown: BatchData, plan: Plan, which: str = "") -> Checkpoint:
+def begun(net: neuro.Network, out: Path, shown: BatchData, plan: TrainingPlan, which: str = "") -> Checkpoint:
     """Where a training keeps itself.
 
     Args:
@@ -114,7 +114,7 @@ def begun(net: neuro.Network, out: Path, shown: BatchData, plan: Plan, which: st
     return Checkpoint(out, FORMAT, told, WAYS)
 
 
-def identity(net: neuro.Network, shown: BatchData, plan: Plan) -> dict[str, Any]:
+def identity(net: neuro.Network, shown: BatchData, plan: TrainingPlan) -> dict[str, Any]:
     """All that decides what comes of a training, as plain data."""
     return plan.as_words() | {"network": fingerprint(module_of(net, plan).program), "data": shown.digest}
 
@@ -122,7 +122,7 @@ def identity(net: neuro.Network, shown: BatchData, plan: Plan) -> dict[str, Any]
 def learn(
     net: neuro.Network,
     shown: BatchData,
-    plan: Plan,
+    plan: TrainingPlan,
     checkpoint: Checkpoint | None = None,
     report: Callable[[int, Mapping[str, float]], None] = lambda epoch, noted: None,
 ) -> Trained:
@@ -163,7 +163,7 @@ def learn(
 class _Training:
     """A training under way, from one epoch to the next."""
 
-    def __init__(self, net: neuro.Network, shown: BatchData, plan: Plan, place: str) -> None:
+    def __init__(self, net: neuro.Network, shown: BatchData, plan: TrainingPlan, place: str) -> None:
         self._shown, self._plan, self._net, self._place = shown, plan, net, place
         self.done, self._spent = 0, 0.0
         self._stay: dict[str, Array] = {}
@@ -322,7 +322,7 @@ class _Training:
         return Trained(module.network(), module, curves, self._spent, rates)
 
 
-def _loss(plan: Plan, found: neuro_torch.Outcome, labels: Tensor) -> Tensor:
+def _loss(plan: TrainingPlan, found: neuro_torch.Outcome, labels: Tensor) -> Tensor:
     """How far a batch is from what was wanted."""
     losses, spikes = neuro_torch.losses, found.spikes[plan.output]
     if plan.loss == "count":

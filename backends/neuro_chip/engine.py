@@ -16,7 +16,7 @@ from neuro.program.program import Floats, Ints
 from neuro_chip import tables as t
 from neuro_chip.build import STATES, write_registers
 from neuro_chip.machine import Machine
-from neuro_chip.trials import Trials
+from neuro_chip.trials import ChipTrials
 
 
 class ChipEngine:
@@ -30,7 +30,7 @@ class ChipEngine:
     def __init__(self, fixed: FixedProgram, strict: bool) -> None:
         self.fixed, self.program = fixed, fixed.program
         self._machine = Machine(fixed, strict)
-        self._trials = Trials(self._machine) if self.program.trials is not None else None
+        self._trials = ChipTrials(self._machine) if self.program.trials is not None else None
 
     # time
 

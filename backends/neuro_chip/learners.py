@@ -14,7 +14,7 @@ from neuro.model.synapses.loihi_rule import POST, LearningRule, Term
 from neuro.program.program import Floats, Ints, Program
 from neuro_chip import learning as kernels, tables as t
 from neuro_chip.plastic import Plastic
-from neuro_chip.weights import Weights
+from neuro_chip.weights import ChipWeights
 
 _COUNTED = {
     kernels.EVALUATED: "rules applied",
@@ -38,7 +38,7 @@ class Learners:
         arrays: of the loop.
     """
 
-    def __init__(self, fixed: FixedProgram, weights: Weights, arrays: dict[str, NDArray[Any]]) -> None:
+    def __init__(self, fixed: FixedProgram, weights: ChipWeights, arrays: dict[str, NDArray[Any]]) -> None:
         self._fixed, self._program, self._weights, self._a = fixed, fixed.program, weights, arrays
         self._parts: dict[int, Plastic] = {}
         self._due: dict[int, list[tuple[int, Ints]]] = {}

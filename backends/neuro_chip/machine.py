@@ -24,9 +24,9 @@ from neuro_chip.learners import Learners
 from neuro_chip.loop import advance, send_ahead
 from neuro_chip.net import Bound
 from neuro_chip.presenting import open_all
-from neuro_chip.registers import Registers
+from neuro_chip.registers import ChipRegisters
 from neuro_chip.spike_lists import Listed, Record
-from neuro_chip.weights import Weights
+from neuro_chip.weights import ChipWeights
 
 _CLEARED = (
     *("ring", "arrived", "arrived_all", "v", "u", "g_inh", "hold", "first"),
@@ -60,8 +60,8 @@ class Machine:
     def __init__(self, fixed: FixedProgram, strict: bool) -> None:
         self.fixed, self.program, self._strict = fixed, fixed.program, strict
         self.arrays = arrays_of(fixed)
-        self.cells = Registers(fixed)
-        self.weights = Weights(fixed, self.arrays)
+        self.cells = ChipRegisters(fixed)
+        self.weights = ChipWeights(fixed, self.arrays)
         self.learners = Learners(fixed, self.weights, self.arrays)
         self.delays = Delays(fixed, self.arrays)
         self.currents = Currents(self.program)

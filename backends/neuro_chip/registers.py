@@ -21,7 +21,7 @@ from neuro_chip.families.every import family_of
 _KEPT = "a running chip keeps its scale: describe the network with these values, or lower them"
 
 
-class Registers:
+class ChipRegisters:
     """The populations of a quantised program while it runs.
 
     Attributes:

@@ -18,7 +18,7 @@ from neuro_chip.machine import Machine
 _REGISTERS = {"V_m": ("v",), "I_syn_ex": ("u", "g_exc"), "I_syn_in": ("u", "g_inh")}
 
 
-class Trials:
+class ChipTrials:
     """Presents trials and applies rules to their ends.
 
     Args:

@@ -21,7 +21,7 @@ _GIVEN = "told"
 """What saved states call weights as they were set."""
 
 
-class Weights:
+class ChipWeights:
     """Mantissas of all projections.
 
     Args:

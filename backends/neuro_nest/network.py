@@ -15,7 +15,7 @@ from neuro_nest.kernel import Ranks, set_nodes, sign, told
 from neuro_nest.populations import NestPopulation
 from neuro_nest.projections import NestProjection
 from neuro_nest.record import Activity, NestRecord
-from neuro_nest.sources import NONE, Noise, SpikeTrain, TrainSource, is_noise, nodes_of, train
+from neuro_nest.sources import NONE, InjectedTrain, Noise, TrainSource, is_noise, nodes_of, train
 from neuro_nest.tables import ALWAYS, OF_TARGET
 
 LONGEST = 10_000
@@ -84,7 +84,7 @@ class NestNetwork:
             self._advance(min(end, self.step + self._stretch))
 
     def _advance(self, to: int) -> None:
-        trains = [SpikeTrain(NONE, NONE, NONE)] * len(self.cells)
+        trains = [InjectedTrain(NONE, NONE, NONE)] * len(self.cells)
         for index, source in self.sources.items():
             trains[index] = source.emit(self.step, to)
             with told():

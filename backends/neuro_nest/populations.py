@@ -10,7 +10,7 @@ import numpy as np
 from neuro.core.clock import NEVER, Clock
 from neuro.program.program import Floats, Ints, Population, Schedule
 from neuro_nest.kernel import Ranks, set_nodes, told
-from neuro_nest.sources import SpikeTrain, is_noise
+from neuro_nest.sources import InjectedTrain, is_noise
 from neuro_nest.tables import DEVICE, ENDLESS, NODES, RK4, UNREADABLE
 
 _WITH_E_L = ("V_th", "V_reset", "V_min", "V_m")
@@ -71,7 +71,7 @@ class NestPopulation:
         rows = np.broadcast_to(listed.values.T, (self.part.size, listed.steps.size))
         set_nodes(self._nest, self.nodes, [{"amplitude_times": times, "amplitude_values": row.copy()} for row in rows])
 
-    def emit(self, spikes: SpikeTrain) -> None:
+    def emit(self, spikes: InjectedTrain) -> None:
         """Let the injectors fire, and the devices."""
         order = np.argsort(spikes.ids, kind="stable")
         ids, begin = np.unique(spikes.ids[order], return_index=True)

@@ -7,7 +7,7 @@ import numpy as np
 from neuro.program.backend import Spikes
 from neuro.program.program import Ints, Program
 from neuro_nest.projections import NestProjection
-from neuro_nest.sources import NONE, SpikeTrain
+from neuro_nest.sources import NONE, InjectedTrain
 
 SYNAPSES_AT_ONCE = 1 << 20
 
@@ -25,13 +25,13 @@ class NestRecord:
 
     def __init__(self, size: int, keeps: bool) -> None:
         self.size, self.keeps = size, keeps
-        self._stretches: list[SpikeTrain] = []
+        self._stretches: list[InjectedTrain] = []
         self.events: Ints = np.zeros(size, dtype=np.int64)
         self.spikes: Ints = np.zeros(size, dtype=np.int64)
         self.sent: Ints = np.zeros(size, dtype=np.int64)
         self._waiting: tuple[Ints, int] = (NONE, 0)
 
-    def add(self, spikes: SpikeTrain, to: int) -> None:
+    def add(self, spikes: InjectedTrain, to: int) -> None:
         """The spikes of a stretch that ends with step `to`."""
         ids, step = self._waiting
         self.sent[ids] = step
@@ -56,7 +56,7 @@ class NestRecord:
     def forget(self, before: int) -> None:
         """Drop spikes up to a step."""
         left = self.since(before)
-        kept = SpikeTrain(left.steps, left.ids, left.multiplicity.astype(np.int64))
+        kept = InjectedTrain(left.steps, left.ids, left.multiplicity.astype(np.int64))
         self._stretches = [kept] if kept.ids.size else []
 
     @property
@@ -79,7 +79,7 @@ class Activity:
         self._heard = [np.zeros((self._reach, p.size), dtype=bool) for p in program.populations]
         self.active: Ints = np.zeros(len(program.populations), dtype=np.int64)
 
-    def add(self, trains: list[SpikeTrain], after: int, to: int) -> None:
+    def add(self, trains: list[InjectedTrain], after: int, to: int) -> None:
         """The spikes of all populations in steps after < k <= to."""
         steps = to - after
         heard = [np.concatenate((h, np.zeros((steps, h.shape[1]), dtype=bool))) for h in self._heard]

@@ -24,7 +24,7 @@ NONE: Ints = np.zeros(0, dtype=np.int64)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class SpikeTrain:
+class InjectedTrain:
     """Spikes by step, then neuron; a multiplicity is several spikes of one neuron in one step."""
 
     steps: Ints
@@ -32,10 +32,10 @@ class SpikeTrain:
     multiplicity: Ints
 
 
-def train(steps: Ints, ids: Ints, size: int) -> SpikeTrain:
+def train(steps: Ints, ids: Ints, size: int) -> InjectedTrain:
     """Spikes in any order, some of them several times, as a train."""
     codes, multiplicity = np.unique(steps * size + ids, return_counts=True)
-    return SpikeTrain(codes // size, codes % size, multiplicity.astype(np.int64))
+    return InjectedTrain(codes // size, codes % size, multiplicity.astype(np.int64))
 
 
 class TrainSource:
@@ -56,7 +56,7 @@ class TrainSource:
         for row, state in enumerate(part.model.states):
             self._states[row] = part.initial[state.name]
 
-    def emit(self, after: int, to: int) -> SpikeTrain:
+    def emit(self, after: int, to: int) -> InjectedTrain:
         """What is emitted in steps after < k <= to."""
         first, last = max(after, self.part.start), min(to, self.part.stop)
         if self.part.kind == "generator":
@@ -74,8 +74,8 @@ class TrainSource:
         order = np.lexsort((self._ids, self._steps))
         self._steps, self._ids = self._steps[order], self._ids[order]
 
-    def _draw(self, after: int, to: int) -> SpikeTrain:
-        pieces: list[SpikeTrain] = []
+    def _draw(self, after: int, to: int) -> InjectedTrain:
+        pieces: list[InjectedTrain] = []
         listed = self.part.schedule
         while after < to:
             end = to if listed is None else min(to, listed.next_change(after))
@@ -84,14 +84,14 @@ class TrainSource:
             after = end
         return _joined(pieces)
 
-    def _steady(self, rate: Floats, after: int, to: int) -> list[SpikeTrain]:
+    def _steady(self, rate: Floats, after: int, to: int) -> list[InjectedTrain]:
         """What is emitted in steps after < k <= to at one rate."""
         size = self.part.size
         means = np.broadcast_to(rate * self.resolution / 1000.0, size)
         rows = max(1, DRAWS // size)
         return [self._table(means, np.arange(k, min(k + rows, to + 1))) for k in range(after + 1, to + 1, rows)]
 
-    def _let_emit(self, after: int, to: int) -> SpikeTrain:
+    def _let_emit(self, after: int, to: int) -> InjectedTrain:
         """What a generator with an `emit` of its own gives in steps after < k <= to."""
         model, size = self.part.model, self.part.size
         assert isinstance(model, Generator)
@@ -103,7 +103,7 @@ class TrainSource:
             for lo, hi in [(0, size)] if alike else [(i, i + 1) for i in range(size)]:
                 emit(self._states, constants[lo], u, step, lo, hi, out)
             ids = np.flatnonzero(out)
-            pieces.append(SpikeTrain(np.full(ids.size, step), ids, out[ids].astype(np.int64)))
+            pieces.append(InjectedTrain(np.full(ids.size, step), ids, out[ids].astype(np.int64)))
         return _joined(pieces)
 
     def _constants(self, model: Generator) -> Floats:
@@ -114,20 +114,20 @@ class TrainSource:
             model.arithmetic.constants(row, self.resolution, c)
         return found
 
-    def _table(self, means: Floats, steps: Ints) -> SpikeTrain:
+    def _table(self, means: Floats, steps: Ints) -> InjectedTrain:
         u = keyed_random.uniform_table(self._key, steps, self.part.size)
         numbers = np.zeros(u.shape, dtype=np.int64)
         for mean in np.unique(means):
             here = means == mean
             numbers[:, here] = np.searchsorted(keyed_random.poisson_table(float(mean)), u[:, here], side="right")
         rows, ids = np.nonzero(numbers)
-        return SpikeTrain(steps[rows], ids, numbers[rows, ids])
+        return InjectedTrain(steps[rows], ids, numbers[rows, ids])
 
 
-def _joined(pieces: list[SpikeTrain]) -> SpikeTrain:
+def _joined(pieces: list[InjectedTrain]) -> InjectedTrain:
     if not pieces:
-        return SpikeTrain(NONE, NONE, NONE)
-    return SpikeTrain(
+        return InjectedTrain(NONE, NONE, NONE)
+    return InjectedTrain(
         *(np.concatenate([getattr(p, name) for p in pieces]) for name in ("steps", "ids", "multiplicity"))
     )
 

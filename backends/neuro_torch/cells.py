@@ -12,7 +12,7 @@ from torch import Tensor
 from neuro.core import keyed_random
 from neuro.model.neurons import Neuron
 from neuro.program.program import Floats, Population, drawn_for
-from neuro_torch.lanes import ALL, Lanes, Rows, spread
+from neuro_torch.lanes import ALL, LaneRows, Lanes, spread
 from neuro_torch.problems import reset_of
 from neuro_torch.sources import constants_of
 
@@ -20,7 +20,7 @@ Spike = Callable[[Tensor, Tensor, Tensor], Tensor]
 """Makes spikes of what fired and by how much it was above its threshold, absolute and in units of the surrogate."""
 
 
-class Cells:
+class TensorCells:
     """States and parameters of a population.
 
     Attributes:
@@ -107,10 +107,10 @@ class Cells:
             spike: makes spikes with a gradient of what fired; None makes them without.
         """
         lanes, arithmetic = Lanes(self.device), self.model.arithmetic
-        states, fired = Rows(self.states, self.shape), Rows([0.0])
+        states, fired = LaneRows(self.states, self.shape), LaneRows([0.0])
         free = self.states[self._held] == 0.0 if self._held >= 0 else None
-        drawn = (Rows([self._uniform(step)]),) if self.model.draws else ()
-        arriving, flowing = Rows(list(x)), Rows([current])
+        drawn = (LaneRows([self._uniform(step)]),) if self.model.draws else ()
+        arriving, flowing = LaneRows(list(x)), LaneRows([current])
         lanes.run(arithmetic.step, states, self.constants, arriving, flowing, ALL, ALL, fired, *drawn)
         reached = fired.rows[0]
         self.states = states.rows
@@ -125,7 +125,7 @@ class Cells:
 
     def _fire(self, who: Tensor) -> None:
         if not self.model.resets_in_step and bool(who.any()):
-            states = Rows(self.states, self.shape)
+            states = LaneRows(self.states, self.shape)
             Lanes(self.device, who).run(self.model.arithmetic.fire, states, self.constants, ALL)
             self.states = states.rows
 

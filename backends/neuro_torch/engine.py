@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from neuro.program.backend import EngineCounts, Outcome, Spikes, Trial
 from neuro.program.program import Floats, Ints, Program
 from neuro_torch import snapshots
-from neuro_torch.record import Record
+from neuro_torch.record import TensorRecord
 from neuro_torch.stepping import Stepper
 
 
@@ -29,7 +29,7 @@ class TorchEngine:
     def __init__(self, program: Program, threads: int, device: torch.device) -> None:
         self.program, self._threads = program, threads
         self.stepper = Stepper(program, device=device, hears=True)
-        self.records = [Record(part.size, part.records) for part in program.populations]
+        self.records = [TensorRecord(part.size, part.records) for part in program.populations]
 
     @property
     def step(self) -> int:

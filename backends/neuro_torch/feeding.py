@@ -11,8 +11,8 @@ import torch
 from neuro.core.errors import ModelError, unknown
 from neuro.program.program import Population, Program
 from neuro_torch.events import Events, Train
-from neuro_torch.scan.task import Task
-from neuro_torch.sources import Source
+from neuro_torch.scan.task import ScanTask
+from neuro_torch.sources import TensorSource
 from neuro_torch.tensors import check, fitted
 
 
@@ -87,7 +87,7 @@ def checked(part: Population, given: Any) -> Any:
     return given
 
 
-def given_to(part: Population, given: Any, task: Task) -> Train | torch.Tensor | None:
+def given_to(part: Population, given: Any, task: ScanTask) -> Train | torch.Tensor | None:
     """What was checked, as a pass has it.
 
     Raises:
@@ -96,7 +96,7 @@ def given_to(part: Population, given: Any, task: Task) -> Train | torch.Tensor |
     return given if given is None or isinstance(given, Train) else fitted(part, given, task)
 
 
-def emitted(program: Program, part: Population, given: Train | torch.Tensor | None, task: Task, scans: Any) -> Any:
+def emitted(program: Program, part: Population, given: Train | torch.Tensor | None, task: ScanTask, scans: Any) -> Any:
     """All that a generator emits: a dense tensor, or listed as the scans take it.
 
     Args:
@@ -111,13 +111,13 @@ def emitted(program: Program, part: Population, given: Train | torch.Tensor | No
         return scans.listed(given, task)
     if silent and given is not None:
         return given
-    source = Source(part, program.resolution, program.seed)
+    source = TensorSource(part, program.resolution, program.seed)
     own = np.array([source.emit(step) for step in range(1, task.steps + 1)])
     every = torch.as_tensor(own).to(task.device, task.dtype).expand(task.batch, -1, -1)
     return every if given is None else every + dense(given, part, task)
 
 
-def dense(given: Train | torch.Tensor, part: Population, task: Task) -> torch.Tensor:
+def dense(given: Train | torch.Tensor, part: Population, task: ScanTask) -> torch.Tensor:
     """Spikes that are given, (batch, steps, neurons)."""
     if isinstance(given, Train):
         events = Events.of_trains(task.steps, {part.name: given})

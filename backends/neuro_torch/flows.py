@@ -11,7 +11,7 @@ from neuro.program.drives import Emission, charges
 from neuro.program.program import Floats, Program
 
 if TYPE_CHECKING:
-    from neuro_torch.cells import Cells
+    from neuro_torch.cells import TensorCells
 
 
 class Flow:
@@ -65,7 +65,7 @@ class Flow:
         self.due[place] = 0.0
         return found
 
-    def charge(self, cells: Cells, step: int) -> None:
+    def charge(self, cells: TensorCells, step: int) -> None:
         """A current to a receptor adds to the state in which the receptor keeps its own."""
         if self.part.receptor is not None:
             state, share = charges(self._program, self.part, cells.parameters)

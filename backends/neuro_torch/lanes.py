@@ -55,7 +55,7 @@ class Fork:
     left: Tensor | None = None
 
 
-class Rows:
+class LaneRows:
     """States, inputs or other numbers of all neurons, by row; an index is (row, ALL), or ALL where there is one row.
 
     Args:
@@ -177,7 +177,7 @@ class Lanes:
 
     def store(self, place: Any, at: Any, value: Any) -> None:
         """An assignment to a place of an array or a list."""
-        if isinstance(place, Rows):
+        if isinstance(place, LaneRows):
             place.write(self, at, value)
         else:
             place[at] = self.put(place[at], value)

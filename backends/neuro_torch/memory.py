@@ -20,7 +20,7 @@ from neuro.program.program import Population, Program
 from neuro_torch.events import Train
 from neuro_torch.plan import Plan
 from neuro_torch.scan.layers import Component, Synapses
-from neuro_torch.scan.task import Task
+from neuro_torch.scan.task import ScanTask
 
 __all__ = ["Need", "free", "kept_by_steps", "need", "refuse_large"]
 
@@ -48,7 +48,7 @@ class Need:
         return self.batch * self.each + self.fixed
 
 
-def refuse_large(told: Need, task: Task) -> None:
+def refuse_large(told: Need, task: ScanTask) -> None:
     """Refuse a batch for which memory does not suffice.
 
     Raises:
@@ -76,7 +76,7 @@ def free(device: torch.device) -> int | None:
     return int(torch.cuda.mem_get_info(device)[0] + cached)
 
 
-def need(program: Program, plan: Plan, asked: Mapping[int, Any], task: Task, tape: Callable[[], float]) -> Need:
+def need(program: Program, plan: Plan, asked: Mapping[int, Any], task: ScanTask, tape: Callable[[], float]) -> Need:
     """What a pass takes, with its way back where gradients are on.
 
     Args:
@@ -112,7 +112,7 @@ class _Input:
     learns: bool
 
     @classmethod
-    def of(cls, part: Population, given: Any, task: Task) -> _Input:
+    def of(cls, part: Population, given: Any, task: ScanTask) -> _Input:
         own = part.kind != "listed" or bool(np.any(part.spike_steps <= task.steps))
         numbers = task.steps * part.size
         if given is None or isinstance(given, Train):
@@ -134,7 +134,7 @@ def _spikes(given: Any) -> int:
 Inputs = Mapping[int, _Input]
 
 
-def _given(inputs: Iterable[_Input], task: Task) -> float:
+def _given(inputs: Iterable[_Input], task: ScanTask) -> float:
     """What inputs take that scans are given: lists of spikes with their places, or a copy, and its gradient twice."""
     size: int = task.dtype.itemsize
     listed = sum(each.spikes * (3 * INDEX + size) for each in inputs)
@@ -150,7 +150,7 @@ def _neurons(part: Component) -> int:
     return sum(cell.size for cell in part.cells.values())
 
 
-def _kernels(parts: tuple[Component, ...], inputs: Inputs, task: Task, learns: bool) -> Need:
+def _kernels(parts: tuple[Component, ...], inputs: Inputs, task: ScanTask, learns: bool) -> Need:
     """Spikes, potentials and what became of them stay; input and gradients come and go with a part."""
     size = task.dtype.itemsize
     kept = (2 * size + 1 if learns else size) * sum(map(_neurons, parts))
@@ -158,7 +158,7 @@ def _kernels(parts: tuple[Component, ...], inputs: Inputs, task: Task, learns: b
     return Need(task.batch, task.steps * (kept + passing) + _given(inputs.values(), task))
 
 
-def _torch(parts: tuple[Component, ...], inputs: Inputs, task: Task, learns: bool) -> Need:
+def _torch(parts: tuple[Component, ...], inputs: Inputs, task: ScanTask, learns: bool) -> Need:
     """Besides, what products of tensors keep, and rows of weights of all given spikes at once."""
     size = task.dtype.itemsize
     driven = [each for part in parts for each in part.outside]
@@ -170,13 +170,13 @@ def _torch(parts: tuple[Component, ...], inputs: Inputs, task: Task, learns: boo
     return Need(task.batch, task.steps * kept + passing + _given(inputs.values(), task), tables)
 
 
-def _drives(part: Component, inputs: Inputs, task: Task) -> float:
+def _drives(part: Component, inputs: Inputs, task: ScanTask) -> float:
     """What the largest of the projections from outside takes on its way."""
     size = task.dtype.itemsize
     return max((size * each.sizes[1] * _moved(each, inputs, task) for each in part.outside), default=0.0)
 
 
-def _moved(each: Synapses, inputs: Inputs, task: Task) -> float:
+def _moved(each: Synapses, inputs: Inputs, task: ScanTask) -> float:
     """Tensors of one step of the targets that are held at once while spikes go along a projection."""
     if _is_sparse(each, inputs):
         return 2 * task.steps + 2 * inputs[each.source].spikes
@@ -191,7 +191,7 @@ def _delays(each: Synapses) -> Any:
     return np.unique(each.delay)
 
 
-def _steps(program: Program, inputs: Iterable[_Input], task: Task, tape: float) -> Need:
+def _steps(program: Program, inputs: Iterable[_Input], task: ScanTask, tape: float) -> Need:
     """Spikes of each step, then of all, and their gradients; inputs are dense, as doubles and stacked.
 
     Many small tensors that stay lie between many that go, so allocators hold about twice of what is left.

@@ -22,7 +22,7 @@ from neuro_torch.outcome import Outcome, Told, active_updates
 from neuro_torch.plan import Plan, plan_of
 from neuro_torch.problems import problems, without_gradient
 from neuro_torch.scan import compiled, layers, operations
-from neuro_torch.scan.task import Task
+from neuro_torch.scan.task import ScanTask
 from neuro_torch.stepping import Learning, Stepper, stepped
 from neuro_torch.surrogates import Plain, Surrogate, surrogate_of
 
@@ -141,7 +141,7 @@ class Module(torch.nn.Module):
         emitted, potentials = self._scanned(given, task) if self._plan.parts else self._stepped(given, task)
         return self._outcome(batch, emitted, potentials, task)
 
-    def _need(self, asked: Mapping[int, Any], task: Task) -> memory.Need:
+    def _need(self, asked: Mapping[int, Any], task: ScanTask) -> memory.Need:
         """What a batch takes; how much steps keep is counted once."""
         parts = self.program.populations
 
@@ -158,7 +158,7 @@ class Module(torch.nn.Module):
 
         return memory.need(self.program, self.plan, asked, task, tape)
 
-    def _scanned(self, given: Mapping[int, Any], task: Task) -> tuple[dict[int, Any], dict[int, Tensor]]:
+    def _scanned(self, given: Mapping[int, Any], task: ScanTask) -> tuple[dict[int, Any], dict[int, Tensor]]:
         """What populations emit, and potentials at the ends of steps."""
         scans = self._scans()[0]
         populations = self.program.populations
@@ -209,7 +209,7 @@ class Module(torch.nn.Module):
         steps = bounds.in_steps(self.delays[name], self.program.resolution, name)
         return layers.delayed(self._one_by_one(projection), layers.rounded(steps))
 
-    def _stepped(self, given: Mapping[int, Any], task: Task) -> tuple[dict[int, Any], dict[int, Tensor]]:
+    def _stepped(self, given: Mapping[int, Any], task: ScanTask) -> tuple[dict[int, Any], dict[int, Tensor]]:
         """The same, step by step."""
         populations = self.program.populations
         parameters = {name: dict(each.items()) for name, each in self.neurons.items()}
@@ -328,16 +328,16 @@ class Module(torch.nn.Module):
         """A parameter, whose type and device are those of all."""
         return next(self.parameters())
 
-    def _task(self, batch: int, steps: int) -> Task:
+    def _task(self, batch: int, steps: int) -> ScanTask:
         like, wanted = self._like(), frozenset(self._index[name] for name in self.outputs)
         if self._kept.get("steps") != steps:
             cells = {k: cell for part in self._plan.parts for k, cell in part.cells.items()}
             self._kept["steps"] = steps
             self._kept["push"] = {k: layers.push(self.program, cell, steps) for k, cell in cells.items()}
         push = self._kept["push"]
-        return Task(batch, steps, like.dtype, like.device, self.surrogate, self.damping, push, wanted)
+        return ScanTask(batch, steps, like.dtype, like.device, self.surrogate, self.damping, push, wanted)
 
-    def _weight(self, projection: int, task: Task) -> Tensor:
+    def _weight(self, projection: int, task: ScanTask) -> Tensor:
         """The weights of a projection; those that do not learn are the network's in the type of the others."""
         name, key = self.program.projections[projection].name, (projection, task.dtype, task.device)
         if name not in self.weights and key not in self._kept:
@@ -368,7 +368,7 @@ class Module(torch.nn.Module):
         sizes = self.program.populations[part.source].size, self.program.populations[part.target].size
         return part.weight.reshape(layers.shape_of(part, sizes))
 
-    def _outcome(self, batch: Any, emitted: dict[int, Any], potentials: dict[int, Tensor], task: Task) -> Outcome:
+    def _outcome(self, batch: Any, emitted: dict[int, Any], potentials: dict[int, Tensor], task: ScanTask) -> Outcome:
         outs = {name: self._index[name] for name in self.outputs}
         counts = {n: partial(self._count, batch, k, emitted[k], task) for n, k in self._index.items() if k in emitted}
         active = {
@@ -386,7 +386,7 @@ class Module(torch.nn.Module):
             self.program,
         )
 
-    def _count(self, batch: Any, index: int, emitted: Any, task: Task) -> Tensor:
+    def _count(self, batch: Any, index: int, emitted: Any, task: ScanTask) -> Tensor:
         """The spikes of each neuron of a population."""
         if isinstance(emitted, Tensor):
             summed: Tensor = torch.sum(emitted, 1)
@@ -394,7 +394,7 @@ class Module(torch.nn.Module):
         part = self.program.populations[index]
         return torch.from_numpy(batch.counts(part.name, part.size)).to(task.device, task.dtype)
 
-    def _active(self, population: int, emitted: Mapping[int, Any], task: Task) -> Tensor:
+    def _active(self, population: int, emitted: Mapping[int, Any], task: ScanTask) -> Tensor:
         """The updates of a population that something arrives at, or a spike ends; delays that learn are whole."""
         parts = enumerate(self.program.projections)
         wired = [self._whole_steps(q) for q, part in parts if part.target == population and part.carries == "spikes"]

@@ -13,7 +13,7 @@ from torch import Tensor
 from neuro.core.errors import unknown
 from neuro_torch.scan.compiled import Packed
 from neuro_torch.scan.layers import Synapses
-from neuro_torch.scan.task import Task
+from neuro_torch.scan.task import ScanTask
 
 if TYPE_CHECKING:
     from torch import Tensor
@@ -86,7 +86,7 @@ class Told(Mapping[str, Any]):
 
 
 def active_updates(
-    population: int, emitted: Mapping[int, Any], incoming: Iterable[Synapses], task: Task, scans: Any
+    population: int, emitted: Mapping[int, Any], incoming: Iterable[Synapses], task: ScanTask, scans: Any
 ) -> Tensor:
     """How many of a population in each recording, shape (batch,), as `neuro.Simulation.counts` has them.
 
@@ -105,7 +105,7 @@ def active_updates(
         return updates
 
 
-def _arrived(part: Synapses, spikes: Any, task: Task, scans: Any) -> Tensor:
+def _arrived(part: Synapses, spikes: Any, task: ScanTask, scans: Any) -> Tensor:
     """Where spikes arrive, (batch, steps, targets), or (batch, steps, 1) where every target hears every source."""
     if not part.dense or not isinstance(spikes, (Tensor, Packed)):
         ones = torch.ones(part.shape, dtype=task.dtype, device=task.device)

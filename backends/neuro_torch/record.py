@@ -8,7 +8,7 @@ from neuro.program.backend import Spikes
 from neuro.program.program import Ints
 
 
-class Record:
+class TensorRecord:
     """Spikes in the order of their steps, and counts.
 
     Attributes:

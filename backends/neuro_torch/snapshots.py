@@ -11,14 +11,14 @@ from numpy.typing import NDArray
 from torch import Tensor
 
 from neuro.program.backend import Spikes
-from neuro_torch.record import Record
+from neuro_torch.record import TensorRecord
 from neuro_torch.stepping import Stepper
 from neuro_torch.wires import Emitted
 
 Arrays = Mapping[str, NDArray[Any]]
 
 
-def take(stepper: Stepper, records: Sequence[Record]) -> dict[str, NDArray[Any]]:
+def take(stepper: Stepper, records: Sequence[TensorRecord]) -> dict[str, NDArray[Any]]:
     """Copies of everything that changes while it runs."""
     found: dict[str, NDArray[Any]] = {"step": np.array(stepper.now)}
     for k, cells in stepper.cells.items():
@@ -46,7 +46,7 @@ def take(stepper: Stepper, records: Sequence[Record]) -> dict[str, NDArray[Any]]
     return found
 
 
-def put(stepper: Stepper, records: Sequence[Record], arrays: Arrays) -> None:
+def put(stepper: Stepper, records: Sequence[TensorRecord], arrays: Arrays) -> None:
     """Set a stepper of the same program to what `take` gave."""
     stepper.start_anew()
     stepper.now = int(arrays["step"])

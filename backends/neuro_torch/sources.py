@@ -9,7 +9,7 @@ from neuro.model.neurons import Generator
 from neuro.program.program import Floats, Ints, Population, drawn_for
 
 
-class Source:
+class TensorSource:
     """A population that emits spikes of its own: listed, Poisson, or by the `emit` of its model.
 
     Attributes:

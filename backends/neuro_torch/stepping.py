@@ -13,13 +13,13 @@ from neuro.core.errors import ModelError, unknown
 from neuro.model.neurons import Neuron
 from neuro.program.program import Floats, Program
 from neuro_torch.arrivals import Arrivals, Learnt
-from neuro_torch.cells import Cells
+from neuro_torch.cells import TensorCells
 from neuro_torch.flows import Flow
 from neuro_torch.given import Tensors, between_steps, check
 from neuro_torch.problems import problems, without_gradient
 from neuro_torch.scan.joined import joined
-from neuro_torch.scan.task import Task
-from neuro_torch.sources import Source
+from neuro_torch.scan.task import ScanTask
+from neuro_torch.sources import TensorSource
 from neuro_torch.wires import Emitted, Wires
 
 if TYPE_CHECKING:
@@ -82,7 +82,7 @@ class Stepper:
         self._surrogate, self._hears = surrogate, hears
         self._numbers = {part.name: k for k, part in enumerate(program.populations)}
         self.sources = {
-            k: Source(part, program.resolution, program.seed)
+            k: TensorSource(part, program.resolution, program.seed)
             for k, part in enumerate(program.populations)
             if part.kind in ("listed", "poisson", "generator")
         }
@@ -110,7 +110,9 @@ class Stepper:
         check(program, named, late, parameters or {})
         self.batch = batch
         self.cells = {
-            k: Cells(part, batch, program.resolution, program.seed, self.device, (parameters or {}).get(part.name))
+            k: TensorCells(
+                part, batch, program.resolution, program.seed, self.device, (parameters or {}).get(part.name)
+            )
             for k, part in enumerate(program.populations)
             if isinstance(part.model, Neuron)
         }
@@ -130,7 +132,11 @@ class Stepper:
         """Back to step 0; weights and parameters stay."""
         self.now = 0
         self._learnt: dict[Wires, Learnt] = {}
-        parts: list[Cells | Source | Flow] = [*self.cells.values(), *self.sources.values(), *self.flows.values()]
+        parts: list[TensorCells | TensorSource | Flow] = [
+            *self.cells.values(),
+            *self.sources.values(),
+            *self.flows.values(),
+        ]
         for each in parts:
             each.start_anew()
         self.versions = {k: [(0, versions[-1][1])] for k, versions in self.versions.items()}
@@ -314,7 +320,7 @@ class Learning(NamedTuple):
 
 
 def stepped(
-    stepper: Stepper, task: Task, learning: Learning, given: Named
+    stepper: Stepper, task: ScanTask, learning: Learning, given: Named
 ) -> tuple[dict[int, Tensor], dict[int, Tensor]]:
     """Spikes of all populations that emit some, and potentials of those that are wanted, (batch, steps, neurons).
 
@@ -346,5 +352,5 @@ def stepped(
     return _stacked(spikes, task, learns), _stacked(potentials, task, learns)
 
 
-def _stacked(found: Mapping[int, list[Any]], task: Task, learns: list[Tensor]) -> dict[int, Tensor]:
+def _stacked(found: Mapping[int, list[Any]], task: ScanTask, learns: list[Tensor]) -> dict[int, Tensor]:
     return {k: joined(torch.stack(each, 1).to(task.dtype), learns) for k, each in found.items()}

@@ -9,7 +9,7 @@ from torch import Tensor
 
 from neuro.core.errors import ModelError
 from neuro.program.program import Population
-from neuro_torch.scan.task import Task
+from neuro_torch.scan.task import ScanTask
 
 
 def check(part: Population, given: Any) -> None:
@@ -36,7 +36,7 @@ def check(part: Population, given: Any) -> None:
         raise ModelError(f"batch: '{part.name}': found {tensor.dtype}: expected real numbers")
 
 
-def fitted(part: Population, given: Any, task: Task) -> Tensor:
+def fitted(part: Population, given: Any, task: ScanTask) -> Tensor:
     """What fits a population, (batch, steps, neurons).
 
     Args:

@@ -17,7 +17,7 @@ from neuro.core.progress import Bar
 
 if TYPE_CHECKING:
     from neuro.sweeps.folder import Folder
-    from neuro.sweeps.rows import Rows
+    from neuro.sweeps.rows import RunRows
 
 
 def workers(text: str) -> int:
@@ -25,7 +25,7 @@ def workers(text: str) -> int:
     return whole(text, 1)
 
 
-class Kind(StrEnum):
+class SweepPicture(StrEnum):
     """Kinds of pictures."""
 
     auto = "auto"
@@ -54,7 +54,9 @@ PageFile = Annotated[
 ]
 Metric = Annotated[list[str], typer.Option("--metric", metavar="NAME", help="Only this metric; repeatable.")]
 Of = Annotated[list[str], typer.Option("--of", metavar="NAME", help="Only these parameters, in order; repeatable.")]
-As = Annotated[Kind, typer.Option("--as", help="lines, map (of two parameters) or parallel; what fits if not given.")]
+As = Annotated[
+    SweepPicture, typer.Option("--as", help="lines, map (of two parameters) or parallel; what fits if not given.")
+]
 Pictures = Annotated[Path | None, typer.Option("--out", metavar="FOLDER", help="Where to; into FOLDER if not given.")]
 Form = Annotated[Format, typer.Option("--format", help="Of the pictures.")]
 
@@ -143,7 +145,7 @@ def table(folder: Runs, out: TableFile = None, times: Times = False) -> None:
     put_table(table_of(folder), out, times)
 
 
-def put_table(found: Rows, out: Path | None, times: bool) -> None:
+def put_table(found: RunRows, out: Path | None, times: bool) -> None:
     """Write a table to a file, or print it as CSV."""
     if out is None:
         typer.echo(found.csv(times), nl=False)
@@ -157,7 +159,7 @@ def plot(
     folder: Runs,
     metric: Metric = [],  # noqa: B006
     of: Of = [],  # noqa: B006
-    kind: As = Kind.auto,
+    kind: As = SweepPicture.auto,
     out: Pictures = None,
     format: Form = Format.png,
 ) -> None:

@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from neuro.sweeps.tuning.table import TuneTable
 
 
-class Kind(StrEnum):
+class TuningPicture(StrEnum):
     """Kinds of pictures."""
 
     auto = "auto"
@@ -38,7 +38,8 @@ PageFile = Annotated[
     Path | None, typer.Option("--out", metavar="FILE", help="The page; tune.html in FOLDER if not given.")
 ]
 As = Annotated[
-    list[Kind], typer.Option("--as", help="history, front (of two objectives), importance or parallel; repeatable.")
+    list[TuningPicture],
+    typer.Option("--as", help="history, front (of two objectives), importance or parallel; repeatable."),
 ]
 
 app = typer.Typer(name="tune", add_completion=False, pretty_exceptions_enable=False)
@@ -138,7 +139,7 @@ def plot(
     from neuro.sweeps.tuning.pictures import pictures
     from neuro.sweeps.tuning.table import tune_table_of
 
-    kinds = [each.value for each in kind if each != Kind.auto]
+    kinds = [each.value for each in kind if each != TuningPicture.auto]
     drawn = pictures(tune_table_of(folder), kinds)
     write_pictures(drawn.items(), folder if out is None else out, format)
 

@@ -27,7 +27,7 @@ _NONE = np.zeros(0, dtype=np.int64)
 Shape = tuple[int, ...]
 
 
-def cameras_of(net: Network, clock: Clock) -> dict[str, Camera]:
+def cameras_of(net: Network, clock: Clock) -> dict[str, CameraInput]:
     """The event cameras of a network by population, with their recordings opened.
 
     Raises:
@@ -37,7 +37,7 @@ def cameras_of(net: Network, clock: Clock) -> dict[str, Camera]:
     for part in net.populations.values():
         if isinstance(part.model, event_camera):
             with telling(part):
-                made[part.name] = Camera(part, part.model, clock)
+                made[part.name] = CameraInput(part, part.model, clock)
                 made[part.name].check_events()
                 if net.trials_section is not None:
                     message = "an event_camera in a network with trials, which show what they are given"
@@ -45,7 +45,7 @@ def cameras_of(net: Network, clock: Clock) -> dict[str, Camera]:
     return made
 
 
-class Camera:
+class CameraInput:
     """A population of pixels: what its recording makes it emit.
 
     Args:

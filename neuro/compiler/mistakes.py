@@ -12,7 +12,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from neuro.compiler.places import Places, Words, at, has, names, subject
+from neuro.compiler.places import WordPlaces, Words, at, has, names, subject
 from neuro.compiler.resolve import compile_network
 from neuro.compiler.stand_ins import as_node, chosen_from, some_neurons, stand_in
 from neuro.core.errors import ModelError, Where
@@ -117,7 +117,7 @@ class _Search:
             try:
                 return resolve(gather(self.file, self.read), self.params, Where(str(self.file)))
             except ModelError as error:
-                path = Places(*self.files.values()).of(error)
+                path = WordPlaces(*self.files.values()).of(error)
                 file = error.where.file if error.where else ""
                 root = next((r for r in self.files.values() if r.where.file == file and has(r, path[:1])), None)
                 if root is None:
@@ -137,7 +137,7 @@ class _Search:
         """Build and compile, without what is wrong."""
         here = Where(str(self.file))
         root = Node(sections, here, here)
-        places: Places | None = None
+        places: WordPlaces | None = None
         while len(self.mended) < MOST:
             net = None
             try:
@@ -153,7 +153,7 @@ class _Search:
                 }
                 return
             except ModelError as error:
-                places = places or Places(root)
+                places = places or WordPlaces(root)
                 path = places.of(error)
                 if net is not None and path and has(root, path):
                     path = subject(root, path, error)

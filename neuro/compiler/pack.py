@@ -17,14 +17,14 @@ from neuro.program.program import Floats, Projection
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Room:
+class SynapseRoom:
     """Where the targets and the weights of one projection will lie."""
 
     targets: NDArray[np.int32]
     weight: Floats
 
 
-def rooms(net: Network, shapes: Mapping[str, Shape]) -> dict[str, Room] | None:
+def rooms(net: Network, shapes: Mapping[str, Shape]) -> dict[str, SynapseRoom] | None:
     """Neighbouring views of one array each, by name; None where how many synapses there are follows from draws."""
     known = [_numbers(part, size(shapes[part.source]), size(shapes[part.target])) for part in net.projections.values()]
     numbers = [number for number in known if number is not None]
@@ -33,7 +33,7 @@ def rooms(net: Network, shapes: Mapping[str, Shape]) -> dict[str, Room] | None:
     return _laid_out(dict(zip(net.projections, numbers, strict=True)))
 
 
-def packed(projections: Iterable[Projection], made: Mapping[str, Room] | None) -> tuple[Projection, ...]:
+def packed(projections: Iterable[Projection], made: Mapping[str, SynapseRoom] | None) -> tuple[Projection, ...]:
     """The same projections; their `targets` and `weight` are neighbouring views of one array each, in their order.
 
     Those that do not lie in the rooms that were made for them are moved there. Where there are none, or they turned out
@@ -69,17 +69,19 @@ def _numbers(part: parts.Projection, n_pre: int, n_post: int) -> tuple[int, int]
     return targets, 1 if isinstance(part.weight, (int, float)) else synapses
 
 
-def _misfits(part: Projection, room: Room) -> bool:
+def _misfits(part: Projection, room: SynapseRoom) -> bool:
     return part.targets.size != room.targets.size or part.weight.size != room.weight.size
 
 
-def _laid_out(numbers: Mapping[str, tuple[int, int]]) -> dict[str, Room]:
+def _laid_out(numbers: Mapping[str, tuple[int, int]]) -> dict[str, SynapseRoom]:
     """Rooms for so many targets and weights each, side by side."""
     targets = np.empty(sum(number for number, _ in numbers.values()), dtype=np.int32)
     weights = np.empty(sum(number for _, number in numbers.values()))
     found, at_target, at_weight = {}, 0, 0
     for name, (n_targets, n_weights) in numbers.items():
-        found[name] = Room(targets[at_target : at_target + n_targets], weights[at_weight : at_weight + n_weights])
+        found[name] = SynapseRoom(
+            targets[at_target : at_target + n_targets], weights[at_weight : at_weight + n_weights]
+        )
         at_target, at_weight = at_target + n_targets, at_weight + n_weights
     return found
 

@@ -16,7 +16,7 @@ _DEFAULTED = ("weight", "delay", "record")
 """Words of parts that a mistake may be about where they are not said."""
 
 
-class Places:
+class WordPlaces:
     """Where each word of a tree stands, and each value."""
 
     def __init__(self, *trees: Node) -> None:

@@ -18,7 +18,7 @@ from neuro.compiler.drawn import MANY
 from neuro.compiler.encoded import with_generators
 from neuro.compiler.generators import check_trains, schedule_of
 from neuro.compiler.memory import check_memory, many_synapses
-from neuro.compiler.pack import Room, packed, rooms
+from neuro.compiler.pack import SynapseRoom, packed, rooms
 from neuro.compiler.probes import check_probes, resolve_probes, resolve_synapse_probes
 from neuro.compiler.receptors import check_conductance, receptor_of, receptor_of_current
 from neuro.compiler.shapes import Shape, grid_of, resolve_shapes, size
@@ -118,7 +118,7 @@ def _projections(
     seed: int,
     threads: int,
     many: bool,
-    made: Mapping[str, Room] | None,
+    made: Mapping[str, SynapseRoom] | None,
 ) -> Iterator[resolved.Projection]:
     """All projections, in order."""
     names = {name: index for index, name in enumerate(net.populations)}
@@ -262,7 +262,7 @@ def _projection(
     clock: Clock,
     seed: int,
     many: bool,
-    room: Room | None,
+    room: SynapseRoom | None,
 ) -> resolved.Projection:
     sizes = grid_of(part, shapes) if isinstance(part.rule, grid) else None
     if sizes is not None and not isinstance(part.delay, float):

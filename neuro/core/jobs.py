@@ -7,7 +7,7 @@ from functools import partial
 from typing import Any, TypeVar
 
 from neuro.core.errors import ModelError
-from neuro.core.processes import Done, Processes, Raised, Said, Work, cores
+from neuro.core.processes import Done, JobMessage, Processes, Raised, Work, cores
 
 __all__ = ["side_by_side"]
 
@@ -51,7 +51,7 @@ def side_by_side(
         while pool.busy:
             for event in pool.hear():
                 number = event.job[0]
-                if isinstance(event, Said):
+                if isinstance(event, JobMessage):
                     tell(event.what)
                 elif isinstance(event, Done):
                     found[number] = event.found

@@ -23,7 +23,7 @@ from neuro.core import inputs
 from neuro.core.errors import ModelError
 from neuro.core.extension import extensions
 
-__all__ = ["Done", "Event", "Lost", "Processes", "Raised", "Said", "Work", "cores"]
+__all__ = ["Done", "Event", "JobMessage", "Lost", "Processes", "Raised", "Work", "cores"]
 
 TRIES = 2
 END_S = 5.0
@@ -34,7 +34,7 @@ Work: TypeAlias = Callable[[Any, int, Callable[[Any], None]], Any]
 
 
 @dataclass(frozen=True, slots=True)
-class Said:
+class JobMessage:
     """A job tells something while it is done."""
 
     job: Any
@@ -76,7 +76,7 @@ class Lost:
     late: bool
 
 
-Event: TypeAlias = Said | Done | Raised | Lost
+Event: TypeAlias = JobMessage | Done | Raised | Lost
 
 
 class Elsewhere(Exception):
@@ -250,7 +250,7 @@ class Processes:
         assert each.task is not None
         job = each.task.job
         if is_ == "said":
-            return [Said(job, what)]
+            return [JobMessage(job, what)]
         each.task, each.deadline = None, float("inf")
         return [Done(job, what) if is_ == "done" else Raised(job, what)]
 

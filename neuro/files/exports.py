@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Frames:
+class DataFrames:
     """Data frames of a run.
 
     Attributes:
@@ -34,7 +34,7 @@ class Frames:
     weights: dict[str, DataFrame]
 
 
-def to_pandas(run: object) -> Frames:
+def to_pandas(run: object) -> DataFrames:
     """Spikes, rates, traces and weights as data frames.
 
     Args:
@@ -46,7 +46,7 @@ def to_pandas(run: object) -> Frames:
     """
     pandas = needed("pandas", "pandas", "to_pandas: the package pandas is not installed")
     source = recorded(run)
-    return Frames(
+    return DataFrames(
         *_of_spikes(pandas, source),
         {name: _of_trace(pandas, source, name) for name in source.probes},
         {name: _of_weights(pandas, source.weights(name)) for name in source.weighed},

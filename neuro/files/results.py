@@ -63,7 +63,7 @@ from neuro.program.program import Floats, Ints
 if TYPE_CHECKING:
     import neo
 
-    from neuro.files.exports import Frames
+    from neuro.files.exports import DataFrames
 
 FORMAT = "neuro results 3"
 SECTIONS = ("populations", "projections", "traces")
@@ -135,7 +135,7 @@ class Results:
 
         return to_neo(self)
 
-    def to_pandas(self) -> Frames:
+    def to_pandas(self) -> DataFrames:
         """Spikes, rates, traces and weights as data frames; needs the extra `pandas`."""
         from neuro.files.exports import to_pandas
 

@@ -6,7 +6,7 @@ import math
 from collections.abc import Sequence
 
 from neuro.chips.description import COSTS
-from neuro.chips.pricing.energy import FASTEST, REAL_TIME, STATIC, Energy, Item, number, quantity, sourced
+from neuro.chips.pricing.energy import FASTEST, REAL_TIME, STATIC, BillItem, Energy, number, quantity, sourced
 from neuro.core import html
 from neuro.core.html import Html, tag
 
@@ -105,7 +105,7 @@ def _figures(bills: Bills) -> Html:
     return html.table(FIGURE_COLUMNS, rows, "The figures and where they are published")
 
 
-def _each(item: Item) -> str:
+def _each(item: BillItem) -> str:
     unit = COSTS[item.what][0] if item.what in COSTS else "J"
     return "-" if item.joules_each is None else quantity(item.joules_each, unit)
 
@@ -124,7 +124,7 @@ def _details(about: str, e: Energy) -> Html:
     return tag("details", head, html.table(ITEM_COLUMNS, rows), both, tag("h4", "Sources"), foot, notes)
 
 
-def _line(item: Item, sources: list[str]) -> tuple[object, ...]:
+def _line(item: BillItem, sources: list[str]) -> tuple[object, ...]:
     static = item.what == STATIC
     energy = "not priced" if item.joules is None else quantity(item.joules, "J")
     count = f"{quantity(item.count, 's')}" if static else number(item.count)

@@ -13,7 +13,7 @@ from neuro.program.program import Floats, Ints, Program, Projection
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Line:
+class CurrentLine:
     """The synapses of a projection with the weights of one time.
 
     Attributes:
@@ -28,7 +28,7 @@ class Line:
     weight: Floats
 
 
-def lines_of(program: Program, currents: Currents) -> list[Line]:
+def lines_of(program: Program, currents: Currents) -> list[CurrentLine]:
     """All lines into driven populations, by target, then in the order of the projections and of their weights."""
     found = []
     for target in driven(program):
@@ -36,7 +36,7 @@ def lines_of(program: Program, currents: Currents) -> list[Line]:
             if p.target == target and p.carries == "current":
                 history = currents.weights(q)
                 ends = [since for since, _ in history[1:]] + [int(NEVER)]
-                found += [Line(q, since, end, w) for (since, w), end in zip(history, ends, strict=True)]
+                found += [CurrentLine(q, since, end, w) for (since, w), end in zip(history, ends, strict=True)]
     return found
 
 

@@ -42,7 +42,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
     from neuro.chips.pricing.energy import Energy
-    from neuro.files.exports import Frames
+    from neuro.files.exports import DataFrames
     from neuro.files.parts import Trace
 
 _FLAG = Quantity(kind="boolean")
@@ -465,7 +465,7 @@ class Simulation:
 
         return to_neo(self)
 
-    def to_pandas(self) -> Frames:
+    def to_pandas(self) -> DataFrames:
         """Spikes, rates, traces and weights so far as data frames; needs the extra `pandas`."""
         from neuro.files.exports import to_pandas
 

@@ -18,7 +18,7 @@ from neuro.core.errors import ModelError
 from neuro.core.extras import install
 from neuro.core.version import VERSION
 from neuro.sweeps.cores import Cores, More, Tell
-from neuro.sweeps.definition import Item
+from neuro.sweeps.definition import RunItem
 from neuro.sweeps.folder import Folder
 
 CONNECT_S = 20.0
@@ -30,7 +30,7 @@ _HINT = "what was done is kept: the same command goes on"
 _mine = local()
 
 
-def on_cluster(where: str, folder: Folder, items: Sequence[Item], tell: Tell, more: More | None = None) -> None:
+def on_cluster(where: str, folder: Folder, items: Sequence[RunItem], tell: Tell, more: More | None = None) -> None:
     """Do runs on the workers of a cluster.
 
     Args:
@@ -108,11 +108,11 @@ def _checked(client: Any, where: str, folder: Folder) -> int:
 
 
 def _gather(
-    client: Any, where: str, folder: Folder, chunks: Sequence[list[Item]], tell: Tell, more: More | None
+    client: Any, where: str, folder: Folder, chunks: Sequence[list[RunItem]], tell: Tell, more: More | None
 ) -> None:
     dask, path = import_module("distributed"), str(folder.path.absolute())
 
-    def submitted(chunk: Sequence[Item]) -> Any:
+    def submitted(chunk: Sequence[RunItem]) -> Any:
         plain = [(item.key, item.point, item.seed, item.trial) for item in chunk]
         return client.submit(do, path, plain, pure=False, retries=2)
 
@@ -147,7 +147,7 @@ def do(path: str, chunk: Sequence[tuple[str, dict[str, Any], int | None, int | N
     told: list[tuple[str, bool]] = []
     pool = _pool(path)
     try:
-        pool.run([Item(*each) for each in chunk], lambda key, failed: told.append((key, failed)))
+        pool.run([RunItem(*each) for each in chunk], lambda key, failed: told.append((key, failed)))
     except BaseException:
         pool.close()
         _mine.pool = None

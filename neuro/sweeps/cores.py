@@ -16,8 +16,8 @@ from neuro.core.processes import Done, Event, Lost, Processes, Raised
 from neuro.core.provenance import provenance
 from neuro.sweeps import worker
 from neuro.sweeps.claims import Claims, waiting
-from neuro.sweeps.definition import Item
-from neuro.sweeps.folder import FAILED, Folder, Outcome
+from neuro.sweeps.definition import RunItem
+from neuro.sweeps.folder import FAILED, Folder, RunOutcome
 from neuro.sweeps.worker import KEPT, LOST, TAKEN
 
 POLL_S = 0.25
@@ -28,7 +28,7 @@ Tell = Callable[[str, bool], None]
 Say = Callable[[str], None]
 """Hears what is going on."""
 
-More = Callable[[int], Sequence[Item]]
+More = Callable[[int], Sequence[RunItem]]
 """Gives up to so many runs that are next; none where there is nothing to do now."""
 
 
@@ -58,7 +58,7 @@ class Cores:
         """End all processes, and what they work on."""
         self._processes.close()
 
-    def run(self, items: Iterable[Item], tell: Tell, more: More | None = None, say: Say | None = None) -> None:
+    def run(self, items: Iterable[RunItem], tell: Tell, more: More | None = None, say: Say | None = None) -> None:
         """Do runs, and wait for those that others work on.
 
         Args:
@@ -73,7 +73,7 @@ class Cores:
         pool = self._processes
         for item in items:
             pool.put(item)
-        elsewhere: list[Item] = []
+        elsewhere: list[RunItem] = []
         self._add(elsewhere, more)
         while pool.busy or elsewhere:
             if elsewhere and not pool.waiting:
@@ -84,12 +84,12 @@ class Cores:
                 self._heard(event, elsewhere, tell)
             self._add(elsewhere, more)
 
-    def _add(self, elsewhere: list[Item], more: More | None) -> None:
+    def _add(self, elsewhere: list[RunItem], more: More | None) -> None:
         free = self._processes.free - len(elsewhere)
         for item in more(free) if more is not None and free > 0 else ():
             self._processes.put(item)
 
-    def _look_again(self, elsewhere: list[Item], tell: Tell) -> list[Item]:
+    def _look_again(self, elsewhere: list[RunItem], tell: Tell) -> list[RunItem]:
         """Those that somebody else still works on; what was given up waits again."""
         still = []
         for item in elsewhere:
@@ -101,14 +101,14 @@ class Cores:
                 still.append(item)
         return still
 
-    def _there(self, item: Item, tell: Tell) -> bool:
+    def _there(self, item: RunItem, tell: Tell) -> bool:
         outcome = self._folder.outcome(item.key) if self._folder.has(item.key) else None
         if outcome is not None:
             tell(item.key, outcome.failed)
         return outcome is not None
 
-    def _heard(self, event: Event, elsewhere: list[Item], tell: Tell) -> None:
-        item: Item = event.job
+    def _heard(self, event: Event, elsewhere: list[RunItem], tell: Tell) -> None:
+        item: RunItem = event.job
         if isinstance(event, Raised):
             raise event.error
         if isinstance(event, Lost):
@@ -127,12 +127,12 @@ class Cores:
 
     def _fail(self, lost: Lost, tell: Tell) -> None:
         """Keep a run as failed whose process has ended too often, or was ended."""
-        item: Item = lost.job
+        item: RunItem = lost.job
         limit = f"time: takes longer than the limit of {self._seconds:g} s" if lost.late else ""
         error = limit or f"its process {lost.how}, {lost.attempts} times"
         record = provenance(self._inputs, **({} if item.seed is None else {"seed": item.seed}))
         taken = round(lost.seconds, 6)
-        outcome = Outcome(item.key, item.point, item.seed, FAILED, {}, error, "", taken, lost.attempts, record)
+        outcome = RunOutcome(item.key, item.point, item.seed, FAILED, {}, error, "", taken, lost.attempts, record)
         if self._claims.take(item.key):
             try:
                 self._folder.keep(outcome)

@@ -21,7 +21,7 @@ from neuro.model.language.nodes import about, mistake, plain, words
 from neuro.model.language.reader import Node, read
 from neuro.sweeps.function import FunctionRun, files_of, function_run
 from neuro.sweeps.network import NetworkRun, network_run
-from neuro.sweeps.space import Point, Space, space_of
+from neuro.sweeps.space import Point, SearchSpace, space_of
 
 Run = NetworkRun | FunctionRun
 OF_NETWORKS = ("for", "backend", "threads", "metrics", "keep")
@@ -48,7 +48,7 @@ class Limits:
 
 
 @dataclass(frozen=True, slots=True)
-class Item:
+class RunItem:
     """One run that there is to do.
 
     Attributes:
@@ -76,14 +76,14 @@ class Sweep:
 
     name: str
     run: Run
-    space: Space
+    space: SearchSpace
     limits: Limits = Limits()
 
     @cached_property
-    def items(self) -> tuple[Item, ...]:
+    def items(self) -> tuple[RunItem, ...]:
         """All runs, in the order of the space."""
         before = before_of(self.run)
-        return tuple(Item(key_of(before, point, seed), point, seed) for point, seed in self.space.points())
+        return tuple(RunItem(key_of(before, point, seed), point, seed) for point, seed in self.space.points())
 
     def told(self) -> dict[str, Any]:
         """What `sweep.json` has, beside where it comes from."""
@@ -170,7 +170,7 @@ def blaming(said: Mapping[str, Node], other: Node) -> Iterator[None]:
             raise
 
 
-def python_sweep(function: Any, space: Space, limits: Limits, set: Mapping[str, Any] | None, here: bool) -> Sweep:
+def python_sweep(function: Any, space: SearchSpace, limits: Limits, set: Mapping[str, Any] | None, here: bool) -> Sweep:
     """A sweep over a function.
 
     Raises:
@@ -233,7 +233,7 @@ def run_said(root: Node, said: Mapping[str, Node], given: Mapping[str, Any], pat
         )
 
 
-def _space(root: Node, said: Mapping[str, Node], given: Mapping[str, Any]) -> Space:
+def _space(root: Node, said: Mapping[str, Node], given: Mapping[str, Any]) -> SearchSpace:
     if "parameters" in said and "list" in said:
         raise mistake(said["list"], "list: expected either 'parameters' or 'list'")
     for word in ("sampling", "runs", "draw"):

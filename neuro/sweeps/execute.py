@@ -7,8 +7,8 @@ from dataclasses import dataclass
 
 from neuro.core.progress import Bar
 from neuro.core.provenance import provenance
-from neuro.sweeps.definition import Item, Sweep
-from neuro.sweeps.executors import Place, doing
+from neuro.sweeps.definition import RunItem, Sweep
+from neuro.sweeps.executors import Executor, doing
 from neuro.sweeps.folder import Folder
 
 
@@ -36,7 +36,7 @@ class Count:
 def execute(
     sweep: Sweep,
     folder: Folder,
-    place: Place,
+    place: Executor,
     *,
     retry: bool = False,
     bar: Bar | None = None,
@@ -84,7 +84,7 @@ def execute(
     return count
 
 
-def _of_part(items: Sequence[Item], part: tuple[int, int] | None) -> Sequence[Item]:
+def _of_part(items: Sequence[RunItem], part: tuple[int, int] | None) -> Sequence[RunItem]:
     return items if part is None else [item for k, item in enumerate(items, 1) if k % part[1] == part[0]]
 
 

@@ -17,7 +17,7 @@ from neuro.core.quantities import Quantity
 from neuro.core.values import shown
 from neuro.sweeps.claims import waiting
 from neuro.sweeps.cores import POLL_S, Cores, More, Say, Tell
-from neuro.sweeps.definition import Item, Sweep
+from neuro.sweeps.definition import RunItem, Sweep
 from neuro.sweeps.folder import Folder
 from neuro.sweeps.network import NetworkRun
 from neuro.sweeps.worker import LOST, TAKEN, Worker
@@ -29,12 +29,12 @@ CORES, HERE = "cores", "here"
 _PART = re.compile(r"(\d{1,9})/(\d{1,9})")
 _WORKERS = Quantity(kind="integer", at_least=1, optional=True)
 
-Do: TypeAlias = Callable[[Sequence[Item]], None]
+Do: TypeAlias = Callable[[Sequence[RunItem]], None]
 """Does runs."""
 
 
 @dataclass(frozen=True, slots=True)
-class Place:
+class Executor:
     """Where runs are done.
 
     Attributes:
@@ -53,7 +53,7 @@ class Place:
         return self.on not in (CORES, HERE)
 
 
-def place_of(on: str | PathLike[str], workers: int | None = None, part: str | None = None) -> Place:
+def place_of(on: str | PathLike[str], workers: int | None = None, part: str | None = None) -> Executor:
     """Where runs are done, from what a call or a command says.
 
     Args:
@@ -64,7 +64,7 @@ def place_of(on: str | PathLike[str], workers: int | None = None, part: str | No
     Raises:
         ModelError: there can be no such workers, or it says no part.
     """
-    return Place(str(on), check(_WORKERS, workers, "workers"), None if part is None else _part_of(part))
+    return Executor(str(on), check(_WORKERS, workers, "workers"), None if part is None else _part_of(part))
 
 
 def _part_of(text: Any) -> tuple[int, int]:
@@ -78,7 +78,7 @@ def _part_of(text: Any) -> tuple[int, int]:
 def doing(
     runs: Sweep | Search,
     folder: Folder,
-    place: Place,
+    place: Executor,
     tell: Tell,
     more: More | None = None,
     *,
@@ -122,10 +122,10 @@ def _worker(runs: Sweep | Search, folder: Folder) -> Worker:
 def _here(worker: Worker, folder: Folder, tell: Tell, more: More | None, say: Say | None, wait: bool) -> Do:
     """One after the other in this process."""
 
-    def next_ones() -> Sequence[Item]:
+    def next_ones() -> Sequence[RunItem]:
         return more(1) if more is not None else ()
 
-    def do(items: Sequence[Item]) -> None:
+    def do(items: Sequence[RunItem]) -> None:
         items = items or next_ones()
         while items:
             for item in items:
@@ -143,4 +143,4 @@ def _here(worker: Worker, folder: Folder, tell: Tell, more: More | None, say: Sa
     return do
 
 
-__all__ = ["CORES", "HERE", "Place", "doing", "place_of"]
+__all__ = ["CORES", "HERE", "Executor", "doing", "place_of"]

@@ -76,7 +76,7 @@ TUNING = Holding("tuning", "tune")
 
 
 @dataclass(frozen=True, slots=True)
-class Outcome:
+class RunOutcome:
     """What has come of a run.
 
     Attributes:
@@ -210,17 +210,17 @@ class Folder:
         runs = f"{len(there.get('runs', ())):,} runs there, {len(told.get('runs', ())):,} now"
         raise ModelError(f"{begin}: its space is not the same, {runs}", hint=hint)
 
-    def outcome(self, key: str) -> Outcome | None:
+    def outcome(self, key: str) -> RunOutcome | None:
         """What has come of a run; None if it is not there, not whole, or another one's."""
         try:
             told = parsed((self.runs / key / "run.json").read_bytes())
             if told.pop(SUM) != sum_of(told) or told["key"] != key:
                 return None
-            return Outcome(**{name: told[name] for name in Outcome.__dataclass_fields__ if name in told})
+            return RunOutcome(**{name: told[name] for name in RunOutcome.__dataclass_fields__ if name in told})
         except (OSError, ValueError, TypeError, KeyError, AttributeError):
             return None
 
-    def outcomes(self, keys: Iterable[str]) -> dict[str, Outcome]:
+    def outcomes(self, keys: Iterable[str]) -> dict[str, RunOutcome]:
         """What has come of those runs that are there."""
         there = set(os.listdir(self.runs)) if self.runs.is_dir() else set()
         found = ((key, self.outcome(key)) for key in keys if key in there)
@@ -230,7 +230,7 @@ class Folder:
         """Whether a run is kept."""
         return (self.runs / key / "run.json").exists()
 
-    def keep(self, outcome: Outcome, fill: Callable[[Path], None] | None = None) -> None:
+    def keep(self, outcome: RunOutcome, fill: Callable[[Path], None] | None = None) -> None:
         """Keep a run, if it is not kept already.
 
         Args:

@@ -15,9 +15,9 @@ from neuro.core.html import Html, table, tag
 from neuro.core.outputs import output, sealed
 from neuro.core.provenance import differences
 from neuro.core.version import VERSION
-from neuro.sweeps.folder import Folder, Outcome
+from neuro.sweeps.folder import Folder, RunOutcome
 from neuro.sweeps.plot_data import PlotData, is_log, ordered, places, plot_data, scaled, told
-from neuro.sweeps.rows import Rows, text
+from neuro.sweeps.rows import RunRows, text
 from neuro.sweeps.table import SweepTable, reasons
 
 PAGE = sealed("a page of 'neuro sweep'", '<meta name="generator" content="neuro sweep">', "<!-- digest {} -->")
@@ -68,7 +68,7 @@ def _head(found: SweepTable, told: Mapping[str, Any]) -> Html:
     return tag("header", tag("h1", found.name), tag("p", lead, class_="lead"))
 
 
-def _cards(counts: Mapping[str, int], outcomes: Mapping[str, Outcome]) -> Iterator[Html]:
+def _cards(counts: Mapping[str, int], outcomes: Mapping[str, RunOutcome]) -> Iterator[Html]:
     total = counts["done"] + counts["failed"] + counts["left"]
     seconds = [each.seconds for each in outcomes.values()]
     yield card("done", f"{counts['done']:,}", f"of {many(total, 'run')}")
@@ -223,7 +223,7 @@ def _path(points: Any, to_x: Any, to_y: Any) -> str:
     return "M" + "L".join(f"{to_x(a):.1f} {to_y(b):.1f}" for a, b in points)
 
 
-def _failures(found: SweepTable, outcomes: Mapping[str, Outcome]) -> Iterator[Html]:
+def _failures(found: SweepTable, outcomes: Mapping[str, RunOutcome]) -> Iterator[Html]:
     failed = reasons(outcomes)
     if not failed:
         return
@@ -240,7 +240,7 @@ def _failures(found: SweepTable, outcomes: Mapping[str, Outcome]) -> Iterator[Ht
     yield tag("pre", f"neuro sweep run SWEEP.yaml --out {shlex.quote(str(found.path))} --retry-failed")
 
 
-def rows_of(found: Rows) -> Iterator[Html]:
+def rows_of(found: RunRows) -> Iterator[Html]:
     """The rows of a table, those first that are there."""
     rows = found.rows(times=True)
     there = [row for row in rows if row["outcome"] != "left"][:MOST_ROWS]
@@ -254,7 +254,7 @@ def rows_of(found: Rows) -> Iterator[Html]:
     yield table(head, body, f"the first {MOST_ROWS} of {len(rows):,}" if len(rows) > MOST_ROWS else "")
 
 
-def origin(told: Mapping[str, Any], outcomes: Mapping[str, Outcome]) -> Iterator[Html]:
+def origin(told: Mapping[str, Any], outcomes: Mapping[str, RunOutcome]) -> Iterator[Html]:
     """Where runs come from, and whether all are of the same versions and machine."""
     record = told["provenance"]
     yield tag("h2", "Where it comes from")

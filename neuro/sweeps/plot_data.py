@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from neuro.core.checks import is_number
 from neuro.core.errors import ModelError, unknown
-from neuro.sweeps.folder import Outcome
+from neuro.sweeps.folder import RunOutcome
 from neuro.sweeps.table import SweepTable
 
 Values = tuple[Any, ...]
@@ -105,7 +105,7 @@ def varied(table: SweepTable) -> tuple[str, ...]:
     return tuple(name for name, values in seen.items() if len(values) > 1)
 
 
-def _one(table: SweepTable, done: Mapping[str, Outcome], metric: str, names: tuple[str, ...], kind: str) -> PlotData:
+def _one(table: SweepTable, done: Mapping[str, RunOutcome], metric: str, names: tuple[str, ...], kind: str) -> PlotData:
     found: dict[str, tuple[Values, list[float]]] = {}
     for key, (point, _) in zip(table.keys, table.points, strict=True):
         value: Any = done[key].metrics.get(metric) if key in done else None

@@ -32,7 +32,7 @@ def _is_parquet(path: Path) -> bool:
 PARQUET = Kind("a table of a sweep", _is_parquet)
 
 
-class Rows(ABC):
+class RunRows(ABC):
     """Base of these tables.
 
     Class attributes:

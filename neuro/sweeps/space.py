@@ -123,7 +123,7 @@ def _range(name: str, said: Mapping[str, Any]) -> Axis:
 
 
 @dataclass(frozen=True, slots=True)
-class Space:
+class SearchSpace:
     """What a sweep goes through.
 
     Attributes:
@@ -189,7 +189,7 @@ def space_of(
     runs: int | None = None,
     seeds: int | Sequence[int] | None = None,
     draw: int = 0,
-) -> Space:
+) -> SearchSpace:
     """A checked space.
 
     Args:
@@ -205,9 +205,9 @@ def space_of(
     """
     all_seeds = seeds_of(seeds)
     if isinstance(parameters, (list, tuple)):
-        found = Space(sampling="list", seeds=all_seeds, given=tuple(_given(parameters)))
+        found = SearchSpace(sampling="list", seeds=all_seeds, given=tuple(_given(parameters)))
     else:
-        found = Space(axes(parameters), sampling, _runs(sampling, runs), draw, all_seeds)
+        found = SearchSpace(axes(parameters), sampling, _runs(sampling, runs), draw, all_seeds)
         _check_axes(found)
     if found.size() > MOST:
         raise ModelError(f"the space has {found.size():,} runs: expected at most {MOST:,}", hint=_smaller(found))
@@ -239,7 +239,7 @@ def _runs(sampling: str, runs: int | None) -> int:
     return runs
 
 
-def _check_axes(space: Space) -> None:
+def _check_axes(space: SearchSpace) -> None:
     if not space.axes and not space.seeds:
         raise ModelError("the space is empty: expected parameters with values, or seeds")
     if not space.axes and space.sampling != "grid":
@@ -273,7 +273,7 @@ def seeds_of(seeds: int | Sequence[int] | None) -> tuple[int, ...]:
     return tuple(every)
 
 
-def _smaller(space: Space) -> str:
+def _smaller(space: SearchSpace) -> str:
     sizes = [f"{axis.name} has {axis.count():,}" for axis in space.axes if space.sampling == "grid"]
     message = ", ".join(sizes[:6]) + "; " if sizes else ""
     return message + "'sampling: latin_hypercube' with 'runs: 1000' covers a large space"

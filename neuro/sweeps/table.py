@@ -12,15 +12,15 @@ from typing import Any
 from neuro.core.errors import ModelError
 from neuro.core.paths import file_path
 from neuro.sweeps.claims import claimed
-from neuro.sweeps.folder import SWEEP, Folder, Outcome
-from neuro.sweeps.rows import Rows
+from neuro.sweeps.folder import SWEEP, Folder, RunOutcome
+from neuro.sweeps.rows import RunRows
 
 LEFT = "left"
 _NUMBER = re.compile(r"-?\d+(?:\.\d+)?(?:e[-+]?\d+)?")
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class SweepTable(Rows):
+class SweepTable(RunRows):
     """A row for each run of a sweep; it is read from the folder each time, so it fills while others work.
 
     Attributes:
@@ -39,7 +39,7 @@ class SweepTable(Rows):
     keys: tuple[str, ...]
     points: tuple[tuple[Mapping[str, Any], int | None], ...]
 
-    def outcomes(self) -> dict[str, Outcome]:
+    def outcomes(self) -> dict[str, RunOutcome]:
         """What has come of the runs that are there, by their hashes."""
         found = Folder(self.path).outcomes(self.keys)
         return found
@@ -69,7 +69,7 @@ class SweepTable(Rows):
         """
         return list(self._rows(self.outcomes(), times))
 
-    def _rows(self, found: Mapping[str, Outcome], times: bool) -> Iterator[dict[str, Any]]:
+    def _rows(self, found: Mapping[str, RunOutcome], times: bool) -> Iterator[dict[str, Any]]:
         names = tuple(dict.fromkeys(name for each in found.values() for name in each.metrics))
         for key, (point, seed) in zip(self.keys, self.points, strict=True):
             told = found.get(key)
@@ -108,9 +108,9 @@ def table_of(path: str | PathLike[str]) -> SweepTable:
         raise ModelError(f"{folder / 'sweep.json'}: damaged: expected what 'neuro sweep run' wrote") from None
 
 
-def reasons(outcomes: Mapping[str, Outcome]) -> list[list[Outcome]]:
+def reasons(outcomes: Mapping[str, RunOutcome]) -> list[list[RunOutcome]]:
     """What failed by why it did, numbers in the words of an error left out; the most frequent first."""
-    found: dict[str, list[Outcome]] = {}
+    found: dict[str, list[RunOutcome]] = {}
     for each in outcomes.values():
         if each.failed:
             found.setdefault(_NUMBER.sub("#", each.error), []).append(each)

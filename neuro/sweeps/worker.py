@@ -21,8 +21,8 @@ from neuro.core.outputs import Unwritable
 from neuro.core.processes import Work
 from neuro.core.provenance import provenance
 from neuro.sweeps.claims import Claims
-from neuro.sweeps.definition import Item, Limits, Run, run_of
-from neuro.sweeps.folder import DONE, FAILED, PRUNED, Folder, Outcome
+from neuro.sweeps.definition import Limits, Run, RunItem, run_of
+from neuro.sweeps.folder import DONE, FAILED, PRUNED, Folder, RunOutcome
 from neuro.sweeps.steps import Pruned, Worse, hearing
 
 if TYPE_CHECKING:
@@ -54,7 +54,7 @@ class Worker:
         """No more runs are wanted."""
         self._claims.close()
 
-    def do(self, item: Item, attempt: int = 1) -> dict[str, Any]:
+    def do(self, item: RunItem, attempt: int = 1) -> dict[str, Any]:
         """One run, unless it is there or somebody else's: how it ended, as plain data."""
         if self._folder.has(item.key) and self._folder.outcome(item.key) is not None:
             return {"key": item.key, "is": THERE}
@@ -70,7 +70,7 @@ class Worker:
         finally:
             self._claims.give_up(item.key)
 
-    def _keep(self, item: Item, attempt: int) -> Outcome:
+    def _keep(self, item: RunItem, attempt: int) -> RunOutcome:
         printed, process = Printed(), os.getpid()
         began = time.perf_counter()
         found, fill, about = dict[str, Any](), None, dict[str, Any]()
@@ -92,7 +92,7 @@ class Worker:
                 error, trace = f"{type(bug).__name__}: {bug}".removesuffix(": "), traceback.format_exc()
         if os.getpid() != process:
             os._exit(1)  # a child that the run has forked, which has come back as if it were the run
-        outcome = Outcome(
+        outcome = RunOutcome(
             item.key,
             item.point,
             item.seed,
@@ -108,7 +108,7 @@ class Worker:
         self._folder.keep(outcome, _filling(fill, str(printed)))
         return outcome
 
-    def _worse(self, item: Item) -> Worse | None:
+    def _worse(self, item: RunItem) -> Worse | None:
         """What prunes a run of a tuning."""
         if item.trial is None:
             return None
@@ -232,7 +232,7 @@ def begin(folder: Path) -> Work:
     kept = Folder(folder)
     worker = worker_of(kept, kept.read())
 
-    def work(item: Item, attempt: int, tell: Callable[[Any], None]) -> dict[str, Any]:
+    def work(item: RunItem, attempt: int, tell: Callable[[Any], None]) -> dict[str, Any]:
         return worker.do(item, attempt)
 
     return work

@@ -29,7 +29,7 @@ from neuro.model.rules import pairs
 from neuro.model.synapses import Synapse, loihi_static
 from neuro.program.backend import Backend, OverflowWarning
 from neuro.program.program import Floats
-from neuro.verify.comparison import Comparison, Golden
+from neuro.verify.comparison import Golden, TraceComparison
 
 FOLLOWED = "nengo_loihi"
 
@@ -44,7 +44,7 @@ def chip_of(facts: Mapping[str, Any]) -> str:
     return "loihi" if "du" in first or (isinstance(params, Mapping) and "du1" in params) else ""
 
 
-def compare_chip(golden: Golden, backend: str | Backend) -> Iterator[Comparison]:
+def compare_chip(golden: Golden, backend: str | Backend) -> Iterator[TraceComparison]:
     """Run every case of a chip's file and compare all recorded registers.
 
     Raises:
@@ -67,7 +67,7 @@ def compare_chip(golden: Golden, backend: str | Backend) -> Iterator[Comparison]
 
 def _single(
     case: Mapping[str, Any], arrays: Mapping[str, NDArray[Any]], backend: str | Backend
-) -> Iterator[Comparison]:
+) -> Iterator[TraceComparison]:
     net = Network("single", resolution=1.0)
     weights = np.array(case["weights"], dtype=np.float64)
     _add_sources(net, case["spikes"], weights.size)
@@ -82,7 +82,7 @@ def _single(
         )
 
 
-def _feedforward(golden: Golden, backend: str | Backend, biased: bool) -> Iterator[Comparison]:
+def _feedforward(golden: Golden, backend: str | Backend, biased: bool) -> Iterator[TraceComparison]:
     p, arrays = golden.facts["params"], golden.arrays
     steps = int(p["T"])
     net = Network("feedforward", resolution=1.0)
@@ -103,7 +103,7 @@ def _feedforward(golden: Golden, backend: str | Backend, biased: bool) -> Iterat
 
 def _spinnaker(
     case: Mapping[str, Any], arrays: Mapping[str, NDArray[Any]], backend: str | Backend
-) -> Iterator[Comparison]:
+) -> Iterator[TraceComparison]:
     net = Network("spinnaker", resolution=1.0)
     synapses = np.array(case["syn_u16"], dtype=np.int64).reshape(-1, 5)
     spikes = case["spikes"]
@@ -169,14 +169,14 @@ def _expected(arrays: Mapping[str, NDArray[Any]], case: str, name: str) -> NDArr
     return arrays.get(f"{case}__{name}__{FOLLOWED}", arrays[f"{case}__{name}"])
 
 
-def _equal(case: str, quantity: str, found: NDArray[Any], expected: NDArray[Any]) -> Comparison:
+def _equal(case: str, quantity: str, found: NDArray[Any], expected: NDArray[Any]) -> TraceComparison:
     name = "spikes" if quantity == "s" else quantity
     if found.shape != expected.shape:
         text = f"shape {list(found.shape)}: expected {list(expected.shape)}"
-        return Comparison(name, float("inf"), text, case=case, exact=True)
+        return TraceComparison(name, float("inf"), text, case=case, exact=True)
     wrong = np.argwhere(found != expected)
     if not wrong.size:
-        return Comparison(name, 0.0, case=case, exact=True)
+        return TraceComparison(name, 0.0, case=case, exact=True)
     at = tuple(int(i) for i in wrong[0])
     text = f"{len(wrong)} differ, first {list(at)}: {found[at]}: expected {expected[at]}"
-    return Comparison(name, float(len(wrong)), text, case=case, exact=True)
+    return TraceComparison(name, float(len(wrong)), text, case=case, exact=True)

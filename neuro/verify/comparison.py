@@ -28,7 +28,7 @@ class Golden:
 
 
 @dataclass(frozen=True, slots=True)
-class Comparison:
+class TraceComparison:
     """Deviation of one quantity.
 
     Attributes:

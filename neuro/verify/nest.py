@@ -44,7 +44,7 @@ from neuro.model.synapses import (
 from neuro.program.backend import Backend, find_backend, unreadable
 from neuro.program.program import Floats, Ints
 from neuro.verify.chips import chip_of, compare_chip
-from neuro.verify.comparison import LIMIT, Comparison, Golden
+from neuro.verify.comparison import LIMIT, Golden, TraceComparison
 
 LIMITS = {"hh_psc_alpha": 1e-6, "aeif_cond_exp": 1e-3, "mat2_psc_exp": 1e-11}
 """Accepted deviations other than 1e-9: adaptive steps let rounding grow with each spike, exact ones do not."""
@@ -63,7 +63,7 @@ PAIRS: Mapping[str, type[Synapse]] = {
 """NEST's synapses that learn by spike pairs, and ours."""
 
 
-def compare(golden: Golden, backend: str | Backend) -> list[Comparison]:
+def compare(golden: Golden, backend: str | Backend) -> list[TraceComparison]:
     """Run a case on a backend and compare every quantity.
 
     Raises:
@@ -93,7 +93,7 @@ def compare(golden: Golden, backend: str | Backend) -> list[Comparison]:
 # neurons
 
 
-def _compare_neuron(golden: Golden, backend: str | Backend) -> list[Comparison]:
+def _compare_neuron(golden: Golden, backend: str | Backend) -> list[TraceComparison]:
     facts, arrays, clock = golden.facts, golden.arrays, golden.clock
     net = Network("neuron", resolution=clock.resolution)
     _add_neurons(net, 1, facts["neuron"])
@@ -117,7 +117,7 @@ def _compare_neuron(golden: Golden, backend: str | Backend) -> list[Comparison]:
     return found + [replace(_values(name, sim.trace(name)[1][rows, 0], arrays[name]), limit=limit) for name in recorded]
 
 
-def _compare_network(golden: Golden, backend: str | Backend) -> list[Comparison]:
+def _compare_network(golden: Golden, backend: str | Backend) -> list[TraceComparison]:
     facts, arrays, clock = golden.facts, golden.arrays, golden.clock
     n = int(facts["neuron"]["n"])
     net = Network("network", resolution=clock.resolution)
@@ -165,7 +165,7 @@ def _add_neurons(net: Network, n: int, facts: Mapping[str, Any]) -> None:
 # synapses
 
 
-def _compare_stdp(golden: Golden, backend: str | Backend) -> list[Comparison]:
+def _compare_stdp(golden: Golden, backend: str | Backend) -> list[TraceComparison]:
     facts, arrays, clock = golden.facts, golden.arrays, golden.clock
     words = ("tau_plus", "alpha", "mu_plus", "mu_minus", "Wmax")
     rule = stdp(lambda_=facts["synapse"]["lambda"], **{word: facts["synapse"][word] for word in words})
@@ -185,7 +185,7 @@ def _compare_stdp(golden: Golden, backend: str | Backend) -> list[Comparison]:
     ]
 
 
-def _compare_pairs(golden: Golden, backend: str | Backend) -> list[Comparison]:
+def _compare_pairs(golden: Golden, backend: str | Backend) -> list[TraceComparison]:
     facts, arrays, clock = golden.facts, golden.arrays, golden.clock
     told = {"pre_at_start": True, "tau_minus_triplet": facts["synapse"].get("tau_minus_triplet_ms"), **facts["synapse"]}
     kind = PAIRS[told["model"]]
@@ -198,7 +198,7 @@ def _compare_pairs(golden: Golden, backend: str | Backend) -> list[Comparison]:
     return [_values("w_after", found, arrays["w_after"]), _values("final", found[-1:], arrays["final"])]
 
 
-def _compare_dopamine(golden: Golden, backend: str | Backend) -> list[Comparison]:
+def _compare_dopamine(golden: Golden, backend: str | Backend) -> list[TraceComparison]:
     facts, arrays, clock = golden.facts, golden.arrays, golden.clock
     words = ("A_plus", "A_minus", "tau_plus", "tau_c", "tau_n", "b", "Wmin", "Wmax")
     dopa = facts["dopa"]
@@ -280,29 +280,29 @@ def _exact(times: Any, clock: Clock) -> Floats:
     return clock.array_ms(_steps(np.asarray(times), clock))
 
 
-def _values(quantity: str, found: NDArray[Any], expected: NDArray[Any]) -> Comparison:
+def _values(quantity: str, found: NDArray[Any], expected: NDArray[Any]) -> TraceComparison:
     if found.shape != expected.shape:
-        return Comparison(quantity, float("inf"), f"shape {list(found.shape)}: expected {list(expected.shape)}")
+        return TraceComparison(quantity, float("inf"), f"shape {list(found.shape)}: expected {list(expected.shape)}")
     if not found.size:
-        return Comparison(quantity, 0.0)
+        return TraceComparison(quantity, 0.0)
     error = np.abs(found - expected)
     error[np.isnan(error)] = np.inf
     worst = np.unravel_index(int(error.argmax()), error.shape)
-    return Comparison(
+    return TraceComparison(
         quantity,
         float(error[worst]),
         f"[{', '.join(str(i) for i in worst)}] = {found[worst]:.12g}: expected {expected[worst]:.12g}",
     )
 
 
-def _spikes(found: tuple[Floats, Ints], times: NDArray[Any], ids: NDArray[Any], clock: Clock) -> Comparison:
+def _spikes(found: tuple[Floats, Ints], times: NDArray[Any], ids: NDArray[Any], clock: Clock) -> TraceComparison:
     mine = set(zip(_steps(found[0], clock).tolist(), found[1].tolist(), strict=True))
     right = set(zip(_steps(times, clock).tolist(), np.asarray(ids).tolist(), strict=True))
     wrong = sorted(mine ^ right)
     if not wrong:
-        return Comparison("spikes", float(abs(len(found[0]) - len(times))), "a spike is listed twice")
+        return TraceComparison("spikes", float(abs(len(found[0]) - len(times))), "a spike is listed twice")
     step, neuron = wrong[0]
     what = "is not expected" if wrong[0] in mine else "is missing"
-    return Comparison(
+    return TraceComparison(
         "spikes", float(len(wrong)), f"{len(wrong)} differ, first: neuron {neuron} at {clock.ms(step):g} ms {what}"
     )

@@ -18,7 +18,7 @@ import numpy as np
 from neuro.core.errors import ModelError
 from neuro.program.backend import Backend
 from neuro.verify.chips import chip_of
-from neuro.verify.comparison import Comparison, Golden
+from neuro.verify.comparison import Golden, TraceComparison
 from neuro.verify.nest import compare
 
 
@@ -76,7 +76,7 @@ def verify(
     return results
 
 
-def _run(file: Path, backend: str | Backend | None) -> list[Comparison]:
+def _run(file: Path, backend: str | Backend | None) -> list[TraceComparison]:
     try:
         golden = _read(file)
         return compare(golden, backend or chip_of(golden.facts) or "event")
@@ -105,11 +105,11 @@ def _read(file: Path) -> Golden:
         raise ModelError(f"{arrays.name} cannot be read: {error}") from None
 
 
-def _failed(message: str) -> Comparison:
-    return Comparison("case", float("inf"), message)
+def _failed(message: str) -> TraceComparison:
+    return TraceComparison("case", float("inf"), message)
 
 
-def _judge(case: str, found: Comparison) -> Result:
+def _judge(case: str, found: TraceComparison) -> Result:
     limit = 0.0 if found.exact or found.quantity in ("spikes", "case") else found.limit
     ok = bool(found.error <= limit)
     message = "" if ok else found.message or f"it deviates by {found.error:.3g}: expected at most {limit:g}"

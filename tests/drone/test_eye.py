@@ -10,9 +10,9 @@ from neuro import ModelError
 from neuro.events import DVS
 from neuro_drone.ball import hop
 from neuro_drone.eye import SKY, Eye, pixels
-from neuro_drone.geometry import Pose, View
+from neuro_drone.geometry import CameraView, Pose
 from neuro_drone.scenario import Ball, Camera, Ground, Line, Scenario
-from neuro_drone.scene import Scene
+from neuro_drone.scene import WorldScene
 
 SIDE = 100
 SPREAD = ((np.indices((SIDE, SIDE)) + np.random.default_rng(0).random((2, SIDE, SIDE))) / SIDE - 0.5).reshape(2, -1)
@@ -75,7 +75,7 @@ def test_ball_and_horizon_are_exact(camera, pose, place, radius, seed):
     eye.view.look(pose)
     x, y = eye.view.ground(*place, radius) or eye.view.ground(63, 127, radius) or (0.0, 0.0)
     ball = (x, y, radius, radius)
-    eye.draw(pose, Scene(ball=ball))
+    eye.draw(pose, WorldScene(ball=ball))
     check_pixels(eye, lambda ray: on_ball(eye.view, ball, ray), np.random.default_rng(seed))
 
 
@@ -85,7 +85,7 @@ def test_a_ball_in_the_air_is_exact(time):
     eye = Eye(Scenario(task=ball, ground=Ground(brightness=1.0)))
     up, radius = hop(ball, time)
     place = (1.5, 0.1, up, radius)
-    eye.draw(Pose(0.2, 0.0, 2.4, 0.1), Scene(place))
+    eye.draw(Pose(0.2, 0.0, 2.4, 0.1), WorldScene(place))
     assert eye.image.min() == 0.0
     check_pixels(eye, lambda ray: on_ball(eye.view, place, ray), np.random.default_rng(0))
 
@@ -95,7 +95,7 @@ def test_a_ball_in_the_air_is_exact(time):
 def test_a_line_and_its_corners_are_exact(camera, pose, width, seed):
     scenario = Scenario(camera=camera, task=Line(width=width, brightness=0.0), ground=Ground(brightness=1.0))
     eye = Eye(scenario)
-    eye.draw(pose, Scene(line=LINE))
+    eye.draw(pose, WorldScene(line=LINE))
     check_pixels(eye, lambda ray: on_ring(eye.view, ray, width), np.random.default_rng(seed))
 
 
@@ -107,7 +107,7 @@ def test_a_ball_that_moves_by_a_millimetre_and_a_half_changes_the_picture_a_litt
     eye.view.look(pose)
     x, y = eye.view.ground(63, 70, 0.17)
     balls = [(x, y - 0.0015 * k, 0.17, 0.17) for k in range(60)]  # to the right
-    pictures = [eye.draw(pose, Scene(ball=ball)).astype(float) for ball in balls]
+    pictures = [eye.draw(pose, WorldScene(ball=ball)).astype(float) for ball in balls]
     steps = np.diff(pictures, axis=0)
     middle = [eye.view.project(*ball[:3])[0] for ball in balls]
     way = np.diff(middle).max()
@@ -124,7 +124,7 @@ def test_a_ball_that_moves_by_a_millimetre_and_a_half_changes_the_picture_a_litt
 def test_the_horizon_at_30_degrees():
     """tan(30) of 100.46 px above the middle, so between rows 5 and 6."""
     eye = Eye(Scenario(camera=Camera(tilt=30.0)))
-    image = eye.draw(Pose(0, 0, 2.4), Scene())
+    image = eye.draw(Pose(0, 0, 2.4), WorldScene())
     assert (image[:5] == np.float32(SKY)).all()
     assert (image[7:] == np.float32(0.6)).all()
     line = 63.5 - eye.view.focal * np.tan(np.pi / 6)
@@ -133,7 +133,7 @@ def test_the_horizon_at_30_degrees():
 
 def draw_one(ball, radius=0.17, tilt=60.0):
     eye = Eye(Scenario(camera=Camera(tilt=tilt), task=Ball(radius=radius)))
-    return eye.draw(Pose(0, 0, 2.4), Scene(ball=ball)).copy(), eye
+    return eye.draw(Pose(0, 0, 2.4), WorldScene(ball=ball)).copy(), eye
 
 
 @pytest.mark.parametrize(
@@ -144,7 +144,7 @@ def test_what_is_not_in_view_leaves_the_ground(ball):
     image, eye = draw_one(ball)
     assert (image == np.float32(0.6)).all()
     assert eye.box == (0, 0, 128, 128)  # the first picture is all new
-    eye.draw(Pose(0, 0, 2.4), Scene())
+    eye.draw(Pose(0, 0, 2.4), WorldScene())
     assert eye.box == (0, 0, 0, 0)
 
 
@@ -152,7 +152,7 @@ def test_a_ball_beside_the_camera_fills_the_view_to_one_side():
     """Its outline is no ellipse: a part of it is behind the camera."""
     ball = (0.0, 1.1, 2.0, 1.0)
     eye = Eye(Scenario(task=Ball(radius=1.0, brightness=0.0), ground=Ground(brightness=1.0)))
-    eye.draw(Pose(0, 0, 2.4), Scene(ball=ball))
+    eye.draw(Pose(0, 0, 2.4), WorldScene(ball=ball))
     check_pixels(eye, lambda ray: on_ball(eye.view, ball, ray), np.random.default_rng(0))
     assert 0.05 < (1 - eye.image).mean() < 0.95
 
@@ -167,7 +167,7 @@ def test_drawing_over_the_picture_before_is_as_drawing_anew(seed, ground, tilt, 
     rng = np.random.default_rng(seed)
     scenario = Scenario(camera=Camera(tilt=tilt, mount=mount), task=Line(), ground=ground)
     eye, fresh = Eye(scenario), Eye(scenario)
-    pose, scene = Pose(0, 0, 2.4), Scene()
+    pose, scene = Pose(0, 0, 2.4), WorldScene()
     for _ in range(12):
         if rng.random() < 0.5:
             pose = replace(pose, x=rng.normal(), y=rng.normal(), yaw=rng.normal() if rng.random() < 0.5 else 0.0)
@@ -175,7 +175,7 @@ def test_drawing_over_the_picture_before_is_as_drawing_anew(seed, ground, tilt, 
             pose = replace(pose, z=2.0 + rng.random(), pitch=0.2 * rng.normal(), roll=0.2 * rng.normal())
         if rng.random() < 0.5:
             ball = None if rng.random() < 0.3 else (*rng.normal(0, 2, 2), 0.17, 0.17)
-            scene = Scene(ball=ball, line=LINE if rng.random() < 0.5 else None)
+            scene = WorldScene(ball=ball, line=LINE if rng.random() < 0.5 else None)
         before = eye.image.copy()
         image = eye.draw(pose, scene)
         fresh.reset(0)
@@ -187,11 +187,11 @@ def test_drawing_over_the_picture_before_is_as_drawing_anew(seed, ground, tilt, 
 
 
 def test_only_what_can_have_changed_is_drawn():
-    ball = Scene(ball=(0.5, 0.0, 0.17, 0.17))
+    ball = WorldScene(ball=(0.5, 0.0, 0.17, 0.17))
     plain, pattern = Eye(Scenario()), Eye(Scenario(ground=Ground(texture=0.3)))
     for eye in (plain, pattern):
         eye.draw(Pose(0, 0, 2.4), ball)
-        eye.draw(Pose(0, 0, 2.4), Scene(ball=(0.52, 0.0, 0.17, 0.17)))
+        eye.draw(Pose(0, 0, 2.4), WorldScene(ball=(0.52, 0.0, 0.17, 0.17)))
         x0, y0, x1, y1 = eye.box
         assert max(x1 - x0, y1 - y0) < 20
     for eye, wide in ((plain, False), (pattern, True)):
@@ -207,9 +207,9 @@ def test_events_are_those_of_a_dvs_that_is_shown_the_pictures(noise, ground):
     dvs = DVS((128, 128), pixels(camera), seed=3)
     total = 0
     for k in range(20):
-        pose, scene = Pose(0.02 * k, 0, 2.4), Scene(ball=(1.0, 0.01 * k, 0.17, 0.17))
+        pose, scene = Pose(0.02 * k, 0, 2.4), WorldScene(ball=(1.0, 0.01 * k, 0.17, 0.17))
         if k == 10:
-            eye.draw(Pose(1, 1, 2.4), Scene())  # a look aside
+            eye.draw(Pose(1, 1, 2.4), WorldScene())  # a look aside
         events = eye.see(pose, scene, 50_000 * k)
         assert events == dvs.see(eye.image, 50_000 * k)
         assert k or not len(events)
@@ -221,7 +221,7 @@ def test_the_same_seed_is_the_same_episode():
     """Shake, noise and a pattern that is drawn anew are of the reset's seed alone."""
     camera = Camera(shake=0.3, leak_rate_hz=1.0, shot_noise_rate_hz=1.0)
     scenario = Scenario(camera=camera, ground=Ground(texture=0.3, redraw=True))
-    scene = Scene(ball=(1.0, 0.0, 0.17, 0.17))
+    scene = WorldScene(ball=(1.0, 0.0, 0.17, 0.17))
 
     def episode(eye, seed):
         eye.reset(seed)
@@ -239,18 +239,18 @@ def test_the_same_seed_is_the_same_episode():
 def test_shake_has_its_size():
     """Half of the turn to the right is seen where the camera looks down by 60 degrees."""
     eye = Eye(Scenario(camera=Camera(shake=0.5)))
-    straight = View()
+    straight = CameraView()
     pose = Pose(0, 0, 2.4)
     straight.look(pose)
     turns = []
     for _ in range(400):
-        eye.draw(pose, Scene())
+        eye.draw(pose, WorldScene())
         turns.append(straight.matrix[:2] @ eye.view.matrix[2])
     assert np.degrees(np.std(turns, axis=0)) == pytest.approx([0.25, 0.5], rel=0.15)
 
 
 def test_light_is_a_factor_and_nothing_is_shaded():
-    scene, pose = Scene(ball=(1.2, 0.0, 0.17, 0.17)), Pose(0, 0, 2.4)
+    scene, pose = WorldScene(ball=(1.2, 0.0, 0.17, 0.17)), Pose(0, 0, 2.4)
     for ground in GROUNDS:
         one, two = (Eye(Scenario(light=light, ground=ground)).draw(pose, scene) for light in (1.0, 0.25))
         np.testing.assert_allclose(two, 0.25 * one, rtol=1e-5)
@@ -268,8 +268,8 @@ def test_a_wrong_seed_is_told():
 def test_a_look_that_failed_is_made_up_for():
     eye, other = Eye(Scenario()), Eye(Scenario())
     for e in (eye, other):
-        e.see(Pose(0, 0, 2.4), Scene(ball=(1.2, 0.0, 0.17, 0.17)), 0)
+        e.see(Pose(0, 0, 2.4), WorldScene(ball=(1.2, 0.0, 0.17, 0.17)), 0)
     with pytest.raises(ModelError):
-        eye.see(Pose(0, 0, 2.4), Scene(ball=(0.8, 0.0, 0.17, 0.17)), 0)
-    last = Pose(0, 0, 2.4), Scene(ball=(1.0, 0.0, 0.17, 0.17)), 1000
+        eye.see(Pose(0, 0, 2.4), WorldScene(ball=(0.8, 0.0, 0.17, 0.17)), 0)
+    last = Pose(0, 0, 2.4), WorldScene(ball=(1.0, 0.0, 0.17, 0.17)), 1000
     assert eye.see(*last) == other.see(*last)

@@ -7,7 +7,7 @@ from numpy.lib.stride_tricks import sliding_window_view
 from neuro_drone.eye import Eye
 from neuro_drone.geometry import Pose
 from neuro_drone.scenario import Ball, Camera, Ground, Line, Scenario
-from neuro_drone.scene import Scene
+from neuro_drone.scene import WorldScene
 
 bullet = pytest.importorskip("pybullet", reason="pybullet has wheels for Python 3.11 only")
 
@@ -73,8 +73,8 @@ def test_ball(world, tilt, radius, mount, pose):
     eye.view.look(pose)
     place = (*eye.view.ground(40, 80, radius), radius)
     ball = put(world, bullet.GEOM_MESH, place, **globe(radius))
-    empty = eye.draw(pose, Scene()).copy()
-    check(seen(world, eye.view, [ball]), 1.0 - eye.draw(pose, Scene(ball=(*place, radius))) / empty)
+    empty = eye.draw(pose, WorldScene()).copy()
+    check(seen(world, eye.view, [ball]), 1.0 - eye.draw(pose, WorldScene(ball=(*place, radius))) / empty)
 
 
 @pytest.mark.parametrize("mount", ["gimbal", "body"])
@@ -89,6 +89,6 @@ def test_line(world, tilt, mount):
     half = [0.5 * np.hypot(x1 - x0, y1 - y0), 0.1, 1e-4]
     place = (0.5 * (x0 + x1), 0.5 * (y0 + y1), 0.0)
     box = put(world, bullet.GEOM_BOX, place, np.arctan2(y1 - y0, x1 - x0), halfExtents=half)
-    empty = eye.draw(pose, Scene()).copy()
+    empty = eye.draw(pose, WorldScene()).copy()
     line = np.array([[x0, y0, x1, y1]])
-    check(seen(world, eye.view, [box]), 1.0 - eye.draw(pose, Scene(line=line)) / empty)
+    check(seen(world, eye.view, [box]), 1.0 - eye.draw(pose, WorldScene(line=line)) / empty)

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from hypothesis import given, strategies as st
 
-from neuro_drone.geometry import Pose, View
+from neuro_drone.geometry import CameraView, Pose
 
 angles = st.floats(-3.0, 3.0)
 poses = st.builds(
@@ -17,7 +17,7 @@ pixels = st.floats(-0.5, 127.4)
 
 @pytest.mark.parametrize(("tilt", "right", "down"), [(60.0, 36.2, 31.4), (30.0, 20.9, 10.5)])
 def test_a_metre_at_the_middle_of_the_picture(tilt, right, down):
-    view = View(tilt=tilt)
+    view = CameraView(tilt=tilt)
     view.look(Pose(0.0, 0.0, 2.4))
     x, y = view.ground(63.5, 63.5)
     assert view.project(x, y - 0.001, 0.0)[0] - 63.5 == pytest.approx(0.001 * right, rel=0.01)
@@ -25,7 +25,7 @@ def test_a_metre_at_the_middle_of_the_picture(tilt, right, down):
 
 
 def test_the_field_of_view_spans_the_picture():
-    view = View(fov=65.0)
+    view = CameraView(fov=65.0)
     left, right = np.array(view.ray(-0.5, 63.5)), np.array(view.ray(127.5, 63.5))
     cosine = left @ right / np.linalg.norm(left) / np.linalg.norm(right)
     assert np.degrees(np.arccos(cosine)) == pytest.approx(65.0)
@@ -33,7 +33,7 @@ def test_the_field_of_view_spans_the_picture():
 
 @given(poses, st.floats(45, 90), pixels, pixels, st.booleans(), st.floats(0, 0.3))
 def test_what_a_pixel_sees_is_seen_there(pose, tilt, u, v, fixed, height):
-    view = View(tilt=tilt, fixed=fixed)
+    view = CameraView(tilt=tilt, fixed=fixed)
     view.look(pose)
     place = view.ground(u, v, height)
     if place is not None:
@@ -42,7 +42,7 @@ def test_what_a_pixel_sees_is_seen_there(pose, tilt, u, v, fixed, height):
 
 @given(poses, pixels, pixels)
 def test_a_row_is_at_right_angles_to_its_normal(pose, u, v):
-    view = View(fixed=True)
+    view = CameraView(fixed=True)
     view.look(pose)
     assert np.dot(view.row(v), view.ray(u, v)) == pytest.approx(0.0, abs=1e-12)
     assert np.dot(view.row(v), view.ray(u, v - 1.0)) > 0.0
@@ -50,7 +50,7 @@ def test_a_row_is_at_right_angles_to_its_normal(pose, u, v):
 
 @given(poses)
 def test_the_axes_are_a_right_handed_frame(pose):
-    view = View(fixed=True)
+    view = CameraView(fixed=True)
     view.look(pose, (0.01, -0.02))
     axes = view.matrix[:3]
     assert axes @ axes.T == pytest.approx(np.eye(3), abs=1e-12)
@@ -59,7 +59,7 @@ def test_the_axes_are_a_right_handed_frame(pose):
 
 @given(st.floats(-9, 9), angles)
 def test_a_gimbal_ignores_the_lean_and_a_fixed_camera_shares_it(x, yaw):
-    level, free, fixed = View(), View(), View(fixed=True)
+    level, free, fixed = CameraView(), CameraView(), CameraView(fixed=True)
     level.look(Pose(x, 1.0, 2.0, yaw))
     free.look(Pose(x, 1.0, 2.0, yaw, 0.2, 0.1))
     assert np.array_equal(level.matrix, free.matrix)
@@ -68,7 +68,7 @@ def test_a_gimbal_ignores_the_lean_and_a_fixed_camera_shares_it(x, yaw):
 
 
 def test_directions_of_lean():
-    view = View(tilt=60.0, fixed=True)
+    view = CameraView(tilt=60.0, fixed=True)
     view.look(Pose(0.0, 0.0, 2.0))
     x, y = view.ground(63.5, 63.5)
     view.look(Pose(0.0, 0.0, 2.0, pitch=0.05))
@@ -78,7 +78,7 @@ def test_directions_of_lean():
 
 
 def test_shake_turns_the_camera_right_and_down():
-    view = View()
+    view = CameraView()
     view.look(Pose(0.0, 0.0, 2.0))
     x, y = view.ground(63.5, 63.5)
     view.look(Pose(0.0, 0.0, 2.0), (radians(1.0), radians(0.5)))
@@ -88,7 +88,7 @@ def test_shake_turns_the_camera_right_and_down():
 
 
 def test_behind_and_above():
-    view = View(tilt=30.0)
+    view = CameraView(tilt=30.0)
     view.look(Pose(0.0, 0.0, 2.0))
     u, v, depth = view.project(-9.0, 0.0, 0.0)
     assert isinf(u)

@@ -14,7 +14,7 @@ from neuro_drone.controllers import make
 from neuro_drone.controllers.fields import pattern
 from neuro_drone.env import DroneEnv
 from neuro_drone.evaluate import Start, begin, fly_lap, grid, try_out
-from neuro_drone.geometry import Pose, View
+from neuro_drone.geometry import CameraView, Pose
 from neuro_drone.parts import MASS
 from neuro_drone.pictures import weight_maps
 from neuro_drone.report import axes
@@ -33,7 +33,7 @@ def told(make_it):
 
 @given(st.floats(-1, 1), st.floats(-1, 1), st.floats(0.05, 0.6), st.floats(35, 90))
 def test_tall_is_the_span_of_the_balls_rows(x, y, radius, tilt):
-    view = View(tilt=tilt)
+    view = CameraView(tilt=tilt)
     view.look(Pose(0.0, 0.0, 2.4, 0.3))
     right, down, forward, place = view.matrix
     ball = place + 2.5 * forward + x * right + y * down
@@ -52,7 +52,7 @@ def test_tall_is_the_span_of_the_balls_rows(x, y, radius, tilt):
 
 @given(st.floats(0, 127), st.floats(0.05, 1.0), st.floats(4, 60))
 def test_depth_is_that_at_which_a_ball_is_so_tall(v, radius, tall):
-    view = View()
+    view = CameraView()
     view.look(Pose(1.0, 2.0, 2.4, 0.5))
     middle = view.matrix[3] + view.depth_of(v, radius, tall) * np.array(view.ray(20.0, v))
     assert view.tall(*middle, radius) == pytest.approx(tall)
@@ -60,7 +60,7 @@ def test_depth_is_that_at_which_a_ball_is_so_tall(v, radius, tall):
 
 
 def test_a_ball_round_the_camera_has_no_height():
-    view = View()
+    view = CameraView()
     view.look(Pose(0.0, 0.0, 1.0))
     assert view.tall(0.0, 0.0, 1.0, 0.2) == np.inf
 

@@ -11,9 +11,9 @@ from neuro import ModelError
 from neuro_drone.ball import BallTask
 from neuro_drone.body import Kinematic
 from neuro_drone.evaluate import grid
-from neuro_drone.geometry import Pose, View
+from neuro_drone.geometry import CameraView, Pose
 from neuro_drone.line import LineTask
-from neuro_drone.paths import FIXED, Course, Variation
+from neuro_drone.paths import FIXED, FlightCourse, Variation
 from neuro_drone.scenario import NAMES, load
 from neuro_drone.tasks import border
 
@@ -24,9 +24,9 @@ QUIET = settings(deadline=None, max_examples=40)
 def begin(scenario, start=None, direction=0, seed=0, varied=FIXED):
     """A task, the drone's body at its start, and its camera."""
     camera = scenario.camera
-    view = View(fov=camera.fov, tilt=camera.tilt)
+    view = CameraView(fov=camera.fov, tilt=camera.tilt)
     kind = BallTask if scenario.kind == "ball" else LineTask
-    task = kind(scenario.task, View(fov=camera.fov, tilt=camera.tilt), scenario.drone.height)
+    task = kind(scenario.task, CameraView(fov=camera.fov, tilt=camera.tilt), scenario.drone.height)
     body = Kinematic(scenario.drone)
     pose = task.reset(np.random.default_rng(seed), start, direction, varied)
     body.reset(pose.x, pose.y, pose.yaw, forward=task.forward)
@@ -332,11 +332,11 @@ def replayed(scenario, course):
 
 def test_a_recorded_flight_scores_on_the_path_that_it_knows_only():
     line, ball = load("line", step=100), load("B60", step=100)
-    assert replayed(line, Course("fixed")) >= 8
-    assert replayed(ball, Course("fixed")) >= 1  # from the start that it knows
+    assert replayed(line, FlightCourse("fixed")) >= 8
+    assert replayed(ball, FlightCourse("fixed")) >= 1  # from the start that it knows
     for seed in (0, 1, 4):
-        assert replayed(line, Course(seed=seed)) <= 1
-        assert replayed(ball, Course(seed=seed)) <= 1
+        assert replayed(line, FlightCourse(seed=seed)) <= 1
+        assert replayed(ball, FlightCourse(seed=seed)) <= 1
 
 
 @pytest.mark.parametrize("name", ["B60", "line"])

@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 
 from neuro_drone.eye import Eye
-from neuro_drone.geometry import Pose, View
+from neuro_drone.geometry import CameraView, Pose
 from neuro_drone.scenario import Camera, Ground, Scenario
-from neuro_drone.scene import Scene
+from neuro_drone.scene import WorldScene
 from neuro_drone.texture import SIZE, pattern, pyramid, tile
 
 
@@ -64,7 +64,7 @@ def test_pixels_are_means_of_what_they_see(tilt, grain, roll):
     """Nearly: the square of a pixel on the ground is taken as wide as it is long."""
     ground = Ground(texture=0.5, grain=grain)
     eye = Eye(Scenario(camera=Camera(tilt=tilt, mount="body"), ground=ground))
-    image = eye.draw(Pose(0.3, -7.1, 2.4, 1.0, 0.0, roll), Scene())
+    image = eye.draw(Pose(0.3, -7.1, 2.4, 1.0, 0.0, roll), WorldScene())
     true = sampled(eye.view, *pattern(ground, 1.0, 0))
     assert np.corrcoef(image.ravel(), true.ravel())[0, 1] > 0.96
     assert (image - true).std() < 0.3 * true.std()
@@ -79,7 +79,7 @@ def test_the_pattern_does_not_flicker(tilt):
     baked = pattern(ground, 1.0, 0)
     images, true = [], []
     for k in range(3):
-        images.append(eye.draw(Pose(0.003 * k, 0.001 * k, 2.4), Scene())[12:].astype(float))
+        images.append(eye.draw(Pose(0.003 * k, 0.001 * k, 2.4), WorldScene())[12:].astype(float))
         true.append(sampled(eye.view, *baked, fine=10)[12:])
     ours, theirs = (np.diff(p, axis=0).reshape(2, 4, -1).std((0, 2)) for p in (images, true))
     assert (ours < 1.1 * theirs).all()
@@ -88,7 +88,7 @@ def test_the_pattern_does_not_flicker(tilt):
 def test_far_away_is_the_mean_and_the_sky_stays():
     eye = Eye(Scenario(camera=Camera(tilt=30.0), ground=Ground(texture=0.5)))
     plain = Eye(Scenario(camera=Camera(tilt=30.0)))
-    one, other = (e.draw(Pose(0, 0, 2.4), Scene()) for e in (eye, plain))
+    one, other = (e.draw(Pose(0, 0, 2.4), WorldScene()) for e in (eye, plain))
     assert np.array_equal(one[:7], other[:7])
     spread = one.reshape(16, 8, 128).std((1, 2))
     assert spread[2] < spread[8] < spread[15]
@@ -100,11 +100,11 @@ def test_heading_and_place_do_not_change_how_sharp_it_is():
     eye = Eye(scenario)
     poses = [Pose(0, 0, 2.4), Pose(5, 0, 2.4, 2.0), Pose(5, 0, 1.0, 2.0), Pose(5, 0, 1.0, 2.0, 0.1, 0.3)]
     for pose in poses:
-        image = eye.draw(pose, Scene()).copy()
-        np.testing.assert_allclose(image, Eye(scenario).draw(pose, Scene()), atol=1e-5)
+        image = eye.draw(pose, WorldScene()).copy()
+        np.testing.assert_allclose(image, Eye(scenario).draw(pose, WorldScene()), atol=1e-5)
 
 
 def test_a_view_from_below_the_ground_is_drawn():
     eye = Eye(Scenario(ground=Ground(texture=0.5)))
-    assert np.isfinite(eye.draw(Pose(0, 0, -0.1), Scene())).all()
-    assert View().size == 128
+    assert np.isfinite(eye.draw(Pose(0, 0, -0.1), WorldScene())).all()
+    assert CameraView().size == 128

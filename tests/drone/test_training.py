@@ -14,9 +14,9 @@ from neuro_drone import curve, train as training
 from neuro_drone.controllers import make
 from neuro_drone.evaluate import Start, grid, try_out
 from neuro_drone.model import Model
-from neuro_drone.paths import FIXED, Course
+from neuro_drone.paths import FIXED, FlightCourse
 from neuro_drone.scenario import load
-from neuro_drone.train import Job, side_by_side, train
+from neuro_drone.train import TrainingJob, side_by_side, train
 
 
 def beside(model: Path) -> Path:
@@ -85,7 +85,7 @@ def test_progress(model):
 
 
 def test_seeds_differ_and_side_by_side_changes_nothing(model):
-    jobs = [Job("B60", "snn", steps=300, seed=seed) for seed in (4, 5)]
+    jobs = [TrainingJob("B60", "snn", steps=300, seed=seed) for seed in (4, 5)]
     one, two = (job.run() for job in jobs)
     assert (one.learnt["cells_motors"] != two.learnt["cells_motors"]).any()
     reports = []
@@ -195,21 +195,21 @@ def test_grid():
     assert len(starts) == 25
     assert {start.error for start in starts} >= {(-35.0, -35.0), (0.0, 0.0), (35.0, 17.5)}
     assert {start.direction for start in grid(load("line"))} == {1, -1}
-    assert grid(SHORT, 1, course=Course("fixed")) == (Start((0.0, 0.0)),)
-    assert {start.path for start in grid(SHORT, course=Course("fixed"))} == {FIXED}
+    assert grid(SHORT, 1, course=FlightCourse("fixed")) == (Start((0.0, 0.0)),)
+    assert {start.path for start in grid(SHORT, course=FlightCourse("fixed"))} == {FIXED}
     assert len({start.path for start in starts} - {FIXED}) == 25
     assert starts == grid(SHORT)
-    assert not {start.path for start in starts} & {start.path for start in grid(SHORT, course=Course(seed=1))}
-    assert [start.error for start in starts] == [start.error for start in grid(SHORT, course=Course("fixed"))]
+    assert not {start.path for start in starts} & {start.path for start in grid(SHORT, course=FlightCourse(seed=1))}
+    assert [start.error for start in starts] == [start.error for start in grid(SHORT, course=FlightCourse("fixed"))]
     with pytest.raises(neuro.ModelError) as error:
-        Course("variable")
+        FlightCourse("variable")
     assert str(error.value) == "unknown path 'variable'\n  hint: did you mean 'varied'?"
     for seed in (-1, 2**63, True, 1.0):
         with pytest.raises(neuro.ModelError) as error:
-            Course(seed=seed)
+            FlightCourse(seed=seed)
         assert str(error.value) == f"seed of the paths = {seed!r}: expected a whole number >= 0 and < 2^63"
     with pytest.raises(neuro.ModelError) as error:
-        Course("fixed", 3)
+        FlightCourse("fixed", 3)
     assert str(error.value) == "seed of the paths = 3: the fixed path has none: expected path varied"
     with pytest.raises(neuro.ModelError) as error:
         grid(SHORT, 0)

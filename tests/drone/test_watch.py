@@ -13,7 +13,7 @@ from matplotlib.image import imread
 import neuro
 from neuro_drone.evaluate import Start, try_out
 from neuro_drone.flight import fly
-from neuro_drone.paths import Course
+from neuro_drone.paths import FlightCourse
 from neuro_drone.scenario import load
 from neuro_drone.train import train
 from neuro_drone.watch import page, watch
@@ -156,7 +156,7 @@ def test_a_browser_draws_it_moves_in_time_and_plays(flight, tmp_path, chromium):
 
 def test_a_controller_without_neurons_on_a_line(tmp_path, chromium):
     quick = load("line", **{"task": {"line": {"side": 3.0, "speed": 0.3, "direction": 1}}})
-    told = watch(train(quick, "oracle"), tmp_path / "lap.html", (5.0, 0.0), course=Course("fixed"))
+    told = watch(train(quick, "oracle"), tmp_path / "lap.html", (5.0, 0.0), course=FlightCourse("fixed"))
     assert re.fullmatch(r"\d\d\.\d s, mean error \d\.\d\d px, a lap that counts", told)
     chromium(f"--screenshot={tmp_path / 'lap.png'}", f"file://{tmp_path / 'lap.html'}")
     pixels = imread(tmp_path / "lap.png")[..., :3]

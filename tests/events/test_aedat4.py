@@ -12,7 +12,7 @@ from hypothesis import given, settings, strategies as st
 
 from neuro.core.extras import install
 from neuro.events import EventFileError, EventFileWarning, Events, load, save, stream
-from neuro.events.formats._aedat4_packet import I64, RECORD, Table
+from neuro.events.formats._aedat4_packet import I64, RECORD, FlatTable
 from neuro.events.formats.aedat4 import Aedat4
 from neuro.events.source import Source
 
@@ -358,11 +358,11 @@ def test_the_table_at_the_end_tells_each_packet(tmp_path, monkeypatch):
     monkeypatch.setitem(sys.modules, "lz4.frame", None)
     save(steps(20_000), tmp_path / "a.aedat4")
     data = (tmp_path / "a.aedat4").read_bytes()
-    start, _ = Table(data[18:], b"IOHE").vector(2, 1)
+    start, _ = FlatTable(data[18:], b"IOHE").vector(2, 1)
     assert data[18 + start :].startswith(b"<dv ")
-    place = Table(data[18:], b"IOHE").number(1, I64, -1)
+    place = FlatTable(data[18:], b"IOHE").number(1, I64, -1)
     end = data[place + 4 :]
-    begin, count = Table(end, b"FTAB").vector(0, 4)
+    begin, count = FlatTable(end, b"FTAB").vector(0, 4)
     assert count == 3
     for k, n in enumerate((8192, 8192, 3616)):
         at = begin + 4 * k + struct.unpack_from("<I", end, begin + 4 * k)[0]

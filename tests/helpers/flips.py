@@ -27,7 +27,7 @@ from neuro_drone.model import Model as Drone
 from neuro_drone.train import train as train_drone
 from neuro_recognise import Recogniser
 from neuro_recognise.deciding import beginnings
-from neuro_recognise.kept import Kept, is_kept, keep
+from neuro_recognise.kept import KeptAnswers, is_kept, keep
 
 OUTCOMES = ("refused", "unchanged", "silent", "raw", "crash")
 LIMIT_S = 60
@@ -200,7 +200,7 @@ def evidence(folder):
 def read_of_evidence(path):
     if not is_kept(path):
         raise neuro.ModelError("made anew")
-    return [dict(one) for one in Kept(path, 4)]
+    return [dict(one) for one in KeptAnswers(path, 4)]
 
 
 def begun(folder):

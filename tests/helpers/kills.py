@@ -54,9 +54,9 @@ class Sweep:
 
     def do(self, out):
         from neuro.sweeps.execute import execute
-        from neuro.sweeps.executors import Place
+        from neuro.sweeps.executors import Executor
 
-        execute(self.load(self.file), self.folder(out / "runs"), Place(*self.place))
+        execute(self.load(self.file), self.folder(out / "runs"), Executor(*self.place))
 
     place = ("here",)
 
@@ -115,7 +115,7 @@ class Training:
         from neuro.events import recordings, save
         from neuro_train import trainer
         from neuro_train.data import show
-        from neuro_train.plan import Plan
+        from neuro_train.plan import TrainingPlan
 
         torch.set_num_threads(1)  # threads of this process would be none of a fork
         made = module("train/conftest.py")
@@ -126,7 +126,7 @@ class Training:
         small = {"height": made.SIDE, "width": made.SIDE, "hidden": 10, "classes": 3, "in_std": 0.2, "out_std": 0.4}
         self.net = neuro.load(neuro_models.path("dense"), params=small)
         plan = {"input": "pixels", "output": "out", "duration": 60.0, "epochs": 8, "batch": 6}
-        self.plan = Plan(**plan, shift=1, bits=6, prune=0.4, seed=3)
+        self.plan = TrainingPlan(**plan, shift=1, bits=6, prune=0.4, seed=3)
         self.shown = show(self.net, recordings(place, part="Train"), self.plan, lambda *told: None)
         trainer.KEEP_S, self.trainer = 0.0, trainer
 

@@ -11,7 +11,7 @@ from neuro_recognise import fit
 from neuro_recognise.detection import Boxes, Detecting, Detector, Scenery, Scenes, compose, write_scenes
 from neuro_recognise.detection.boxes import iou, read_boxes, write_boxes
 from neuro_recognise.detection.crops import crop
-from neuro_recognise.detection.following import View, pieces
+from neuro_recognise.detection.following import WindowView, pieces
 from neuro_recognise.detection.learning import write_crops
 from neuro_recognise.detection.proposals import Proposals, Region
 from neuro_recognise.detection.report import check_classes
@@ -392,7 +392,7 @@ def test_crops_are_recordings_to_learn_from(folder, tmp_path):
 
 def test_a_view_cuts_as_its_segmenter_does():
     made = scene(7)
-    view = View(Detecting(), (100, 80))
+    view = WindowView(Detecting(), (100, 80))
     segments = [*view.segments(made.events[:5000]), *view.segments(made.events[5000:]), *view.rest()]
     bounds = Detecting().segmenter.bounds(made.events.t)
     assert [len(segment) for segment in segments[:-1]] == np.diff(bounds).tolist()

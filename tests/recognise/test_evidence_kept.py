@@ -10,8 +10,8 @@ import pytest
 from neuro import ModelError
 from neuro.core.extension import run_extension
 from neuro_recognise import code, fit, kept
-from neuro_recognise.compare import Plan, compare, contestants
-from neuro_recognise.kept import Kept, keep
+from neuro_recognise.compare import MethodComparison, compare, contestants
+from neuro_recognise.kept import KeptAnswers, keep
 from neuro_recognise.method import METHODS
 from neuro_recognise.methods.hats import Hats
 from neuro_recognise.observations import observe
@@ -137,7 +137,7 @@ def test_any_recording_is_read_by_itself(tmp_path):
     shown = [{"a": rng.random((k % 3, 2)), "b": np.arange(k, dtype=np.uint16), "c": np.array(k > 2)} for k in range(7)]
     file = tmp_path / "some.h5"
     keep(file, shown)
-    for several in (Kept(file, 7), pickle.loads(pickle.dumps(Kept(file, 7)))):
+    for several in (KeptAnswers(file, 7), pickle.loads(pickle.dumps(KeptAnswers(file, 7)))):
         for k in (6, 0, 3, -1, 2):
             one = dict(several[k])
             assert list(one) == ["a", "b", "c"]
@@ -151,7 +151,7 @@ def test_any_recording_is_read_by_itself(tmp_path):
 def test_a_file_that_lost_its_end_is_told(tmp_path):
     file = tmp_path / "some.h5"
     keep(file, [{"a": np.arange(100)}])
-    single = Kept(file, 1)
+    single = KeptAnswers(file, 1)
     assert len(single[0]["a"]) == 100
     os.truncate(file, file.stat().st_size - 8)
     with pytest.raises(ModelError, match=r"some\.h5: damaged neuro recognise evidence 1: it ends too early"):
@@ -174,7 +174,7 @@ def test_recordings_are_fingerprinted_once(learning, tmp_path, monkeypatch):
     monkeypatch.setattr(type(learning), "fingerprint", lambda self: asked.append(1) or real(self))
     fit(learning, "hats", cache=tmp_path)
     assert len(asked) == 1
-    plan = Plan(contestants(["hats", "tar_hats"]), 2, (0,), (), tmp_path / "compared")
+    plan = MethodComparison(contestants(["hats", "tar_hats"]), 2, (0,), (), tmp_path / "compared")
     compare(learning, plan, lambda progress: None)
     assert len(asked) == 2
 

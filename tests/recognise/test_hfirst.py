@@ -9,9 +9,9 @@ import neuro
 import neuro_models
 from neuro.events import Events, recordings
 from neuro_recognise.hfirst import (
-    Heard,
     HFirstSettings,
-    Spikes,
+    LayerResponse,
+    LayerSpikes,
     c1_alone,
     c1_counts,
     c1_spikes,
@@ -103,7 +103,7 @@ def sim():
 def whole(sim, settings, recording):
     """C1 spikes of the whole network."""
     show(sim, settings, shown(settings, recording))
-    return Spikes(*sim.spikes("c1"))
+    return LayerSpikes(*sim.spikes("c1"))
 
 
 @pytest.fixture(scope="module")
@@ -231,21 +231,23 @@ def test_templates_are_counts_at_a_norm_of_100():
 
 
 def test_readings():
-    heard = Heard(Spikes(np.arange(4.0), np.array([2, 1, 2, 0])), np.array([[1.0, 9.0, 3.0], [0.0, 5.0, 2.0]]))
+    heard = LayerResponse(
+        LayerSpikes(np.arange(4.0), np.array([2, 1, 2, 0])), np.array([[1.0, 9.0, 3.0], [0.0, 5.0, 2.0]])
+    )
     np.testing.assert_array_equal(scores(heard, "hard"), [1, 1, 2])
     np.testing.assert_array_equal(scores(heard, "soft"), [0.25, 0.25, 0.5])
     np.testing.assert_array_equal(scores(heard, "potentials"), [1.0, 14.0, 5.0])
     assert [decide(heard, reading) for reading in ("hard", "soft", "potentials")] == [2, 2, 1]
-    even = heard._replace(spikes=Spikes(np.arange(2.0), np.array([0, 2])))
+    even = heard._replace(spikes=LayerSpikes(np.arange(2.0), np.array([0, 2])))
     assert [decide(even, reading) for reading in ("hard", "soft", "potentials")] == [2, 2, 1]
-    silent = heard._replace(spikes=Spikes(np.zeros(0), np.zeros(0, dtype=np.int64)))
+    silent = heard._replace(spikes=LayerSpikes(np.zeros(0), np.zeros(0, dtype=np.int64)))
     assert [decide(silent, reading) for reading in ("hard", "soft", "potentials")] == [1, 1, 1]
     with pytest.raises(neuro.ModelError, match=r"^reading = 'loud': expected one of hard, soft, potentials$"):
         decide(heard, "loud")
 
 
 def test_s2_that_hears_nothing_is_silent():
-    nothing = Spikes(np.zeros(0), np.zeros(0, dtype=np.int64))
+    nothing = LayerSpikes(np.zeros(0), np.zeros(0, dtype=np.int64))
     heard = s2_heard(neuro.compile(s2_alone(SMALL, np.ones((3, np.prod(SMALL.shape))))), SMALL, nothing)
     assert heard.potentials.shape == (0, 3)
     assert decide(heard, "potentials") == decide(heard) == -1

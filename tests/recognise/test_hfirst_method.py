@@ -7,9 +7,9 @@ import neuro
 from neuro.chips import cells
 from neuro.events import Events
 from neuro_recognise import Recogniser
-from neuro_recognise.compare import Plan, compare, contestants
+from neuro_recognise.compare import MethodComparison, compare, contestants
 from neuro_recognise.evaluate import evaluate
-from neuro_recognise.hfirst import Heard, Spikes, decisive
+from neuro_recognise.hfirst import LayerResponse, LayerSpikes, decisive
 from neuro_recognise.method import choose
 from neuro_recognise.recogniser import learn, method_of
 from neuro_recognise.shown import Features
@@ -30,17 +30,19 @@ def made():
 
 
 def test_equal_spikes_are_decided_by_potentials_which_weigh_less_than_a_spike():
-    heard = Heard(Spikes(np.arange(3.0), np.array([1, 2, 2])), np.array([[9.0, 1.0, 0.0], [0.0, 5.0, 2.0]]))
+    heard = LayerResponse(
+        LayerSpikes(np.arange(3.0), np.array([1, 2, 2])), np.array([[9.0, 1.0, 0.0], [0.0, 5.0, 2.0]])
+    )
     np.testing.assert_allclose(decisive(heard, "hard"), [2 / 3, 1 + 1 / 3, 2.0])
     np.testing.assert_allclose(decisive(heard, "soft"), [2 / 9, 4 / 9, 2 / 3])
     np.testing.assert_array_equal(decisive(heard, "potentials"), [9.0, 6.0, 2.0])
-    without = heard._replace(spikes=Spikes(np.zeros(0), np.zeros(0, np.int64)))
+    without = heard._replace(spikes=LayerSpikes(np.zeros(0), np.zeros(0, np.int64)))
     np.testing.assert_allclose(decisive(without, "soft"), [2 / 3, 1 / 3, 0.0])
 
 
 @pytest.mark.parametrize("reading", ["hard", "soft", "potentials"])
 def test_where_nothing_was_heard_all_are_silent(reading):
-    heard = Heard(Spikes(np.zeros(0), np.zeros(0, np.int64)), np.zeros((0, 3)))
+    heard = LayerResponse(LayerSpikes(np.zeros(0), np.zeros(0, np.int64)), np.zeros((0, 3)))
     assert np.isnan(decisive(heard, reading)).all()
 
 
@@ -118,7 +120,7 @@ def priced(bars):
 
 def test_a_comparison_tells_who_refuses_it(capsys, learning, tmp_path):
     """Trained on two folds, priced by the whole network."""
-    plan = Plan(contestants(["hfirst"]), 2, (0,), ("loihi", "spinnaker2"), tmp_path)
+    plan = MethodComparison(contestants(["hfirst"]), 2, (0,), ("loihi", "spinnaker2"), tmp_path)
     found = compare(learning.take([0, 1, 2, 8, 9, 10]), plan, lambda progress: None)
     show([*found], plan)
     lines = capsys.readouterr().out.splitlines()

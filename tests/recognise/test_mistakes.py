@@ -10,7 +10,7 @@ import neuro
 from neuro import ModelError
 from neuro.events import EventFileError, Events, recordings, save
 from neuro_recognise import fit
-from neuro_recognise.compare import Plan, compare, contestants
+from neuro_recognise.compare import MethodComparison, compare, contestants
 from neuro_recognise.method import METHODS
 from neuro_recognise.methods import method_of
 from neuro_recognise.methods.descriptor import Descriptor
@@ -151,7 +151,7 @@ def picky():
 
 
 def compared(data, folder, *names, **more):
-    plan = Plan(contestants(names), 2, (0,), more.pop("targets", ()), folder, **more)
+    plan = MethodComparison(contestants(names), 2, (0,), more.pop("targets", ()), folder, **more)
     return compare(data, plan, lambda progress: None)
 
 

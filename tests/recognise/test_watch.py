@@ -21,7 +21,7 @@ from neuro_recognise.observations import observed
 from neuro_recognise.parts.encoders import Latency, LogLatency
 from neuro_recognise.recogniser import fit, method_of
 from neuro_recognise.telling.watch import decisions, page, watch
-from neuro_recognise.views import Pictures, Trials
+from neuro_recognise.views import Pictures, TrialView
 
 
 def bar(label, seed, n=400):
@@ -51,7 +51,7 @@ def events():
 
 
 def trials():
-    return Trials("Its spikes", np.array([10.0, 30.0]), 64.0, 8, np.array([0, 3, 5]),
+    return TrialView("Its spikes", np.array([10.0, 30.0]), 64.0, 8, np.array([0, 3, 5]),
                   np.array([0.0, 10.0, 60.0, 5.0, 6.0]), np.array([0, 7, 3, 1, 2]), ("first", "second"))  # fmt: skip
 
 

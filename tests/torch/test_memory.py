@@ -14,7 +14,7 @@ from neuro import ModelError
 torch = pytest.importorskip("torch", reason="PyTorch is not installed")
 import neuro_torch  # noqa: E402
 from neuro_torch import memory  # noqa: E402
-from neuro_torch.scan.task import Task  # noqa: E402
+from neuro_torch.scan.task import ScanTask  # noqa: E402
 from neuro_torch.surrogates import FastSigmoid  # noqa: E402
 
 FACTOR = 2.5
@@ -157,7 +157,7 @@ def test_on_a_gpu_its_own_memory_counts(monkeypatch):
     for name, value in figures.items():
         monkeypatch.setattr(torch.cuda, name, lambda device, value=value: {gpu: value}[device])
     assert memory.free(gpu) == 5_600_000
-    task = Task(64, 100, torch.float32, gpu, FastSigmoid(), 1.0, {}, frozenset())
+    task = ScanTask(64, 100, torch.float32, gpu, FastSigmoid(), 1.0, {}, frozenset())
     memory.refuse_large(memory.Need(64, 80_000.0, 400_000), task)
     with pytest.raises(ModelError, match=r"expected at most what is free on 'cuda:1', 0.0056 GB") as caught:
         memory.refuse_large(memory.Need(64, 100_000.0, 400_000), task)

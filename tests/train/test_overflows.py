@@ -13,10 +13,10 @@ import neuro as snn
 from neuro.events import recordings
 from neuro_train.data import show
 from neuro_train.overflows import noted, summed, tell
-from neuro_train.plan import Plan
+from neuro_train.plan import TrainingPlan
 from neuro_train.tested import on_backend
 
-PLAN = Plan(input="pixels", output="out", duration=60.0)
+PLAN = TrainingPlan(input="pixels", output="out", duration=60.0)
 
 pytestmark = [
     pytest.mark.filterwarnings("ignore::neuro.ApproximationWarning"),

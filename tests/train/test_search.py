@@ -15,8 +15,8 @@ import neuro_models
 from neuro import ModelError
 from neuro.events import recordings
 from neuro_train import trainer
-from neuro_train.front import Place, draw
-from neuro_train.plan import Plan
+from neuro_train.front import FrontPlace, draw
+from neuro_train.plan import TrainingPlan
 from neuro_train.search import divided
 from neuro_train.space import parted, space
 
@@ -25,7 +25,7 @@ pytestmark = [
     pytest.mark.filterwarnings("ignore:backend 'loihi'"),
 ]
 SMALL = {"height": 12, "width": 12, "hidden": 8, "classes": 3, "in_std": 0.2, "out_std": 0.4}
-PLAN = Plan(input="pixels", output="out", duration=60.0)
+PLAN = TrainingPlan(input="pixels", output="out", duration=60.0)
 
 
 @pytest.fixture
@@ -134,7 +134,7 @@ def test_folds_are_means_and_what_is_held_out_is_in_none(neuro, words, folder):
 
 def test_what_varies_if_no_values_are_given():
     net = snn.load(neuro_models.path("dense"))
-    plan = Plan(input="pixels", output="out", duration=310.0)
+    plan = TrainingPlan(input="pixels", output="out", duration=310.0)
     found = space("step,duration,hidden,prune", net, plan, {"hidden": 128, "resolution": 5.0})
     assert found == {
         "step": [5.0, 10.0, 20.0],
@@ -195,7 +195,7 @@ def test_recordings_to_test_on_have_no_place_in_a_search(neuro, folder, tmp_path
 def test_joules_along_the_figure_are_numbers_as_people_write_them(spent, numbers, tmp_path):
     found = {"right": 9, "n": 10}
     places = [
-        Place({"hidden": k}, 0.9, joules, tmp_path / "net.yaml", found | {"microjoules": joules})
+        FrontPlace({"hidden": k}, 0.9, joules, tmp_path / "net.yaml", found | {"microjoules": joules})
         for k, joules in enumerate(spent)
     ]
     figure = draw(places, "loihi")

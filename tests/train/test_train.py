@@ -16,7 +16,7 @@ from neuro import ModelError
 from neuro.events import recordings
 from neuro_train import trainer
 from neuro_train.data import moved, show
-from neuro_train.plan import Plan
+from neuro_train.plan import TrainingPlan
 from neuro_train.tested import by_module, on_backend
 
 pytestmark = [
@@ -32,7 +32,7 @@ def told(folder, file):
     """A network, recordings to learn from and a plan with some words."""
 
     def of(**words):
-        net, plan = snn.load(file), Plan(**(PLAN | words))
+        net, plan = snn.load(file), TrainingPlan(**(PLAN | words))
         return net, show(net, recordings(folder, part="Train"), plan, lambda *told: None), plan
 
     return of

@@ -12,7 +12,7 @@ import neuro_models
 from neuro.events import recordings
 from neuro_train import trainer
 from neuro_train.data import show
-from neuro_train.plan import Plan
+from neuro_train.plan import TrainingPlan
 
 QUICK = ("--duration", 60, "--epochs", 8, "--batch", 6)
 SMALL = {"height": 12, "width": 12, "hidden": 10, "classes": 3, "in_std": 0.2, "out_std": 0.4}
@@ -33,7 +33,7 @@ def learn(folder, late):
 
     def learnt(net=None, **words):
         net = snn.load(late) if net is None else net
-        plan = Plan(**({"input": "pixels", "output": "out", "duration": 60.0, "epochs": 4, "batch": 6} | words))
+        plan = TrainingPlan(**({"input": "pixels", "output": "out", "duration": 60.0, "epochs": 4, "batch": 6} | words))
         return trainer.learn(net, show(net, recordings(folder, part="Train"), plan, lambda *told: None), plan)
 
     return learnt
@@ -166,7 +166,7 @@ def test_the_networks_that_ship_learn_at_the_rate_as_it_is_said(late):
     names = ["dense", "conv", "recurrent", "learnt_delays"]
     for net in [snn.load(neuro_models.path(name)) for name in names]:
         for seed in range(3):
-            module = trainer.module_of(net, Plan(input="pixels", output="out", seed=seed))
+            module = trainer.module_of(net, TrainingPlan(input="pixels", output="out", seed=seed))
             assert set(trainer.sizes(module).values()) == {1.0}
 
 
@@ -179,5 +179,5 @@ def test_sizes_are_powers_of_ten(weight, size):
     net.population("pixels", (2, 2), snn.spike_generator(spike_times=[]))
     net.population("out", 2, snn.iaf_psc_delta(t_ref=0.0))
     net.connect("pixels", "out", snn.all_to_all(), weight=weight, delay=5.0, name="up")
-    found = trainer.sizes(trainer.module_of(net, Plan(input="pixels", output="out")))
+    found = trainer.sizes(trainer.module_of(net, TrainingPlan(input="pixels", output="out")))
     assert found == {"up": pytest.approx(size, rel=1e-12)}

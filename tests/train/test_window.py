@@ -10,7 +10,7 @@ from neuro import ModelError
 from neuro.events import Events, recordings, save
 from neuro_models import path as path_of
 from neuro_train.data import moved, show
-from neuro_train.plan import Plan
+from neuro_train.plan import TrainingPlan
 from neuro_train.window import windowed
 
 pytest.importorskip("torch", reason="PyTorch is not installed")
@@ -100,8 +100,8 @@ def test_a_recording_without_events_shows_nothing():
 def test_a_network_sees_the_same_on_a_larger_sensor(folder, file, sparse):
     words = {"input": "pixels", "output": "out", "duration": 60.0}
     net = snn.load(file)
-    small = show(net, recordings(folder, part="Train"), Plan(**words), lambda *told: None)
-    large = show(net, recordings(sparse), Plan(**words, window="centred"), lambda *told: None)
+    small = show(net, recordings(folder, part="Train"), TrainingPlan(**words), lambda *told: None)
+    large = show(net, recordings(sparse), TrainingPlan(**words, window="centred"), lambda *told: None)
     np.testing.assert_array_equal(small.labels, large.labels)
     for one, other in zip(trains(small), trains(large), strict=True):
         np.testing.assert_array_equal(one, other)
@@ -122,7 +122,7 @@ def test_recognisers_see_the_same_field(tmp_path, square):
     save(on_sensor(square, 0, 0), path)
     data = recordings(tmp_path)
     net = snn.load(path_of("dense"), params={"height": SIDE, "width": SIDE, "classes": 1})
-    plan = Plan(input="pixels", output="out", duration=60.0, window="0,0")
+    plan = TrainingPlan(input="pixels", output="out", duration=60.0, window="0,0")
     shown = show(net, data, plan, lambda *told: None)
     method = method_of("dense", values={"size": [SIDE, SIDE], "duration": 60.0})
     seen, train = method.observe(data[0].load()), shown.events.trains["pixels"]

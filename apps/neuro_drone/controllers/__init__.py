@@ -26,7 +26,7 @@ from neuro_drone.controllers.spiking import Spiking, SpikingSettings
 from neuro_drone.parts import Line
 from neuro_drone.scenario import Scenario
 
-__all__ = ["CONTROLLERS", "Controller", "Kind", "Learner", "make", "settings_of"]
+__all__ = ["CONTROLLERS", "Controller", "ControllerKind", "Learner", "make", "settings_of"]
 
 
 class Controller(Protocol):
@@ -72,7 +72,7 @@ class Learner(Controller, Protocol):
 
 
 @dataclass(frozen=True, slots=True)
-class Kind:
+class ControllerKind:
     """A row of the table.
 
     Attributes:
@@ -90,26 +90,32 @@ class Kind:
     rewarded: bool = False
 
 
-CONTROLLERS: dict[str, Kind] = {
-    "nothing": Kind("never moves", Nothing, NothingSettings(), learns=False),
-    "oracle": Kind("in proportion to the true error, which no other one sees", Oracle, Gain(), learns=False),
-    "centroid": Kind("in proportion to where the events are on average", Centroid, Gain(), learns=False),
-    "static": Kind(
+CONTROLLERS: dict[str, ControllerKind] = {
+    "nothing": ControllerKind("never moves", Nothing, NothingSettings(), learns=False),
+    "oracle": ControllerKind("in proportion to the true error, which no other one sees", Oracle, Gain(), learns=False),
+    "centroid": ControllerKind("in proportion to where the events are on average", Centroid, Gain(), learns=False),
+    "static": ControllerKind(
         "the network with weights by side", Spiking, SpikingSettings(start="sign", learns=False), learns=False
     ),
-    "static-linear": Kind(
+    "static-linear": ControllerKind(
         "the network with weights by distance", Spiking, SpikingSettings(start="linear", learns=False), learns=False
     ),
-    "lms": Kind("linear in the counts, learnt from the same error by least mean squares", LMS, LMSSettings()),
-    "snn": Kind("the network, learning by dopamine from equal weights", Spiking, SpikingSettings()),
-    "snn-static-init": Kind("the network, learning from weights by side", Spiking, SpikingSettings(start="sign")),
-    "snn-eta0": Kind("a check: the network without dopamine", Spiking, SpikingSettings(eta=0.0)),
-    "snn-flipped": Kind("a check: the network with dopamine of the wrong sign", Spiking, SpikingSettings(eta=-0.1)),
-    "snn-loihi": Kind("the network, learning on the emulated Loihi", Spiking, SpikingSettings(backend="loihi")),
-    "dqn": Kind("deep reinforcement learning on nine actions", DQN, DQNSettings(), rewarded=True),
-    "ddpg": Kind("deep reinforcement learning on continuous actions", DDPG, DDPGSettings(), rewarded=True),
-    "ppo": Kind("deep reinforcement learning of likely actions", PPO, PPOSettings(), rewarded=True),
-    "random-search": Kind(
+    "lms": ControllerKind("linear in the counts, learnt from the same error by least mean squares", LMS, LMSSettings()),
+    "snn": ControllerKind("the network, learning by dopamine from equal weights", Spiking, SpikingSettings()),
+    "snn-static-init": ControllerKind(
+        "the network, learning from weights by side", Spiking, SpikingSettings(start="sign")
+    ),
+    "snn-eta0": ControllerKind("a check: the network without dopamine", Spiking, SpikingSettings(eta=0.0)),
+    "snn-flipped": ControllerKind(
+        "a check: the network with dopamine of the wrong sign", Spiking, SpikingSettings(eta=-0.1)
+    ),
+    "snn-loihi": ControllerKind(
+        "the network, learning on the emulated Loihi", Spiking, SpikingSettings(backend="loihi")
+    ),
+    "dqn": ControllerKind("deep reinforcement learning on nine actions", DQN, DQNSettings(), rewarded=True),
+    "ddpg": ControllerKind("deep reinforcement learning on continuous actions", DDPG, DDPGSettings(), rewarded=True),
+    "ppo": ControllerKind("deep reinforcement learning of likely actions", PPO, PPOSettings(), rewarded=True),
+    "random-search": ControllerKind(
         "linear in the centroid, its weights by random search", RandomSearch, RandomSearchSettings(), rewarded=True
     ),
 }
@@ -176,7 +182,7 @@ def _settings(name: str, scenario: Scenario, settings: Mapping[str, Any]) -> Any
     return changed(kind.settings, {**defaults, **settings}, f"controller '{name}'")
 
 
-def kind_of(name: str) -> Kind:
+def kind_of(name: str) -> ControllerKind:
     """The row of a controller.
 
     Raises:

@@ -50,7 +50,7 @@ def scenes(
     from neuro_recognise.detection.composing import Scenery
     from neuro_recognise.detection.scenes import fold_of, write_scenes
     from neuro_recognise.method import Progress
-    from neuro_recognise.telling.bars import Bar
+    from neuro_recognise.telling.bars import LearningBar
 
     given = {"sensor": _size(sensor), "touching": touching, "noise": noise, "length": length}
     scenery = Scenery().changed(given | assignments(set))
@@ -58,7 +58,7 @@ def scenes(
     chosen = fold_of(found, folds, fold)
     if others:
         chosen = np.setdiff1d(np.arange(len(found)), chosen)
-    with Bar() as bar:
+    with LearningBar() as bar:
         write_scenes(
             out, found, scenery, count, seed=seed, chosen=chosen,
             report=lambda done, total: bar.show(Progress("composing scenes", done, total)),
@@ -76,10 +76,10 @@ def crops(
     from neuro_recognise.detection.learning import write_crops
     from neuro_recognise.detection.scenes import Scenes
     from neuro_recognise.method import Progress
-    from neuro_recognise.telling.bars import Bar
+    from neuro_recognise.telling.bars import LearningBar
 
     settings = Detecting().changed(assignments(set))
-    with Bar() as bar:
+    with LearningBar() as bar:
         n = write_crops(
             out,
             Scenes(scenes),
@@ -126,11 +126,11 @@ def _measure(detector: Detector, folder: Path, as_json: bool) -> None:
     from neuro_recognise.detection.scenes import Scenes
     from neuro_recognise.detection.trial import try_out
     from neuro_recognise.method import Progress
-    from neuro_recognise.telling.bars import Bar
+    from neuro_recognise.telling.bars import LearningBar
 
     scenes = Scenes(folder)
     report.check_classes(detector.recogniser.classes, scenes)
-    with Bar() as bar:
+    with LearningBar() as bar:
         tried = try_out(detector, scenes, lambda done: bar.show(Progress("finding objects", done, len(scenes))))
     report.show_tried(detector, tried, as_json)
 

@@ -15,7 +15,7 @@ from neuro import ModelError
 from neuro.events import Events
 from neuro_recognise.detection.boxes import UNKNOWN, Boxes
 from neuro_recognise.detection.crops import crop
-from neuro_recognise.detection.following import Detecting, Finder, Piece, Seen, View, pieces
+from neuro_recognise.detection.following import Detecting, Finder, Piece, Seen, WindowView, pieces
 from neuro_recognise.detection.sliding import Sliding
 from neuro_recognise.recogniser import Recogniser
 from neuro_recognise.shown import Floats
@@ -50,7 +50,7 @@ class Detector:
             raise ModelError(f"way = '{way}': expected one of {', '.join(WAYS)}")
         self.recogniser, self.settings, self.backend, self.way = recogniser, settings or Detecting(), backend, way
         self._sliding: dict[tuple[int, int], Sliding] = {}
-        self._view: View | None = None
+        self._view: WindowView | None = None
         self._known: dict[int, _Known] = {}
 
     def detect(self, events: Events) -> Boxes:
@@ -83,7 +83,7 @@ class Detector:
             ModelError: the sensor is another than before.
         """
         if self._view is None:
-            self._view = View(self.settings, events.sensor_size, self._finder(events.sensor_size))
+            self._view = WindowView(self.settings, events.sensor_size, self._finder(events.sensor_size))
         return self._fed(self._view, self._view.segments(events))
 
     def finish(self) -> Boxes:
@@ -94,7 +94,7 @@ class Detector:
         self._view, self._known = None, {}
         return found
 
-    def _fed(self, view: View, segments: Iterable[Events]) -> Boxes:
+    def _fed(self, view: WindowView, segments: Iterable[Events]) -> Boxes:
         rows = []
         for segment in segments:
             seen = sorted(view.look(segment), key=lambda one: one.number)

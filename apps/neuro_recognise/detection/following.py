@@ -18,7 +18,7 @@ from neuro_recognise.parts.segmenters import Hes, Segmenter
 from neuro_recognise.settings import Settings, part, setting
 from neuro_recognise.shown import Floats, Ints
 
-__all__ = ["Detecting", "Finder", "Piece", "Seen", "View", "pieces"]
+__all__ = ["Detecting", "Finder", "Piece", "Seen", "WindowView", "pieces"]
 
 Finder = Callable[[Events, Floats], list[Region]]
 """The objects of a segment: of its events, and the counts of these and of those before that shall count."""
@@ -90,7 +90,7 @@ class Piece:
 
 def pieces(events: Events, settings: Detecting, finder: Finder | None = None) -> list[Piece]:
     """The objects of a whole recording, in pieces of at most `memory`; found by proposals if no other way is told."""
-    view, latest = View(settings, events.sensor_size, finder), dict[int, Piece]()
+    view, latest = WindowView(settings, events.sensor_size, finder), dict[int, Piece]()
     found: list[Piece] = []
     for segment in (*view.segments(events), *view.rest()):
         for one in view.look(segment):
@@ -101,7 +101,7 @@ def pieces(events: Events, settings: Detecting, finder: Finder | None = None) ->
     return found
 
 
-class View:
+class WindowView:
     """What is on its way while events come: a segment, counts, and tracks.
 
     Args:

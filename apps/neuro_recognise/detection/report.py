@@ -15,7 +15,7 @@ from neuro.events import Events
 from neuro_recognise.detection.boxes import UNKNOWN, Boxes, write_boxes
 from neuro_recognise.detection.detector import Detector
 from neuro_recognise.detection.scenes import Scenes
-from neuro_recognise.detection.trial import Tried
+from neuro_recognise.detection.trial import DetectionTrial
 
 __all__ = ["check_classes", "check_ending", "show_found", "show_tried", "write_found"]
 
@@ -73,7 +73,7 @@ def show_found(boxes: Boxes, classes: Sequence[str], as_json: bool) -> None:
     console().print(table(("object", "class", ">score", ">seen", ">boxes", "middle, px"), rows))
 
 
-def show_tried(detector: Detector, tried: Tried, as_json: bool) -> None:
+def show_tried(detector: Detector, tried: DetectionTrial, as_json: bool) -> None:
     """Print the figures as a table, or as JSON."""
     classes = detector.recogniser.classes
     if as_json:

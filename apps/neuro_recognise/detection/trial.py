@@ -14,11 +14,11 @@ from neuro_recognise.detection.composing import Scene
 from neuro_recognise.detection.detector import Detector
 from neuro_recognise.detection.measures import Precision, Switches, identity_switches, precision
 
-__all__ = ["Tried", "in_pictures", "try_out"]
+__all__ = ["DetectionTrial", "in_pictures", "try_out"]
 
 
 @dataclass(frozen=True, slots=True)
-class Tried:
+class DetectionTrial:
     """What came of scenes.
 
     Attributes:
@@ -54,7 +54,9 @@ class Tried:
         }
 
 
-def try_out(detector: Detector, scenes: Iterable[Scene], report: Callable[[int], None] = lambda done: None) -> Tried:
+def try_out(
+    detector: Detector, scenes: Iterable[Scene], report: Callable[[int], None] = lambda done: None
+) -> DetectionTrial:
     """Let a detector find the objects of scenes.
 
     Args:
@@ -75,7 +77,7 @@ def try_out(detector: Detector, scenes: Iterable[Scene], report: Callable[[int],
     held = Switches(*(sum(getattr(one, name) for one in switches) for name in names))
     average = precision(pairs, len(detector.recogniser.classes))
     typical = float(np.median(ms[1:] or ms)) if ms else float("nan")
-    return Tried(len(ms), average, held, typical, tuple(pairs))
+    return DetectionTrial(len(ms), average, held, typical, tuple(pairs))
 
 
 def in_pictures(scene: Scene, found: Boxes) -> list[tuple[Boxes, Boxes]]:

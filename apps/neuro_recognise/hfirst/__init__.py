@@ -14,14 +14,14 @@ from neuro_recognise.hfirst.network import (
 )
 from neuro_recognise.hfirst.s1 import s1_spikes, shown
 from neuro_recognise.hfirst.settings import HFirstSettings
-from neuro_recognise.hfirst.spikes import Heard, Spikes
+from neuro_recognise.hfirst.spikes import LayerResponse, LayerSpikes
 from neuro_recognise.hfirst.templates import c1_counts, templates
 
 __all__ = [
     "READINGS",
     "HFirstSettings",
-    "Heard",
-    "Spikes",
+    "LayerResponse",
+    "LayerSpikes",
     "c1_alone",
     "c1_counts",
     "c1_spikes",

@@ -11,7 +11,7 @@ import neuro
 import neuro_models
 from neuro import ModelError
 from neuro_recognise.hfirst.settings import HFirstSettings
-from neuro_recognise.hfirst.spikes import Floats, Heard, Spikes
+from neuro_recognise.hfirst.spikes import Floats, LayerResponse, LayerSpikes
 
 
 def network(settings: HFirstSettings, classes: int, templates: Floats | None = None) -> neuro.Network:
@@ -52,7 +52,7 @@ def s2_alone(settings: HFirstSettings, templates: Floats) -> neuro.Network:
     return _behind(network(settings, len(templates), templates), {"c1": settings.shape}, "s2")
 
 
-def show(sim: neuro.Simulation, settings: HFirstSettings, inputs: Mapping[str, Spikes]) -> None:
+def show(sim: neuro.Simulation, settings: HFirstSettings, inputs: Mapping[str, LayerSpikes]) -> None:
     """Let a network hear the spikes of its inputs until the last spike that they cause; it starts anew.
 
     Args:
@@ -69,7 +69,7 @@ def show(sim: neuro.Simulation, settings: HFirstSettings, inputs: Mapping[str, S
     sim.run(last + layers * settings.resolution)
 
 
-def c1_spikes(sim: neuro.Simulation, settings: HFirstSettings, s1: Mapping[str, Spikes]) -> Spikes:
+def c1_spikes(sim: neuro.Simulation, settings: HFirstSettings, s1: Mapping[str, LayerSpikes]) -> LayerSpikes:
     """The C1 spikes of one recording.
 
     Args:
@@ -78,10 +78,10 @@ def c1_spikes(sim: neuro.Simulation, settings: HFirstSettings, s1: Mapping[str, 
         s1: from `s1_spikes`.
     """
     show(sim, settings, s1)
-    return Spikes(*sim.spikes("c1"))
+    return LayerSpikes(*sim.spikes("c1"))
 
 
-def s2_heard(sim: neuro.Simulation, settings: HFirstSettings, spikes: Spikes) -> Heard:
+def s2_heard(sim: neuro.Simulation, settings: HFirstSettings, spikes: LayerSpikes) -> LayerResponse:
     """What S2 does with the C1 spikes of one recording.
 
     Args:
@@ -97,7 +97,7 @@ def s2_heard(sim: neuro.Simulation, settings: HFirstSettings, spikes: Spikes) ->
     for k, steps in enumerate(np.diff(moments, prepend=0)):
         sim.run(float(steps) * settings.resolution)
         potentials[k] = sim.get("s2", "V_m")
-    return Heard(Spikes(*sim.spikes("s2")), potentials[moment_of])
+    return LayerResponse(LayerSpikes(*sim.spikes("s2")), potentials[moment_of])
 
 
 def _behind(net: neuro.Network, given: Mapping[str, tuple[int, ...]], layer: str) -> neuro.Network:
@@ -116,7 +116,7 @@ def _behind(net: neuro.Network, given: Mapping[str, tuple[int, ...]], layer: str
 READINGS = ("hard", "soft", "potentials")
 
 
-def scores(heard: Heard, reading: str = "hard") -> Floats:
+def scores(heard: LayerResponse, reading: str = "hard") -> Floats:
     """A number for each class, the larger the likelier.
 
     Args:
@@ -135,7 +135,7 @@ def scores(heard: Heard, reading: str = "hard") -> Floats:
     return counts / max(1.0, counts.sum()) if reading == "soft" else counts
 
 
-def decisive(heard: Heard, reading: str = "hard") -> Floats:
+def decisive(heard: LayerResponse, reading: str = "hard") -> Floats:
     """The same, but of classes with equal spikes those with larger summed potentials have more, by less than a spike.
 
     The authors' code takes the first of such classes. Where S2 heard nothing all are NaN.
@@ -153,7 +153,7 @@ def decisive(heard: Heard, reading: str = "hard") -> Floats:
     return np.asarray(found + ranks / (1 if reading == "hard" else max(1, heard.spikes.ids.size)))
 
 
-def decide(heard: Heard, reading: str = "hard") -> int:
+def decide(heard: LayerResponse, reading: str = "hard") -> int:
     """The class of a recording by `decisive`, -1 if S2 heard nothing.
 
     Args:

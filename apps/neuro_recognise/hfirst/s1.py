@@ -12,10 +12,10 @@ from neuro.apps import allocating
 from neuro.events import Events
 from neuro.events.filters import BackgroundActivity
 from neuro_recognise.hfirst.settings import HFirstSettings
-from neuro_recognise.hfirst.spikes import Floats, Ints, Spikes
+from neuro_recognise.hfirst.spikes import Floats, Ints, LayerSpikes
 
 
-def shown(settings: HFirstSettings, events: Events) -> dict[str, Spikes]:
+def shown(settings: HFirstSettings, events: Events) -> dict[str, LayerSpikes]:
     """The spikes of the network's inputs.
 
     Args:
@@ -33,10 +33,10 @@ def shown(settings: HFirstSettings, events: Events) -> dict[str, Spikes]:
     steps = 1 + np.rint((events.t - (events.t[0] if len(events) else 0)) / (1000.0 * settings.resolution))
     places = events.y.astype(np.int64) * settings.size[0] + events.x
     which = {"on_events": events.p == 1, "off_events": events.p == 0}
-    return {name: Spikes(steps[some] * settings.resolution, places[some]) for name, some in which.items()}
+    return {name: LayerSpikes(steps[some] * settings.resolution, places[some]) for name, some in which.items()}
 
 
-def s1_spikes(settings: HFirstSettings, inputs: dict[str, Spikes]) -> dict[str, Spikes]:
+def s1_spikes(settings: HFirstSettings, inputs: dict[str, LayerSpikes]) -> dict[str, LayerSpikes]:
     """The spikes of layer S1.
 
     They are those of the network but where orientations are equal at threshold: here the first fires, there a drawn
@@ -59,7 +59,7 @@ def s1_spikes(settings: HFirstSettings, inputs: dict[str, Spikes]) -> dict[str, 
         held = round(settings.t_ref / h)
         told = (settings.s1_leak * h, settings.s1_threshold, held, height, width)
         steps, ids = first_spikes(arrive, rows, columns, bank, *told)
-        found[layer] = Spikes(steps * h, ids)
+        found[layer] = LayerSpikes(steps * h, ids)
     return found
 
 

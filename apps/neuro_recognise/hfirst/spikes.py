@@ -11,14 +11,14 @@ Ints = npt.NDArray[np.int64]
 Floats = npt.NDArray[np.float64]
 
 
-class Spikes(NamedTuple):
+class LayerSpikes(NamedTuple):
     """Spikes of one population in order of time: times in ms from the start of the network's time, and neurons."""
 
     times: Floats
     ids: Ints
 
 
-class Heard(NamedTuple):
+class LayerResponse(NamedTuple):
     """What layer S2 did with the C1 spikes of a recording.
 
     Attributes:
@@ -26,5 +26,5 @@ class Heard(NamedTuple):
         potentials: (C1 spikes, classes) V_m after each C1 spike, mV.
     """
 
-    spikes: Spikes
+    spikes: LayerSpikes
     potentials: Floats

@@ -8,10 +8,10 @@ import numpy as np
 import numpy.typing as npt
 
 from neuro_recognise.hfirst.settings import HFirstSettings
-from neuro_recognise.hfirst.spikes import Floats, Ints, Spikes
+from neuro_recognise.hfirst.spikes import Floats, Ints, LayerSpikes
 
 
-def c1_counts(settings: HFirstSettings, recordings: Sequence[Spikes]) -> Ints:
+def c1_counts(settings: HFirstSettings, recordings: Sequence[LayerSpikes]) -> Ints:
     """Spikes of each C1 neuron in each recording, (recordings, C1 neurons)."""
     size = int(np.prod(settings.shape))
     return np.stack([np.bincount(spikes.ids, minlength=size) for spikes in recordings])

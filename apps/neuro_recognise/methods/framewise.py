@@ -29,7 +29,7 @@ from neuro_recognise.parts.segmenters import Msd, Segmenter
 from neuro_recognise.parts.votes import VOTES, votes
 from neuro_recognise.settings import part, setting
 from neuro_recognise.shown import Array, Evidence, Features, Floats, Ints, unlabelled
-from neuro_recognise.views import Pictures, Trials, View
+from neuro_recognise.views import Pictures, TrialView, View
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -267,7 +267,7 @@ class Framewise(Method):
         bands = self.encoder.bands(self.bank.sizes, self.bank.orientations)
         return [
             Pictures("Frame", at_ms, self.representation.pixels(seen, bounds).pictures(self.size)),
-            Trials("Its spikes", at_ms, self.encoder.window, size, frames.offsets, times, frames.ids, told, bands),
+            TrialView("Its spikes", at_ms, self.encoder.window, size, frames.offsets, times, frames.ids, told, bands),
         ]
 
     def drawn(self, kernels: Floats) -> Floats:

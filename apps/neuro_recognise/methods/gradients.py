@@ -26,7 +26,7 @@ from neuro_recognise.settings import setting
 from neuro_recognise.shown import Array, Evidence, Features, Floats
 from neuro_torch import Events as Spikes
 from neuro_train.data import BatchData as Taught
-from neuro_train.plan import Plan
+from neuro_train.plan import TrainingPlan
 
 __all__ = ["Conv", "Dense", "Gradients", "LearntDelays", "Recurrent"]
 
@@ -182,9 +182,9 @@ class Gradients(Method):
         events = Spikes(len(shown), round(self.duration / self.step), spikes)
         return Taught(events, shown.labels, shown.classes, self.pixels, "")
 
-    def _plan(self, seed: int) -> Plan:
+    def _plan(self, seed: int) -> TrainingPlan:
         words: Any = ("duration", "scale", "epochs", "batch", "rate", "temperature", "slope", "shift", "warp", "mirror")
-        return Plan(
+        return TrainingPlan(
             input=INPUT,
             output=OUTPUT,
             trainable=tuple(f"{name}={','.join(each)}" for name, each in self.learns.items()),

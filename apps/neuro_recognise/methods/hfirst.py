@@ -15,7 +15,7 @@ from neuro.events import Events
 from neuro_recognise.hfirst import (
     READINGS,
     HFirstSettings,
-    Spikes,
+    LayerSpikes,
     c1_alone,
     c1_counts,
     c1_spikes,
@@ -99,7 +99,7 @@ class HFirst(Method, HFirstSettings):
         taken = []
         for one in shown.evidence:
             steps = {name: (one[name][:, 0], one[name][:, 1].astype(np.int64)) for name in INPUTS}
-            show(sim, self, {name: Spikes(at * self.resolution, ids) for name, (at, ids) in steps.items()})
+            show(sim, self, {name: LayerSpikes(at * self.resolution, ids) for name, (at, ids) in steps.items()})
             taken.append(sim.taken())
         return sim, reduce(add, taken)
 
@@ -125,5 +125,5 @@ def _c1(method: HFirst) -> neuro.Simulation:
     return neuro.compile(c1_alone(method))
 
 
-def _spikes(one: Evidence) -> Spikes:
-    return Spikes(one["times"], one["ids"])
+def _spikes(one: Evidence) -> LayerSpikes:
+    return LayerSpikes(one["times"], one["ids"])

@@ -7,13 +7,13 @@ from typing import Any
 from neuro.apps import Bar as Line
 from neuro_recognise.method import Progress
 
-__all__ = ["Bar"]
+__all__ = ["LearningBar"]
 
 
-class Bar:
+class LearningBar:
     """What is being done and how far it is, and a line that stays for each thing that is done and was decided on."""
 
-    def __enter__(self) -> Bar:
+    def __enter__(self) -> LearningBar:
         self._line = Line().__enter__()
         self._line.say("preparing")
         return self

@@ -10,7 +10,7 @@ import numpy as np
 
 from neuro.apps import console, html, sealed, table, write_text
 from neuro.chips import COLUMNS, cells
-from neuro_recognise.compare import Compared, Plan
+from neuro_recognise.compare import Compared, MethodComparison
 from neuro_recognise.evaluate import wilson
 from neuro_recognise.telling.pictures import accuracies, confusion
 
@@ -38,7 +38,7 @@ BILL = (
 )
 
 
-def show(found: Sequence[Compared], plan: Plan) -> None:
+def show(found: Sequence[Compared], plan: MethodComparison) -> None:
     """Print the table."""
     out = console()
     out.print(table(HEAD, [_row(one, plan) for one in found]))
@@ -51,7 +51,7 @@ def show(found: Sequence[Compared], plan: Plan) -> None:
         print(f"- {line}")
 
 
-def write(found: Sequence[Compared], plan: Plan, data: str) -> tuple[Path, Path]:
+def write(found: Sequence[Compared], plan: MethodComparison, data: str) -> tuple[Path, Path]:
     """Write the table and the page into the folder.
 
     Args:
@@ -79,7 +79,7 @@ def _markdown(head: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
     return "".join(f"| {' | '.join(row)} |\n" for row in ([name.lstrip(">") for name in head], rule, *rows))
 
 
-def _parts(found: Sequence[Compared], plan: Plan, data: str) -> Iterator[Any]:
+def _parts(found: Sequence[Compared], plan: MethodComparison, data: str) -> Iterator[Any]:
     tag, ran = html.tag, [one for one in found if one.of_seeds]
     n = ran[0].of_seeds[0].n if ran else 0
     yield tag("h1", "Recognisers side by side")
@@ -108,7 +108,7 @@ def _card(one: Compared, seed: int) -> Any:
     return html.tag("div", html.tag("h3", one.contestant.name), html.tag("p", one.contestant.method.title), picture)
 
 
-def _row(one: Compared, plan: Plan) -> tuple[str, ...]:
+def _row(one: Compared, plan: MethodComparison) -> tuple[str, ...]:
     runs = plan.backend if one.contestant.method.spikes else "-"
     if not one.of_seeds:
         return (one.contestant.name, runs, "not run", *[""] * (len(HEAD) - 3))

@@ -23,7 +23,7 @@ from neuro_recognise.deciding.session import Decision
 from neuro_recognise.deciding.stopping import ASSUMES, ASSURANCE
 from neuro_recognise.method import SILENT
 from neuro_recognise.recogniser import Recogniser
-from neuro_recognise.views import Pictures, Trials, View
+from neuro_recognise.views import Pictures, TrialView, View
 
 __all__ = ["PAGE", "check_page", "decisions", "filled", "page", "shown", "watch", "watchable"]
 
@@ -206,7 +206,7 @@ def _pictures(view: Pictures) -> dict[str, Any]:
     return {"rows": view.images.shape[1], "columns": view.images.shape[2], "images": _base64(shades, "u1")}
 
 
-def _trials(view: Trials) -> dict[str, Any]:
+def _trials(view: TrialView) -> dict[str, Any]:
     every = max(1, -(-len(view.times) // MOST))
     ends = -(-view.offsets // every)
     times, ids = _base64(view.times[::every], "<f4"), _base64(view.ids[::every], "<u4")

@@ -5,7 +5,7 @@ from __future__ import annotations
 from neuro.chips.description import Chip
 from neuro_chip import tables as t
 from neuro_chip.families import loihi, spinnaker
-from neuro_chip.families.family import Family
+from neuro_chip.families.family import ChipFamily
 
 FAMILIES = {family.arithmetic.name: family for family in (loihi.FAMILY, spinnaker.FAMILY)}
 STEPS = {kind: step for family in FAMILIES.values() for kind, step in family.steps.items()}
@@ -15,6 +15,6 @@ NUMBERS = {kind: t.STEPPED + place for place, kind in enumerate(STEPS)}
 """What the loop calls each kind, column `KIND` of the table of populations."""
 
 
-def family_of(chip: Chip) -> Family:
+def family_of(chip: Chip) -> ChipFamily:
     """The family of an emulated chip."""
     return FAMILIES[chip.arithmetic]

@@ -18,7 +18,7 @@ Arrays = dict[str, NDArray[Any]]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Family:
+class ChipFamily:
     """A family of chips in the engine.
 
     Attributes:

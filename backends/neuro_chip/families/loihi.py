@@ -12,7 +12,7 @@ from neuro.chips.loihi.words import KIND, word
 from neuro.chips.quantising.fixed import FixedPopulation, FixedProjection, Words
 from neuro.core.errors import ModelError
 from neuro.program.program import Floats, Ints
-from neuro_chip.families.family import Arrays, Family
+from neuro_chip.families.family import Arrays, ChipFamily
 from neuro_chip.families.loihi_step import lif
 
 
@@ -56,7 +56,7 @@ def _way_out(cells: FixedPopulation) -> str:
     return f"scales={{'{cells.name}': {cells.volt / 4:.4g}}} leaves 4 times the room"
 
 
-FAMILY = Family(
+FAMILY = ChipFamily(
     arithmetic=LOIHI,
     steps={KIND: lif},
     receptors=1,

@@ -13,7 +13,7 @@ from neuro.chips.spinnaker.neurons import DELTA, LARGEST, LARGEST_SHIFT, LIF
 from neuro.core.errors import ModelError
 from neuro.program.program import Floats, Ints
 from neuro_chip import tables as t
-from neuro_chip.families.family import Arrays, Family
+from neuro_chip.families.family import Arrays, ChipFamily
 from neuro_chip.families.spinnaker_step import delta, lif
 
 _SLOW_DECAYS = ("exc_decay", "exc_init", "inh_decay", "inh_init")
@@ -63,7 +63,7 @@ def _way_out(cells: FixedPopulation) -> str:
     return f"shifts={{'{cells.name}': {shifts}}} leaves 4 times the room"
 
 
-FAMILY = Family(
+FAMILY = ChipFamily(
     arithmetic=SPINNAKER,
     steps={LIF: lif, DELTA: delta},
     receptors=2,

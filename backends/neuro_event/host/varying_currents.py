@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from neuro.program.currents import NEVER, Currents, driven
-from neuro.program.drives import Emission, Line, charges, lines_of
+from neuro.program.drives import CurrentLine, Emission, charges, lines_of
 from neuro.program.program import Floats, Program
 from neuro_event.building.arrays import EventArrays
 from neuro_event.loop import steps, tables as t
@@ -37,7 +37,7 @@ class VaryingCurrents:
         self._program, self._currents, self._a, self._parameter = program, currents, arrays, parameter
         self._driven = driven(program)
         self._emissions: dict[int, Emission] = {}
-        self._lines: list[Line] = []
+        self._lines: list[CurrentLine] = []
         self._until = -1
         arrays.net |= _tables(np.zeros((0, t.LINE_COLUMNS), dtype=np.int64))
 
@@ -77,7 +77,7 @@ class VaryingCurrents:
         self._a.net["emitted"] = np.zeros(first)
         self._a.net["emitted_rows"] = np.zeros((len(self._lines), span), dtype=np.int64)
 
-    def _enter(self, parts: _Parts, line: Line, first: int, begun: set[int]) -> None:
+    def _enter(self, parts: _Parts, line: CurrentLine, first: int, begun: set[int]) -> None:
         """Enter one line whose values begin at `first`."""
         p = self._program.projections[line.projection]
         place, n = self._a.places[p.target], self._program.populations[p.target].size

@@ -14,7 +14,7 @@ from neuro_torch.events import Train
 from neuro_torch.scan import cells, travel
 from neuro_torch.scan.layers import Cells, Component, Synapses
 from neuro_torch.scan.once import once
-from neuro_torch.scan.task import Task
+from neuro_torch.scan.task import ScanTask
 from neuro_torch.surrogates import Surrogate
 
 Array = NDArray[Any]
@@ -28,7 +28,7 @@ class Packed(NamedTuple):
     values: Array
 
 
-def listed(train: Train, task: Task) -> Packed:
+def listed(train: Train, task: ScanTask) -> Packed:
     """The spikes of a population of inputs."""
     ones = np.ones(len(train.neuron), dtype=np.float32 if task.dtype == torch.float32 else np.float64)
     return Packed(train.rows(task.steps), train.neuron, ones)
@@ -47,7 +47,7 @@ def _pack(array: Array, first: int, width: int, room: int) -> Packed:
     return found
 
 
-def drive(part: Synapses, spikes: Tensor | Packed, weight: Tensor, task: Task) -> Tensor:
+def drive(part: Synapses, spikes: Tensor | Packed, weight: Tensor, task: ScanTask) -> Tensor:
     """The input that spikes bring along a projection, (batch, steps, targets)."""
     dense = spikes if isinstance(spikes, Tensor) else None
     listed = packed(spikes) if isinstance(spikes, Tensor) else spikes
@@ -59,7 +59,9 @@ class _Drive(torch.autograd.Function):
     """Along one projection, over all steps."""
 
     @staticmethod
-    def forward(ctx: Any, dense: Tensor | None, weight: Tensor, part: Synapses, spikes: Packed, task: Task) -> Tensor:
+    def forward(
+        ctx: Any, dense: Tensor | None, weight: Tensor, part: Synapses, spikes: Packed, task: ScanTask
+    ) -> Tensor:
         ctx.part, ctx.spikes, ctx.task = part, spikes, task
         ctx.save_for_backward(weight)
         out = torch.zeros(task.batch, task.steps, part.sizes[1], dtype=task.dtype)
@@ -131,7 +133,7 @@ def teach(part: Synapses, spikes: Packed, weight: Tensor, grad: Tensor) -> Tenso
 
 
 def scan(
-    part: Component, drives: Mapping[int, Tensor], weights: Sequence[Tensor], task: Task
+    part: Component, drives: Mapping[int, Tensor], weights: Sequence[Tensor], task: ScanTask
 ) -> tuple[dict[int, Tensor], dict[int, Tensor]]:
     """Spikes and potentials before the reset of the populations of a component, from their input.
 
@@ -151,7 +153,7 @@ def scan(
 class _Population:
     """A population on its way through the steps."""
 
-    def __init__(self, part: Cells, drive: Array, task: Task, keep: bool) -> None:
+    def __init__(self, part: Cells, drive: Array, task: ScanTask, keep: bool) -> None:
         kind, batch = drive.dtype, task.batch
         self.part, self.drive = part, drive
         self.c, self.push = part.constants.astype(kind), task.push[part.population].astype(kind)
@@ -202,7 +204,7 @@ class _Scan(torch.autograd.Function):
     """The populations of a component, stretch by stretch."""
 
     @staticmethod
-    def forward(ctx: Any, part: Component, task: Task, learns: bool, *tensors: Tensor) -> tuple[Tensor, ...]:
+    def forward(ctx: Any, part: Component, task: ScanTask, learns: bool, *tensors: Tensor) -> tuple[Tensor, ...]:
         n = len(part.cells)
         ctx.set_materialize_grads(False)
         ctx.part, ctx.task = part, task

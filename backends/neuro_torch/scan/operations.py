@@ -15,13 +15,13 @@ from neuro_torch.events import Train
 from neuro_torch.scan import cells as rows
 from neuro_torch.scan.joined import joined
 from neuro_torch.scan.layers import Cells, Component, Synapses
-from neuro_torch.scan.task import Task
+from neuro_torch.scan.task import ScanTask
 
-Fire = Callable[[Tensor, Task], Tensor]
+Fire = Callable[[Tensor, ScanTask], Tensor]
 """Spikes from x = (V_m - V_th) / (V_th - V_reset)."""
 
 
-class Listed(NamedTuple):
+class ListedSpikes(NamedTuple):
     """Spikes of a batch: the recording, the step and the neuron of each."""
 
     recording: Tensor
@@ -29,21 +29,21 @@ class Listed(NamedTuple):
     neuron: Tensor
 
 
-def listed(train: Train, task: Task) -> Listed:
+def listed(train: Train, task: ScanTask) -> ListedSpikes:
     """The spikes of a population of inputs, where they are to be used."""
     recording = torch.repeat_interleave(torch.arange(task.batch), torch.from_numpy(train.ends).diff())
     parts = (recording, torch.from_numpy(train.step).long(), torch.from_numpy(train.neuron).long())
-    return Listed(*(part.to(task.device) for part in parts))
+    return ListedSpikes(*(part.to(task.device) for part in parts))
 
 
-def drive(part: Synapses, spikes: Tensor | Listed, weight: Tensor, task: Task) -> Tensor:
+def drive(part: Synapses, spikes: Tensor | ListedSpikes, weight: Tensor, task: ScanTask) -> Tensor:
     """The input that spikes bring along a projection, (batch, steps, targets)."""
     nothing = torch.zeros(task.batch, task.steps, part.sizes[1], dtype=task.dtype, device=task.device)
     out = joined(nothing, [weight])
     for delay, matrix in matrices(part, weight).items():
         if delay >= task.steps:
             continue
-        if isinstance(spikes, Listed):
+        if isinstance(spikes, ListedSpikes):
             inside = spikes.step + delay < task.steps
             place = (spikes.recording * task.steps + spikes.step + delay)[inside]
             out = out.flatten(0, 1).index_add(0, place, matrix[spikes.neuron[inside]]).view(out.shape)
@@ -72,7 +72,7 @@ class _Spike(torch.autograd.Function):
     """A step whose derivative is the surrogate's."""
 
     @staticmethod
-    def forward(ctx: Any, x: Tensor, task: Task) -> Tensor:
+    def forward(ctx: Any, x: Tensor, task: ScanTask) -> Tensor:
         ctx.save_for_backward(x)
         ctx.surrogate = task.surrogate
         return (x >= 0).to(x.dtype)
@@ -95,7 +95,7 @@ class _Damped(torch.autograd.Function):
         return grads[0] * ctx.damping, None
 
 
-def spike(x: Tensor, task: Task) -> Tensor:
+def spike(x: Tensor, task: ScanTask) -> Tensor:
     """1 at the threshold and above."""
     fired: Tensor = _Spike.apply(x, task)  # type: ignore[no-untyped-call]
     return fired
@@ -104,7 +104,7 @@ def spike(x: Tensor, task: Task) -> Tensor:
 class _Population:
     """A population on its way through the steps."""
 
-    def __init__(self, part: Cells, drive: Tensor, task: Task, fire: Fire) -> None:
+    def __init__(self, part: Cells, drive: Tensor, task: ScanTask, fire: Fire) -> None:
         self.part, self.drive, self.task, self.fire = part, list(drive.unbind(1)), task, fire
         self.c, push, v, current = (
             torch.as_tensor(x).to(task.device, task.dtype)
@@ -136,7 +136,7 @@ class _Population:
 
 
 def scan(
-    part: Component, drives: Mapping[int, Tensor], weights: Sequence[Tensor], task: Task, fire: Fire = spike
+    part: Component, drives: Mapping[int, Tensor], weights: Sequence[Tensor], task: ScanTask, fire: Fire = spike
 ) -> tuple[dict[int, Tensor], dict[int, Tensor]]:
     """Spikes and potentials before the reset of the populations of a component, from their input.
 

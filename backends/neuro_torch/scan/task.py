@@ -12,7 +12,7 @@ from neuro_torch.surrogates import Surrogate
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Task:
+class ScanTask:
     """What one forward pass is about.
 
     Attributes:

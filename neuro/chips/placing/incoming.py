@@ -15,7 +15,7 @@ from neuro.program.program import Grid, Ints, Program
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Rows:
+class IncomingRows:
     """The synapses of a projection by source: those of source i end on targets[begin[i] : end[i]]."""
 
     begin: Ints
@@ -43,7 +43,7 @@ class Incoming:
     """
 
     start: Ints
-    rows: tuple[Rows | None, ...]
+    rows: tuple[IncomingRows | None, ...]
     begins_at: tuple[int, ...]
     ends_at: tuple[int, ...]
     first: Ints
@@ -101,21 +101,21 @@ def incoming(program: Program) -> Incoming:
     )
 
 
-def rows_of(program: Program, index: int) -> Rows:
+def rows_of(program: Program, index: int) -> IncomingRows:
     """The synapses of a projection by source; rows that are alike share their targets, a grid's are spelled out."""
     part = program.projections[index]
     n_source, n_target = (program.populations[k].size for k in (part.source, part.target))
     if part.grid is not None:
         source, target = _grid_ends(part.grid)
         ends = np.concatenate([[0], np.cumsum(np.bincount(source, minlength=n_source))])
-        return Rows(ends[:-1], ends[1:], target[np.argsort(source, kind="stable")].astype(np.int32))
+        return IncomingRows(ends[:-1], ends[1:], target[np.argsort(source, kind="stable")].astype(np.int32))
     if part.layout == "dense":
         begin, end = np.zeros(n_source, dtype=np.int64), np.full(n_source, n_target, dtype=np.int64)
-        return Rows(begin, end, np.arange(n_target, dtype=np.int32))
+        return IncomingRows(begin, end, np.arange(n_target, dtype=np.int32))
     if part.layout == "one_to_one":
         each = np.arange(n_source, dtype=np.int64)
-        return Rows(each, each + 1, np.arange(n_source, dtype=np.int32))
-    return Rows(part.row_ends[:-1], part.row_ends[1:], part.targets)
+        return IncomingRows(each, each + 1, np.arange(n_source, dtype=np.int32))
+    return IncomingRows(part.row_ends[:-1], part.row_ends[1:], part.targets)
 
 
 def _grid_ends(g: Grid) -> tuple[Ints, Ints]:

@@ -18,7 +18,7 @@ _EFFORT = 10_000_000
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Places:
+class MeshPlaces:
     """Places of cores. Chips lie on a square as small as holds them; tiles are counted over all chips.
 
     Attributes:
@@ -44,9 +44,9 @@ class Places:
         """The row of each core's chip on the square."""
         return self.row // self.mesh.rows
 
-    def taken(self, order: Ints) -> Places:
+    def taken(self, order: Ints) -> MeshPlaces:
         """Core i at the place of core order[i]."""
-        return Places(self.mesh, self.chip[order], self.slot[order], self.column[order], self.row[order])
+        return MeshPlaces(self.mesh, self.chip[order], self.slot[order], self.column[order], self.row[order])
 
 
 def mesh_of(chip: Chip, cores: int) -> Mesh:
@@ -61,7 +61,7 @@ def capacity(chip: Chip, cores: int) -> int:
     return min(chip.limit("cores_per_chip") or tiles, tiles)
 
 
-def lay_out(chip: Chip, memory: Ints, snake: bool) -> Places:
+def lay_out(chip: Chip, memory: Ints, snake: bool) -> MeshPlaces:
     """Fill chip after chip and tile after tile with cores as they come.
 
     Args:
@@ -82,7 +82,7 @@ def lay_out(chip: Chip, memory: Ints, snake: bool) -> Places:
         column = np.where(chip_row % 2, mesh.columns - 1 - column, column)
     else:
         row, column = np.divmod(tile, mesh.columns)
-    return Places(mesh, number, slot, chip_column * mesh.columns + column, chip_row * mesh.rows + row)
+    return MeshPlaces(mesh, number, slot, chip_column * mesh.columns + column, chip_row * mesh.rows + row)
 
 
 def _chips(chip: Chip, memory: Ints) -> tuple[Ints, Ints]:
@@ -151,7 +151,7 @@ def exchange(traffic: Floats, pull: Floats, column: Ints, row: Ints) -> Ints:
     return at
 
 
-def draw_close(chip: Chip, places: Places, memory: Ints, traffic: Floats, pull: Floats) -> Places:
+def draw_close(chip: Chip, places: MeshPlaces, memory: Ints, traffic: Floats, pull: Floats) -> MeshPlaces:
     """Exchange whole tiles, used or not, then cores; nothing where a chip could then hold more than it can."""
     shared, most = chip.limit("synapse_bytes_per_chip"), capacity(chip, len(memory))
     mesh = places.mesh
@@ -163,7 +163,7 @@ def draw_close(chip: Chip, places: Places, memory: Ints, traffic: Floats, pull: 
     return places.taken(exchange(traffic, pull, places.column, places.row))
 
 
-def _exchange_tiles(places: Places, traffic: Floats, pull: Floats) -> Places:
+def _exchange_tiles(places: MeshPlaces, traffic: Floats, pull: Floats) -> MeshPlaces:
     mesh, n = places.mesh, len(places.chip)
     size = mesh.columns * mesh.rows
     chips, first, number = np.unique(places.chip, return_index=True, return_inverse=True)
@@ -178,4 +178,4 @@ def _exchange_tiles(places: Places, traffic: Floats, pull: Floats) -> Places:
     between = member.T @ traffic @ member
     np.fill_diagonal(between, 0.0)
     tile = exchange(between, pull @ member, column, row)[tile]
-    return Places(mesh, chips[tile // size], places.slot, column[tile], row[tile])
+    return MeshPlaces(mesh, chips[tile // size], places.slot, column[tile], row[tile])

@@ -30,7 +30,7 @@ from neuro.chips.arithmetics import placed_as
 from neuro.chips.description import Chip
 from neuro.chips.placing.capacity import exceeded
 from neuro.chips.placing.incoming import Incoming, incoming
-from neuro.chips.placing.mesh import LARGEST, Places, chain, draw_close, lay_out
+from neuro.chips.placing.mesh import LARGEST, MeshPlaces, chain, draw_close, lay_out
 from neuro.chips.placing.placement import Core, Placement
 from neuro.chips.placing.reach import between_cores, reached
 from neuro.chips.placing.routes import Hops, routes
@@ -93,7 +93,7 @@ class _Draft:
     """One way to place a program."""
 
     split: Split
-    places: Places
+    places: MeshPlaces
     ways: tuple[Hops, ...]
 
     @property
@@ -105,7 +105,7 @@ class _Draft:
         return sum(part.total for part in self.ways)
 
 
-def _draft(program: Program, chip: Chip, into: Incoming, cut: Split, places: Places) -> _Draft:
+def _draft(program: Program, chip: Chip, into: Incoming, cut: Split, places: MeshPlaces) -> _Draft:
     """Number cores by their places and count hops."""
     order = np.lexsort((places.slot, places.column, places.row, places.chip))
     cut, places = cut.taken(order), places.taken(order)
@@ -126,7 +126,7 @@ def _tied(program: Program, into: Incoming, populations: list[int]) -> list[int]
     return [populations[i] for i in order]
 
 
-def _close(chip: Chip, into: Incoming, cut: Split) -> tuple[Split, Places]:
+def _close(chip: Chip, into: Incoming, cut: Split) -> tuple[Split, MeshPlaces]:
     """Lay cores out so that those which exchange many spikes are close."""
     if len(cut.cores) > LARGEST:
         return cut, lay_out(chip, cut.memory, snake=True)
@@ -168,7 +168,7 @@ def _placement(program: Program, chip: Chip, into: Incoming, draft: _Draft, orde
     )
 
 
-def _core(chip: Chip, cut: Split, places: Places, i: int) -> Core:
+def _core(chip: Chip, cut: Split, places: MeshPlaces, i: int) -> Core:
     """One core with its load."""
     neurons, memory, axons_in, axons_out = (
         int(counts[i]) for counts in (cut.neurons, cut.memory, cut.axons_in, cut.axons_out)

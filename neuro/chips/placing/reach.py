@@ -1,8 +1,8 @@
 """Compiled loops over the cores that each source neuron of a projection reaches: what lies there, and the ways to it.
 
 All go row by row, as synapses lie in memory, and keep no list of pairs of a source and a core. `rows` are the begin,
-end and targets of `neuro.chips.placing.incoming.Rows`, `core_of` the core of each target. `room` has a count for each
-core (0), a list of cores, and for each source a bit for each core that says whether a projection before this one has
+end and targets of `incoming.IncomingRows`, `core_of` the core of each target. `room` has a count for each core (0), a
+list of cores, and for each source a bit for each core that says whether a projection before this one has
 sent a spike of it there; no bits where no two projections of a source reach the same core.
 """
 

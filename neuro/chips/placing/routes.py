@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from neuro.chips.placing.incoming import Incoming
-from neuro.chips.placing.mesh import Places
+from neuro.chips.placing.mesh import MeshPlaces
 from neuro.chips.placing.reach import reached, spread, travel
 from neuro.chips.placing.split import Split
 from neuro.program.program import Ints, Program
@@ -37,7 +37,7 @@ class Hops:
         return int(self.east_west.sum() + self.north_south.sum())
 
 
-def routes(program: Program, into: Incoming, split: Split, places: Places, multicast: bool) -> tuple[Hops, ...]:
+def routes(program: Program, into: Incoming, split: Split, places: MeshPlaces, multicast: bool) -> tuple[Hops, ...]:
     """The hops of every projection.
 
     Args:
@@ -79,7 +79,7 @@ def begins(own: Ints, coordinate: Ints) -> Ints:
 class _Tree:
     """The links that each neuron of a population uses: how far east and west, and in each column south and north."""
 
-    def __init__(self, own: Ints, places: Places) -> None:
+    def __init__(self, own: Ints, places: MeshPlaces) -> None:
         self.column, self.row = begins(own, places.column), begins(own, places.row)
         self.places = places.column, places.row
         self.mesh = places.mesh

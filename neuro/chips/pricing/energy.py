@@ -20,7 +20,7 @@ COLUMNS = (">dynamic", f">{FASTEST}", f">{REAL_TIME}", ">chip time", ">chips")
 
 
 @dataclass(frozen=True, slots=True)
-class Item:
+class BillItem:
     """One line of a bill.
 
     Attributes:
@@ -77,7 +77,7 @@ class Energy:
     chips: int
     chip_time_s: float | None
     steps: float
-    items: tuple[Item, ...]
+    items: tuple[BillItem, ...]
     notes: tuple[str, ...]
     of: str = "run"
     chip_time_range_s: Range | None = None
@@ -232,10 +232,10 @@ class Energy:
         time = {"chip_time_s": self.chip_time_s, "chip_time_low_s": ends[0], "chip_time_high_s": ends[1]}
         return {**sums, **ranges, **time}
 
-    def _dynamic(self) -> tuple[Item, ...]:
+    def _dynamic(self) -> tuple[BillItem, ...]:
         return tuple(item for item in self.items if item.what != STATIC)
 
-    def _static(self) -> tuple[Item, ...]:
+    def _static(self) -> tuple[BillItem, ...]:
         return tuple(item for item in self.items if item.what == STATIC)
 
     def __str__(self) -> str:
@@ -279,7 +279,7 @@ class Energy:
         return f"{self.title} ({self.target}), energy per {self.of}: {', '.join(parts)}"
 
 
-def _row(item: Item, cited: list[str]) -> tuple[str, ...]:
+def _row(item: BillItem, cited: list[str]) -> tuple[str, ...]:
     unit = "W" if item.what == STATIC else "J"
     each = "-" if item.joules_each is None else quantity(item.joules_each, unit)
     energy = "not priced" if item.joules is None else quantity(item.joules, "J")
@@ -292,14 +292,14 @@ def _share(value: float | None, n: int) -> float | None:
     return None if value is None else value / n
 
 
-def _ends(items: Iterable[Item]) -> Range:
+def _ends(items: Iterable[BillItem]) -> Range:
     """The sums of the low and of the high ends."""
     priced = [(item.joules, item.low, item.high) for item in items if item.joules is not None]
     low = sum((joules if least is None else least for joules, least, _ in priced), 0.0)
     return low, sum((joules if most is None else most for joules, _, most in priced), 0.0)
 
 
-def _sum(items: Iterable[Item]) -> float:
+def _sum(items: Iterable[BillItem]) -> float:
     return sum((item.joules for item in items if item.joules is not None), 0.0)
 
 

@@ -20,7 +20,7 @@ from neuro.chips.placing.capacity import too_late
 from neuro.chips.placing.fan_out import dense_size, spiking
 from neuro.chips.placing.place import place
 from neuro.chips.pricing.duration import Duration, chip_time, range_of, run_of, told_times, waited, why_extrapolated
-from neuro.chips.pricing.energy import AS_GIVEN, FASTEST, REAL_TIME, STATIC, Energy, Item, number, quantity
+from neuro.chips.pricing.energy import AS_GIVEN, FASTEST, REAL_TIME, STATIC, BillItem, Energy, number, quantity
 from neuro.chips.quantising.quantise import refusals
 from neuro.core.errors import ModelError
 from neuro.program.backend import EngineCounts
@@ -126,25 +126,25 @@ class _Bill:
         self.placement, self.chips, self.step_s = placement, chips, step_s
         self.run = run_of(program, counts, placement, chips)
         self.seconds = counts.steps * program.resolution * 1e-3
-        self.items: list[Item] = []
+        self.items: list[BillItem] = []
         self.notes: list[str] = []
 
     def add(self, what: str, kind: str, of: str, count: float) -> None:
         """Add an item if there is anything to count."""
         if count and what not in self.chip.costs:
-            self.items.append(Item(what, kind, of, count, None, None, "", ""))
+            self.items.append(BillItem(what, kind, of, count, None, None, "", ""))
         elif count:
             self.items.append(self._item(what, kind, of, count, count, count))
 
-    def _item(self, what: str, kind: str, of: str, count: float, least: float, most: float) -> Item:
+    def _item(self, what: str, kind: str, of: str, count: float, least: float, most: float) -> BillItem:
         """A line with a figure, of which there are between `least` and `most`."""
         figure = self.chip.costs[what]
         low, high = range_of(figure, self.run)
         known = (figure.value, count * figure.value, figure.source, figure.conditions)
         why = why_extrapolated(figure, self.run)
-        return Item(what, kind, of, count, *known, least * low, most * high, figure.spread, why)
+        return BillItem(what, kind, of, count, *known, least * low, most * high, figure.spread, why)
 
-    def on(self, time: Duration | None) -> list[Item]:
+    def on(self, time: Duration | None) -> list[BillItem]:
         """Chips that are on: the range is that of their power and that of the time."""
         if STATIC not in self.chip.costs or time is None or not time.best:
             return []

@@ -6,6 +6,16 @@ from neuro.events.dataset._dataset import Dataset
 from neuro.events.dataset._find import recordings
 from neuro.events.dataset._layouts import LAYOUTS, Layout
 from neuro.events.dataset._recordings import UNKNOWN, Recording, Recordings, Sample
-from neuro.events.dataset._store import Stored
+from neuro.events.dataset._store import StoredDataSet
 
-__all__ = ["LAYOUTS", "UNKNOWN", "Dataset", "Layout", "Recording", "Recordings", "Sample", "Stored", "recordings"]
+__all__ = [
+    "LAYOUTS",
+    "UNKNOWN",
+    "Dataset",
+    "Layout",
+    "Recording",
+    "Recordings",
+    "Sample",
+    "StoredDataSet",
+    "recordings",
+]

@@ -17,7 +17,7 @@ from neuro.events._events import Events
 from neuro.events.dataset._files import is_hdf5
 from neuro.events.dataset._find import labelled
 from neuro.events.dataset._recordings import Kept, Sample
-from neuro.events.dataset._store import Report, Stored, store
+from neuro.events.dataset._store import Report, StoredDataSet, store
 from neuro.events.dataset._stored import stored_samples
 
 
@@ -229,7 +229,7 @@ class Dataset(Sequence[tuple[Any, int]]):
         jobs: int | None = None,
         damaged: str = "skip",
         report: Report | None = None,
-    ) -> Stored:
+    ) -> StoredDataSet:
         """Write all samples to one HDF5 file as ``/<class>/<sample>``, by several processes.
 
         After a kill the same call goes on where it was: what is done lies in a folder beside the file, which appears

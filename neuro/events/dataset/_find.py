@@ -12,7 +12,7 @@ from neuro.core.errors import ModelError
 from neuro.core.inputs import record_input
 from neuro.core.paths import file_path
 from neuro.events.dataset._files import ARCHIVES, files_of, is_hdf5, natural
-from neuro.events.dataset._layouts import Item, Layout, is_part, layout_of
+from neuro.events.dataset._layouts import Layout, LayoutItem, is_part, layout_of
 from neuro.events.dataset._recordings import UNKNOWN, Recording, Recordings
 from neuro.events.dataset._stored import holds_samples, stored_samples
 from neuro.events.errors import EventFileError, EventFileWarning
@@ -139,7 +139,7 @@ def labelled(
     return Recordings(where, made, classes, chosen.name)
 
 
-def _of_part(where: str, layout: Layout, items: list[Item], part: str | None, whole: bool) -> list[Item]:
+def _of_part(where: str, layout: Layout, items: list[LayoutItem], part: str | None, whole: bool) -> list[LayoutItem]:
     """The items of a part."""
     if part is None:
         return items

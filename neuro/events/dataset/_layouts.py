@@ -57,17 +57,17 @@ def is_part(folder: str, part: str) -> bool:
     return folder.lower() == part or folder.lower().endswith((f"-{part}", f"_{part}"))
 
 
-def _by_folder(item: Item, part: str) -> bool:
+def _by_folder(item: LayoutItem, part: str) -> bool:
     """Whether a folder above the class folder is that of a part."""
     return any(is_part(folder, part) for folder in item.file.split("/")[:-2])
 
 
-def _by_item(item: Item, part: str) -> bool:
+def _by_item(item: LayoutItem, part: str) -> bool:
     return item.part == part
 
 
 @dataclass(frozen=True, slots=True)
-class Item:
+class LayoutItem:
     """A recording in a folder or zip.
 
     Attributes:
@@ -101,8 +101,8 @@ class Layout:
     name: str
     title: str
     fits: Callable[[Files], bool]
-    find: Callable[[str, Files], list[Item]]
-    in_part: Callable[[Item, str], bool] = _by_folder
+    find: Callable[[str, Files], list[LayoutItem]]
+    in_part: Callable[[LayoutItem, str], bool] = _by_folder
     sensor_size: tuple[int, int] | None = None
 
 
@@ -114,7 +114,7 @@ def recordings_in(files: Files) -> list[str]:
     return others or [name for name in events if PurePosixPath(name).parent.name]
 
 
-def _folders(where: str, files: Files) -> list[Item]:
+def _folders(where: str, files: Files) -> list[LayoutItem]:
     events = recordings_in(files)
     if not events:
         raise EventFileError(where, f"no recordings, {_others(files)}")
@@ -123,7 +123,7 @@ def _folders(where: str, files: Files) -> list[Item]:
             where, f"{flat[0]} lies in no class folder (is this one? then give the one above it), and there is no "
             f"{MANIFEST} with the columns {', '.join(MANIFEST_COLUMNS)}"
         )  # fmt: skip
-    return _in_order([Item(name, name, PurePosixPath(name).parent.name) for name in events])
+    return _in_order([LayoutItem(name, name, PurePosixPath(name).parent.name) for name in events])
 
 
 def _others(files: Files) -> str:
@@ -136,7 +136,7 @@ def _others(files: Files) -> str:
     return f"{text}; 'neuro events formats' lists the endings"
 
 
-def _in_order(items: list[Item]) -> list[Item]:
+def _in_order(items: list[LayoutItem]) -> list[LayoutItem]:
     return sorted(items, key=lambda item: natural(item.label))
 
 
@@ -148,26 +148,27 @@ def _has_manifest(files: Files) -> bool:
     return MANIFEST in files and bool(rows := _rows(files)) and set(MANIFEST_COLUMNS) <= set(rows[0])
 
 
-def _listed(where: str, files: Files) -> list[Item]:
+def _listed(where: str, files: Files) -> list[LayoutItem]:
     rows = _rows(files)
     for line, row in enumerate(rows, 2):
         if row["file"] not in files:
             raise EventFileError(where, f"{MANIFEST} line {line}: no file {row['file']!r}")
     return [
-        Item(row["file"], row["file"], row["class"]) for row in sorted(rows, key=lambda r: natural(r["label"] or ""))
+        LayoutItem(row["file"], row["file"], row["class"])
+        for row in sorted(rows, key=lambda r: natural(r["label"] or ""))
     ]
 
 
-def _poker(where: str, files: Files) -> list[Item]:
+def _poker(where: str, files: Files) -> list[LayoutItem]:
     found = {name: _POKER.fullmatch(PurePosixPath(name).name) for name in files}
-    return _in_order([Item(name, name, match[1]) for name, match in found.items() if match])
+    return _in_order([LayoutItem(name, name, match[1]) for name, match in found.items() if match])
 
 
-def _poker_es(where: str, files: Files) -> list[Item]:
+def _poker_es(where: str, files: Files) -> list[LayoutItem]:
     parts, found = {"tr": "train", "ts": "test"}, []
     for name in files:
         if match := _POKER_ES.fullmatch(PurePosixPath(name).name):
-            found.append(Item(name, name, _SUITS[match[2]], part=parts[match[1]]))
+            found.append(LayoutItem(name, name, _SUITS[match[2]], part=parts[match[1]]))
     return _in_order(found)
 
 
@@ -211,7 +212,7 @@ def is_gestures(files: Files) -> bool:
     return any(name.endswith(LABELS) and f"{name.removesuffix(LABELS)}.aedat" in files for name in files)
 
 
-def gestures(where: str, files: Files) -> list[Item]:
+def gestures(where: str, files: Files) -> list[LayoutItem]:
     """All gestures, classes in the order of their numbers.
 
     Args:
@@ -236,7 +237,9 @@ def gestures(where: str, files: Files) -> list[Item]:
             raise EventFileError(where, f"{table} has no recording {file} beside it")
         part = parts.get(PurePosixPath(file).name, "")
         spans = enumerate(_spans(f"{where}/{table}", files[table]()))
-        found += [(number, Item(f"{file}#{k}", file, NAMES[number - 1], span, part)) for k, (number, span) in spans]
+        found += [
+            (number, LayoutItem(f"{file}#{k}", file, NAMES[number - 1], span, part)) for k, (number, span) in spans
+        ]
     return [item for _, item in sorted(found, key=lambda pair: pair[0])]
 
 

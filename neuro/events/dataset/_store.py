@@ -45,7 +45,7 @@ Report = Callable[[str, int, int], None]
 
 
 @dataclass(frozen=True, slots=True)
-class Stored:
+class StoredDataSet:
     """What `Dataset.to_hdf5` did.
 
     Attributes:
@@ -68,7 +68,7 @@ def store(
     jobs: int | None,
     damaged: str,
     report: Report | None,
-) -> Stored:
+) -> StoredDataSet:
     """Write samples to one file; arguments and errors as of `neuro.events.Dataset.to_hdf5`."""
     if damaged not in CHOICES:
         raise unknown("choice for damaged", damaged, CHOICES)
@@ -81,7 +81,7 @@ def store(
     done = _done(folder)
     missing = [k for k in range(len(samples)) if k not in done]
     tell("reading", len(done), len(samples))
-    job = Job(tuple(samples), sensor_size, damaged, str(folder))
+    job = ConversionJob(tuple(samples), sensor_size, damaged, str(folder))
     size = max(1, min(BATCH, len(missing) // (8 * (jobs or cores()))))
     batches = [missing[k : k + size] for k in range(0, len(missing), size)]
     count = len(done)
@@ -100,7 +100,7 @@ def _plan(samples: Sequence[Any], classes: Sequence[str], size: tuple[int, int] 
     return digest.hexdigest()
 
 
-def _finished(path: Path, samples: Sequence[Any], plan: str, choice: str) -> Stored:
+def _finished(path: Path, samples: Sequence[Any], plan: str, choice: str) -> StoredDataSet:
     """What a finished file holds.
 
     Raises:
@@ -111,7 +111,7 @@ def _finished(path: Path, samples: Sequence[Any], plan: str, choice: str) -> Sto
             damaged = json.loads(file.attrs.get(DAMAGED, "{}"))
             if file.attrs.get(PLAN) == plan and (not damaged or file.attrs[CHOICE] == choice):
                 count = sum(len(file[name]) for name in file)
-                return Stored(str(path), count, {samples[int(k)].path: what for k, what in damaged.items()})
+                return StoredDataSet(str(path), count, {samples[int(k)].path: what for k, what in damaged.items()})
     raise EventFileError(str(path), "exists and holds something else; expected a new name")
 
 
@@ -148,7 +148,7 @@ def _done(folder: Path) -> set[int]:
     return done
 
 
-def _pack_all(job: Job, batches: Sequence[Sequence[int]], jobs: int) -> Iterator[int]:
+def _pack_all(job: ConversionJob, batches: Sequence[Sequence[int]], jobs: int) -> Iterator[int]:
     """Pack all batches; gives the number of samples of each when it is done."""
     if jobs == 1 or len(batches) < 2:
         yield from (pack(job, batch) for batch in batches)
@@ -224,7 +224,7 @@ BATCH_FORMAT = "neuro event batch 1"
 
 
 @dataclass(frozen=True, slots=True)
-class Job:
+class ConversionJob:
     """What all batches share.
 
     Attributes:
@@ -240,12 +240,12 @@ class Job:
     folder: str
 
 
-def start_worker(job: Job) -> Work:
+def start_worker(job: ConversionJob) -> Work:
     """What packs batches in a process of its own."""
     return lambda numbers, attempt, tell: pack(job, numbers)
 
 
-def pack(job: Job, numbers: Sequence[int]) -> int:
+def pack(job: ConversionJob, numbers: Sequence[int]) -> int:
     """Pack some samples into a small file that is whole or not there.
 
     Args:
@@ -278,7 +278,7 @@ def pack(job: Job, numbers: Sequence[int]) -> int:
     return len(numbers)
 
 
-def _loaded(job: Job, sample: Any) -> tuple[Any, str]:
+def _loaded(job: ConversionJob, sample: Any) -> tuple[Any, str]:
     """The events of a sample and what is wrong with it, None where nothing is to be kept."""
     if job.damaged != "mend":
         try:

@@ -61,7 +61,7 @@ class Packets:
                 count = U32.unpack_from(plain, start - 4)[0]
                 if start + count * RECORD.itemsize <= len(plain):
                     return plain, start, count
-            table = Table(memoryview(plain)[4:], b"EVTS")
+            table = FlatTable(memoryview(plain)[4:], b"EVTS")
             start, count = table.vector(0, RECORD.itemsize)
         except Malformed as error:
             raise Damage(f"a packet is damaged: {error}", place) from None
@@ -150,7 +150,7 @@ class Malformed(ValueError):
     """An offset leads out of the buffer, or the buffer is of another kind."""
 
 
-class Table:
+class FlatTable:
     """The root table of a buffer.
 
     Args:

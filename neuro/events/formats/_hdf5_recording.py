@@ -39,7 +39,7 @@ _ROW = 13
 
 
 @dataclass(slots=True)
-class Recording:
+class OpenRecording:
     """Four datasets, or one of rows.
 
     Attributes:
@@ -136,18 +136,18 @@ class Recording:
         return Piece(piece.t + self.offset, piece.x, piece.y, piece.p)
 
 
-def of_columns(group: Any, names: Names, offset: int) -> Recording:
+def of_columns(group: Any, names: Names, offset: int) -> OpenRecording:
     """Four datasets of a group."""
-    return Recording(group, tuple(group[name] for name in _keys(names)), (), names.unit, offset)
+    return OpenRecording(group, tuple(group[name] for name in _keys(names)), (), names.unit, offset)
 
 
-def of_rows(dataset: Any) -> Recording | None:
+def of_rows(dataset: Any) -> OpenRecording | None:
     """A dataset of rows with named fields, None where they are no events."""
     names = find_names(dataset.dtype.names or ())
-    return None if names is None else Recording(dataset, (dataset,), _keys(names), names.unit)
+    return None if names is None else OpenRecording(dataset, (dataset,), _keys(names), names.unit)
 
 
-def of_table(dataset: Any, order: str = "") -> Recording:
+def of_table(dataset: Any, order: str = "") -> OpenRecording:
     """A dataset of rows without names.
 
     Args:
@@ -158,7 +158,7 @@ def of_table(dataset: Any, order: str = "") -> Recording:
         Damage: the order cannot be found.
     """
     found = order or order_of_table(dataset)
-    return Recording(dataset, (dataset,), tuple(found.index(name) for name in "txyp"), unit_of_table(dataset))
+    return OpenRecording(dataset, (dataset,), tuple(found.index(name) for name in "txyp"), unit_of_table(dataset))
 
 
 def _keys(names: Names) -> tuple[str, ...]:
@@ -239,7 +239,7 @@ LIMIT = 100
 """Most members of a group, below the first level, that are looked at to tell what a file is."""
 
 
-def find(file: Any, where: str = "") -> Recording:
+def find(file: Any, where: str = "") -> OpenRecording:
     """The recording of a file.
 
     Args:
@@ -279,7 +279,7 @@ def _own(file: Any, dataset: Any) -> bool:
     )
 
 
-def _find(file: Any, where: str) -> Recording:
+def _find(file: Any, where: str) -> OpenRecording:
     place, order = _parted(where)
     if place:
         return _at(file, place, order)
@@ -302,7 +302,7 @@ def _parted(where: str) -> tuple[str, str]:
     return (place, order) if sorted(order) == sorted("txyp") else (where, "")
 
 
-def _at(file: Any, place: str, order: str) -> Recording:
+def _at(file: Any, place: str, order: str) -> OpenRecording:
     """The recording at a place, or below it."""
     import h5py
 
@@ -320,7 +320,7 @@ def _at(file: Any, place: str, order: str) -> Recording:
     return _recording(file, node, order)
 
 
-def _recording(file: Any, node: Any, order: str) -> Recording:
+def _recording(file: Any, node: Any, order: str) -> OpenRecording:
     if names := _columns(node):
         return of_columns(node, names, _offset(file, node))
     return of_rows(node) or of_table(node, order)

@@ -65,7 +65,7 @@ def _longer(old: npt.NDArray[Kind], size: int) -> npt.NDArray[Kind]:
     return new
 
 
-class Growing:
+class GrowingArray:
     """Gathers the events of packets.
 
     Attributes:

@@ -24,9 +24,9 @@ import numpy as np
 import numpy.typing as npt
 
 from neuro.events._events import Events
-from neuro.events.formats._aedat4_packet import I32, I64, LIMIT, RECORD, U32, USUAL, Malformed, Packets, Table
+from neuro.events.formats._aedat4_packet import I32, I64, LIMIT, RECORD, U32, USUAL, FlatTable, Malformed, Packets
 from neuro.events.formats._format import Damage, Format, Piece, Size, in_order, refuse
-from neuro.events.formats._reading import Cursor, Growing
+from neuro.events.formats._reading import Cursor, GrowingArray
 from neuro.events.source import Source
 
 MAGIC = b"#!AER-DAT4.0\r\n"
@@ -86,7 +86,7 @@ class Aedat4:
 
     def pieces(self, block: int) -> Iterator[Piece]:
         """The events; see `Reader`."""
-        cursor, held = Cursor(self._source, self._start, block), Growing()
+        cursor, held = Cursor(self._source, self._start, block), GrowingArray()
         held.room(min(block, self._source.size or 0, _GUESS[0] * _GUESS[1]) // _GUESS[0])
         counts = np.full(_NUMBERS, -1, np.int64)
         counts[[number for number in self._streams if 0 <= number < _NUMBERS]] = 0
@@ -109,7 +109,7 @@ class Aedat4:
         if damage is not None:
             raise damage
 
-    def _one(self, cursor: Cursor, held: Growing, others: Counter[str]) -> bool:
+    def _one(self, cursor: Cursor, held: GrowingArray, others: Counter[str]) -> bool:
         """Take one packet of any kind; whether there was one."""
         place, end = cursor.at, self._table if self._table > 0 else None
         if end is not None and place >= end:
@@ -133,7 +133,7 @@ class Aedat4:
             others[self._streams[stream]["type"]] += 1
         return True
 
-    def _add(self, held: Growing, place: int, plain: bytes, start: int, count: int) -> None:
+    def _add(self, held: GrowingArray, place: int, plain: bytes, start: int, count: int) -> None:
         """Add the events of one packet."""
         held.room(count)
         columns = held.t, held.x, held.y, held.p
@@ -142,7 +142,7 @@ class Aedat4:
             raise Damage("a packet has an event at a negative place", place)
         held.added([held.used], [place], held.used + count, (x, y), ordered)
 
-    def _alike(self, cursor: Cursor, held: Growing, counts: npt.NDArray[np.int64]) -> None:
+    def _alike(self, cursor: Cursor, held: GrowingArray, counts: npt.NDArray[np.int64]) -> None:
         """Add the packets that come next and are like those before, as far as they are read and there is room."""
         if not self._packets.alike:
             return
@@ -161,7 +161,7 @@ class Aedat4:
 
 def _header(data: bytes) -> tuple[str, int, dict[int, dict[str, Any]]]:
     """Compression, place of the table of packets (-1: none) and the streams."""
-    table = Table(data, b"IOHE")
+    table = FlatTable(data, b"IOHE")
     compression = table.number(0, I32, 0)
     if not 0 <= compression < len(COMPRESSIONS):
         raise Malformed(f"compression {compression} is not known")

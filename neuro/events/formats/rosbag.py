@@ -24,7 +24,7 @@ from typing import Any
 import numpy as np
 
 from neuro.events.formats._format import Damage, Format, Piece, Size, extra
-from neuro.events.formats._reading import Cursor, Growing
+from neuro.events.formats._reading import Cursor, GrowingArray
 from neuro.events.formats.evt import Decoder
 from neuro.events.source import Bytes, Source
 
@@ -74,7 +74,7 @@ class _Bag:
 
     def pieces(self, block: int) -> Iterator[Piece]:
         """The events; see `Reader`."""
-        held, unpacker, taken = Growing(), Unpacker(), 0
+        held, unpacker, taken = GrowingArray(), Unpacker(), 0
         damage: Damage | None = None
         others: set[str] = set()
         try:
@@ -98,7 +98,7 @@ class _Bag:
         if damage is not None:
             raise damage
 
-    def _add(self, held: Growing, place: int, piece: Piece) -> None:
+    def _add(self, held: GrowingArray, place: int, piece: Piece) -> None:
         n, count = held.used, piece.t.size
         held.room(count)
         held.t[n : n + count], held.p[n : n + count] = piece.t, piece.p

@@ -95,7 +95,7 @@ def _made(d: Definition) -> type[EquationNeuron]:
     divisions = Divisions(d.parameters, constants.variables, d.let, *_expressions(d))
     refuse(divisions.mistakes({name: p.default for name, p in d.parameters.items()}))
     linear = system(d)
-    whole = steps.checked(steps.Neuron(d, linear, constants))
+    whole = steps.checked(steps.NeuronSteps(d, linear, constants))
     text, width = _text(whole)
     arithmetic = module(text)
     positive = {*_divisors(d), *(r.tau.tree.name for r in d.receptors if r.tau and isinstance(r.tau.tree, Name))}
@@ -170,7 +170,7 @@ def _told(d: Definition, threshold: object) -> str:
     return "; ".join([*parts, *([f"spike at {threshold}"] if threshold else [])])
 
 
-def _states(whole: steps.Neuron) -> tuple[State, ...]:
+def _states(whole: steps.NeuronSteps) -> tuple[State, ...]:
     d = whole.definition
     slopes = {slope_of(r): r for r in d.receptors if r.kernel == "alpha"}
     found = []
@@ -194,7 +194,7 @@ def _meaning(d: Definition, name: str) -> str:
     return f"what spikes leave, an {kernel} kernel"
 
 
-def _text(whole: steps.Neuron) -> tuple[str, int]:
+def _text(whole: steps.NeuronSteps) -> tuple[str, int]:
     """The module, and how many constants it has room for."""
     d, constants, linear = whole.definition, whole.constants, whole.linear
     if "V_th" in d.parameters:
@@ -226,7 +226,7 @@ def _text(whole: steps.Neuron) -> tuple[str, int]:
     return text, max(Neuron.width, len(d.parameters) + 1, places)
 
 
-def _begin_lines(whole: steps.Neuron) -> list[str]:
+def _begin_lines(whole: steps.NeuronSteps) -> list[str]:
     d, constants = whole.definition, whole.constants
     lines = list(constants.locals())
     given = {name: e.tree for name, e in d.initial.items()}

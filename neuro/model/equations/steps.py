@@ -19,7 +19,7 @@ HEAD = "step(s, c, x, i_0, lo, hi, fired)"
 
 
 @dataclass(frozen=True)
-class Neuron:
+class NeuronSteps:
     """What is needed to write a neuron's functions: its definition, its linear system, its constants and its rows."""
 
     definition: Definition
@@ -65,7 +65,7 @@ class Neuron:
         return self.write(self.definition.threshold.tree, variables)
 
 
-def checked(neuron: Neuron) -> Neuron:
+def checked(neuron: NeuronSteps) -> NeuronSteps:
     """The neuron, if its integrator can do its equations.
 
     Raises:
@@ -83,12 +83,12 @@ def checked(neuron: Neuron) -> Neuron:
     return neuron
 
 
-def _alone_linear(neuron: Neuron, name: str) -> bool:
+def _alone_linear(neuron: NeuronSteps, name: str) -> bool:
     d = neuron.definition
     return algebra.affine(d.full(d.states[name].tree), {*neuron.integrated, CURRENT_NAME}) is not None
 
 
-def step_lines(neuron: Neuron) -> list[str]:
+def step_lines(neuron: NeuronSteps) -> list[str]:
     """The body of `step`."""
     return {
         "exact": _exact,
@@ -99,7 +99,7 @@ def step_lines(neuron: Neuron) -> list[str]:
     }[neuron.integrator](neuron)
 
 
-def fire_lines(neuron: Neuron) -> list[str]:
+def fire_lines(neuron: NeuronSteps) -> list[str]:
     """The body of `fire`."""
     if neuron.resets_in_step:
         return ["pass"]
@@ -113,13 +113,13 @@ def fire_lines(neuron: Neuron) -> list[str]:
     return lines or ["pass"]
 
 
-def _read_in_reset(neuron: Neuron) -> list[str]:
+def _read_in_reset(neuron: NeuronSteps) -> list[str]:
     trees = [neuron.definition.full(e.tree) for e in neuron.definition.reset.values()]
     used = {word for tree in trees for word in algebra.names(tree)}
     return [name for name in neuron.integrated if name in used]
 
 
-def _exact(neuron: Neuron) -> list[str]:
+def _exact(neuron: NeuronSteps) -> list[str]:
     """The solution of a linear system; where states depend on held ones, a second one for held neurons."""
     linear = neuron.linear
     assert linear is not None
@@ -136,7 +136,7 @@ def _exact(neuron: Neuron) -> list[str]:
     return before + _loop(neuron, updates)
 
 
-def _euler(neuron: Neuron) -> list[str]:
+def _euler(neuron: NeuronSteps) -> list[str]:
     """All from the values at the beginning of the step; kernels decay exactly."""
     d = neuron.definition
     variables = {name: local(name) for name in neuron.integrated} | {CURRENT_NAME: "i_0[i]"}
@@ -152,7 +152,7 @@ def _euler(neuron: Neuron) -> list[str]:
     return _loop(neuron, updates)
 
 
-def _relaxing(neuron: Neuron, name: str, tree: Tree, variables: dict[str, str]) -> str:
+def _relaxing(neuron: NeuronSteps, name: str, tree: Tree, variables: dict[str, str]) -> str:
     """A state that goes exactly towards where the others, held at their values, would keep it."""
     row = algebra.affine(neuron.definition.full(tree), {name})
     if row is None:
@@ -170,7 +170,7 @@ def _relaxing(neuron: Neuron, name: str, tree: Tree, variables: dict[str, str]) 
     return f"{local(name)} * of_exp({rate}) + ({rest}) * {spelled['h']} * of_exprel({rate})"
 
 
-def _kernel_updates(neuron: Neuron, receptor: Receptor) -> dict[str, str]:
+def _kernel_updates(neuron: NeuronSteps, receptor: Receptor) -> dict[str, str]:
     if receptor.tau is None:
         return {}
     tau = neuron.constants.of_parameters(receptor.tau.tree)
@@ -183,7 +183,7 @@ def _kernel_updates(neuron: Neuron, receptor: Receptor) -> dict[str, str]:
     return {receptor.name: f"{fall} * ({value} + {h} * {slope})", slope_of(receptor): f"{fall} * {slope}"}
 
 
-def arrivals(neuron: Neuron) -> dict[str, str]:
+def arrivals(neuron: NeuronSteps) -> dict[str, str]:
     """What arrives at each state in a step."""
     found: dict[str, str] = {}
     for k, receptor in enumerate(neuron.definition.receptors):
@@ -198,7 +198,7 @@ def arrivals(neuron: Neuron) -> dict[str, str]:
     return found
 
 
-def _loop(neuron: Neuron, updates: dict[str, str]) -> list[str]:
+def _loop(neuron: NeuronSteps, updates: dict[str, str]) -> list[str]:
     """All states at once, then the input, then the threshold; what is held stays."""
     rows, held = neuron.rows, neuron.definition.hold is not None
     arriving = arrivals(neuron)
@@ -221,7 +221,7 @@ def _loop(neuron: Neuron, updates: dict[str, str]) -> list[str]:
     return [*unpacked(names), "for i in range(lo, hi):", *indented(body)]
 
 
-def _runge_kutta(neuron: Neuron) -> list[str]:
+def _runge_kutta(neuron: NeuronSteps) -> list[str]:
     """Several parts a step; a spike resets within the step, where the threshold is crossed."""
     rows = neuron.rows
     held = neuron.definition.hold is not None
@@ -251,7 +251,7 @@ def _runge_kutta(neuron: Neuron) -> list[str]:
     return [*unpacked(names), "for i in range(lo, hi):", *indented(body)]
 
 
-def _spike_lines(neuron: Neuron) -> Iterator[str]:
+def _spike_lines(neuron: NeuronSteps) -> Iterator[str]:
     """The threshold and what a spike does, within a step; a neuron that is held afterwards counts this step, too."""
     d = neuron.definition
     if d.threshold is None:
@@ -268,7 +268,7 @@ def _spike_lines(neuron: Neuron) -> Iterator[str]:
         yield f"    held = {steps} + 1.0 if {steps} > 0.0 else 0.0"
 
 
-def rates_function(neuron: Neuron) -> tuple[str, list[str]]:
+def rates_function(neuron: NeuronSteps) -> tuple[str, list[str]]:
     """Arguments and body of `rates`: how fast each state changes.
 
     A state at its threshold counts as at most there, as a step that crosses it ends in a reset.
@@ -296,12 +296,12 @@ def rates_function(neuron: Neuron) -> tuple[str, list[str]]:
     return ", ".join([*arguments, *(local(name) for name in neuron.integrated)]), lines
 
 
-def _rate_constants(neuron: Neuron) -> list[str]:
+def _rate_constants(neuron: NeuronSteps) -> list[str]:
     arguments, _ = rates_function(neuron)
     return [word for word in arguments.split(", ") if word.startswith("c") and word[1:].isdecimal()]
 
 
-def _capped(neuron: Neuron) -> tuple[str, Tree] | None:
+def _capped(neuron: NeuronSteps) -> tuple[str, Tree] | None:
     """The state at the threshold and the threshold, if it is one of parameters."""
     if neuron.definition.threshold is None:
         return None

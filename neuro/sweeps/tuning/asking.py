@@ -13,12 +13,12 @@ from typing import Any
 
 from neuro.core.errors import ModelError
 from neuro.sweeps.claims import Claims
-from neuro.sweeps.definition import Item
-from neuro.sweeps.folder import PRUNED, Folder, Outcome
+from neuro.sweeps.definition import RunItem
+from neuro.sweeps.folder import PRUNED, Folder, RunOutcome
 from neuro.sweeps.space import Point
 from neuro.sweeps.tuning.journal import locked, optuna, quietly, study_of
 from neuro.sweeps.tuning.objectives import mean_metrics, worth
-from neuro.sweeps.tuning.plan import Plan
+from neuro.sweeps.tuning.plan import SearchPlan
 from neuro.sweeps.tuning.pruning import Way
 from neuro.sweeps.tuning.sampling import draw, point_of
 
@@ -32,7 +32,7 @@ class Going:
         asked: hashes of those that were handed out.
     """
 
-    items: tuple[Item, ...]
+    items: tuple[RunItem, ...]
     asked: set[str] = field(default_factory=set)
 
 
@@ -49,13 +49,13 @@ class Asker:
         ModelError: Optuna is not installed, or the journal is damaged.
     """
 
-    def __init__(self, plan: Plan, before: str, folder: Folder, share: int | None = None) -> None:
+    def __init__(self, plan: SearchPlan, before: str, folder: Folder, share: int | None = None) -> None:
         self._plan, self._before, self._folder = plan, before, folder
         self._left = plan.most if share is None else share
         self._claims = Claims(folder.claims)
         self._claims.beat()
         self._going: dict[int, Going] = {}
-        self._queue: deque[Item] = deque()
+        self._queue: deque[RunItem] = deque()
         self._states = optuna().trial.TrialState
         with self._alone():
             self._study = study_of(folder, tuple(plan.objectives.values()))
@@ -64,7 +64,7 @@ class Asker:
         """Leave trials under way to who asks next."""
         self._claims.close()
 
-    def more(self, number: int) -> Sequence[Item]:
+    def more(self, number: int) -> Sequence[RunItem]:
         """Up to so many runs that are next; trials are asked for where there are none left of those before."""
         while len(self._queue) < number and (asked := self._next()) is not None:
             trial, point = asked
@@ -128,14 +128,14 @@ class Asker:
             if not one_by_one or not going.asked - set(there):
                 self._hand_out(going, left[:1] if one_by_one else left)
 
-    def _hand_out(self, going: Going, items: Sequence[Item]) -> None:
+    def _hand_out(self, going: Going, items: Sequence[RunItem]) -> None:
         """Those that another trial waits for are not done twice."""
         for item in items:
             if not any(item.key in other.asked for other in self._going.values()):
                 self._queue.append(item)
             going.asked.add(item.key)
 
-    def _worse(self, number: int, there: Mapping[str, Outcome]) -> bool:
+    def _worse(self, number: int, there: Mapping[str, RunOutcome]) -> bool:
         """Whether others were better after so many runs of a trial; of a single run its steps are kept here, too."""
         if not self._plan.prune:
             return False
@@ -157,7 +157,7 @@ class Asker:
                 return True
         return False
 
-    def _judge(self, number: int, each: Sequence[Outcome]) -> None:
+    def _judge(self, number: int, each: Sequence[RunOutcome]) -> None:
         metrics = mean_metrics([one.metrics for one in each])
         try:
             values = worth(metrics, self._plan.objectives)

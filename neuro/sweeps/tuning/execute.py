@@ -11,12 +11,12 @@ from neuro.core.progress import Bar
 from neuro.core.provenance import provenance
 from neuro.sweeps.claims import claimed, waiting
 from neuro.sweeps.cores import POLL_S
-from neuro.sweeps.executors import Place, doing
+from neuro.sweeps.executors import Executor, doing
 from neuro.sweeps.folder import Folder
 from neuro.sweeps.space import Point
 from neuro.sweeps.tuning.asking import Asker
 from neuro.sweeps.tuning.journal import journal_of, locked, optuna, trials_of
-from neuro.sweeps.tuning.plan import Plan
+from neuro.sweeps.tuning.plan import SearchPlan
 from neuro.sweeps.tuning.sampling import point_of
 from neuro.sweeps.tuning.search import Search
 
@@ -24,7 +24,7 @@ from neuro.sweeps.tuning.search import Search
 def execute(
     search: Search,
     folder: Folder,
-    place: Place,
+    place: Executor,
     *,
     retry: bool = False,
     bar: Bar | None = None,
@@ -60,7 +60,7 @@ def execute(
 
 
 def _ask(
-    asker: Asker, search: Search, folder: Folder, place: Place, bar: Bar | None, hear: Callable[[str], None] | None
+    asker: Asker, search: Search, folder: Folder, place: Executor, bar: Bar | None, hear: Callable[[str], None] | None
 ) -> None:
     """Do the runs that are asked for, and wait for trials of others where this is no part."""
 
@@ -88,7 +88,7 @@ def _ask(
                 do(items)
 
 
-def hold_out(search: Search, folder: Folder, points: Sequence[Point], place: Place, bar: Bar) -> None:
+def hold_out(search: Search, folder: Folder, points: Sequence[Point], place: Executor, bar: Bar) -> None:
     """Run points on what is held out from all folds.
 
     Args:
@@ -142,7 +142,7 @@ def as_text(counts: Mapping[str, int]) -> str:
     return ", ".join(f"{counts[word]:,} {word}" for word in words)
 
 
-def retry_failed(plan: Plan, before: str, folder: Folder) -> int:
+def retry_failed(plan: SearchPlan, before: str, folder: Folder) -> int:
     """Leave trials of which a run has failed as if they were under way, so that who asks next takes them over.
 
     Args:

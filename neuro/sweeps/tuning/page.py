@@ -19,7 +19,7 @@ from neuro.sweeps.plot_data import plot_data, told
 from neuro.sweeps.rows import text
 from neuro.sweeps.table import reasons
 from neuro.sweeps.tuning.objectives import Floats, so_far
-from neuro.sweeps.tuning.table import Found, TuneTable
+from neuro.sweeps.tuning.table import FoundTrial, TuneTable
 
 PAGE = sealed("a page of 'neuro tune'", '<meta name="generator" content="neuro tune">', "<!-- digest {} -->")
 MOST_BEST = 50
@@ -65,7 +65,7 @@ def _head(found: TuneTable, said: Mapping[str, Any]) -> Html:
     return tag("header", tag("h1", found.name), tag("p", lead, class_="lead"))
 
 
-def _cards(found: TuneTable, trials: Sequence[Found]) -> Iterator[Html]:
+def _cards(found: TuneTable, trials: Sequence[FoundTrial]) -> Iterator[Html]:
     counts = found.counts()
     under_way = sum(each.outcome == "under way" for each in trials)
     yield card("done", f"{counts['done']:,}", f"of {many(found.plan.most, 'trial')}")
@@ -88,7 +88,7 @@ def _best(found: TuneTable) -> Iterator[Html]:
     yield table([f">{name}" for name in names], body[:MOST_BEST], more)
 
 
-def _pictures(found: TuneTable, trials: Sequence[Found]) -> Iterator[Html]:
+def _pictures(found: TuneTable, trials: Sequence[FoundTrial]) -> Iterator[Html]:
     done = [trial for trial in trials if trial.values is not None]
     if not done:
         yield tag("p", "No trial is done yet.")
@@ -147,7 +147,7 @@ def _tick(value: float, name: str) -> str:
     return f"{value:.0f}" if name == "trial" else f"{value:.3g}"
 
 
-def _failures(found: TuneTable, trials: Sequence[Found], outcomes: Mapping[str, Any]) -> Iterator[Html]:
+def _failures(found: TuneTable, trials: Sequence[FoundTrial], outcomes: Mapping[str, Any]) -> Iterator[Html]:
     failed = reasons(outcomes)
     judged = [trial for trial in trials if trial.has_no_value and trial.error]
     if not failed and not judged:

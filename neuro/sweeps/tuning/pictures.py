@@ -15,7 +15,7 @@ from neuro.plots._canvas import Picture, colours, tidy
 from neuro.sweeps.pictures import pictures as of_runs
 from neuro.sweeps.tuning.journal import optuna, quietly, trials_of
 from neuro.sweeps.tuning.objectives import MAXIMISE, so_far
-from neuro.sweeps.tuning.table import Found, TuneTable
+from neuro.sweeps.tuning.table import FoundTrial, TuneTable
 
 KINDS = ("history", "front", "importance", "parallel")
 _COLOURS = list(islice(colours(), 8))
@@ -66,7 +66,7 @@ def _figure(table: TuneTable, rows: int = 1) -> tuple[Figure, list[Any]]:
     return figure, axes
 
 
-def _history(table: TuneTable, done: Sequence[Found]) -> Figure:
+def _history(table: TuneTable, done: Sequence[FoundTrial]) -> Figure:
     """Each trial's value, and the best so far."""
     figure, axes = _figure(table, len(table.plan.objectives))
     numbers = [trial.number for trial in done]
@@ -82,7 +82,7 @@ def _history(table: TuneTable, done: Sequence[Found]) -> Figure:
     return figure
 
 
-def _front(table: TuneTable, done: Sequence[Found]) -> Figure:
+def _front(table: TuneTable, done: Sequence[FoundTrial]) -> Figure:
     """Two objectives against each other, and the trials that no other beats, joined in steps."""
     figure, (axis,) = _figure(table)
     (x_name, _), (y_name, y_way) = _pair(table)
@@ -117,7 +117,7 @@ def _tests(table: TuneTable, x_name: str, y_name: str) -> list[tuple[float, floa
     return [(x, y) for x, y in found if x is not None and y is not None]
 
 
-def _importance(table: TuneTable, done: Sequence[Found]) -> Figure:
+def _importance(table: TuneTable, done: Sequence[FoundTrial]) -> Figure:
     """A bar for each parameter and objective."""
     figure, (axis,) = _figure(table)
     found = {name: importance(table, name) for name in table.plan.objectives}
@@ -134,7 +134,7 @@ def _importance(table: TuneTable, done: Sequence[Found]) -> Figure:
     return figure
 
 
-def _column(trials: Sequence[Found], k: int) -> Any:
+def _column(trials: Sequence[FoundTrial], k: int) -> Any:
     return np.array([trial.values[k] for trial in trials if trial.values], float)
 
 

@@ -12,7 +12,7 @@ from typing import Any
 from neuro.core.errors import ModelError, unknown, words_of
 from neuro.core.measures import in_ms
 from neuro.core.values import shown
-from neuro.sweeps.definition import Item, key_of
+from neuro.sweeps.definition import RunItem, key_of
 from neuro.sweeps.space import Axis, Point, axes, seeds_of
 from neuro.sweeps.tuning.objectives import objectives_of
 
@@ -27,7 +27,7 @@ _LEAST = {"startup_trials": 0, "warmup_steps": 0, "min_steps": 1, "max_steps": 1
 
 
 @dataclass(frozen=True, slots=True)
-class Plan:
+class SearchPlan:
     """How a search goes.
 
     Attributes:
@@ -85,7 +85,7 @@ class Plan:
         }
 
     @classmethod
-    def of(cls, told: Mapping[str, Any]) -> Plan:
+    def of(cls, told: Mapping[str, Any]) -> SearchPlan:
         """What `told` has written."""
         space = tuple(
             Axis(name, **{**words, "values": tuple(words["values"])}) for name, words in told["parameters"].items()
@@ -93,7 +93,7 @@ class Plan:
         rest = {word: told[word] for word in ("objectives", "trials", "sampler", "draw", "folds", "prune")}
         return cls(space, seeds=tuple(told["seeds"]), **rest)
 
-    def items(self, before: str, point: Point, trial: int | None = None) -> tuple[Item, ...]:
+    def items(self, before: str, point: Point, trial: int | None = None) -> tuple[RunItem, ...]:
         """The runs of a trial: for each fold all seeds.
 
         Args:
@@ -103,14 +103,14 @@ class Plan:
         """
         return self._items(before, point, range(self.folds), trial if self.runs == 1 else None)
 
-    def tests(self, before: str, point: Point) -> tuple[Item, ...]:
+    def tests(self, before: str, point: Point) -> tuple[RunItem, ...]:
         """The runs of a point on what is held out from all folds: `fold` is none."""
         return self._items(before, point, (None,), None)
 
-    def _items(self, before: str, point: Point, folds: Sequence[int | None], trial: int | None) -> tuple[Item, ...]:
+    def _items(self, before: str, point: Point, folds: Sequence[int | None], trial: int | None) -> tuple[RunItem, ...]:
         points = [{**point, "fold": fold, "folds": self.folds} for fold in folds] if self.folds else [point]
         pairs = [(each, seed) for each in points for seed in self.seeds or (None,)]
-        return tuple(Item(key_of(before, each, seed), each, seed, trial) for each, seed in pairs)
+        return tuple(RunItem(key_of(before, each, seed), each, seed, trial) for each, seed in pairs)
 
 
 def plan_of(
@@ -122,7 +122,7 @@ def plan_of(
     seeds: int | Sequence[int] | None = None,
     folds: Any = None,
     prune: Any = None,
-) -> Plan:
+) -> SearchPlan:
     """A checked plan; the arguments are those of `neuro.tune`.
 
     Raises:
@@ -137,7 +137,7 @@ def plan_of(
         raise ModelError("the space is empty: expected parameters with values")
     for axis in space:
         _check_axis(axis, chosen)
-    return Plan(
+    return SearchPlan(
         space,
         aims,
         _whole("trials", trials, 1, MOST_TRIALS),

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 from neuro.sweeps.folder import Folder
 from neuro.sweeps.steps import Worse
 from neuro.sweeps.tuning.journal import Aside, optuna, quietly, study_of
-from neuro.sweeps.tuning.plan import Plan
+from neuro.sweeps.tuning.plan import SearchPlan
 
 if TYPE_CHECKING:
     from optuna.pruners import BasePruner
@@ -43,7 +43,7 @@ class Pruner:
     """
 
     def __init__(self, folder: Folder) -> None:
-        plan = Plan.of(folder.read()["plan"])
+        plan = SearchPlan.of(folder.read()["plan"])
         self._prune = plan.prune
         self._study = study_of(folder, tuple(plan.objectives.values()))
 

@@ -15,7 +15,7 @@ import numpy as np
 
 from neuro.sweeps.space import Axis, Point
 from neuro.sweeps.tuning.journal import Aside, optuna, quietly
-from neuro.sweeps.tuning.plan import Plan
+from neuro.sweeps.tuning.plan import SearchPlan
 
 if TYPE_CHECKING:
     from optuna.samplers import BaseSampler
@@ -26,7 +26,7 @@ POPULATION = 16
 """Of NSGA-II: so many trials are drawn at random before the first is bred."""
 
 
-def sampler_of(plan: Plan, number: int) -> BaseSampler:
+def sampler_of(plan: SearchPlan, number: int) -> BaseSampler:
     """The sampler that is asked for one trial.
 
     Sources: Bergstra et al., NeurIPS 2011 (TPE); Ozaki et al., JAIR 73:1209, 2022 (TPE of several objectives);
@@ -62,7 +62,7 @@ def _nsga2(seed: int) -> BaseSampler:
     return InOrder(seed=seed, population_size=POPULATION)
 
 
-def draw(study: Study, plan: Plan, number: int) -> Point:
+def draw(study: Study, plan: SearchPlan, number: int) -> Point:
     """Let the trial of a number have all parameters.
 
     Args:
@@ -94,7 +94,7 @@ def read(axis: Axis, value: Any) -> Any:
     return next((one for one in axis.listed if _choice(one) == value), value) if axis.values else value
 
 
-def point_of(plan: Plan, params: Mapping[str, Any]) -> Point:
+def point_of(plan: SearchPlan, params: Mapping[str, Any]) -> Point:
     """The values of those parameters that a trial of the journal has."""
     return {axis.name: read(axis, params[axis.name]) for axis in plan.axes if axis.name in params}
 

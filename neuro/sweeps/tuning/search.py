@@ -32,7 +32,7 @@ from neuro.sweeps.folder import Folder
 from neuro.sweeps.function import function_run
 from neuro.sweeps.metrics import METRICS
 from neuro.sweeps.network import NetworkRun
-from neuro.sweeps.tuning.plan import Plan, plan_of
+from neuro.sweeps.tuning.plan import SearchPlan, plan_of
 
 _PLAN = ("parameters", "objectives", "trials", "sampler", "draw", "seeds", "folds", "prune")
 WORDS = (*OF_ALL, *_PLAN)
@@ -51,7 +51,7 @@ class Search:
 
     name: str
     run: Run
-    plan: Plan
+    plan: SearchPlan
     limits: Limits = Limits()
 
     @cached_property
@@ -98,7 +98,7 @@ def load_search(path: Path) -> Search:
     return search
 
 
-def python_search(function: Any, plan: Plan, limits: Limits, set: Mapping[str, Any] | None, here: bool) -> Search:
+def python_search(function: Any, plan: SearchPlan, limits: Limits, set: Mapping[str, Any] | None, here: bool) -> Search:
     """A search over a function.
 
     Raises:
@@ -127,7 +127,7 @@ def search_of(folder: Folder) -> Search:
     run = run_of(told["what"])
     run.check_inputs()
     limits = Limits(told["limits"]["seconds"], told["limits"]["bytes"])
-    return Search(told["name"], run, Plan.of(told["plan"]), limits)
+    return Search(told["name"], run, SearchPlan.of(told["plan"]), limits)
 
 
 def check_search(search: Search) -> None:
@@ -146,7 +146,7 @@ def check_search(search: Search) -> None:
         search.run.check(point, bool(plan.seeds))
 
 
-def _plan(said: Mapping[str, Node], given: Mapping[str, Any]) -> Plan:
+def _plan(said: Mapping[str, Node], given: Mapping[str, Any]) -> SearchPlan:
     values = {word: given[word] for word in _PLAN if word in given}
     try:
         return plan_of(**values)
@@ -155,7 +155,7 @@ def _plan(said: Mapping[str, Node], given: Mapping[str, Any]) -> Plan:
         raise error.at(node.where) from None
 
 
-def _metrics(given: Any, plan: Plan) -> Any:
+def _metrics(given: Any, plan: SearchPlan) -> Any:
     """What is kept of a network: also the objectives, but those that a registered function may bring."""
     many = [given] if isinstance(given, str) else given
     if not isinstance(many, list):
@@ -167,7 +167,7 @@ def _metrics(given: Any, plan: Plan) -> Any:
     ]
 
 
-def _reporting(run: NetworkRun, plan: Plan, said: Mapping[str, Node]) -> NetworkRun:
+def _reporting(run: NetworkRun, plan: SearchPlan, said: Mapping[str, Node]) -> NetworkRun:
     """With the times at which a run that may be pruned tells its objective."""
     if not plan.prune:
         return run

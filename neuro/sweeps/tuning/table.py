@@ -14,15 +14,15 @@ import numpy as np
 from neuro.core.errors import ModelError
 from neuro.core.outputs import marked
 from neuro.core.paths import file_path
-from neuro.sweeps.definition import Item
-from neuro.sweeps.folder import PRUNED, TUNING, Folder, Outcome
-from neuro.sweeps.rows import Rows
+from neuro.sweeps.definition import RunItem
+from neuro.sweeps.folder import PRUNED, TUNING, Folder, RunOutcome
+from neuro.sweeps.rows import RunRows
 from neuro.sweeps.space import Point
 from neuro.sweeps.table import SweepTable
 from neuro.sweeps.tuning.asking import counted
 from neuro.sweeps.tuning.journal import trials_of
 from neuro.sweeps.tuning.objectives import Floats, front, mean_metrics, worth
-from neuro.sweeps.tuning.plan import Plan
+from neuro.sweeps.tuning.plan import SearchPlan
 from neuro.sweeps.tuning.sampling import point_of
 
 UNDER_WAY = "under way"
@@ -30,7 +30,7 @@ _OUTCOMES = {"COMPLETE": "done", "FAIL": "failed", "PRUNED": PRUNED}
 
 
 @dataclass(frozen=True, slots=True)
-class Found:
+class FoundTrial:
     """One trial.
 
     Attributes:
@@ -47,7 +47,7 @@ class Found:
     number: int
     outcome: str
     point: Point
-    items: tuple[Item, ...]
+    items: tuple[RunItem, ...]
     metrics: Mapping[str, Any]
     values: tuple[float, ...] | None
     error: str
@@ -55,7 +55,7 @@ class Found:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class TuneTable(Rows):
+class TuneTable(RunRows):
     """A row for each trial of a search; it is read from the folder each time, so it fills while others work.
 
     Columns are trial, outcome, the parameters, the metrics as means over the runs of the trial, `test.METRIC` where
@@ -73,10 +73,10 @@ class TuneTable(Rows):
 
     path: Path
     name: str
-    plan: Plan
+    plan: SearchPlan
     before: str
 
-    def trials(self) -> list[Found]:
+    def trials(self) -> list[FoundTrial]:
         """All trials.
 
         Raises:
@@ -91,7 +91,7 @@ class TuneTable(Rows):
             found.append(self._found(trial, each, outcomes))
         return found
 
-    def _found(self, trial: Any, items: tuple[Item, ...], outcomes: list[Outcome]) -> Found:
+    def _found(self, trial: Any, items: tuple[RunItem, ...], outcomes: list[RunOutcome]) -> FoundTrial:
         state = _OUTCOMES.get(trial.state.name, UNDER_WAY)
         metrics = mean_metrics([one.metrics for one in outcomes]) if len(outcomes) == len(items) else {}
         error = next((one.error for one in outcomes if one.failed), "")
@@ -102,11 +102,11 @@ class TuneTable(Rows):
             except ModelError as mistake:
                 error = str(mistake)
         values = tuple(trial.values) if state == "done" else None
-        return Found(
+        return FoundTrial(
             trial.number, state, point_of(self.plan, trial.params), items, metrics, values, error, has_no_value
         )
 
-    def best(self) -> list[Found]:
+    def best(self) -> list[FoundTrial]:
         """The trials that no other beats, by the first objective: the best one, or the front of several objectives.
 
         Of several with the same values the first.
@@ -146,7 +146,7 @@ class TuneTable(Rows):
                 row["seconds"] = sum(one.seconds for one in there.values())
             yield {**row, "best": trial.values in best if trial.values else False, "error": trial.error}
 
-    def _kept(self, trials: list[Found]) -> list[Found]:
+    def _kept(self, trials: list[FoundTrial]) -> list[FoundTrial]:
         done = [trial for trial in trials if trial.values is not None]
         kept = front(_values(done, self.plan), tuple(self.plan.objectives.values()))
         return [trial for trial, stays in zip(done, kept, strict=True) if stays]
@@ -193,12 +193,12 @@ def tune_table_of(path: str | PathLike[str]) -> TuneTable:
     folder = file_path(path, "path")
     told = Folder(folder, TUNING).read()
     try:
-        return TuneTable(folder, told["name"], Plan.of(told["plan"]), told["before"])
+        return TuneTable(folder, told["name"], SearchPlan.of(told["plan"]), told["before"])
     except (KeyError, TypeError, ValueError, AttributeError):
         raise ModelError(f"{folder / TUNING.file}: damaged: expected what 'neuro tune run' wrote") from None
 
 
-def _values(trials: list[Found], plan: Plan) -> Floats:
+def _values(trials: list[FoundTrial], plan: SearchPlan) -> Floats:
     return np.array([trial.values for trial in trials], float).reshape(-1, len(plan.objectives))
 
 
