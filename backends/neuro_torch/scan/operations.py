@@ -21,7 +21,7 @@ Fire = Callable[[Tensor, ScanTask], Tensor]
 """Spikes from x = (V_m - V_th) / (V_th - V_reset)."""
 
 
-class ListedSpikes(NamedTuple):
+class SpikeLists(NamedTuple):
     """Spikes of a batch: the recording, the step and the neuron of each."""
 
     recording: Tensor
@@ -29,21 +29,21 @@ class ListedSpikes(NamedTuple):
     neuron: Tensor
 
 
-def listed(train: Train, task: ScanTask) -> ListedSpikes:
+def listed(train: Train, task: ScanTask) -> SpikeLists:
     """The spikes of a population of inputs, where they are to be used."""
     recording = torch.repeat_interleave(torch.arange(task.batch), torch.from_numpy(train.ends).diff())
     parts = (recording, torch.from_numpy(train.step).long(), torch.from_numpy(train.neuron).long())
-    return ListedSpikes(*(part.to(task.device) for part in parts))
+    return SpikeLists(*(part.to(task.device) for part in parts))
 
 
-def drive(part: Synapses, spikes: Tensor | ListedSpikes, weight: Tensor, task: ScanTask) -> Tensor:
+def drive(part: Synapses, spikes: Tensor | SpikeLists, weight: Tensor, task: ScanTask) -> Tensor:
     """The input that spikes bring along a projection, (batch, steps, targets)."""
     nothing = torch.zeros(task.batch, task.steps, part.sizes[1], dtype=task.dtype, device=task.device)
     out = joined(nothing, [weight])
     for delay, matrix in matrices(part, weight).items():
         if delay >= task.steps:
             continue
-        if isinstance(spikes, ListedSpikes):
+        if isinstance(spikes, SpikeLists):
             inside = spikes.step + delay < task.steps
             place = (spikes.recording * task.steps + spikes.step + delay)[inside]
             out = out.flatten(0, 1).index_add(0, place, matrix[spikes.neuron[inside]]).view(out.shape)
