@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping, Sequence
+from functools import partial
+from math import cos, exp, isfinite, radians, sin, sqrt
+from operator import index
 from pathlib import Path
 from typing import Any
 
@@ -13,20 +16,19 @@ import numpy.typing as npt
 from neuro import ModelError
 from neuro.apps import kernel, unknown
 from neuro.events import Events
-from neuro_drone.actions import ACTIONS, model
 from neuro_drone.ball import BallTask
 from neuro_drone.body import Body
 from neuro_drone.bullet import body_of
 from neuro_drone.eye import Eye
 from neuro_drone.geometry import CameraView
 from neuro_drone.line import LineTask
+from neuro_drone.parts import Load, Wind
 from neuro_drone.paths import FIXED, Variation
 from neuro_drone.scenario import Ball, Scenario, errors, load
 from neuro_drone.scene import WorldScene
 from neuro_drone.tasks import Judged, Task
-from neuro_drone.weather import Weather
 
-__all__ = ["ACTIONS", "DroneEnv"]
+__all__ = ["ACTIONS", "SPACE", "DroneEnv", "Weather", "continuous", "discrete", "model"]
 
 CELLS = 8
 OBSERVATIONS = ("counts", "binary", "frame", "normalised")
@@ -42,7 +44,7 @@ class DroneEnv(gymnasium.Env[npt.NDArray[Any], Any]):
             pixel's last event: 255 brighter, 0 darker, 128 none), or normalised (a vector of 64 floats from 0 to 1: the
             events of each cell, row by row, as a share of those of the cell with most).
         actions: continuous (two numbers in [-1, 1], three where the drone climbs) or discrete (one of nine, see
-            `neuro_drone.actions.ACTIONS`, or of the eleven of `SPACE`).
+            `neuro_drone.env.ACTIONS`, or of the eleven of `SPACE`).
         render_mode: rgb_array or None.
         **changes: of the scenario, see `neuro_drone.scenario.load`.
 
@@ -237,3 +239,122 @@ def count(x: npt.NDArray[Any], y: npt.NDArray[Any], shift: int, out: npt.NDArray
     """Add the events at x, y (uint16, px) to out[y >> shift, x >> shift] (int64)."""
     for k in range(x.shape[0]):
         out[y[k] >> shift, x[k] >> shift] += 1
+
+
+ACTIONS = (
+    (-1.0, 0.0), (1.0, 0.0), (0.0, -1.0), (0.0, 1.0), (1.0, -1.0), (-1.0, -1.0), (1.0, 1.0), (-1.0, 1.0), (0.0, 0.0),
+)  # fmt: skip
+"""Left, right, forward, backwards, northeast, northwest, southeast, southwest, nothing; forward is up the picture.
+
+For the line "forward" (north) is turn left and "backwards" (south) turn right. Source: thesis, section 7.3.5.
+"""
+
+SPACE = (*((a, b, 0.0) for a, b in ACTIONS), (0.0, 0.0, 1.0), (0.0, 0.0, -1.0))
+"""The same of three axes, and then up and down."""
+
+COUNTS = {2: "two", 3: "three"}
+Commands = tuple[float, ...]
+
+
+def continuous(action: Any, axes: int = 2) -> Commands:
+    """A number an axis; what is beyond [-1, 1] is taken for the nearest of its ends, as a motor does.
+
+    Raises:
+        ModelError: not so many finite numbers.
+    """
+    try:
+        said = [float(one) for one in (action.tolist() if isinstance(action, np.ndarray) else action)]
+    except (TypeError, ValueError):
+        said = []
+    if len(said) != axes or not all(map(isfinite, said)):
+        shown = f"[{', '.join(f'{one:g}' for one in said)}]" if len(said) == axes else _shown(action)
+        raise ModelError(f"action {shown}: expected {COUNTS[axes]} numbers in [-1, 1]")
+    return tuple([max(-1.0, min(1.0, one)) for one in said])
+
+
+def discrete(action: Any, axes: int = 2) -> Commands:
+    """One of the nine, of three axes of eleven.
+
+    Raises:
+        ModelError: not a whole number from 0 to 8, or 10.
+    """
+    known: Sequence[Commands] = ACTIONS if axes == 2 else SPACE
+    try:
+        number = index(action)
+    except TypeError:
+        number = -1
+    if not 0 <= number < len(known):
+        raise ModelError(f"action {_shown(action)}: expected a whole number from 0 to {len(known) - 1}")
+    return known[number]
+
+
+def model(kind: str, axes: int = 2) -> tuple[gymnasium.Space[Any], Callable[[Any], Commands]]:
+    """The space of actions of a kind, continuous or discrete, and what turns one into commands.
+
+    Args:
+        kind: continuous or discrete.
+        axes: 2, or 3 of a drone that also climbs.
+    """
+    if kind == "continuous":
+        return gymnasium.spaces.Box(-1.0, 1.0, (axes,), np.float32), partial(continuous, axes=axes)
+    return gymnasium.spaces.Discrete(len(ACTIONS if axes == 2 else SPACE)), partial(discrete, axes=axes)
+
+
+def _shown(action: Any) -> str:
+    shape = getattr(action, "shape", ())
+    return f"of shape {list(shape)}" if shape else repr(action)
+
+
+ROUNDING = 1e-6
+"""s; a sum of steps may be a little less than the time that is meant."""
+
+
+class Weather:
+    """Wind with gusts, and a load that is taken up.
+
+    Gusts on each axis are an Ornstein-Uhlenbeck process, solved exactly, so that their spread does not depend on how
+    time is cut.
+
+    Args:
+        wind: of the scenario.
+        load: of the scenario.
+
+    Attributes:
+        still: whether nothing ever changes.
+        wind: x and y in the world, m/s, of the step that was begun last.
+        load: kg, of that step.
+    """
+
+    def __init__(self, wind: Wind, load: Load) -> None:
+        self._wind, self._load = wind, load
+        self.still = not (wind.speed or wind.gust or load.mass)
+        self.reset(0)
+
+    def reset(self, seed: int) -> None:
+        """An episode begins.
+
+        Args:
+            seed: of the gusts.
+        """
+        self._rng = np.random.default_rng([seed, 3])
+        self._time = 0.0
+        self._gust = (0.0, 0.0)
+        self.wind, self.load = (0.0, 0.0), 0.0
+
+    def step(self, seconds: float) -> None:
+        """Let time pass: `wind` and `load` are then those of this time, as at its beginning."""
+        wind, load = self._wind, self._load
+        now = self._time + ROUNDING
+        self.load = load.mass if now >= load.since else 0.0
+        if (wind.speed or wind.gust) and now >= wind.since:
+            self._blow(seconds)
+        self._time += seconds
+
+    def _blow(self, seconds: float) -> None:
+        wind, (x, y) = self._wind, self._gust
+        if wind.gust:
+            kept = exp(-seconds / wind.gust_time)
+            fresh = self._rng.normal(0.0, wind.gust * sqrt(1.0 - kept * kept), 2).tolist()
+            x, y = self._gust = (kept * x + fresh[0], kept * y + fresh[1])
+        way = radians(wind.towards + wind.turning * (self._time - wind.since))
+        self.wind = (wind.speed * cos(way) + x, wind.speed * sin(way) + y)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator
 from typing import Any, TypeAlias
 
@@ -10,12 +11,11 @@ from numpy.typing import NDArray
 
 from neuro.compiler.connect import Apart, Connections
 from neuro.compiler.drawn import BLOCK, blocks
-from neuro.compiler.minimum_delay import check_distribution, check_values
 from neuro.core.clock import Clock
 from neuro.core.errors import ModelError, words_of
 from neuro.core.keyed_random import generator
 from neuro.core.values import plain
-from neuro.model.distributions import Distribution
+from neuro.model.distributions import Distribution, lognormal, normal, uniform
 from neuro.model.space import Profile, of_distance
 from neuro.program.program import Floats
 
@@ -202,3 +202,74 @@ def one_delay(value: Any, clock: Clock, what: str) -> NDArray[np.int64]:
 
 def _one_of(shapes: set[tuple[int, ...]]) -> str:
     return " or ".join(str(list(s)) for s in sorted(shapes, key=len, reverse=True))
+
+
+_SLACK = 1e-9
+"""Steps below 0 that a function of distance may be by rounding."""
+
+
+def check_distribution(value: Distribution | of_distance, clock: Clock, what: str) -> None:
+    """What the bounds of a distribution tell before it is drawn.
+
+    Raises:
+        ModelError: its values lie below 0, or its middle below one step.
+    """
+    match value:
+        case uniform():
+            if value.low < 0.0:
+                hint = f"low: {clock.resolution:g} is one step"
+                raise ModelError(
+                    f"{what}: uniform.low = {value.low:g} ms: expected at least 0 ms", hint=hint, path=words_of(what)
+                )
+            if _none(value.high, clock):
+                hint = "a finer resolution has shorter steps"
+                message = f"{what}: uniform.high = {value.high:g} ms: {_expected(clock)}"
+                raise ModelError(message, hint=hint, path=words_of(what))
+        case normal() | lognormal():
+            centre = value.mean if isinstance(value, normal) else math.exp(min(value.mean, 700.0))
+            middle = min(max(centre, value.low), value.high)
+            if _none(middle, clock):
+                hint = f"only its tail is cut; raise {value.name}.mean, or set {value.name}.low"
+                message = f"{what}: the middle of the {value.name} is {middle:.3g} ms: {_expected(clock)}"
+                raise ModelError(message, hint=hint, path=words_of(what))
+
+
+def check_values(
+    value: Distribution | of_distance, delays: Floats, found: Connections, clock: Clock, what: str
+) -> None:
+    """What the values tell, of those that have no tail.
+
+    Args:
+        value: what they follow from.
+        delays: of each synapse, in ms.
+        found: the synapses.
+        clock: of the network.
+        what: their name in messages.
+
+    Raises:
+        ModelError: one lies below 0, or all below one step.
+    """
+    # Judged before they were drawn: a tail below one step is rounded up to it.
+    if isinstance(value, (uniform, normal, lognormal)) or not delays.size:
+        return
+    function = isinstance(value, of_distance)
+    first = int(delays.argmin())
+    if delays[first] < -_SLACK * clock.resolution:
+        first = int((delays < -_SLACK * clock.resolution).argmax())
+        pre, post = found.ends(first)
+        hint = "the function of distance is below 0 there: raise c" if function else "'sample' must give at least 0"
+        message = f"{what} of synapse {pre} -> {post} = {delays[first]:.4g} ms: expected at least 0 ms"
+        raise ModelError(message, hint=hint, path=words_of(what))
+    if _none(float(delays.max()), clock):
+        hint = "the function of distance is too small: raise c" if function else ""
+        message = f"{what}: the largest of {delays.size} is {delays.max():.3g} ms"
+        raise ModelError(f"{message}: {_expected(clock)}", hint=hint, path=words_of(what))
+
+
+def _none(delay: float, clock: Clock) -> bool:
+    """Whether a delay rounds to no step."""
+    return bool(np.rint(delay / clock.resolution) < 1)
+
+
+def _expected(clock: Clock) -> str:
+    return f"expected at least one step, {clock.resolution:g} ms"

@@ -10,9 +10,8 @@ import neuro
 from neuro.chips.loihi.learning import COARSE_UPDATE, SMALLEST_UPDATE, fading, nearest_fit, rule_of
 from neuro.core.errors import ModelError
 from neuro.model.synapses import r_stdp, stdp, stdp_dopa
-from neuro.model.synapses.loihi_learning import loihi_learning
+from neuro.model.synapses.loihi_learning import loihi_learning, parse
 from neuro.model.synapses.loihi_rule import FACTORS, WIDTHS, Factor, LearningRule, Term, Trace, text
-from neuro.model.synapses.loihi_rule_text import parse
 from neuro_chip.plastic import Plastic
 
 TRACES = {"x1_impulse": 20, "x1_tau": 10, "y1_impulse": 20, "y1_tau": 10}

@@ -12,8 +12,7 @@ from gymnasium.utils.env_checker import check_env
 
 import neuro_drone  # noqa: F401  (registers the environment)
 from neuro import ModelError
-from neuro_drone.actions import ACTIONS
-from neuro_drone.env import DroneEnv
+from neuro_drone.env import ACTIONS, DroneEnv
 from neuro_drone.scenario import load
 
 KINDS = [(o, a) for o in ("counts", "binary", "frame", "normalised") for a in ("continuous", "discrete")]

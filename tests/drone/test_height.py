@@ -7,12 +7,11 @@ import pytest
 from hypothesis import given, strategies as st
 
 from neuro import ModelError
-from neuro_drone.actions import ACTIONS
 from neuro_drone.body import GRAVITY, Kinematic
 from neuro_drone.bullet import Bullet
 from neuro_drone.controllers import make
 from neuro_drone.controllers.fields import pattern
-from neuro_drone.env import DroneEnv
+from neuro_drone.env import ACTIONS, DroneEnv
 from neuro_drone.evaluate import Start, begin, fly_lap, grid, try_out
 from neuro_drone.geometry import CameraView, Pose
 from neuro_drone.parts import MASS

@@ -9,10 +9,9 @@ from hypothesis import given, strategies as st
 from neuro import ModelError
 from neuro_drone.body import GRAVITY, Kinematic
 from neuro_drone.bullet import HEIGHT_GAINS, Bullet
-from neuro_drone.env import DroneEnv
+from neuro_drone.env import DroneEnv, Weather
 from neuro_drone.parts import MASS
 from neuro_drone.scenario import Drone, Load, Wind, load
-from neuro_drone.weather import Weather
 
 
 def blown(wind, steps, seconds, seed=0):

@@ -8,7 +8,7 @@ import pytest
 import yaml
 
 import neuro
-from neuro.model.equations.exponential import change
+from neuro.model.equations.exact import change
 from neuro.model.neurons.propagators import from_alpha, from_constant, from_exponential
 from neuro.testing import check_part
 

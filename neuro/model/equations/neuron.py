@@ -28,7 +28,7 @@ _CLASSES: dict[str, type[EquationNeuron]] = {}
 _HEAD = f"""\
 import math
 
-from neuro.model.equations.exponential import change, lasting, positive, relaxed
+from neuro.model.equations.exact import change, lasting, positive, relaxed
 from neuro.model.equations.functions import {", ".join(PUBLIC)}
 """
 

@@ -5,18 +5,26 @@ from __future__ import annotations
 import json
 import math
 import re
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from contextlib import ExitStack, contextmanager
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+from numpy.typing import NDArray
+
+from neuro.core.choice import Choice
 from neuro.core.errors import ModelError, Where
 from neuro.core.hdf5 import has_format, new_file
 from neuro.core.outputs import Kind, Unwritable, output, sealed
 from neuro.core.paths import file_path
-from neuro.model.language.describe import Arrays, describe
+from neuro.core.values import FromFile, same
+from neuro.model.equations import EquationNeuron, EquationSynapse
 from neuro.model.language.reader import scalar
-from neuro.model.parts import Description
+from neuro.model.language.sources import VERSION
+from neuro.model.parts import Description, Population, Probe, Projection
+from neuro.model.space import of_distance
+from neuro.model.views import View
 
 WIDTH = 110
 ENDINGS = (".yaml", ".yml")
@@ -124,3 +132,184 @@ def _write_arrays(path: Path, arrays: Arrays) -> None:
         file.attrs["format"] = _ARRAYS
         for key, array in arrays.kept.items():
             file.create_dataset(key, data=array, track_times=False)
+
+
+LARGEST_INLINE = 64
+NAMED = ("distribution", "code", "profile", "mask")
+"""Kinds of choices that are values, said by their name."""
+
+
+class Arrays:
+    """What a text cannot hold: arrays that are too large, each replaced by `{file, key}`, and recordings.
+
+    Args:
+        file: the name of the file that takes the arrays.
+        folder: the folder of the text, in or below which recordings must lie; None: the text names them as they were
+            named, and stands for the network only where it was.
+    """
+
+    def __init__(self, file: str, folder: Path | None = None) -> None:
+        self.file, self._folder = file, folder
+        self.kept: dict[str, NDArray[Any]] = {}
+
+    def keep(self, key: str, array: NDArray[Any]) -> dict[str, str]:
+        """Put an array aside."""
+        self.kept[key] = array
+        return {"file": self.file, "key": key}
+
+    def recording(self, path: Path, key: str) -> str:
+        """The name of a recording in the text.
+
+        Raises:
+            ModelError: it lies elsewhere than in the folder of the text.
+        """
+        if self._folder is None:
+            return path.as_posix()
+        folder = self._folder.resolve()
+        if not path.resolve().is_relative_to(folder):
+            message = f"{key} = {str(path)!r}: expected a file in the folder of the description, or below"
+            raise ModelError(message, hint=f"copy it to {self._folder}, or save the network beside it")
+        return path.resolve().relative_to(folder).as_posix()
+
+    def events(self, key: str) -> None:
+        """What stands for events of a program: nothing, where the text need not stand for the network.
+
+        Raises:
+            ModelError: it must.
+        """
+        if self._folder is not None:
+            raise ModelError(
+                f"{key} = events of a program: expected a file", hint="neuro.events.save(events, 'walk.h5') makes one"
+            )
+
+
+def describe(net: Description, arrays: Arrays) -> dict[str, Any]:
+    """All sections of a network; a parameter that has its default is left out.
+
+    Args:
+        net: the network.
+        arrays: takes the large ones.
+    """
+    sections: dict[str, Any] = {"neuro": VERSION, "name": net.name, "resolution": net.resolution}
+    sections["models"] = _models(net)
+    sections["populations"] = {
+        p.name: {
+            "model": _choice(p.model, arrays, f"{p.name}.model"),
+            "shape": list(p.shape),
+            **_values(_space(p), arrays, p.name),
+            **({"initial": _values(p.initial, arrays, f"{p.name}.initial")} if p.initial else {}),
+        }
+        for p in net.populations.values()
+    }
+    sections["projections"] = {
+        p.name: {
+            "from": _neurons(p.source, p.source_view, arrays, f"{p.name}.from"),
+            "to": _neurons(p.target, p.target_view, arrays, f"{p.name}.to"),
+            "rule": _choice(p.rule, arrays, f"{p.name}.rule"),
+            **_values({"weight": p.weight, "delay": p.delay}, arrays, p.name),
+            "synapse": _choice(p.synapse, arrays, f"{p.name}.synapse"),
+        }
+        for p in net.projections.values()
+    }
+    sections["signals"] = {s.name: {"to": s.to} for s in net.signals.values()}
+    sections["groups"] = {g.name: _choice(g.choice, arrays, g.name) for g in net.groups.values()}
+    if net.trials_section is not None:
+        sections["trials"] = _parameters(net.trials_section, arrays, "trials")
+    sections["probes"] = {p.name: _probe(p, arrays) for p in net.probes.values()}
+    return {word: section for word, section in sections.items() if section != {}}
+
+
+def _probe(probe: Probe, arrays: Arrays) -> dict[str, Any]:
+    record = probe.record if isinstance(probe.record, str) else list(probe.record)
+    rest = {word: getattr(probe, word) for word in ("every", "at", "mean", "synapses")}
+    said = {word: value for word, value in rest.items() if value is not None and value is not False}
+    of = _neurons(probe.of, probe.view, arrays, f"{probe.name}.of")
+    ends = {
+        word: _neurons(view.population.name, view, arrays, f"{probe.name}.{word}")
+        for word, view in (("pre", probe.pre), ("post", probe.post))
+        if view is not None
+    }
+    return {"of": of, "record": record, **_values(said, arrays, probe.name), **ends}
+
+
+def _neurons(population: str, view: View | None, arrays: Arrays, key: str) -> Any:
+    return population if view is None else {population: _value(view.written(), arrays, key)}
+
+
+def _space(part: Population) -> dict[str, Any]:
+    """The words of a population's places."""
+    said = {"positions": part.positions, "extent": part.extent, "periodic": part.periodic or None}
+    return {word: value for word, value in said.items() if value is not None}
+
+
+def _models(net: Description) -> dict[str, Any]:
+    """The models in equations that the network has.
+
+    Raises:
+        ModelError: two of them have one name.
+    """
+    found: dict[str, Any] = {}
+    parts: list[tuple[Population | Projection, type[Choice]]] = [(p, type(p.model)) for p in net.populations.values()]
+    parts += [(p, type(p.synapse)) for p in net.projections.values()]
+    for part, model in parts:
+        if issubclass(model, EquationNeuron | EquationSynapse) and found.setdefault(model.called(), model) is not model:
+            raise ModelError(
+                f"{part.word} '{part.name}': another model of the network is called '{model.called()}', too",
+                where=part.origin,
+                hint="give one of them another name",
+            )
+    return {name: plain_words(model.definition) for name, model in found.items()}
+
+
+def plain_words(words: Any) -> Any:
+    """Mappings and lists as those of a text."""
+    if isinstance(words, Mapping):
+        return {str(word): plain_words(value) for word, value in words.items()}
+    return [plain_words(value) for value in words] if isinstance(words, list | tuple) else words
+
+
+def _choice(choice: Choice, arrays: Arrays, key: str) -> Any:
+    parameters = _parameters(choice, arrays, key)
+    return {choice.name: parameters} if parameters else choice.name
+
+
+def _parameters(choice: Choice, arrays: Arrays, key: str) -> dict[str, Any]:
+    defaults = choice.defaults()
+    changed = {w: v for w, v in choice.parameters().items() if w not in defaults or not same(v, defaults[w])}
+    return _values(changed, arrays, key)
+
+
+def _values(values: Any, arrays: Arrays, key: str) -> dict[str, Any]:
+    return {word: _value(value, arrays, f"{key}.{word}") for word, value in values.items()}
+
+
+def _value(value: Any, arrays: Arrays, key: str) -> Any:
+    if isinstance(value, FromFile):
+        value = value.values
+    if isinstance(value, Path):
+        return arrays.recording(value, key)
+    if getattr(value, "kind", "") == "recording":
+        return arrays.events(key)
+    if isinstance(value, np.ndarray):
+        inline = value.size <= LARGEST_INLINE and np.array(value.tolist()).shape == value.shape
+        return value.tolist() if inline else arrays.keep(key, value)
+    if isinstance(value, of_distance):
+        return {value.name: _choice(value.profile, arrays, key)}
+    if isinstance(value, Choice):
+        return _choice(value, arrays, key) if value.kind in NAMED else _parameters(value, arrays, key)
+    if isinstance(value, tuple) and value and all(isinstance(row, np.ndarray) for row in value):
+        if len(value) + sum(row.size for row in value) <= LARGEST_INLINE:
+            return [row.tolist() for row in value]
+        return arrays.keep(key, _table(value))
+    if isinstance(value, tuple) and value and all(isinstance(item, Choice) for item in value):
+        items = [_value(item, arrays, f"{key}.{k}") for k, item in enumerate(value)]
+        return items[0] if len(items) == 1 else items
+    return list(value) if isinstance(value, tuple) else value
+
+
+def _table(rows: tuple[NDArray[Any], ...]) -> NDArray[np.float64]:
+    """Rows of different lengths as one array; the shorter ones end in NaN."""
+    table = np.full((len(rows), max(row.size for row in rows)), np.nan)
+    for n, row in enumerate(rows):
+        table[n, : row.size] = row
+    return table
