@@ -2,29 +2,30 @@
 
 from __future__ import annotations
 
+import json
+import platform
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace as with_changes
+from importlib.metadata import version
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeAlias
 
 import numpy as np
 
 import neuro
-from neuro.apps import Checkpoint, check_output, hdf5
+from neuro.apps import Checkpoint, check_output, hdf5, provenance, record_input
 from neuro.events import Events, Recordings
-from neuro_recognise import model_file
 from neuro_recognise.asking import Ready
-from neuro_recognise.deciding.early import Early
+from neuro_recognise.deciding.early import Early, part_of
 from neuro_recognise.deciding.session import WINDOW_MS, Session
 from neuro_recognise.deciding.stopping import ASSURANCE, stopping_rule
 from neuro_recognise.method import Answer, Course, Learnt, Method, Progress, choose
 from neuro_recognise.methods import method_of
-from neuro_recognise.model_file import FORMAT
 from neuro_recognise.observations import observe, observed
 from neuro_recognise.shown import Evidence, Features, Floats, Ints, unlabelled
 from neuro_recognise.training import Training, check_same, digest_of, settled, told
 
-__all__ = ["FORMAT", "Recogniser", "fit", "learn", "method_of", "settled"]
+__all__ = ["FORMAT", "Recogniser", "fit", "learn", "method_of", "read_model", "settled", "write_model"]
 
 Tell = Callable[[Progress], None]
 
@@ -190,7 +191,7 @@ class Recogniser:
 
     def save(self, path: Path) -> None:
         """Write the file; another recogniser of that name is replaced once the new one is complete."""
-        model_file.write(path, (self.method, self.classes, self.learnt, self.training, self.early))
+        write_model(path, (self.method, self.classes, self.learnt, self.training, self.early))
 
     @classmethod
     def load(cls, path: Path) -> Recogniser:
@@ -199,7 +200,7 @@ class Recogniser:
         Raises:
             ModelError: there is no such file, it is something else or damaged, or of a method that is not there.
         """
-        return cls(*model_file.read(path))
+        return cls(*read_model(path))
 
 
 def fit(
@@ -324,3 +325,49 @@ def _microseconds(name: str, value: float) -> int:
     if not np.isfinite(value) or round(1000.0 * value) < 1:
         raise neuro.ModelError(f"{name} = {value:g}: expected a time above 0 ms")
     return round(1000.0 * value)
+
+
+FORMAT = "neuro recogniser 1"
+Parts: TypeAlias = tuple[Method, tuple[str, ...], Learnt, Mapping[str, Any], Early | None]
+
+
+def write_model(path: Path, parts: Parts) -> None:
+    """Write a file, in the place of another recogniser of that name.
+
+    Args:
+        path: of the file.
+        parts: what a recogniser is made of, in the order of its attributes.
+
+    Raises:
+        Unwritable: it cannot be written, or something else stands there.
+    """
+    method, classes, learnt, training, early = parts
+    told = {word: training.get(word) for word in ("backend", "seed")}
+    with hdf5.writing(path, FORMAT, record=provenance(**told)) as file:
+        file.attrs["method"] = method.called()
+        file.attrs["settings"] = json.dumps(method.as_words())
+        file.attrs["training"] = json.dumps(dict(training))
+        file.attrs.update(_versions())
+        file["classes"] = list(classes)
+        group = file.create_group("learnt")
+        for name, part in learnt.items():
+            group[name] = part
+        if early is not None:
+            early.write(file.create_group("early"))
+
+
+def read_model(path: Path) -> Parts:
+    """What `write_model` was given; errors as of `Recogniser.load`."""
+    with hdf5.reading(path, FORMAT) as file:
+        record_input(path)
+        method = method_of(str(file.attrs["method"])).from_words(json.loads(file.attrs["settings"]))
+        classes = tuple(file["classes"].asstr()[:].tolist())
+        learnt = {name: part_of(data) for name, data in file["learnt"].items()}
+        early = Early.read(file["early"]) if "early" in file else None
+        return method, classes, learnt, json.loads(file.attrs["training"]), early
+
+
+def _versions() -> dict[str, str]:
+    """What a file was written with."""
+    packages = {"neuro": neuro.__version__} | {name: version(name) for name in ("numpy", "numba")}
+    return {"python": platform.python_version()} | packages

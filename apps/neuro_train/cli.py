@@ -6,13 +6,12 @@ import warnings
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from neuro.apps import NETWORK, Bar, NetworkFile, Seed, Set, assignments, check_output, install, plain, read
-from neuro_train import options
-from neuro_train.plan import TrainingPlan, augmentation, costs
+from neuro.apps import NETWORK, Bar, NetworkFile, Seed, Set, assignments, check_output, install, plain, read, whole
+from neuro_train.plan import LOSSES, TrainingPlan, augmentation, costs
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -29,39 +28,39 @@ app = typer.Typer(
 @app.command()
 def train(
     file: NetworkFile,
-    data: options.Data,
-    input: options.Input = "pixels",
-    output: options.Output = "out",
-    out: options.Out = Path("trained.yaml"),
-    part: options.Part = "Train",
-    without: options.Without = [],  # noqa: B006
-    test: options.Test = None,
-    backends: options.Backends = "event,loihi,spinnaker",
-    folds: options.Folds = None,
-    epochs: options.Epochs = 60,
-    duration: options.Duration = 100.0,
-    start: options.Start = 0.0,
-    scale: options.Scale = 1,
-    window: options.Window = None,
-    batch: options.Batch = 20,
-    rate: options.Rate = 0.01,
-    decay: options.Decay = 0.01,
-    loss: options.Loss = "count",
-    temperature: options.Temperature = 3.0,
-    surrogate: options.Surrogate = "fast_sigmoid",
-    slope: options.Slope = 1.0,
-    learn: options.Learn = [],  # noqa: B006
-    augment: options.Augment = [],  # noqa: B006
-    cost: options.Cost = [],  # noqa: B006
-    bits: options.Bits = None,
-    prune: options.Prune = 0.0,
-    neurons_per_core: options.NeuronsPerCore = None,
-    search: options.Search = None,
-    budget: options.Budget = 20,
-    device: options.Device = "cpu",
-    page: options.Page = None,
+    data: Data,
+    input: Input = "pixels",
+    output: Output = "out",
+    out: Out = Path("trained.yaml"),
+    part: Part = "Train",
+    without: Without = [],  # noqa: B006
+    test: Test = None,
+    backends: Backends = "event,loihi,spinnaker",
+    folds: Folds = None,
+    epochs: Epochs = 60,
+    duration: Duration = 100.0,
+    start: Start = 0.0,
+    scale: Scale = 1,
+    window: Window = None,
+    batch: Batch = 20,
+    rate: Rate = 0.01,
+    decay: Decay = 0.01,
+    loss: Loss = "count",
+    temperature: Temperature = 3.0,
+    surrogate: Surrogate = "fast_sigmoid",
+    slope: Slope = 1.0,
+    learn: Learn = [],  # noqa: B006
+    augment: Augment = [],  # noqa: B006
+    cost: Cost = [],  # noqa: B006
+    bits: Bits = None,
+    prune: Prune = 0.0,
+    neurons_per_core: NeuronsPerCore = None,
+    search: Search = None,
+    budget: Budget = 20,
+    device: Device = "cpu",
+    page: Page = None,
     seed: Seed = 0,
-    threads: options.Threads = 1,
+    threads: Threads = 1,
     set: Set = [],  # noqa: B006
 ) -> None:
     """Train a network on recordings, write it, and test it; after a kill the same command goes on where it was."""
@@ -252,3 +251,82 @@ def _need_torch() -> None:
 
     if find_spec("torch") is None:
         raise ModelError("neuro train learns by PyTorch, which is not installed", hint=install("torch"))
+
+
+Option = typer.Option
+
+
+def folds(text: str) -> int:
+    """A whole number >= 2."""
+    return whole(text, 2)
+
+
+# recordings
+Data = Annotated[Path, Option("--data", metavar="FOLDER", help="Recordings: a folder, zip or HDF5 data set.")]
+Part = Annotated[str, Option("--part", metavar="NAME", help="Of recordings in parts, such as Train.")]
+Without = Annotated[
+    list[str], Option("--without", metavar="PATTERN", help="Leave out names like '*i.aedat'; repeatable.")
+]
+Test = Annotated[Path | None, Option("--test", metavar="FOLDER", help="Recordings to test on.")]
+Folds = Annotated[
+    int | None, Option("--folds", metavar="N", parser=folds, help="Test each Nth on what the others taught instead.")
+]
+Backends = Annotated[str, Option(metavar="A,B,...", help="What to test on.")]
+
+# how they are seen
+Input = Annotated[str, Option("--input", metavar="NAME", help="The population of the pixels.")]
+Output = Annotated[str, Option("--output", metavar="NAME", help="The population with a neuron a class.")]
+Duration = Annotated[float, Option(metavar="MS", help="Of each recording, in ms.")]
+Start = Annotated[float, Option(metavar="MS", help="What is left out before that, in ms.")]
+Scale = Annotated[int, Option(metavar="N", help="Pixels in a row and column that are one neuron.")]
+Window = Annotated[
+    str | None,
+    Option(metavar="X,Y", help="Of a larger sensor: its part from that pixel, or 'centred' on each recording."),
+]
+Augment = Annotated[
+    list[str],
+    Option(
+        "--augment",
+        metavar="NAME=N",
+        help="shift=2: move by up to 2 px; warp=0.1: turn, scale, shear; mirror=0.5: every second; repeatable.",
+    ),
+]
+
+# how it learns
+Epochs = Annotated[int, Option(metavar="N", help="How often each recording is shown; 0 tests only.")]
+Batch = Annotated[int, Option(metavar="N", help="Recordings between two steps of learning.")]
+Rate = Annotated[float, Option(metavar="R", help="The largest learning rate, for weights of about 0.1.")]
+Decay = Annotated[float, Option(metavar="R", help="Of weights, in each step, times the rate.")]
+Loss = Annotated[str, Option(metavar="NAME", help=", ".join(LOSSES))]
+Temperature = Annotated[float, Option(metavar="N", help="Spikes, mV or steps that make a class e times likelier.")]
+Surrogate = Annotated[str, Option(metavar="NAME", help="fast_sigmoid, arctan, slayer or triangle.")]
+Slope = Annotated[float, Option(metavar="X", help="Of the surrogate, per V_th - V_reset.")]
+Learn = Annotated[
+    list[str],
+    Option(
+        "--learn",
+        metavar="NAME",
+        help="A projection whose weights learn, NAME=weight,delay, or POPULATION=tau_m,V_th; repeatable.",
+    ),
+]
+Device = Annotated[str, Option(metavar="NAME", help="A device of torch, such as cuda.")]
+Threads = Annotated[int, Option(metavar="N", min=1, help="Threads to compute with.")]
+
+# for a chip
+Cost = Annotated[
+    list[str], Option("--cost", metavar="CHIP=X", help="Add X to the loss for each microjoule; repeatable.")
+]
+Bits = Annotated[int | None, Option(metavar="N", help="Of weights while they learn, on a chip's grid.")]
+Prune = Annotated[float, Option(metavar="SHARE", help="Drop so many synapses, the smallest, half way.")]
+NeuronsPerCore = Annotated[
+    int | None, Option("--neurons-per-core", metavar="N", help="Of a chip, fewer than it allows.")
+]
+
+# what comes of it
+Out = Annotated[Path, Option("--out", metavar="FILE", help="The network to write.")]
+Page = Annotated[Path | None, Option(metavar="FILE", help="The page to write; that of --out if not given.")]
+Search = Annotated[
+    str | None,
+    Option("--search", metavar="A,B=1:2,...", help="Vary step, duration, hidden, prune, ...: accuracy by joules."),
+]
+Budget = Annotated[int, Option(metavar="N", min=1, help="Networks that a search trains.")]
