@@ -187,7 +187,7 @@ class circular(Mask):
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class rectangular(Mask):
-    """A box, told by two corners seen from the source; the coordinates have the order of the shape's axes."""
+    """A box, given by two corners seen from the source; the coordinates have the order of the shape's axes."""
 
     lower_left: Any = quantity(doc="smallest coordinates", arrays=True)
     upper_right: Any = quantity(doc="largest coordinates", arrays=True)
