@@ -66,7 +66,7 @@ class ChipBackend:
         return CHIPS[self.name] if self._target is None else self._target
 
     def of(self, target: str) -> ChipBackend | None:
-        """The same arithmetic on another chip, by name or table file; None if it has another, or nobody knows it.
+        """The same arithmetic on another chip, by name or table file; None if it has another, or it is not known.
 
         Raises:
             ModelError: the chip has no arithmetic, or its table cannot be read.

@@ -317,7 +317,7 @@ def gather(net, row, begin, first, last):
 
 @subkernel
 def pour_map(into, sums, apart):
-    """Add every so-manieth sum to neighbouring slots."""
+    """Add the sums that lie `apart` from each other to neighbouring slots."""
     for p in range(into.size):
         into[p] = np.int32(into[p] + sums[p * apart])
 

@@ -181,7 +181,7 @@ def any_fired(fired):
 def advance_neurons(net, pop, row, step):
     """A population of neurons: update, decide, emit, count; one at rest only counts what is on its way."""
     slot = row[ARRIVED] + (step & (row[SLOTS] - 1))
-    # A population at rest: nothing came, nobody reached threshold, and the last step changed no bit of any state. So
+    # A population at rest: nothing came, no neuron reached threshold, and the last step changed no bit of any state. So
     # the next would not either, and the step is left out until input comes or the host writes.
     came, net.came[slot] = net.came[slot], 0
     if row[KIND] == RELAY:
@@ -258,8 +258,8 @@ def list_spikes(net, pop, row, step):
 def advance(view, words, end):
     """Run to a step; stop earlier where the record is full or the group that is waited for has decided.
 
-    Who emits in a step reaches nobody in it, so the order of the populations matters only to the record, which is
-    sorted by them, and to `send_all`, which relies on that. `view` and `words` are as in `net`.
+    A spike reaches no neuron in the step in which it is emitted, so the order of the populations matters only to the
+    record, which is sorted by them, and to `send_all`, which relies on that. `view` and `words` are as in `net`.
     """
     net = net_of(view, words)
     net.resting[:] = 0  # the host may have written anything

@@ -138,7 +138,7 @@ class Plastic:
 def _traces(
     name: str, seed: int, rule: LearningRule, names: tuple[str, ...], neurons: int
 ) -> tuple[NDArray[np.uint8], Ints, Ints, NDArray[np.uint64]]:
-    """History, decays, impulses and keys of the traces of one side; a trace that nobody reads stays 0."""
+    """History, decays, impulses and keys of the traces of one side; a trace that is not read stays 0."""
     used = [rule.traces.get(trace) for trace in names]
     keep = np.array([(tr.numerator, tr.denominator) if tr else (0, 1) for tr in used], dtype=np.int64)
     impulses = np.array([tr.impulse if tr else 0 for tr in used], dtype=np.int64)

@@ -24,7 +24,7 @@ def highest_rate(counts: npt.ArrayLike) -> Ids:
         counts: (n,) spikes of each neuron in the same time, e.g. ``np.bincount(ids, minlength=n)``, or rates.
 
     Returns:
-        Ids of all that share the highest one, ascending; none if nobody fired.
+        Ids of all that share the highest one, ascending; none if no neuron fired.
 
     Raises:
         ModelError: they are no list of finite numbers, or one is below 0.
@@ -42,7 +42,7 @@ def first_to_fire(times: npt.ArrayLike) -> Ids:
         times: (n,) first spike of each neuron, or (n, spikes) of all, in any unit; NaN is no spike.
 
     Returns:
-        Ids of all that share the first time, ascending; none if nobody fired.
+        Ids of all that share the first time, ascending; none if no neuron fired.
 
     Raises:
         ModelError: they are no numbers, or of another shape.
@@ -77,7 +77,7 @@ def rank_order(
         Activations, the shape of ``weights`` without its last axis.
 
     Raises:
-        ModelError: what is no number, ``modulation`` out of bounds, or weights of another number of inputs.
+        ModelError: a value is NaN or no number, ``modulation`` out of bounds, or weights of another number of inputs.
 
     Source: Thorpe & Gautrais, "Rank order coding", Computational Neuroscience: Trends in Research (1998).
     """
@@ -99,11 +99,11 @@ def population_vector(activity: npt.ArrayLike, directions: npt.ArrayLike) -> Flo
         directions: (n,) what each prefers, rad.
 
     Returns:
-        Angles in [-pi, pi], rad, the shape of ``activity`` without its last axis; NaN where nobody fired, or activity
-        cancels to what rounding leaves.
+        Angles in [-pi, pi], rad, the shape of ``activity`` without its last axis; NaN where no neuron fired, or
+        activity cancels to what rounding leaves.
 
     Raises:
-        ModelError: what is no finite number, below 0, or directions of another number of neurons.
+        ModelError: a value is not finite, below 0, or directions of another number of neurons.
 
     Source: Georgopoulos, Schwartz & Kettner, Science 233 (1986).
     """
@@ -130,7 +130,7 @@ def van_rossum(times: npt.ArrayLike, tau: float, at: npt.ArrayLike) -> Floats:
         f, the shape of ``at``.
 
     Raises:
-        ModelError: what is no number, or ``tau`` not positive.
+        ModelError: a value is NaN or no number, or ``tau`` not positive.
 
     Source: van Rossum, Neural Computation 13 (2001), "A novel spike distance".
     """

@@ -29,7 +29,8 @@ def intensity_to_latency(r: npt.ArrayLike, r_min: float, r_max: float, window: f
         Spike times, shape of ``r``, in [0, window].
 
     Raises:
-        ModelError: what is no number, not ``r_min < r_max``, ``window`` not positive, or a value outside of the range.
+        ModelError: a value is NaN or no number, not ``r_min < r_max``, ``window`` not positive, or a value outside of
+            the range.
 
     Source: thesis eq. 14, line 689, with its misprint corrected: as printed it gives late spikes to high
         values, against the sentence before it.
@@ -57,8 +58,8 @@ def log_intensity_to_latency(r: npt.ArrayLike, r_min: float, r_max: float, windo
         Spike times, shape of ``r``, in [0, window]; NaN where there is no spike.
 
     Raises:
-        ModelError: what is no number, not ``0 < r_min < r_max``, ``window`` not positive, or a value above 0 outside
-            of the range.
+        ModelError: a value is NaN or no number, not ``0 < r_min < r_max``, ``window`` not positive, or a value above 0
+            outside of the range.
 
     Source: thesis eq. 15, line 693.
     """
@@ -85,7 +86,7 @@ def rank(r: npt.ArrayLike, ties: Literal["order", "dense"] = "order", window: fl
         Spike times, shape of ``r``: the ranks 1 to n, or ``window rank / n`` for n values.
 
     Raises:
-        ModelError: what is no finite number, another word for ``ties``, or ``window`` not positive.
+        ModelError: a value is not finite, another word for ``ties``, or ``window`` not positive.
 
     Source: thesis section 2.3.2, line 697.
     """
@@ -119,8 +120,8 @@ def rate(r: npt.ArrayLike, r_min: float, r_max: float, max_rate: float, min_rate
         Rates in Hz, shape of ``r``.
 
     Raises:
-        ModelError: what is no number, not ``r_min < r_max``, not ``0 <= min_rate < max_rate``, or a value outside of
-            the range.
+        ModelError: a value is NaN or no number, not ``r_min < r_max``, not ``0 <= min_rate < max_rate``, or a value
+            outside of the range.
 
     Source: thesis eq. 12, line 672: a rate is a number of spikes over a time.
     """
@@ -159,8 +160,8 @@ def population(
         Rates in Hz, the shape of ``r`` and an axis of n.
 
     Raises:
-        ModelError: what is no number, not ``r_min < r_max``, ``n`` or ``max_rate`` out of bounds, another word for
-            ``fields``, or a value outside of the range.
+        ModelError: a value is NaN or no number, not ``r_min < r_max``, ``n`` or ``max_rate`` out of bounds, another
+            word for ``fields``, or a value outside of the range.
 
     Source: gaussian: Bohte, La Poutre & Kok, IEEE Trans. Neural Networks 13 (2002); cosine: Georgopoulos,
         Schwartz & Kettner, Science 233 (1986).
@@ -200,7 +201,7 @@ def poisson(r: npt.ArrayLike, window: float, seed: int = 0) -> Floats:
         Spike times in ms in [0, window), the shape of ``r`` and one more axis, each row in ascending order.
 
     Raises:
-        ModelError: what is no finite number, a rate below 0, ``window`` not positive, or too many spikes.
+        ModelError: a value is not finite, a rate below 0, ``window`` not positive, or too many spikes.
 
     Source: thesis eq. 13, line 676, which lacks the T of its own words.
     """
@@ -236,8 +237,8 @@ def phase(r: npt.ArrayLike, r_min: float, r_max: float, window: float, bits: int
         Spike times, the shape of ``r`` and an axis of phases, most significant first: ``window k / bits`` or NaN.
 
     Raises:
-        ModelError: what is no number, not ``r_min < r_max``, ``window`` not positive, ``bits`` out of bounds, or a
-            value outside of the range.
+        ModelError: a value is NaN or no number, not ``r_min < r_max``, ``window`` not positive, ``bits`` out of bounds,
+            or a value outside of the range.
 
     Source: Kim, Kim, Huh, Lee & Choi, Neurocomputing 311 (2018), "Deep neural networks with weighted spikes".
     """
@@ -268,8 +269,8 @@ def burst(
         Spike times, the shape of ``r`` and an axis of ``n_max`` spikes, NaN where a burst has ended.
 
     Raises:
-        ModelError: what is no number, not ``r_min < r_max``, not ``0 < t_min <= t_max``, ``n_max`` no whole number,
-            or a value outside of the range.
+        ModelError: a value is NaN or no number, not ``r_min < r_max``, not ``0 < t_min <= t_max``, ``n_max`` no whole
+            number, or a value outside of the range.
 
     Source: Guo, Fouda, Eltawil & Salama, Front. Neurosci. 15 (2021), "Neural coding in spiking neural networks: a
         comparative study".

@@ -190,7 +190,7 @@ def numbers(values: Any, what: str) -> NDArray[np.float64]:
     """Any array of numbers as float64.
 
     Raises:
-        ModelError: something in it is no number, or masked.
+        ModelError: an element is not a number, or masked.
     """
     refuse_masked(values, what)
     try:
@@ -212,7 +212,7 @@ def finite(values: Any, what: str, **bounds: Any) -> NDArray[np.float64]:
         bounds: of every element, as of `Quantity`.
 
     Raises:
-        ModelError: an element is no number, infinite, NaN, masked, or out of bounds.
+        ModelError: an element is not a number, infinite, NaN, masked, or out of bounds.
     """
     array = numbers(values, what)
     try:

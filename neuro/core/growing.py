@@ -77,7 +77,7 @@ class JournaledFile(_Paged):
     """A file for `h5py.File(..., "w", userblock_size=FRONT)` that is whole on the disk after each commit.
 
     Args:
-        path: of the file, which is emptied; nobody else may write it until it is closed.
+        path: of the file, which is emptied; no other process may write it until it is closed.
         format: of the file, e.g. "neuro results 3".
 
     Attributes:

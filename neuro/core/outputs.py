@@ -88,7 +88,7 @@ class Kind:
         ours: whether a file is one that was written here. Kinds without a mark, as event files, cannot tell, and are
             replaced only where the user asks for it.
         ask: how the user asks, "" where there is no way.
-        seal: gives a text that is to be written what shows later that nobody edited it.
+        seal: gives a text that is to be written what shows later that it was not edited.
     """
 
     what: str

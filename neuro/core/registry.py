@@ -142,7 +142,7 @@ class Registry(Mapping[str, T], Generic[T]):
             self._tell(name, f"{self.kind} '{name}' of {where} is not used: there is one of that name")
 
     def _tell(self, name: str, what: str) -> None:
-        """Warn once of a part that an installed package brings in vain: nobody has asked for it."""
+        """Warn once of a part that an installed package brings in vain: its name was not asked for."""
         if name not in self._told:
             self._told.add(name)
             warnings.warn(what, stacklevel=2)

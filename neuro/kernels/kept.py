@@ -98,7 +98,7 @@ class KernelCache:
 def folder() -> Path | None:
     """Where machine code is kept: in the user's cache, else in the temporary folder; None if neither can be written.
 
-    What lies there is run, so it must be a folder of this user into which nobody else can write, and no link to one.
+    What lies there is run, so it must be a folder of this user into which no other user can write, and no link to one.
     """
     for place in _places():
         try:

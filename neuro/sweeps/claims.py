@@ -1,4 +1,4 @@
-"""Who works on what: a file for each run under way, made only where there is none.
+"""Claims: a file for each run under way, made only where there is none, says which process works on it.
 
 A claim is given up when its run is kept, or when who has it closes, as after an interrupt. One that is left by a
 process that has ended is taken over: on the machine where it ran that shows at once, from another one when the file has
@@ -23,10 +23,10 @@ from typing import Any
 from neuro.core.outputs import Unwritable
 
 LEASE_S = 60.0
-"""A claim from another machine that was touched longer ago, or that much in the future, is nobody's."""
+"""A claim from another machine that was touched longer ago, or that much in the future, is void."""
 
 WRITING_S = 1.0
-"""The same of one that says nothing: who makes it may be about to write it."""
+"""The same of an empty one: the process that makes it may be about to write it."""
 
 BEAT_S = 10.0
 
@@ -63,7 +63,7 @@ class Claims:
         self._stop = Event()
 
     def take(self, key: str) -> bool:
-        """Claim a run, unless somebody who is alive has it.
+        """Claim a run, unless a living process has it.
 
         Raises:
             Unwritable: there can be no such file.
@@ -83,13 +83,13 @@ class Claims:
         (self._folder / key).unlink(missing_ok=True)
 
     def close(self) -> None:
-        """Give up all that is held: in this process, which lives on, somebody else may want it."""
+        """Give up all that is held: this process lives on, and another may want it."""
         self._stop.set()
         for key in tuple(self._held):
             self.give_up(key)
 
     def free(self, key: str) -> bool:
-        """Whether nobody who is alive has a run."""
+        """Whether no living process has a run."""
         return not alive(self._folder / key)
 
     def beat(self) -> None:
@@ -112,7 +112,7 @@ class Claims:
         return True
 
     def _take_over(self, path: Path) -> bool:
-        """Replace a claim of nobody; the lock lets one do so at a time, who looks again."""
+        """Replace a void claim; the lock lets one process do so at a time, which looks again."""
         with open(self._folder / ".lock", "ab") as lock:
             fcntl.flock(lock, fcntl.LOCK_EX)
             if alive(path):
@@ -122,7 +122,7 @@ class Claims:
 
 
 def claimed(folder: Path) -> list[str]:
-    """The runs that somebody who is alive works on."""
+    """The runs that living processes work on."""
     return [name for name in os.listdir(folder) if not name.startswith(".") and alive(folder / name)]
 
 

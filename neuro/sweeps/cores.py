@@ -90,7 +90,7 @@ class Cores:
             self._processes.put(item)
 
     def _look_again(self, elsewhere: list[RunItem], tell: Tell) -> list[RunItem]:
-        """Those that somebody else still works on; what was given up waits again."""
+        """Those that another process still works on; what was given up waits again."""
         still = []
         for item in elsewhere:
             if self._there(item, tell):

@@ -25,7 +25,7 @@ class Heard:
     """What a run has reported.
 
     Attributes:
-        worse: says whether it is to end; None where nobody prunes.
+        worse: says whether it is to end; None where nothing is pruned.
         steps: value by step.
     """
 
@@ -39,7 +39,7 @@ _heard: ContextVar[Heard | None] = ContextVar("heard", default=None)
 def report_step(value: float, step: int) -> None:
     """Tell how good a run is so far, so that a tuning which prunes can end it where others were better.
 
-    Called by a function that `neuro.tune` calls, after each epoch say. It does nothing where nobody prunes, so the
+    Called by a function that `neuro.tune` calls, after each epoch say. It does nothing where nothing is pruned, so the
     function runs as well by itself.
 
     Args:

@@ -29,7 +29,7 @@ if TYPE_CHECKING:
     from neuro.sweeps.tuning.pruning import Pruner
 
 TAKEN, THERE, KEPT, LOST = "taken", "there", "kept", "unwritable"
-"""How a run ended for the process that asked: somebody else works on it, it was there, it is kept, it cannot be."""
+"""How a run ended for the process that asked: another process works on it, it was there, it is kept, it cannot be."""
 
 MOST_PRINTED = 1_000_000
 
@@ -55,7 +55,7 @@ class Worker:
         self._claims.close()
 
     def do(self, item: RunItem, attempt: int = 1) -> dict[str, Any]:
-        """One run, unless it is there or somebody else's: how it ended, as plain data."""
+        """One run, unless it is there or another process works on it: how it ended, as plain data."""
         if self._folder.has(item.key) and self._folder.outcome(item.key) is not None:
             return {"key": item.key, "is": THERE}
         if not self._claims.take(item.key):

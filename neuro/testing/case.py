@@ -138,7 +138,7 @@ def differences(expected: Mapping[str, NDArray[Any]], found: Mapping[str, NDArra
 def _difference(name: str, expected: NDArray[Any], found: NDArray[Any], exact: bool) -> list[str]:
     if expected.shape != found.shape:
         return [f"{name}: {found.size} values, expected {expected.size}"]
-    bad = (expected != found) & ~((expected != expected) & (found != found))  # what is no number is alike
+    bad = (expected != found) & ~((expected != expected) & (found != found))  # NaN equals NaN
     if not exact and expected.dtype.kind == "f":
         with np.errstate(invalid="ignore"):
             bad &= ~(np.abs(found - expected) <= LIMIT)

@@ -324,7 +324,7 @@ def differences(expected: Found, found: Found) -> dict[str, float]:
     Spikes must be equal, all else within 1e-9, or 1e-12 of a large number; V_m of some neurons within `STEEP`.
 
     Returns:
-        by quantity: the number of spikes that only one has, or the largest distance; infinite if it is no number.
+        by quantity: the number of spikes that only one has, or the largest distance; infinite if it is NaN.
     """
     apart = {}
     for name, right in expected.items():

@@ -1,6 +1,6 @@
 """The functions of expressions, as plain Python that is also compiled.
 
-Nothing is raised: a result that is no number is NaN, as in compiled code. Their names differ from those in `math`:
+Nothing is raised: an undefined result is NaN, as in compiled code. Their names differ from those in `math`:
 who compiles them would take the one for the other.
 """
 

@@ -29,7 +29,7 @@ class stdp_pl_hom(Synapse):
     mu: float = quantity(0.4, "", "power of the weight by which it is potentiated", at_least=0)
 
     def bounds(self) -> tuple[float, float]:
-        """A power of a weight below 0 is no number."""
+        """A power of a weight below 0 is NaN."""
         return 0.0, math.inf
 
 

@@ -27,9 +27,9 @@ class tempotron(Synapse):
     t_max at its spike. The one that should have fired is, in a wrong or silent trial, the neuron of the right label
     with the largest V_m up to the decision; t_max is the tick of it.
 
-    With `alone`, each neuron is taught by itself, as in the paper: in a trial in which nobody decides (V_th is set out
-    of reach while learning), all neurons of the right label should have reached `alone`, and no others; t_max is the
-    tick of a neuron's largest V_m. Where somebody decides, it is as without.
+    With `alone`, each neuron is taught by itself, as in the paper: in a trial in which no neuron decides (V_th is set
+    out of reach while learning), all neurons of the right label should have reached `alone`, and no others; t_max is
+    the tick of a neuron's largest V_m. Where one decides, it is as without.
 
     Source: Guetig & Sompolinsky, Nat. Neurosci. 9:420, 2006. Without `alone`, one neuron of a group fires at most, so
     that of the others none erred by firing.

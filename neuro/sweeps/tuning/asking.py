@@ -1,7 +1,7 @@
-"""Who asks for trials: it hands out their runs, and tells the journal what came of them.
+"""Asks for trials: hands out their runs, and writes to the journal what came of them.
 
-Several may ask one journal. A trial is claimed by who asked for it; that of a process which has died is taken over, and
-what of its runs is kept is not done again.
+Several may ask one journal. A trial is claimed by the process that asked for it; that of a dead process is taken over,
+and its runs that are kept are not done again.
 """
 
 from __future__ import annotations
@@ -96,7 +96,7 @@ class Asker:
         return locked(self._folder.claims / ".ask")
 
     def _next(self) -> tuple[int, Point] | None:
-        """The number and the point of a trial that somebody who died has left, or of a new one."""
+        """The number and the point of a trial that a dead process has left, or of a new one."""
         with self._alone():
             trials = self._study.get_trials(deepcopy=False)
             for trial in trials:

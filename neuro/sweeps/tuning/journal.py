@@ -79,7 +79,7 @@ class Journal:
         """Add lines.
 
         Raises:
-            ModelError: a line that somebody else has added is damaged.
+            ModelError: a line that another process has added is damaged.
             Unwritable: the disk is full, or the file cannot be written.
         """
         try:
@@ -94,7 +94,7 @@ class Journal:
             raise Unwritable(self._path, f"cannot be written: {error.strerror or error}") from None
 
     def forget_ends(self, trials: Collection[int], state: int) -> None:
-        """Take out the lines by which trials have come to a state; nobody else may use the journal meanwhile.
+        """Take out the lines by which trials have come to a state; no other process may use the journal meanwhile.
 
         Args:
             trials: their identifiers.
@@ -159,7 +159,7 @@ def _cut(file: Any) -> None:
 
 
 class Aside:
-    """A storage of Optuna that has one trial in memory alone: nobody else sees what is written to it.
+    """A storage of Optuna that has one trial in memory alone: no other process sees what is written to it.
 
     Args:
         storage: has all the others.
@@ -209,7 +209,7 @@ class Aside:
 
 @contextmanager
 def locked(path: Path) -> Iterator[None]:
-    """Wait until nobody else has a lock, which a process that is killed gives back.
+    """Wait until no other process has a lock, which a process that is killed gives back.
 
     Raises:
         Unwritable: there can be no such file.
