@@ -39,7 +39,7 @@ class TrialView:
         offsets: (trials + 1,) trial i has ``times[offsets[i]:offsets[i + 1]]``.
         times: (spikes,) ms, since the beginning of the trial.
         ids: (spikes,) neurons.
-        told: a few words on each trial, such as who won; none for ().
+        told: a few words on each trial, such as the winner; none for ().
         bands: names of groups of equally many neurons, in the order of their ids; none for ().
     """
 

@@ -69,7 +69,7 @@ def arrays_of(fixed: FixedProgram) -> Arrays:
 
 
 def _groups(a: Arrays, program: Program) -> None:
-    """How the neurons of each group compete, and room for who wins."""
+    """How the neurons of each group compete, and room for winners."""
     n, shapes = len(program.groups), [program.populations[group.population].shape for group in program.groups]
     several = any(group.choice.several for group in program.groups)
     a["groups"] = np.zeros((n, t.GROUP_COLUMNS), dtype=np.int64)

@@ -223,8 +223,8 @@ def learn(
     that saw no spike are passed over if every such product has t as a factor.
 
     Terms and settings are laid out as above. `xs` are the traces of the sources (x1, x2), `ys` those of the targets
-    (y1, y2, y3, r1, r2), uint8 (epoch, traces, neurons); x0 and y0 tell who has fired in the epoch and tx, ty in which
-    slot last (uint8). Mantissas and tags are int16, in the order of `targets`; synapses of source i are
+    (y1, y2, y3, r1, r2), uint8 (epoch, traces, neurons); x0 and y0 tell which have fired in the epoch and tx, ty in
+    which slot last (uint8). Mantissas and tags are int16, in the order of `targets`; synapses of source i are
     row_ends[i] : row_ends[i + 1]; those onto target j and their sources are column_ends[j] : column_ends[j + 1] of
     `incoming` and `sources`. `keys` are those of the weights' and the tags' draws, `step` ends the epoch, and `counts`
     is added to.

@@ -151,7 +151,7 @@ def admit(fired, muted):
 
 @subkernel
 def decide(net, row, step):
-    """Of the candidates of a group leave those that fire; reset who loses by it."""
+    """Of the candidates of a group leave those that fire; reset those that lose by it."""
     group = row[GROUP]
     fired = net.fired[row[BEGIN] : row[END]]
     some = admit(fired, net.muted[row[BEGIN] : row[END]])
@@ -195,7 +195,7 @@ def advance_neurons(net, pop, row, step):
 
 @subkernel
 def update_and_fire(net, pop, row, step):
-    """Update the neurons of a population, and let fire who does; return whether any was above threshold."""
+    """Update the neurons of a population, and let those fire that do; return whether any was above threshold."""
     update(net, pop, row, step)
     group, fired = row[GROUP], net.fired[row[BEGIN] : row[END]]
     reached = some = any_fired(fired)

@@ -49,7 +49,7 @@ class Machine:
 
     Attributes:
         fixed, program: what it runs.
-        arrays: what the loop reads and writes, by the names of `net`; who replaces one calls `bind`.
+        arrays: what the loop reads and writes, by the names of `net`; call `bind` after one is replaced.
         bound: these arrays as kernels take them.
         cells: present registers of the populations.
         weights: the weight memory.

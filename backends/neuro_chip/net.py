@@ -50,16 +50,16 @@ resting u1 1        whether a population stays as it is until input comes
 local i8 2          of groups with several winners, columns of `tables`, a row per group
 standing i8 2       how many of each of these may still win, and have won
 map_wins i8 2       (groups, maps) how often each of their maps has won
-won i8 2            (neurons, 2) who has won, in order, and the step
-fired u1 1          who is above threshold in the present step
-muted u1 1          who must not fire, and why: bits of `tables`
+won i8 2            (neurons, 2) winners, in order, and the step
+fired u1 1          whether above threshold in the present step
+muted u1 1          whether it must not fire, and why: bits of `tables`
 first i8 1          the step of each neuron's first spike since it was set to never
 events i8 1         spike events of each neuron
 spikes i8 1         with their multiplicity
 active i8 1         neuron-steps with an arrival or a spike, by population
 native i8 2         what only chips count, columns of `tables`
 potential i4 1      v at a decision
-emitted i8 1        who fired in the last step
+emitted i8 1        neurons that fired in the last step
 emitted_times i8 1  how often
 set_out i8 1        of each projection: the step whose spikes were sent before its weights changed
 keys u8 1           of the generators' draws

@@ -67,7 +67,7 @@ class ChipTrials:
         return Outcome(winner, decided, potential, best, machine.step - began, values, when, self._wins())
 
     def _wins(self) -> Wins | None:
-        """All who have won, where several may."""
+        """All winners, where there may be several."""
         a, group = self._machine.arrays, self._section.group
         if not self._machine.program.groups[group].choice.several:
             return None

@@ -1,4 +1,4 @@
-"""Groups with several winners: who is silenced, and how often each map has won."""
+"""Groups with several winners: which neurons are silenced, and how often each map has won."""
 
 from __future__ import annotations
 
@@ -73,7 +73,7 @@ class TrialCourse:
         Args:
             tick: its number.
             potential: V_m of all neurons, before spikes reset it.
-            won: who won in it, in order.
+            won: winners of it, in order.
         """
         self._potential[self._undecided] = potential.reshape(self._potential.shape)[self._undecided]
         if not self._neurons:

@@ -34,8 +34,8 @@ class ReferenceNetwork:
             generators send along synapses that do not learn sets out at once.
         potentials: the first state of each population in that step, before spikes reset it.
         closed: whether no neuron of each group may fire any more.
-        won: who fired of each group in that step, the best first.
-        local: of the groups with several winners, who is silenced, by group.
+        won: neurons of each group that fired in that step, the best first.
+        local: of the groups with several winners, which neurons are silenced, by group.
         rivals: of the groups in which a spike resets others, a number of each neuron, the same for those of which one
             fires, by group.
         silenced: neurons of each population that must not fire.
@@ -176,7 +176,7 @@ class ReferenceNetwork:
         return np.zeros(cells.size, dtype=np.uint8)
 
     def _decide(self, index: int, reached: list[Counts], step: int) -> None:
-        """Of the candidates of a group leave those that win, if it may still decide; reset who loses by it."""
+        """Of the candidates of a group leave those that win, if it may still decide; reset those that lose by it."""
         group = self.program.groups[index]
         cells = self.cells[group.population]
         candidates = np.flatnonzero((reached[group.population] > 0) & ~self.silenced[group.population])
@@ -192,7 +192,7 @@ class ReferenceNetwork:
         cells.fire(lost)
 
     def _winners(self, index: int, ranked: Ints) -> tuple[Ints, Ints]:
-        """Who of the candidates of a group, the best first, wins, and who is reset without a spike, by id."""
+        """The candidates of a group that win, the best first, and those that are reset without a spike, by id."""
         if index in self.local:
             local = self.local[index]
             won = local.enter(ranked)

@@ -21,7 +21,7 @@ class Learnt:
 
     Attributes:
         weights: as they are, without a gradient.
-        token: stands for the weights in the graph: who depends on it is done before it is.
+        token: stands for the weights in the graph: what depends on it is done before it is.
     """
 
     def __init__(self, weights: Tensor) -> None:

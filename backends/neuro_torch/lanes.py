@@ -46,7 +46,7 @@ class Loop:
 
 @dataclass(slots=True)
 class Fork:
-    """A branch: the answer if all lanes share it; else who came, who goes each way, and whom the first way left."""
+    """A branch: the answer if all lanes share it; else the lanes that came, go each way, and left the first way."""
 
     told: bool | None
     came: Tensor | None = None
@@ -261,7 +261,7 @@ class Lanes:
             yield value
 
     def looped(self, loop: Loop) -> None:
-        """Who came to the loop goes on behind it, but for those that have returned."""
+        """The lanes that came to the loop go on behind it, but for those that have returned."""
         self.live, gone = loop.came, loop.frame.gone
         if gone is not None:
             self.live = ~gone if loop.came is None else loop.came & ~gone

@@ -166,7 +166,7 @@ LOSSES: Mapping[str, Callable[..., Tensor]] = {
 
 
 def decisions(spikes: Tensor) -> Tensor:
-    """What output neurons say: who fired most, of several who fired first, then the first of them; -1 for silence.
+    """The output neuron that fired most, of several the one that fired first, then the first; -1 for silence.
 
     Args:
         spikes: (batch, steps, neurons).

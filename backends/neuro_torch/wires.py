@@ -121,7 +121,7 @@ class Wires:
         return values.reshape(self.n_source, self.n_target)[neurons]
 
     def add(self, x: Tensor, heard: Tensor | None, weights: Tensor, sent: Sent) -> None:
-        """Add what arrives to `x`, shape (receptors, batch, neurons); note in `heard` (batch, neurons) who hears."""
+        """Add what arrives to `x`, shape (receptors, batch, neurons); note in `heard` (batch, neurons) which hear."""
         if self.by_rows(weights):
             for _, each in sent:
                 self._add_rows(x, weights, each)
@@ -147,7 +147,7 @@ class Wires:
             x[0].index_add_(0, emitted.recording, amounts)
 
     def hear(self, heard: Tensor, sent: Sent) -> None:
-        """Note in `heard` (batch, neurons) who hears a spike."""
+        """Note in `heard` (batch, neurons) which hear a spike."""
         synapses, b, _ = self.followed(sent)
         heard.view(-1)[b * self.n_target + self.target[synapses]] = True
 

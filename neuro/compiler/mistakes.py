@@ -278,7 +278,7 @@ class _Search:
         ]
 
     def hangs(self, path: Words, error: ModelError) -> bool:
-        """Whether what the compiler tells of a part hangs on what was mended elsewhere in it, or on who decides."""
+        """Whether what the compiler tells of a part depends on what was mended in it, or on who decides."""
         beside = self.beside(path)
         if {words[-1] for words in beside if words not in _ENDS} & {*error.path, *error.about, error.found}:
             return True

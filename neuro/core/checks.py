@@ -465,7 +465,7 @@ def _file(q: Quantity, value: Any, what: str) -> Path:
 
 
 def _events(q: Quantity, value: Any, what: str) -> Any:
-    """As it is: who takes events says which."""
+    """As it is: the function that takes events says which."""
     return value
 
 

@@ -17,7 +17,7 @@ def check_returned(values: Any, shape: tuple[int, ...], told: str) -> NDArray[An
     Args:
         values: that.
         shape: the shape they must have.
-        told: who gave them, with a verb, e.g. "normal() drew".
+        told: what gave them, with a verb, e.g. "normal() drew".
 
     Raises:
         ModelError: they have another shape, or are no numbers.

@@ -3,9 +3,9 @@
 HDF5 changes its tables in place, so a file whose process is killed can be unreadable, and on a full disk HDF5 brings
 the process down. So it writes into `JournaledFile` instead. New bytes go behind all that was committed, where no table
 leads to them yet; changes of older bytes are held back, in pages. A commit writes these pages behind the end, then a
-mark that they are whole, then puts each in its place, and cuts the end off. Who finds the mark reads the pages from
-there, so a kill at any moment leaves the state before a commit or after it. The front of the file, with its digest, is
-on the first page, so it is always of the same commit as the rest; see `neuro.core.hdf5`.
+mark that they are whole, then puts each in its place, and cuts the end off. A reader that finds the mark reads the
+pages from there, so a kill at any moment leaves the state before a commit or after it. The front of the file, with its
+digest, is on the first page, so it is always of the same commit as the rest; see `neuro.core.hdf5`.
 """
 
 from __future__ import annotations

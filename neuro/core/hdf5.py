@@ -195,7 +195,7 @@ def damaged(path: Path, front: Front, hint: str = "") -> ModelError:
 
 
 def seal(path: Path) -> None:
-    """Take a file of ours as it is now for whole: for who has edited it with h5py.
+    """Take a file of ours as it is now for whole: after it was edited with h5py.
 
     Raises:
         ModelError: it was not written by this package, so it has no room for a digest.

@@ -121,7 +121,7 @@ def figure(picture: Html, caption: object, title: str = "", class_: str | None =
 
 
 def picture(drawing: Figure, label: str) -> Html:
-    """A figure of Matplotlib inside the page, at most as wide as its place; `label` is for who does not see it."""
+    """A figure of Matplotlib inside the page, at most as wide as its place; `label` is for screen readers."""
     drawn = io.BytesIO()
     drawing.savefig(drawn, format="png", metadata={"Software": "neuro"})
     data = base64.b64encode(drawn.getvalue()).decode()
@@ -141,7 +141,7 @@ def svg(width: float, height: float, *parts: object, label: str, class_: str | N
         width: in units of its own, which are pixels where there is room.
         height: likewise.
         parts: what it shows.
-        label: for those who cannot see it.
+        label: for screen readers.
         class_: of the element.
     """
     box = f"0 0 {_text(width)} {_text(height)}"

@@ -108,7 +108,7 @@ class Registry(Mapping[str, T], Generic[T]):
         return self._parts[name]
 
     def __iter__(self) -> Iterator[str]:
-        """Names, those of installed packages last: who finds a part before them does not look them up."""
+        """Names, those of installed packages last: a part that is found before them needs no look at them."""
         here = dict.fromkeys((*self._parts, *self._registered))
         yield from here
         yield from (name for name in sorted(self._entries()) if name not in here)

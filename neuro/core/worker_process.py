@@ -74,7 +74,7 @@ def main() -> None:
             while True:
                 asked.put(pipe.recv_bytes())
         except (EOFError, OSError):
-            os.killpg(0, signal.SIGKILL)  # who asked has ended: so does this process, and what it has forked
+            os.killpg(0, signal.SIGKILL)  # the one that asked has ended: so does this one, and its forks
 
     Thread(target=hear, daemon=True).start()
     back = _Pipe(pipe)

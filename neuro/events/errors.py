@@ -40,7 +40,7 @@ class EventFileError(ModelError):
 
 
 def let_go(error: BaseException) -> None:
-    """Clear the frames of an error, and of those behind it: who keeps the error would keep mapped and open files."""
+    """Clear the frames of an error, and of those behind it: a kept error would keep mapped and open files."""
     behind: BaseException | None = error
     while behind is not None:
         traceback.clear_frames(behind.__traceback__)

@@ -189,7 +189,7 @@ def save(
         events: what to write, or the parts of one recording in order, as `stream` gives them.
         path: where to.
         format: its name, where several have the ending; or the ending that only it has.
-        replace: whether to replace a file that has this name. Recordings bear no mark of who wrote them, so none is
+        replace: whether to replace a file that has this name. Recordings bear no mark of their writer, so none is
             replaced without being told.
 
     Raises:

@@ -34,7 +34,7 @@ class Opened:
         return self
 
     def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, trace: Any) -> None:
-        """Close the file. Who keeps an error about it keeps its frames, but not what they hold of the file."""
+        """Close the file. A kept error about it keeps its frames, but not what they hold of the file."""
         if isinstance(error, EventFileError):
             let_go(error)
         _close(self.reader, self.source)

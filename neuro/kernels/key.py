@@ -1,8 +1,8 @@
 """What the machine code of a kernel follows from, as one digest: if any of it changes, so does the digest.
 
 A kernel's code rests on its own bytecode, on the values of all globals that it reads, on all kernels that it calls,
-however far away their sources are, on how it is compiled, and on who compiles it for which processor. Values and
-bytecode are looked at, not files: an edited comment compiles nothing, and a function without a file counts, too.
+however far away their sources are, on how it is compiled, and on which compiler makes it for which processor. Values
+and bytecode are looked at, not files: an edited comment compiles nothing, and a function without a file counts, too.
 Two files alone are read: those that say how kernels are compiled.
 """
 

@@ -192,7 +192,7 @@ class Competition(Choice):
 
     Class attributes:
         noun: what a chip or a simulator that cannot do it lacks.
-        decides: whether who wins decides a trial.
+        decides: whether the winner decides a trial.
         several: whether several may win in one trial.
     """
 
@@ -207,7 +207,7 @@ class Competition(Choice):
         return ""
 
     def told(self) -> str:
-        """Who fires, in a few words."""
+        """Which neurons fire, in a few words."""
         raise NotImplementedError
 
 
@@ -224,7 +224,7 @@ class winner_take_all(Competition):
     first_to_fire: bool = quantity(True, "", "decide once instead of at each step", kind="boolean")
 
     def told(self) -> str:
-        """Who fires, in a few words."""
+        """Which neurons fire, in a few words."""
         return "the first to fire" if self.first_to_fire else "the best of each step"
 
 
@@ -253,7 +253,7 @@ class local_winners(Competition):
         return f"{self.name} of '{self.of}' of shape {list(shape)}: expected (maps, rows, columns)"
 
     def told(self) -> str:
-        """Who fires, in a few words."""
+        """Which neurons fire, in a few words."""
         return f"radius {self.radius}" + (f", {self.per_map} a map" if self.per_map else "")
 
 
@@ -279,7 +279,7 @@ class lateral_reset(Competition):
         return f"{message}: expected at most {len(shape) - 1}"
 
     def told(self) -> str:
-        """Who fires, in a few words."""
+        """Which neurons fire, in a few words."""
         return f"a spike resets all along axis {self.axis}"
 
 

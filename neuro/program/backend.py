@@ -111,7 +111,7 @@ class Outcome:
         peak: if asked for, the largest V_m of each neuron of the output up to the decision, shape (neurons,); infinite
             for the winner.
         peak_tick: the first tick at which it had it; for the winner the decision.
-        wins: all who won, where several may.
+        wins: all winners, where there may be several.
     """
 
     winner: int

@@ -86,7 +86,7 @@ class Tally:
     """Turns an engine's raw counts into `Counts`.
 
     Args:
-        program: tells who is connected to whom.
+        program: tells which neurons are connected.
     """
 
     def __init__(self, program: Program) -> None:

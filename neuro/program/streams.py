@@ -20,7 +20,7 @@ class Stretch(NamedTuple):
 
 
 class Stream(Protocol):
-    """Where a population's spikes come from. Who asks keeps how far they came, so that many may ask."""
+    """Where a population's spikes come from. The caller keeps how far they came, so that many may ask."""
 
     @property
     def again(self) -> bool:
@@ -34,8 +34,8 @@ class Stream(Protocol):
         """All spikes of later steps, in stretches; when they end no more come.
 
         Raises:
-            ModelError: what they are made of is damaged; all spikes before have been given, and who asks again for
-                those after the last stretch is told the same.
+            ModelError: what they are made of is damaged; all spikes before have been given, and a caller that asks
+                again for those after the last stretch is told the same.
         """
 
     def given(self, events: Any) -> tuple[Ints, Ints]:

@@ -252,7 +252,7 @@ class _Counts(Port):
 
 
 class _Spikes(Port):
-    """Who has fired since this was last read: ids in the order of time, then id."""
+    """Neurons that have fired since this was last read: ids in the order of time, then id."""
 
     def __init__(self, net: _Net, of: Any, neurons: Neurons) -> None:
         super().__init__(f"spikes of {neurons.text}", net.turn)

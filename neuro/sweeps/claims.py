@@ -1,6 +1,6 @@
 """Claims: a file for each run under way, made only where there is none, says which process works on it.
 
-A claim is given up when its run is kept, or when who has it closes, as after an interrupt. One that is left by a
+A claim is given up when its run is kept, or when its process closes, as after an interrupt. One that is left by a
 process that has ended is taken over: on the machine where it ran that shows at once, from another one when the file has
 not been touched for a while.
 """
@@ -33,7 +33,7 @@ BEAT_S = 10.0
 
 @dataclass(frozen=True, slots=True)
 class Holder:
-    """Who has a claim.
+    """The process that has a claim.
 
     Attributes:
         machine: as of `machine`.
@@ -127,7 +127,7 @@ def claimed(folder: Path) -> list[str]:
 
 
 def alive(path: Path) -> bool:
-    """Whether who made a claim is still at work, as far as can be seen from here.
+    """Whether the process that made a claim is still at work, as far as can be seen from here.
 
     The time of a file says so only near to now: it may be of a clock that was set, or of one that is wrong.
     """
@@ -143,7 +143,7 @@ def alive(path: Path) -> bool:
 
 
 def holder_of(path: Path) -> Holder | None:
-    """Who made a claim; None if it does not say so."""
+    """The process that made a claim; None if it does not say so."""
     try:
         told = parsed(path.read_bytes())
         holder = Holder(**told)

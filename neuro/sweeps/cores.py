@@ -1,7 +1,7 @@
 """Runs in processes of this machine, see `neuro.core.processes` and `neuro.sweeps.worker`.
 
 What comes of a run is on disk before its process tells that it is. So whatever is killed, the folder says what is done,
-and who goes on asks the folder.
+and a process that goes on asks the folder.
 """
 
 from __future__ import annotations

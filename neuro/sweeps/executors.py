@@ -113,7 +113,7 @@ def doing(
 
 
 def _worker(runs: Sweep | Search, folder: Folder) -> Worker:
-    """Who does runs in this process, which cannot end one that takes too long."""
+    """A worker in this process, which cannot end a run that takes too long."""
     if runs.limits.seconds is not None:
         raise ModelError("a limit of time needs a process for each run: expected on = 'cores'")
     return Worker(folder, runs.run, runs.limits, runs.inputs)

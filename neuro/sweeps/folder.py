@@ -6,7 +6,7 @@ runs/HASH/        one run
     run.json      its point, seed, outcome, metrics or error, seconds, and where it comes from
     results.h5    what it recorded, where that is kept
     output.txt    what it printed, if anything
-claims/HASH       who works on it
+claims/HASH       which process works on it
 ```
 A run is written aside and renamed when it is whole; of two that come to the same the first stays. A run that does not
 fit its sum was damaged, counts as not there, and is done again.
@@ -158,7 +158,7 @@ class Folder:
         write_text(self.path / self.holding.file, text + "\n", self.holding.kind)
 
     def _foreign(self) -> bool:
-        """Whether it holds more than what others who begin the same at this moment have made so far."""
+        """Whether it holds more than what others that begin the same at this moment have made so far."""
         if not self.path.is_dir():
             return False
         names = {each.name for each in self.path.iterdir() if not each.name.startswith(f".{self.holding.file}.")}

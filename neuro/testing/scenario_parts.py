@@ -203,7 +203,7 @@ def _each(draw: st.DrawFn, value: float) -> Any:
 
 @st.composite
 def synapses(draw: st.DrawFn, net: Network, ends: tuple[str, str], shortest: int, interval: int) -> Synapse:
-    """A fixed synapse, one of spike pairs, or one under dopamine of a signal or of any who spike."""
+    """A fixed synapse, one of spike pairs, or one under dopamine of a signal or of any neurons that spike."""
     post = ends[1]
     w_max = draw(st.sampled_from([1.0, 0.1])) * kick(net, post)
     match draw(st.integers(0, 4)):

@@ -238,7 +238,7 @@ def _rules(draw: st.DrawFn, n_pre: int, n_post: int) -> Rule:
 
 
 def _connect(draw: st.DrawFn, net: Network, names: list[str], shortest: int, interval: int) -> None:
-    """One more projection onto cells: fixed, of spike pairs, or under dopamine of a signal or of any who spike."""
+    """One more projection onto cells: fixed, of spike pairs, or under dopamine of a signal or of spikes."""
     post, h = draw(st.sampled_from(names)), net.resolution
     parrots = [name for name, part in net.populations.items() if part.model.name == "parrot_neuron"]
     deaf = ["current", *(parrots if post in parrots else [])]

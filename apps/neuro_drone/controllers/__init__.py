@@ -135,8 +135,8 @@ HEIGHT: dict[Any, dict[str, Any]] = {
     Centroid: {"gain": (8.0, 2.0, 1.0)},
     Spiking: {"axes": 3},
 }
-"""Defaults that differ for a drone that also climbs: who climbs sees the ball further down, and who flies forward
-sees it taller, so that both axes swing with gains that suit one. The network has six motors."""
+"""Defaults that differ for a drone that also climbs: a drone that climbs sees the ball further down, and one that flies
+forward sees it taller, so that both axes swing with gains that suit one. The network has six motors."""
 
 
 def make(name: str, scenario: Scenario, seed: int = 0, settings: Mapping[str, Any] | None = None) -> Controller:

@@ -44,8 +44,8 @@ ASSUMES = (
 NEVER = -1.0
 """The strictest level: all are decided at their end."""
 LEVELS = 60
-"""Levels that are tried, up to three times the allowed error: those who stop late are wrong less often than the level
-says, since they were not stopped before."""
+"""Levels that are tried, up to three times the allowed error: recordings that stop late are wrong less often than the
+level says, since they were not stopped before."""
 
 
 @dataclass(frozen=True, slots=True)

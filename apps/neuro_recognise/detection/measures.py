@@ -79,7 +79,7 @@ def _of(pairs: Iterable[Pair], at_least: float) -> float:
 def _right(there: Floats, found: Boxes, at_least: float) -> npt.NDArray[np.bool_]:
     """Which boxes of a picture are right: the surest first, each takes the true box that it shares most with.
 
-    Who finds it taken is wrong.
+    A box that finds it taken is wrong.
     """
     right, taken = np.zeros(len(found), bool), np.zeros(len(there), bool)
     if not len(there):

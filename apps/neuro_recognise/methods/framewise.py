@@ -251,7 +251,7 @@ class Framewise(Method):
         return votes(results, frames.recording, len(shown), len(shown.classes))
 
     def views(self, events: Events, learnt: Learnt, classes: Sequence[str]) -> Sequence[View]:
-        """The events of each frame, and the spikes that the network is shown, with who wins."""
+        """The events of each frame, and the spikes that the network is shown, with the winner."""
         seen, evidence = self.inside(events), self.observe(events)
         at_ms = evidence["ends"] / 1000.0
         if not len(at_ms):

@@ -1,4 +1,4 @@
-"""Networks of `neuro_models` that learn by gradients: pixels send events, and who of the output fires most decides.
+"""Networks of `neuro_models` that learn by gradients; the output neuron that fires most decides.
 
 Learning needs torch, by `neuro_train`; what was learnt runs on every backend without it.
 """
@@ -154,7 +154,7 @@ class Gradients(Method):
         return net
 
     def answer(self, learnt: Learnt, shown: Features, backend: str = "event") -> Answer:
-        """Who of the output fires most; of several who fires first. A recording that none fires for is silent."""
+        """The output neuron that fires most, of several the first to fire; a recording without a spike is silent."""
         return self.asker(learnt, backend)(shown)
 
     def asker(self, learnt: Learnt, backend: str = "event") -> Callable[[Features], Answer]:

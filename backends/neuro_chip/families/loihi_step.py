@@ -14,7 +14,7 @@ LOW, SIGN = i32(4095), i32(31)
 
 @subkernel
 def lif(net, pop, row, step):
-    """Step a population; who is above threshold is in `fired`."""
+    """Step a population; `fired` says which are above threshold."""
     lo, hi = row[BEGIN], row[END]
     begin = row[RING] + (step & (row[SLOTS] - 1)) * (hi - lo)
     inputs, currents, drives, clips = step_loihi(

@@ -13,7 +13,7 @@ FIFTEEN, THIRTY_TWO = np.int64(15), np.int64(32)
 
 @subkernel
 def lif(net, pop, row, step):
-    """Step a population of exponential neurons; who reaches threshold is in `fired`."""
+    """Step a population of exponential neurons; `fired` says which reach threshold."""
     lo, hi = row[BEGIN], row[END]
     n = hi - lo
     begin = row[RING] + (step & (row[SLOTS] - 1)) * n
@@ -29,7 +29,7 @@ def lif(net, pop, row, step):
 
 @subkernel
 def delta(net, pop, row, step):
-    """Step a population with delta input; who reaches threshold is in `fired`."""
+    """Step a population with delta input; `fired` says which reach threshold."""
     lo, hi = row[BEGIN], row[END]
     n = hi - lo
     begin = row[RING] + (step & (row[SLOTS] - 1)) * n

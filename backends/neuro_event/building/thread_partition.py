@@ -1,4 +1,4 @@
-"""Who steps what: the neurons of each thread."""
+"""The neurons of each thread."""
 
 from __future__ import annotations
 

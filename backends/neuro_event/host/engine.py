@@ -197,7 +197,7 @@ class EventEngine:
         return Outcome(winner, tick, net["potential"].copy(), net["order"][net["best"]], ticks, peak, peak_tick, wins)
 
     def _wins(self, group: int) -> Wins:
-        """All who have won in the trial."""
+        """All winners of the trial."""
         won = self._a.net["won"][: self._a.net["standing"][group, t.WINS]]
         return Wins(self._a.net["order"][won[:, 0]], won[:, 1] - self._trial_start - 1)
 

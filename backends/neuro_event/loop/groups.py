@@ -1,4 +1,4 @@
-"""Groups: who of those at threshold fires, and whom that resets."""
+"""Groups: which of the neurons at threshold fire, and which that resets."""
 
 # mypy: ignore-errors
 import math
@@ -44,7 +44,7 @@ def settle(view, thread, pop, n, step, at, done, h):
 
 @subkernel
 def choose(view, group, row, candidates, n, step):
-    """Who wins of the first n candidates of a group that may: largest margin, then keyed draw, then id; or -1."""
+    """The winner of the first n candidates of a group that may win: largest margin, then keyed draw, then id; or -1."""
     net = net_of(view)
     best, best_margin, best_draw = -1, -math.inf, -1.0
     base = step_word(net.group_keys[group], step)
@@ -151,7 +151,7 @@ def silence(view, row, group, begin, end, step):
     """Silence the neurons begin:end:step that are not yet."""
     net = net_of(view)
     for i in range(begin, end, step):
-        # Counted once a neuron: who is silenced twice, by its place and by its map, was open once.
+        # Counted once a neuron: a neuron that is silenced twice, by its place and by its map, was open once.
         net.standing[group, t.OPEN] -= net.muted[i] == 0
         net.muted[i] |= t.BLOCKED
 
@@ -224,7 +224,7 @@ def open_groups(view):
 
 @subkernel
 def admit_all(view, row):
-    """Nobody is left out any more; who was silenced by a winner still is."""
+    """No neuron is left out any more; those silenced by a winner still are."""
     net = net_of(view)
     for i in range(row[t.BEGIN], row[t.END]):
         net.standing[row[t.GROUP], t.OPEN] += net.muted[i] == t.SILENCED

@@ -211,7 +211,7 @@ def lazy_entry(model, own_rows):
 
     @subkernel
     def bring(view, q, target, step, thread, whole, h):
-        """Catch up every synapse onto one target; who brings all such projections onto it then sets its APPLIED."""
+        """Catch up every synapse onto one target; `bring_history`, which does so for all projections, sets APPLIED."""
         net, p = net_of(view), plastic_of(view)
         table = p.table[q]
         row = net.projections[table[t.PROJECTION]]

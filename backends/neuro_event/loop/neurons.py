@@ -224,7 +224,7 @@ SPOTS = t.BLOCK // LANES
 
 @subkernel
 def collect(view, first_state, word):
-    """Add what arrives at the marked spots of a group of blocks; their marks then tell who of the eight had some."""
+    """Add what arrives at the marked spots of a group of blocks; their marks then tell which of the eight had some."""
     net = net_of(view)
     first = word * t.GROUPED * SPOTS
     one, other = net.state[first_state], net.state[first_state + 1]
@@ -234,7 +234,8 @@ def collect(view, first_state, word):
     while marks:
         spot = first + lowest(marks)
         marks &= marks - _ONE
-        # The mark of a spot becomes a mask of who of the eight had input, which `step_collecting` counts by bits.
+        # The mark of a spot becomes a mask of those of the eight that had input, which `step_collecting` counts by
+        # bits.
         net.spots[spot] = take(one, net.x[0], spot * LANES) | take(other, net.x[1], spot * LANES)
 
 

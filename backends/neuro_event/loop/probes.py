@@ -58,7 +58,7 @@ def notes_to_come(view, upto):
 def sample(view, pop, state, places, step, h, aside, out):
     """Fill `out` with a state of some neurons of a population as of `step`; a block that sleeps is put back to sleep.
 
-    `aside` is room for the states of a block and for who fired, shape (states + 1, t.BLOCK).
+    `aside` is room for the states of a block and for `fired`, shape (states + 1, t.BLOCK).
     """
     net = net_of(view)
     k = 0
@@ -93,7 +93,7 @@ def follow_peaks(view, pop, tick, value, when):
     """Note whose V_m is larger than at all ticks before, by id."""
     net = net_of(view)
     for i in range(net.pops[pop, t.BEGIN], net.pops[pop, t.END]):
-        # By id: maps lie innermost here, and who asks knows nothing of that.
+        # By id: maps lie innermost here, and callers know nothing of that.
         k = net.order[i]
         if net.state[0, i] > value[k]:
             value[k], when[k] = net.state[0, i], tick

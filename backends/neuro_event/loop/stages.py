@@ -1,7 +1,7 @@
 """Parts of the loop that only some networks need: each is compiled by itself, and called by its address.
 
 So a network compiles what it needs, and what it compiles is kept for all others. The addresses lie in a table, which
-`link` fills. Of what a network does not need the address is 0: who adds a call says in `_needed` when it may happen.
+`link` fills. Of what a network does not need the address is 0: a new call says in `_needed` when it may happen.
 """
 
 # mypy: disable-error-code="no-untyped-call"

@@ -110,7 +110,7 @@ def step_population(view, thread, pop, step, done, h):
     net = net_of(view)
     row = net.pops[pop]
     at, kind = net.log_at[thread, 0], row[t.KIND]
-    # Ends are kept for every step, also an empty one: who reads the log finds a population's spikes without a search.
+    # Ends are kept for every step, also an empty one: a reader of the log finds a population's spikes without a search.
     # The number of steps is a power of two, so a mask takes the place of a division.
     net.log_ends[thread, step & (net.log_ends.shape[1] - 1), pop] = at
     if kind == t.NEURON:

@@ -195,7 +195,7 @@ emitted_from i8 1  the first of these steps
 fired u1 1         how often each reached threshold in the present step
 spots u1 1         eight neurons each: not 0 where input of the present step arrived, see `step_collecting`
 spot_words u8 1    the same memory, a block at a time
-muted u1 1         who must not fire, and why: bits of `tables`
+muted u1 1         whether it must not fire, and why: bits of `tables`
 events i8 1        spike events of each neuron
 spikes i8 1        with their multiplicity
 active i8 2        (threads, populations) neuron-steps with an arrival or a spike
@@ -235,7 +235,7 @@ rec_steps i8 2     recorded spikes of each thread
 rec_ids i4 2
 rec_counts i4 2
 rec_at i8 2         (threads, a cache line)
-found i8 2         who of a group reached threshold
+found i8 2         neurons of a group that reached threshold
 found_arrived u1 2
 rivals i8 2        those of them of which one fires, a row per thread
 groups i8 2        columns of `tables`, a row per group
@@ -244,7 +244,7 @@ closed u1 1        whether no neuron of a group may fire any more
 local i8 2         of groups with several winners, columns of `tables`, a row per group
 standing i8 2      how many of each of these may still win, and have won in this trial
 map_wins i8 2      (groups, maps) how often each of their maps has won
-won i8 2           (neurons of the trials' output, 2) who has won in this trial, in order, and the step
+won i8 2           (neurons of the trials' output, 2) winners of this trial, in order, and the step
 clock i8 2         (threads, columns of `tables`)
 map_of i8 1        map of each neuron of the trials' output
 potential f8 1     largest V_m of each map

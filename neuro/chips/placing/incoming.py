@@ -62,7 +62,7 @@ class Incoming:
 
     @cached_property
     def line(self) -> NDArray[np.int32]:
-        """The line of each synapse, by target: 4 bytes a synapse, so that only who needs it makes it."""
+        """The line of each synapse, by target: 4 bytes a synapse, so it is made only where it is needed."""
         line = np.empty(self.synapses.sum(), dtype=np.int32)
         position = self.ends[:-1].copy()
         for index, rows in enumerate(self.rows):

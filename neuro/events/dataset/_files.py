@@ -60,7 +60,7 @@ def files_of(where: str) -> Files:
 class _Zip:
     """A zip that is open while it is used and can be sent to another process.
 
-    A forked process opens it anew: the place in an open file is one for all who have inherited it.
+    A forked process opens it anew: the place in an open file is one for all processes that have inherited it.
     """
 
     def __init__(self, path: str) -> None:

@@ -1,7 +1,7 @@
 """The functions of expressions, as plain Python that is also compiled.
 
 Nothing is raised: an undefined result is NaN, as in compiled code. Their names differ from those in `math`:
-who compiles them would take the one for the other.
+a compiler would take the one for the other.
 """
 
 # mypy: disable-error-code="no-untyped-def,no-untyped-call"

@@ -61,7 +61,7 @@ class Asker:
             self._study = study_of(folder, tuple(plan.objectives.values()))
 
     def close(self) -> None:
-        """Leave trials under way to who asks next."""
+        """Leave trials under way to the next asker."""
         self._claims.close()
 
     def more(self, number: int) -> Sequence[RunItem]:

@@ -143,7 +143,7 @@ def as_text(counts: Mapping[str, int]) -> str:
 
 
 def retry_failed(plan: SearchPlan, before: str, folder: Folder) -> int:
-    """Leave trials of which a run has failed as if they were under way, so that who asks next takes them over.
+    """Leave trials of which a run has failed as if they were under way, so that the next asker takes them over.
 
     Args:
         plan: how the search goes.

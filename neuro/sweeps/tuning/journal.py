@@ -199,7 +199,7 @@ class Aside:
 
     def set_trial_system_attr(self, trial_id: int, name: str, value: Any) -> None:
         """Note something of the one."""
-        self._trial.system_attrs = {**self._trial.system_attrs, name: value}  # who has listed the trial sees no change
+        self._trial.system_attrs = {**self._trial.system_attrs, name: value}  # lists made before stay
 
     def study(self, **parts: Any) -> Study:
         """The study of a journal, as it is with the one."""
