@@ -211,7 +211,7 @@ def _compared(
 
 def _reason(error: ModelError) -> str:
     """What is wrong in one line, without the way out."""
-    return ": ".join(line for line in str(error).splitlines() if not line.startswith("  hint: "))
+    return ": ".join(one.alone() for one in (error, *error.others))
 
 
 @dataclass(frozen=True, slots=True, eq=False)

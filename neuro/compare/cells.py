@@ -24,17 +24,11 @@ def summary(comparison: Comparison) -> Iterator[tuple[str, ...]]:
     """A row for each backend, with what it is refused for."""
     for run in comparison.runs:
         if run.counts is None:
-            yield (run.backend, *5 * "-", f"refused: {reason(run)}")
+            yield (run.backend, *5 * "-", f"refused: {run.reason}")
             continue
         c = run.counts
         numbers = (f"{n:,}" for n in (c.spikes, c.synaptic_ops, c.neuron_updates_active, c.learning_updates))
         yield (run.backend, *numbers, far(run.per_spike), earliest(comparison, run))
-
-
-def reason(run: Run) -> str:
-    """The first reason why a backend refuses the network."""
-    lines = run.refused.splitlines()
-    return lines[1] if len(lines) > 1 and not lines[1].startswith("  hint") else lines[0]
 
 
 def earliest(comparison: Comparison, run: Run) -> str:

@@ -69,7 +69,7 @@ def _card(comparison: Comparison, run: Run) -> Html:
     name = tag("h3", run.backend)
     if run.refused:
         head = tag("p", "refused", class_="big")
-        return tag("section", name, head, tag("p", cells.reason(run)), class_="card refused")
+        return tag("section", name, head, tag("p", run.reason), class_="card refused")
     assert run.counts is not None
     facts = [("spikes", f"{run.counts.spikes:,}"), ("synaptic operations", f"{run.counts.synaptic_ops:,}")]
     if run is comparison.first:

@@ -74,7 +74,7 @@ class Run:
 
     Attributes:
         backend: its name, or the table file of its chip.
-        refused: why it did not run; "" if it did.
+        refused: why it did not run; "" if it did. `reason` is the first of several reasons, in a line.
         warnings: what it approximates, and overflows.
         inputs: than those of the first run: "same", "merged" (several spikes of a neuron in a step are one), "other".
         counts: of the run.
@@ -91,6 +91,7 @@ class Run:
 
     backend: str
     refused: str = ""
+    reason: str = ""
     warnings: tuple[str, ...] = ()
     inputs: str = "same"
     counts: Counts | None = None

@@ -73,7 +73,7 @@ def compare(
                 sim = compile(watched, backend=name, seed=seed, threads=threads)
                 (advance or _run)(sim, steps)
             except ModelError as error:
-                run = Run(name, refused=str(error))
+                run = Run(name, refused=str(error), reason=next(iter(error.others), error).alone())
             else:
                 run = _against(_gather(sim, name, first is None), first, sim.time)
         runs.append(replace(run, warnings=tuple(caught)))

@@ -50,7 +50,8 @@ class ModelError(ValueError):
         suggestion: the nearest of them; "" if none is near.
         missing: the word that has to be there and is not.
         about: other words of the part that it depends on.
-        others: mistakes that were found with it, as all those of units in the equations of one model.
+        others: mistakes that were found with it, as all those of units in the equations of one model, or all that a
+            backend refuses.
 
     No program reads the text of a message: what it needs to know of a mistake is an attribute.
     """
@@ -86,6 +87,10 @@ class ModelError(ValueError):
         message = f"{context}: {self.message}" if fresh else self.message
         others = tuple(other.at(where, context) for other in self.others)
         return self.but(message=message, where=self.where or where, others=others)
+
+    def alone(self) -> str:
+        """Place and message in a line, without the way out and the others."""
+        return str(self.but(hint="", others=()))
 
     def but(self, **changes: Any) -> ModelError:
         """The same error, of its class, with other attributes."""

@@ -10,7 +10,7 @@ from typing import Any, Protocol, runtime_checkable
 import numpy as np
 from numpy.typing import NDArray
 
-from neuro.core.errors import Where, unknown
+from neuro.core.errors import ModelError, Where, unknown
 from neuro.core.registry import Registry
 from neuro.model.neurons import CurrentGenerator, Model
 from neuro.model.synapses import Synapse
@@ -47,6 +47,10 @@ class Problem:
     why: str
     way_out: str = ""
     origin: Where | None = None
+
+    def error(self) -> ModelError:
+        """It as an error; `ModelError.others` of one that refuses a network are such."""
+        return ModelError(f"{self.what}: {self.why}", where=self.origin, hint=self.way_out)
 
 
 @dataclass(frozen=True, slots=True, eq=False)

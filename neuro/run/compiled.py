@@ -81,13 +81,10 @@ def _caution(program: Program) -> None:
 
 def _report(backend: str, problems: Iterable[Problem]) -> None:
     """Raise one error for all that is refused; warn of what is approximated."""
-    reports = {True: [], False: []}  # type: dict[bool, list[str]]
-    for problem in problems:
-        place = f"{problem.origin}: " if problem.origin else ""
-        way_out = f"\n  hint: {problem.way_out}" if problem.way_out else ""
-        reports[problem.refused].append(f"{place}{problem.what}: {problem.why}{way_out}")
-    if reports[True]:
-        count = f"{len(reports[True])} problem" + "s" * (len(reports[True]) > 1)
-        raise ModelError(f"backend '{backend}' cannot run this network ({count})\n" + "\n".join(reports[True]))
-    for text in reports[False]:
-        warnings.warn(f"backend '{backend}': {text}", ApproximationWarning, stacklevel=3)
+    every = list(problems)
+    refused = tuple(problem.error() for problem in every if problem.refused)
+    if refused:
+        count = f"{len(refused)} problem" + "s" * (len(refused) > 1)
+        raise ModelError(f"backend '{backend}' cannot run this network ({count})", others=refused)
+    for problem in every:
+        warnings.warn(f"backend '{backend}': {problem.error()}", ApproximationWarning, stacklevel=3)

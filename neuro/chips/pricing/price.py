@@ -90,12 +90,9 @@ def check_costs(chip: Chip) -> None:
 def check_fits(program: Program, placement: Placement, chip: Chip) -> None:
     """Refuse a placement in which something does not fit, or a delay beyond the chip's register; all of it is told."""
     problems = dict.fromkeys((*placement.problems, *too_late(program, chip)))
-    refused = [problem for problem in problems if problem.refused]
+    refused = tuple(problem.error() for problem in problems if problem.refused)
     if refused:
-        texts = [f"{p.origin}: " * bool(p.origin) + f"{p.what}: {p.why}" for p in refused]
-        hints = [f"\n  hint: {p.way_out}" * bool(p.way_out) for p in refused]
-        lines = [line + hint for line, hint in zip(texts, hints, strict=True)]
-        raise ModelError("\n".join([f"network '{program.name}' does not fit on target '{chip.name}'", *lines]))
+        raise ModelError(f"network '{program.name}' does not fit on target '{chip.name}'", others=refused)
 
 
 def unrunnable(program: Program, chip: Chip, placed: bool) -> Iterator[str]:
