@@ -331,9 +331,9 @@ def are_finite(engine: Engine, population: int, states: Sequence[str]) -> bool:
 def floats_only(program: Program) -> list[Problem]:
     """The problems of a float backend: parts in a chip's registers."""
     parts: list[tuple[str, Model | Synapse, Where | None]] = [
-        (f"population '{p.name}'", p.model, p.origin) for p in program.populations
+        (f"population '{p.name}'", p.model, p.origin) for p in program.populations if p.model.chip
     ]
-    parts += [(f"projection '{p.name}'", p.synapse, p.origin) for p in program.projections]
+    parts += [(f"projection '{p.name}'", p.synapse, p.origin) for p in program.projections if p.synapse.chip]
     return [
         Problem(
             True,
@@ -343,7 +343,6 @@ def floats_only(program: Program) -> list[Problem]:
             origin,
         )
         for what, choice, origin in parts
-        if choice.chip
     ]
 
 
