@@ -30,7 +30,8 @@ def network(rule: Synapse, weight: object = 40.0, connect: object = None) -> neu
 def told(call, *args, **words) -> str:
     with pytest.raises(ModelError) as error:
         call(*args, **words)
-    return error.value.message + (f"\n  hint: {error.value.hint}" if error.value.hint else "")
+    own = error.value.message + (f"\n  hint: {error.value.hint}" if error.value.hint else "")
+    return "\n".join([own, *map(str, error.value.others)])
 
 
 def learnt(net: neuro.Network, backend: str) -> np.ndarray:

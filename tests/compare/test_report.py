@@ -134,7 +134,12 @@ def test_silent_populations_are_named():
 
 def test_a_refusal_is_told(net):
     found = compare(net, ["event", "reference", "loihi"], 20.0)
-    refused = replace(found.runs[2], refused="backend 'loihi' cannot run this\nthe <reason>\n  hint: do", reason="the <reason>", counts=None)
+    refused = replace(
+        found.runs[2],
+        refused="backend 'loihi' cannot run this\nthe <reason>\n  hint: do",
+        reason="the <reason>",
+        counts=None,
+    )
     told = Tree(page(replace(found, runs=(*found.runs[:2], refused)))).text
     assert "loihi refused the <reason>" in told
     assert "refused: the <reason>" in told
