@@ -286,15 +286,15 @@ REFUSED = {
         lambda s, n: s.signal(n.populations["cells"], 1.0),
         "found the population 'cells': expected a signal or its name",
     ),
-    "a stranger of that name": (
+    "another network's of that name": (
         lambda s, n: s.spikes(network().populations["cells"]),
         "population 'cells' is a part of another network: expected one of 'n'\n  hint: 'cells' names the one here",
     ),
-    "a view of a stranger": (
+    "a view of another network's": (
         lambda s, n: s.get(learning().populations["cells"][:2], "V_m"),
         "population 'cells' is a part of another network: expected one of 'n'\n  hint: 'cells' names the one here",
     ),
-    "a stranger": (
+    "another network's": (
         lambda s, n: s.weights(learning().projections["w"]),
         "projection 'w' is a part of another network: expected one of 'n'",
     ),

@@ -1,4 +1,4 @@
-"""Rules of three factors: whose weights move under a signal or under dopamine, ours and strangers'."""
+"""Rules of three factors: whose weights move under a signal or under dopamine, ours and third-party ones."""
 
 from __future__ import annotations
 

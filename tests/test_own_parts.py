@@ -1,4 +1,4 @@
-"""Parts of strangers that are not what they should be: each is told in words, none runs on with other numbers."""
+"""Third-party parts that are not what they should be: each is reported, none runs on with other numbers."""
 
 import math
 import subprocess

@@ -294,7 +294,7 @@ EDITS = {
     "add-a-generator": ("sine_generator.py", "out[i] = 1.0", "out[i] = 2.0"),
     "add-a-connection-rule": ("near.py", "self.p * np.exp", "0.5 * self.p * np.exp"),
 }
-"""A change of a stranger's file after which the page's first command prints something else."""
+"""A change of a third-party file after which the page's first command prints something else."""
 
 
 @pytest.mark.parametrize("page", PAGES, ids=lambda page: str(page.relative_to(ROOT)))

@@ -82,7 +82,7 @@ def test_without_a_digest_it_is_refused(results, tmp_path):
 
 @pytest.mark.parametrize("absolute", [True, False])
 def test_a_network_file_outside_the_network_is_refused(results, tmp_path, absolute):
-    """HDF5 gives any bytes as a name, also those of a path; written there, a stranger's file would replace ours."""
+    """HDF5 gives any bytes as a name, also those of a path; written there, a third-party file would replace ours."""
     name = str(tmp_path / "written") if absolute else ".."
     write(results, tmp_path / "a.h5")
     with h5py.File(tmp_path / "a.h5", "a") as file:

@@ -181,7 +181,7 @@ def test_backends_agree(rule):
     check_part(rule)
 
 
-# a rule of a stranger
+# a third-party rule
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

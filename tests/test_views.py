@@ -386,10 +386,10 @@ def test_the_learnt_network_of_views():
 def test_parts_of_another_network_are_refused():
     net, other = Network("here"), Network("there")
     cells = net.population("cells", 3, neuro.iaf_psc_exp())
-    stranger = other.population("cells", 3, neuro.iaf_psc_exp())
+    foreign = other.population("cells", 3, neuro.iaf_psc_exp())
     alone = other.population("alone", 3, neuro.iaf_psc_exp())
     told = "is a part of another network: expected one of 'here'"
-    for end in (stranger, stranger[:2]):
+    for end in (foreign, foreign[:2]):
         assert message(net.connect, cells, end, neuro.one_to_one(), name="w") == (
             f"projection 'w': to: population 'cells' {told}\n  hint: 'cells' names the one here"
         )

@@ -37,7 +37,7 @@ def folder(tmp_path, monkeypatch, registries):
     return tmp_path
 
 
-def test_a_filter_of_a_stranger(neuro):
+def test_a_third_party_filter(neuro):
     answer = neuro("events", "filter", "a.csv", "-", "late: {after_us: 3}", "--to", "csv", "--with", "my_filter.py")
     assert (answer.status, answer.err) == (0, f"{SAID}-: 1 of 3 events\n")
     assert answer.out.splitlines()[1:] == ["t,x,y,p", "3,3,3,1"]

@@ -1,4 +1,4 @@
-"""Values that are encoded in a network, and codes of strangers by name."""
+"""Values that are encoded in a network, and third-party codes by name."""
 
 from typing import Literal
 
@@ -237,7 +237,7 @@ def test_mistakes_in_python(words, message):
 
 
 @pytest.fixture
-def _strangers(registries):
+def _third_party_codes(registries):
     @neuro.register(kind="code")
     def late(values, by: float, words: Literal["once", "twice"] = "once", seed: int = 0):
         """All values at one time.
@@ -258,8 +258,8 @@ def _strangers(registries):
         return r**2
 
 
-@pytest.mark.usefixtures("_strangers")
-def test_a_code_of_a_stranger_works_by_its_name(load):
+@pytest.mark.usefixtures("_third_party_codes")
+def test_a_third_party_code_works_by_its_name(load):
     assert trains(load("values: [1, 2], code: {late: {by: 3}}")) == [[4.0], [4.0]]
     assert trains(load("values: [1, 2], code: [squared, {late: {by: 3, words: twice}}]")) == [[4.0, 4.0]] * 2
     sim = neuro.compile(load("values: [1, 2], code: squared"), "reference")
@@ -274,7 +274,7 @@ def test_a_code_of_a_stranger_works_by_its_name(load):
             return values
 
 
-@pytest.mark.usefixtures("_strangers")
+@pytest.mark.usefixtures("_third_party_codes")
 @pytest.mark.parametrize(
     ("gives", "kind", "message"),
     [

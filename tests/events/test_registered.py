@@ -1,4 +1,4 @@
-"""Parts of strangers: one `neuro.register`, or an entry point, and they are known like ours."""
+"""Third-party parts: one `neuro.register`, or an entry point, and they are known like ours."""
 
 import dataclasses
 import sys
@@ -63,7 +63,7 @@ def test_a_format_is_known_by_name_ending_and_content(tmp_path, events):
     assert load((tmp_path / "b").read_bytes()).metadata["format"] == "mine"
 
 
-def test_damage_in_a_format_of_a_stranger_is_told_like_any(tmp_path):
+def test_damage_in_a_third_party_format_is_reported_like_any(tmp_path):
     neuro.register(mine())
     (tmp_path / "a.mine").write_bytes(MARK + b"\0" * 17)
     with pytest.raises(EventFileError, match=r"a\.mine: byte 21: 1 bytes left over$"):
@@ -86,7 +86,7 @@ def test_an_ending_without_a_signature_stays_ours(tmp_path, events):
     assert load(tmp_path / "a.bin").metadata["format"] == "nmnist"
 
 
-def test_a_data_set_holds_files_of_a_strangers_format(tmp_path, events):
+def test_a_data_set_holds_files_of_a_third_party_format(tmp_path, events):
     neuro.register(mine())
     for name in ("a", "b"):
         (tmp_path / "set" / name).mkdir(parents=True)

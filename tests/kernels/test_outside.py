@@ -1,4 +1,4 @@
-"""Models of strangers, registered or not: compiled by themselves, anew after an edit, and equal to the reference."""
+"""Third-party models, registered or not: compiled by themselves, anew after an edit, and equal to the reference."""
 
 import os
 import subprocess

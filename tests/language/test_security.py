@@ -1,4 +1,4 @@
-"""A description from a stranger runs no code, reads nothing outside its folder, and ends in time."""
+"""An untrusted description runs no code, reads nothing outside its folder, and ends in time."""
 
 # ruff: noqa: E501
 

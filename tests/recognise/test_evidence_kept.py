@@ -127,7 +127,7 @@ def test_an_unknown_module_and_one_typed_in_are_told_by_what_they_do():
     assert len(set(told)) == 3
 
 
-def test_parts_of_strangers_count(monkeypatch):
+def test_third_party_parts_count(monkeypatch):
     other = type("Other", (Ridge,), {"fit": lambda self, *more: {}, "__module__": "somewhere"})
     assert code.code_of(Hats(readout=other())) != code.code_of(Hats(readout=Ridge()))
 

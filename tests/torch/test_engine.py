@@ -192,7 +192,7 @@ def quiet(s, c, i_0, lo, hi):
 '''
 
 
-def test_a_strangers_neuron_with_branches_and_loops(tmp_path: Path, monkeypatch):
+def test_a_third_party_codes_neuron_with_branches_and_loops(tmp_path: Path, monkeypatch):
     (tmp_path / "my_ladder.py").write_text(STRANGE)
     monkeypatch.syspath_prepend(tmp_path)
     from my_ladder import ladder
