@@ -143,8 +143,8 @@ def post_spike(view, pop, thread, local, m, step, done, h):
         while n > 1 and past[NEWEST + ENTRY * (n - 2)] + longest <= done:
             n -= 1
         if NEWEST + ENTRY * (n + 1) > past.size:
-            # No kernel raises: the host reads this after the run and reports it. The engine sizes histories so that one
-            # delay and one slice fit.
+            # No kernel raises: the engine reads this after the run and reports it. Histories are as long as t_ref lets
+            # them grow, so only a model that fires within its own t_ref comes here.
             net.clock[thread, t.OVERRUN] = pop + 1
             n -= 1
     traces = p.traces[net.pops[pop, t.HISTORY] + local]

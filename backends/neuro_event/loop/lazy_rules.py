@@ -199,7 +199,7 @@ def rule_entry(model, own_rows):
     if model.delays:
 
         @subkernel
-        # A delay that learns is the axon's: a post spike is at the synapse at once.
+        # A delay that learns is that of the pre spike alone: post spikes act on the synapse at once.
         def heard_after(net, row, s):
             return 0
 
