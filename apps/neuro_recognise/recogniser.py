@@ -334,6 +334,14 @@ Parts: TypeAlias = tuple[Method, tuple[str, ...], Learnt, Mapping[str, Any], Ear
 def write_model(path: Path, parts: Parts) -> None:
     """Write a file, in the place of another recogniser of that name.
 
+    ```
+    /            attributes: format "neuro recogniser 1", method, settings and training (JSON), and the versions of
+                 neuro, python, numpy and numba
+    /classes     names of the classes
+    /learnt      arrays and texts by name, as the method gives them
+    /early       what decisions while events arrive need, where it was learnt: see `neuro_recognise.deciding.early`
+    ```
+
     Args:
         path: of the file.
         parts: what a recogniser is made of, in the order of its attributes.

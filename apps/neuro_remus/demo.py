@@ -108,7 +108,9 @@ TARGET = "loihi"
 
 
 def trained_by_gradients(data: Recordings, seed: int) -> Recogniser:
-    """The network as a recogniser.
+    """The network that learnt the same recordings by gradients, as a recogniser.
+
+    It ships as `demo_digits` of `neuro_models`; docs/how-to/train.md says how it was trained. It needs no torch.
 
     Args:
         data: the recordings that it learnt from.

@@ -51,7 +51,7 @@ def space(text: str, net: neuro.Network, plan: TrainingPlan, given: Mapping[str,
         given: the parameters of the network's file.
 
     Raises:
-        ModelError: a name is unknown, a value is no number, or a duration is not a whole number of steps.
+        ModelError: a name is unknown, a value is NaN, or a duration is not a whole number of steps.
     """
     said = dict(_named(part) for part in text.split(","))
     known = ["step", "duration", *OF_PLAN, *(name for name in given if name != "resolution")]

@@ -205,7 +205,7 @@ class _Training:
         """Show every recording once.
 
         Raises:
-            ModelError: the loss, or something that learns, is no number.
+            ModelError: the loss, or something that learns, is NaN.
         """
         plan, began = self._plan, time.process_time()
         if plan.prune and self.done == (plan.epochs + 1) // 2:
@@ -255,12 +255,12 @@ class _Training:
         return self._plan.rate * (high + (low - high) * 0.5 * (1.0 + math.cos(math.pi * part)))
 
     def _check(self, loss: Tensor, batch: int) -> None:
-        """Refuse to go on with a loss that is no number."""
+        """Refuse to go on with a loss that is NaN."""
         if not math.isfinite(float(loss.detach())):
             self._stop(batch, f"the loss is {float(loss.detach())}: expected a number")
 
     def _hold(self, batch: int) -> None:
-        """Keep what learns in its bounds; refuse to go on with what is no number."""
+        """Keep what learns in its bounds; refuse to go on with what is NaN."""
         try:
             self._module.hold()
         except ModelError as error:

@@ -1,4 +1,12 @@
-"""Sending the spikes of a step into the ring buffers of their targets."""
+"""Sending the spikes of a step into the ring buffers of their targets.
+
+Over grids of many maps the spikes of a step are added up with the maps next to each other, then poured into the ring. A
+kernel's words for one place lie in all maps far apart in the ring, so a spike by itself touches them one by one. With
+the maps next to each other they are added many at a time: sums lie by place, then map, of the maps that one channel
+reaches; words likewise, and in a line of a kernel in the order of the places that a source meets them at, so that all
+places of a line are added in one run. Sums of words do not depend on their order, so the bits are those of spikes sent
+one by one.
+"""
 
 from __future__ import annotations
 

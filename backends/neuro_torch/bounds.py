@@ -38,7 +38,7 @@ def in_steps(delay: Tensor, resolution: float, projection: str) -> Tensor:
         projection: whose they are.
 
     Raises:
-        ModelError: they are no numbers, or longer than any may be.
+        ModelError: they are NaN, or longer than any may be.
     """
     check_delays(delay, resolution, projection)
     steps: Tensor = _AtLeast.apply(delay / resolution, 1.0)  # type: ignore[no-untyped-call]
@@ -46,7 +46,7 @@ def in_steps(delay: Tensor, resolution: float, projection: str) -> Tensor:
 
 
 def check_delays(delay: Tensor, resolution: float, projection: str) -> None:
-    """Refuse delays in ms that are no numbers, or longer than any may be.
+    """Refuse delays in ms that are NaN, or longer than any may be.
 
     Raises:
         ModelError: it names the projection.
@@ -86,7 +86,7 @@ def check_parameters(part: Population, learnt: Tensors) -> None:
 
 
 def check(program: Program, weights: Named, delays: Named, neurons: Named) -> None:
-    """Refuse what is no number or out of its bounds, of all that learns.
+    """Refuse what is NaN or out of its bounds, of all that learns.
 
     Raises:
         ModelError: it says what.
@@ -104,7 +104,7 @@ def hold(program: Program, weights: Named, delays: Named, neurons: Named) -> Non
     """Put what left its bounds back into them; what a user has parametrised is the user's to hold.
 
     Raises:
-        ModelError: something is no number, or a delay longer than any may be; it says what.
+        ModelError: something is NaN, or a delay longer than any may be; it says what.
     """
     _check_numbers(program, weights, delays, neurons)
     for name, delay in delays.items():
@@ -129,7 +129,7 @@ def _check_numbers(program: Program, weights: Named, delays: Named, neurons: Nam
 
 
 def _check_finite(told: str, values: Tensor, infinite: bool = False) -> None:
-    """Refuse what is no number; the sum of many is looked at first, which costs little."""
+    """Refuse what is NaN; the sum of many is looked at first, which costs little."""
     values = values.detach()
     if not math.isfinite(float(values.sum())):
         wrong = values.isnan() if infinite else ~values.isfinite()

@@ -91,7 +91,7 @@ def given_to(part: Population, given: Any, task: ScanTask) -> Train | torch.Tens
     """What was checked, as a pass has it.
 
     Raises:
-        ModelError: something is no number.
+        ModelError: something is NaN.
     """
     return given if given is None or isinstance(given, Train) else fitted(part, given, task)
 
@@ -169,7 +169,7 @@ def fitted(part: Population, given: Any, task: ScanTask) -> Tensor:
         task: what the pass is about.
 
     Raises:
-        ModelError: it holds what are no numbers.
+        ModelError: it holds NaN.
     """
     tensor = torch.as_tensor(given)
     if tensor.layout is not torch.strided:
@@ -181,7 +181,7 @@ def fitted(part: Population, given: Any, task: ScanTask) -> Tensor:
 
 
 def _check_finite(part: Population, tensor: Tensor) -> None:
-    # A sum is one pass without a copy; it may overflow where no number is at fault.
+    # A sum is one pass without a copy; it may overflow where every number is finite.
     if tensor.sum().isfinite() or tensor.isfinite().all():
         return
     b, t, i = (~tensor.isfinite()).nonzero()[0].tolist()

@@ -67,7 +67,7 @@ def between_steps(
         weights: likewise.
 
     Raises:
-        ModelError: a delay is no number, or longer than any may be.
+        ModelError: a delay is NaN, or longer than any may be.
     """
     steps = in_steps(delays, program.resolution, program.projections[index].name)
     whole = steps.detach().floor()

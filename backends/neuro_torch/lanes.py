@@ -87,7 +87,7 @@ def spread(value: Any, shape: tuple[int, ...], device: Any) -> Tensor:
 
 
 def merged(mask: Tensor, new: Any, old: Any) -> Any:
-    """The new value in some lanes, the old in the others; what is no number has one value for all."""
+    """The new value in some lanes, the old in the others; what is NaN has one value for all."""
     if old is None or new is old:
         return new
     if isinstance(new, tuple) and isinstance(old, tuple) and len(new) == len(old):

@@ -124,7 +124,7 @@ class Module(torch.nn.Module):
                 A spike_generator that is not named emits what the network lists.
 
         Raises:
-            ModelError: a name or a shape is wrong, something is no number, delays or parameters of neurons are out of
+            ModelError: a name or a shape is wrong, something is NaN, delays or parameters of neurons are out of
                 their bounds, or the batch needs more memory than is free.
         """
         size, steps = feeding.sizes(self.program, batch, self._steps)
@@ -246,7 +246,7 @@ class Module(torch.nn.Module):
         """The network with what was learnt, which every backend runs; what was drawn at random is listed in it.
 
         Raises:
-            ModelError: something that was learnt is no number, or out of its bounds.
+            ModelError: something that was learnt is NaN or out of its bounds.
         """
         bounds.check(self.program, self.weights, self.delays, self.neurons)
         found = {part.name: q for q, part in enumerate(self.program.projections)}

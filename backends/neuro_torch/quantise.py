@@ -103,7 +103,7 @@ class _Scales:
         """Choose them for the weights as they are.
 
         Raises:
-            ModelError: a weight is no number.
+            ModelError: a weight is NaN.
         """
         rounded = _rounded(module)
         projections = list(module.program.projections)

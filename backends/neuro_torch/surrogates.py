@@ -146,7 +146,7 @@ class Own(Surrogate):
     ```
 
     Raises:
-        ModelError: it takes something else, cannot run for all neurons at once, or gives no number.
+        ModelError: it takes something else, cannot run for all neurons at once, or gives NaN.
     """
 
     function: Plain

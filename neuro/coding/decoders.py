@@ -45,7 +45,7 @@ def first_to_fire(times: npt.ArrayLike) -> Ids:
         Ids of all that share the first time, ascending; none if no neuron fired.
 
     Raises:
-        ModelError: they are no numbers, or of another shape.
+        ModelError: they are NaN, or of another shape.
 
     Source: thesis section 2.5, line 760.
     """
@@ -77,7 +77,7 @@ def rank_order(
         Activations, the shape of ``weights`` without its last axis.
 
     Raises:
-        ModelError: a value is NaN or no number, ``modulation`` out of bounds, or weights of another number of inputs.
+        ModelError: a value is not a number, ``modulation`` out of bounds, or weights of another number of inputs.
 
     Source: Thorpe & Gautrais, "Rank order coding", Computational Neuroscience: Trends in Research (1998).
     """
@@ -130,7 +130,7 @@ def van_rossum(times: npt.ArrayLike, tau: float, at: npt.ArrayLike) -> Floats:
         f, the shape of ``at``.
 
     Raises:
-        ModelError: a value is NaN or no number, or ``tau`` not positive.
+        ModelError: a value is not a number, or ``tau`` not positive.
 
     Source: van Rossum, Neural Computation 13 (2001), "A novel spike distance".
     """

@@ -29,7 +29,7 @@ def intensity_to_latency(r: npt.ArrayLike, r_min: float, r_max: float, window: f
         Spike times, shape of ``r``, in [0, window].
 
     Raises:
-        ModelError: a value is NaN or no number, not ``r_min < r_max``, ``window`` not positive, or a value outside of
+        ModelError: a value is not a number, not ``r_min < r_max``, ``window`` not positive, or a value outside of
             the range.
 
     Source: thesis eq. 14, line 689, with its misprint corrected: as printed it gives late spikes to high
@@ -58,7 +58,7 @@ def log_intensity_to_latency(r: npt.ArrayLike, r_min: float, r_max: float, windo
         Spike times, shape of ``r``, in [0, window]; NaN where there is no spike.
 
     Raises:
-        ModelError: a value is NaN or no number, not ``0 < r_min < r_max``, ``window`` not positive, or a value above 0
+        ModelError: a value is not a number, not ``0 < r_min < r_max``, ``window`` not positive, or a value above 0
             outside of the range.
 
     Source: thesis eq. 15, line 693.
@@ -120,7 +120,7 @@ def rate(r: npt.ArrayLike, r_min: float, r_max: float, max_rate: float, min_rate
         Rates in Hz, shape of ``r``.
 
     Raises:
-        ModelError: a value is NaN or no number, not ``r_min < r_max``, not ``0 <= min_rate < max_rate``, or a value
+        ModelError: a value is not a number, not ``r_min < r_max``, not ``0 <= min_rate < max_rate``, or a value
             outside of the range.
 
     Source: thesis eq. 12, line 672: a rate is a number of spikes over a time.
@@ -160,7 +160,7 @@ def population(
         Rates in Hz, the shape of ``r`` and an axis of n.
 
     Raises:
-        ModelError: a value is NaN or no number, not ``r_min < r_max``, ``n`` or ``max_rate`` out of bounds, another
+        ModelError: a value is not a number, not ``r_min < r_max``, ``n`` or ``max_rate`` out of bounds, another
             word for ``fields``, or a value outside of the range.
 
     Source: gaussian: Bohte, La Poutre & Kok, IEEE Trans. Neural Networks 13 (2002); cosine: Georgopoulos,
@@ -237,7 +237,7 @@ def phase(r: npt.ArrayLike, r_min: float, r_max: float, window: float, bits: int
         Spike times, the shape of ``r`` and an axis of phases, most significant first: ``window k / bits`` or NaN.
 
     Raises:
-        ModelError: a value is NaN or no number, not ``r_min < r_max``, ``window`` not positive, ``bits`` out of bounds,
+        ModelError: a value is not a number, not ``r_min < r_max``, ``window`` not positive, ``bits`` out of bounds,
             or a value outside of the range.
 
     Source: Kim, Kim, Huh, Lee & Choi, Neurocomputing 311 (2018), "Deep neural networks with weighted spikes".
@@ -269,7 +269,7 @@ def burst(
         Spike times, the shape of ``r`` and an axis of ``n_max`` spikes, NaN where a burst has ended.
 
     Raises:
-        ModelError: a value is NaN or no number, not ``r_min < r_max``, not ``0 < t_min <= t_max``, ``n_max`` no whole
+        ModelError: a value is not a number, not ``r_min < r_max``, not ``0 < t_min <= t_max``, ``n_max`` no whole
             number, or a value outside of the range.
 
     Source: Guo, Fouda, Eltawil & Salama, Front. Neurosci. 15 (2021), "Neural coding in spiking neural networks: a
@@ -286,7 +286,7 @@ def burst(
 
 
 def check_bounds(r_min: float, r_max: float) -> None:
-    """Refuse bounds that are no numbers, or not in this order."""
+    """Refuse bounds that are NaN, or not in this order."""
     argument("r_min", r_min)
     argument("r_max", r_max)
     if not r_min < r_max:
@@ -304,7 +304,7 @@ def share(r: npt.ArrayLike, r_min: float, r_max: float) -> Floats:
     """Where values lie between their bounds: 0 at ``r_min``, 1 at ``r_max``.
 
     Raises:
-        ModelError: not ``r_min < r_max``, or a value is no number or outside of them.
+        ModelError: not ``r_min < r_max``, or a value is NaN or outside of them.
     """
     check_bounds(r_min, r_max)
     values = numbers(r, "r")

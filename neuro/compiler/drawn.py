@@ -81,7 +81,7 @@ def _distinct(n: int, bound: int, key: int) -> Ints:
         return np.flatnonzero(remain)
     found, taken = _below(bound, 0, n, key), n
     while True:
-        # The first n different ones of one sequence: the result does not hang on how many were drawn at a time.
+        # The first n different ones of one sequence: the result does not depend on how many were drawn at a time.
         _, first = np.unique(found, return_index=True)
         if first.size == n:
             return found

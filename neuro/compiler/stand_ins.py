@@ -64,7 +64,7 @@ def chosen_from(sections: Mapping[str, Node], path: Words) -> str:
 
 
 def some_neurons(population: str, turn: int) -> Any:
-    """All neurons of a population, or one of it: what hangs on how many are chosen differs."""
+    """All neurons of a population, or one of it: what depends on how many are chosen differs."""
     return population if turn == 0 else {population: 0}
 
 

@@ -209,7 +209,10 @@ _SLACK = 1e-9
 
 
 def check_distribution(value: Distribution | of_distance, clock: Clock, what: str) -> None:
-    """What the bounds of a distribution tell before it is drawn.
+    """Refuse delays whose bounds show before they are drawn that they are too early for a spike.
+
+    Delays are rounded to steps, and what rounds to none is one step. That goes for tails and for neurons at one place;
+    where all are too early, or one lies before its spike, the description is mistaken.
 
     Raises:
         ModelError: its values lie below 0, or its middle below one step.

@@ -102,7 +102,9 @@ def to_neo(run: object) -> neo.Block:
     synapses) in the unit of the state, named after it, annotated with `probe` and `source_population` or
     `source_projection`, with the neurons or synapses as the array annotation `channel_index`. The block is annotated
     with `simulator`, `backend`, `seed` and `resolution_ms`. Weights at the end, and what pre spikes leave in synapses,
-    are not in it: Neo has no place for them.
+    are not in it: Neo has no place for them. Annotations have the names that PyNN gives them.
+
+    Neo: Garcia et al., Front. Neuroinform. 8:10, 2014.
 
     Args:
         run: a simulation or results.

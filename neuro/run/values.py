@@ -231,7 +231,7 @@ class SynapseValues:
         return rows if chosen is None else tuple(row[chosen] for row in rows)
 
     def check(self) -> None:
-        """Refuse weights that are no numbers, where a rule changes them."""
+        """Refuse weights that are NaN, where a rule changes them."""
         for index, part in enumerate(self._program.projections):
             if part.synapse.learns:
                 self.weights(index)

@@ -70,7 +70,7 @@ def step_spinnaker(exc, inh, v, g_exc, g_inh, hold, r, first, shift_exc, shift_i
         slot_inh = np.int64(min(inh[k], SLOT)) << shift_inh
         exc[k] = 0
         inh[k] = 0
-        # Each term is cut by itself before the sum, in this order: the last bit hangs on it.
+        # Each term is cut by itself before the sum, in this order: the last bit depends on it.
         full_exc = decayed(g_exc[k], r.exc_decay[i]) + decayed(slot_exc, r.exc_init[i])
         full_inh = decayed(g_inh[k], r.inh_decay[i]) + decayed(slot_inh, r.inh_init[i])
         ge, gi = i32(full_exc), i32(full_inh)

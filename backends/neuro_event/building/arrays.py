@@ -1,4 +1,8 @@
-"""All arrays of a program on this backend."""
+"""All arrays of a program on this backend, and where they begin in memory.
+
+A step reads many arrays at the same index. Numbers that lie across two cache lines are read twice; and arrays that all
+begin at one place of a page compete for the same few places of the caches. Either costs a large network a fifth.
+"""
 
 from __future__ import annotations
 

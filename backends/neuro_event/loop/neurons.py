@@ -210,7 +210,7 @@ def step_neurons(view, thread, pop, step, at, done, h, n_all, slots, blocks):
                 net.slept[block] = step
             elif active:
                 net.busy[block] = step
-            # Asked at multiples of IDLE steps, not IDLE steps after the last event: so the answer does not hang on
+            # Asked at multiples of IDLE steps, not IDLE steps after the last event: so the answer does not depend on
             # where a run was cut.
             elif step % IDLE == 0 and step - net.busy[block] >= IDLE and calm(view, pop, lo, hi):
                 net.awake[block] = 0

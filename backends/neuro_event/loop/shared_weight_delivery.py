@@ -1,4 +1,8 @@
-"""Spikes over synapses of one weight, most often all of a projection's."""
+"""Spikes over synapses of one weight, most often all of a projection's.
+
+A spike reaches some of very many neurons everywhere. Where their input does not fit into a core's cache, all spikes of
+a step are added to those of one range first, then to those of the next. Each input sums up as without ranges.
+"""
 
 # mypy: ignore-errors
 import numpy as np

@@ -1,4 +1,27 @@
-"""Loihi 1 as a family of chips; any table with `arithmetic: loihi` computes so."""
+"""Loihi 1 as a family of chips, and how a leaky integrate-and-fire neuron becomes registers.
+
+Any table with `arithmetic: loihi` computes so.
+
+With S units of the voltage register per mV, P32 the potential in mV that 1 pA gives in a step, and P30 that of a
+constant current (exact integration, `neuro.model.neurons.propagators`):
+
+| described | on the chip |
+| --- | --- |
+| V_m - E_L | v = S (V_m - E_L) |
+| I_syn, without what arrives in this step | u = S P32 I_syn / P11, with P11 = exp(-h / tau_syn) |
+| weight of `iaf_psc_exp` | 64 m 2^e = S P32 w |
+| weight of `iaf_psc_delta` | 64 m 2^e = S w, and du = 4095, so that u keeps nothing |
+| tau_syn | (4096 - (du + 1)) / 4096 = exp(-h / tau_syn) |
+| tau_m | (4096 - dv) / 4096 = exp(-h / tau_m) |
+| V_m >= V_th | v > 64 vth, the largest 64 vth below S (V_th - E_L) |
+| t_ref of R steps | refractory = R + 1 |
+| delay of D steps | `iaf_psc_exp`: D, `iaf_psc_delta`: D - 1, see `neuro.chips.arrival_rule` |
+
+Source: Davies et al., IEEE Micro 38(1):82, 2018; traces of lava 0.10, nengo-loihi 1.1 and Brian2Loihi 0.5.2. Where
+these differ: each weight is shifted, not the sum of a step, and mantissas lose their lowest bits towards 0 (as in
+Brian2Loihi, which reports a match with the chip); the sum of a step wraps as a two's complement of 22 bits, u and
+u + bias as one of 24, and v is clipped (as in nengo-loihi, whose sums are held to the chip by its own tests).
+"""
 
 from __future__ import annotations
 

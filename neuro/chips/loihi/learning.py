@@ -1,4 +1,13 @@
-"""The scales, impulses and shares of Loihi's learning engine that come nearest to given numbers."""
+"""From `stdp` and `stdp_dopa` to the scales, impulses and rules of Loihi's learning engine.
+
+A trace that rises by `impulse` i stands for K = trace / i; a scale S = m 2^e makes S i the change by one pair, in
+mantissas. Impulses of up to 31 leave room for K = 4 in 7 bits. With dopamine the tag holds the eligibility, 16 to 31
+for the largest pair; r1 and r2 hold the positive and the negative part of n, and the weight moves in every 2^k-th step.
+
+A post spike reaches a float synapse after its delay of D >= 1 steps, on the chip at once. A pair in one step is then
+causal on both, but the window of the float model begins one step later: A_plus exp(-h / tau_plus) and A_minus give both
+windows the float model's areas, so that uncorrelated spikes drift alike.
+"""
 
 from __future__ import annotations
 

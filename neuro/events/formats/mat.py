@@ -1,14 +1,20 @@
 """MATLAB ``.mat``: four vectors, in the file itself or in structs and cells at any depth.
 
-Names and units as in `_columns`. Versions 4 to 7 are read as in `_mat5`, 7.3 by h5py, both at once into memory.
+Names and units as in `_columns`. Versions 5 to 7 are read from their bytes, 7.3 by h5py, both at once into
+memory. SciPy reads version 5 too, but ends the program with a segmentation fault on some damaged files.
+
+Version 5: 128 bytes of header, then elements of a type and a size (or both in four bytes, with up to four bytes of
+content), padded to 8 bytes; a matrix is an element of elements: flags and class, shape, name, content; compressed
+elements are zlib streams. Numbers become arrays (flat, in the file's order), structs mappings, cells and arrays of
+structs lists; text, sparse matrices, objects and functions are left out.
 
 A struct with ``ts`` beside ``x``, ``y``, ``p`` (the ``TD`` of Orchard's scripts, and in DVS-BARREL also the cells of
 ``ROI``) counts columns and rows from 1, so 1 is taken from them; its polarities may be 1 for OFF and 2 for ON. One with
 ``timeStamp`` (jAER's AedatTools: ``aedat.data.polarity``) and vectors in the file itself count from 0.
 ``metadata`` tells ``variable`` and ``counted_from``. `load` takes files with one recording, `samples` any number.
 
-Source: ``Read_Ndataset.m`` of the N-MNIST data set ("first pixel having index 1", "1 means off, 2 means on"); aertb's
-``mat_loader.py`` for DVS-BARREL; AedatTools' ``ImportAedat``.
+Sources: MathWorks, "MAT-File Format", R2024b, chapter 1; ``Read_Ndataset.m`` of the N-MNIST data set ("first pixel
+having index 1", "1 means off, 2 means on"); aertb's ``mat_loader.py`` for DVS-BARREL; AedatTools' ``ImportAedat``.
 """
 
 from __future__ import annotations

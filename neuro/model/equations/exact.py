@@ -12,7 +12,7 @@ from neuro.model.equations.definition import CURRENT_NAME, Definition, Receptor
 from neuro.model.equations.writing import Constants, local
 
 REST = ""
-"""The part of a row that hangs on no state and no current."""
+"""The part of a row that depends on no state and no current."""
 
 
 @dataclass(frozen=True)
@@ -32,7 +32,7 @@ class System:
         return len(self.rows) + 2
 
     def reached(self, held: tuple[str, ...] = ()) -> dict[str, set[str]]:
-        """What each state hangs on in the course of a step, while some are held."""
+        """What each state depends on in the course of a step, while some are held."""
         found = {name: {name} | (set() if name in held else set(row)) for name, row in self.rows.items()}
         for _ in self.rows:
             for name, mine in found.items():

@@ -1,4 +1,8 @@
-"""A rule of spike pairs in equations as a class like any other: traces, states, what spikes and a signal do to them."""
+"""A rule of spike pairs in equations as a class like any other: traces, states, what spikes and a signal do to them.
+
+Between spikes its states decay, and the weight moves under the signal. The rate of the weight is a sum of products of
+what decays exponentially, so its integral is exact.
+"""
 
 from __future__ import annotations
 

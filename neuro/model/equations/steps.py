@@ -1,4 +1,9 @@
-"""The step of a neuron as text, by each of the integrators."""
+"""The step of a neuron as text, by each of the integrators.
+
+Runge-Kutta's are the classical one of fourth order, and Fehlberg's with the size of its steps controlled; method and
+source are those of `neuro.model.neurons.integrators`. They are written once more here, since a threshold is looked at
+after each part of a step.
+"""
 
 from __future__ import annotations
 

@@ -104,12 +104,12 @@ class Constants:
         return written(self.full(tree), self._parameter)
 
     def is_of_parameters(self, tree: Tree) -> bool:
-        """Whether a tree hangs on parameters and units only."""
+        """Whether a tree depends on parameters and units only."""
         names = list(self._names(tree))
         return all(name in self.parameters or (name in UNITS and name not in self.variables) for name in names)
 
     def leaf(self, variables: Mapping[str, str]) -> Leaf:
-        """Write variables by their names and what hangs on parameters as a constant."""
+        """Write variables by their names and what depends on parameters as a constant."""
 
         def leaf(tree: Tree) -> str | None:
             if isinstance(tree, Name) and tree.name in variables:

@@ -1,4 +1,8 @@
-"""A description in YAML to a `Network`."""
+"""A description in YAML to a `Network`.
+
+Neurons of a population are its name, `{exc: "0:100"}`, `{grid: "2:4, :"}`, or ids in a list or a file. On a command
+line the same index stands behind the name: `exc[0:100]`, `grid[2:4, :]`, ids as `exc[[3, 7]]`.
+"""
 
 from __future__ import annotations
 

@@ -120,7 +120,7 @@ def _models() -> Schema:
 
 
 def _networks(own: bool) -> Schema:
-    """What hangs on the models; `own`: the network may have some of its own, of which a schema knows the names only."""
+    """What depends on the models; `own`: networks may have their own, of which a schema knows the names only."""
     populations, projections = _named(_population(own), PopulationPart), _named(_projection(own), Projection)
     return {"properties": {"populations": populations, "projections": projections}}
 
