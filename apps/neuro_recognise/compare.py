@@ -40,8 +40,6 @@ from neuro_recognise.recogniser import learn
 from neuro_recognise.shown import Features, Ints
 from neuro_recognise.training import field_of
 
-__all__ = ["Compared", "Contestant", "MethodComparison", "compare", "contestants"]
-
 FORMAT = "neuro recognise fold 1"
 RESULT = sealed("a result of 'neuro recognise compare'", f'"format": "{FORMAT}"', ', "digest": "{}"')
 TIMED = 20

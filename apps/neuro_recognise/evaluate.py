@@ -6,9 +6,8 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
-Ints = npt.NDArray[np.int64]
+from neuro_recognise.shown import Ints
 
 
 @dataclass(frozen=True, slots=True, eq=False)

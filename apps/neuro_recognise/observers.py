@@ -12,8 +12,6 @@ import numpy.typing as npt
 from neuro.events import Events
 from neuro_recognise.shown import Evidence
 
-__all__ = ["Field", "Growing", "Grows", "Observer", "Whole"]
-
 
 class Observer(ABC):
     """Sees one recording grow."""

@@ -12,8 +12,6 @@ from neuro_recognise.method import Run
 if TYPE_CHECKING:
     from neuro.chips import Energy
 
-__all__ = ["Priced", "price", "refusal"]
-
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Priced:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import platform
+from collections import OrderedDict
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace as with_changes
 from importlib.metadata import version
@@ -15,8 +16,7 @@ import numpy as np
 import neuro
 from neuro.apps import Checkpoint, check_output, hdf5, provenance, record_input
 from neuro.events import Events, Recordings
-from neuro_recognise.asking import Ready
-from neuro_recognise.deciding.early import Early, part_of
+from neuro_recognise.deciding.held import Early, part_of
 from neuro_recognise.deciding.session import WINDOW_MS, Session
 from neuro_recognise.deciding.stopping import ASSURANCE, stopping_rule
 from neuro_recognise.method import Answer, Course, Learnt, Method, Progress, choose
@@ -25,7 +25,40 @@ from neuro_recognise.observations import observe, observed
 from neuro_recognise.shown import Evidence, Features, Floats, Ints, unlabelled
 from neuro_recognise.training import Training, check_same, digest_of, settled, told
 
-__all__ = ["FORMAT", "Recogniser", "fit", "learn", "method_of", "read_model", "settled", "write_model"]
+AT_MOST = 4
+"""Kept ready; those that were not asked for longest go first."""
+
+Ask: TypeAlias = Callable[[Features], Answer]
+
+
+class Ready:
+    """Functions that answer, of a few things learnt.
+
+    Copies, also those for another process, begin with none.
+    """
+
+    def __init__(self) -> None:
+        self._kept: OrderedDict[tuple[int, str], tuple[Learnt, Ask]] = OrderedDict()
+
+    def asker(self, method: Method, learnt: Learnt, backend: str) -> Ask:
+        """That of `Method.asker`, made where it is not there. One thing learnt is always asked by one method.
+
+        Raises:
+            ModelError: the method cannot run on the backend.
+        """
+        key = (id(learnt), backend)
+        if key not in self._kept:
+            method.check_backend(backend)
+            # what was learnt is kept, too, so that no other gets its id
+            self._kept[key] = learnt, method.asker(learnt, backend)
+        self._kept.move_to_end(key)
+        while len(self._kept) > AT_MOST:
+            self._kept.popitem(last=False)
+        return self._kept[key][1]
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return Ready, ()
+
 
 Tell = Callable[[Progress], None]
 
@@ -339,7 +372,7 @@ def write_model(path: Path, parts: Parts) -> None:
                  neuro, python, numpy and numba
     /classes     names of the classes
     /learnt      arrays and texts by name, as the method gives them
-    /early       what decisions while events arrive need, where it was learnt: see `neuro_recognise.deciding.early`
+    /early       what decisions while events arrive need, where it was learnt: see `neuro_recognise.deciding.held`
     ```
 
     Args:

@@ -13,8 +13,6 @@ from neuro.events.dataset import UNKNOWN
 from neuro_recognise.code import code_of
 from neuro_recognise.method import Method
 
-__all__ = ["Training", "check_same", "digest_of", "field_of", "settled", "told"]
-
 Training: TypeAlias = Mapping[str, Any]
 OTHER = {"data": "other recordings", "code": "other code, of an earlier version or before an edit"}
 REPLACE = "give another name, or --force (in Python replace=True) to replace it"

@@ -19,8 +19,6 @@ from neuro_train.room import rooms
 from neuro_train.tested import by_module, on_backend
 from neuro_train.trainer import begun, identity, learn
 
-__all__ = ["cross_validate"]
-
 FORMAT = "neuro train fold 1"
 RESULT = sealed("a result of 'neuro train --folds'", f'"format": "{FORMAT}"', ', "digest": "{}"')
 

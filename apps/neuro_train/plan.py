@@ -9,13 +9,12 @@ from typing import Any
 
 from neuro import ModelError
 from neuro.apps import unknown
-from neuro_train.window import corner
-
-__all__ = ["LOSSES", "TrainingPlan", "augmentation", "costs"]
 
 LOSSES = ("count", "potential", "first_spike")
 SHARE = "a share, 0 to less than 1"
 AUGMENTATIONS = {"shift": "a whole number of px >= 0", "warp": SHARE, "mirror": SHARE}
+CENTRED = "centred"
+"""Asks for a window round what each recording shows."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -115,6 +114,21 @@ class TrainingPlan:
     def as_words(self) -> dict[str, Any]:
         """All of it as plain data."""
         return asdict(self) | {"trainable": list(self.trainable), "cost": dict(self.cost)}
+
+
+def corner(text: str) -> tuple[int, int] | None:
+    """Column and row of the window's first pixel; None for one round what each recording shows.
+
+    Raises:
+        ModelError: it is neither "centred" nor a column and a row, as in "40,32".
+    """
+    if text == CENTRED:
+        return None
+    column, comma, row = (part.strip() for part in text.partition(","))
+    if not (comma and column.isdecimal() and row.isdecimal()):
+        expected = "expected 'centred', or column and row of its first pixel"
+        raise ModelError(f"--window {text}: {expected}", hint="--window centred, or --window 0,0")
+    return int(column), int(row)
 
 
 def augmentation(texts: Sequence[str]) -> dict[str, Any]:

@@ -19,8 +19,6 @@ from neuro_train.trainer import module_of
 if TYPE_CHECKING:
     from neuro.chips import Chip
 
-__all__ = ["AT_ONCE", "MARGIN", "MemoryRoom", "chip_of", "rooms", "scales", "told"]
-
 MARGIN = 2.0
 """The largest input of the recordings that were learnt from, times this, shall fit into its register."""
 AT_ONCE = 50

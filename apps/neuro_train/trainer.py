@@ -25,8 +25,6 @@ from neuro.apps import Checkpoint, fingerprint
 from neuro_train.data import BatchData, moved
 from neuro_train.plan import TrainingPlan
 
-__all__ = ["CURVES", "Trained", "begun", "identity", "learn", "module_of", "sizes"]
-
 Array = npt.NDArray[Any]
 
 FORMAT = "neuro training by gradients 1"

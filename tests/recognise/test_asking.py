@@ -6,10 +6,9 @@ import numpy as np
 import pytest
 
 import neuro
-from neuro_recognise.asking import AT_MOST, Ready
 from neuro_recognise.evaluate import evaluate
 from neuro_recognise.method import choose
-from neuro_recognise.recogniser import Recogniser, learn, method_of
+from neuro_recognise.recogniser import AT_MOST, Ready, Recogniser, learn, method_of
 from neuro_recognise.telling.energy import bills
 from neuro_recognise.telling.tried import Tried
 

@@ -4,10 +4,8 @@ import numpy as np
 import pytest
 
 from neuro.events import Events
-from neuro_recognise.parts.banks import LeakyGabors
+from neuro_recognise.parts.banks import LeakyGabors, LocalMaximum, gabor_bank
 from neuro_recognise.parts.encoders import Latency
-from neuro_recognise.parts.gabor import gabor_bank
-from neuro_recognise.parts.pools import LocalMaximum
 
 
 def random_events(n, seed=0, side=14):

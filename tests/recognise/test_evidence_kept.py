@@ -9,12 +9,11 @@ import pytest
 
 from neuro import ModelError
 from neuro.core.extension import run_extension
-from neuro_recognise import code, fit, kept
+from neuro_recognise import code, fit, observations
 from neuro_recognise.compare import MethodComparison, compare, contestants
-from neuro_recognise.kept import KeptAnswers, keep
 from neuro_recognise.method import METHODS
 from neuro_recognise.methods.hats import Hats
-from neuro_recognise.observations import observe
+from neuro_recognise.observations import KeptAnswers, keep, observe
 from neuro_recognise.parts.readouts import Ridge
 from neuro_recognise.recogniser import method_of, settled
 
@@ -162,7 +161,9 @@ def test_random_order_opens_a_file_once(learning, tmp_path, monkeypatch):
     monkeypatch.setattr("neuro_recognise.observations.AT_ONCE", 4)
     shown = observe(settled(method_of("hots"), learning), learning, cache=tmp_path)
     opened = []
-    monkeypatch.setattr("neuro_recognise.kept._File", lambda path, make=kept._File: opened.append(path) or make(path))
+    monkeypatch.setattr(
+        "neuro_recognise.observations._File", lambda path, make=observations._File: opened.append(path) or make(path)
+    )
     for k in np.random.default_rng(0).permutation(100) % len(learning):
         np.testing.assert_array_equal(shown.evidence[k]["x"], learning[int(k)].load().x)
     assert len(opened) == len(set(opened)) == 6

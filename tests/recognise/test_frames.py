@@ -8,10 +8,9 @@ from neuro.coding import log_intensity_to_latency
 from neuro.events import Events, recordings, save
 from neuro_recognise.methods.remus import Remus
 from neuro_recognise.observations import observe
-from neuro_recognise.parts.banks import Gabors
+from neuro_recognise.parts.banks import Gabors, gabor_bank
 from neuro_recognise.parts.encoders import LogLatency
 from neuro_recognise.parts.frames import Frames
-from neuro_recognise.parts.gabor import gabor_bank
 
 FRONT = Remus().fitting((34, 34))
 

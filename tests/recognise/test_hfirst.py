@@ -12,6 +12,7 @@ from neuro_recognise.hfirst import (
     HFirstSettings,
     LayerResponse,
     LayerSpikes,
+    _without_noise,
     c1_alone,
     c1_counts,
     c1_spikes,
@@ -25,7 +26,6 @@ from neuro_recognise.hfirst import (
     shown,
     templates,
 )
-from neuro_recognise.hfirst.s1 import _without_noise
 
 SMALL = HFirstSettings(size=(14, 11))
 

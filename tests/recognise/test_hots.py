@@ -6,8 +6,8 @@ from hypothesis import given, settings, strategies as st
 
 from neuro import ModelError
 from neuro.events import Events
-from neuro_recognise.hots.hierarchy import Hierarchy, Layers
 from neuro_recognise.method import Course
+from neuro_recognise.methods.hots import Hierarchy, Layers
 from neuro_recognise.parts.readouts import DISTANCES, Nearest, bhattacharyya, normalised, standard
 
 SIZE = (9, 7)

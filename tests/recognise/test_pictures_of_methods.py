@@ -6,14 +6,12 @@ from scipy.ndimage import gaussian_filter
 
 from neuro.events import Events
 from neuro_recognise.detection.boxes import Boxes
-from neuro_recognise.detection.pictures import drawn
 from neuro_recognise.evaluate import Evaluation
 from neuro_recognise.method import METHODS
 from neuro_recognise.methods.framewise import Framewise
-from neuro_recognise.parts.gabor import gabor_bank
+from neuro_recognise.parts.banks import gabor_bank
 from neuro_recognise.recogniser import fit, learn, method_of
-from neuro_recognise.telling.features import reconstructed
-from neuro_recognise.telling.pictures import accuracies, confusion, images, prototypes
+from neuro_recognise.telling.pictures import accuracies, boxes_on_frames, confusion, images, prototypes, reconstructed
 
 NETWORKS = {
     "masquelier_thorpe": ({"field": 5, "theta": 8.0, "maps": 8, "epochs": 1}, "features", 8),
@@ -96,6 +94,6 @@ def test_names_of_classes_are_no_formulas(tmp_path):
     for figure in (
         confusion(table, names[0]), accuracies([(names[0], [table]), (names[1], [table])]),
         prototypes(np.ones((2, 1, 3, 3)), names, [0.0]), images(np.ones((2, 3, 3)), names, *names),
-        drawn(events, box, names, names[0]),
+        boxes_on_frames(events, box, names, names[0]),
     ):  # fmt: skip
         figure.savefig(tmp_path / "a.png", dpi=20)

@@ -14,8 +14,8 @@ import neuro
 from neuro.events import Events, recordings, save
 from neuro_recognise.cli import app
 from neuro_recognise.deciding import held_out
-from neuro_recognise.deciding.beginnings import Beginnings
 from neuro_recognise.deciding.held import Held, margins
+from neuro_recognise.deciding.held_out import Beginnings
 from neuro_recognise.deciding.learn_early import learn_early, moments
 from neuro_recognise.deciding.stopping import least_allowed, outcome, stopped, stopping_rule, upper_bound
 from neuro_recognise.method import Course
@@ -23,7 +23,7 @@ from neuro_recognise.methods import METHODS as ALL_METHODS
 from neuro_recognise.methods.boe import Boe
 from neuro_recognise.observations import observed
 from neuro_recognise.recogniser import Recogniser, fit, method_of
-from neuro_recognise.telling.predicted import predict_files
+from neuro_recognise.telling.tried import predict_files
 
 N, K = 30, 4
 SAME = "an allowed error holds for recordings drawn like those that 'early' learnt from, with the same mix of classes"

@@ -5,7 +5,7 @@ from scipy.stats import binomtest
 
 from neuro_recognise.evaluate import evaluate, wilson
 from neuro_recognise.method import SILENT, choose
-from neuro_recognise.parts.votes import majority, potentials
+from neuro_recognise.parts.frames import majority, potentials
 
 
 def test_votes():

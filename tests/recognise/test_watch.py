@@ -14,14 +14,13 @@ import neuro
 from neuro.events import Events, recordings, save
 from neuro_recognise.deciding.learn_early import learn_early
 from neuro_recognise.detection.boxes import Boxes
-from neuro_recognise.detection.watching import page as boxes_page
-from neuro_recognise.method import Course
+from neuro_recognise.detection.report import page as boxes_page
+from neuro_recognise.method import Course, Pictures, TrialView
 from neuro_recognise.methods.hats import Hats
 from neuro_recognise.observations import observed
 from neuro_recognise.parts.encoders import Latency, LogLatency
 from neuro_recognise.recogniser import fit, method_of
 from neuro_recognise.telling.watch import decisions, page, watch
-from neuro_recognise.views import Pictures, TrialView
 
 
 def bar(label, seed, n=400):

@@ -12,9 +12,8 @@ pytest.importorskip("torch", reason="PyTorch is not installed")
 import neuro as snn
 from neuro.events import recordings
 from neuro_train.data import show
-from neuro_train.overflows import noted, summed, tell
 from neuro_train.plan import TrainingPlan
-from neuro_train.tested import on_backend
+from neuro_train.tested import noted, on_backend, summed, warn_of_overflows
 
 PLAN = TrainingPlan(input="pixels", output="out", duration=60.0)
 
@@ -112,7 +111,7 @@ def test_each_kind_is_counted_and_told_with_its_way_out():
     both = summed([found, {"input wraps of a": [5, "raise vth"]}])
     assert both["input wraps of a"] == (7, "raise vth")
     with pytest.warns(snn.OverflowWarning) as told:
-        tell("loihi", both, 9)
+        warn_of_overflows("loihi", both, 9)
     assert [str(each.message) for each in told] == [
         "backend 'loihi': input wraps of a in 7 of 9 recordings\n  hint: raise vth",
         "backend 'loihi': current wraps of b in 1 of 9 recordings\n  hint: raise vth",

@@ -17,8 +17,7 @@ from neuro.events import recordings
 from neuro_train import trainer
 from neuro_train.front import FrontPlace, draw
 from neuro_train.plan import TrainingPlan
-from neuro_train.search import divided
-from neuro_train.space import parted, space
+from neuro_train.search import divided, parted, space
 
 pytestmark = [
     pytest.mark.filterwarnings("ignore:backend 'spinnaker'"),

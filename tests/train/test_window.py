@@ -9,9 +9,8 @@ import neuro as snn
 from neuro import ModelError
 from neuro.events import Events, recordings, save
 from neuro_models import path as path_of
-from neuro_train.data import moved, show
+from neuro_train.data import moved, show, windowed
 from neuro_train.plan import TrainingPlan
-from neuro_train.window import windowed
 
 pytest.importorskip("torch", reason="PyTorch is not installed")
 SENSOR = (60, 40)

@@ -16,14 +16,11 @@ import numpy as np
 from neuro import ModelError
 from neuro.apps import Checkpoint
 from neuro.events import Recordings
-from neuro_recognise.deciding.early import Early
-from neuro_recognise.deciding.held import Held, margins
+from neuro_recognise.deciding.held import Early, Held, margins
 from neuro_recognise.deciding.held_out import Apart, HeldOut, Wholes
 from neuro_recognise.method import Learnt, Progress, choose
 from neuro_recognise.recogniser import Recogniser, Tell
 from neuro_recognise.shown import Array, Ints
-
-__all__ = ["learn_early", "moments"]
 
 MOST = 200
 """Moments; more would mean an interval far below what changes decisions."""

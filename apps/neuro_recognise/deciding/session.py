@@ -21,8 +21,6 @@ from neuro_recognise.method import SILENT, choose
 from neuro_recognise.observers import Observer
 from neuro_recognise.shown import Evidence, Floats
 
-__all__ = ["WINDOW_MS", "Decision", "Session"]
-
 WINDOW_MS = 1000.0
 """How long a stretch is where nothing says how long recordings are."""
 

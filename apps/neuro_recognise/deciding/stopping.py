@@ -23,18 +23,6 @@ from neuro import ModelError
 from neuro_recognise.deciding.held import Held
 from neuro_recognise.shown import Floats, Ints
 
-__all__ = [
-    "ASSUMES",
-    "ASSURANCE",
-    "Outcome",
-    "Rule",
-    "least_allowed",
-    "outcome",
-    "stopped",
-    "stopping_rule",
-    "upper_bound",
-]
-
 ASSURANCE = 0.9
 """By default one rule in ten may be wrong more often than allowed."""
 ASSUMES = (

@@ -19,8 +19,6 @@ from neuro_recognise.detection.boxes import Boxes
 from neuro_recognise.settings import Settings, setting
 from neuro_recognise.shown import Floats
 
-__all__ = ["Scene", "Scenery", "compose"]
-
 TRIES = 2000
 """Places and paths that are tried before a scene is said to have no room."""
 FEWEST = 20

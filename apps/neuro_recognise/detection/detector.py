@@ -14,13 +14,10 @@ import numpy as np
 from neuro import ModelError
 from neuro.events import Events
 from neuro_recognise.detection.boxes import UNKNOWN, Boxes
-from neuro_recognise.detection.crops import crop
-from neuro_recognise.detection.following import Detecting, Finder, Piece, Seen, WindowView, pieces
+from neuro_recognise.detection.following import Detecting, Finder, Piece, Seen, WindowView, crop, pieces
 from neuro_recognise.detection.sliding import Sliding
 from neuro_recognise.recogniser import Recogniser
 from neuro_recognise.shown import Floats
-
-__all__ = ["WAYS", "Detecting", "Detector"]
 
 WAYS = ("proposals", "dense")
 """Of finding objects: places first and then what is there, or both at once by a network over the whole sensor."""

@@ -17,8 +17,6 @@ from neuro.events import Events
 from neuro_recognise.settings import Part, setting
 from neuro_recognise.shown import Array, Floats, Ints
 
-__all__ = ["Blob", "Cuts", "Proposals", "Region"]
-
 ANGLES = np.pi * np.arange(8) / 8
 """Directions across which cuts are tried."""
 CHOSEN = "chosen on scenes of one fold of N-MNIST"

@@ -12,9 +12,8 @@ Scene k depends on the settings, the recordings, the seed and k alone: a killed 
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import overload
 
 import numpy as np
 
@@ -23,9 +22,7 @@ from neuro.apps import Kind, make_folder, write_text
 from neuro.events import Recordings, load, save
 from neuro_recognise.detection.boxes import read_boxes, write_boxes
 from neuro_recognise.detection.composing import Scene, Scenery, compose
-from neuro_recognise.shown import Ints
-
-__all__ = ["Scenes", "fold_of", "scene_of", "write_scenes"]
+from neuro_recognise.shown import Ints, Lazy
 
 FORMAT = "neuro recognise scenes 1"
 ABOUT = "scenes.json"
@@ -41,7 +38,7 @@ def _is_ours(path: Path) -> bool:
 ABOUT_KIND = Kind("a list of 'neuro recognise scenes'", _is_ours)
 
 
-class Scenes(Sequence[Scene]):
+class Scenes(Lazy[Scene]):
     """The scenes of a folder, each read when it is asked for.
 
     Args:
@@ -72,20 +69,11 @@ class Scenes(Sequence[Scene]):
     def __len__(self) -> int:
         return self._count
 
-    @overload
-    def __getitem__(self, index: int) -> Scene: ...
-    @overload
-    def __getitem__(self, index: slice) -> Sequence[Scene]: ...
-    def __getitem__(self, index: int | slice) -> Scene | Sequence[Scene]:
-        if isinstance(index, slice):
-            return [self[k] for k in range(*index.indices(len(self)))]
-        k = range(self._count)[index]
+    def item(self, k: int) -> Scene:
+        """Read one."""
         events = load(_events_of(self._folder, k))
         boxes = read_boxes(_boxes_of(self._folder, k), self.classes)
         return Scene(_name(k), events, boxes, self.scenery.slices())
-
-    def __iter__(self) -> Iterator[Scene]:
-        return (self[k] for k in range(self._count))
 
 
 def write_scenes(

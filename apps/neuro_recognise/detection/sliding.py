@@ -22,8 +22,6 @@ from neuro_recognise.recogniser import Recogniser
 from neuro_recognise.settings import Part, setting
 from neuro_recognise.shown import Array, Floats
 
-__all__ = ["Dense", "Sliding"]
-
 LATE = 0.5
 """What a winner at the last tick weighs; one at the first weighs 1."""
 

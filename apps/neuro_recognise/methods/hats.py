@@ -9,13 +9,12 @@ from typing import TYPE_CHECKING, Self
 import numpy as np
 
 from neuro.events import Events, representations
-from neuro_recognise.method import Course, Learnt
+from neuro_recognise.method import Course, Learnt, Pictures, View
 from neuro_recognise.methods.descriptor import Descriptor
 from neuro_recognise.observers import Growing, Grows, Observer
 from neuro_recognise.parts.readouts import Readout, Svm
 from neuro_recognise.settings import part, setting
 from neuro_recognise.shown import Array, Features, Floats
-from neuro_recognise.views import Pictures, View
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

@@ -110,8 +110,7 @@ class HFirst(Method, HFirstSettings):
 
     def pictures(self, learnt: Learnt, classes: Sequence[str]) -> Mapping[str, Figure]:
         """The template of each class."""
-        from neuro_recognise.telling.features import reconstructed
-        from neuro_recognise.telling.pictures import images
+        from neuro_recognise.telling.pictures import images, reconstructed
 
         known = np.asarray(learnt["templates"])
         drawn = reconstructed(known.reshape(len(known), *self.shape), self.gabors, self.pool)

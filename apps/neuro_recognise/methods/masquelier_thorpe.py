@@ -70,6 +70,7 @@ class MasquelierThorpe(Framewise):
         readout: tells classes apart by the mean over a recording's frames of each map's largest potential.
     """
 
+    known_as = "masquelier_thorpe"
     title = "unsupervised STDP, read by a support vector machine"
     source = "Masquelier and Thorpe, PLoS Comput. Biol. 3:e31, 2007; there an RBF network reads"
     needs = "recognise"
@@ -86,11 +87,6 @@ class MasquelierThorpe(Framewise):
     )
     order: str = setting("frames", "", "what is shuffled in each epoch", "ours", words=ORDERS)
     vote: str = setting("features", "", "how frames decide: the readout sees their mean", "ours", words=("features",))
-
-    @classmethod
-    def called(cls) -> str:
-        """``masquelier_thorpe``."""
-        return "masquelier_thorpe"
 
     def afterwards(self, learnt: Learnt, shown: Features, course: Course) -> Learnt:
         """Teach the readout with what the maps answer to the same recordings."""

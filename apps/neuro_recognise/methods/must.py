@@ -12,9 +12,8 @@ import neuro
 from neuro_recognise.method import Course, Learnt
 from neuro_recognise.methods.framewise import ORDERS, Framewise
 from neuro_recognise.parts.encoders import Encoder, LogLatency
-from neuro_recognise.parts.frames import Frames
+from neuro_recognise.parts.frames import Frames, majority, potentials
 from neuro_recognise.parts.layers import Inputs, Layer
-from neuro_recognise.parts.votes import majority, potentials
 from neuro_recognise.settings import part, setting
 from neuro_recognise.shown import Array, Features, Floats
 

@@ -2,18 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
-import numpy as np
-
-from neuro_recognise.method import Learnt
 from neuro_recognise.methods.framewise import ORDERS, Framewise
 from neuro_recognise.settings import setting
-
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
 
 THESIS = {
     "per_class": 2,
@@ -41,10 +33,3 @@ class Remus(Framewise):
     order: str = setting(
         "frames", "", "what is shuffled in each epoch", "benchmarks/remus_folds.py; thesis: recordings", words=ORDERS
     )
-
-    def pictures(self, learnt: Learnt, classes: Sequence[str]) -> Mapping[str, Figure]:
-        """The kernels, and how the learning went."""
-        from neuro_recognise.telling.pictures import prototypes
-
-        drawn = {"prototypes": prototypes(np.asarray(learnt["c1_s2"]), classes, self.bank.orientations)}
-        return {**drawn, **super().pictures(learnt, classes)}

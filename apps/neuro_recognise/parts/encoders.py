@@ -14,8 +14,6 @@ from neuro_recognise.method import Learnt
 from neuro_recognise.settings import Part, setting
 from neuro_recognise.shown import Array, Floats, Ints
 
-__all__ = ["Encoder", "Latency", "LogLatency"]
-
 CODE = "github BEJ97/MK-Tempotron, top_onN_MNIST.m"
 TICKS = "16, 32 or 64 ticks of a window decide equally well on N-MNIST: docs/how-to/remus.md"
 
@@ -73,6 +71,7 @@ class Encoder(Part):
 class LogLatency(Encoder):
     """A spike of each orientation and place, that of the strongest scale, by the logarithm of its response."""
 
+    known_as = "log_latency"
     source = "thesis 6.2.3, eq. 15, lines 2371-2395"
 
     min_response: float = setting(
@@ -80,11 +79,6 @@ class LogLatency(Encoder):
         above=0, below=1,
     )  # fmt: skip
     first: int = setting(0, "", "how many spikes of a frame are kept, the first ones; 0: all", "thesis", at_least=0)
-
-    @classmethod
-    def called(cls) -> str:
-        """``log_latency``."""
-        return "log_latency"
 
     def channels(self, scales: int, orientations: int) -> int:
         """The orientations."""

@@ -14,8 +14,6 @@ from neuro_recognise.method import Learnt
 from neuro_recognise.settings import Part, setting
 from neuro_recognise.shown import Ints
 
-__all__ = ["FOLLOWS", "Inputs", "Labelled", "Layer", "RemusLayer", "Shares", "from_text", "taught", "to_text"]
-
 TABLE_3 = "thesis table 3, lines 2450-2463"
 BEST = "benchmarks/remus_folds.py"
 FOLLOWS = {"maps": "the classes and per_class", "rows": "the field and the pool", "columns": "the field and the pool"}

@@ -19,8 +19,6 @@ from neuro_recognise.method import Course, Learnt
 from neuro_recognise.settings import Part, setting
 from neuro_recognise.shown import Array, Floats, Ints
 
-__all__ = ["DISTANCES", "Nearest", "Rbf", "Readout", "Ridge", "Svm", "bhattacharyya", "normalised", "standard"]
-
 
 def standard(x: Array, means: Array) -> Floats:
     """Euclidean distances of vectors (recordings, values) from those of classes, (recordings, classes)."""

@@ -11,8 +11,6 @@ from neuro.events import segmentation
 from neuro_recognise.settings import SPLITS, Part, setting
 from neuro_recognise.shown import Ints
 
-__all__ = ["Counts", "Hes", "Msd", "Segmenter", "Ses"]
-
 
 @dataclass(frozen=True)
 class Segmenter(Part):

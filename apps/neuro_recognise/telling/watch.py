@@ -21,11 +21,8 @@ from neuro.apps import html, output, sealed
 from neuro.events import Events, load
 from neuro_recognise.deciding.session import Decision
 from neuro_recognise.deciding.stopping import ASSUMES, ASSURANCE
-from neuro_recognise.method import SILENT
+from neuro_recognise.method import SILENT, Pictures, TrialView, View
 from neuro_recognise.recogniser import Recogniser
-from neuro_recognise.views import Pictures, TrialView, View
-
-__all__ = ["PAGE", "check_page", "decisions", "filled", "page", "shown", "watch", "watchable"]
 
 MOST = 1_000_000
 """Events, and spikes of a view, of a page; of more an even choice is shown."""
