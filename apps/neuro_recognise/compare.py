@@ -31,11 +31,10 @@ from neuro.apps import (
 )
 from neuro.events import EventFileError, Recordings
 from neuro_recognise.code import code_of
-from neuro_recognise.evaluate import Evaluation, evaluate
+from neuro_recognise.evaluate import Evaluation, evaluate, price
 from neuro_recognise.method import Answer, Method, Progress, choose
 from neuro_recognise.methods import METHODS, method_of
 from neuro_recognise.observations import observe
-from neuro_recognise.priced import price
 from neuro_recognise.recogniser import learn
 from neuro_recognise.shown import Features, Ints
 from neuro_recognise.training import field_of
@@ -157,54 +156,36 @@ def compare(data: Recordings, plan: MethodComparison, report: Callable[[Progress
     field, folds = field_of(data), {seed: data.folds(plan.folds, seed=seed) for seed in plan.seeds}
     make_folder(plan.folder)
     fingerprint = data.fingerprint()
-    looked = [_looked(data, fingerprint, field, one, plan, report) for one in plan.contestants]
+
+    def looked(one: Contestant) -> tuple[Contestant, Features | str]:
+        """A method that fits the recordings, and what they show to it; or why it cannot be run."""
+
+        def look(done: int, n: int) -> None:
+            report(Progress(f"{one.name}: looking", done, n))
+
+        try:
+            fitting = Contestant(one.name, one.method.fitting(field))
+            return fitting, observe(fitting.method, data, fingerprint=fingerprint, report=look)
+        except (EventFileError, Unwritable):
+            raise
+        except ModelError as error:
+            return one, _reason(error)
+
+    def compared(one: Contestant, shown: Features | str, told: Sequence[Mapping[str, Any]]) -> Compared:
+        """One that cannot be run, as its extra is missing or the recordings do not suit it, says so."""
+        refused = shown if isinstance(shown, str) else next((each["refused"] for each in told if "refused" in each), "")
+        if refused or isinstance(shown, str):
+            return Compared(one, refused=refused)
+        return _summary(one, told, shown, plan, _observing_ms(one.method, data))
+
+    seen = [looked(one) for one in plan.contestants]
     jobs = [
         [_fold_of(one, shown, fingerprint[:32], (seed, k), parts, plan) for seed in plan.seeds
          for k, parts in enumerate(folds[seed])] if isinstance(shown, Features) else []
-        for one, shown in looked
+        for one, shown in seen
     ]  # fmt: skip
     told = iter(_told(list(chain(*jobs)), plan.jobs, report))
-    return [
-        _compared(data, one, shown, list(islice(told, len(mine))), plan)
-        for (one, shown), mine in zip(looked, jobs, strict=True)
-    ]
-
-
-def _looked(
-    data: Recordings,
-    fingerprint: str,
-    field: tuple[int, int],
-    contestant: Contestant,
-    plan: MethodComparison,
-    report: Callable[[Progress], None],
-) -> tuple[Contestant, Features | str]:
-    """A method that fits the recordings, and what they show to it; or why it cannot be run."""
-
-    def look(done: int, n: int) -> None:
-        report(Progress(f"{contestant.name}: looking", done, n))
-
-    try:
-        method = contestant.method.fitting(field)
-        shown = observe(method, data, fingerprint=fingerprint, report=look)
-        return Contestant(contestant.name, method), shown
-    except (EventFileError, Unwritable):
-        raise
-    except ModelError as error:
-        return contestant, _reason(error)
-
-
-def _compared(
-    data: Recordings,
-    contestant: Contestant,
-    shown: Features | str,
-    told: Sequence[Mapping[str, Any]],
-    plan: MethodComparison,
-) -> Compared:
-    """One method; one that cannot be run, as its extra is missing or the recordings do not suit it, says so."""
-    refused = shown if isinstance(shown, str) else next((one["refused"] for one in told if "refused" in one), "")
-    if refused or isinstance(shown, str):
-        return Compared(contestant, refused=refused)
-    return _summary(contestant, told, shown, plan, _observing_ms(contestant.method, data))
+    return [compared(*one, list(islice(told, len(mine)))) for one, mine in zip(seen, jobs, strict=True)]
 
 
 def _reason(error: ModelError) -> str:

@@ -177,12 +177,7 @@ def seen_of(recording: Sample, look: Callable[[Events], T]) -> T:
 
 
 def observe(
-    method: Method,
-    data: Recordings,
-    *,
-    fingerprint: str = "",
-    cache: Path | None = None,
-    report: Report | None = None,
+    method: Method, data: Recordings, *, fingerprint: str = "", cache: Path | None = None, report: Report | None = None
 ) -> Features:
     """What a data set shows, from where it was kept or computed now.
 

@@ -61,6 +61,7 @@ class Ready:
 
 
 Tell = Callable[[Progress], None]
+FORMAT = "neuro recogniser 1"
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -223,8 +224,32 @@ class Recogniser:
         return self.method.network(self.learnt)
 
     def save(self, path: Path) -> None:
-        """Write the file; another recogniser of that name is replaced once the new one is complete."""
-        write_model(path, (self.method, self.classes, self.learnt, self.training, self.early))
+        """Write a file, in the place of another recogniser of that name.
+
+        ```
+        /            attributes: format "neuro recogniser 1", method, settings and training (JSON), and the versions of
+                     neuro, python, numpy and numba
+        /classes     names of the classes
+        /learnt      arrays and texts by name, as the method gives them
+        /early       what decisions while events arrive need, where it was learnt: see `neuro_recognise.deciding.held`
+        ```
+
+        Raises:
+            Unwritable: it cannot be written, or something else stands there.
+        """
+        told = {word: self.training.get(word) for word in ("backend", "seed")}
+        with hdf5.writing(path, FORMAT, record=provenance(**told)) as file:
+            file.attrs["method"] = self.method.called()
+            file.attrs["settings"] = json.dumps(self.method.as_words())
+            file.attrs["training"] = json.dumps(dict(self.training))
+            file.attrs.update({"neuro": neuro.__version__, "python": platform.python_version()})
+            file.attrs.update({name: version(name) for name in ("numpy", "numba")})
+            file["classes"] = list(self.classes)
+            group = file.create_group("learnt")
+            for name, part in self.learnt.items():
+                group[name] = part
+            if self.early is not None:
+                self.early.write(file.create_group("early"))
 
     @classmethod
     def load(cls, path: Path) -> Recogniser:
@@ -233,7 +258,13 @@ class Recogniser:
         Raises:
             ModelError: there is no such file, it is something else or damaged, or of a method that is not there.
         """
-        return cls(*read_model(path))
+        with hdf5.reading(path, FORMAT) as file:
+            record_input(path)
+            method = method_of(str(file.attrs["method"])).from_words(json.loads(file.attrs["settings"]))
+            classes = tuple(file["classes"].asstr()[:].tolist())
+            learnt = {name: part_of(data) for name, data in file["learnt"].items()}
+            early = Early.read(file["early"]) if "early" in file else None
+            return cls(method, classes, learnt, json.loads(file.attrs["training"]), early)
 
 
 def fit(
@@ -358,57 +389,3 @@ def _microseconds(name: str, value: float) -> int:
     if not np.isfinite(value) or round(1000.0 * value) < 1:
         raise neuro.ModelError(f"{name} = {value:g}: expected a time above 0 ms")
     return round(1000.0 * value)
-
-
-FORMAT = "neuro recogniser 1"
-Parts: TypeAlias = tuple[Method, tuple[str, ...], Learnt, Mapping[str, Any], Early | None]
-
-
-def write_model(path: Path, parts: Parts) -> None:
-    """Write a file, in the place of another recogniser of that name.
-
-    ```
-    /            attributes: format "neuro recogniser 1", method, settings and training (JSON), and the versions of
-                 neuro, python, numpy and numba
-    /classes     names of the classes
-    /learnt      arrays and texts by name, as the method gives them
-    /early       what decisions while events arrive need, where it was learnt: see `neuro_recognise.deciding.held`
-    ```
-
-    Args:
-        path: of the file.
-        parts: what a recogniser is made of, in the order of its attributes.
-
-    Raises:
-        Unwritable: it cannot be written, or something else stands there.
-    """
-    method, classes, learnt, training, early = parts
-    told = {word: training.get(word) for word in ("backend", "seed")}
-    with hdf5.writing(path, FORMAT, record=provenance(**told)) as file:
-        file.attrs["method"] = method.called()
-        file.attrs["settings"] = json.dumps(method.as_words())
-        file.attrs["training"] = json.dumps(dict(training))
-        file.attrs.update(_versions())
-        file["classes"] = list(classes)
-        group = file.create_group("learnt")
-        for name, part in learnt.items():
-            group[name] = part
-        if early is not None:
-            early.write(file.create_group("early"))
-
-
-def read_model(path: Path) -> Parts:
-    """What `write_model` was given; errors as of `Recogniser.load`."""
-    with hdf5.reading(path, FORMAT) as file:
-        record_input(path)
-        method = method_of(str(file.attrs["method"])).from_words(json.loads(file.attrs["settings"]))
-        classes = tuple(file["classes"].asstr()[:].tolist())
-        learnt = {name: part_of(data) for name, data in file["learnt"].items()}
-        early = Early.read(file["early"]) if "early" in file else None
-        return method, classes, learnt, json.loads(file.attrs["training"]), early
-
-
-def _versions() -> dict[str, str]:
-    """What a file was written with."""
-    packages = {"neuro": neuro.__version__} | {name: version(name) for name in ("numpy", "numba")}
-    return {"python": platform.python_version()} | packages

@@ -13,8 +13,8 @@ from neuro.apps import TARGETS, console, make_folder, sealed, table, write_text
 from neuro.chips import COLUMNS
 from neuro.events import Recordings, recordings
 from neuro_models import path
+from neuro_recognise.evaluate import Priced
 from neuro_recognise.methods.gradients import Dense
-from neuro_recognise.priced import Priced
 from neuro_recognise.recogniser import Recogniser, fit
 from neuro_recognise.telling import energy, report
 from neuro_recognise.telling.report import LearningBar

@@ -17,8 +17,7 @@ from neuro import ModelError
 from neuro.events import Events
 from neuro_recognise.deciding.held import Held, margins
 from neuro_recognise.deciding.stopping import Rule
-from neuro_recognise.method import SILENT, choose
-from neuro_recognise.observers import Observer
+from neuro_recognise.method import SILENT, Observer, choose
 from neuro_recognise.shown import Evidence, Floats
 
 WINDOW_MS = 1000.0

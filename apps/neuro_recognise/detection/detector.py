@@ -37,11 +37,7 @@ class Detector:
     """
 
     def __init__(
-        self,
-        recogniser: Recogniser,
-        settings: Detecting | None = None,
-        backend: str = "event",
-        way: str = "proposals",
+        self, recogniser: Recogniser, settings: Detecting | None = None, backend: str = "event", way: str = "proposals"
     ) -> None:
         if way not in WAYS:
             raise ModelError(f"way = '{way}': expected one of {', '.join(WAYS)}")

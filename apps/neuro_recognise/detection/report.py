@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -95,7 +95,8 @@ def _rows(boxes: Boxes, classes: Sequence[str], first: int, kind: str) -> list[d
 
 
 FORMAT = "neuro recognise detection 1"
-Writer = Callable[[Path, Events, Boxes, Sequence[str], str], None]
+ENDINGS = (".html", ".png", ".csv")
+"""What can be written of boxes: a page, a picture, a table."""
 
 
 def check_classes(known: tuple[str, ...], scenes: Scenes) -> None:
@@ -116,8 +117,8 @@ def check_ending(path: Path) -> None:
     Raises:
         ModelError: it ends otherwise.
     """
-    if path.suffix.lower() not in WRITERS:
-        raise ModelError(f"{path}: expected a name that ends in {', '.join(WRITERS)}")
+    if path.suffix.lower() not in ENDINGS:
+        raise ModelError(f"{path}: expected a name that ends in {', '.join(ENDINGS)}")
 
 
 def write_found(path: Path, events: Events, boxes: Boxes, classes: Sequence[str], title: str) -> None:
@@ -128,7 +129,16 @@ def write_found(path: Path, events: Events, boxes: Boxes, classes: Sequence[str]
         Unwritable: something else has this name, or it cannot be written.
     """
     check_ending(path)
-    WRITERS[path.suffix.lower()](path, events, boxes, classes, title)
+    ending = path.suffix.lower()
+    if ending == ".csv":
+        write_boxes(path, boxes, classes)
+    elif ending == ".png":
+        from neuro_recognise.telling.pictures import boxes_on_frames
+
+        write_picture(path, boxes_on_frames(events, boxes, classes, title))
+    else:
+        with output(path, PAGE) as part:
+            part.write_text(PAGE.seal(page(events, boxes, classes, title)), "utf-8")
 
 
 def show_found(boxes: Boxes, classes: Sequence[str], as_json: bool) -> None:
@@ -166,28 +176,6 @@ def show_tried(detector: Detector, tried: DetectionTrial, as_json: bool) -> None
     console().print(table(("of all scenes", ">"), rows, title=f"{tried.scenes} scenes"))
     of_class = [(name, "-" if np.isnan(ap) else f"{ap:.3f}") for name, ap in zip(classes, found.of_class, strict=True)]
     console().print(table(("class", ">AP"), of_class))
-
-
-def _page(path: Path, events: Events, boxes: Boxes, classes: Sequence[str], title: str) -> None:
-    from neuro_recognise.detection.report import page
-    from neuro_recognise.telling.watch import PAGE
-
-    with output(path, PAGE) as part:
-        part.write_text(PAGE.seal(page(events, boxes, classes, title)), "utf-8")
-
-
-def _picture(path: Path, events: Events, boxes: Boxes, classes: Sequence[str], title: str) -> None:
-    from neuro_recognise.telling.pictures import boxes_on_frames
-
-    write_picture(path, boxes_on_frames(events, boxes, classes, title))
-
-
-def _table(path: Path, events: Events, boxes: Boxes, classes: Sequence[str], title: str) -> None:
-    write_boxes(path, boxes, classes)
-
-
-WRITERS: dict[str, Writer] = {".html": _page, ".png": _picture, ".csv": _table}
-"""By the ending of the file."""
 
 
 def _words(boxes: Boxes, k: int, classes: Sequence[str]) -> dict[str, Any]:

@@ -11,14 +11,14 @@ from dataclasses import dataclass, replace
 from functools import reduce
 from operator import add
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Self
+from typing import Any, Self
 
 import numpy as np
 
 import neuro
 from neuro import ModelError
 from neuro.events import Events
-from neuro_recognise.method import Answer, Course, Learnt, Method, Pictures, Progress, TrialView, View
+from neuro_recognise.method import Answer, Course, Drawings, Learnt, Method, Pictures, Progress, TrialView, View
 from neuro_recognise.parts.banks import Bank, Gabors, Max, Pool
 from neuro_recognise.parts.encoders import Encoder, LogLatency
 from neuro_recognise.parts.frames import VOTES, Frames, ended_by, votes
@@ -27,9 +27,6 @@ from neuro_recognise.parts.representations import Counts, Representation
 from neuro_recognise.parts.segmenters import Msd, Segmenter
 from neuro_recognise.settings import part, setting
 from neuro_recognise.shown import Array, Evidence, Features, Floats, Ints, unlabelled
-
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
 
 ORDERS = ("recordings", "frames")
 DRAWN = 1
@@ -271,11 +268,11 @@ class Framewise(Method):
 
         return reconstructed(kernels, self.bank.filters[DRAWN % len(self.bank.sizes)], self.pool.side)
 
-    def pictures(self, learnt: Learnt, classes: Sequence[str]) -> Mapping[str, Figure]:
+    def pictures(self, learnt: Learnt, classes: Sequence[str]) -> Drawings:
         """Where classes have maps with kernels these, and how the learning went."""
         from neuro_recognise.telling.pictures import history, prototypes
 
-        drawn: dict[str, Figure] = {}
+        drawn = {}
         if self.layer.supervised:
             if "c1_s2" in learnt:
                 drawn["prototypes"] = prototypes(np.asarray(learnt["c1_s2"]), classes, self.bank.orientations)
@@ -297,10 +294,7 @@ def _batches(frames: Frames, recordings: int, order: str, size: int, rng: np.ran
 
 def told_of(shares: Sequence[Shares]) -> dict[str, Array]:
     """Shares of frames by epoch: ``history`` of right decisions, ``mistakes`` of wrong ones."""
-    return {
-        "history": np.array([one.right for one in shares]),
-        "mistakes": np.array([one.wrong for one in shares]),
-    }
+    return {"history": np.array([one.right for one in shares]), "mistakes": np.array([one.wrong for one in shares])}
 
 
 def shares_of(told: Mapping[str, Array]) -> list[Shares]:

@@ -2,22 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Self
+from typing import Self
 
 import numpy as np
 
 from neuro.events import Events, representations
-from neuro_recognise.method import Course, Learnt, Pictures, View
+from neuro_recognise.method import Course, Drawings, Growing, Grows, Learnt, Observer, Pictures, View
 from neuro_recognise.methods.descriptor import Descriptor
-from neuro_recognise.observers import Growing, Grows, Observer
 from neuro_recognise.parts.readouts import Readout, Svm
 from neuro_recognise.settings import part, setting
 from neuro_recognise.shown import Array, Features, Floats
-
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
 
 VIEW_US = 10_000
 """us; from picture to picture of what is seen."""
@@ -66,7 +62,7 @@ class Hats(Descriptor):
         counts = np.bincount(shown.labels, minlength=len(sums))[:, None]
         return {**super().fit(shown, course), "averages": sums / np.maximum(counts, 1)}
 
-    def pictures(self, learnt: Learnt, classes: Sequence[str]) -> Mapping[str, Figure]:
+    def pictures(self, learnt: Learnt, classes: Sequence[str]) -> Drawings:
         """The average of each class, both polarities together."""
         from neuro_recognise.telling.pictures import images
 

@@ -14,7 +14,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, TypeAlias
+from typing import Any, TypeAlias
 
 import numpy as np
 import numpy.typing as npt
@@ -22,13 +22,10 @@ import numpy.typing as npt
 from neuro import ModelError
 from neuro.apps import Quantity, Registry, check
 from neuro.events import Events
-from neuro_recognise.method import Answer, Course, Learnt, Method, Progress
+from neuro_recognise.method import Answer, Course, Drawings, Learnt, Method, Progress
 from neuro_recognise.parts.readouts import Readout, Svm
 from neuro_recognise.settings import Part, part, setting
 from neuro_recognise.shown import Evidence, Features, Floats, Ints, Lazy
-
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
 
 Report: TypeAlias = Callable[["Layers", int, int], None]
 
@@ -334,7 +331,7 @@ class Hots(Method):
         x = self._histograms(Layers.from_state(self.hierarchy, self.size, kept), shown)
         return Answer(np.where(x.any(axis=1, keepdims=True), self.readout.scores(learnt, x), np.nan))
 
-    def pictures(self, learnt: Learnt, classes: Sequence[str]) -> Mapping[str, Figure]:
+    def pictures(self, learnt: Learnt, classes: Sequence[str]) -> Drawings:
         """The prototypes of each layer: what they see of the first one's polarities, and of all channels of others."""
         from neuro_recognise.telling.pictures import images
 

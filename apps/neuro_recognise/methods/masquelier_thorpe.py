@@ -4,21 +4,18 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
 import neuro
-from neuro_recognise.method import Course, Learnt
+from neuro_recognise.method import Course, Drawings, Learnt
 from neuro_recognise.methods.framewise import ORDERS, Framewise
 from neuro_recognise.parts.frames import Frames
 from neuro_recognise.parts.layers import Inputs, Layer
 from neuro_recognise.parts.readouts import Readout, Svm
 from neuro_recognise.settings import SPLITS, part, setting
 from neuro_recognise.shown import Features, Floats
-
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
 
 PAPER = "Masquelier and Thorpe 2007"
 
@@ -105,7 +102,7 @@ class MasquelierThorpe(Framewise):
         seen = np.isin(np.arange(len(shown)), frames.recording)
         return {"features": np.where(seen[:, None], scores, np.nan)}
 
-    def pictures(self, learnt: Learnt, classes: Sequence[str]) -> Mapping[str, Figure]:
+    def pictures(self, learnt: Learnt, classes: Sequence[str]) -> Drawings:
         """What each map looks for."""
         from neuro_recognise.telling.pictures import images
 

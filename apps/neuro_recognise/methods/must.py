@@ -4,21 +4,18 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
 import neuro
-from neuro_recognise.method import Course, Learnt
+from neuro_recognise.method import Course, Drawings, Learnt
 from neuro_recognise.methods.framewise import ORDERS, Framewise
 from neuro_recognise.parts.encoders import Encoder, LogLatency
 from neuro_recognise.parts.frames import Frames, majority, potentials
 from neuro_recognise.parts.layers import Inputs, Layer
 from neuro_recognise.settings import part, setting
 from neuro_recognise.shown import Array, Features, Floats
-
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
 
 OURS = "ours: the paper's numbers were not found"
 DRAWN = 8
@@ -106,7 +103,7 @@ class Must(Framewise):
         found = {"rate": np.where(wins.any(axis=1, keepdims=True), rate, np.nan)}
         return found | {"majority": majority(wins, sums), "potentials": potentials(sums)}
 
-    def pictures(self, learnt: Learnt, classes: Sequence[str]) -> Mapping[str, Figure]:
+    def pictures(self, learnt: Learnt, classes: Sequence[str]) -> Drawings:
         """What the neurons that win most look for, a row a class."""
         from neuro_recognise.telling.pictures import images
 

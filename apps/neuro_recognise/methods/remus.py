@@ -7,14 +7,7 @@ from dataclasses import dataclass
 from neuro_recognise.methods.framewise import ORDERS, Framewise
 from neuro_recognise.settings import setting
 
-THESIS = {
-    "per_class": 2,
-    "rescue": False,
-    "dropout": 0.25,
-    "decay": 0.7,
-    "order": "recordings",
-    "vote": "majority",
-}
+THESIS = {"per_class": 2, "rescue": False, "dropout": 0.25, "decay": 0.7, "order": "recordings", "vote": "majority"}
 """Where the thesis differs: table 3, lines 2450-2463; majority is line 2431."""
 
 EARLY = {"representation": "leaky", "segmenter": "hes", "segmenter.window": 5.0}

@@ -9,8 +9,8 @@ import numpy as np
 
 from neuro.apps import kernel
 from neuro.events import Events
+from neuro_recognise.method import Grows
 from neuro_recognise.methods.hats import Hats
-from neuro_recognise.observers import Grows
 from neuro_recognise.parts.cleaners import Cleaner, Tar
 from neuro_recognise.settings import part
 from neuro_recognise.shown import Array, Floats, Ints

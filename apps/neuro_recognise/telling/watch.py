@@ -21,7 +21,7 @@ from neuro.apps import html, output, sealed
 from neuro.events import Events, load
 from neuro_recognise.deciding.session import Decision
 from neuro_recognise.deciding.stopping import ASSUMES, ASSURANCE
-from neuro_recognise.method import SILENT, Pictures, TrialView, View
+from neuro_recognise.method import SILENT, Pictures, View
 from neuro_recognise.recogniser import Recogniser
 
 MOST = 1_000_000
@@ -31,11 +31,7 @@ LONGEST_MS = 4000.0
 POINTS = 60
 """Moments of a page where nothing was learnt of moments."""
 
-PAGE = sealed(
-    "a page of 'neuro recognise'",
-    '<meta name="generator" content="neuro recognise">',
-    "<!-- digest {} -->",
-)
+PAGE = sealed("a page of 'neuro recognise'", '<meta name="generator" content="neuro recognise">', "<!-- digest {} -->")
 
 
 def watch(
@@ -193,21 +189,14 @@ def _said(recogniser: Recogniser, said: Sequence[Decision]) -> dict[str, Any]:
 def _view(view: View) -> dict[str, Any]:
     words = {"name": view.name, "at": _base64(view.at_ms, "<f4"), "told": list(view.told)}
     if isinstance(view, Pictures):
-        return words | _pictures(view)
-    return words | _trials(view)
-
-
-def _pictures(view: Pictures) -> dict[str, Any]:
-    most = float(view.images.max(initial=0.0)) or 1.0
-    shades = np.clip(np.rint(255.0 * view.images / most), 0, 255)
-    return {"rows": view.images.shape[1], "columns": view.images.shape[2], "images": _base64(shades, "u1")}
-
-
-def _trials(view: TrialView) -> dict[str, Any]:
+        most = float(view.images.max(initial=0.0)) or 1.0
+        shades = np.clip(np.rint(255.0 * view.images / most), 0, 255)
+        _, rows, columns = view.images.shape
+        return words | {"rows": rows, "columns": columns, "images": _base64(shades, "u1")}
     every = max(1, -(-len(view.times) // MOST))
     ends = -(-view.offsets // every)
     times, ids = _base64(view.times[::every], "<f4"), _base64(view.ids[::every], "<u4")
-    return {
+    return words | {
         "size": view.size, "bands": list(view.bands), "length": view.length_ms, "ends": _base64(ends, "<u4"),
         "times": times, "ids": ids,
     }  # fmt: skip
