@@ -154,9 +154,9 @@ def predict(
     backend: Backend = "event",
     set: Set = [],  # noqa: B006
 ) -> None:
-    """Tell the class of recordings, what speaks for each, and when that was decided.
+    """Print the class of recordings, what speaks for each, and when that was decided.
 
-    Damaged files are told after the others; then the exit status is 1.
+    Damaged files are reported after the others; then the exit status is 1.
     """
     from neuro_recognise.telling import report
     from neuro_recognise.telling.tried import predict_files

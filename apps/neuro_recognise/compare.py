@@ -1,4 +1,4 @@
-"""Methods side by side on one data set: every fold trained and tested, kept in a folder, and told as a table.
+"""Methods side by side on one data set: every fold trained and tested, kept in a folder, and shown as a table.
 
 FOLDER/METHOD-SEED-FOLD.json    decisions and times of a fold, and of the first one bills; what is there is not done
                                 again by the same code
@@ -42,7 +42,7 @@ from neuro_recognise.training import field_of
 FORMAT = "neuro recognise fold 1"
 RESULT = sealed("a result of 'neuro recognise compare'", f'"format": "{FORMAT}"', ', "digest": "{}"')
 TIMED = 20
-"""Recordings that are looked at anew to tell how long that takes."""
+"""Recordings that are observed anew to measure how long that takes."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -143,7 +143,7 @@ def compare(data: Recordings, plan: MethodComparison, report: Callable[[Progress
     Args:
         data: labelled recordings.
         plan: what to compare.
-        report: is told the progress.
+        report: called with the progress.
 
     Returns:
         What came of each method, in the order of the plan.

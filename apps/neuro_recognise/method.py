@@ -20,6 +20,7 @@ import numpy.typing as npt
 from neuro import ModelError
 from neuro.apps import Registry, find_backend, unknown
 from neuro.events import Events
+from neuro.events.parts import together
 from neuro_recognise.settings import Settings, setting
 from neuro_recognise.shown import Array, Evidence, Features, Floats, Ints
 
@@ -73,7 +74,7 @@ class Course:
         seed: of everything random.
         backend: runs networks.
         checkpoint: keeps the state, so that a killed training goes on; None keeps nothing.
-        report: is told the progress.
+        report: called with the progress.
     """
 
     seed: int = 0
@@ -389,7 +390,7 @@ class Whole(Observer):
 
     def evidence(self) -> Evidence:
         """Observe what was kept."""
-        seen = _joined(self._parts, self._size)
+        seen = together(self._parts) if self._parts else Events([], [], [], [], self._size)
         self._parts = [seen] if len(seen) else []
         return self._observe(seen)
 
@@ -427,13 +428,3 @@ class Growing(Observer):
         """The description as a vector."""
         self._field.check_outside(self._outside, self._total)
         return {"vector": self._description.histograms().ravel().astype(np.float32)}
-
-
-def _joined(parts: list[Events], size: tuple[int, int]) -> Events:
-    """Parts of one recording as one; of none an empty one of this size."""
-    if len(parts) == 1:
-        return parts[0]
-    kinds = {"t": np.int64, "x": np.uint16, "y": np.uint16, "p": np.uint8}
-    empty = {name: np.zeros(0, kind) for name, kind in kinds.items()}
-    arrays = [np.concatenate([empty[name], *(getattr(part, name) for part in parts)]) for name in kinds]
-    return Events(arrays[0], arrays[1], arrays[2], arrays[3], parts[0].sensor_size if parts else size)

@@ -187,7 +187,7 @@ def observe(
         fingerprint: of the data, where it is known already; to find it all recordings are read.
         cache: folder in which results are kept, one folder for each contents, settings and code; None takes the
             user's cache. Where it cannot be written everything stays in memory.
-        report: is told how many recordings are done, and of how many.
+        report: called with how many recordings are done, and of how many.
 
     Raises:
         EventFileError: a recording is damaged.

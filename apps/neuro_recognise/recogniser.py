@@ -289,7 +289,7 @@ def fit(
             same bits. A training that is complete is not done again.
         replace: whether `out` takes the place of a recogniser of another training.
         cache: folder for what is computed of the recordings; None takes the user's.
-        report: is told the progress.
+        report: called with the progress.
 
     Returns:
         The recogniser.
@@ -332,12 +332,12 @@ def learn(
     Args:
         method: with all that follows from the sensor decided.
         shown: what the recordings show to it.
-        digest: tells these recordings from others.
+        digest: differs for other recordings.
         seed: of everything random.
         backend: runs networks.
         out: as of `fit`.
         replace: as of `fit`.
-        report: is told the progress.
+        report: called with the progress.
 
     Raises:
         ModelError: as of `fit`.

@@ -26,7 +26,7 @@ def setting(default: Any, unit: str = "", doc: str = "", source: str = "", **mor
         unit: physical unit.
         doc: what it means.
         source: where its default comes from.
-        more: bounds and words of `neuro.apps.Quantity`; its `kind` follows from the default if not told.
+        more: bounds and words of `neuro.apps.Quantity`; its `kind` follows from the default if not given.
     """
     example = default[0] if isinstance(default, tuple) else default
     kinds = {bool: "boolean", int: "integer", str: "word"}

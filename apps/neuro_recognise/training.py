@@ -1,4 +1,4 @@
-"""What a training is told: what follows from its recordings, and what makes it the same as another."""
+"""The record of a training: what follows from its recordings, and what makes it the same as another."""
 
 from __future__ import annotations
 
@@ -44,12 +44,12 @@ def field_of(data: Recordings) -> tuple[int, int]:
 
 
 def digest_of(fingerprint: str) -> str:
-    """A short text that tells these recordings from others."""
+    """A short text that differs for other recordings."""
     return hashlib.blake2b(fingerprint.encode(), digest_size=16).hexdigest()
 
 
 def told(method: Method, digest: str, recordings: int, seed: int, backend: str) -> dict[str, Any]:
-    """What a training is told beside the settings."""
+    """The record of a training beside the settings."""
     return {"seed": seed, "backend": backend, "data": digest, "recordings": recordings, "code": code_of(method)}
 
 

@@ -296,7 +296,7 @@ def _check_before(net: neuro.Network, plan: TrainingPlan, backends: list[str], o
     if plan.prune:
         neuro_torch.prune(module, plan.prune)
     for name in backends:
-        with warnings.catch_warnings(action="ignore"):  # what a backend warns of is told when it runs
+        with warnings.catch_warnings(action="ignore"):  # what a backend warns of is reported when it runs
             neuro.compile(net, backend=name)
 
 

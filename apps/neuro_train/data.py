@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 Ints = npt.NDArray[np.int64]
 Floats = npt.NDArray[np.float64]
 Report = Callable[[str, int, int], None]
-"""Is told what is done, how much of it, and of how much."""
+"""Called with what is done, how much of it, and of how much."""
 MAX_OUTSIDE = 0.05
 """Share of a recording's events that may lie outside of the window and be left out."""
 
@@ -42,7 +42,7 @@ class BatchData:
         labels: (recordings,), the neuron of the output for each.
         classes: names.
         shape: of the population of the pixels.
-        digest: tells these recordings from others.
+        digest: differs for other recordings.
     """
 
     events: Events
@@ -104,7 +104,7 @@ def show(
         net: has the pixels and the output.
         data: the recordings.
         plan: how they are seen.
-        report: is told how many are read.
+        report: called with how many are read.
         hint: what to do where the pixels are of another sensor.
 
     Raises:

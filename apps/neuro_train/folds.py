@@ -40,10 +40,10 @@ def cross_validate(
         net: the network.
         shown: all recordings.
         folds: of each the indices to learn from, and those to test on.
-        plan: what each training is told.
+        plan: settings of each training.
         backends: to test on, beside what learnt.
         out: of the networks: fold 1 of trained.yaml is trained-1.yaml, with its figures in trained-1.json.
-        report: is told how far it is.
+        report: called with how far it is.
 
     Returns:
         Of each fold `n`, `right` by backend, `equal` decisions by backend, overflows and joules by chip, `room` in

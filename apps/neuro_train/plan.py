@@ -1,4 +1,4 @@
-"""What a training is told, checked before anything runs."""
+"""The settings of a training, checked before anything runs."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ CENTRED = "centred"
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class TrainingPlan:
-    """What a training is told.
+    """The settings of a training.
 
     Attributes:
         input: the population of the pixels.
@@ -102,7 +102,7 @@ class TrainingPlan:
 
     @property
     def learns(self) -> dict[str, tuple[str, ...]]:
-        """What of which projection or population learns, where that is told."""
+        """What of which projection or population learns, where that is given."""
         parts = (text.partition("=") for text in self.trainable)
         return {name: tuple(words.split(",")) if equals else ("weight",) for name, equals, words in parts}
 

@@ -62,7 +62,7 @@ def rooms(net: neuro.Network, target: str, shown: BatchData, plan: TrainingPlan)
         plan: how they are seen.
 
     Returns:
-        Of each population that spikes reach; none where the chip's arithmetic does not tell (`neuro.chips.filled`).
+        Of each population that spikes reach; none where the chip's arithmetic does not say (`neuro.chips.filled`).
     """
     on = chip_of(target)
     if on is None or not on.arithmetic:

@@ -7,7 +7,7 @@ text such as "step,duration,hidden=16:64,prune".
 FOLDER/tune.json, journal.log, runs    of `neuro.tune`
 FOLDER/points/NAME.yaml                each trial's network
 FOLDER/front/NAME.yaml                 the front's networks, learnt from all that is not held out
-FOLDER/front.csv, front.png            what is told of them
+FOLDER/front.csv, front.png            the table and the figure
 """
 
 from __future__ import annotations
@@ -69,7 +69,7 @@ def space(text: str, net: neuro.Network, plan: TrainingPlan, given: Mapping[str,
             `prune` have values if none are given: the network's step and 2 and 4 times it, quarters of the plan's
             duration in whole steps of all, 1/8 to the whole of the hidden layer, and nothing to three quarters pruned.
         net: the network.
-        plan: what every training is told that does not vary.
+        plan: settings of every training that do not vary.
         given: the parameters of the network's file.
 
     Raises:
@@ -96,7 +96,7 @@ def space(text: str, net: neuro.Network, plan: TrainingPlan, given: Mapping[str,
 
 
 def parted(point: Mapping[str, Any]) -> tuple[dict[str, Any], dict[str, Any]]:
-    """What of a point the network's file is told, and what the plan."""
+    """What of a point is a parameter of the network's file, and what of the plan."""
     words = {field.name for field in fields(TrainingPlan)}
     of_plan = {name: value for name, value in point.items() if name in words}
     of_file = {"resolution" if name == "step" else name: value for name, value in point.items() if name not in words}
@@ -178,13 +178,13 @@ def search(
         data: the recordings.
         part: of recordings in parts.
         without: patterns of names that are left out.
-        plan: what every training is told that does not vary.
+        plan: settings of every training that do not vary.
         params: of the file, that do not vary.
         space: what varies.
         budget: how many networks.
         folds: of how many trainings a trial is made; of one if not given.
         folder: where all is kept.
-        say: is told which network of the front learns anew.
+        say: called with which network of the front learns anew.
 
     Returns:
         All points, those of the front tested on what is held out; by joules.

@@ -125,7 +125,7 @@ def on_backend(
         backend: its name; one of a chip gives a bill.
         shown: the recordings.
         plan: how they are seen.
-        report: is told how many are done.
+        report: called with how many are done.
         room: in its registers, whose scales it takes.
 
     Raises:

@@ -130,15 +130,6 @@ def test_what_cannot_be_learnt_from(folder, learning, tmp_path):
         fit(nothing, "hats")
 
 
-def test_a_damaged_recording_is_named(tmp_path, folder):
-    for k, name in enumerate(("a", "b")):
-        (tmp_path / name).mkdir()
-        (tmp_path / name / "0.bin").write_bytes((folder / "Train" / ("upright", "lying")[k] / f"{k}.bin").read_bytes())
-    (tmp_path / "b" / "1.npz").write_bytes(b"PK damaged")
-    with pytest.raises(EventFileError, match=r"b/1\.npz"):
-        fit(recordings(tmp_path), "hats")
-
-
 @pytest.mark.parametrize("times", [[2.0, 1.0], [-5]])
 def test_times_run_forwards_from_the_first_event(of_hats, unseen, times):
     message = f"times_ms = {times}: expected times >= 0 in ascending order, ms"
@@ -159,18 +150,6 @@ def test_other_files_are_refused_and_kept(learning, tmp_path):
         del file["classes"]
     with pytest.raises(ModelError, match="damaged neuro recogniser 1"):
         Recogniser.load(made)
-
-
-def test_evidence_is_kept_and_what_is_damaged_made_anew(learning, tmp_path):
-    cache = tmp_path / "kept"
-    first = fit(learning, "hats", cache=cache)
-    (file,) = cache.glob("*/*.h5")
-    before = file.stat().st_mtime_ns
-    fit(learning, method_of("hats", values={"readout": "nearest"}), cache=cache)
-    assert file.stat().st_mtime_ns == before, "another readout looks at the same"
-    file.write_bytes(b"damaged")
-    again = fit(learning, "hats", cache=cache)
-    np.testing.assert_array_equal(again.learnt["weights"], first.learnt["weights"])
 
 
 def test_a_folder_that_cannot_be_written_is_no_fault(learning, tmp_path):

@@ -76,13 +76,6 @@ def test_a_recogniser_of_another_training_stays(neuro, folder, model, tmp_path):
     assert neuro(*train, "--seed", "1")[0] == 0
 
 
-def test_a_single_recording_is_no_data_to_learn_from(neuro, folder):
-    file = folder / "Train" / "lying" / "1.bin"
-    code, out, err = neuro("train", "hats", "--data", file)
-    assert (code, out) == (2, "")
-    assert err == f"error: {file}: is a single recording: expected recordings of at least two classes\n"
-
-
 READ = [name for name, method in METHODS.items() if "readout" in method.__dataclass_fields__]
 
 
@@ -192,12 +185,6 @@ def test_another_target_runs_one_fold_again(letters, small, tmp_path, monkeypatc
     assert [name for name in sorted(again) if again[name] != before[name]] == ["remus-0-0.json"]
     assert list(second.bills) == ["loihi", "gpu"]
     assert second.bills["gpu"] == first.bills["gpu"]
-
-
-def test_classes_that_are_missing_are_told_once(learning, tmp_path):
-    only = learning.take(np.flatnonzero(learning.labels == 0))
-    with pytest.raises(EventFileError, match="has only the class 'lying': expected recordings of at least two classes"):
-        compared(only, tmp_path / "all", "hats", "boe")
 
 
 def test_an_empty_recording_is_silent(neuro, model, tmp_path):

@@ -115,7 +115,6 @@ def test_train_test_and_energy_on_other_backends(neuro, folder):
 @pytest.mark.parametrize(
     ("words", "message"),
     [
-        ("train remus --data nowhere", "nowhere: no such folder, zip or HDF5 file"),
         (
             "train remus --data {folder}/Train/lying/1.bin",
             "{folder}/Train/lying/1.bin: is a single recording: expected recordings of at least two classes",
@@ -125,7 +124,6 @@ def test_train_test_and_energy_on_other_backends(neuro, folder):
             "unknown settings of method 'remus' 'good'\n  hint: known: best, early, poker, thesis",
         ),
         ("train remus --data {folder} --set maps=3", "'maps' cannot be set: it follows from the classes and per_class"),
-        ("test model.h5 --data {folder}", "model.h5: no such file: expected a neuro recogniser 1"),
         ("energy model.h5 --data {folder}", "model.h5: no such file: expected a neuro recogniser 1"),
         ("show {folder}/Train/lying/1.bin", "{folder}/Train/lying/1.bin: not a neuro recogniser 1"),
         (

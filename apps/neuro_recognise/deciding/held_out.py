@@ -131,7 +131,7 @@ class HeldOut(ABC):
         backend: runs networks that are asked; they are trained on that of the recogniser's training.
         beside: files of what is under way have this name and an ending.
         cache: folder for what is computed of recordings; None takes the user's.
-        report: is told the progress.
+        report: called with the progress.
     """
 
     recogniser: Recogniser

@@ -51,7 +51,7 @@ def learn_early(
         out: file for the recogniser, also the one it has. What is reached is kept beside it, and the same call goes on
             from there to the same bits.
         cache: folder for what is computed of the recordings; None takes the user's.
-        report: is told the progress.
+        report: called with the progress.
 
     Returns:
         The same with `early`.

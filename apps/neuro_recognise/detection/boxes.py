@@ -148,7 +148,7 @@ def read_boxes(path: Path, classes: Sequence[str]) -> Boxes:
         classes: names, by which labels are counted.
 
     Raises:
-        ModelError: there is no such table, a class is unknown, or a number is none; the line is told.
+        ModelError: there is no such table, a class is unknown, or a number is none; the message has the line.
     """
     try:
         lines = list(csv.reader(path.read_text().splitlines()))

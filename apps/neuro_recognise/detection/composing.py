@@ -33,26 +33,14 @@ class Scenery(Settings):
     objects: tuple[int, int] = setting((2, 3), "", "fewest and most in a scene", "more would have no room", at_least=1)
     touching: bool = setting(False, "", "whether they touch, and move as one", "the harder scenes")
     gap: float = setting(
-        6.0,
-        "px",
-        "least distance of boxes apart at all times; touching ones have none",
-        "a quarter of a digit",
-        at_least=0,
+        6.0, "px", "least distance of boxes; touching ones have none", "a quarter of a digit", at_least=0
     )
-    speed: float = setting(
-        10.0, "px/s", "of an object's path, in any direction", "in 2 s about as far as a digit is large", at_least=0
-    )
+    speed: float = setting(10.0, "px/s", "of an object's path, in any direction", "a digit in about 2 s", at_least=0)
     noise: float = setting(1.0, "Hz", "background events of a pixel", "a quiet sensor's", at_least=0)
     length: float = setting(300.0, "ms", "of a scene", "that of a recording of N-MNIST", at_least=1)
-    slice: float = setting(
-        100.0, "ms", "of time, in each of which an object has a box", "a saccade of N-MNIST", at_least=1
-    )
+    slice: float = setting(100.0, "ms", "of time, with a box for each object", "a saccade of N-MNIST", at_least=1)
     support: float = setting(
-        10.0,
-        "ms",
-        "since a neighbour's event, for an event to count for a box",
-        "Delbruck's filter, its default here",
-        above=0,
+        10.0, "ms", "longest time since a neighbour's event", "Delbruck's filter, its default", above=0
     )
     percentile: float = setting(
         1.0,

@@ -27,7 +27,7 @@ class Detector:
     """Finds objects that a recogniser knows.
 
     Args:
-        recogniser: tells what an object is; its field may be of another size than the sensor.
+        recogniser: names an object; its field may be of another size than the sensor.
         settings: how objects are found.
         backend: runs networks.
         way: see `WAYS`; `dense` takes a recogniser of the method `remus`.

@@ -114,13 +114,11 @@ class Detecting(Settings):
         segmenter: cuts the events; objects are looked for in each segment.
         proposals: finds places of objects.
         dense: finds places and classes at once, where that way is taken.
-        tracking: tells which object is which from segment to segment.
+        tracking: finds which object is which from segment to segment.
     """
 
     segmenter: Segmenter = part(Segmenter, Hes(window=100.0))
-    leak: float = setting(
-        0.0, "ms", "decay of counts from segment to segment, for short ones; 0: none are left", CHOSEN, at_least=0
-    )
+    leak: float = setting(0.0, "ms", "decay of counts from segment to segment; 0: none are left", CHOSEN, at_least=0)
     proposals: Proposals = part(Proposals, Proposals())
     dense: Dense = part(Dense, Dense())
     overlap: float = setting(0.5, "", "largest IoU of two boxes of a segment", "usual", at_least=0, at_most=1)
@@ -171,7 +169,7 @@ class Piece:
 
 
 def pieces(events: Events, settings: Detecting, finder: Finder | None = None) -> list[Piece]:
-    """The objects of a whole recording, in pieces of at most `memory`; found by proposals if no other way is told."""
+    """The objects of a whole recording, in pieces of at most `memory`; found by proposals if no other way is given."""
     view, latest = WindowView(settings, events.sensor_size, finder), dict[int, Piece]()
     found: list[Piece] = []
     for segment in (*view.segments(events), *view.rest()):

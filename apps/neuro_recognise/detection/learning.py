@@ -50,7 +50,7 @@ def write_crops(
         scenes: with true boxes.
         settings: how objects are found.
         before: stands before the names of files, so that several data sets of scenes fit into one folder.
-        report: is told how many scenes are done, and of how many.
+        report: called with how many scenes are done, and of how many.
 
     Returns:
         How many there are.

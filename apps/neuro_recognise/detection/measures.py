@@ -198,7 +198,7 @@ def try_out(
     Args:
         detector: its recogniser knows the classes of the scenes, in their order.
         scenes: with true boxes.
-        report: is told how many are done.
+        report: called with how many are done.
     """
     pairs, switches, ms = list[tuple[Boxes, Boxes]](), list[Switches](), list[float]()
     for done, scene in enumerate(scenes, 1):

@@ -112,7 +112,7 @@ def check_classes(known: tuple[str, ...], scenes: Scenes) -> None:
 
 
 def check_ending(path: Path) -> None:
-    """Refuse a file whose ending does not tell what to write.
+    """Refuse a file whose ending does not say what to write.
 
     Raises:
         ModelError: it ends otherwise.
@@ -122,7 +122,7 @@ def check_ending(path: Path) -> None:
 
 
 def write_found(path: Path, events: Events, boxes: Boxes, classes: Sequence[str], title: str) -> None:
-    """Write boxes as the name's ending tells.
+    """Write boxes in the format of the name's ending.
 
     Raises:
         ModelError: the ending is unknown.

@@ -95,7 +95,7 @@ def write_scenes(
         count: how many.
         seed: of everything random.
         chosen: indices of the recordings that are used; None for all.
-        report: is told how many are done, and of how many.
+        report: called with how many are done, and of how many.
 
     Raises:
         ModelError: the folder has scenes made otherwise, or a scene has no room for its objects.

@@ -1,4 +1,4 @@
-"""BOE, bag of events: each segment of a recording is told by the share of its events at each pixel."""
+"""BOE, bag of events: each segment of a recording is described by the share of its events at each pixel."""
 
 from __future__ import annotations
 

@@ -21,7 +21,7 @@ class Descriptor(Method):
     """Base of these methods.
 
     Attributes:
-        readout: tells classes apart.
+        readout: separates classes.
     """
 
     needs = "recognise"

@@ -28,13 +28,9 @@ class Hats(Descriptor):
     presets = {"poker": {"size": [35, 35], "cell": 12, "tau": 10.0}}
     measured = {"N-MNIST": "95.1 %", "POKER-DVS": "94.6 %"}
 
-    cell: int = setting(
-        0, "px", "side of a cell; 0: a fifth of the larger side", "best of 5, 7, 9 on N-MNIST's 34 px", at_least=0
-    )
+    cell: int = setting(0, "px", "side of a cell; 0: a fifth of the field", "best of 5, 7, 9 on N-MNIST", at_least=0)
     radius: int = setting(3, "px", "of an event's surroundings", "the paper's for N-CARS", at_least=0)
-    tau: float = setting(
-        100.0, "ms", "decay of what is remembered, and how long it is", "the paper's for N-CARS", above=0
-    )
+    tau: float = setting(100.0, "ms", "decay and length of what is remembered", "the paper's for N-CARS", above=0)
 
     readout: Readout = part(Readout, Svm(C=10.0, scale="length"))
 

@@ -39,9 +39,7 @@ class HFirstSettings(Settings):
     """
 
     size: tuple[int, int] = setting((34, 34), "px", "width and height of the camera", "N-MNIST's", at_least=1)
-    noise_us: int = setting(
-        10_000, "us", "an event counts if a neighbour had one so long ago at most", "full_NMINST_example.m", above=0
-    )
+    noise_us: int = setting(10_000, "us", "longest time since a neighbour's event", "full_NMINST_example.m", above=0)
     orientations: int = setting(12, "", "of the Gabor filters, from 0 degrees in equal steps", CODE, at_least=1)
     field: int = setting(7, "px", "side of the Gabor filters, odd", CODE, at_least=1)
     sigma: float = setting(2.8, "px", "their width", CODE, above=0)
@@ -51,16 +49,14 @@ class HFirstSettings(Settings):
     s1_threshold: float = setting(150.0, "mV", "threshold of S1", CODE, above=0)
     s1_leak: float = setting(25.0, "mV/ms", "linear leak of S1", CODE, at_least=0)
     pool: int = setting(4, "px", "side of a C1 cell", CODE, at_least=1)
-    c1_resets: bool = setting(
-        False, "", "whether a C1 spike resets all orientations of its cell", "an option; the authors' code has none"
-    )
+    c1_resets: bool = setting(False, "", "whether a C1 spike resets all orientations of its cell", "an option of ours")
     s2_threshold: float = setting(150.0, "mV", "threshold of S2", CODE, above=0)
     s2_leak: float = setting(1.0, "mV/ms", "linear leak of S2", CODE, at_least=0)
     t_ref: float = setting(5.0, "ms", "refractory period of all layers", CODE, at_least=0)
     below: float = setting(1.0, "mV", "template weights below it become `unseen`", CODE)
     unseen: float = setting(-1.0, "mV", "weight of a C1 neuron that hardly spikes for a class", CODE)
     resolution: float = setting(
-        0.1, "ms", "steps of the network", "ours; the authors' code rounds times down to 1 ms", above=0
+        0.1, "ms", "steps of the network", "ours; the authors' code rounds down to 1 ms", above=0
     )
 
     @property

@@ -302,12 +302,8 @@ class Hots(Method):
     measured = {"N-MNIST": "72.6 %", "POKER-DVS": "97.3 %"}
 
     hierarchy: Hierarchy = part(Hierarchy, Hierarchy())
-    learn_from: int = setting(
-        0, "", "recordings to learn prototypes from, drawn; 0: all", "the paper's are few", at_least=0
-    )
-    cell: int = setting(
-        0, "px", "side of squares that are counted each by itself; 0: the whole field", "the paper", at_least=0
-    )
+    learn_from: int = setting(0, "", "recordings for prototypes, drawn; 0: all", "the paper's are few", at_least=0)
+    cell: int = setting(0, "px", "side of squares that are counted apart; 0: the whole field", "the paper", at_least=0)
     readout: Readout = part(Readout, Svm())
 
     def observing(self) -> Mapping[str, Any]:

@@ -64,7 +64,7 @@ class MasquelierThorpe(Framewise):
     """Features that come often in frames of ReMuS's front end, and a linear support vector machine.
 
     Attributes:
-        readout: tells classes apart by the mean over a recording's frames of each map's largest potential.
+        readout: separates classes by the mean over a recording's frames of each map's largest potential.
     """
 
     known_as = "masquelier_thorpe"

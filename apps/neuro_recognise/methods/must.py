@@ -66,7 +66,7 @@ class Must(Framewise):
     """The first 150 spikes of frames of ReMuS's front end, and neurons that are named after they have learnt."""
 
     title = "unsupervised STDP with homeostasis, neurons named afterwards"
-    source = "Liu et al., 2020, as the thesis tells, section 6.1.5; homeostasis of Diehl and Cook 2015"
+    source = "Liu et al., 2020, after the thesis, section 6.1.5; homeostasis of Diehl and Cook 2015"
     presets = {"poker": {"size": [34, 34]}}
     measured = {"N-MNIST": "80.9 %", "POKER-DVS": "92.3 %"}
 

@@ -138,7 +138,7 @@ class Gabors(Bank):
 
     gamma: float = setting(0.3, "", "aspect ratio; less than 1 is longer along the bar", TABLE_2, above=0)
     literal: bool = setting(
-        False, "", "eq. 122 as printed, not filters of zero mean and unit norm", "literal ones cost 2 points on N-MNIST"
+        False, "", "eq. 122 as printed, not of zero mean and unit norm", "2 points worse on N-MNIST"
     )
 
     @cached_property

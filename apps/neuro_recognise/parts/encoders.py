@@ -94,9 +94,7 @@ class LogLatency(Encoder):
         ticks = np.minimum(latency // self.resolution, self.last).astype(np.int64)
         order = np.argsort(frame * (self.last + 1) + ticks, kind="stable")
         lengths = np.bincount(frame, minlength=len(peak)).astype(np.int64)
-        if self.first:
-            order = order[_rank(lengths) < self.first]
-            lengths = np.minimum(lengths, self.first)
+        order, lengths = _first(order, lengths, self.first)
         return ticks[order].astype(np.uint16), ids[order].astype(np.int64), lengths
 
     def times(self, codes: Array, learnt: Learnt) -> Floats:
@@ -124,9 +122,7 @@ class Latency(Encoder):
         strength = flat[frame, ids]
         order = np.lexsort((ids, -strength, frame))
         lengths = np.bincount(frame, minlength=len(flat)).astype(np.int64)
-        if self.first:
-            order = order[_rank(lengths) < self.first]
-            lengths = np.minimum(lengths, self.first)
+        order, lengths = _first(order, lengths, self.first)
         return strength[order].astype(np.float32), ids[order].astype(np.int64), lengths
 
     def learn(self, codes: Array) -> dict[str, Array]:
@@ -140,10 +136,12 @@ class Latency(Encoder):
         return found
 
 
-def _rank(lengths: Ints) -> Ints:
-    """Of each spike: how many of its frame come before it."""
-    starts = np.cumsum(lengths) - lengths
-    return np.arange(int(lengths.sum())) - np.repeat(starts, lengths)
+def _first(order: Ints, lengths: Ints, n: int) -> tuple[Ints, Ints]:
+    """The first spikes of each frame, so many at most, and how many these are; all where n is 0."""
+    if not n:
+        return order, lengths
+    rank = np.arange(len(order)) - np.repeat(np.cumsum(lengths) - lengths, lengths)
+    return order[rank < n], np.minimum(lengths, n)
 
 
 Encoder.known = Registry("encoder", (LogLatency, Latency))

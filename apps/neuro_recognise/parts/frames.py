@@ -18,7 +18,7 @@ class Frames:
     """Spikes of all frames of some recordings.
 
     Attributes:
-        codes: (spikes,) from which an encoder tells the times.
+        codes: (spikes,) from which an encoder computes the times.
         ids: (spikes,) of the inputs.
         offsets: (frames + 1,) frame i has the spikes ``[offsets[i], offsets[i + 1])``.
         recording: (frames,) the recording that each frame is of, ascending.
@@ -90,11 +90,11 @@ def votes(
 
 
 def majority(wins: Floats, sums: Floats) -> Floats:
-    """The frames that each class has won, and a share of one by which equals are told apart.
+    """The frames that each class has won, and a share of one by which equals are ordered.
 
     Args:
         wins: (recordings, classes) frames.
-        sums: (recordings, classes) by which classes with equally many are told apart; of equals the first leads.
+        sums: (recordings, classes) by which classes with equally many are ordered; of equals the first leads.
 
     Returns:
         (recordings, classes) where no class has won any frame NaN.

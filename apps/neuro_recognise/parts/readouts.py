@@ -170,7 +170,7 @@ class Ridge(Readout):
     source = "Rifkin and Klautau, JMLR 5:101, 2004, section 3.2 (regularised least squares classification)"
 
     penalty: float = setting(
-        1000.0, "", "weight of small weights against small errors", "best of 300, 1000, 3000 on N-MNIST", above=0
+        1000.0, "", "cost of weights against errors", "best of 300, 1000, 3000 on N-MNIST", above=0
     )
 
     def fit(self, x: Array, labels: Ints, classes: int, course: Course) -> Learnt:

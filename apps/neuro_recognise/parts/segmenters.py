@@ -46,7 +46,7 @@ class Segmenter(Part):
             bounds: of the segments.
 
         Returns:
-            (segments,) us, the time of the event that tells it.
+            (segments,) us, the time of the event that shows it.
         """
         return t[bounds[1:] - 1]
 
@@ -75,9 +75,7 @@ class Hes(Segmenter):
 
     source = "thesis section 3.3, lines 875-890"
 
-    window: float = setting(
-        20.0, "ms", "length of a segment", "HFirst's saccade third is 100 ms; a fifth of it", above=0
-    )
+    window: float = setting(20.0, "ms", "length of a segment", "a fifth of a saccade of N-MNIST", above=0)
 
     def bounds(self, t: Ints) -> Ints:
         """What comes after the last whole window belongs to none."""
@@ -117,9 +115,7 @@ class Ses(Segmenter):
     source = "Zhao et al., IEEE TNNLS 26:1963, 2015; thesis section 6.1.1, lines 2165-2176"
 
     search: float = setting(15.0, "ms", "how far a peak is the highest on both sides", "MK-Tempotron's code", above=0)
-    tau: float = setting(
-        20.0, "ms", "decay of the potential; it rises four times as fast", "MK-Tempotron's code", above=0
-    )
+    tau: float = setting(20.0, "ms", "decay of the potential; 4 times its rise", "MK-Tempotron's code", above=0)
     threshold: float = setting(
         0.0, "", "a peak is above it; in potentials of single events",
         f"0: all; EDHMAX: 200, {SPLITS}; MK-Tempotron: 603", at_least=0,

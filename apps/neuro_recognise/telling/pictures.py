@@ -55,7 +55,7 @@ TILE_IN, HEAD_IN, HEADED_IN, LEAST_IN = 1.3, 0.95, 0.25, 4.4
 
 
 def confusion(evaluation: Evaluation, by: str = "") -> Figure:
-    """Recordings by class and decision; shades are shares of a class, and each cell tells its number."""
+    """Recordings by class and decision; shades are shares of a class, and each cell shows its number."""
     table = evaluation.confusion
     silence = bool(table[:, -1].any())
     table = table if silence else table[:, :-1]

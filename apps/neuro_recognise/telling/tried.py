@@ -104,7 +104,7 @@ def predict_files(
     Raises:
         ModelError: the backend cannot run the recogniser, or the allowed error cannot be met.
     """
-    recogniser.answer([], backend)  # what is wrong with all is told before any is read
+    recogniser.answer([], backend)  # what is wrong with all is reported before any is read
     recogniser.session(allow=allow, assurance=assurance)
     found, wrong = list[Predicted](), list[ModelError]()
     for file in files:

@@ -48,7 +48,7 @@ def watch(
         recogniser: what was learnt.
         recording: a file of any readable format.
         out: the page.
-        allow: share of wrong decisions for which it is told when it could be stopped.
+        allow: share of wrong decisions for which the page says when it could be stopped.
         backend: runs networks.
         assurance: of an allowed error, see `Recogniser.session`.
 
@@ -145,7 +145,7 @@ def page(
 
 
 def shown(events: Events) -> tuple[dict[str, Any], list[str]]:
-    """The events of a page as data, and what is told of them; of many an even choice."""
+    """The events of a page as data, and a few words on them; of many an even choice."""
     every = max(1, -(-len(events) // MOST))
     width, height = events.sensor_size
     about = [f"{len(events):,} events, {width}×{height} px"]
