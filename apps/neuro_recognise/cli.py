@@ -26,6 +26,9 @@ app = typer.Typer(
 )
 
 
+Option, Argument = typer.Option, typer.Argument
+
+
 def folds(text: str) -> int:
     """A whole number >= 2."""
     return whole(text, 2)
@@ -36,19 +39,19 @@ def seeds(text: str) -> int:
     return whole(text, 1)
 
 
-MethodName = Annotated[str, typer.Argument(metavar="METHOD", help="See 'neuro recognise list'.")]
-Data = Annotated[Path, typer.Option("--data", metavar="FOLDER", help="Recordings: a folder, zip or HDF5 data set.")]
-Part = Annotated[str, typer.Option("--part", metavar="NAME", help="Of recordings in parts, such as Train and Test.")]
-ModelFile = Annotated[Path, typer.Argument(metavar="MODEL", help="A recogniser, as 'train' writes it.")]
+MethodName = Annotated[str, Argument(metavar="METHOD", help="See 'neuro recognise list'.")]
+Data = Annotated[Path, Option("--data", metavar="FOLDER", help="Recordings: a folder, zip or HDF5 data set.")]
+Part = Annotated[str, Option("--part", metavar="NAME", help="Of recordings in parts, such as Train and Test.")]
+ModelFile = Annotated[Path, Argument(metavar="MODEL", help="A recogniser, as 'train' writes it.")]
 Allow = Annotated[
     float | None,
-    typer.Option("--allow", metavar="SHARE", help="Decide as soon as no larger share is wrong; learnt by 'early'."),
+    Option("--allow", metavar="SHARE", help="Decide as soon as no larger share is wrong; learnt by 'early'."),
 ]
 Assurance = Annotated[
-    float, typer.Option("--assurance", metavar="P", help="Probability that no more than allowed are wrong.")
+    float, Option("--assurance", metavar="P", help="Probability that no more than allowed are wrong.")
 ]
-Json = Annotated[bool, typer.Option("--json", help="Print the figures as JSON.")]
-SceneFolder = Annotated[Path, typer.Argument(metavar="SCENES", help="A folder that 'scenes' filled.")]
+Json = Annotated[bool, Option("--json", help="Print the figures as JSON.")]
+SceneFolder = Annotated[Path, Argument(metavar="SCENES", help="A folder that 'scenes' filled.")]
 
 
 @contextmanager
@@ -85,7 +88,7 @@ def _recordings(path: Path, part: str, classes: tuple[str, ...] | None = None) -
 
 @app.command("list")
 def list_methods(
-    method: Annotated[str | None, typer.Argument(metavar="METHOD", help="All settings of this one.")] = None,
+    method: Annotated[str | None, Argument(metavar="METHOD", help="All settings of this one.")] = None,
 ) -> None:
     """Show the methods: what they are, what they need, and how well they do; or the settings of one."""
     from neuro_recognise.telling import report
@@ -100,12 +103,12 @@ def list_methods(
 def train(
     method: MethodName,
     data: Data,
-    out: Annotated[Path, typer.Option("--out", metavar="FILE", help="The recogniser to write.")] = Path("model.h5"),
+    out: Annotated[Path, Option(metavar="FILE", help="The recogniser to write.")] = Path("model.h5"),
     part: Part = "Train",
-    settings: Annotated[str, typer.Option("--settings", metavar="NAME", help="A preset of the method.")] = "",
+    settings: Annotated[str, Option(metavar="NAME", help="A preset of the method.")] = "",
     seed: Seed = 0,
     backend: Backend = "event",
-    force: Annotated[bool, typer.Option("--force", help="Replace a recogniser of another training.")] = False,
+    force: Annotated[bool, Option("--force", help="Replace a recogniser of another training.")] = False,
     set: Set = [],  # noqa: B006
 ) -> None:
     """Train on recordings; after a kill the same command goes on where it was."""
@@ -126,7 +129,7 @@ def try_model(
     data: Data,
     part: Part = "Test",
     json: Json = False,
-    out: Annotated[Path | None, typer.Option("--out", metavar="FOLDER", help="Write a picture there.")] = None,
+    out: Annotated[Path | None, Option(metavar="FOLDER", help="Write a picture there.")] = None,
     backend: Backend = "event",
     set: Set = [],  # noqa: B006
 ) -> None:
@@ -147,7 +150,7 @@ def try_model(
 @app.command()
 def predict(
     model: ModelFile,
-    recordings: Annotated[list[Path], typer.Argument(metavar="RECORDING...", help="Files of any readable format.")],
+    recordings: Annotated[list[Path], Argument(metavar="RECORDING...", help="Files of any readable format.")],
     allow: Allow = None,
     assurance: Assurance = 0.9,
     json: Json = False,
@@ -176,10 +179,8 @@ def early(
     model: ModelFile,
     data: Data,
     part: Part = "Train",
-    every: Annotated[float, typer.Option("--every", metavar="MS", help="From moment to moment.")] = 10.0,
-    folds: Annotated[
-        int, typer.Option("--folds", metavar="N", parser=folds, help="Of recordings, each held out once.")
-    ] = 5,
+    every: Annotated[float, Option(metavar="MS", help="From moment to moment.")] = 10.0,
+    folds: Annotated[int, Option(metavar="N", parser=folds, help="Of recordings, each held out once.")] = 5,
     assurance: Assurance = 0.9,
     backend: Backend = "event",
 ) -> None:
@@ -200,11 +201,11 @@ def early(
 @app.command()
 def watch(
     model: ModelFile,
-    recording: Annotated[Path, typer.Argument(metavar="RECORDING", help="A file of any readable format.")],
-    out: Annotated[Path, typer.Option("--out", metavar="FILE", help="The page to write.")] = Path("recognise.html"),
-    several: Annotated[bool, typer.Option("--several", help="Find several objects, as 'detect' does.")] = False,
+    recording: Annotated[Path, Argument(metavar="RECORDING", help="A file of any readable format.")],
+    out: Annotated[Path, Option(metavar="FILE", help="The page to write.")] = Path("recognise.html"),
+    several: Annotated[bool, Option("--several", help="Find several objects, as 'detect' does.")] = False,
     boxes: Annotated[
-        Path | None, typer.Option("--boxes", metavar="FILE", help="Draw these, too: as of 'detect' or 'scenes', .csv.")
+        Path | None, Option(metavar="FILE", help="Draw these, too: as of 'detect' or 'scenes', .csv.")
     ] = None,
     allow: Allow = None,
     assurance: Assurance = 0.9,
@@ -232,23 +233,19 @@ def watch(
 @app.command()
 def compare(
     data: Data,
-    out: Annotated[Path, typer.Option("--out", metavar="FOLDER", help="Results and pages.")] = Path("compared"),
+    out: Annotated[Path, Option(metavar="FOLDER", help="Results and pages.")] = Path("compared"),
     method: Annotated[
-        list[str],
-        typer.Option("--method", metavar="NAME", help="Only this one, 'hats:poker' with settings; may be repeated."),
+        list[str], Option(metavar="NAME", help="Only this one, 'hats:poker' with settings; may be repeated.")
     ] = [],  # noqa: B006
     part: Part = "Train",
     without: Annotated[
-        list[str],
-        typer.Option("--without", metavar="PATTERN", help="Leave out names like '*i.aedat'; may be repeated."),
+        list[str], Option(metavar="PATTERN", help="Leave out names like '*i.aedat'; may be repeated.")
     ] = [],  # noqa: B006
-    folds: Annotated[int, typer.Option("--folds", metavar="N", parser=folds, help="Each is tested once.")] = 5,
-    seeds: Annotated[int, typer.Option("--seeds", metavar="N", parser=seeds, help="Folds and trainings anew.")] = 1,
+    folds: Annotated[int, Option(metavar="N", parser=folds, help="Each is tested once.")] = 5,
+    seeds: Annotated[int, Option(metavar="N", parser=seeds, help="Folds and trainings anew.")] = 1,
     target: Target = TARGETS,
     backend: Backend = "event",
-    jobs: Annotated[
-        int | None, typer.Option("--jobs", metavar="N", parser=seeds, help="Folds at a time; one for each core.")
-    ] = None,
+    jobs: Annotated[int | None, Option(metavar="N", parser=seeds, help="Folds at a time; one for each core.")] = None,
 ) -> None:
     """Train and test all methods on the same folds: accuracy, time, joules on each chip, as a table and a page.
 
@@ -293,7 +290,7 @@ def energy(
 @app.command()
 def show(
     model: ModelFile,
-    out: Annotated[Path | None, typer.Option("--out", metavar="FOLDER", help="Write pictures there.")] = None,
+    out: Annotated[Path | None, Option(metavar="FOLDER", help="Write pictures there.")] = None,
 ) -> None:
     """Show what a recogniser was trained with; with --out draw what it has learnt."""
     from neuro_recognise.telling import report
@@ -307,17 +304,17 @@ def show(
 
 @app.command()
 def scenes(
-    data: Annotated[Path, typer.Option("--data", metavar="FOLDER", help="Recordings of one object each.")],
-    out: Annotated[Path, typer.Option("--out", metavar="FOLDER", help="Where the scenes go.")],
-    count: Annotated[int, typer.Option("--count", metavar="N", min=1, help="How many.")] = 100,
-    sensor: Annotated[str, typer.Option("--sensor", metavar="WxH", help="Its size, px.")] = "100x80",
-    touching: Annotated[bool, typer.Option("--touching", help="Objects touch, and move as one.")] = False,
-    noise: Annotated[float, typer.Option("--noise", metavar="HZ", help="Background events of a pixel.")] = 1.0,
-    length: Annotated[float, typer.Option("--length", metavar="MS", help="Of a scene.")] = 300.0,
+    data: Annotated[Path, Option(metavar="FOLDER", help="Recordings of one object each.")],
+    out: Annotated[Path, Option(metavar="FOLDER", help="Where the scenes go.")],
+    count: Annotated[int, Option(metavar="N", min=1, help="How many.")] = 100,
+    sensor: Annotated[str, Option(metavar="WxH", help="Its size, px.")] = "100x80",
+    touching: Annotated[bool, Option("--touching", help="Objects touch, and move as one.")] = False,
+    noise: Annotated[float, Option(metavar="HZ", help="Background events of a pixel.")] = 1.0,
+    length: Annotated[float, Option(metavar="MS", help="Of a scene.")] = 300.0,
     part: Part = "Train",
-    folds: Annotated[int, typer.Option("--folds", metavar="N", min=1, help="Into which recordings are divided.")] = 1,
-    fold: Annotated[int, typer.Option("--fold", metavar="K", min=0, help="Take only this one, from 0 on.")] = 0,
-    others: Annotated[bool, typer.Option("--others", help="Take all folds but this one.")] = False,
+    folds: Annotated[int, Option(metavar="N", min=1, help="Into which recordings are divided.")] = 1,
+    fold: Annotated[int, Option(metavar="K", min=0, help="Take only this one, from 0 on.")] = 0,
+    others: Annotated[bool, Option("--others", help="Take all folds but this one.")] = False,
     seed: Seed = 0,
     set: Set = [],  # noqa: B006
 ) -> None:
@@ -345,7 +342,7 @@ def scenes(
 @app.command()
 def crops(
     scenes: SceneFolder,
-    out: Annotated[Path, typer.Option("--out", metavar="FOLDER", help="Where the recordings go.")],
+    out: Annotated[Path, Option(metavar="FOLDER", help="Where the recordings go.")],
     set: Set = [],  # noqa: B006
 ) -> None:
     """Cut single objects out of scenes, as a detector sees them: recordings for 'neuro recognise train'."""
@@ -362,15 +359,13 @@ def crops(
 @app.command()
 def detect(
     model: ModelFile,
-    recording: Annotated[Path | None, typer.Argument(metavar="RECORDING", help="File of any readable format.")] = None,
-    data: Annotated[Path | None, typer.Option("--data", metavar="SCENES", help="Measure on scenes instead.")] = None,
-    out: Annotated[
-        Path | None, typer.Option("--out", metavar="FILE", help="Boxes as .html (page), .png (picture) or .csv.")
-    ] = None,
+    recording: Annotated[Path | None, Argument(metavar="RECORDING", help="File of any readable format.")] = None,
+    data: Annotated[Path | None, Option(metavar="SCENES", help="Measure on scenes instead.")] = None,
+    out: Annotated[Path | None, Option(metavar="FILE", help="Boxes as .html (page), .png (picture) or .csv.")] = None,
     way: Annotated[
-        str, typer.Option("--way", metavar="WAY", help="proposals; or dense: a remus network over the whole sensor.")
+        str, Option(metavar="WAY", help="proposals; or dense: a remus network over the whole sensor.")
     ] = "proposals",
-    json: Annotated[bool, typer.Option("--json", help="Print boxes or figures as JSON.")] = False,
+    json: Annotated[bool, Option("--json", help="Print boxes or figures as JSON.")] = False,
     backend: Backend = "event",
     set: Set = [],  # noqa: B006
 ) -> None:

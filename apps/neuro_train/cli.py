@@ -47,12 +47,10 @@ def folds(text: str) -> int:
 # recordings
 Data = Annotated[Path, Option("--data", metavar="FOLDER", help="Recordings: a folder, zip or HDF5 data set.")]
 Part = Annotated[str, Option("--part", metavar="NAME", help="Of recordings in parts, such as Train.")]
-Without = Annotated[
-    list[str], Option("--without", metavar="PATTERN", help="Leave out names like '*i.aedat'; repeatable.")
-]
+Without = Annotated[list[str], Option(metavar="PATTERN", help="Leave out names like '*i.aedat'; repeatable.")]
 Test = Annotated[Path | None, Option("--test", metavar="FOLDER", help="Recordings to test on.")]
 Folds = Annotated[
-    int | None, Option("--folds", metavar="N", parser=folds, help="Test each Nth on what the others taught instead.")
+    int | None, Option(metavar="N", parser=folds, help="Test each Nth on what the others taught instead.")
 ]
 Backends = Annotated[str, Option(metavar="A,B,...", help="What to test on.")]
 
@@ -96,14 +94,10 @@ Device = Annotated[str, Option(metavar="NAME", help="A device of torch, such as 
 Threads = Annotated[int, Option(metavar="N", min=1, help="Threads to compute with.")]
 
 # for a chip
-Cost = Annotated[
-    list[str], Option("--cost", metavar="CHIP=X", help="Add X to the loss for each microjoule; repeatable.")
-]
+Cost = Annotated[list[str], Option(metavar="CHIP=X", help="Add X to the loss for each microjoule; repeatable.")]
 Bits = Annotated[int | None, Option(metavar="N", help="Of weights while they learn, on a chip's grid.")]
 Prune = Annotated[float, Option(metavar="SHARE", help="Drop so many synapses, the smallest, half way.")]
-NeuronsPerCore = Annotated[
-    int | None, Option("--neurons-per-core", metavar="N", help="Of a chip, fewer than it allows.")
-]
+NeuronsPerCore = Annotated[int | None, Option(metavar="N", help="Of a chip, fewer than it allows.")]
 
 # what comes of it
 Out = Annotated[Path, Option("--out", metavar="FILE", help="The network to write.")]

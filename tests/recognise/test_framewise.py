@@ -352,10 +352,7 @@ def test_what_is_approximated_names_no_file(model):
 
 @pytest.mark.parametrize(
     ("settings", "history", "kernels"),
-    [
-        ("thesis", [32 / 48, 1.0, 1.0], "4a791ceea5f144de"),
-        ("best", [34 / 48, 38 / 48, 46 / 48], "036bc5f4c2d820bd"),
-    ],
+    [("thesis", [32 / 48, 1.0, 1.0], "4a791ceea5f144de"), ("best", [34 / 48, 38 / 48, 46 / 48], "036bc5f4c2d820bd")],
 )
 def test_remus_learns_the_kernels_that_it_always_did(settings, history, kernels):
     """The digests are of kernels that version 0.1.0 learnt, rounded to what no machine adds differently."""

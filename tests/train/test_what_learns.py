@@ -162,8 +162,7 @@ def test_the_networks_that_ship_learn_at_the_rate_as_it_is_said(late):
 
 
 @pytest.mark.parametrize(
-    ("weight", "size"),
-    [(0.0, 1.0), (0.05, 1.0), (-0.9, 1.0), (2.0, 10.0), (-400.0, 1000.0), (5e-3, 0.1)],
+    ("weight", "size"), [(0.0, 1.0), (0.05, 1.0), (-0.9, 1.0), (2.0, 10.0), (-400.0, 1000.0), (5e-3, 0.1)]
 )
 def test_sizes_are_powers_of_ten(weight, size):
     net = snn.Network("one", resolution=5.0)
