@@ -325,8 +325,7 @@ def scenes(
     """
     import numpy as np
 
-    from neuro_recognise.detection.composing import Scenery
-    from neuro_recognise.detection.scenes import fold_of, write_scenes
+    from neuro_recognise.detection.scenes import Scenery, fold_of, write_scenes
 
     given = {"sensor": _size(sensor), "touching": touching, "noise": noise, "length": length}
     scenery = Scenery().changed(given | assignments(set))

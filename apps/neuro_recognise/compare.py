@@ -35,9 +35,8 @@ from neuro_recognise.evaluate import Evaluation, evaluate, price
 from neuro_recognise.method import Answer, Method, Progress, choose
 from neuro_recognise.methods import METHODS, method_of
 from neuro_recognise.observations import observe
-from neuro_recognise.recogniser import learn
+from neuro_recognise.recogniser import field_of, learn
 from neuro_recognise.shown import Features, Ints
-from neuro_recognise.training import field_of
 
 FORMAT = "neuro recognise fold 1"
 RESULT = sealed("a result of 'neuro recognise compare'", f'"format": "{FORMAT}"', ', "digest": "{}"')

@@ -390,7 +390,8 @@ class Whole(Observer):
 
     def evidence(self) -> Evidence:
         """Observe what was kept."""
-        seen = together(self._parts) if self._parts else Events([], [], [], [], self._size)
+        none: Any = []
+        seen = together(self._parts) if self._parts else Events(none, none, none, none, self._size)
         self._parts = [seen] if len(seen) else []
         return self._observe(seen)
 

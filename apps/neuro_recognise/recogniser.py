@@ -1,7 +1,8 @@
-"""A trained recogniser, what users hold, and how one is trained."""
+"""A trained recogniser, what users hold, and how one is trained: what makes its training the same as another."""
 
 from __future__ import annotations
 
+import hashlib
 import json
 import platform
 from collections import OrderedDict
@@ -14,8 +15,11 @@ from typing import Any, TypeAlias
 import numpy as np
 
 import neuro
+from neuro import ModelError
 from neuro.apps import Checkpoint, check_output, hdf5, provenance, record_input
-from neuro.events import Events, Recordings
+from neuro.events import EventFileError, Events, Recordings
+from neuro.events.dataset import UNKNOWN
+from neuro_recognise.code import code_of
 from neuro_recognise.deciding.held import Early, part_of
 from neuro_recognise.deciding.session import WINDOW_MS, Session
 from neuro_recognise.deciding.stopping import ASSURANCE, stopping_rule
@@ -23,7 +27,68 @@ from neuro_recognise.method import Answer, Course, Learnt, Method, Progress, cho
 from neuro_recognise.methods import method_of
 from neuro_recognise.observations import observe, observed
 from neuro_recognise.shown import Evidence, Features, Floats, Ints, unlabelled
-from neuro_recognise.training import Training, check_same, digest_of, settled, told
+
+Training: TypeAlias = Mapping[str, Any]
+OTHER = {"data": "other recordings", "code": "other code, of an earlier version or before an edit"}
+REPLACE = "give another name, or --force (in Python replace=True) to replace it"
+
+
+def settled(method: Method, data: Recordings) -> Method:
+    """A method with everything decided that follows from the recordings to learn from.
+
+    Raises:
+        EventFileError: as of `field_of`.
+        ModelError: the method cannot look at a field of this size.
+    """
+    return method.fitting(field_of(data))
+
+
+def field_of(data: Recordings) -> tuple[int, int]:
+    """Width and height of the field that recordings to learn from need, px.
+
+    Raises:
+        EventFileError: there are none, all are of one class, or one is damaged.
+    """
+    there = set(data.labels.tolist()) - {UNKNOWN}
+    if len(there) < 2:
+        only = f"has only the class '{data.classes[there.pop()]}'" if there else "has no recordings with a class"
+        if data.layout == "recording":
+            only = "is a single recording"
+        raise EventFileError(data.path, f"{only}: expected recordings of at least two classes")
+    return data.sensor_size(setting="--set size=[WIDTH, HEIGHT]")
+
+
+def digest_of(fingerprint: str) -> str:
+    """A short text that differs for other recordings."""
+    return hashlib.blake2b(fingerprint.encode(), digest_size=16).hexdigest()
+
+
+def training_record(method: Method, digest: str, recordings: int, seed: int, backend: str) -> dict[str, Any]:
+    """The record of a training beside the settings."""
+    return {"seed": seed, "backend": backend, "data": digest, "recordings": recordings, "code": code_of(method)}
+
+
+def check_same(out: Path, there: tuple[Method, Training], now: tuple[Method, Training]) -> None:
+    """Refuse to replace a recogniser by that of another training.
+
+    Raises:
+        ModelError: with the first thing that differs.
+    """
+    before, after = (_words(*one) for one in (there, now))
+    for name in before | after:
+        if before.get(name) != after.get(name):
+            what = OTHER.get(name, f"{name} = {_word(before.get(name))}: found {_word(after.get(name))} now")
+            raise ModelError(f"{out}: a recogniser that was trained with {what}", hint=REPLACE)
+
+
+def _words(method: Method, training: Training) -> dict[str, Any]:
+    return {"method": method.called(), **method.as_words(), **training}
+
+
+def _word(value: Any) -> str:
+    """A value, or the name of a part."""
+    return next(iter(value)) if isinstance(value, dict) else str(value)
+
 
 AT_MOST = 4
 """Kept ready; those that were not asked for longest go first."""
@@ -303,7 +368,7 @@ def fit(
     chosen.check_backend(backend)
     fixed, fingerprint, tell = settled(chosen, data), data.fingerprint(), report or (lambda progress: None)
     digest = digest_of(fingerprint)
-    training = told(fixed, digest, len(data), seed, backend)
+    training = training_record(fixed, digest, len(data), seed, backend)
     # what stands in the way, or is done already, shows before long work
     if out is not None and (made := _made(out, fixed, training, replace)) is not None:
         _checkpoint(out, fixed, training).remove()
@@ -343,7 +408,7 @@ def learn(
         ModelError: as of `fit`.
     """
     method.check_backend(backend)
-    training = told(method, digest, len(shown), seed, backend)
+    training = training_record(method, digest, len(shown), seed, backend)
     if out is not None and (made := _made(out, method, training, replace)) is not None:
         _checkpoint(out, method, training).remove()
         return made

@@ -26,7 +26,7 @@ from neuro.results import read as read_results
 from neuro_drone.model import Model as Drone
 from neuro_drone.train import train as train_drone
 from neuro_recognise import Recogniser
-from neuro_recognise.deciding import held_out
+from neuro_recognise.deciding import learn_early as early
 from neuro_recognise.observations import FORMAT, KeptAnswers, keep
 
 OUTCOMES = ("refused", "unchanged", "silent", "raw", "crash")
@@ -204,12 +204,12 @@ def read_of_evidence(path):
 
 
 def begun(folder):
-    held_out._write(folder / "a.h5", [[one, one] for one in evidence_of()])
+    early._write(folder / "a.h5", [[one, one] for one in evidence_of()])
     return [folder / "a.h5"]
 
 
 def read_of_beginnings(path):
-    return [held_out._read(path, moment) for moment in (0, 1)]
+    return [early._read(path, moment) for moment in (0, 1)]
 
 
 def recording(folder):

@@ -13,10 +13,8 @@ from typer.testing import CliRunner
 import neuro
 from neuro.events import Events, recordings, save
 from neuro_recognise.cli import app
-from neuro_recognise.deciding import held_out
 from neuro_recognise.deciding.held import Held, margins
-from neuro_recognise.deciding.held_out import Beginnings
-from neuro_recognise.deciding.learn_early import learn_early, moments
+from neuro_recognise.deciding.learn_early import Beginnings, learn_early, moments
 from neuro_recognise.deciding.stopping import least_allowed, outcome, stopped, stopping_rule, upper_bound
 from neuro_recognise.method import Course
 from neuro_recognise.methods import METHODS as ALL_METHODS
@@ -271,7 +269,7 @@ def test_after_a_kill_it_goes_on_to_the_same_bits(early, data, tmp_path):
 def test_a_fold_is_not_learnt_again_after_a_kill(data, tmp_path, monkeypatch):
     method, cache = method_of("boe", values=METHODS["boe"]), tmp_path / "cache"
     made, fitted = fit(data, method, cache=cache), []
-    monkeypatch.setattr(held_out, "AT_ONCE", 3)
+    monkeypatch.setattr("neuro_recognise.deciding.learn_early.AT_ONCE", 3)
     monkeypatch.setattr(Boe, "fit", lambda self, *args, fit=Boe.fit: fitted.append(0) or fit(self, *args))
 
     def kill(progress):

@@ -15,10 +15,9 @@ import numpy as np
 from neuro.apps import make_folder
 from neuro.events import Events, save
 from neuro_recognise.detection.boxes import Boxes, iou
-from neuro_recognise.detection.composing import Scene
 from neuro_recognise.detection.following import Detecting, Piece, crop, pieces
 from neuro_recognise.detection.measures import AT_LEAST
-from neuro_recognise.detection.scenes import Scenes
+from neuro_recognise.detection.scenes import Scene, Scenes
 
 
 def crops(scene: Scene, settings: Detecting, size: tuple[int, int]) -> Iterator[tuple[int, Events]]:

@@ -11,8 +11,8 @@ import numpy as np
 import numpy.typing as npt
 
 from neuro_recognise.detection.boxes import Boxes, iou
-from neuro_recognise.detection.composing import Scene
 from neuro_recognise.detection.detector import Detector
+from neuro_recognise.detection.scenes import Scene
 from neuro_recognise.shown import Floats, Ints
 
 Pair = tuple[Boxes, Boxes]
