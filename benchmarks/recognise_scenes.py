@@ -24,9 +24,8 @@ from neuro_recognise.detection import Detecting, Detector, Scenery, write_scenes
 from neuro_recognise.detection.boxes import Boxes
 from neuro_recognise.detection.detector import WAYS
 from neuro_recognise.detection.learning import write_crops
-from neuro_recognise.detection.measures import precision
+from neuro_recognise.detection.measures import precision, try_out
 from neuro_recognise.detection.scenes import fold_of
-from neuro_recognise.detection.trial import try_out
 from neuro_recognise.recogniser import method_of
 
 SHARED = Path(__file__).resolve().parents[2] / "shared" / "data"

@@ -24,8 +24,7 @@ from neuro.events import recordings
 from neuro_recognise.method import choose
 from neuro_recognise.methods.remus import Remus
 from neuro_recognise.observations import observe
-from neuro_recognise.parts.frames import Frames
-from neuro_recognise.parts.votes import VOTES, votes
+from neuro_recognise.parts.frames import VOTES, Frames, votes
 from neuro_recognise.recogniser import Recogniser, learn
 from neuro_recognise.shown import Features
 

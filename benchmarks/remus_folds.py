@@ -24,7 +24,7 @@ from neuro_recognise.evaluate import wilson
 from neuro_recognise.method import choose
 from neuro_recognise.methods.remus import Remus
 from neuro_recognise.observations import observe
-from neuro_recognise.parts.votes import VOTES
+from neuro_recognise.parts.frames import VOTES
 from neuro_recognise.recogniser import learn
 from neuro_recognise.shown import Features
 

@@ -20,6 +20,7 @@ if TYPE_CHECKING:
         Seed as Seed,
         Set as Set,
         assignments as assignments,
+        resumable as resumable,
         whole as whole,
     )
     from neuro.core import hdf5 as hdf5, html as html

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -48,6 +50,16 @@ def whole(text: str, least: int) -> int:
     if number < least:
         raise typer.BadParameter(f"'{text}': expected a whole number >= {least}")
     return number
+
+
+@contextmanager
+def resumable() -> Iterator[None]:
+    """Say where work is interrupted that it is kept, and leave with status 130."""
+    try:
+        yield
+    except KeyboardInterrupt:
+        typer.echo("interrupted: the same command goes on where it was", err=True)
+        raise typer.Exit(130) from None
 
 
 def seed(text: str) -> int:

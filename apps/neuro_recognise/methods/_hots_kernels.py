@@ -1,5 +1,5 @@
 # mypy: ignore-errors
-"""Compiled loops of `neuro_recognise.hots.hierarchy`: one layer shown one recording.
+"""Compiled loops of `neuro_recognise.methods.hots`: one layer shown one recording.
 
 A map holds, for each pixel and channel, exp((T - begin) / tau) of the last event there at T; divided by
 exp((t - begin) / tau) it is the time surface at t. So one exponential an event is enough. Before its numbers leave
