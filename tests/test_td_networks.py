@@ -22,7 +22,7 @@ def runs(seed, n, backend="event", **words):
 
 
 def test_the_value_on_a_track_becomes_the_discounted_reward():
-    """10 neurons, 60 runs; benchmarks/test_td_networks.py has 20 neurons, 100 runs and many seeds."""
+    """10 neurons, 60 runs; benchmarks/test_learnt.py has 20 neurons, 100 runs and many seeds."""
     _, values = runs(31, 60, critics=10)
     assert relative_rms(values[0]) > 0.5
     late = values[-40:].mean(axis=0)
@@ -64,7 +64,7 @@ def test_a_random_walk_takes_as_long_as_the_world_says():
 
 
 def test_the_way_through_a_grid_is_learnt():
-    """A small one, of which a random walk needs 29 moves; benchmarks/test_td_networks.py has 5 x 5 places."""
+    """A small one, of which a random walk needs 29 moves; benchmarks/test_learnt.py has 5 x 5 places."""
     sim = neuro.compile(grid_world.network(side=3), seed=31)
     agent = grid_world.Agent(sim, grid_world.World(side=3), seed=31)
     assert np.median([agent.episode() for _ in range(30)][-10:]) <= 5.0

@@ -12,7 +12,7 @@ import typer
 from neuro import ModelError
 from neuro.apps import console, number, quantity, sourced, table
 from neuro.chips import COLUMNS, between, chip, footnotes
-from neuro_drone.controllers.agents import DQNSettings
+from neuro_drone.controllers.deep import DQNSettings
 from neuro_drone.controllers.dense import Flier
 from neuro_drone.controllers.spiking import Spiking
 from neuro_drone.env import ACTIONS, CELLS, DroneEnv

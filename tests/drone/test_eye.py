@@ -10,9 +10,8 @@ from neuro import ModelError
 from neuro.events import DVS
 from neuro_drone.ball import hop
 from neuro_drone.eye import SKY, Eye, pixels
-from neuro_drone.geometry import CameraView, Pose
+from neuro_drone.geometry import CameraView, Pose, WorldScene
 from neuro_drone.scenario import Ball, Camera, Ground, Line, Scenario
-from neuro_drone.scene import WorldScene
 
 SIDE = 100
 SPREAD = ((np.indices((SIDE, SIDE)) + np.random.default_rng(0).random((2, SIDE, SIDE))) / SIDE - 0.5).reshape(2, -1)

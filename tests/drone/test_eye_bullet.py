@@ -5,9 +5,8 @@ import pytest
 from numpy.lib.stride_tricks import sliding_window_view
 
 from neuro_drone.eye import Eye
-from neuro_drone.geometry import Pose
+from neuro_drone.geometry import Pose, WorldScene
 from neuro_drone.scenario import Ball, Camera, Ground, Line, Scenario
-from neuro_drone.scene import WorldScene
 
 bullet = pytest.importorskip("pybullet", reason="pybullet has wheels for Python 3.11 only")
 

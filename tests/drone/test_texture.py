@@ -4,9 +4,8 @@ import numpy as np
 import pytest
 
 from neuro_drone.eye import SIZE, Eye, pattern, pyramid, tile
-from neuro_drone.geometry import CameraView, Pose
+from neuro_drone.geometry import CameraView, Pose, WorldScene
 from neuro_drone.scenario import Camera, Ground, Scenario
-from neuro_drone.scene import WorldScene
 
 
 def ground_of(view, fine):

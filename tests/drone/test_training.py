@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 import neuro
-from neuro_drone import curve, train as training
+from neuro_drone import train as training
 from neuro_drone.controllers import make
 from neuro_drone.evaluate import Start, grid, try_out
 from neuro_drone.model import Model
@@ -221,7 +221,7 @@ def test_grid():
 
 def test_the_curve_touches_no_training(model, monkeypatch):
     """With a test every 300 steps all that is learnt is the same."""
-    monkeypatch.setattr(curve, "EVERY", 300)
+    monkeypatch.setattr(training, "EVERY", 300)
     tested = train("B60", steps=1000, seed=4)
     assert model.curve["steps"].tolist() == [1000]
     assert tested.curve["steps"].tolist() == [300, 600, 900]
@@ -230,7 +230,7 @@ def test_the_curve_touches_no_training(model, monkeypatch):
 
 
 def test_the_curve_is_of_frozen_weights_and_survives_a_kill(tmp_path, monkeypatch):
-    monkeypatch.setattr(curve, "EVERY", 300)
+    monkeypatch.setattr(training, "EVERY", 300)
     monkeypatch.setattr(training, "KEEP", 200)
     whole, out = train("B60", "lms", steps=1500), tmp_path / "model.h5"
 
@@ -244,9 +244,9 @@ def test_the_curve_is_of_frozen_weights_and_survives_a_kill(tmp_path, monkeypatc
     assert all((whole.curve[name] == parts.curve[name]).all() for name in whole.curve)
     assert all((whole.curve[name] == a).all() for name, a in Model.load(out).curve.items())
     assert len(whole.curve["steps"]) == 5
-    last = curve.Curve(whole.scenario)
+    last = training.Curve(whole.scenario)
     last.follow(whole.learner(), 1500)
     assert last.arrays()["error_px"] == whole.curve["error_px"][-1:]
-    untaught = curve.Curve(whole.scenario)
+    untaught = training.Curve(whole.scenario)
     untaught.follow(make("lms", whole.scenario), 1000)
     assert whole.curve["error_px"][-1] < 35.0 < 50.0 < untaught.arrays()["error_px"][0]

@@ -12,11 +12,10 @@ from matplotlib.image import imread
 
 import neuro
 from neuro_drone.evaluate import Start, try_out
-from neuro_drone.flight import fly
 from neuro_drone.paths import FlightCourse
 from neuro_drone.scenario import load
 from neuro_drone.train import train
-from neuro_drone.watch import page, watch
+from neuro_drone.watch import fly, page, watch
 
 SHORT = load("A60", **{"task": {"ball": {"lap": 1.5, "speed": 0.15}}})  # a lap of 500 steps
 START = (20.0, -15.0)

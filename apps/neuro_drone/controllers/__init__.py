@@ -15,13 +15,20 @@ import numpy.typing as npt
 
 from neuro import ModelError
 from neuro.apps import unknown
-from neuro_drone.controllers.agents import DDPG, DQN, DDPGSettings, DQNSettings
-from neuro_drone.controllers.deep import Deep
-from neuro_drone.controllers.lms import LMS, LMSSettings
+from neuro_drone.controllers.deep import DDPG, DQN, DDPGSettings, Deep, DQNSettings
 from neuro_drone.controllers.ppo import PPO, PPOSettings
-from neuro_drone.controllers.search import RandomSearch, RandomSearchSettings
 from neuro_drone.controllers.settings import changed, plain
-from neuro_drone.controllers.simple import Centroid, Gain, Nothing, NothingSettings, Oracle
+from neuro_drone.controllers.simple import (
+    LMS,
+    Centroid,
+    Gain,
+    LMSSettings,
+    Nothing,
+    NothingSettings,
+    Oracle,
+    RandomSearch,
+    RandomSearchSettings,
+)
 from neuro_drone.controllers.spiking import Spiking, SpikingSettings
 from neuro_drone.parts import Line
 from neuro_drone.scenario import Scenario

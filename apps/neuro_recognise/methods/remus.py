@@ -39,7 +39,7 @@ class Remus(Framewise):
     measured = {"N-MNIST": "91.4 %", "POKER-DVS": "98.5 %"}
 
     order: str = setting(
-        "frames", "", "what is shuffled in each epoch", "benchmarks/remus_folds.py; thesis: recordings", words=ORDERS
+        "frames", "", "what is shuffled in each epoch", "benchmarks/recognisers.py; thesis: recordings", words=ORDERS
     )
 
     def pictures(self, learnt: Learnt, classes: Sequence[str]) -> Mapping[str, Figure]:

@@ -17,7 +17,7 @@ from neuro_recognise.shown import Ints
 __all__ = ["FOLLOWS", "Inputs", "Labelled", "Layer", "RemusLayer", "Shares", "from_text", "taught", "to_text"]
 
 TABLE_3 = "thesis table 3, lines 2450-2463"
-BEST = "benchmarks/remus_folds.py"
+BEST = "benchmarks/recognisers.py"
 FOLLOWS = {"maps": "the classes and per_class", "rows": "the field and the pool", "columns": "the field and the pool"}
 """Parameters of networks that cannot be set, and what they follow from."""
 
