@@ -7,8 +7,8 @@ import pytest
 
 import neuro
 from neuro import Network, all_to_all, iaf_psc_delta, r_stdp, spike_generator, winner_take_all
-from neuro.core.errors import ModelError
 from neuro.run.simulation import Simulation
+from refusals import refused
 
 RATES = {"Ar_plus": 0.1, "Ar_minus": -0.05, "Ap_plus": 0.02, "Ap_minus": -0.04}
 
@@ -70,23 +70,27 @@ def test_silence_with_rescue_counts_all_arrivals_as_before():
     assert weights(sim).ravel() == pytest.approx([0.3, bent(0.3, 0.1), 0.3, bent(0.3, -0.05)], abs=1e-15)
 
 
-def test_testing_teaches_nothing():
-    sim = pair(r_stdp(**RATES))
+@pytest.mark.parametrize(
+    ("words", "batch"),
+    [
+        ({}, {"times": [0.0, 5.0], "ids": [0, 1], "offsets": [0, 2], "labels": [1]}),
+        (
+            {"reward": {"correct": 0, "wrong": 0}},
+            {"times": [0.0, 0.0], "ids": [0, 0], "offsets": [0, 1, 2], "labels": [0, 1], "learn": True},
+        ),
+    ],
+    ids=["testing", "rewards of 0"],
+)
+def test_what_teaches_nothing(words, batch):
+    sim = pair(r_stdp(**RATES, epsilon=0.0), **words)
     before = weights(sim).copy()
-    sim.trials([0.0, 5.0], [0, 1], [0, 2], labels=[1])
-    assert np.array_equal(weights(sim), before)
-
-
-def test_zero_rewards_teach_nothing_but_help():
-    sim = pair(r_stdp(**RATES, epsilon=0.0), reward={"correct": 0, "wrong": 0})
-    before = weights(sim).copy()
-    sim.trials([0.0, 0.0], [0, 0], [0, 1, 2], labels=[0, 1], learn=True)
+    sim.trials(**batch)
     assert np.array_equal(weights(sim), before)
 
 
 def test_dropout_is_a_draw_for_each_sample():
     sim = pair(r_stdp(), [[1.0, 1.0], [1.0, 1.0]], dropout={"of": "maps", "p": 0.5})
-    n = 300
+    n = 240
     batch = (np.zeros(n), np.zeros(n, dtype=int), np.arange(n + 1), np.zeros(n, dtype=int))
     r = sim.trials(*batch, learn=True, samples=np.arange(n) // 3)
     of_sample = (r.winner < 0).reshape(-1, 3)
@@ -105,66 +109,33 @@ def test_dropout_decays():
     assert silent[1] < 0.05
 
 
-def test_an_unsorted_batch_is_sorted():
-    a, b = pair(r_stdp()), pair(r_stdp())
-    x = a.trials([5.0, 0.0, 1.0], [1, 0, 0], [0, 2, 3])
-    y = b.trials([0.0, 5.0, 1.0], [0, 1, 0], [0, 2, 3])
-    assert np.array_equal(x.winner, y.winner)
-    assert np.array_equal(x.step, y.step)
+ONE = ([1.0], [1], [0, 1])
+MISUSE: list[tuple[tuple[Any, ...], dict[str, Any], str]] = [
+    (([0.5], [0], [0, 1]), {}, "times = 0.5 ms: expected a multiple of the resolution, 1 ms"),
+    (([10.0], [0], [0, 1]), {}, "times[0] = 10 ms: expected 0 <= t < 10 ms, the duration"),
+    (([1.0], [2], [0, 1]), {}, "ids[0] = 2: expected a neuron from 0 to 1"),
+    (([1.0], [0.5], [0, 1]), {}, "ids: found float64: expected whole numbers"),
+    (([1.0, 2.0], [1], [0, 2]), {}, "2 times and 1 ids: expected as many of each"),
+    (([1.0], [1], [0, 2]), {}, "offsets from 0 to 2: expected ascending numbers from 0 to 1, the number of times"),
+    (ONE, {"learn": True}, "learn=True without labels: expected one label for each"),
+    (([1.0], [1], [0, 1, 1]), {"labels": [0]}, "labels of shape [1]: expected 2 whole numbers, one a trial"),
+    (ONE, {"labels": [2]}, "labels[0] = 2: expected a label from 0 to 1"),
+    (ONE, {"labels": [1], "learn": True, "samples": [1, 2]}, "samples of shape [2]: expected 1 whole numbers, one a "),
+    (ONE, {"labels": [1], "learn": True, "epoch": -1}, "epoch = -1: expected a whole number >= 0"),
+    (([1.0, 1.0, 2.0], [1, 1, 1], [0, 1, 3]), {"labels": [1, 1], "learn": True},
+     "input 1 spikes twice in trial 1: expected at most once while learning"),
+]  # fmt: skip
 
 
-def test_an_empty_batch():
+@pytest.mark.parametrize(("arguments", "words", "message"), MISUSE)
+def test_misuse(arguments, words, message):
+    assert refused(lambda: pair(r_stdp()).trials(*arguments, **words)).startswith(f"trials: {message}")
+
+
+def test_an_empty_batch_and_an_unsorted_one():
     r = pair(r_stdp()).trials([], [], [0], labels=np.zeros(0, dtype=int), learn=True)
     assert (len(r), r.potential.shape, r.counts.steps) == (0, (0, 2), 0)
-
-
-MISUSE: dict[str, tuple[tuple[Any, ...], dict[str, Any], str]] = {
-    "time off the grid": (
-        ([0.5], [0], [0, 1]),
-        {},
-        "trials: times = 0.5 ms: expected a multiple of the resolution, 1 ms",
-    ),
-    "late": (([10.0], [0], [0, 1]), {}, "trials: times[0] = 10 ms: expected 0 <= t < 10 ms, the duration"),
-    "unknown neuron": (([1.0], [2], [0, 1]), {}, "trials: ids[0] = 2: expected a neuron from 0 to 1"),
-    "ids with decimals": (([1.0], [0.5], [0, 1]), {}, "trials: ids: found float64: expected whole numbers"),
-    "unequal": (([1.0, 2.0], [1], [0, 2]), {}, "trials: 2 times and 1 ids: expected as many of each"),
-    "offsets": (
-        ([1.0], [1], [0, 2]),
-        {},
-        "trials: offsets from 0 to 2: expected ascending numbers from 0 to 1, the number of times",
-    ),
-    "no labels": (
-        ([1.0], [1], [0, 1]),
-        {"learn": True},
-        "trials: learn=True without labels: expected one label for each",
-    ),
-    "one label": (
-        ([1.0], [1], [0, 1, 1]),
-        {"labels": [0]},
-        "trials: labels of shape [1]: expected 2 whole numbers, one a trial",
-    ),
-    "unknown label": (([1.0], [1], [0, 1]), {"labels": [2]}, "trials: labels[0] = 2: expected a label from 0 to 1"),
-    "samples": (
-        ([1.0], [1], [0, 1]),
-        {"labels": [1], "learn": True, "samples": [1, 2]},
-        "trials: samples of shape [2]: expected 1 whole numbers, one a trial",
-    ),
-    "epoch": (
-        ([1.0], [1], [0, 1]),
-        {"labels": [1], "learn": True, "epoch": -1},
-        "trials: epoch = -1: expected a whole number >= 0",
-    ),
-    "twice": (
-        ([1.0, 1.0, 2.0], [1, 1, 1], [0, 1, 3]),
-        {"labels": [1, 1], "learn": True},
-        "trials: input 1 spikes twice in trial 1: expected at most once while learning",
-    ),
-}
-
-
-@pytest.mark.parametrize("misuse", MISUSE)
-def test_misuse(misuse: str):
-    arguments, words, message = MISUSE[misuse]
-    with pytest.raises(ModelError) as caught:
-        pair(r_stdp()).trials(*arguments, **words)
-    assert caught.value.message.startswith(message)
+    x = pair(r_stdp()).trials([5.0, 0.0, 1.0], [1, 0, 0], [0, 2, 3])
+    y = pair(r_stdp()).trials([0.0, 5.0, 1.0], [0, 1, 0], [0, 2, 3])
+    assert np.array_equal(x.winner, y.winner)
+    assert np.array_equal(x.step, y.step)

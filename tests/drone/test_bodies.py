@@ -10,12 +10,12 @@ import numpy as np
 import pytest
 from hypothesis import given, strategies as st
 
-from drones import refused
 from neuro_drone.body import GRAVITY, Kinematic
 from neuro_drone.bullet import ARM, DRAG_TO_THRUST, HEIGHT_GAINS, MOST_THRUST, Bullet, _rotors, body_of
 from neuro_drone.env import DroneEnv, Weather
 from neuro_drone.parts import MASS
 from neuro_drone.scenario import Drone, Load, Wind
+from refusals import refused
 
 speeds = st.floats(-3.0, 3.0)
 pieces = st.lists(st.floats(0.001, 0.5), min_size=1, max_size=6)

@@ -8,7 +8,7 @@ from hypothesis import given, settings, strategies as st
 from hypothesis.extra.numpy import arrays
 
 import neuro
-from drones import refused, stop_at
+from drones import stop_at
 from neuro_drone import train as training
 from neuro_drone.controllers import CONTROLLERS, Learner, make
 from neuro_drone.controllers.fields import DOWN, RIGHT, pattern, shares
@@ -17,6 +17,7 @@ from neuro_drone.model import Model
 from neuro_drone.pictures import weight_maps
 from neuro_drone.scenario import load
 from neuro_drone.train import train
+from refusals import refused
 
 BALL, LINE, HEIGHT = load("B60"), load("line"), load("B60-height")
 COUNTS = arrays(np.int64, (8, 8), elements=st.integers(0, 40))

@@ -9,7 +9,7 @@ import pytest
 import yaml
 
 import neuro
-from drones import SHORT, refused
+from drones import SHORT
 from neuro.core.extras import install
 from neuro_drone.controllers import make
 from neuro_drone.env import DroneEnv
@@ -18,6 +18,7 @@ from neuro_drone.model import Model
 from neuro_drone.paths import FlightCourse
 from neuro_drone.scenario import Drone, load
 from neuro_drone.train import train
+from refusals import refused
 
 SAID = yaml.safe_load((Path(__file__).parent / "mistakes.yaml").read_text("utf-8"))
 

@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 import neuro
-from drones import SHORT, refused, stop_at
+from drones import SHORT, stop_at
 from neuro_drone import train as training
 from neuro_drone.controllers import make
 from neuro_drone.evaluate import Start, grid, try_out
@@ -20,6 +20,7 @@ from neuro_drone.model import Model
 from neuro_drone.paths import FIXED, FlightCourse
 from neuro_drone.scenario import load
 from neuro_drone.train import TrainingJob, side_by_side, train
+from refusals import refused
 
 CHIP = pytest.mark.filterwarnings("ignore::neuro.ApproximationWarning", "ignore::neuro.OverflowWarning")
 KILLED = """

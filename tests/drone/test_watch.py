@@ -10,12 +10,13 @@ import numpy as np
 import pytest
 from matplotlib.image import imread
 
-from drones import SHORT, refused
+from drones import SHORT
 from neuro_drone.evaluate import Start, try_out
 from neuro_drone.paths import FlightCourse
 from neuro_drone.scenario import load
 from neuro_drone.train import train
 from neuro_drone.watch import fly, page, watch
+from refusals import refused
 
 START = (20.0, -15.0)
 
