@@ -26,6 +26,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import numpy.typing as npt
 import torch
+from kept import NMNIST
 from matplotlib.figure import Figure
 
 import neuro
@@ -52,7 +53,6 @@ if TYPE_CHECKING:
 
 Ints = npt.NDArray[np.int64]
 
-NMNIST = Path(__file__).resolve().parents[2] / "shared" / "data" / "nmnist" / "nmnist_train1000_bin.zip"
 ALL = 0
 """Of a class: as many as there are."""
 SIZES = (1, 5, 10, 30, ALL)

@@ -1,4 +1,4 @@
-"""What long benchmarks share: results that are kept, and figures as tables have them."""
+"""What long benchmarks share: recordings, results that are kept, and figures as tables have them."""
 
 from __future__ import annotations
 
@@ -8,6 +8,10 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+
+SHARED = Path(__file__).resolve().parents[2] / "shared" / "data"
+NMNIST = SHARED / "nmnist" / "nmnist_train1000_bin.zip"
+POKER = SHARED / "poker_dvs" / "poker_dvs_shared_aedat2.zip"
 
 
 def kept(file: Path, found: Callable[[], Any]) -> Any:

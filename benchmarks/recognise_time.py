@@ -17,6 +17,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
+from kept import NMNIST
 from matplotlib.figure import Figure
 
 from neuro import ModelError
@@ -31,8 +32,6 @@ from neuro_recognise.recogniser import Recogniser, fit, method_of
 from neuro_recognise.shown import Floats, Ints
 from neuro_recognise.telling.pictures import GREY, INK, PAPER
 
-SHARED = Path(__file__).resolve().parents[2] / "shared" / "data"
-NMNIST = SHARED / "nmnist" / "nmnist_train1000_bin.zip"
 EVERY_MS = 10.0
 FOLDS = 10
 """Of which the first is tested."""

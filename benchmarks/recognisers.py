@@ -19,6 +19,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from kept import NMNIST, POKER
 from numpy.typing import NDArray
 
 from neuro.apps import side_by_side
@@ -30,9 +31,7 @@ from neuro_recognise.observations import observe
 from neuro_recognise.recogniser import learn, method_of
 from neuro_recognise.shown import Features
 
-SHARED = Path(__file__).resolve().parents[2] / "shared" / "data"
-POKER = "poker_dvs/poker_dvs_shared_aedat2.zip"
-FILES = {"nmnist": "nmnist/nmnist_train1000_bin.zip", "poker": POKER, "poker-upright": POKER}
+FILES = {"nmnist": NMNIST, "poker": POKER, "poker-upright": POKER}
 Split = tuple[NDArray[np.int64], NDArray[np.int64]]
 """Recordings to learn from, and to test."""
 FIELD = (34, 34)
@@ -84,7 +83,7 @@ def main() -> None:
     method = method_of(asked.method, asked.settings)
     poker = method.presets["poker"] if asked.method == "remus" and asked.case != "nmnist" else {}
     method = method.changed({**poker, **assignments(asked.set)}).fitting(FIELD)
-    data = recordings(asked.data or SHARED / FILES[asked.case])
+    data = recordings(asked.data or FILES[asked.case])
     shown = observe(method, data)
     upright = np.array([not Path(name).stem.endswith("i") for name in shown.names])
     if asked.case == "poker-upright":

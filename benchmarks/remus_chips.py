@@ -19,7 +19,8 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from recognisers import FIELD, FILES, SHARED, Split
+from kept import NMNIST
+from recognisers import FIELD, Split
 
 import neuro
 from neuro.cli.options import assignments
@@ -42,7 +43,7 @@ Found = dict[str, np.ndarray[Any, Any]]
 def main() -> None:
     """Measure and print."""
     options = argparse.ArgumentParser(description=__doc__)
-    options.add_argument("--data", type=Path, default=SHARED / FILES["nmnist"], help="recordings")
+    options.add_argument("--data", type=Path, default=NMNIST, help="recordings")
     options.add_argument("--settings", choices=("best", "thesis"), default="best")
     options.add_argument("--set", action="append", default=[], metavar="NAME=VALUE")
     options.add_argument("--folds", type=int, default=1, help="1: show what was learnt from")

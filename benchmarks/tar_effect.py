@@ -19,7 +19,7 @@ from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
-from recognisers import FILES, SHARED, Split
+from recognisers import FILES, Split
 from scipy.sparse import csr_matrix, vstack
 from scipy.stats import binomtest, t as student
 from sklearn.svm import LinearSVC
@@ -46,7 +46,7 @@ def main() -> None:
     options.add_argument("--radius", type=int, help="of TAR, px")
     options.add_argument("--svm", type=float, default=1.0, help="C of the classifier")
     asked = options.parse_args()
-    found = recordings(asked.data or SHARED / FILES[asked.case])
+    found = recordings(asked.data or FILES[asked.case])
     labels = np.array([one.label for one in found])
     plain = [one.load() for one in found]
     size = (max(int(one.x.max()) for one in plain) + 1, max(int(one.y.max()) for one in plain) + 1)

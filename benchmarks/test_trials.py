@@ -3,10 +3,9 @@
 A trial is of a shared-kernel layer, learning and not, or of a feed-forward network.
 """
 
-from pathlib import Path
-
 import numpy as np
 import pytest
+from kept import NMNIST
 from networks import digits, feed_forward
 
 import neuro
@@ -51,14 +50,11 @@ def test_feed_forward(least_cpu, figure, model, backend):
     figure(f"a recording of 2312-128-10, {model.__name__}, {backend}", took / n * 1e3, "ms", "at most 1")
 
 
-RECORDINGS = Path(__file__).resolve().parents[2] / "shared" / "data" / "nmnist" / "nmnist_train1000_bin.zip"
-
-
 @pytest.fixture(scope="module")
 def data():
-    if not RECORDINGS.is_file():
+    if not NMNIST.is_file():
         pytest.skip("../shared is not here")
-    return recordings(RECORDINGS)[::3][:300]
+    return recordings(NMNIST)[::3][:300]
 
 
 @pytest.mark.parametrize(("per_class", "aim"), [(2, "at most 4"), (8, "at most 12")])

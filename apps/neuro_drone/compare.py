@@ -1,4 +1,4 @@
-"""Controllers side by side on one scenario: every seed trained and tested, kept in a folder, and told as a table."""
+"""Controllers side by side on one scenario: every seed trained and tested, kept in a folder, and shown as a table."""
 
 from __future__ import annotations
 
@@ -173,7 +173,7 @@ def run(
         starts: on a side of the grid of starts.
         course: of the laps.
         folder: where models and results are kept.
-        report: is told how far each job is.
+        report: called with the progress of each job.
 
     Raises:
         ModelError: of the first job that raises one.

@@ -100,7 +100,7 @@ def priced(model: Model, targets: Iterable[str]) -> Bills:
         raise ModelError(f"controller '{model.controller}' has no network: expected a spiking one, dqn, ddpg or ppo")
     targets = tuple(targets)
     for name in targets:
-        pilot.sim.energy(name)  # what cannot be priced is told before the lap
+        pilot.sim.energy(name)  # what cannot be priced is reported before the lap
     steps, error_px = _fly(model, pilot)
     bills = tuple(pilot.sim.energy(name).per(steps, "control step") for name in targets)
     hidden = DQNSettings().hidden

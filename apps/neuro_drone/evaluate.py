@@ -76,7 +76,7 @@ class FlightTest:
 
     Attributes:
         each: by start.
-        learning: whether the controller went on learning, with the error that it is told.
+        learning: whether the controller went on learning from the supervised error.
     """
 
     each: tuple[Lap, ...]
@@ -166,7 +166,7 @@ def try_out(
         backend: what runs the controller's network.
         learning: go on learning from the supervised error. Dopamine then steers by itself: this figure is not what
             was learnt, and stands apart.
-        report: is told of each lap.
+        report: called after each lap.
 
     Raises:
         ModelError: a start cannot be, or the backend refuses the network.

@@ -212,7 +212,7 @@ class Wind(WorldPart):
         since: when it begins to blow, s after the start of an episode.
 
     Source: gusts are noise through a filter of first order, as the longitudinal ones of the Dryden spectra of
-        MIL-F-8785C, section 3.7, which for 3 m, the lowest that it tells of, and 5 m/s has 0.2 times the speed and
+        MIL-F-8785C, section 3.7, which for 3 m, the lowest height that it covers, and 5 m/s has 0.2 times the speed and
         4.6 s.
     """
 

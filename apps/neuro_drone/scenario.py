@@ -30,7 +30,7 @@ PARTS: dict[str, type[WorldPart]] = {"camera": Camera, "ground": Ground, "drone"
 
 @dataclass(frozen=True, slots=True)
 class Scenario:
-    """All that an episode is told.
+    """World, camera, drone and task of an episode.
 
     Attributes:
         name: what it is called.
@@ -269,5 +269,5 @@ def _merge(said: dict[str, Any], changes: Mapping[str, Any]) -> None:
 
 
 def _other(task: Mapping[str, Any], other: Mapping[str, Any]) -> bool:
-    """Whether a task is another one, which takes the place of the first whole."""
+    """Whether a task is another one, which replaces the first as a whole."""
     return any(kind in other and kind not in task for kind in TASKS)

@@ -98,7 +98,7 @@ def train(
         settings: of the controller, by name.
         out: file for the model. A checkpoint is kept beside it; the same call continues from there to the same bits.
             A training that is complete is not done again.
-        report: is told the progress after each episode.
+        report: called with the progress after each episode.
 
     Returns:
         The model.
@@ -260,7 +260,7 @@ def side_by_side(
     Args:
         jobs: what to train.
         processes: at a time; all cores if not given.
-        report: is told the progress of all, by their seeds.
+        report: called with the progress of each, by its seed.
 
     Returns:
         The models, in the order of the jobs.

@@ -2,16 +2,14 @@
 
 import sys
 import warnings
-from dataclasses import replace
 
-import gymnasium
 import numpy as np
 import pytest
 from hypothesis import given, strategies as st
 
 from drones import SHORT, stop_at
 from neuro_drone import train as training
-from neuro_drone.controllers import CONTROLLERS, make
+from neuro_drone.controllers import make
 from neuro_drone.controllers.dense import Dense, observed
 from neuro_drone.env import ACTIONS, DroneEnv
 from neuro_drone.evaluate import grid, try_out
@@ -226,11 +224,6 @@ def test_an_episode_of_ppo_may_be_cut_where_the_state_was_kept():
     assert learner.buffer.rewards[16] != 0.5
 
 
-def test_defaults_differ_where_they_should():
-    assert CONTROLLERS["dqn"].settings.every == 4
-    assert replace(CONTROLLERS["ddpg"].settings, tau=0.1).every == 1
-
-
 @given(st.lists(st.integers(0, 2**40), min_size=64, max_size=64))
 def test_what_is_seen_lies_between_0_and_1(counts):
     cells = np.array(counts).reshape(8, 8)
@@ -248,11 +241,3 @@ def test_layers_are_not_copied_and_activated_but_the_last():
     assert net(np.zeros(2, np.float32)).tolist() == [35.0, 35.0]
     tanh = Dense(arrays, ("2", "-1"), "tanh")(np.ones(2, np.float32))
     assert tanh == pytest.approx(np.full(2, -2.0 * np.tanh(6.0) - 1.0))
-
-
-@pytest.mark.parametrize(("scenario", "kind"), [("B60", "discrete"), ("line", "continuous")])
-def test_the_package_checks_the_environment(scenario, kind, package):
-    from stable_baselines3.common.env_checker import check_env
-
-    env = gymnasium.make("neuro/Drone-v0", scenario=scenario, observation="binary", actions=kind)
-    check_env(gymnasium.wrappers.FlattenObservation(env))

@@ -41,7 +41,9 @@ def test_stable_baselines_finds_nothing_wrong(observation, actions):
     with warnings.catch_warnings():
         if observation != "normalised":
             warnings.filterwarnings("ignore", message=".*unconventional shape.*")  # 8 x 8 is neither picture nor vector
-        checker.check_env(DroneEnv("B60", observation=observation, actions=actions))
+        checker.check_env(
+            DroneEnv("line" if actions == "discrete" else "B60", observation=observation, actions=actions)
+        )
 
 
 def test_made_by_its_name_it_runs_without_a_warning():
@@ -144,17 +146,13 @@ def test_actions_are_in_the_directions_of_the_picture():
             assert abs(last["error"][axis]) < 19.0
 
 
-def test_discrete_actions_are_those_of_the_list():
+def test_discrete_actions_are_those_of_the_list_and_those_beyond_one_are_one():
+    def last(actions, kind="continuous"):
+        return episode(DroneEnv("B60", actions=kind), actions * 3, seed=1)[-1][2]["error"]
+
     for number, pair in enumerate(ACTIONS):
-        discrete = episode(DroneEnv("B60", actions="discrete"), [number] * 3, seed=1)
-        continuous = episode(DroneEnv("B60"), [np.array(pair)] * 3, seed=1)
-        assert discrete[-1][2]["error"] == continuous[-1][2]["error"]
-
-
-def test_actions_beyond_one_are_taken_for_one():
-    far = episode(DroneEnv("B60"), [np.array([9.0, -9.0])] * 3, seed=1)
-    one = episode(DroneEnv("B60"), [[1.0, -1.0]] * 3, seed=1)
-    assert far[-1][2]["error"] == one[-1][2]["error"]
+        assert last([number], "discrete") == last([np.array(pair)])
+    assert last([np.array([9.0, -9.0])]) == last([[1.0, -1.0]])
 
 
 def test_the_reward_falls_with_the_error_and_a_lost_target_ends():
@@ -175,11 +173,8 @@ def test_a_lap_truncates():
     _, info = env.reset(options={"start": (0.0, 0.0)})
     terminated = truncated = False
     while not (terminated or truncated):
-        action = np.clip(8.0 * info["supervised_error"], -1.0, 1.0)
-        _, _, terminated, truncated, info = env.step(action)
-    assert truncated
-    assert not terminated
-    assert info["progress"] == 1.0
+        _, _, terminated, truncated, info = env.step(np.clip(8.0 * info["supervised_error"], -1.0, 1.0))
+    assert (terminated, truncated, info["progress"]) == (False, True, 1.0)
 
 
 def test_pictures():

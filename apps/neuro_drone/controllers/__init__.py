@@ -47,7 +47,7 @@ class Controller(Protocol):
 
         Args:
             counts: (8, 8) events of the last step in each field of the picture.
-            info: what the environment told beside them; only the oracle looks at it.
+            info: what the environment gave beside them; only the oracle looks at it.
 
         Returns:
             (axes,) in [-1, 1]: to the right and down the picture, and up; of a line to the right and turn right.

@@ -34,7 +34,7 @@ _POLICY, _KEPT = "policy.", "kept."
 
 @dataclass(frozen=True, slots=True)
 class DeepSettings:
-    """What all of them are told.
+    """Settings of all of them.
 
     Attributes:
         observation: binary (whether a field had events; thesis, section 7.2.1) or counts.
@@ -52,7 +52,7 @@ class DeepSettings:
 
 
 class Spaces(gymnasium.Env[Any, Any]):
-    """Tells stable-baselines3 what an agent sees and does, and no more."""
+    """The spaces of an agent's observations and actions, for stable-baselines3; it has no steps."""
 
     def __init__(self, actions: gymnasium.Space[Any]) -> None:
         self.observation_space = gymnasium.spaces.Box(0.0, 1.0, (64,), np.float32)
@@ -245,7 +245,7 @@ def needed(name: str) -> tuple[Any, Any]:
 
 @dataclass(frozen=True, slots=True)
 class ReplayingSettings(DeepSettings):
-    """What agents that learn from replay are told; the rest is in `DeepSettings`.
+    """Settings of agents that learn from replay; the rest are in `DeepSettings`.
 
     Attributes:
         buffer: transitions kept for replay.
@@ -282,7 +282,7 @@ class Replaying(Deep):
 
 @dataclass(frozen=True, slots=True)
 class DQNSettings(ReplayingSettings):
-    """What DQN is told; the rest is in `ReplayingSettings`.
+    """Settings of DQN; the rest are in `ReplayingSettings`.
 
     Attributes:
         rate: of learning. An action changes the value by less than a hundredth, so that a larger one stays noisy.
@@ -344,7 +344,7 @@ class DQN(Replaying):
 
 @dataclass(frozen=True, slots=True)
 class DDPGSettings(ReplayingSettings):
-    """What DDPG is told; the rest is in `ReplayingSettings`.
+    """Settings of DDPG; the rest are in `ReplayingSettings`.
 
     Attributes:
         noise: standard deviation of what is added to an action while learning; the first `warm` ones are drawn.

@@ -25,7 +25,7 @@ def numbers(default: float, **bounds: Any) -> Any:
 
 
 def each_axis(name: str, value: float | tuple[float, ...], axes: int) -> npt.NDArray[np.float64]:
-    """What `numbers` tells for each axis, (axes,).
+    """The value of a `numbers` setting for each axis, (axes,).
 
     Args:
         name: of the setting, for messages.

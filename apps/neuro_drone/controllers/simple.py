@@ -73,7 +73,7 @@ class Nothing(Fixed):
 
 @dataclass(frozen=True, slots=True)
 class Gain:
-    """What a proportional controller is told.
+    """Settings of a proportional controller.
 
     Attributes:
         gain: action by error, where an error of 1 is half of the picture (64 px), of a line's lean 90 degrees, of a
@@ -84,7 +84,7 @@ class Gain:
 
 
 class Oracle(Fixed):
-    """In proportion to the true error, which no camera tells; it bounds what the others can reach."""
+    """In proportion to the true error, which no camera sees; it bounds what the others can reach."""
 
     def __init__(self, scenario: Scenario, seed: int, settings: Gain) -> None:
         self._gain = each_axis("gain", settings.gain, scenario.axes)
@@ -152,7 +152,7 @@ def _tall(shares: npt.NDArray[Any], x: float, y: float) -> float:
 
 @dataclass(frozen=True, slots=True)
 class LMSSettings:
-    """What the read-out is told.
+    """Settings of the read-out.
 
     Attributes:
         gain: action by estimated error.
@@ -218,7 +218,7 @@ class LMS(Fixed):
 
 @dataclass(frozen=True, slots=True)
 class RandomSearchSettings:
-    """What the search is told.
+    """Settings of the search.
 
     Attributes:
         directions: tried from one update to the next, each there and back: twice as many episodes.
