@@ -33,8 +33,8 @@ on a line the first corner is 400 steps away."""
 KEEP = 2000
 """Steps between two checkpoints, at least."""
 
-EVERY = 1000
-"""Steps of training from one test to the next."""
+TEST_EVERY = 1000
+"""Steps of training from one test of frozen weights to the next."""
 
 FLIGHTS, FLIGHT_STEPS = 2, 60
 """Of a test: an eighth of the steps that are learnt from. The first half of a flight is the way to the target."""
@@ -156,13 +156,13 @@ def _learn(
     done = kept = sum(history["steps"])
     while done < steps:
         index = len(history["steps"])
-        flown = _episode(env, learner, (model.seed, index), min(model.episode, steps - done))
-        for name, value in zip(_KINDS, flown, strict=True):
+        count, error_px, lost = _episode(env, learner, (model.seed, index), min(model.episode, steps - done))
+        for name, value in zip(_KINDS, (count, error_px, lost), strict=True):
             history[name].append(value)
-        done += flown[0]
+        done += count
         curve.follow(learner, done)
         if report is not None:
-            report(TrainingProgress(model.seed, index, done, steps, flown[1], flown[2]))
+            report(TrainingProgress(model.seed, index, done, steps, error_px, lost))
         if checkpoint and done - kept >= KEEP and done < steps:
             checkpoint.keep(state=learner.state(), history=_arrays(history), curve=curve.arrays())
             kept = done
@@ -209,11 +209,10 @@ class Curve:
             done: steps of the training.
         """
         last = self._points["steps"][-1] if self._points["steps"] else 0
-        if done // EVERY == last // EVERY:
+        if done // TEST_EVERY == last // TEST_EVERY:
             return
         pilot = learner.frozen()
-        flown = [self._fly(pilot, index) for index in range(FLIGHTS)]
-        errors, lost = zip(*flown, strict=True)
+        errors, lost = zip(*(self._fly(pilot, index) for index in range(FLIGHTS)), strict=True)
         for name, value in zip(_CURVE, (done, float(np.mean(errors)), sum(lost)), strict=True):
             self._points[name].append(value)
 

@@ -151,7 +151,7 @@ def test_grid():
 
 def test_the_curve_touches_no_training(snn, monkeypatch):
     """With a test every 300 steps all that is learnt is the same."""
-    monkeypatch.setattr(training, "EVERY", 300)
+    monkeypatch.setattr(training, "TEST_EVERY", 300)
     tested = train("B60", steps=1000, seed=4)
     assert snn.curve["steps"].tolist() == [1000]
     assert tested.curve["steps"].tolist() == [300, 600, 900]
@@ -159,7 +159,7 @@ def test_the_curve_touches_no_training(snn, monkeypatch):
 
 
 def test_the_curve_is_of_frozen_weights_and_survives_a_kill(tmp_path, monkeypatch):
-    monkeypatch.setattr(training, "EVERY", 300)
+    monkeypatch.setattr(training, "TEST_EVERY", 300)
     monkeypatch.setattr(training, "KEEP", 200)
     whole, out = train("B60", "lms", steps=1500), tmp_path / "model.h5"
     with pytest.raises(KeyboardInterrupt):
