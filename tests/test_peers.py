@@ -1,13 +1,12 @@
 """How `benchmarks/peers.py` compares: the processor's time with the processor's, the clock's with the clock's."""
 
-import importlib.util
 import json
 import sys
-from pathlib import Path
 
 import pytest
 
-BENCHMARKS = Path(__file__).parents[1] / "benchmarks"
+from benchmark_scripts import script
+
 OURS = {"cpu_s_per_bio_s": 1.0, "sim_s_per_bio_s": 1.5}
 THEIRS = {
     "bench_nest.py": {"cpu_s_per_bio_s": 2.0, "sim_s_per_bio_s": 30.0},
@@ -17,10 +16,7 @@ THEIRS = {
 
 @pytest.fixture
 def peers():
-    spec = importlib.util.spec_from_file_location("peers", BENCHMARKS / "peers.py")
-    module = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(module)
-    return module
+    return script("peers")
 
 
 def test_like_is_compared_with_like(peers, tmp_path, monkeypatch):

@@ -1,27 +1,18 @@
 """How figures of `benchmarks/scale_laws.py` are taken: bytes of an event, and points of a network."""
 
-import importlib.util
 import itertools
 import json
-import sys
-from pathlib import Path
 
 import numpy as np
 import pytest
 
 import neuro
-
-BENCHMARKS = Path(__file__).parents[1] / "benchmarks"
+from benchmark_scripts import BENCHMARKS, script
 
 
 @pytest.fixture
-def laws(monkeypatch):
-    monkeypatch.syspath_prepend(str(BENCHMARKS))
-    spec = importlib.util.spec_from_file_location("scale_laws", BENCHMARKS / "scale_laws.py")
-    module = importlib.util.module_from_spec(spec)
-    monkeypatch.setitem(sys.modules, "scale_laws", module)
-    spec.loader.exec_module(module)
-    return module
+def laws():
+    return script("scale_laws")
 
 
 def wired(delay, weight):

@@ -1,29 +1,20 @@
 """How figures of `benchmarks/few_recordings.py` are taken: draws, equal work, and what a kill leaves."""
 
-import importlib.util
 import json
-import sys
-from pathlib import Path
 
 import numpy as np
 import pytest
+
+from benchmark_scripts import BENCHMARKS, script
 
 pytest.importorskip("torch", reason="PyTorch is not installed")
 
 from neuro.events import Events, recordings, save
 
-BENCHMARKS = Path(__file__).parents[2] / "benchmarks"
-
 
 @pytest.fixture(scope="module")
 def few():
-    with pytest.MonkeyPatch.context() as patch:
-        patch.syspath_prepend(str(BENCHMARKS))
-        spec = importlib.util.spec_from_file_location("few_recordings", BENCHMARKS / "few_recordings.py")
-        module = importlib.util.module_from_spec(spec)
-        patch.setitem(sys.modules, "few_recordings", module)
-        spec.loader.exec_module(module)
-        yield module
+    return script("few_recordings")
 
 
 @pytest.fixture(scope="module")

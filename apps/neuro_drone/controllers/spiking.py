@@ -29,7 +29,7 @@ SIDES = (1.0, -1.0)  # of each axis: the positive motor, the negative one
 
 @dataclass(frozen=True, slots=True)
 class SpikingSettings:
-    """What the controller is told; any other name is a parameter of its network.
+    """Settings of the controller; any other name is a parameter of its network.
 
     Attributes:
         network: one of `neuro_models`, a YAML file, or the network itself.

@@ -24,5 +24,5 @@ class Remus(Framewise):
     measured = {"N-MNIST": "91.4 %", "POKER-DVS": "98.5 %"}
 
     order: str = setting(
-        "frames", "", "what is shuffled in each epoch", "benchmarks/remus_folds.py; thesis: recordings", words=ORDERS
+        "frames", "", "what is shuffled in each epoch", "benchmarks/recognisers.py; thesis: recordings", words=ORDERS
     )

@@ -15,7 +15,7 @@ from neuro_recognise.settings import Part, setting
 from neuro_recognise.shown import Ints
 
 TABLE_3 = "thesis table 3, lines 2450-2463"
-BEST = "benchmarks/remus_folds.py"
+BEST = "benchmarks/recognisers.py"
 FOLLOWS = {"maps": "the classes and per_class", "rows": "the field and the pool", "columns": "the field and the pool"}
 """Parameters of networks that cannot be set, and what they follow from."""
 

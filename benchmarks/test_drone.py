@@ -1,14 +1,16 @@
-"""Pictures and events per second of the drone's eye, on one core."""
+"""The drone on one core: looks of its eye, and steps of control with environment, network and learning."""
 
 import time
 
 import numpy as np
 import pytest
 
+from neuro_drone.controllers import make
+from neuro_drone.env import DroneEnv
 from neuro_drone.eye import Eye
-from neuro_drone.geometry import Pose
-from neuro_drone.scenario import Ball, Camera, Ground, Line, Scenario
-from neuro_drone.scene import WorldScene
+from neuro_drone.geometry import Pose, WorldScene
+from neuro_drone.scenario import Ball, Camera, Ground, Line, Scenario, load
+from neuro_drone.train import train
 
 FRAMES = 2000
 STEP = 50_000
@@ -75,3 +77,34 @@ def test_a_new_pattern(figure):
     for seed in range(20):
         eye.reset(seed)
     figure("a new pattern on the ground", 1e3 * (time.process_time() - began) / 20, "ms")
+
+
+STEPS = 20_000
+RATES = {1.0: "at least 8,000", 0.1: "at least 4,000"}
+
+
+@pytest.mark.parametrize("resolution", RATES)
+def test_training(benchmark, least_cpu, figure, resolution):
+    settings = {"resolution": resolution}
+    train("B60", steps=200, settings=settings)
+    rate = STEPS / least_cpu(lambda: train("B60", steps=STEPS, settings=settings), 3)
+    benchmark.extra_info["steps_per_s"] = rate
+    figure(f"a drone that learns, network at {resolution:g} ms", rate, "steps/s of one core", RATES[resolution])
+    if resolution == 1.0:
+        figure("60,000 steps of learning", 60_000 / rate, "s of one core", "less than 10")
+
+
+@pytest.mark.parametrize("name", ["oracle", "centroid", "lms"])
+def test_flying(least_cpu, figure, name):
+    scenario = load("B60")
+    env, controller = DroneEnv(scenario), make(name, scenario)
+
+    def flown():
+        _, info = env.reset(seed=1)
+        controller.begin()
+        for _ in range(2000):
+            info = env.step(controller.act(info["counts"], info))[4]
+            controller.learn(info)
+
+    rate = 2000 / least_cpu(flown, 4, warmup_rounds=1)
+    figure(f"the environment with {name}", rate, "steps/s of one core", "at least 20,000")
