@@ -15,8 +15,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from neuro.chips.arrival_rule import acts_late, register
+from neuro.chips.loihi.arithmetic import REGISTER_OF_ONE
 from neuro.chips.loihi.learning import FRACTIONS
-from neuro.chips.loihi.words import REGISTER_OF_ONE
 from neuro.chips.quantising.fixed_program import FixedProgram
 from neuro.kernels.jit import compiled, kernel
 from neuro.model.synapses.delays import DELAY

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 from hypothesis import given, settings, strategies as st
 
+from neuro.chips.loihi.arithmetic import bounds, grain_of
 from neuro.chips.loihi.learning import rule_of
-from neuro.chips.loihi.words import bounds, grain_of
 from neuro.core import keyed_random
 from neuro.model.synapses import stdp, stdp_dopa
 from neuro.model.synapses.loihi_learning import parse

@@ -14,8 +14,8 @@ from neuro.chips.arrival_rule import lag
 from neuro.chips.description import COSTS, LIMITS, Chip, Figure
 from neuro.chips.known import CHIPS
 from neuro.chips.loihi.arithmetic import LOIHI
-from neuro.chips.placing.capacity import too_late
 from neuro.chips.placing.packing import synapse_bits
+from neuro.chips.placing.place import too_late
 from neuro.compare import compare
 from neuro.core import registry
 from neuro.core.errors import ModelError

@@ -11,7 +11,7 @@ from neuro.program.backend import OverflowWarning
 from neuro.run.compiled import ApproximationWarning
 from neuro.testing import Found, observe
 from neuro.testing.case import differences
-from neuro.testing.exact_strategies import exact_networks
+from neuro.testing.strategies import exact_networks
 
 STEPS = 150
 SETTINGS = settings(

@@ -7,8 +7,7 @@ from collections.abc import Mapping
 import numpy as np
 from numpy.typing import NDArray
 
-from neuro.chips.loihi.arithmetic import LOIHI
-from neuro.chips.loihi.words import KIND, word
+from neuro.chips.loihi.arithmetic import KIND, LOIHI, word
 from neuro.chips.quantising.fixed import FixedPopulation, FixedProjection, Words
 from neuro.core.errors import ModelError
 from neuro.program.program import Floats, Ints

@@ -10,7 +10,8 @@ from typing import Any
 import numpy as np
 
 from neuro.chips.arrival_rule import lag, longest_lag
-from neuro.chips.quantising.fixed import Words
+from neuro.chips.description import Chip
+from neuro.chips.quantising.fixed import FixedProjection, Words
 from neuro.chips.quantising.rounding import arriving
 from neuro.core.errors import Where
 from neuro.model.neurons import Neuron
@@ -227,3 +228,40 @@ def refused(origin: Where | None, what: str, why: str, way_out: str) -> Problem:
 def approximated(origin: Where | None, what: str, why: str, way_out: str = "") -> Problem:
     """A problem that changes what a program does."""
     return Problem(False, what, why, way_out, origin)
+
+
+LEARN_ELSEWHERE = "learn on event, then give the delays of sim.network() to static synapses"
+"""The way out for delays that a chip cannot learn."""
+
+
+def foreign(program: Program, chip: Chip, index: int) -> Problem | None:
+    """Why a synapse model cannot be on a chip: it is in the registers of another family; or None."""
+    part = program.projections[index]
+    other = part.synapse.chip
+    message = f"projection '{part.name}': {part.synapse.name}"
+    if not other or other == chip.arithmetic:
+        return None
+    return refused(part.origin, message, f"its parameters are registers of {other}", f"backend '{other}' runs it")
+
+
+def refuse_rules(
+    program: Program, chip: Chip, wires: dict[int, FixedProjection], options: Options
+) -> Iterator[Problem]:
+    """Rules for a family whose learning is not emulated: every projection that learns on the chip is refused."""
+    for index, part in enumerate(program.projections):
+        if (problem := foreign(program, chip, index)) is not None:
+            yield problem
+        elif part.synapse.delays:
+            yield refused(
+                part.origin,
+                f"projection '{part.name}': {part.synapse.name}",
+                f"delays do not change while {chip.name} runs",
+                LEARN_ELSEWHERE,
+            )
+        elif part.synapse.learns in ("pairs", "chip"):
+            yield refused(
+                part.origin,
+                f"projection '{part.name}': {part.synapse.name}",
+                f"pairwise learning is not emulated on {chip.name}",
+                "run it on loihi or event, or send static weights: sim.network() has what was learnt",
+            )

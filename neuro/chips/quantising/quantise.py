@@ -6,22 +6,20 @@ rounding is told where it exceeds a limit below. All problems of a program are f
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
-from dataclasses import replace
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
 from typing import Any
 from weakref import WeakKeyDictionary
 
 import numpy as np
 
-from neuro.chips.arithmetic import Arithmetic
+from neuro.chips.arithmetic import Arithmetic, options_of
 from neuro.chips.arithmetics import arithmetic_of
 from neuro.chips.description import Chip
 from neuro.chips.quantising import rounding
 from neuro.chips.quantising.fixed import FixedPopulation, FixedProjection, Rounding
 from neuro.chips.quantising.fixed_program import FixedProgram
-from neuro.chips.quantising.inputs import Inputs, Options, refused
-from neuro.chips.quantising.losses import LIMITS, losses, merged
-from neuro.chips.quantising.options import options_of
+from neuro.chips.quantising.inputs import Inputs, Options, approximated, refused
 from neuro.core.checks import check
 from neuro.core.errors import ModelError
 from neuro.model.equations import EquationNeuron
@@ -313,3 +311,89 @@ def _stands_for(part: Population) -> Population:
     for own, names in found.states.items():
         initial |= zip(names, shares(part.initial[own], names), strict=True)
     return replace(part, model=model, parameters=parameters, initial=initial)
+
+
+@dataclass(frozen=True, slots=True)
+class Limit:
+    """Above which share an error is told.
+
+    Attributes:
+        share: the largest error without a warning.
+        text: what the error is of.
+        way_out: what makes it smaller.
+    """
+
+    share: float
+    text: str
+    way_out: str
+
+
+_WEIGHTS = "raise the small weights, or lower the largest one, which sets the scale"
+_DECAY = "use a coarser resolution: a decay register has few steps where little decays in a step"
+_SCALE = "choose a larger scale; the largest V_th - E_L, current, V_m and weight of its population bound it"
+
+HOPELESS = 10.0
+"""Error of the threshold, relative to V_th - E_L, above which a network is refused."""
+
+LIMITS = {
+    "zeroed": Limit(0.01, "of the weights other than 0 become 0", _WEIGHTS),
+    "rms": Limit(0.02, "is the rms error of the weights", _WEIGHTS),
+    "tau_m": Limit(0.02, "is the error of the membrane time constant", _DECAY),
+    "tau_syn_ex": Limit(0.02, "is the error of the synaptic time constant", _DECAY),
+    "tau_syn_in": Limit(0.02, "is the error of the synaptic time constant", _DECAY),
+    "V_th": Limit(0.001, "of the distance from E_L to V_th is the error of the threshold", _SCALE),
+    "V_reset": Limit(0.001, "of the distance from E_L to V_th is the error of V_reset", "scale the potentials up"),
+    "C_m": Limit(0.02, "is the error of the membrane capacity", "lower C_m, and weights and currents with it"),
+    "I_e": Limit(0.02, "is the error of the constant current", "raise the current, or leave it out"),
+    "dc": Limit(0.02, "is the error of the current of generators", "raise its amplitude, or leave it out"),
+    "merged": Limit(
+        0.01,
+        "of the generator's spikes share a step with another of the same neuron and become one",
+        "use a finer resolution or several generators of a lower rate",
+    ),
+}
+"""Errors above which rounding is told as an approximation: of weights, time constants, potentials and spikes."""
+
+
+def losses(
+    program: Program,
+    arithmetic: Arithmetic,
+    populations: Sequence[FixedPopulation],
+    wires: Sequence[FixedProjection | None],
+) -> Iterator[Problem]:
+    """Roundings beyond the limits."""
+    for part, cells in zip(program.populations, populations, strict=True):
+        for r in cells.rounding:
+            limit = LIMITS.get(r.quantity)
+            if r.quantity == "V_th" and abs(r.error) > HOPELESS:
+                what = f"population '{part.name}': V_th = {r.wanted:g} becomes {r.got:.6g} {r.unit}"
+                why = f"{cells.volt:.3g} units per mV leave no threshold: its largest weight or current takes all bits"
+                yield refused(part.origin, what, why, "lower what is far above V_th - E_L, or set another scale")
+            elif limit is not None and abs(r.error) > limit.share:
+                what = f"population '{part.name}': {r.quantity} = {r.wanted:g} becomes {r.got:.6g} {r.unit}"
+                yield approximated(part.origin, what, f"{abs(r.error):.1%} {limit.text}", limit.way_out)
+    for projection, fixed in zip(program.projections, wires, strict=True):
+        if fixed is None:
+            continue
+        for name in ("zeroed", "rms"):
+            value, limit = getattr(fixed.rounding, name), LIMITS[name]
+            if value > limit.share:
+                what = f"projection '{projection.name}'"
+                way_out = arithmetic.lossless(fixed) if fixed.native else limit.way_out
+                yield approximated(projection.origin, what, f"{value:.1%} {limit.text}", way_out)
+
+
+def merged(program: Program, arithmetic: Arithmetic) -> Iterator[Problem]:
+    """Poisson generators whose multiple spikes in a step become one where a spike is one bit."""
+    if not arithmetic.one_bit:
+        return
+    limit = LIMITS["merged"]
+    for part in program.populations:
+        if part.kind != "poisson":
+            continue
+        mean = part.largest("rate") * program.resolution / 1000.0
+        share = 1.0 - -np.expm1(-mean) / mean if mean > 0.0 else 0.0
+        if share > limit.share:
+            why = f"{share:.1%} {limit.text}, since a spike on {arithmetic.title} is one bit"
+            why += "; counts().native tells how many"
+            yield approximated(part.origin, f"population '{part.name}': {part.model.name}", why, limit.way_out)

@@ -1,24 +1,30 @@
-"""SpiNNaker's integers: s16.15 neurons, unsigned 0.32 decays and 16-bit ring-buffer slots.
+"""SpiNNaker 1 as a family of chips; any table with `arithmetic: spinnaker` computes so.
+
+Its integers are s16.15 neurons, unsigned 0.32 decays and 16-bit ring-buffer slots.
 
 | described | on the chip |
 | --- | --- |
 | mV, nA | s16.15: the number times 32768 |
-| `iaf_psc_exp`, weight w | a word of w/1000 x 2^(15 - shift), made larger or smaller by the constant factor between the chip's integration, which holds the current for a tick, and the exact one: V_m is then the same at every tick |
+| `iaf_psc_exp`, weight w | a word of w/1000 x 2^(15 - shift), times a constant factor |
 | `iaf_psc_delta`, weight w | a word of w 2^(15 - shift), added to v |
 | V_m >= V_th | v >= v_thresh |
 | t_ref of R steps | t_refract = R |
 | delay of D steps | `iaf_psc_exp`: D + 1, `iaf_psc_delta`: D, see `neuro.chips.arrival_rule` |
 
-`iaf_psc_delta` exists on no released SpiNNaker binary. It is emulated as its authors would write it: the same
-s16.15 products, slots added to v. Source: sPyNNaker's neuron core (Rhodes et al., Front. Neurosci. 12:816, 2018).
-"""  # noqa: E501
+The constant factor is that between the chip's integration, which holds the current for a tick, and the exact one: V_m
+is then the same at every tick. `iaf_psc_delta` exists on no released SpiNNaker binary. It is emulated as its authors
+would write it: the same s16.15 products, slots added to v. Source: sPyNNaker's neuron core (Rhodes et al., Front.
+Neurosci. 12:816, 2018).
+"""
 
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
+from typing import Any
 
 import numpy as np
 
+from neuro.chips.arithmetic import Arithmetic, Option, is_whole
 from neuro.chips.arrival_rule import register
 from neuro.chips.quantising import rounding
 from neuro.chips.quantising.fixed import FixedPopulation, FixedProjection, Rounding, WeightRounding, Words
@@ -29,13 +35,14 @@ from neuro.chips.quantising.inputs import (
     constants_of,
     converging,
     one_kernel,
+    refuse_rules,
     refused,
     too_long,
     too_short,
 )
-from neuro.model.neurons import iaf_psc_delta
+from neuro.model.neurons import iaf_psc_delta, iaf_psc_exp
 from neuro.program.backend import Problem
-from neuro.program.program import Floats, Ints, Population, Projection
+from neuro.program.program import Floats, Ints, Population, Program, Projection
 
 LIF, DELTA = "spinnaker_lif", "spinnaker_delta"
 """The steps that neurons take, see `FixedPopulation.kind`."""
@@ -334,3 +341,64 @@ def overflows(inputs: Inputs, initial: Mapping[str, Floats], drive: Floats) -> I
 
 def _largest(values: Floats) -> float:
     return float(values.flat[int(np.argmax(np.abs(values)))])
+
+
+_TICK_MS = 1.0
+
+
+def _two_shifts(value: Any) -> bool:
+    shifts = range(LARGEST_SHIFT + 1)
+    return isinstance(value, (tuple, list)) and len(value) == 2 and all(is_whole(shift, shifts) for shift in value)
+
+
+_OPTIONS = (
+    Option(
+        "shifts",
+        "populations",
+        _two_shifts,
+        f"the shifts of excitatory and inhibitory slots, two whole numbers up to {LARGEST_SHIFT}",
+    ),
+)
+
+
+def _kept_shifts(cells: FixedPopulation) -> tuple[int, int] | None:
+    r = cells.registers
+    return (int(r["exc_shift"][0]), int(r["inh_shift"][0])) if "exc_shift" in r else None
+
+
+def _kept_options(cells: FixedPopulation, wires: tuple[FixedProjection, ...]) -> Options:
+    shifts = _kept_shifts(cells)
+    return Options({} if shifts is None else {"shifts": {cells.name: shifts}})
+
+
+def _told_scale(cells: FixedPopulation, wires: FixedProjection) -> str:
+    shifts = _kept_shifts(cells)
+    return "-" if shifts is None else "shifts {}, {}".format(*shifts)
+
+
+def _notes(program: Program) -> Iterator[str]:
+    if program.resolution != _TICK_MS:
+        yield f"a step of {program.resolution:g} ms takes a tick of {_TICK_MS:g} ms on the machine"
+
+
+SPINNAKER = Arithmetic(
+    name="spinnaker",
+    title="SpiNNaker",
+    models=(iaf_psc_exp, iaf_psc_delta),
+    options=_OPTIONS,
+    state_limit=LARGEST,
+    register_of_one=REGISTER_OF_ONE,
+    one_bit=False,
+    in_rows=True,
+    multicast=True,
+    population=population,
+    native=native,
+    native_projection=native_projection,
+    relay_projection=relay_projection,
+    give_rules=refuse_rules,
+    kept_options=_kept_options,
+    filled=None,
+    told_scale=_told_scale,
+    lossless=lambda wires: "",
+    notes=_notes,
+)
