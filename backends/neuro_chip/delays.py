@@ -22,7 +22,7 @@ from neuro.kernels.jit import compiled, kernel
 from neuro.model.synapses.delays import DELAY
 from neuro.program.program import Floats, Ints, Projection
 from neuro_chip import tables as t
-from neuro_chip.families.family import Arrays
+from neuro_chip.tables import Arrays
 
 _NEVER = -1
 

@@ -22,7 +22,7 @@ from neuro.core.errors import ModelError
 from neuro.program.backend import find_backend
 from neuro.run.compiled import ApproximationWarning
 from neuro_chip.backend import ChipBackend
-from neuro_chip.families.every import FAMILIES
+from neuro_chip.families import FAMILIES
 
 LONG = "like: loihi\ntitle: Loihi with long delays\nlimits:\n  delay_max: {value: 200, source: my board}\n"
 SLOW = "like: spinnaker\nname: slow\n"

@@ -104,15 +104,6 @@ def test_refractory_periods_are_exact(chip, steps):
 
 
 @pytest.mark.parametrize("chip", CHIPS)
-def test_the_threshold_is_reached_not_passed(chip):
-    model = neuro.iaf_psc_delta(E_L=0.0, V_reset=0.0, V_th=12.0, tau_m=math.inf, t_ref=0.0)
-    for weights, fires in (((4.0, 8.0), True), ((4.0, 7.0), False), ((12.0,), True)):
-        sim = build(model, chip, weights, [[1.0]] * len(weights), H)
-        sim.run(5.0)
-        assert sim.spikes("out")[0].tolist() == ([1.0 + H] if fires else [])
-
-
-@pytest.mark.parametrize("chip", CHIPS)
 @pytest.mark.parametrize("model", [lazy(), neuro.iaf_psc_delta(E_L=-70.0, V_reset=-70.0, V_th=-20.0)])
 def test_a_current_switches_on_and_off(chip, model):
     current = neuro.dc_generator(amplitude=350.0, start=10.0, stop=50.0)
@@ -298,46 +289,6 @@ def test_a_sign_mode_is_kept_while_weights_and_parameters_change():
     sim.set("out", tau_m=12.0)
     sim.set_weights("p", [100.0, -200.0])
     np.testing.assert_allclose(sim.weights("p")[2], [100.0, -200.0], rtol=0.02)
-
-
-@pytest.mark.parametrize("v_th", [-60.0, -40.0])
-def test_the_threshold_that_is_set_is_the_threshold_that_acts(v_th):
-    sim = build(neuro.iaf_psc_exp(E_L=-70.0, V_reset=-70.0, V_th=-30.0, I_e=1000.0), "loihi", [2000.0], [[5.0]])
-    sim.set("out", V_th=v_th, I_e=1000.0)
-    voltages = trace(sim, 100.0)
-    assert v_th - 2.0 < voltages.max() < v_th
-
-
-def test_networks_whose_values_are_exact_fire_at_the_same_steps_everywhere():
-    rng = np.random.default_rng(5)
-    net = neuro.Network("exact", resolution=1.0)
-    times = [sorted(rng.choice(np.arange(1.0, 250.0), 60, replace=False)) for _ in range(12)]
-    net.population("in", 12, neuro.spike_generator(spike_times=times))
-    cells = neuro.iaf_psc_delta(E_L=0.0, V_reset=0.0, V_th=16.0, tau_m=math.inf, t_ref=2.0)
-    net.population("a", 10, cells)
-    net.population("b", 6, cells)
-    for name, source, target, size in (("ia", "in", "a", 120), ("ab", "a", "b", 60), ("ba", "b", "a", 60)):
-        weight = rng.integers(-15, 63, size) * 2.0 if name != "ba" else rng.integers(-12, 8, size) * 1.0
-        delay = rng.integers(1, 9, size).astype(float)
-        net.connect(source, target, neuro.all_to_all(), weight=weight / 8, delay=delay, name=name)
-    found = {}
-    for backend in ("reference", "event", *CHIPS):
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore", ApproximationWarning)
-            sim = neuro.compile(net, backend)
-        sim.run(260.0)
-        found[backend] = [np.stack(sim.spikes(name)) for name in "ab"]
-    assert all(spikes.shape[1] > 30 for spikes in found["reference"])
-    for backend in ("event", *CHIPS):
-        for ours, theirs in zip(found[backend], found["reference"], strict=True):
-            np.testing.assert_array_equal(ours, theirs, err_msg=backend)
-
-
-@pytest.mark.parametrize("backend", ["reference", *CHIPS])
-def test_a_driven_neuron_fires_as_soon_as_it_is_no_longer_refractory(backend):
-    times = build(neuro.iaf_psc_exp(t_ref=2.0, I_e=100_000.0, tau_m=10.0), backend)
-    times.run(50.0)
-    assert set(np.diff(times.spikes("out")[0]).tolist()) == {2.0 + H}
 
 
 def test_currents_on_loihi_decay_by_their_time_constant():

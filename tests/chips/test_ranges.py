@@ -196,46 +196,6 @@ def test_a_machine_that_cannot_be(sim, words, told):
     assert str(caught.value) == told
 
 
-MISTAKES = {
-    "low above the value": (
-        "{value: 1, low: 2, source: x}",
-        "my.yaml:1:38: synaptic_op: low: expected low <= value <= high, found low = 2, value = 1",
-    ),
-    "high below the value": (
-        "{value: 3, high: 2, source: x}",
-        "my.yaml:1:39: synaptic_op: high: expected low <= value <= high, found value = 3, high = 2",
-    ),
-    "no number": (
-        "{value: 3, high: a, source: x}",
-        "my.yaml:1:39: synaptic_op: high: found 'a': expected a number >= 0 in J",
-    ),
-    "an unknown condition": (
-        "{value: 3, source: x, holds: {chip: [1, 2]}}",
-        "my.yaml:1:52: unknown condition 'chip'\n  hint: did you mean 'chips'?",
-    ),
-    "no range": (
-        "{value: 3, source: x, holds: {chips: 3}}",
-        "my.yaml:1:59: synaptic_op: holds: chips: found 3: expected two numbers >= 0, the smaller first",
-    ),
-    "a range from right to left": (
-        "{value: 3, source: x, beyond: [2, 1]}",
-        "my.yaml:1:52: synaptic_op: beyond: found [2, 1]: expected two numbers >= 0, the smaller first",
-    ),
-    "a guess without a reason": (
-        "{value: 3, source: x, guess: 3}",
-        "my.yaml:1:51: synaptic_op: guess: found 3: expected text",
-    ),
-}
-
-
-@pytest.mark.parametrize("case", MISTAKES)
-def test_mistakes(table, case):
-    figure, told = MISTAKES[case]
-    with pytest.raises(ModelError) as caught:
-        chip(table(f"costs: {{synaptic_op: {figure}}}"))
-    assert str(caught.value).startswith(told)
-
-
 def test_the_rate_of_a_run_is_in_hertz(sim):
     counts = sim.counts()
     spikes = len(sim.spikes("out")[0])

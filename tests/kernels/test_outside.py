@@ -94,18 +94,6 @@ def test_under_dopamine_by_address_as_compiled_in(backend, rule, threads):
     assert differences(ours, under_dopamine(rule, backend, threads), exact=False) == []
 
 
-def test_a_state_goes_on_in_another_process(tmp_path):
-    net = network(my_cell, my_rule)
-    sim = neuro.compile(net)
-    sim.run(30.0)
-    sim.save(tmp_path / "state.h5")
-    sim.run(30.0)
-    again = neuro.compile(net)
-    again.restore(tmp_path / "state.h5")
-    again.run(30.0)
-    assert differences(observe(sim), observe(again), exact=True) == []
-
-
 @dataclass(frozen=True, kw_only=True, eq=False)
 class without_functions(Neuron):
     """A neuron that says nothing of what it does."""

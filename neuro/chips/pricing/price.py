@@ -7,7 +7,8 @@ the steps last. Where a table has `mac`, the same work is priced as dense layers
 **Chip time.** With `step_s` steps are real time: steps x `step_s`. Else they take as long as their work: steps x the
 barrier, plus the work of the busiest core: the updates of its neurons, and of each projection's synaptic operations and
 learning updates its share of the target's neurons. That is a lower bound: the busiest core may be another in every
-step, and the time that spikes travel is left out. The barrier is linear in the tiles of one chip, and from there in the chips.
+step, and the time that spikes travel is left out. The barrier is linear in the tiles of one chip, and from there in the
+chips.
 
 In real time the steps of the network last their own time, as events come: a chip that is done earlier waits.
 """
