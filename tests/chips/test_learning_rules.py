@@ -40,13 +40,6 @@ def test_text_reads_back(terms):
     assert parse(text(terms)) == terms
 
 
-def test_text_of_the_pairwise_rule():
-    (plus, minus) = parse("2^-2*x1*y0 - 2^-2*y1*x0")
-    assert plus == Term(1, -2, "y0", 0, (Factor("x1"),))
-    assert minus == Term(-1, -2, "x0", 0, (Factor("y1"),))
-    assert text((plus, minus)) == "2^-2*y0*x1 - 2^-2*x0*y1"
-
-
 @pytest.mark.parametrize(
     ("said", "meant"),
     [
@@ -198,7 +191,7 @@ def test_what_is_approximated_is_said():
 STEPS = 1000
 
 
-def float_and_chip(synapse, weight, *, signal=None, largest_n=1.0, n=30, repeats=4):
+def float_and_chip(synapse, weight, *, signal=None, largest_n=1.0, n=30, repeats=2):
     """Changes of n x n synapses under 20 Hz: by the reference backend, and by the mapped rule (mean of some seeds)."""
     net = neuro.Network("pairs", resolution=1.0)
     rng = np.random.default_rng(0)
@@ -237,9 +230,7 @@ def float_and_chip(synapse, weight, *, signal=None, largest_n=1.0, n=30, repeats
     return np.ravel(sim.weights("plastic")[2]) - weight, np.mean(changes, axis=0)
 
 
-@pytest.mark.parametrize(
-    ("mu_plus", "mu_minus", "alpha"), [(0.0, 0.0, 0.5), (1.0, 1.0, 0.5), (0.0, 1.0, 0.5), (0, 0, 2.0)]
-)
+@pytest.mark.parametrize(("mu_plus", "mu_minus", "alpha"), [(0.0, 0.0, 0.5), (1.0, 1.0, 0.5)])
 def test_stdp_learns_what_the_float_rule_learns(mu_plus, mu_minus, alpha):
     synapse = stdp(mu_plus=mu_plus, mu_minus=mu_minus, alpha=alpha, lambda_=0.01, Wmax=255.0)
     wanted, found = float_and_chip(synapse, 128.0)
@@ -250,7 +241,6 @@ def test_stdp_learns_what_the_float_rule_learns(mu_plus, mu_minus, alpha):
 
 SIGNALS = {
     "steady": (lambda rng, n: np.full(n, 0.04), {"A_minus": 0.3}),
-    "negative": (lambda rng, n: np.full(n, -0.04), {"A_minus": 0.3}),
     "both": (lambda rng, n: rng.normal(0.0, 0.03, n), {"A_minus": 0.3, "b": 0.006}),
 }
 

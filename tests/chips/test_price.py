@@ -1,6 +1,5 @@
 """Bills worked out by hand."""
 
-import json
 import math
 
 import numpy as np
@@ -72,11 +71,6 @@ def test_the_times_are_told_with_their_sources(run):
         f"chip time: neuron_update_active 8.4 ns, neuron_update_inactive 5.3 ns: {davies} ({made})",
         f"chip time: learning_update 6.1 ns: {davies} (synaptic update by pairwise STDP; {made})",
     )
-
-
-def test_the_barrier_of_one_and_of_32_tiles(run):
-    one, many = (price(*run, placed(tiles_used=n), chip("loihi")).chip_time_s for n in (1, 32))
-    assert many - one == pytest.approx(STEPS * (465e-9 - 113e-9), rel=1e-9)
 
 
 def test_spinnaker_by_hand(run):
@@ -215,20 +209,6 @@ def delayed(delay):
     return sim
 
 
-@pytest.mark.parametrize(("target", "steps", "most"), [("loihi", 63, 62), ("spinnaker", 145, 144)])
-def test_a_delay_beyond_the_register_has_no_price(target, steps, most):
-    extra = target == "spinnaker"
-    assert delayed(most - extra).energy(target).total_j > 0.0
-    sim = delayed(most - extra + 1)
-    with pytest.raises(ModelError) as caught:
-        sim.energy(target)
-    first, second, hint = str(caught.value).splitlines()
-    assert first == f"network 'late' does not fit on target '{target}'"
-    told = f"{steps} steps in the delay register, which holds at most {most} on {target}"
-    assert second.endswith(f": projection 'input_out': a delay of {most - extra + 1} ms: {told}")
-    assert hint == f"  hint: use at most {most - extra} ms, a coarser resolution, or a chain of parrots"
-
-
 def test_a_delay_beyond_the_register_of_a_target_that_is_not_placed_is_noted():
     """Its other limits are not looked at, either."""
     note = (
@@ -267,28 +247,6 @@ def test_the_real_placement(run):
     packets = {of: count for (what, of), (count, _) in spinnaker.items() if what == "packet"}
     assert packets == {"input": 4, "a": 12}
     assert spinnaker["static_per_chip", "spinnaker"][0] == pytest.approx(STEPS * 1e-3)
-
-
-def test_the_real_placement_on_many_tiles():
-    net = neuro.Network("wide", resolution=1.0)
-    net.population("input", 40, neuro.poisson_generator(rate=200.0))
-    net.population("wide", 14_000, neuro.iaf_psc_exp())
-    net.connect("input", "wide", neuro.fixed_outdegree(300), weight=400.0, delay=1.0)
-    net.connect("wide", "wide", neuro.fixed_outdegree(5), weight=1.0, delay=1.0)
-    sim = neuro.compile(net, "event")
-    sim.run(50.0)
-    counts, target = sim._engine.counts(), chip("loihi")
-    placement = place(sim.program, target)
-    assert placement.tiles_used > 1
-    energy = price(sim.program, counts, placement, target)
-    for what, way in (("hop_east_west", "east_west"), ("hop_north_south", "north_south"), ("spike_in_tile", "local")):
-        moved = sum(
-            int(counts.spikes[part.source] @ getattr(placement.hops(index), way))
-            for index, part in enumerate(sim.program.projections)
-        )
-        assert sum(item.count for item in energy.items if item.what == what) == moved > 0
-    assert sum(item.count for item in energy.items if item.what.startswith("neuron")) == 14_000 * 50
-    assert json.loads(json.dumps(energy.as_dict()))["chips"] == placement.chips_used
 
 
 def test_a_table_of_a_user(run, tmp_path):

@@ -137,7 +137,7 @@ def test_our_marks(sim):
 def test_hops_between_chips_are_extrapolated():
     net = neuro.Network("far", resolution=1.0)
     net.population("in", 1, neuro.spike_generator(spike_times=((1.0,),)))
-    net.population("out", 140_000, neuro.iaf_psc_delta())
+    net.population("out", 132_000, neuro.iaf_psc_delta())
     net.connect("in", "out", neuro.all_to_all(), weight=20.0, delay=1.0, name="w")
     sim = neuro.compile(net, "event")
     sim.run(5.0)

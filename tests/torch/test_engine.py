@@ -57,7 +57,7 @@ def test_steered_it_gives_what_the_reference_gives():
     assert len(expected["spikes of delta: steps"]) > 20
 
 
-@settings(max_examples=12, derandomize=True, deadline=None, suppress_health_check=list(HealthCheck))
+@settings(max_examples=6, derandomize=True, deadline=None, suppress_health_check=list(HealthCheck))
 @given(net=networks().map(static), seed=st.integers(0, 5), cut=st.integers(1, STEPS - 1))
 def test_random_networks(net: Network, seed: int, cut: int):
     expected, found = (neuro.compile(net, each, seed=seed) for each in ("reference", backend))

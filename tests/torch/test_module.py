@@ -92,7 +92,7 @@ def a_batch(rng, batch=3, steps=30, neurons=7, rate=0.3):
 @pytest.mark.parametrize("model", MODELS)
 @pytest.mark.parametrize("recurrent", [False, True], ids=["layers", "recurrent"])
 @given(seed=st.integers(0, 10**6))
-@settings(max_examples=8)
+@settings(max_examples=5)
 def test_spikes_are_those_of_event(model, recurrent, seed):
     net, made, names = random_network(seed, model, recurrent)
     events = a_batch(np.random.default_rng(seed))
@@ -117,7 +117,7 @@ def test_the_random_networks_fire():
 @pytest.mark.parametrize("model", MODELS)
 @pytest.mark.parametrize("recurrent", [False, True], ids=["layers", "recurrent"])
 @given(seed=st.integers(0, 10**6))
-@settings(max_examples=8)
+@settings(max_examples=5)
 def test_adjoints_are_those_of_autograd(model, recurrent, seed):
     net, made, names = random_network(seed, model, recurrent)
     rng = np.random.default_rng(seed)
@@ -204,18 +204,6 @@ def test_what_was_learnt_runs_on_every_backend(tmp_path, seed):
         expected = spikes_of(learnt, names, events, 30, backend)
         for name in names:
             np.testing.assert_array_equal(outcome.spikes[name].detach(), expected[name])
-
-
-def test_V_m_is_what_event_records():
-    net, made, names = random_network(3, "iaf_psc_exp", recurrent=True)
-    net.probe("v", names[0], "V_m")
-    events = a_batch(np.random.default_rng(3), batch=1)
-    module = neuro_torch.Module(net, made, outputs=names, dtype=torch.float64)
-    sim = neuro.compile(net)
-    sim.inject("a", events.trains["a"].step + 1.0, events.trains["a"].neuron)
-    sim.run(30.0)
-    found = module(events).V_m[names[0]].detach()[0]
-    np.testing.assert_allclose(found, sim.trace("v")[1], rtol=0, atol=1e-9)
 
 
 @pytest.mark.parametrize("model", MODELS)
@@ -432,12 +420,6 @@ def test_a_batch_is_refused(batch, told):
     with pytest.raises(neuro.ModelError) as error:
         module(batch)
     assert told in str(error.value)
-
-
-def test_steps_are_those_of_the_duration():
-    module = neuro_torch.Module(layers(), BOTH, duration=20.0)
-    with pytest.raises(neuro.ModelError, match="found 30 steps: expected 20, the module's duration"):
-        module(a_batch(np.random.default_rng(0)))
 
 
 def test_the_plan_tells_what_runs_how():

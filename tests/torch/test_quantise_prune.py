@@ -51,7 +51,7 @@ def spikes_on(net, events, backend):
 
 
 @pytest.mark.parametrize("dtype", [torch.float32, torch.float64])
-@pytest.mark.parametrize("bits", range(1, 9))
+@pytest.mark.parametrize("bits", [1, 4, 8])
 def test_what_was_rounded_loses_nothing_on_loihi(bits, dtype):
     module = neuro_torch.quantised(module_of(dtype=dtype), bits)
     net = module.network()
@@ -83,19 +83,19 @@ def moved(module, target):
     return max(wires.rounding.rms for wires in fixed.projections if wires.name in module.weights)
 
 
-@pytest.mark.parametrize("seed", range(12))
+@pytest.mark.parametrize("seed", range(6))
 def test_on_loihi_nothing_moves_where_all_weights_onto_a_population_learn(seed):
     module = several(seed, ["in", "beside", "round"])
     assert moved(neuro_torch.quantised(module, 1 + seed % 8), "loihi") < 1e-12
 
 
 def test_beside_weights_that_do_not_learn_little_moves_on_loihi():
-    found = [moved(neuro_torch.quantised(several(seed, ["in"]), 2 + seed % 3), "loihi") for seed in range(16)]
+    found = [moved(neuro_torch.quantised(several(seed, ["in"]), 2 + seed % 3), "loihi") for seed in range(8)]
     assert max(found) < 2e-3
     assert min(found) < 1e-12
 
 
-@pytest.mark.parametrize("seed", range(8))
+@pytest.mark.parametrize("seed", range(4))
 def test_on_spinnaker_the_words_are_those_of_the_training(seed):
     bits = 4 + seed % 5
     module = neuro_torch.quantised(several(seed, ["in", "round"]), bits)
@@ -166,15 +166,6 @@ def test_quantising_again_takes_the_place_of_what_was():
     neuro_torch.losses.count_cross_entropy(again(batch()).spikes["out"], torch.tensor([0, 1, 2, 0])).backward()
     optimiser.step()
     assert len(again.eval()(batch()) and again.weights["in"].unique()) > 50
-
-
-def test_bits_that_are_refused_leave_a_quantised_module_as_it_was():
-    module = neuro_torch.quantised(module_of(), 3)
-    before = module.weights["in"].detach().clone()
-    with pytest.raises(ModelError, match="bits = 9"):
-        neuro_torch.quantised(module, 9)
-    module.eval()(batch())
-    assert torch.equal(module.weights["in"], before)
 
 
 def test_without_weights_that_learn_nothing_is_quantised():
@@ -256,13 +247,6 @@ def test_pruned_synapses_are_gone_and_the_rest_is_as_it_was():
     assert bills[1] < bills[0]
     assert module.program.projections[0].layout == "dense"
     np.testing.assert_array_equal(outcome.spikes["out"].detach(), spikes_on(pruned.network(), batch(), "event"))
-
-
-def test_a_pruned_module_learns_on():
-    pruned = neuro_torch.prune(module_of(), 0.5)
-    neuro_torch.losses.count_cross_entropy(pruned(batch()).spikes["out"], torch.tensor([0, 1, 2, 0])).backward()
-    assert pruned.weights["in"].shape == (240,)
-    assert float(pruned.weights["in"].grad.abs().sum()) > 0.0
 
 
 @pytest.mark.parametrize(

@@ -202,13 +202,3 @@ def test_what_cannot_be_is_told():
         ModelError, match=r"population 'cells': aeif_cond_exp: its spikes have no gradient: it resets w"
     ):
         Stepper(compile_network(net, 1, 1), surrogate=FastSigmoid())
-
-
-def test_weights_that_change_before_backward_are_refused():
-    part, events = program(*MODELS["exp"]), inputs()
-    weights = {p.name: torch.tensor(p.weight, requires_grad=True) for p in part.projections}
-    course = courses(Stepper(part, batch=BATCH, surrogate=FastSigmoid(), weights=weights), events)
-    with torch.no_grad():
-        weights["ho"] *= 2.0
-    with pytest.raises(RuntimeError, match="modified by an inplace operation"):
-        course.sum().backward()
