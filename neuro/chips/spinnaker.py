@@ -67,24 +67,11 @@ def native_projection(inputs: Inputs, index: int) -> tuple[FixedProjection, list
     problems = [*other_receptor(inputs, index)]
     bad = np.flatnonzero((part.weight != np.rint(part.weight)) | (np.abs(part.weight) > SLOT))
     if bad.size:
-        message = f"projection '{part.name}': weight = {part.weight[bad[0]]:g}"
-        problems.append(
-            refused(
-                part.origin,
-                message,
-                f"a word is a whole number from -{SLOT} to {SLOT}",
-                "change exc_shift or inh_shift",
-            )
-        )
+        why = f"a word is a whole number from -{SLOT} to {SLOT}"
+        problems.append(refused(part, f"weight = {part.weight[bad[0]]:g}", why, "change exc_shift or inh_shift"))
     words: Words = np.clip(np.rint(part.weight), -SLOT, SLOT).astype(np.int32)
-    return _projection(
-        part,
-        words,
-        np.ones(1),
-        np.ones(1),
-        inputs.lag(index),
-        rounding.judged(words.astype(float), words, 1.0, -SLOT, SLOT),
-    ), problems
+    found = rounding.judged(words.astype(float), words, 1.0, -SLOT, SLOT)
+    return _projection(part, words, np.ones(1), np.ones(1), inputs.lag(index), found), problems
 
 
 def _projection(
@@ -144,7 +131,7 @@ def population(inputs: Inputs, options: Options) -> tuple[FixedPopulation, dict[
         problems += more
     if delta:
         why = "no released SpiNNaker binary has it: it is emulated in the same arithmetic, slots added to v"
-        problems.append(approximated(part.origin, f"population '{part.name}': iaf_psc_delta", why))
+        problems.append(approximated(part, "iaf_psc_delta", why))
     return fixed, found, problems
 
 
@@ -257,8 +244,8 @@ def _weights(
         word, shift = ("inh_shift", shifts[1]) if beyond.weight < 0.0 else ("exc_shift", shifts[0])
         problems.append(
             refused(
-                part.origin,
-                f"projection '{part.name}': weight = {beyond.weight:g}",
+                part,
+                f"weight = {beyond.weight:g}",
                 f"a word of 16 bits holds at most {SLOT * beyond.step:.6g} at {word} {shift}",
                 "use a larger shift, or leave it to be chosen" if shift < LARGEST_SHIFT else "scale the weights down",
             )
@@ -278,27 +265,24 @@ LARGEST_SHIFT = 15
 def lacking(inputs: Inputs) -> Iterator[Problem]:
     """All that the chip's programs lack of a population."""
     part, p, h = inputs.part, inputs.part.parameters, inputs.program.resolution
-    told, delta = f"population '{part.name}'", isinstance(inputs.part.model, iaf_psc_delta)
+    delta = isinstance(inputs.part.model, iaf_psc_delta)
     for name in ("tau_m", "tau_syn_ex", "tau_syn_in"):
         if name in p:
             yield from too_short(part, name, h)
     if np.isinf(p["tau_m"]).any() and not delta:
-        what, why = f"{told}: tau_m = inf", "the membrane resistance tau_m / C_m would be infinite"
-        yield refused(part.origin, what, why, "use a finite tau_m, or iaf_psc_delta")
+        why = "the membrane resistance tau_m / C_m would be infinite"
+        yield refused(part, "tau_m = inf", why, "use a finite tau_m, or iaf_psc_delta")
     yield from too_long(part, "tau_m", h, -h / np.log1p(-1.0 / ONE), "a decay of 15 bits", delta)
     ticks = float(p["t_ref"].max()) / h
     if ticks > LARGEST:
-        what, why = (
-            f"{told}: t_ref = {p['t_ref'].max():g} ms",
-            f"{ticks:g} ticks, and t_refract holds at most {LARGEST}",
-        )
-        yield refused(part.origin, what, why, f"use at most {LARGEST * h:g} ms")
+        why = f"{ticks:g} ticks, and t_refract holds at most {LARGEST}"
+        yield refused(part, f"t_ref = {p['t_ref'].max():g} ms", why, f"use at most {LARGEST * h:g} ms")
     if "V_min" in p and np.isfinite(p["V_min"]).any():
-        what = f"{told}: V_min = {p['V_min'].max():g} mV"
-        yield refused(part.origin, what, "the chip's programs have no lowest potential", "leave V_min out")
+        what = f"V_min = {p['V_min'].max():g} mV"
+        yield refused(part, what, "the chip's programs have no lowest potential", "leave V_min out")
     if p.get("refractory_input", np.zeros(1)).any():
         why = "the chip's programs lose input while a neuron is refractory"
-        yield refused(part.origin, f"{told}: refractory_input", why, "leave it out")
+        yield refused(part, "refractory_input", why, "leave it out")
 
 
 def other_receptor(inputs: Inputs, index: int) -> Iterator[Problem]:
@@ -306,8 +290,8 @@ def other_receptor(inputs: Inputs, index: int) -> Iterator[Problem]:
     part = inputs.program.projections[index]
     if part.receptor is not None and not part.as_by_sign(part.weight):
         yield refused(
-            part.origin,
-            f"projection '{part.name}': receptor '{part.receptor.name}' by name",
+            part,
+            f"receptor '{part.receptor.name}' by name",
             "slots have no sign: what is excitatory is added, what is inhibitory subtracted",
             "use weights of at least 0 onto 'ex' and of at most 0 onto 'in', or run it on event",
         )
@@ -336,7 +320,7 @@ def overflows(inputs: Inputs, initial: Mapping[str, Floats], drive: Floats) -> I
         if np.abs(values).max(initial=0.0) > LARGEST:
             units = float(np.abs(values).max()) / ONE
             why = f"it takes {units:.6g} in s16.15, which holds numbers below 65536"
-            yield refused(part.origin, f"population '{part.name}': {what}", why, "scale the model down")
+            yield refused(part, what, why, "scale the model down")
 
 
 def _largest(values: Floats) -> float:

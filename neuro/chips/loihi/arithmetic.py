@@ -126,9 +126,8 @@ def native_projection(inputs: Inputs, index: int) -> tuple[FixedProjection, list
     bad = np.flatnonzero((part.weight != np.rint(part.weight)) | (part.weight < first) | (part.weight > last))
     if bad.size:
         value = part.weight[bad[0]]
-        what = f"projection '{part.name}': weight = {value:g}"
         why = f"a mantissa in sign mode {mode} is a whole number from {first} to {last}"
-        problems.append(refused(part.origin, what, why, "raise weight_exp and lower the mantissas"))
+        problems.append(refused(part, f"weight = {value:g}", why, "raise weight_exp and lower the mantissas"))
     asked: Words = np.clip(np.rint(part.weight), first, last).astype(np.int32)
     sent: Floats = word(asked, exponent, bits, mode == "mixed") * 2.0**-exponent
     found = rounding.judged(asked.astype(np.float64), sent, 1.0, low, high)
@@ -496,8 +495,8 @@ def projection(
         limit = low if beyond.weight < 0.0 else high
         problems.append(
             refused(
-                part.origin,
-                f"projection '{part.name}': weight = {beyond.weight:g}",
+                part,
+                f"weight = {beyond.weight:g}",
                 f"a mantissa in sign mode {mode} holds at most {limit}, which is {limit * beyond.step:.6g} "
                 f"at exponent {exponent} and {volt:.6g} units per mV",
                 "use a larger exponent or a smaller scale, or leave them to be chosen",
@@ -527,8 +526,8 @@ def _times(inputs: Inputs) -> Iterator[Problem]:
     steps = round(value_at(part, "t_ref", at) / h)
     if steps + 1 > REFRACTORY_LIMIT:
         yield refused(
-            part.origin,
-            f"population '{part.name}': t_ref = {value_at(part, 't_ref', at):g} ms",
+            part,
+            f"t_ref = {value_at(part, 't_ref', at):g} ms",
             f"it is {steps} steps, and the refractory register holds at most {REFRACTORY_LIMIT - 1}",
             f"use at most {(REFRACTORY_LIMIT - 1) * h:g} ms, or a coarser resolution",
         )
@@ -537,13 +536,12 @@ def _times(inputs: Inputs) -> Iterator[Problem]:
 def _potentials(inputs: Inputs) -> Iterator[Problem]:
     """Potentials that a compartment cannot tell apart, or has not."""
     part, p = inputs.part, inputs.part.parameters
-    message = f"population '{part.name}'"
     off = np.flatnonzero(np.broadcast_to(p["V_reset"] != p["E_L"], part.size))
     if off.size:
         v_reset, e_l = value_at(part, "V_reset", off[0]), value_at(part, "E_L", off[0])
         yield refused(
-            part.origin,
-            f"{message}: V_reset = {v_reset:g} mV",
+            part,
+            f"V_reset = {v_reset:g} mV",
             f"a spike sets the voltage register to 0, which is E_L = {e_l:g} mV",
             f"set V_reset to {e_l:g}, or run on spinnaker",
         )
@@ -551,31 +549,29 @@ def _potentials(inputs: Inputs) -> Iterator[Problem]:
     if below.size:
         v_th, e_l = value_at(part, "V_th", below[0]), value_at(part, "E_L", below[0])
         yield refused(
-            part.origin,
-            f"{message}: V_th = {v_th:g} mV",
+            part,
+            f"V_th = {v_th:g} mV",
             f"the threshold register is unsigned, so V_th must be above E_L = {e_l:g} mV",
             "raise V_th or lower E_L, or run on spinnaker",
         )
     if "V_min" in p and np.isfinite(p["V_min"]).any():
-        what = f"{message}: V_min = {p['V_min'].max():g} mV"
-        yield refused(part.origin, what, "a compartment has no lowest potential", "leave V_min out")
+        what = f"V_min = {p['V_min'].max():g} mV"
+        yield refused(part, what, "a compartment has no lowest potential", "leave V_min out")
 
 
 def _input(inputs: Inputs) -> Iterator[Problem]:
     """Input that a compartment does not keep apart, or not keep."""
     part, p = inputs.part, inputs.part.parameters
-    message = f"population '{part.name}'"
     if p.get("refractory_input", np.zeros(1)).any():
-        what = f"{message}: refractory_input"
-        yield refused(part.origin, what, "a compartment loses input while it is refractory", "leave it out")
+        yield refused(part, "refractory_input", "a compartment loses input while it is refractory", "leave it out")
     if "tau_syn_ex" not in p or not all(receives(inputs)):
         return
     apart = np.flatnonzero(np.broadcast_to(p["tau_syn_ex"] != p["tau_syn_in"], part.size))
     if apart.size:
         ex, inh = value_at(part, "tau_syn_ex", apart[0]), value_at(part, "tau_syn_in", apart[0])
         yield refused(
-            part.origin,
-            f"{message}: tau_syn_ex = {ex:g} ms and tau_syn_in = {inh:g} ms",
+            part,
+            f"tau_syn_ex = {ex:g} ms and tau_syn_in = {inh:g} ms",
             "a compartment has one current and so one synaptic time constant",
             "use one time constant for both, or run on spinnaker",
         )
@@ -592,8 +588,8 @@ def overflows(part: Population, d: Described, volt: float) -> Iterator[Problem]:
         need = volt * largest
         if need > limit * (1.0 + GENTLE):
             yield refused(
-                part.origin,
-                f"population '{part.name}': {what} needs {need:.6g} at {volt:.6g} units per mV",
+                part,
+                f"{what} needs {need:.6g} at {volt:.6g} units per mV",
                 f"{name} holds at most {limit}",
                 f"set its scale to at most {volt * limit / need:.6g}",
             )

@@ -146,17 +146,17 @@ def _lacking(inputs: Inputs, chip: Chip, arithmetic: Arithmetic) -> Problem:
     if (error := why_not(model)) is not None:
         why = f"{chip.name} takes equations of {known} only, and {error.message}"
         way = error.hint or f"use {known}, or run on event"
-        return refused(inputs.part.origin, f"population '{inputs.part.name}': {model.name}", why, way)
+        return refused(inputs.part, model.name, why, way)
     way = f"backend '{model.chip}' runs it" if model.chip else "use iaf_psc_exp, or run on event"
     if isinstance(model, iaf_psc_exp_adaptive_threshold):
         way = "adapt on event, then give iaf_psc_exp the V_th of each neuron that is V_th + theta there"
-    return refused(inputs.part.origin, f"population '{inputs.part.name}': {model.name}", why, way)
+    return refused(inputs.part, model.name, why, way)
 
 
 def _too_many_receptors(inputs: Inputs, chip: Chip, model: Neuron) -> Problem:
-    what = f"population '{inputs.part.name}': {model.name} with {model.receptors} receptors"
+    what = f"{model.name} with {model.receptors} receptors"
     why = f"neurons of {chip.name} have {RECEPTORS}: for excitation and for inhibition"
-    return refused(inputs.part.origin, what, why, "run on event")
+    return refused(inputs.part, what, why, "run on event")
 
 
 def _unbounded(program: Program) -> Iterator[Problem]:
@@ -166,8 +166,8 @@ def _unbounded(program: Program) -> Iterator[Problem]:
         ends = [word for word in ("Wmin", "Wmax") if not np.all(np.isfinite(bounds.get(word, np.inf)))]
         if part.synapse.learns == "trials" and not part.synapse.delays and ends:
             yield refused(
-                part.origin,
-                f"projection '{part.name}': {part.synapse.name} without a finite {' and '.join(ends)}",
+                part,
+                f"{part.synapse.name} without a finite {' and '.join(ends)}",
                 "a weight's word holds no more than its scale, which follows from the bounds",
                 "give it Wmin and Wmax, or run it on event",
             )
@@ -176,7 +176,7 @@ def _unbounded(program: Program) -> Iterator[Problem]:
 def _no_current(inputs: Inputs) -> list[Problem]:
     found = [inputs.program.projections[index] for index in inputs.currents]
     why = "neurons described in registers take no current in pA"
-    return [refused(p.origin, f"projection '{p.name}': a current", why, "set a bias or offset register") for p in found]
+    return [refused(p, "a current", why, "set a bias or offset register") for p in found]
 
 
 def _no_register(part: Population, limit: int) -> Iterator[Problem]:
@@ -184,9 +184,9 @@ def _no_register(part: Population, limit: int) -> Iterator[Problem]:
     for name, values in part.initial.items():
         bad = np.flatnonzero((values != np.rint(values)) | (np.abs(values) > limit))
         if bad.size:
-            what = f"population '{part.name}': {name} = {values[bad[0]]:.10g} at step 0"
+            what = f"{name} = {values[bad[0]]:.10g} at step 0"
             why = f"a state register holds whole numbers from -{limit} to {limit}"
-            yield refused(part.origin, what, why, "begin with one of these")
+            yield refused(part, what, why, "begin with one of these")
 
 
 def _delays(program: Program, chip: Chip, wires: tuple[FixedProjection | None, ...]) -> Iterator[Problem]:
@@ -200,8 +200,8 @@ def _delays(program: Program, chip: Chip, wires: tuple[FixedProjection | None, .
         if steps <= longest:
             continue
         yield refused(
-            part.origin,
-            f"projection '{part.name}': a delay of {most * program.resolution:g} ms",
+            part,
+            f"a delay of {most * program.resolution:g} ms",
             f"{steps} steps in the delay register, which holds at most {longest} on {chip.name}",
             f"use at most {(longest - extra) * program.resolution:g} ms, a coarser resolution, or a chain of parrots",
         )
@@ -366,21 +366,20 @@ def losses(
         for r in cells.rounding:
             limit = LIMITS.get(r.quantity)
             if r.quantity == "V_th" and abs(r.error) > HOPELESS:
-                what = f"population '{part.name}': V_th = {r.wanted:g} becomes {r.got:.6g} {r.unit}"
+                what = f"V_th = {r.wanted:g} becomes {r.got:.6g} {r.unit}"
                 why = f"{cells.volt:.3g} units per mV leave no threshold: its largest weight or current takes all bits"
-                yield refused(part.origin, what, why, "lower what is far above V_th - E_L, or set another scale")
+                yield refused(part, what, why, "lower what is far above V_th - E_L, or set another scale")
             elif limit is not None and abs(r.error) > limit.share:
-                what = f"population '{part.name}': {r.quantity} = {r.wanted:g} becomes {r.got:.6g} {r.unit}"
-                yield approximated(part.origin, what, f"{abs(r.error):.1%} {limit.text}", limit.way_out)
+                what = f"{r.quantity} = {r.wanted:g} becomes {r.got:.6g} {r.unit}"
+                yield approximated(part, what, f"{abs(r.error):.1%} {limit.text}", limit.way_out)
     for projection, fixed in zip(program.projections, wires, strict=True):
         if fixed is None:
             continue
         for name in ("zeroed", "rms"):
             value, limit = getattr(fixed.rounding, name), LIMITS[name]
             if value > limit.share:
-                what = f"projection '{projection.name}'"
                 way_out = arithmetic.lossless(fixed) if fixed.native else limit.way_out
-                yield approximated(projection.origin, what, f"{value:.1%} {limit.text}", way_out)
+                yield approximated(projection, "", f"{value:.1%} {limit.text}", way_out)
 
 
 def merged(program: Program, arithmetic: Arithmetic) -> Iterator[Problem]:
@@ -396,4 +395,4 @@ def merged(program: Program, arithmetic: Arithmetic) -> Iterator[Problem]:
         if share > limit.share:
             why = f"{share:.1%} {limit.text}, since a spike on {arithmetic.title} is one bit"
             why += "; counts().native tells how many"
-            yield approximated(part.origin, f"population '{part.name}': {part.model.name}", why, limit.way_out)
+            yield approximated(part, part.model.name, why, limit.way_out)
