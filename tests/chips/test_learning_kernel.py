@@ -215,24 +215,6 @@ def test_only_synapses_of_spikes_are_visited():
     assert plastic.counts[0] == 30 + 2 * 20 - 2
 
 
-def test_sparse_rows_are_those_of_the_dense_ones():
-    """A projection with some synapses learns what those learn in the whole matrix, save for their draws."""
-    rng = np.random.default_rng(4)
-    trace = Trace(16, 1, 2)
-    rule = LearningRule(parse("x1*y0 - 2^1*x0*y1"), (), {"x1": trace, "y1": trace})
-    present = rng.random((10, 12)) < 0.4
-    row_ends = np.concatenate([[0], np.cumsum(present.sum(axis=1))])
-    targets = np.nonzero(present)[1].astype(np.int32)
-    sparse = Plastic("p", 1, rule, row_ends, targets, 12, np.zeros(targets.size, dtype=np.int64), 8, "mixed")
-    whole = dense(rule, 10, 12, np.zeros((10, 12), dtype=np.int64))
-    for step in range(1, 4):
-        pre, post = spikes(rng, 10), spikes(rng, 12)
-        sparse.step(step, pre, post)
-        whole.step(step, pre, post)
-    np.testing.assert_array_equal(sparse.weights, whole.weights.reshape(10, 12)[present])
-    assert np.any(sparse.weights != 0)
-
-
 def test_stochastic_rounding_is_unbiased():
     """A change of 3/128 of a mantissa, one in two of which a mixed weight can hold, moves the mean by as much."""
     n = 200

@@ -186,19 +186,6 @@ def driven(mantissa: int, exponent: int, steps: int, delay: int = 0, **registers
     return sim.counts().native, rows
 
 
-@pytest.mark.parametrize("mantissa", [255, -256])
-def test_u_wraps(mantissa):
-    native, rows = driven(mantissa, 7, 12)
-    assert (np.sign(rows["u"][4:, 0]) == -np.sign(mantissa)).any()
-    assert native["current wraps of cells"] > 0
-
-
-def test_v_is_clipped_below():
-    native, rows = driven(-200, 5, 40, dv=0)
-    assert rows["v"].min() == -(2**23) + 1
-    assert native["voltage clips of cells"] > 0
-
-
 def test_the_threshold_of_loihi_is_strict():
     _, rows = driven(100, 0, 2, du=4095, dv=4095, vth=100)
     assert rows["v"][1, 0] == 6400

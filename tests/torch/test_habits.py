@@ -161,21 +161,6 @@ def test_states_groups_schedules_and_accumulation():
     assert not torch.equal(module.weights["down"], whole.weights["down"])
 
 
-def test_layers_before_and_after():
-    class Counts(torch.nn.Module):
-        def forward(self, outcome):
-            return outcome.counts["out"]
-
-    class Named(torch.nn.Module):
-        def forward(self, given):
-            return {"pixels": given}
-
-    before = torch.nn.Linear(5, 12)
-    whole = torch.nn.Sequential(before, torch.nn.Sigmoid(), Named(), module_of(), Counts(), torch.nn.Linear(2, 3))
-    whole(torch.rand(4, 20, 5, generator=torch.Generator().manual_seed(0))).sum().backward()
-    assert all(p.grad.abs().sum() > 0 for p in whole.parameters())
-
-
 def test_weights_set_by_hand():
     for module in (module_of(), neuro_torch.quantised(module_of(), 4).eval()):
         assert module(EVENTS).counts["hidden"].sum() > 0

@@ -92,27 +92,6 @@ def test_van_rossum_in_closed_form():
     assert float(losses.van_rossum(one, other, tau=3.0, resolution=0.5)) == pytest.approx(expected, rel=1e-13)
 
 
-def test_van_rossum_is_elephants():
-    pytest.importorskip("elephant", reason="the extra 'compare' is not installed")
-    import neo
-    import quantities as pq
-    from elephant.spike_train_dissimilarity import van_rossum_distance
-
-    spikes = drawn(7, batch=1, steps=60, neurons=2, rate=0.2)
-    trains = [
-        neo.SpikeTrain(np.flatnonzero(train.numpy()) * 1.0, units="ms", t_stop=100.0) for train in spikes[0].unbind(1)
-    ]
-    theirs = van_rossum_distance(trains, time_constant=4.0 * pq.ms)[0, 1]
-    ours = losses.van_rossum(spikes[:, :, :1], spikes[:, :, 1:], tau=4.0)
-    assert 2.0 * float(ours) == pytest.approx(theirs**2, rel=1e-9)  # elephant's kernel has no 1/2
-
-
-@pytest.mark.parametrize("loss", [losses.count_cross_entropy, losses.first_spike])
-def test_order_of_the_batch_changes_nothing(loss):
-    spikes, labels, order = drawn(9), torch.tensor([0, 3, 1]), torch.tensor([2, 0, 1])
-    assert float(loss(spikes, labels)) == pytest.approx(float(loss(spikes[order], labels[order])), rel=1e-14)
-
-
 def test_decisions():
     spikes = torch.zeros(4, 5, 3)
     spikes[0, :3, 2] = spikes[0, 0, 1] = 1.0  # most

@@ -296,22 +296,6 @@ def test_a_shift_in_time_shifts_all():
 
 
 @pytest.mark.parametrize("model", MODELS)
-def test_gradients_are_finite_differences_where_all_is_smooth(model):
-    """Potentials below the threshold are smooth in weights and inputs."""
-    kind, unit = MODELS[model]
-    net = layers(weight=np.random.default_rng(3).normal(0, 0.1 * unit, 42), model=kind, V_th=-10.0)
-    module = neuro_torch.Module(net, ["a_hidden"], outputs=["hidden"], dtype=torch.float64)
-    dense = torch.rand(2, 12, 7, dtype=torch.float64, requires_grad=True)
-
-    def value(weight, given):
-        return (
-            torch.func.functional_call(module, {"weights.a_hidden": weight}, ({"a": given},)).V_m["hidden"].sin().sum()
-        )
-
-    assert torch.autograd.gradcheck(value, (module.weights["a_hidden"], dense), atol=1e-7, rtol=1e-5)
-
-
-@pytest.mark.parametrize("model", MODELS)
 def test_a_smooth_spike_has_the_surrogate_as_its_derivative(model):
     """With spikes that are the integral of the surrogate, operations differ as the numbers do."""
     from neuro_torch.scan import operations
