@@ -144,16 +144,6 @@ def test_threads_that_gain_are_kept_until_they_lose(slice_s: float, pieces: int,
     assert ways.ratio(10.0, pieces) < 0.68
 
 
-def test_what_was_once_in_the_way_is_forgotten(monkeypatch: pytest.MonkeyPatch):
-    ways = Timed(monkeypatch, 1e-3)
-    ways.gain = 1e-3
-    ways.ratio(0.1)
-    ways.gain = 1.6
-    assert ways.ratio(2.0) == pytest.approx(1.0)
-    ways.ratio(0.5)
-    assert ways.ratio(2.0) < 0.68
-
-
 def test_busy_cores_are_no_place_for_trials(monkeypatch: pytest.MonkeyPatch):
     ways = Timed(monkeypatch, 1e-3)
     ways.held = 0.5
@@ -189,12 +179,6 @@ def test_threads_share_each_population_evenly():
     assert parted([4096, 2048], 2).tolist() == [[32, 32], [16, 16]]
     assert parted([8000, 2000], 2).tolist() == [[64, 61], [16, 16]]
     assert parted([6144], 3).tolist() == [[32, 32, 32]]
-
-
-def test_what_cannot_be_shared_is_made_up_for():
-    blocks = parted([500] * 6, 2)
-    assert sorted(blocks.tolist()) == [[0, 8]] * 3 + [[8, 0]] * 3
-    assert parted([1536, 1536], 2).sum(axis=0).tolist() == [24, 24]
 
 
 def circuit(sizes: list[int], between: list[tuple[int, int, int]]) -> Program:
@@ -236,13 +220,6 @@ def test_populations_stay_whole_only_where_the_work_is_even(sizes: list[int], th
         assert work.max() <= 1.02 * work.mean() + 1e-6
     elif threads == 2 and len(sizes) <= 2:
         assert max(sizes) > 0.51 * sum(sizes)
-
-
-def test_a_division_is_found_where_the_largest_first_is_uneven():
-    """Largest first, to whom has least, would give shares of 0.52 and 0.48."""
-    owners = thread_partition.whole_populations(circuit([349, 209, 126, 108, 103, 80, 24, 10], []), 2)
-    assert owners is not None
-    assert np.bincount(owners[::2], [349, 209, 126, 108, 103, 80, 24, 10]).max() <= 1.02 * 504.5
 
 
 @pytest.mark.parametrize(("size", "delay", "found"), [(4000, 0.1, 1), (30_000, 0.1, 2), (4000, 1.5, 2)])

@@ -191,22 +191,6 @@ def pairs_rule(**more):
     return LearningRule(parse("2^-3*x1*y0 - 2^-3*x0*y1"), (), {"x1": trace, "y1": trace}, **more)
 
 
-def test_seed_and_name_key_the_draws():
-    rng = np.random.default_rng(3)
-    weights = np.zeros((20, 30), dtype=np.int64)
-    events = [(spikes(rng, 20, 0.1), spikes(rng, 30, 0.1)) for _ in range(40)]
-
-    def after(**more):
-        plastic = dense(pairs_rule(), 20, 30, weights, **more)
-        for step, (pre, post) in enumerate(events, 1):
-            plastic.step(step, pre, post)
-        return plastic.weights
-
-    np.testing.assert_array_equal(after(), after())
-    assert np.any(after() != after(seed=2))
-    assert np.any(after() != after(name="q"))
-
-
 def test_only_synapses_of_spikes_are_visited():
     plastic = dense(pairs_rule(), 20, 30, np.zeros((20, 30), dtype=np.int64))
     plastic.step(1, NONE, NONE)

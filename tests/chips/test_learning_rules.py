@@ -11,7 +11,7 @@ from neuro.chips.loihi.learning import COARSE_UPDATE, SMALLEST_UPDATE, fading, n
 from neuro.core.errors import ModelError
 from neuro.model.synapses import r_stdp, stdp, stdp_dopa
 from neuro.model.synapses.loihi_learning import loihi_learning, parse
-from neuro.model.synapses.loihi_rule import FACTORS, WIDTHS, Factor, LearningRule, Term, Trace, text
+from neuro.model.synapses.loihi_rule import FACTORS, WIDTHS, Factor, Term, Trace, text
 from neuro_chip.plastic import Plastic
 
 TRACES = {"x1_impulse": 20, "x1_tau": 10, "y1_impulse": 20, "y1_tau": 10}
@@ -123,21 +123,6 @@ def test_synapse_mistakes(words, message):
     assert message in str(caught.value)
 
 
-@pytest.mark.parametrize(
-    ("make", "message"),
-    [
-        (lambda: LearningRule((), epoch=0), "epoch = 0: expected 1 to 63 steps"),
-        (lambda: LearningRule((), rounding="up"), "rounding = 'up': expected stochastic or away"),
-        (lambda: Trace(128, 0, 1), "impulse 128: expected 0 to 127"),
-        (lambda: Trace(1, 2, 1), "decay 2/1: expected 0 to 1"),
-    ],
-)
-def test_rule_mistakes(make, message):
-    with pytest.raises(ModelError) as caught:
-        make()
-    assert message in str(caught.value)
-
-
 @given(st.floats(0.2, 200.0))
 def test_amplitudes_are_within_two_percent(change):
     assert nearest_fit(change, 11, "it").value == pytest.approx(change, rel=0.02)
@@ -169,12 +154,6 @@ def test_what_the_engine_cannot_do(synapse, scale, message):
     with pytest.raises(ModelError) as caught:
         rule_of(synapse, 1.0, 20.0, scale)
     assert message in str(caught.value)
-
-
-def test_a_rule_without_potentiation():
-    mapped = rule_of(stdp(lambda_=0.0), 1.0, 20.0, 1.0)
-    assert mapped.rule.dw == ()
-    assert rule_of(stdp(alpha=0.0), 1.0, 20.0, 1.0).rule.dw[0].gate == "y0"
 
 
 def test_what_is_approximated_is_said():

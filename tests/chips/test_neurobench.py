@@ -3,7 +3,6 @@
 import json
 import math
 from itertools import pairwise
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -172,21 +171,6 @@ def test_several_spikes_in_a_step_are_multiplied():
     assert report["connection_sparsity"] == round((1 + 4) / 12, 4)
     assert report["membrane_updates"] is None
     assert report["neuron_ops"]["effective"] is None
-
-
-class Far:
-    """A placement in which the hidden neurons' spikes travel, also between chips, which are moves like others."""
-
-    def hops(self, index):
-        size = SIZES[index]
-        moves = {"local": 7, "east_west": 3 * index, "north_south": 2 * index, "chip": index}
-        return SimpleNamespace(**{name: np.full(size, n) for name, n in moves.items()})
-
-
-def test_hops_are_the_moves_between_tiles(run):
-    sim = run[2]
-    report = neurobench(sim.program, sim._engine.counts(), samples=SAMPLES, placement=Far())
-    assert report["hops"] == 5 * report["spikes"]["hidden"] > 0
 
 
 @pytest.mark.parametrize("padding", [0, 2])

@@ -109,11 +109,6 @@ def test_mistakes_in_a_table(late, what):
     assert refusal(lambda: neuro.compile(late, backend="my.yaml")) == message
 
 
-def test_a_table_that_is_not_there(late):
-    told = "lang.yaml: no such file\n  hint: did you mean 'long.yaml'?"
-    assert refusal(lambda: neuro.compile(late, backend="lang.yaml")) == told
-
-
 def test_a_registered_chip_is_known_by_name(late, registered):
     registry.register(dataclasses.replace(chip("long.yaml"), name="board"))
     assert "board" in chips()

@@ -50,16 +50,6 @@ def test_memory_shared_by_a_chip():
     assert [core.neurons for core in smaller.cores] == [255, 45]
 
 
-def test_output_axons_of_a_core():
-    program = network(("a", 10), ("b", 40), connect=[("a", "b", neuro.all_to_all())])
-    several = {"populations_per_core": 1, "neurons_per_core": 10}
-    whole = place(program, limited(axons_out_per_core=40, **several))
-    assert sorted(core.axons_out for core in whole.cores) == [0, 0, 0, 0, 40]
-    cut = place(program, limited(axons_out_per_core=39, **several))
-    assert sorted(core.axons_out for core in cut.cores) == [0, 0, 0, 0, 4, 36]
-    assert cut.problems == ()
-
-
 def test_output_axons_when_a_split_makes_more_of_them():
     """A ring, each neuron to the next three: 45 would do on one core, but the last ones reach the next core, too."""
     pre = np.repeat(np.arange(60), 3)
@@ -262,8 +252,3 @@ def test_report():
     plain = json.loads(json.dumps(placed.as_dict()))
     assert plain["cores"][1]["parts"] == [{"population": "b", "first": 0, "last": 2}]
     assert plain["hops_per_spike"]["a_b"] == {"cores": 1, "local": 1, "east_west": 0, "north_south": 0, "chip": 0}
-
-
-def test_a_long_report_is_cut():
-    text = str(place(network(("a", 100)), LOIHI, neurons_per_core=1))
-    assert "... and 60 more cores" in text

@@ -119,21 +119,6 @@ def test_dense_by_hand(run, target, mac):
     assert energy.notes[-1] == "neuron updates, learning and static power are not in the sums"
 
 
-def test_dense_layers_of_every_layout():
-    net = neuro.Network("layouts", resolution=1.0)
-    net.population("dc", 1, neuro.dc_generator(amplitude=1.0))
-    net.population("image", (2, 5, 5), neuro.spike_generator())
-    net.population("maps", (3, 3, 3), neuro.iaf_psc_delta())
-    net.connect("image", "maps", neuro.grid((3, 3), 1, 0), weight=1.0, delay=1.0, name="grid")
-    net.connect("image", "maps", neuro.pairs([0, 0, 7], [1, 2, 3]), weight=1.0, delay=1.0, name="pairs")
-    net.connect("dc", "maps", neuro.all_to_all(), weight=1.0, delay=1.0, name="current")
-    sim = neuro.compile(net, "reference")
-    sim.run(4.0)
-    energy = price(sim.program, sim._engine.counts(), None, chip("cpu"))
-    # 27 neurons with kernels of 2 x 3 x 3 weights; 50 x 27 pairs; a current is no spike
-    assert {item.of: item.count for item in energy.items} == {"grid": 4 * 27 * 18, "pairs": 4 * 50 * 27}
-
-
 def test_weights_that_the_host_writes():
     net = neuro.Network("trials", resolution=1.0)
     net.population("input", 2, neuro.spike_generator())
@@ -169,17 +154,6 @@ def test_several_spikes_in_a_step_are_told():
     assert told not in price(sim.program, sim._engine.counts(), zero, chip("spinnaker")).notes
 
 
-def test_a_chip_that_is_slower_than_the_network():
-    net = neuro.Network("fine", resolution=0.1)
-    net.population("out", 2, neuro.iaf_psc_delta())
-    sim = neuro.compile(net, "reference")
-    sim.run(2.0)
-    energy = price(sim.program, sim._engine.counts(), None, chip("truenorth"))
-    assert energy.chip_time_s == pytest.approx(20e-3)
-    source = "Merolla et al., Science 345:668, 2014 (1 kHz tick, biological real time)"
-    assert f"chip time: a step of 0.1 ms takes 1 ms on the chip: {source}" in energy.notes
-
-
 def test_what_does_not_fit_has_no_price(run):
     where = Where("net.yaml", 4)
     problems = (
@@ -196,27 +170,6 @@ def test_what_does_not_fit_has_no_price(run):
         "population 'b': 3 neurons: a core holds 2"
     )
     assert price(*run, placed(problems=problems[1:2]), chip("loihi")) == price(*run, placed(), chip("loihi"))
-
-
-def delayed(delay):
-    """A run of a current-based neuron behind a long delay."""
-    net = neuro.Network("late", resolution=1.0)
-    net.population("input", 1, neuro.spike_generator(spike_times=((1.0,),)))
-    net.population("out", 1, neuro.iaf_psc_exp())
-    net.connect("input", "out", neuro.one_to_one(), weight=1.0, delay=float(delay))
-    sim = neuro.compile(net, "reference")
-    sim.run(5.0)
-    return sim
-
-
-def test_a_delay_beyond_the_register_of_a_target_that_is_not_placed_is_noted():
-    """Its other limits are not looked at, either."""
-    note = (
-        "truenorth cannot run this network: projection 'input_out': a delay of 16 ms: 16 steps in the delay register, "
-        "which holds at most 15 on truenorth: priced as if it could"
-    )
-    assert note in delayed(16).energy("truenorth").notes
-    assert not any("cannot run" in text for text in delayed(15).energy("truenorth").notes)
 
 
 def test_a_network_that_the_chip_cannot_run_is_noted(run):

@@ -137,38 +137,6 @@ def test_currents_are_told_but_for_what_arrives_in_the_step(chip, name, weight):
 
 # changes while running
 
-CHANGES = [
-    {"V_th": -61.0},
-    {"I_e": 250.0},
-    {"tau_m": 20.0},
-    {"C_m": 500.0},
-    {"t_ref": 5.0},
-    {"V_th": -62.0, "t_ref": 1.0, "tau_m": 15.0},
-]
-
-
-@pytest.mark.parametrize("chip", CHIPS)
-@pytest.mark.parametrize("values", CHANGES, ids=lambda values: ",".join(values))
-def test_parameters_change_while_it_runs(chip, values):
-    model = neuro.iaf_psc_exp(E_L=-70.0, V_reset=-70.0, I_e=100.0)
-    rows, spikes = [], []
-    for backend in (chip, "event"):
-        sim = build(model, backend, [900.0], [np.arange(1.0, 200.0, 5.0)])
-        sim.run(60.0)
-        sim.set("out", **values)
-        for name, value in values.items():
-            assert sim.get("out", name)[0] == value
-        sim.run(140.0)
-        rows.append(sim.trace("v")[1][:, 0])
-        spikes.append(sim.spikes("out")[0])
-    ours, theirs = spikes
-    assert theirs.size > 2
-    assert abs(ours.size - theirs.size) <= 1
-    if ours.size == theirs.size:
-        assert np.abs(ours - theirs).max() <= 2 * H
-    quiet = slice(0, int(min(ours[0], theirs[0]) / H) - 1)
-    assert np.abs(rows[0] - rows[1])[quiet].max() < 0.15
-
 
 @pytest.mark.parametrize("chip", CHIPS)
 def test_weights_change_while_it_runs(chip):

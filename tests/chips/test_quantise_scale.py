@@ -175,18 +175,6 @@ def test_neurons_that_differ_have_each_their_registers_and_their_weights(neurons
     np.testing.assert_array_equal(cells.registers["dv"], np.rint(-4096 * np.expm1(-1.0 / tau_m)))
 
 
-@given(st.integers(1, 4), st.lists(st.integers(-128, 127), min_size=16, max_size=16))
-@settings(deadline=None, max_examples=20)
-def test_kernels(maps, halves):
-    kernel = np.resize(np.array(halves) * 2.0, (maps, 1, 2, 2))
-    net = neuro.Network("grid", resolution=1.0)
-    net.population("in", (1, 5, 5), neuro.spike_generator())
-    net.population("out", (maps, 4, 4), neuro.iaf_psc_delta(E_L=0.0, V_reset=0.0, V_th=500.0))
-    net.connect("in", "out", neuro.grid((2, 2)), weight=kernel, delay=1.0, name="k")
-    wires = on("loihi", compile_network(net, 0)).projections[0]
-    np.testing.assert_allclose(wires.weights(wires.mantissas), kernel.ravel(), rtol=1e-15, atol=0)
-
-
 @given(st.floats(1e-3, 1e3), st.floats(0.0, 1.0))
 @settings(deadline=None, max_examples=20)
 def test_plastic_weights_reach_the_largest_mantissa_at_their_bound(bound, share):
@@ -241,13 +229,6 @@ def test_room_for_many_spikes_costs_no_precision():
     assert many.projections[0].rounding.rms == few.projections[0].rounding.rms
     assert many.projections[0].exponent == 0 < few.projections[0].exponent
     assert many.populations[0].registers["vth"][0] >= 1023
-
-
-def test_room_for_many_spikes_is_not_taken_from_weak_weights():
-    weak = np.array([0.0011, 0.002, 0.0007])
-    alone, beside = (on("loihi", network([weak, strong])) for strong in ([2.0], np.full(5000, 2.0)))
-    assert beside.projections[0].rounding.rms == alone.projections[0].rounding.rms
-    assert alone.projections[0].rounding.rms > 0.0
 
 
 def test_a_bias_has_room_for_the_rounding_of_its_two_parts():

@@ -78,17 +78,6 @@ def test_by_hand(sim, table):
     assert str(energy).endswith(f"  > {energy.total_j:g} J ({energy.low_j:g} to {energy.high_j:g} J)")
 
 
-def test_static_energy_takes_both_ranges(sim, table):
-    text = (
-        "step_s: {value: 1.0e-3, low: 0.5e-3, high: 3.0e-3, source: x}\n"
-        "costs: {static_per_chip: {value: 2, low: 1, high: 5, source: x}}"
-    )
-    energy = sim.energy(table(text))
-    expected = (STEPS * 0.5e-3 * 1, STEPS * 1e-3 * 2, STEPS * 3e-3 * 5)
-    assert (energy.low_j, energy.static_j, energy.high_j) == pytest.approx(expected)
-    assert energy.chip_time_range_s == pytest.approx((STEPS * 0.5e-3, STEPS * 3e-3))
-
-
 @given(low=st.floats(0, 1), high=st.floats(1, 1e6), n=st.integers(1, 100))
 def test_parts_keep_the_range(sim, low, high, n):
     found = chip("loihi")
@@ -115,11 +104,6 @@ def test_outside_of_what_a_figure_holds_for(sim, table):
     assert f"- extrapolated (*): synaptic_op: {why}" in str(energy)
     assert "synaptic_op *" in str(energy)
     assert energy.as_dict()["extrapolated"] == [{"why": why, "costs": ["synaptic_op"]}]
-
-
-def test_what_is_extrapolated_in_any_run(sim, table):
-    energy = sim.energy(table("costs: {synaptic_op: {value: 2, source: x, guess: of a smaller chip}}"))
-    assert energy.extrapolated == {"of a smaller chip": ("synaptic_op",)}
 
 
 def test_our_marks(sim):

@@ -7,7 +7,7 @@ import pytest
 import yaml
 
 from neuro.chips import chip, chips
-from neuro.chips.description import COSTS, LIMITS, Mesh
+from neuro.chips.description import COSTS, LIMITS
 from neuro.core.errors import ModelError
 
 ROOT = Path(__file__).parents[2]
@@ -50,33 +50,6 @@ def test_every_number_has_a_source_and_a_meaning(name):
     figures = [*c.limits.values(), *c.costs.values(), *([c.step_s] if c.step_s else [])]
     assert all(figure.source and math.isfinite(figure.value) for figure in figures)
     assert all(figure.conditions for figure in c.costs.values())
-
-
-def test_loihi_is_davies():
-    c = chip("loihi")
-    assert {name: figure.value for name, figure in c.costs.items()} == {
-        "synaptic_op": 23.6e-12,
-        "learning_update": 120e-12,
-        "neuron_update_active": 81e-12,
-        "neuron_update_inactive": 52e-12,
-        "spike_in_tile": 1.7e-12,
-        "hop_east_west": 3.0e-12,
-        "hop_north_south": 4.0e-12,
-        "static_per_chip": 0.104,
-        "barrier_1_tile_time": 113e-9,
-        "barrier_32_tiles_time": 465e-9,
-        "barrier_768_chips_time": 16.2e-6,
-        "synaptic_op_time": 3.5e-9,
-        "learning_update_time": 6.1e-9,
-        "neuron_update_active_time": 8.4e-9,
-        "neuron_update_inactive_time": 5.3e-9,
-        "spike_in_tile_time": 2.1e-9,
-        "hop_east_west_time": 4.1e-9,
-        "hop_north_south_time": 6.5e-9,
-    }
-    assert c.mesh == Mesh(8, 4, 4)
-    assert "Table 2" in c.costs["synaptic_op"].source
-    assert "0.75 V" in c.costs["synaptic_op"].conditions
 
 
 def test_limits():

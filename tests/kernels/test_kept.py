@@ -64,14 +64,6 @@ def test_kernels_run_where_nothing_can_be_kept(places, tmp_path, capsys):
     )
 
 
-def test_no_temporary_folder_is_no_error(monkeypatch):
-    def nowhere():
-        raise FileNotFoundError("No usable temporary directory found")
-
-    monkeypatch.setattr(kept.tempfile, "gettempdir", nowhere)
-    assert len(list(kept._places())) == 1
-
-
 def test_a_link_to_a_folder_is_not_trusted(places, tmp_path):
     """Who made the link says what lies there, and what is removed."""
     (tmp_path / "theirs").mkdir(mode=0o700)

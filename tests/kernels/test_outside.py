@@ -216,32 +216,6 @@ def test_models_that_other_processes_compiled_do_not_mix(compiled, tmp_path):
     assert run(2, 3) == [3.0, 5.0]
 
 
-def test_registered_twice_or_too_late(tmp_path):
-    script = tmp_path / "own.py"
-    code = """
-import neuro
-from dataclasses import dataclass
-@dataclass(frozen=True, kw_only=True, eq=False)
-class mine(neuro.stdp):
-    "A rule."
-neuro.register(mine)
-for late in (False, True):
-    if late:
-        net = neuro.Network("n"); net.population("c", 1, neuro.iaf_psc_exp()); neuro.compile(net, "reference")
-    try:
-        neuro.register(mine if not late else type("other", (mine,), {}))
-    except neuro.ModelError as error:
-        print(error)
-"""
-    script.write_text(code)
-    done = subprocess.run([sys.executable, script], capture_output=True, text=True, check=True)
-    assert done.stdout == (
-        "own.py:12: synapse 'mine' is registered twice\n  hint: give it another name\n"
-        "own.py:12: synapse 'other' is registered too late: a network was compiled\n"
-        "  hint: register it first; an instance of it works in Python without being registered\n"
-    )
-
-
 @dataclass(frozen=True, kw_only=True, eq=False)
 class wide(neuro.iaf_psc_delta):
     """A neuron with room for more numbers than ours have."""

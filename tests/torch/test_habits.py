@@ -198,25 +198,6 @@ def test_weights_that_do_not_fit(value, found, quantised):
     assert torch.equal(module.weights["up"], before)
 
 
-def test_parameters_that_do_not_fit():
-    module = module_of(trainable={"up": ["weight", "delay"], "hidden": ["tau_m", "V_th"]})
-    module.neurons["hidden"]["tau_m"] = torch.tensor([12.0])
-    module.delays["up"] = torch.tensor([2.0])
-    assert module.network().populations["hidden"].model.tau_m == 12.0
-    for place, name, told in (
-        (
-            module.neurons,
-            "hidden",
-            "population whose parameters learn 'hidden': expected a tensor for one of V_th, tau_m",
-        ),
-        (module.neurons["hidden"], "tau_m", "parameter of 'hidden' that learns 'tau_m': found (8,) of torch.float32: "),
-        (module.delays, "up", "projection whose delays learn 'up': found (8,) of torch.float32: expected a tensor of "),
-    ):
-        with pytest.raises(neuro.ModelError) as error:
-            place[name] = torch.ones(8)
-        assert str(error.value).startswith(told)
-
-
 @pytest.mark.parametrize("name", ["in.hidden", "keys", "pop", "training", "type", "parametrizations", "weight"])
 def test_any_name_of_a_network(name):
     module = neuro_torch.Module(network(name, "a.b"), {name: ["weight", "delay"], "a.b": "weight"}, slope=1.0)
@@ -276,15 +257,6 @@ def test_kinds_of_dense_input(given):
     assert module(EVENTS).counts["hidden"].sum() > 0
 
 
-def test_sparse_input_may_have_a_gradient():
-    found = []
-    for given in (DENSE.clone().requires_grad_(), DENSE.to_sparse().requires_grad_()):
-        module_of()({"pixels": given}).spikes["out"].sum().backward()
-        found.append(given.grad.to_dense() * DENSE)
-    assert found[0].abs().sum() > 0
-    torch.testing.assert_close(found[0], found[1])
-
-
 def holding(value):
     given = DENSE.clone()
     given[2, 3, 4] = value
@@ -309,13 +281,6 @@ def test_dense_input_that_does_not_fit(given, told):
     with pytest.raises(neuro.ModelError) as error:
         module_of()({"pixels": given})
     assert str(error.value) == f"batch: {told}"
-
-
-def test_dense_input_of_a_grid_that_does_not_fit():
-    net = network()
-    net.populations["pixels"] = replace(net.populations["pixels"], shape=(3, 2, 2))
-    with pytest.raises(neuro.ModelError, match=r"expected \(batch, steps, 12\) or \(batch, steps, 3, 2, 2\)$"):
-        neuro_torch.Module(net, ["up"])({"pixels": DENSE.view(6, 20, 2, 3, 2)})
 
 
 @pytest.mark.parametrize("by", BY)

@@ -1,7 +1,5 @@
 """Weights on a chip's grid while they learn, and fewer of them."""
 
-import copy
-
 import numpy as np
 import pytest
 
@@ -121,13 +119,6 @@ def test_eight_bits_are_what_the_chip_rounds_to_by_itself():
         np.testing.assert_allclose(weight.detach().numpy().ravel(), on_chip, rtol=1e-12)
 
 
-def test_its_spikes_are_those_of_event():
-    module = neuro_torch.quantised(module_of(), 4).eval()
-    found = module(batch()).spikes["out"].detach().numpy()
-    assert found.sum() > 10
-    np.testing.assert_array_equal(found, spikes_on(module.network(), batch(), "event"))
-
-
 def test_the_gradient_goes_straight_through():
     plain, rounded = module_of(network(np.full((40, 12), 0.25))), module_of(network(np.full((40, 12), 0.25)))
     neuro_torch.quantised(rounded, 8)
@@ -199,15 +190,6 @@ def test_a_bill_of_another_network_is_refused():
     assert "expected that of the bill, which has 516" in str(caught.value)
     assert caught.value.hint == "neuro_torch.Bill(module) of the module that made the outcome"
     assert float(neuro_torch.Bill(pruned)(outcome).detach()) > 0.0
-
-
-def test_a_bill_goes_on_for_a_copy_and_for_what_was_learnt():
-    module = module_of()
-    bill = neuro_torch.Bill(module)
-    copied, learnt = copy.deepcopy(module), module.on(module.network())
-    expected = float(bill(module(batch())).detach())
-    for each in (copied, learnt):
-        assert float(bill(each(batch())).detach()) == expected
 
 
 def test_a_state_dict_brings_back_the_grid():
