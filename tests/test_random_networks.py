@@ -12,7 +12,7 @@ from neuro.testing.strategies import networks
 
 STEPS = 100
 SETTINGS = settings(
-    max_examples=40,
+    max_examples=20,
     deadline=None,
     derandomize=True,
     suppress_health_check=[HealthCheck.too_slow, HealthCheck.data_too_large],

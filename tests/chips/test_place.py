@@ -4,7 +4,7 @@ import json
 
 import numpy as np
 import pytest
-from hypothesis import given, strategies as st
+from hypothesis import given, settings, strategies as st
 
 import neuro
 import neuro_models
@@ -200,6 +200,7 @@ def test_a_delay_is_told_as_where_the_arithmetic_is_emulated_and_once(base, mode
     assert list(too_late(delayed(model, limit + 2), base)) != []
 
 
+@settings(max_examples=30, deadline=None)
 @given(sizes=st.lists(st.integers(1, 40), min_size=1, max_size=4), limit=st.integers(1, 12), chips=st.integers(1, 4))
 def test_as_many_neurons_as_are_told_would_fit(sizes, limit, chips):
     """Of a network of one population no more; else one more may find room beside another population."""

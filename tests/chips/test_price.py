@@ -4,7 +4,7 @@ import math
 
 import numpy as np
 import pytest
-from hypothesis import given, strategies as st
+from hypothesis import given, settings, strategies as st
 
 import neuro
 from bills import AB_OPS, ACTIVE, IN_OPS, INACTIVE, LEARNT, STEPS, Moves, Placed, counted, ints, lines, placed
@@ -242,6 +242,7 @@ def test_mistakes(run):
     assert str(caught.value) == "target 'loihi' needs a placement\n  hint: neuro.chips.place(program, chip)"
 
 
+@settings(max_examples=25, deadline=None)
 @given(
     st.integers(0, 50),
     st.lists(st.integers(0, 9), min_size=8, max_size=8),

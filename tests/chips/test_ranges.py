@@ -5,7 +5,7 @@ from dataclasses import replace
 from pathlib import Path
 
 import pytest
-from hypothesis import given, strategies as st
+from hypothesis import given, settings, strategies as st
 
 import neuro
 from neuro.chips import chip, chips, place, price
@@ -78,6 +78,7 @@ def test_by_hand(sim, table):
     assert str(energy).endswith(f"  > {energy.total_j:g} J ({energy.low_j:g} to {energy.high_j:g} J)")
 
 
+@settings(max_examples=20, deadline=None)
 @given(low=st.floats(0, 1), high=st.floats(1, 1e6), n=st.integers(1, 100))
 def test_parts_keep_the_range(sim, low, high, n):
     found = chip("loihi")

@@ -36,7 +36,7 @@ def potential(module):
     return module({"a": SPIKE.to(module.weights["w"].dtype)}).V_m["out"]
 
 
-@pytest.mark.parametrize(("by", "training"), zip(BY, [True, False, True], strict=True))
+@pytest.mark.parametrize(("by", "training"), [*zip(BY, [True, False, True], strict=True)])
 @pytest.mark.parametrize(
     ("value", "told"),
     [
