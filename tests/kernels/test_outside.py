@@ -160,6 +160,7 @@ def told(code, folder, cache):
     return done.stdout.split()
 
 
+@pytest.mark.slow
 def test_an_edited_model_is_compiled_anew_and_nothing_else(compiled, tmp_path):
     def kept():
         return {path.name for path in compiled.rglob("*-*") if path.is_file()}
