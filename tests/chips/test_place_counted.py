@@ -55,7 +55,7 @@ def same(one, other):
             np.testing.assert_array_equal(getattr(a, name), getattr(b, name), err_msg=name)
 
 
-@settings(deadline=None, max_examples=25)
+@settings(deadline=None, max_examples=12)
 @given(
     sizes=st.tuples(st.integers(1, 40), st.integers(1, 60), st.integers(1, 60)),
     degree=st.integers(1, 30),

@@ -15,7 +15,7 @@ from neuro.testing.strategies import exact_networks
 
 STEPS = 150
 SETTINGS = settings(
-    max_examples=25,
+    max_examples=15,
     deadline=None,
     derandomize=True,
     suppress_health_check=[HealthCheck.too_slow, HealthCheck.data_too_large],

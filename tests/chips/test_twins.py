@@ -172,7 +172,7 @@ def on_loihi(registers, projections, spikes):
     return same("loihi", neuro.loihi_lif(**arrays(registers)), projections, spikes, rows, len(spikes)), rows
 
 
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=25, deadline=None)
 @given(st.lists(COMPARTMENT, min_size=CELLS, max_size=CELLS), several("loihi"), spikes_of(70))
 def test_random_networks_on_loihi(registers, projections, spikes):
     on_loihi(registers, projections, spikes)
@@ -285,7 +285,7 @@ def on_spinnaker(registers, shifts, projections, spikes):
     return same("spinnaker", model, projections, spikes, rows, len(spikes), first=1), rows
 
 
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=25, deadline=None)
 @given(
     st.lists(NEURON, min_size=CELLS, max_size=CELLS),
     st.tuples(edge(0, 15), edge(0, 15)),

@@ -22,10 +22,8 @@ torch = pytest.importorskip("torch", reason="PyTorch is not installed")
 
 STEPS = 60
 LAWS = [
-    laws.cutting_does_not_matter,
     laws.cutting_does_not_matter_when_steered,
     laws.a_reset_repeats,
-    laws.a_reset_keeps_weights,
     laws.a_state_saved_after_a_change_continues,
     laws.counts_follow_from_spikes,
 ]
