@@ -38,13 +38,6 @@ def test_event_equals_reference(net: Network, seed: int, cuts: list[int]):
     assert differences(steered(expected, []), steered(found, cuts), exact=False) == []
 
 
-@SETTINGS
-@given(net=networks(largest=100), seed=st.integers(0, 5))
-def test_threads_do_not_matter(net: Network, seed: int):
-    one, two = (neuro.compile(net, "event", seed=seed, threads=threads) for threads in (1, 2))
-    assert differences(steered(one, []), steered(two, [30]), exact=True) == []
-
-
 def test_a_generator_of_many_rates_has_no_table_of_probabilities():
     net = Network("rates")
     net.population("noise", 70, neuro.poisson_generator(rate=np.linspace(1e3, 5e3, 70)))
