@@ -209,7 +209,7 @@ def test_populations_stay_whole_where_synapses_lie_beyond_the_caches(monkeypatch
     assert (np.diff(thread_partition.thread_edges(program, where, 2), axis=1) > 0).all()
 
 
-@settings(max_examples=100, deadline=None)
+@settings(max_examples=25, deadline=None)
 @given(sizes=st.lists(st.integers(1, 900), min_size=1, max_size=9), threads=st.integers(2, 4))
 def test_populations_stay_whole_only_where_the_work_is_even(sizes: list[int], threads: int):
     owners = thread_partition.whole_populations(circuit(sizes, []), threads)
