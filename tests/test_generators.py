@@ -9,8 +9,8 @@ import pytest
 import neuro
 from neuro.core.errors import ModelError
 from neuro.program.drives import Emission
-from neuro.testing.exact_trials import chooser
 from neuro.testing.generators import steered
+from neuro.testing.trials import chooser
 
 NOISE = {"mean": 50.0, "std": 120.0, "dt": 0.5}
 

@@ -15,8 +15,6 @@ from neuro.run.simulation import Simulation
 from neuro.testing import (  # noqa: F401
     connections,
     exact,
-    exact_neurons,
-    exact_trials,
     features,
     generators,
     laws,

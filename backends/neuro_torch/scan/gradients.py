@@ -1,8 +1,12 @@
-"""Gradients that have none themselves: asked for one, they say so, where torch would be silent."""
+"""Gradients as scans and steps need them: of what has none itself, and of silence.
+
+`once` is for gradients that have none themselves: asked for one, they say so, where torch would be silent. `joined`
+keeps tensors in the graph of what learns, also where nothing has arrived: silence has a gradient, 0.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from functools import wraps
 from typing import Any
 
@@ -46,3 +50,26 @@ class _Last(torch.autograd.Function):
             "a gradient of a gradient: compiled kernels and steps have none",
             hint="neuro_torch.Module(..., by='torch') has, where the network is scanned",
         )
+
+
+def joined(tensor: Tensor, learns: Iterable[Tensor]) -> Tensor:
+    """A tensor as it is, that depends on what learns."""
+    apply: Any = _Joined.apply
+    found: Tensor = apply(tensor, *learns)
+    return found
+
+
+class _Joined(torch.autograd.Function):
+    @staticmethod
+    def forward(ctx: Any, tensor: Tensor, *learns: Tensor) -> Tensor:
+        # Not their values are needed, so a change of them is no mistake here.
+        ctx.like = [(each.shape, each.dtype, each.device) for each in learns]
+        return tensor.view_as(tensor)
+
+    @staticmethod
+    def backward(ctx: Any, *grads: Tensor) -> Any:
+        zeros = [
+            torch.zeros(shape, dtype=kind, device=device) if needed else None
+            for needed, (shape, kind, device) in zip(ctx.needs_input_grad[1:], ctx.like, strict=True)
+        ]
+        return (grads[0], *zeros)

@@ -1,24 +1,30 @@
-"""SpiNNaker's integers: s16.15 neurons, unsigned 0.32 decays and 16-bit ring-buffer slots.
+"""SpiNNaker 1 as a family of chips; any table with `arithmetic: spinnaker` computes so.
+
+Its integers are s16.15 neurons, unsigned 0.32 decays and 16-bit ring-buffer slots.
 
 | described | on the chip |
 | --- | --- |
 | mV, nA | s16.15: the number times 32768 |
-| `iaf_psc_exp`, weight w | a word of w/1000 x 2^(15 - shift), made larger or smaller by the constant factor between the chip's integration, which holds the current for a tick, and the exact one: V_m is then the same at every tick |
+| `iaf_psc_exp`, weight w | a word of w/1000 x 2^(15 - shift), times a constant factor |
 | `iaf_psc_delta`, weight w | a word of w 2^(15 - shift), added to v |
 | V_m >= V_th | v >= v_thresh |
 | t_ref of R steps | t_refract = R |
 | delay of D steps | `iaf_psc_exp`: D + 1, `iaf_psc_delta`: D, see `neuro.chips.arrival_rule` |
 
-`iaf_psc_delta` exists on no released SpiNNaker binary. It is emulated as its authors would write it: the same
-s16.15 products, slots added to v. Source: sPyNNaker's neuron core (Rhodes et al., Front. Neurosci. 12:816, 2018).
-"""  # noqa: E501
+The constant factor is that between the chip's integration, which holds the current for a tick, and the exact one: V_m
+is then the same at every tick. `iaf_psc_delta` exists on no released SpiNNaker binary. It is emulated as its authors
+would write it: the same s16.15 products, slots added to v. Source: sPyNNaker's neuron core (Rhodes et al., Front.
+Neurosci. 12:816, 2018).
+"""
 
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
+from typing import Any
 
 import numpy as np
 
+from neuro.chips.arithmetic import Arithmetic, Option, is_whole
 from neuro.chips.arrival_rule import register
 from neuro.chips.quantising import rounding
 from neuro.chips.quantising.fixed import FixedPopulation, FixedProjection, Rounding, WeightRounding, Words
@@ -29,13 +35,14 @@ from neuro.chips.quantising.inputs import (
     constants_of,
     converging,
     one_kernel,
+    refuse_rules,
     refused,
     too_long,
     too_short,
 )
-from neuro.model.neurons import iaf_psc_delta
+from neuro.model.neurons import iaf_psc_delta, iaf_psc_exp
 from neuro.program.backend import Problem
-from neuro.program.program import Floats, Ints, Population, Projection
+from neuro.program.program import Floats, Ints, Population, Program, Projection
 
 LIF, DELTA = "spinnaker_lif", "spinnaker_delta"
 """The steps that neurons take, see `FixedPopulation.kind`."""
@@ -60,24 +67,11 @@ def native_projection(inputs: Inputs, index: int) -> tuple[FixedProjection, list
     problems = [*other_receptor(inputs, index)]
     bad = np.flatnonzero((part.weight != np.rint(part.weight)) | (np.abs(part.weight) > SLOT))
     if bad.size:
-        message = f"projection '{part.name}': weight = {part.weight[bad[0]]:g}"
-        problems.append(
-            refused(
-                part.origin,
-                message,
-                f"a word is a whole number from -{SLOT} to {SLOT}",
-                "change exc_shift or inh_shift",
-            )
-        )
+        why = f"a word is a whole number from -{SLOT} to {SLOT}"
+        problems.append(refused(part, f"weight = {part.weight[bad[0]]:g}", why, "change exc_shift or inh_shift"))
     words: Words = np.clip(np.rint(part.weight), -SLOT, SLOT).astype(np.int32)
-    return _projection(
-        part,
-        words,
-        np.ones(1),
-        np.ones(1),
-        inputs.lag(index),
-        rounding.judged(words.astype(float), words, 1.0, -SLOT, SLOT),
-    ), problems
+    found = rounding.judged(words.astype(float), words, 1.0, -SLOT, SLOT)
+    return _projection(part, words, np.ones(1), np.ones(1), inputs.lag(index), found), problems
 
 
 def _projection(
@@ -137,7 +131,7 @@ def population(inputs: Inputs, options: Options) -> tuple[FixedPopulation, dict[
         problems += more
     if delta:
         why = "no released SpiNNaker binary has it: it is emulated in the same arithmetic, slots added to v"
-        problems.append(approximated(part.origin, f"population '{part.name}': iaf_psc_delta", why))
+        problems.append(approximated(part, "iaf_psc_delta", why))
     return fixed, found, problems
 
 
@@ -250,8 +244,8 @@ def _weights(
         word, shift = ("inh_shift", shifts[1]) if beyond.weight < 0.0 else ("exc_shift", shifts[0])
         problems.append(
             refused(
-                part.origin,
-                f"projection '{part.name}': weight = {beyond.weight:g}",
+                part,
+                f"weight = {beyond.weight:g}",
                 f"a word of 16 bits holds at most {SLOT * beyond.step:.6g} at {word} {shift}",
                 "use a larger shift, or leave it to be chosen" if shift < LARGEST_SHIFT else "scale the weights down",
             )
@@ -271,27 +265,24 @@ LARGEST_SHIFT = 15
 def lacking(inputs: Inputs) -> Iterator[Problem]:
     """All that the chip's programs lack of a population."""
     part, p, h = inputs.part, inputs.part.parameters, inputs.program.resolution
-    told, delta = f"population '{part.name}'", isinstance(inputs.part.model, iaf_psc_delta)
+    delta = isinstance(inputs.part.model, iaf_psc_delta)
     for name in ("tau_m", "tau_syn_ex", "tau_syn_in"):
         if name in p:
             yield from too_short(part, name, h)
     if np.isinf(p["tau_m"]).any() and not delta:
-        what, why = f"{told}: tau_m = inf", "the membrane resistance tau_m / C_m would be infinite"
-        yield refused(part.origin, what, why, "use a finite tau_m, or iaf_psc_delta")
+        why = "the membrane resistance tau_m / C_m would be infinite"
+        yield refused(part, "tau_m = inf", why, "use a finite tau_m, or iaf_psc_delta")
     yield from too_long(part, "tau_m", h, -h / np.log1p(-1.0 / ONE), "a decay of 15 bits", delta)
     ticks = float(p["t_ref"].max()) / h
     if ticks > LARGEST:
-        what, why = (
-            f"{told}: t_ref = {p['t_ref'].max():g} ms",
-            f"{ticks:g} ticks, and t_refract holds at most {LARGEST}",
-        )
-        yield refused(part.origin, what, why, f"use at most {LARGEST * h:g} ms")
+        why = f"{ticks:g} ticks, and t_refract holds at most {LARGEST}"
+        yield refused(part, f"t_ref = {p['t_ref'].max():g} ms", why, f"use at most {LARGEST * h:g} ms")
     if "V_min" in p and np.isfinite(p["V_min"]).any():
-        what = f"{told}: V_min = {p['V_min'].max():g} mV"
-        yield refused(part.origin, what, "the chip's programs have no lowest potential", "leave V_min out")
+        what = f"V_min = {p['V_min'].max():g} mV"
+        yield refused(part, what, "the chip's programs have no lowest potential", "leave V_min out")
     if p.get("refractory_input", np.zeros(1)).any():
         why = "the chip's programs lose input while a neuron is refractory"
-        yield refused(part.origin, f"{told}: refractory_input", why, "leave it out")
+        yield refused(part, "refractory_input", why, "leave it out")
 
 
 def other_receptor(inputs: Inputs, index: int) -> Iterator[Problem]:
@@ -299,8 +290,8 @@ def other_receptor(inputs: Inputs, index: int) -> Iterator[Problem]:
     part = inputs.program.projections[index]
     if part.receptor is not None and not part.as_by_sign(part.weight):
         yield refused(
-            part.origin,
-            f"projection '{part.name}': receptor '{part.receptor.name}' by name",
+            part,
+            f"receptor '{part.receptor.name}' by name",
             "slots have no sign: what is excitatory is added, what is inhibitory subtracted",
             "use weights of at least 0 onto 'ex' and of at most 0 onto 'in', or run it on event",
         )
@@ -329,8 +320,69 @@ def overflows(inputs: Inputs, initial: Mapping[str, Floats], drive: Floats) -> I
         if np.abs(values).max(initial=0.0) > LARGEST:
             units = float(np.abs(values).max()) / ONE
             why = f"it takes {units:.6g} in s16.15, which holds numbers below 65536"
-            yield refused(part.origin, f"population '{part.name}': {what}", why, "scale the model down")
+            yield refused(part, what, why, "scale the model down")
 
 
 def _largest(values: Floats) -> float:
     return float(values.flat[int(np.argmax(np.abs(values)))])
+
+
+_TICK_MS = 1.0
+
+
+def _two_shifts(value: Any) -> bool:
+    shifts = range(LARGEST_SHIFT + 1)
+    return isinstance(value, (tuple, list)) and len(value) == 2 and all(is_whole(shift, shifts) for shift in value)
+
+
+_OPTIONS = (
+    Option(
+        "shifts",
+        "populations",
+        _two_shifts,
+        f"the shifts of excitatory and inhibitory slots, two whole numbers up to {LARGEST_SHIFT}",
+    ),
+)
+
+
+def _kept_shifts(cells: FixedPopulation) -> tuple[int, int] | None:
+    r = cells.registers
+    return (int(r["exc_shift"][0]), int(r["inh_shift"][0])) if "exc_shift" in r else None
+
+
+def _kept_options(cells: FixedPopulation, wires: tuple[FixedProjection, ...]) -> Options:
+    shifts = _kept_shifts(cells)
+    return Options({} if shifts is None else {"shifts": {cells.name: shifts}})
+
+
+def _told_scale(cells: FixedPopulation, wires: FixedProjection) -> str:
+    shifts = _kept_shifts(cells)
+    return "-" if shifts is None else "shifts {}, {}".format(*shifts)
+
+
+def _notes(program: Program) -> Iterator[str]:
+    if program.resolution != _TICK_MS:
+        yield f"a step of {program.resolution:g} ms takes a tick of {_TICK_MS:g} ms on the machine"
+
+
+SPINNAKER = Arithmetic(
+    name="spinnaker",
+    title="SpiNNaker",
+    models=(iaf_psc_exp, iaf_psc_delta),
+    options=_OPTIONS,
+    state_limit=LARGEST,
+    register_of_one=REGISTER_OF_ONE,
+    one_bit=False,
+    in_rows=True,
+    multicast=True,
+    population=population,
+    native=native,
+    native_projection=native_projection,
+    relay_projection=relay_projection,
+    give_rules=refuse_rules,
+    kept_options=_kept_options,
+    filled=None,
+    told_scale=_told_scale,
+    lossless=lambda wires: "",
+    notes=_notes,
+)
