@@ -12,9 +12,19 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from neuro.compiler.places import WordPlaces, Words, at, has, names, subject
 from neuro.compiler.resolve import compile_network
-from neuro.compiler.stand_ins import as_node, chosen_from, some_neurons, stand_in
+from neuro.compiler.stand_ins import (
+    WordPlaces,
+    Words,
+    as_node,
+    at,
+    chosen_from,
+    has,
+    names,
+    some_neurons,
+    stand_in,
+    subject,
+)
 from neuro.core.errors import ModelError, Where
 from neuro.core.memory import uncollected
 from neuro.core.paths import file_path

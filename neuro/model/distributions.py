@@ -10,9 +10,9 @@ from typing import ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
+from neuro.core.checks import check_returned
 from neuro.core.choice import Choice
 from neuro.core.errors import ModelError
-from neuro.core.given import check_returned
 from neuro.core.quantities import quantity
 from neuro.core.registry import Registry
 

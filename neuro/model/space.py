@@ -9,9 +9,9 @@ from typing import Any, ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
+from neuro.core.checks import check_returned
 from neuro.core.choice import Choice
 from neuro.core.errors import ModelError
-from neuro.core.given import check_returned
 from neuro.core.quantities import Quantity, quantity
 from neuro.core.registry import Registry
 from neuro.core.values import shown

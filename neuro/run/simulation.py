@@ -28,11 +28,10 @@ from neuro.program.program import Floats, Ints
 from neuro.run.finite import Watch
 from neuro.run.handles import Handles, Neurons
 from neuro.run.inputs import InputFeeder, StreamFeeder
-from neuro.run.learned_network import learnt_network
 from neuro.run.ports import Port, Ports
 from neuro.run.progress import advance
 from neuro.run.records import Records
-from neuro.run.saved import Saved
+from neuro.run.saved import Saved, learnt_network
 from neuro.run.trials import TrialCounts, TrialLoop, TrialResults
 from neuro.run.turn import Turn, alone
 from neuro.run.values import NeuronValues, SynapseValues

@@ -19,9 +19,8 @@ from neuro.model.equations.dimensions import refuse
 from neuro.model.equations.divisions import Divisions, Words
 from neuro.model.equations.exact import matrix_lines, quiet_lines, room, slope_of, system
 from neuro.model.equations.functions import PUBLIC
-from neuro.model.equations.generated import module
 from neuro.model.equations.twin import Twin, twin
-from neuro.model.equations.writing import Constants, function
+from neuro.model.equations.writing import Constants, function, module
 from neuro.model.neurons.base import Neuron, State
 
 _CLASSES: dict[str, type[EquationNeuron]] = {}

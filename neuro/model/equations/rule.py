@@ -19,9 +19,8 @@ from neuro.model.equations.definition import at
 from neuro.model.equations.dimensions import refuse, text_of
 from neuro.model.equations.divisions import Divisions, Words
 from neuro.model.equations.functions import PUBLIC
-from neuro.model.equations.generated import module
 from neuro.model.equations.pairs import DECAY_OF_SIGNAL, SIGNAL, SPIKES, WEIGHT, Pairs, read
-from neuro.model.equations.writing import Constants, function, local, written
+from neuro.model.equations.writing import Constants, function, local, module, written
 from neuro.model.neurons.base import State
 from neuro.model.synapses.base import Synapse
 from neuro.model.synapses.modulated import Modulated

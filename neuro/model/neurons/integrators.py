@@ -146,6 +146,19 @@ def is_still(rkf45, rk4, take, rates, system, s, c, i_0, i, h, substeps):
     return new == y
 
 
+def are_at_rest(rkf45, rk4, take, rates, system, s, c, i_0, lo, hi, h, substeps, refractory, size, v_top):
+    """Whether neurons stay as they are in a step without input; `refractory` and `size` are rows of hidden states.
+
+    None may be refractory, amid a step of the grid, or have its first variable, V_m, at `v_top` or above.
+    """
+    for i in range(lo, hi):
+        if s[refractory, i] != 0.0 or s[size, i] != 0.0 or s[0, i] >= v_top:
+            return False
+        if not is_still(rkf45, rk4, take, rates, system, s, c, i_0, i, h, substeps):
+            return False
+    return True
+
+
 def advance(attempt, rates, y, p, t, h, size, tolerance):
     """One accepted step on the way from 0 to h; return the new `y`, the time and the size of the next step.
 

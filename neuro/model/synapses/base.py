@@ -97,6 +97,7 @@ class Synapse(Choice):
         peaks: whether a rule for trials asks for the largest V_m of each neuron up to the decision.
         states: the states of a synapse beside its weight.
         width: how many constants `constants` fills; tables of decays may be among them.
+        ordered: pairs of parameters of which the first is less than the second.
         arithmetic: the module with the functions above: that of the class.
     """
 
@@ -114,6 +115,7 @@ class Synapse(Choice):
     peaks: ClassVar[bool] = False
     states: ClassVar[tuple[State, ...]] = ()
     width: ClassVar[int] = 20
+    ordered: ClassVar[tuple[tuple[str, str], ...]] = ()
     arithmetic: ClassVar[OfModule] = OfModule(("on_post", "on_pre", "advance", "teach", "settle", "encourage"))
 
     def __post_init__(self) -> None:
@@ -126,6 +128,8 @@ class Synapse(Choice):
             ):
                 error.hint = error.hint or "a trace belongs to a neuron, so all its synapses have one time constant"
             raise
+        for low, high in self.ordered:
+            check_below(self, low, high)
 
     @classmethod
     def identity(cls) -> str:

@@ -6,7 +6,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import ClassVar
 
-from neuro.model.synapses.weight_dependence import WeightDependent, depressed, potentiated
+from neuro.model.synapses.bounds import WeightDependent, depressed, potentiated
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

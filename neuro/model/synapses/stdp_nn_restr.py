@@ -9,7 +9,7 @@ from typing import ClassVar
 from neuro.core.quantities import quantity
 from neuro.model.neurons.base import State
 from neuro.model.synapses.base import Trace
-from neuro.model.synapses.weight_dependence import WeightDependent, depressed, potentiated
+from neuro.model.synapses.bounds import WeightDependent, depressed, potentiated
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
