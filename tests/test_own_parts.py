@@ -13,6 +13,7 @@ import pytest
 import neuro
 from neuro.extend import Distribution, Neuron, Rule, State, Synapse, Trace, quantity
 from neuro.testing.case import differences, observe
+from refusals import refusal, refusals
 
 
 def network(**words):
@@ -141,42 +142,9 @@ class absent(Distribution):
     """Does not say how it is drawn."""
 
 
-@pytest.mark.parametrize(
-    ("words", "message", "hint"),
-    [
-        (
-            {"model": bare},
-            "model 'bare' is no dataclass",
-            "write @dataclass(frozen=True, kw_only=True, eq=False) above its class",
-        ),
-        ({"model": plain}, "model 'plain': 'a' is no quantity", 'write a: float = quantity(4.0, "unit", "meaning")'),
-        ({"synapse": wordy}, "wordy.top, its default = 'big': expected a number", ""),
-        (
-            {"synapse": forgetful},
-            "projection 'w': synapse model 'forgetful' has rules for spikes and learns = '': expected learns = 'pairs'",
-            "",
-        ),
-        (
-            {"synapse": lone},
-            "projection 'w': synapse model 'lone': pre = Trace(tau='tau_plus', nearest=False, adds=1.0, starts=''): "
-            "expected a tuple, as pre = (Trace(...),)",
-            "",
-        ),
-        ({"rule": short}, "projection 'w': rule 'short': 'connect' takes 3 arguments with self: expected 5", ""),
-        (
-            {"weight": longer},
-            "projection 'w': longer() drew values of shape [7] and type float64: expected 6 numbers",
-            "",
-        ),
-        ({"weight": nothing}, "projection 'w': nothing() drew nan: expected finite numbers", ""),
-        ({"weight": absent}, "projection 'w': distribution 'absent' has no method 'sample', which draws values", ""),
-    ],
-    ids=lambda each: next(iter(each.values())).__name__ if isinstance(each, dict) else "",
-)
-def test_what_is_not_as_it_should_be_is_told(words, message, hint):
-    with pytest.raises(neuro.ModelError) as told:
-        neuro.compile(network(**{word: kind() for word, kind in words.items()}))
-    assert (told.value.message, told.value.hint) == (message, hint)
+@refusals("own parts")
+def test_what_is_not_as_it_should_be_is_told(call: str, message: str):
+    assert refusal(call, globals()) == message
 
 
 def test_a_state_of_other_states_is_refused(tmp_path):
