@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 
 import neuro
-from neuro.testing import check_part
 from neuro.testing.closed_forms import NOISY, escapes
 
 DRIVEN = {"tau_m": 20.0, "C_m": 200.0, "E_L": 0.0, "V_th": 15.0, "eta_0": 15.0, "I_e": 250.0, "t_ref": 0.0}
@@ -147,31 +146,3 @@ def test_one_without_noise_sleeps_and_one_with_noise_does_not():
         c = np.zeros(model.width)
         model.arithmetic.constants(list(model.parameters().values()), 0.1, c)
         assert model.arithmetic.quiet(s, c, i_0, 0, 1) is sleeps
-
-
-@pytest.mark.parametrize(
-    "model",
-    [
-        neuro.srm0(I_e=200.0),
-        neuro.srm0(eta_sum=True, eta_0=neuro.uniform(low=2.0, high=20.0), tau_syn_ex=4.0, t_ref=0.0),
-        neuro.srm0(lambda_0=80.0, E_L=-60.0, I_e=neuro.uniform(low=0.0, high=60.0)),
-    ],
-)
-def test_event_does_what_the_reference_does(model):
-    check_part(model)
-
-
-@pytest.mark.parametrize(
-    ("backend", "why"),
-    [
-        ("loihi", "loihi has no such neuron: it has iaf_psc_exp, iaf_psc_delta and parrot_neuron"),
-        ("spinnaker", "spinnaker has no such neuron: it has iaf_psc_exp, iaf_psc_delta and parrot_neuron"),
-        ("nest", "NEST has no such model"),
-    ],
-)
-def test_others_refuse_it(backend, why):
-    net = neuro.Network("alone", resolution=1.0)
-    net.population("cell", 1, neuro.srm0())
-    with pytest.raises(neuro.ModelError) as caught:
-        neuro.compile(net, backend)
-    assert f"srm0: {why}" in str(caught.value)
