@@ -15,8 +15,7 @@ from neuro.core.errors import ModelError
 from neuro.model.network import Network
 from neuro.model.neurons import event_camera
 from neuro.model.parts import AUTO, Population
-from neuro.program.program import Ints
-from neuro.program.streams import Stretch
+from neuro.program.program import Ints, Stretch
 
 MOST = 1 << 17
 """Events that become spikes at once."""

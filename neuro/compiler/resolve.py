@@ -17,8 +17,7 @@ from neuro.compiler.connect import Apart, Connections, connect
 from neuro.compiler.drawn import MANY
 from neuro.compiler.encoded import with_generators
 from neuro.compiler.generators import check_trains, schedule_of
-from neuro.compiler.memory import check_memory, many_synapses
-from neuro.compiler.pack import SynapseRoom, packed, rooms
+from neuro.compiler.memory import SynapseRoom, check_memory, many_synapses, packed, rooms
 from neuro.compiler.probes import check_probes, resolve_probes, resolve_synapse_probes
 from neuro.compiler.receptors import check_conductance, receptor_of, receptor_of_current
 from neuro.compiler.shapes import Shape, grid_of, resolve_shapes, size
@@ -49,8 +48,7 @@ from neuro.model.rules import RULES, grid
 from neuro.model.space import PROFILES
 from neuro.model.synapses import SYNAPSES, DelayRule, Modulated, Synapse
 from neuro.program import program as resolved
-from neuro.program.program import Floats, Ints
-from neuro.program.streams import Stream
+from neuro.program.program import Floats, Ints, Stream
 
 
 @uncollected()

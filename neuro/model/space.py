@@ -15,6 +15,7 @@ from neuro.core.errors import ModelError
 from neuro.core.quantities import Quantity, quantity
 from neuro.core.registry import Registry
 from neuro.core.values import shown
+from neuro.model.arithmetic import has_method
 
 Floats = NDArray[np.float64]
 SLACK = 1e-9
@@ -111,27 +112,12 @@ class box(Profile):
         return np.where(distance <= self.radius * (1.0 + SLACK), self.a, self.c)
 
 
-def complete(profile: type[Profile]) -> type[Profile]:
-    """Return a third-party profile if it says its values.
-
-    Raises:
-        TypeError: it has no `at`, or one with other arguments.
-    """
-    message = f"profile '{profile.__name__}'"
-    if profile.at is Profile.at:
-        raise TypeError(f"{message} has no method 'at', which says its values")
-    taken = profile.at.__code__.co_argcount
-    if taken != 2:
-        raise TypeError(f"{message}: 'at' takes {taken} arguments: expected 2, (self, distance)")
-    return profile
-
-
 PROFILES: Registry[type[Profile]] = Registry(
     "profile",
     (linear, exponential, gaussian, box),
     takes=lambda part: isinstance(part, type) and issubclass(part, Profile),
     group="neuro.profiles",
-    complete=complete,
+    complete=has_method(Profile, "at", "says its values"),
 )
 """All functions of distance by name."""
 

@@ -17,7 +17,7 @@ from neuro.model.network import Network
 from neuro.model.parts import Population, Projection
 from neuro.model.rules import all_to_all, grid, pairs
 from neuro.model.synapses import Synapse
-from neuro.model.synapses.delays import steps_of
+from neuro.model.synapses.base import steps_of
 from neuro.model.views import View
 from neuro.program.backend import Engine
 from neuro.program.program import (

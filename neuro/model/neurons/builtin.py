@@ -9,10 +9,10 @@ from neuro.model.neurons.current_generators import (
     noise_generator as noise_generator,
     step_current_generator as step_current_generator,
 )
-from neuro.model.neurons.encode import encode as encode
 from neuro.model.neurons.event_camera import event_camera as event_camera
 from neuro.model.neurons.gamma_sup_generator import gamma_sup_generator as gamma_sup_generator
 from neuro.model.neurons.generators import (
+    encode as encode,
     inhomogeneous_poisson_generator as inhomogeneous_poisson_generator,
     poisson_generator as poisson_generator,
     spike_generator as spike_generator,

@@ -11,13 +11,13 @@ from neuro.model.synapses.base import (
     K_PLUS as K_PLUS,
     MORE_TEACHING,
     TEACHING,
+    DelayRule as DelayRule,
+    Modulated as Modulated,
     Synapse as Synapse,
     Trace as Trace,
 )
 from neuro.model.synapses.builtin import *  # noqa: F403
-from neuro.model.synapses.delays import DelayRule as DelayRule
 from neuro.model.synapses.lessons import Growth as Growth, Lesson as Lesson, TrialEnd as TrialEnd
-from neuro.model.synapses.modulated import Modulated as Modulated
 
 
 def complete(model: type[Synapse]) -> type[Synapse]:

@@ -34,6 +34,11 @@ class WeightDependent(Synapse):
 TAU_PLUS, LAMBDA, ALPHA, MU_PLUS, MU_MINUS, W_MAX = range(6)
 
 
+def constants(p, h, c):
+    """The constants are the parameters."""
+    c[:6] = p[:6]
+
+
 def power(share, mu):
     """A share of Wmax to a power above 0; the common one costs nothing."""
     return share if mu == 1.0 else share**mu

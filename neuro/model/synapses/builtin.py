@@ -1,5 +1,6 @@
 """The built-in models of synapses: one line registers a model and makes it a name of `neuro`."""
 
+from neuro.model.synapses.base import static as static
 from neuro.model.synapses.first_spike_stdp import first_spike_stdp as first_spike_stdp
 from neuro.model.synapses.hedonistic import hedonistic as hedonistic
 from neuro.model.synapses.loihi_learning import loihi_learning as loihi_learning, loihi_static as loihi_static
@@ -8,7 +9,6 @@ from neuro.model.synapses.mstdpet import mstdpet as mstdpet
 from neuro.model.synapses.normalised_stdp import normalised_stdp as normalised_stdp
 from neuro.model.synapses.r_stddp import r_stddp as r_stddp
 from neuro.model.synapses.r_stdp import r_stdp as r_stdp
-from neuro.model.synapses.static import static as static
 from neuro.model.synapses.stddp import stddp as stddp
 from neuro.model.synapses.stdp import stdp as stdp
 from neuro.model.synapses.stdp_dopa import stdp_dopa as stdp_dopa
