@@ -51,9 +51,8 @@ def test_a_pair_has_all_its_synapses(backend):
     assert sim.get("some", "weight").tolist() == [4.0, 5.0, 2.0, 3.0, 1.0]
 
 
-@pytest.mark.parametrize("backend", FLOATS)
-def test_numbers_of_a_rule_of_pairs(backend):
-    sim = neuro.compile(network(), backend)
+def test_numbers_of_a_rule_of_pairs():
+    sim = neuro.compile(network(), "reference")
     sim.set("learns", {"lambda": 0.5}, of=[(1, 1)])
     assert sim.get("learns", "lambda").tolist() == [0.01, 0.5]
 

@@ -22,10 +22,10 @@ BACKENDS = ("reference", "event")
 
 
 @pytest.mark.parametrize(
-    "rule", [neuro.stddp(), neuro.stddp(by_step=True, tau=8.0), neuro.stddp(A=1.0, tau=3.0, d_min=1.3, d_max=5.0)]
+    "rule", [neuro.stddp(by_step=True, tau=8.0), neuro.stddp(A=1.0, tau=3.0, d_min=1.3, d_max=5.0)]
 )
 def test_a_rule_is_the_same_on_both_backends(rule):
-    check_part(rule, ms=20.0)
+    check_part(rule, ms=10.0)
 
 
 def pair(target: Neuron, pre: list[float], post: list[float], **rule: float) -> neuro.Network:
@@ -134,7 +134,7 @@ def test_mistakes_are_told(call: str, message: str):
     "rule", [neuro.r_stddp(), neuro.r_stddp(Ar_plus=-0.3, Ap_minus=0.7, d_max=7.0)], ids=["by default", "to the bounds"]
 )
 def test_a_rule_for_trials_is_the_same_on_both_backends(rule):
-    check_part(rule, ms=20.0)
+    check_part(rule, ms=10.0)
 
 
 def one_of_three(reward: float) -> neuro.Network:

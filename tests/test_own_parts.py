@@ -188,17 +188,14 @@ def quiet(s, c, i_0, lo, hi):
 """
 
 
-def test_what_numba_cannot_compile_is_told_in_one_error(tmp_path):
-    (tmp_path / "odd.py").write_text(UNCOMPILABLE)
+def test_what_numba_cannot_compile_is_told_in_one_error(tmp_path, registries, monkeypatch, answer):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "my_odd.py").write_text(UNCOMPILABLE)
     (tmp_path / "net.yaml").write_text("neuro: 1\nname: one\npopulations:\n  cells: {model: odd, shape: 2}\n")
-    command = "import sys; from neuro.cli import main; sys.exit(main())"
-    done = subprocess.run(
-        [sys.executable, "-c", command, "run", "net.yaml", "--with", "odd.py", "--for", "1"],
-        cwd=tmp_path, capture_output=True, text=True, check=False,
-    )  # fmt: skip
-    assert done.returncode == 2
-    assert done.stderr.splitlines()[-2:] == [
-        f"error: {tmp_path / 'odd.py'}: model 'odd' cannot be compiled: step: "
+    done = answer("run", "net.yaml", "--with", "my_odd.py", "--for", "1")
+    assert done.status == 2
+    assert done.err.splitlines()[-2:] == [
+        f"error: {tmp_path / 'my_odd.py'}: model 'odd' cannot be compiled: step: "
         "NameError: name 'nobody_knows' is not defined",
         "  hint: its functions have arithmetic on floats and math, and call plain functions of their module's names",
     ]

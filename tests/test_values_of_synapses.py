@@ -37,7 +37,7 @@ def told(call, *args, **words) -> str:
 
 def learnt(net: neuro.Network, backend: str) -> np.ndarray:
     sim = neuro.compile(net, backend, seed=4)
-    sim.run(150.0)
+    sim.run(80.0)
     return np.concatenate((sim.weights("w")[2], sim.get("cells", "V_m")))
 
 
@@ -47,7 +47,7 @@ RULES = (
 )
 
 
-@settings(max_examples=20, deadline=None)
+@settings(max_examples=12, deadline=None)
 @given(st.sampled_from(RULES), st.sampled_from(["reference", "event"]), st.data())
 def test_values_that_are_all_equal_are_the_number(rule, backend, data):
     takes = [word for word, q in rule.quantities().items() if q.arrays and word != "Wmax"]

@@ -120,7 +120,7 @@ def test_a_state_may_last_no_time():
 
 
 def test_it_runs_as_any_part_does():
-    check_part(neuro.equations("own", **MSTDPET)())
+    check_part(neuro.equations("own", **MSTDPET)(), ms=15.0)
 
 
 def test_a_state_decays_without_a_signal():
