@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 import neuro
-from neuro import ModelError, Network
-from refusals import refusal, refusals
+from neuro import Network
+from refusals import refusal, refusals, refused
 
 FLOATS = ("reference", "event")
 
@@ -19,12 +19,6 @@ def network():
     net.connect("source", "cells", listed, weight=[4.0, 5.0, 6.0, 8.0, 7.0], delay=2.0, name="some")
     net.connect("source", "cells", neuro.pairs(pre=[0, 1], post=[0, 1]), neuro.stdp(Wmax=9.0), name="learns")
     return net
-
-
-def told(call, *args, **words):
-    with pytest.raises(ModelError) as error:
-        call(*args, **words)
-    return str(error.value)
 
 
 @pytest.mark.parametrize("backend", FLOATS)
@@ -83,7 +77,7 @@ def test_a_weight_may_have_its_unit():
     assert sim.get("all", "weight", pre=0).tolist() == [2.5] * 6
     sim.set("currents", weight="0.02 nA")
     assert sim.get("currents", "weight").tolist() == [20.0] * 12
-    assert told(sim.set, "currents", weight="2 mV") == "weights of 'currents' = 2 mV: expected a current in pA"
+    assert refused(sim.set, "currents", weight="2 mV") == "weights of 'currents' = 2 mV: expected a current in pA"
 
 
 @refusals("chosen synapses")

@@ -9,9 +9,8 @@ import pytest
 from hypothesis import given, settings, strategies as st
 
 import neuro
-from neuro import ModelError
 from neuro.extend import Synapse, Trace, quantity
-from refusals import refusal, refusals
+from refusals import refusal, refusals, refused
 
 PRE, POST = [2, 0, 1, 0, 2], [1, 3, 0, 0, 2]
 N = len(PRE)
@@ -26,13 +25,6 @@ def network(rule: Synapse, weight: object = 40.0, connect: object = None) -> neu
     net.connect("drive", "source", neuro.one_to_one())
     net.connect("source", "cells", connect or neuro.pairs(pre=PRE, post=POST), rule, weight=weight, name="w")
     return net
-
-
-def told(call, *args, **words) -> str:
-    with pytest.raises(ModelError) as error:
-        call(*args, **words)
-    own = error.value.message + (f"\n  hint: {error.value.hint}" if error.value.hint else "")
-    return "\n".join([own, *map(str, error.value.others)])
 
 
 def learnt(net: neuro.Network, backend: str) -> np.ndarray:
@@ -134,7 +126,7 @@ def test_values_are_set_read_saved_and_kept_by_a_network(backend, tmp_path: Path
 def test_a_state_is_not_that_of_other_values(tmp_path: Path):
     first, other = (neuro.compile(network(neuro.stdp(lambda_=np.full(N, k))), seed=1) for k in (0.1, 0.2))
     first.save(tmp_path / "state.h5")
-    assert "a state of another network 'n'" in told(other.restore, tmp_path / "state.h5")
+    assert "a state of another network 'n'" in refused(other.restore, tmp_path / "state.h5")
 
 
 def test_values_in_yaml(tmp_path: Path):
@@ -143,7 +135,7 @@ def test_values_in_yaml(tmp_path: Path):
     assert neuro.load(tmp_path / "net.yaml") == net
     text = (tmp_path / "net.yaml").read_text().replace("0.5", "-0.5")
     (tmp_path / "net.yaml").write_text(text)
-    assert "stdp.lambda[4] = -0.5: expected a number >= 0" in told(neuro.load, tmp_path / "net.yaml")
+    assert "stdp.lambda[4] = -0.5: expected a number >= 0" in refused(neuro.load, tmp_path / "net.yaml")
 
 
 @refusals("values of synapses")
@@ -159,13 +151,13 @@ def test_chips_have_one_rule_for_a_projection():
     net.population("b", 2, neuro.iaf_psc_exp())
     rule = neuro.stdp(lambda_=[0.1, 0.2], Wmax=[90.0, 80.0])
     net.connect("a", "b", neuro.one_to_one(), rule, weight=40.0, name="w")
-    message = told(neuro.compile, net, "loihi")
+    message = refused(neuro.compile, net, "loihi")
     assert (
         "projection 'w': stdp: lambda, Wmax of each synapse: a rule of the chip is one for the whole projection"
         in message
     )
     assert "hint: give all synapses one number, split the projection, or run on event" in message
-    assert "pairwise learning is not emulated" in told(neuro.compile, net, "spinnaker")
+    assert "pairwise learning is not emulated" in refused(neuro.compile, net, "spinnaker")
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

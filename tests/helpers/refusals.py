@@ -1,6 +1,6 @@
 """Calls that are refused and what they say: the tables of `tests/refusals.yaml`."""
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -18,7 +18,12 @@ def refusals(table: str) -> pytest.MarkDecorator:
 
 
 def refusal(call: str, scope: Mapping[str, Any]) -> str:
-    """The message of the error of a call, by names of a scope, without the place in a test."""
-    with pytest.raises(ModelError) as error:
-        eval(call, dict(scope))
-    return str(error.value).removeprefix(f"{error.value.where}: ")
+    """The message of the error of a call, by names of a scope."""
+    return refused(eval, call, dict(scope))
+
+
+def refused(call: Callable[..., Any], *args: Any, **words: Any) -> str:
+    """The message of the error of a call, without the place in a test."""
+    with pytest.raises((ModelError, TypeError)) as error:
+        call(*args, **words)
+    return str(error.value).removeprefix(f"{getattr(error.value, 'where', '')}: ")
