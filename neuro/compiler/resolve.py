@@ -376,14 +376,12 @@ def check_stdp_weights(part: Projection, rule: Synapse, weight: Floats) -> None:
     bad = rule.outside(weight)
     if bad is not None:
         raised = f", or raise {rule.name}.Wmax" if "Wmax" in rule.parameters() else ""
-        raise ModelError(
+        message = (
             f"projection '{part.name}': weight[{bad}] = {weight[bad if weight.size > 1 else 0]:g}: "
-            f"expected {rule.expected_weight(bad)}",
-            where=part.origin,
-            hint="give the distribution 'low' and 'high'" + raised,
-            path=("weight",),
-            about=("Wmax", "low", "high"),
+            f"expected {rule.expected_weight(bad)}"
         )
+        hint = "give the distribution 'low' and 'high'" + raised
+        raise ModelError(message, where=part.origin, hint=hint, path=("weight",), about=("Wmax", "low", "high"))
 
 
 def _check_delays(part: Projection, delay: Steps, clock: Clock) -> None:
@@ -398,10 +396,9 @@ def _check_delays(part: Projection, delay: Steps, clock: Clock) -> None:
         late = clock.array_ms(delay.astype(np.int64))
         bad = np.flatnonzero((late < rule.d_min) | (late > rule.d_max))
         if bad.size:
-            raise ModelError(
+            message = (
                 f"delay[{bad[0]}] = {late[bad[0]]:g} ms: expected {rule.d_min:g} to {rule.d_max:g} ms, "
-                f"the bounds of {rule.name}",
-                hint=f"set {rule.name}.d_min and d_max",
-                path=("delay",),
-                about=("d_min", "d_max"),
+                f"the bounds of {rule.name}"
             )
+            hint = f"set {rule.name}.d_min and d_max"
+            raise ModelError(message, hint=hint, path=("delay",), about=("d_min", "d_max"))

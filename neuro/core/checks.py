@@ -404,10 +404,8 @@ def _train(q: Quantity, row: Any, what: str, index: list[int]) -> NDArray[np.flo
     if bad.size:
         k = int(bad[0])
         place = ", ".join(map(str, [*index, k]))
-        raise ModelError(
-            f"{what}[{place}] = {shown(float(times[k]))}: expected spike times > 0 ms in ascending order",
-            path=tuple(map(str, [*index, k])),
-        )
+        message = f"{what}[{place}] = {shown(float(times[k]))}: expected spike times > 0 ms in ascending order"
+        raise ModelError(message, path=tuple(map(str, [*index, k])))
     return times
 
 

@@ -155,10 +155,8 @@ class pairs(Rule):
     def __post_init__(self) -> None:
         super().__post_init__()
         if len(self.pre) != len(self.post):
-            raise ModelError(
-                f"pairs: {len(self.pre)} sources and {len(self.post)} targets: expected as many of each",
-                path=("post",),
-            )
+            message = f"pairs: {len(self.pre)} sources and {len(self.post)} targets: expected as many of each"
+            raise ModelError(message, path=("post",))
 
     def synapses(self, source: int, target: int, same: bool) -> int | None:
         """How many there are."""

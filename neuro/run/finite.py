@@ -76,12 +76,11 @@ class Watch:
                 check_weights(into.name, into.synapse.name, self.engine.get_synapses(projection, "weight"))
         part = self.program.populations[index]
         neuron = int(np.argmin(np.isfinite(values)))
-        return ModelError(
+        message = (
             f"population '{part.name}': {name} of neuron {neuron} is {values[neuron]:g} "
-            f"at {self.clock.ms(self.engine.step):g} ms: a numerical instability of {part.model.name}",
-            hint=_STATES,
-            kind="instability",
+            f"at {self.clock.ms(self.engine.step):g} ms: a numerical instability of {part.model.name}"
         )
+        return ModelError(message, hint=_STATES, kind="instability")
 
 
 def _finite_at_first(part: Population) -> list[str]:
@@ -98,10 +97,9 @@ def check_weights(projection: str, rule: str, weights: Floats) -> Floats:
     good = np.isfinite(weights)
     if not good.all():
         synapse = int(np.argmin(good))
-        raise ModelError(
+        message = (
             f"projection '{projection}': weight of synapse {synapse} is {weights[synapse]:g}: "
-            f"a numerical instability of {rule}",
-            hint=_WEIGHTS,
-            kind="instability",
+            f"a numerical instability of {rule}"
         )
+        raise ModelError(message, hint=_WEIGHTS, kind="instability")
     return weights

@@ -93,10 +93,9 @@ class Simulation:
         return f"Simulation({self.program.name!r}, backend={self.backend!r}, time={self.time:g} ms)"
 
     def __reduce_ex__(self, protocol: SupportsIndex) -> NoReturn:
-        raise ModelError(
-            "a simulation cannot be copied or pickled, as its kernels know where its memory lies",
-            hint="sim.save(path), and restore(path) of another that was compiled from the network",
-        )
+        message = "a simulation cannot be copied or pickled, as its kernels know where its memory lies"
+        hint = "sim.save(path), and restore(path) of another that was compiled from the network"
+        raise ModelError(message, hint=hint)
 
     def __str__(self) -> str:
         return as_text(repr(self), self._tables())

@@ -255,16 +255,11 @@ class Modulated(Synapse):
     def __post_init__(self) -> None:
         super().__post_init__()
         if self.signal is not None and self.dopamine is not None:
-            raise ModelError(
-                f"{self.name} has both 'signal' and 'dopamine': expected one source of dopamine",
-                path=("dopamine",),
-            )
+            message = f"{self.name} has both 'signal' and 'dopamine': expected one source of dopamine"
+            raise ModelError(message, path=("dopamine",))
         if self.dopamine is not None and "tau_n" not in self.numbers():
-            raise ModelError(
-                f"{self.name}.dopamine = '{self.dopamine}': {self.name} has no tau_n, so n would never fall",
-                hint="name a signal instead",
-                path=("dopamine",),
-            )
+            message = f"{self.name}.dopamine = '{self.dopamine}': {self.name} has no tau_n, so n would never fall"
+            raise ModelError(message, hint="name a signal instead", path=("dopamine",))
 
 
 DELAY = 1

@@ -112,11 +112,8 @@ class loihi_learning(Synapse):
         for term in terms:
             for factor in term.factors:
                 if factor.name in ("r1", "r2"):
-                    raise ModelError(
-                        f"{word} reads {factor.name}, which nothing sets here",
-                        hint="stdp_dopa has a signal or dopamine",
-                        path=(word,),
-                    )
+                    message = f"{word} reads {factor.name}, which nothing sets here"
+                    raise ModelError(message, hint="stdp_dopa has a signal or dopamine", path=(word,))
         return terms
 
     def rule(self) -> LearningRule:
