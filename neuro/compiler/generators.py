@@ -107,7 +107,7 @@ def check_trains(program: Program) -> None:
     """No two targets share a train that must be individual.
 
     Raises:
-        ModelError: two do; the projection is told with which it is more than one.
+        ModelError: two do; it names the projection by which there is more than one.
     """
     used = {
         k: np.zeros(part.size, dtype=np.int64)

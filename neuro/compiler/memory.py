@@ -94,7 +94,7 @@ def _bytes(part: Projection) -> int:
 
 
 def _delay_bytes(part: Projection) -> int:
-    """A byte for a drawn delay of what does not learn, unless it is longer than 255 steps, which is not looked at."""
+    """A byte for a drawn delay of what does not learn, unless it is longer than 255 steps, which is not known yet."""
     drawn = isinstance(plain(part.delay), (Distribution, of_distance))
     return 1 if drawn and not part.synapse.learns else 4
 

@@ -1,6 +1,6 @@
 """All mistakes of a file: its first, then the first of what is left without it, until nothing is wrong.
 
-So each is told as if it were alone. What is mistaken is left out, or something stands in for it where the rest
+So each is reported as if it were alone. What is mistaken is left out, or something stands in for it where the rest
 cannot do without. All is done twice, each time with other stand-ins: a mistake that depends on what should stand there
 is not told twice alike, and is not told. Of what is left out some is known to decide more than itself (`follows`).
 """

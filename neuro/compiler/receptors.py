@@ -67,7 +67,7 @@ def check_conductance(receptor: Receptor | None, weight: Floats) -> None:
     """Weights onto a conductance that is named are not negative.
 
     Raises:
-        ModelError: one is; the first such is told.
+        ModelError: one is; it names the first.
     """
     if receptor is None or not receptor.conductance:
         return

@@ -50,7 +50,7 @@ def space_of(part: Population, shape: tuple[int, ...]) -> Space:
     """Where the neurons of a population lie.
 
     Raises:
-        ModelError: nothing tells it, or what is told does not fit.
+        ModelError: nothing gives their places, or what does not fit.
     """
     message = f"population '{part.name}'"
     extent: Floats | None = None if part.extent is None else plain(part.extent)

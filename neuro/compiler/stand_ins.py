@@ -1,6 +1,6 @@
 """Where the words of a description stand, and what stands in for mistaken ones while the rest is judged.
 
-Each has two: what follows from a mistake is told in other words with the one than with the other, or not at all.
+Each has two: a message that only follows from a mistake differs between the two, or is missing with one.
 """
 
 from __future__ import annotations

@@ -518,7 +518,7 @@ def check_returned(values: Any, shape: tuple[int, ...], told: str) -> NDArray[An
         told: what gave them, with a verb, e.g. "normal() drew".
 
     Raises:
-        ModelError: they have another shape, or are no numbers.
+        ModelError: they have another shape, or are not numbers.
     """
     array = np.asarray(values)
     if array.shape != shape or array.dtype.kind not in "fiu":

@@ -160,7 +160,7 @@ def _has_unit(value: Any) -> bool:
 
 
 _CHECKED: dict[int, type[Choice]] = {}
-"""Classes whose fields have been looked at, by `id`."""
+"""Classes whose fields have been checked, by `id`."""
 
 
 def _check_class(cls: type[Choice]) -> None:

@@ -331,7 +331,7 @@ def side_by_side(
             reports and results it can be pickled.
         jobs: what to do.
         processes: at a time; as many as there are cores if not given.
-        report: is told all reports, in this process.
+        report: is called with every report, in this process.
 
     Returns:
         The results, in the order of the jobs.

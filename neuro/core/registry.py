@@ -173,7 +173,7 @@ class Registry(Mapping[str, T], Generic[T]):
 
 
 class _Values(ValuesView[T]):
-    """The parts, none looked at before it is asked for."""
+    """The parts, each loaded when it is asked for."""
 
     _mapping: Registry[T]
 

@@ -38,7 +38,7 @@ class Distribution(Choice):
         raise NotImplementedError
 
     def drawn(self, rng: np.random.Generator, n: int) -> NDArray[np.float64]:
-        """N values of `sample`, looked at.
+        """N checked values of `sample`.
 
         Raises:
             ModelError: they are not so many finite numbers.

@@ -41,7 +41,7 @@ class Profile(Choice):
         raise NotImplementedError
 
     def values(self, distance: Floats) -> Floats:
-        """The values of `at`, looked at.
+        """The checked values of `at`.
 
         Raises:
             ModelError: they are not so many finite numbers.

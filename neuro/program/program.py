@@ -411,7 +411,7 @@ class Stream(Protocol):
 
         Raises:
             ModelError: what they are made of is damaged; all spikes before have been given, and a caller that asks
-                again for those after the last stretch is told the same.
+                again for those after the last stretch gets the same error.
         """
 
     def given(self, events: Any) -> tuple[Ints, Ints]:

@@ -72,7 +72,7 @@ class Divisions:
         """What is wrong with some values of parameters.
 
         Args:
-            values: by name, in the unit of each; what is not given is not looked at.
+            values: by name, in the unit of each; what is not given is not checked.
         """
         if not self.risky & set(values) and len(values) < len(self.parameters):
             return

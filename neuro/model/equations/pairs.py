@@ -1,4 +1,4 @@
-"""A rule of spike pairs as its author says it, read from plain words into trees; what does not fit is told."""
+"""A rule of spike pairs as its author says it, read from plain words into trees; what does not fit is refused."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The `$names` of a description, put in place before anything else is looked at."""
+"""The `$names` of a description, resolved before anything else is checked."""
 
 from __future__ import annotations
 
