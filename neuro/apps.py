@@ -29,7 +29,6 @@ if TYPE_CHECKING:
     from neuro.core.extension import extensions as extensions, run_extensions as run_extensions
     from neuro.core.extras import install as install
     from neuro.core.inputs import record_input as record_input
-    from neuro.core.jobs import side_by_side as side_by_side
     from neuro.core.outputs import (
         Kind as Kind,
         Unwritable as Unwritable,
@@ -41,7 +40,7 @@ if TYPE_CHECKING:
         write_picture as write_picture,
         write_text as write_text,
     )
-    from neuro.core.processes import cores as cores
+    from neuro.core.processes import cores as cores, side_by_side as side_by_side
     from neuro.core.progress import Bar as Bar
     from neuro.core.provenance import provenance as provenance
     from neuro.core.quantities import Quantity as Quantity

@@ -12,7 +12,7 @@ from neuro.run.simulation import Simulation
 from neuro.testing import observe
 from neuro.testing.case import differences
 from neuro.testing.trials import sheets, told
-from refusals import refusal
+from raised import refusal
 
 BACKENDS = ("reference", "event", "loihi", "spinnaker")
 INF = float("inf")

@@ -18,8 +18,8 @@ from neuro.core.errors import ModelError, unknown
 from neuro.model.equations import EquationNeuron
 from neuro.program.backend import OverflowWarning, Problem
 from neuro.program.currents import Currents
+from neuro.program.drives import Rates
 from neuro.program.program import Floats, Ints
-from neuro.program.rates import Rates
 from neuro_chip import tables as t
 from neuro_chip.build import arrays_of, write_registers, write_states
 from neuro_chip.delays import Delays

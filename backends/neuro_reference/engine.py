@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from neuro.core.clock import NEVER
-from neuro.model.synapses.delays import DELAY
+from neuro.model.synapses.base import DELAY
 from neuro.program.backend import EngineCounts, Outcome, Sent, Spikes, Trial
 from neuro.program.program import Floats, Ints, Program
 from neuro_reference.decisions import TrialCourse

@@ -13,8 +13,7 @@ from neuro.core.errors import ModelError, unknown
 from neuro.files.run_networks import Over, resolved
 from neuro.model.network import Network
 from neuro.model.parts import Part, Population
-from neuro.model.views import Laid, View, view
-from neuro.model.written_views import named
+from neuro.model.views import Laid, View, named, view
 from neuro.program.program import Floats, Ints
 from neuro.program.synapse_pairs import Ends, places_of_pairs, refuse_some_of_a_grid
 

@@ -16,8 +16,7 @@ from neuro.core.errors import ModelError, unknown
 from neuro.core.measures import in_ms
 from neuro.core.values import shown
 from neuro.model.parts import Part
-from neuro.model.views import Shaped, View
-from neuro.model.written_views import named
+from neuro.model.views import Shaped, View, named
 from neuro.program.program import Floats, Ints, Program
 
 Window = tuple[float, float]

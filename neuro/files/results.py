@@ -55,8 +55,7 @@ from neuro.files.parts import Opener, Stored, Trace, Train, Weights, kept, span
 from neuro.files.run_networks import Sought
 from neuro.model.network import Network
 from neuro.model.parts import Part
-from neuro.model.views import Shaped, View
-from neuro.model.written_views import named
+from neuro.model.views import Shaped, View, named
 from neuro.program.counts import Counts, PopulationCounts, ProjectionCounts
 from neuro.program.program import Floats, Ints
 

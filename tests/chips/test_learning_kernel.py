@@ -10,9 +10,8 @@ from hypothesis import given, settings, strategies as st
 
 from neuro.chips.loihi.arithmetic import bounds, grain_of
 from neuro.core import keyed_random
-from neuro.model.synapses.loihi_learning import parse
+from neuro.model.synapses.loihi_learning import SIGN_MODES, parse
 from neuro.model.synapses.loihi_rule import FACTORS, MODULATORY, POST, PRE, WIDTHS, Factor, LearningRule, Term, Trace
-from neuro.model.synapses.loihi_static import SIGN_MODES
 from neuro_chip.plastic import Plastic
 
 NONE = np.zeros(0, dtype=np.int64)

@@ -14,8 +14,8 @@ from neuro.core.english import a
 from neuro.core.errors import ModelError
 from neuro.program.backend import EngineCounts, Outcome, Sent, Spikes, Trial, Wins
 from neuro.program.currents import Currents
+from neuro.program.drives import Rates
 from neuro.program.program import Floats, Ints, Program, Trials
-from neuro.program.rates import Rates
 from neuro_event.building import build, generators, layout, learned_delays, learning, projections, thread_partition
 from neuro_event.host import reading, snapshot
 from neuro_event.host.probes import PotentialPeaks, PreSpikeRecords, StateProbes
