@@ -2,6 +2,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings, strategies as st
 
+from event_tests import refusal
 from neuro import ModelError
 from neuro.events import DVS, DVSParameters, dvs_events, frames_of
 
@@ -236,7 +237,7 @@ def one_pixel(times, logs, on, off, leak, blind):
 @given(
     st.integers(0, 10_000), st.floats(0, 3000), st.floats(0, 20), st.lists(st.integers(1, 40), min_size=1, max_size=9)
 )
-@settings(max_examples=50, deadline=None)
+@settings(max_examples=50)
 def test_pixels_are_those_of_the_twin(seed, blind, leak, gaps):
     """On images of which parts stay the same; more than one block."""
     rng = np.random.default_rng(seed)
@@ -255,7 +256,7 @@ def test_pixels_are_those_of_the_twin(seed, blind, leak, gaps):
 
 
 @given(st.integers(0, 10_000), st.lists(st.integers(1, 50), min_size=1, max_size=4), st.floats(0, 3000))
-@settings(max_examples=30, deadline=None)
+@settings(max_examples=30)
 def test_more_images_of_a_line_change_nothing(seed, cuts, refractory):
     """Cutting an interval of constant slope moves times by rounding only."""
     rng = np.random.default_rng(seed)
@@ -418,31 +419,11 @@ BAD = np.array([[1.0, 1.0], [1.0, np.nan]])
             lambda c: DVS((2, 2)).see(np.full((2, 2), np.inf), 6),
             "image at 6 us: intensity at x 0, y 0 is inf, expected a finite number of at least 0",
         ),
-        (lambda c: DVS((0, 2)), "sensor_size = (0, 2): expected width and height of 1 to 65536 px"),
-        (lambda c: DVS((2, 2), seed=-1), "seed = -1: expected a whole number >= 0"),
-        (lambda c: DVSParameters(leak_rate_hz=-1.0), "leak_rate_hz = -1: expected a number >= 0 Hz"),
-        (lambda c: DVSParameters(cutoff_hz=np.nan), "cutoff_hz = .nan: expected a finite number >= 0 Hz"),
-        (lambda c: DVSParameters(pos_thres=0.0), "pos_thres = 0: expected a number >= 0.01"),
-        (lambda c: DVSParameters(shot_noise_bright=2.0), "shot_noise_bright = 2: expected a number >= 0 and <= 1"),
-        (lambda c: DVSParameters(linear_below=0.001), "linear_below is 0.001, expected 0 or more than 2/255"),
-        (
-            lambda c: DVSParameters(linear_below=0.0),
-            "linear_below is 0 and floor is 0.0, expected at least 1e-9 of one\n  hint: the log of black is not finite",
-        ),
-        (lambda c: dvs_events([0], np.ones((2, 2, 2))), "images have shape (2, 2, 2), expected (1, height, width)"),
-        (lambda c: frames_of(HALF.max, 3, 2), "stop_us is 2, expected at least start_us, 3"),
-        (
-            lambda c: frames_of(HALF.max, 0, 2, step_us=0),
-            "step_us = 0: expected a whole number of us from 1 to 2^63 - 1",
-        ),
-        (lambda c: frames_of(HALF.max, 0, 2, change=0.0), "change = 0: expected a number > 0"),
     ],
 )  # fmt: skip
 def test_messages(act, message):
     camera = camera_at_5()
-    with pytest.raises(ModelError) as error:
-        act(camera)
-    assert str(error.value) == message
+    assert refusal(act, camera) == message
     assert camera.see(HALF, 1005) == camera_at_5().see(HALF, 1005)
 
 

@@ -1,6 +1,5 @@
 """Frames, voxel grids, spike tensors and HATS: against their definitions, and what always holds."""
 
-import subprocess
 import sys
 from itertools import pairwise
 from types import SimpleNamespace
@@ -10,6 +9,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 
+from event_tests import random_events
 from neuro.core.extras import install
 from neuro.events import Events, load
 from neuro.events.representations import (
@@ -46,12 +46,6 @@ ALL = {
 
 def opposite(events):
     return Events(events.t, events.x, events.y, 1 - events.p, events.sensor_size)
-
-
-def random(n, size=(31, 22), length=200_000, seed=0):
-    rng = np.random.default_rng(seed)
-    t = np.sort(rng.integers(0, length, n))
-    return Events(t, rng.integers(0, size[0], n), rng.integers(0, size[1], n), rng.integers(0, 2, n), size)
 
 
 def spread_literal(events, bins, start, stop, value):
@@ -92,7 +86,7 @@ def test_a_frame_by_hand():
 
 
 def test_frames_of_segments():
-    events = random(500)
+    events = random_events(500, (31, 22))
     bounds = np.array([0, 10, 10, 300, 500])
     frames = event_frame(events, segments=bounds)
     assert frames.shape == (4, 2, 22, 31)
@@ -104,7 +98,7 @@ def test_frames_of_segments():
 
 
 @given(events=RECORDINGS)
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=60)
 def test_counts_are_kept(events):
     assert event_frame(events).sum() == len(events)
     assert event_frame(events, polarity="signed").sum() == 2 * int(events.p.sum()) - len(events)
@@ -115,7 +109,7 @@ def test_counts_are_kept(events):
 
 
 @given(events=RECORDINGS, cut=st.integers(0, 60))
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=60)
 def test_parts_add_up(events, cut):
     parts = (events[:cut], events[cut:])
     assert np.array_equal(sum(event_frame(part) for part in parts), event_frame(events))
@@ -129,13 +123,13 @@ def test_parts_add_up(events, cut):
 
 @pytest.mark.parametrize("name", ALL)
 @given(rows=st.lists(EVENT, max_size=40), shift=st.integers(-(2**60), 2**60))
-@settings(max_examples=30, deadline=None)
+@settings(max_examples=30)
 def test_the_origin_of_time_does_not_matter(name, rows, shift):
     assert np.array_equal(ALL[name](recording(rows, shift)), ALL[name](recording(rows)))
 
 
 @given(events=RECORDINGS)
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=40)
 def test_polarities_are_alike(events):
     other = opposite(events)
     assert np.array_equal(event_frame(other), event_frame(events)[::-1])
@@ -155,7 +149,7 @@ def test_no_events_make_zeros(name):
 
 @pytest.mark.parametrize("bins", [1, 2, 5])
 def test_voxels_are_as_the_definition(bins):
-    events = random(300)
+    events = random_events(300, (31, 22))
     start, stop = int(events.t[0]), int(events.t[-1])
     ones = spread_literal(events, bins, start, stop, lambda t, p: 1)
     assert voxel_grid(events, bins, polarity="separate", dtype=np.float64) == pytest.approx(ones, abs=1e-12)
@@ -177,7 +171,7 @@ def test_voxels_by_hand():
     ("measurement", "value"), [("time", lambda t, p: t), ("polarity", lambda t, p: 2 * int(p) - 1)]
 )
 def test_spike_tensor_is_as_the_definition(measurement, value):
-    events = random(300)
+    events = random_events(300, (31, 22))
     expected = spread_literal(events, 9, int(events.t[0]), int(events.t[-1]), value)
     assert event_spike_tensor(events, measurement=measurement) == pytest.approx(expected, abs=1e-5)
 
@@ -185,7 +179,7 @@ def test_spike_tensor_is_as_the_definition(measurement, value):
 @pytest.mark.parametrize("itself", [False, True])
 @pytest.mark.parametrize(("cell", "radius", "tau", "window"), [(10, 3, 1e9, 20_000), (4, 1, 300.0, 900), (8, 9, 1, 9)])
 def test_hats_is_as_the_definition(itself, cell, radius, tau, window):
-    events = random(2000, length=40_000)
+    events = random_events(2000, (31, 22), length=40_000)
     sums, counts = hats_literal(events, cell, radius, window, tau, itself)
     options = {"cell": cell, "radius": radius, "window_us": window, "tau_us": tau, "itself": itself}
     found = {n: hats(events, normalise=n, dtype=np.float64, **options) for n in ("none", "cell", "polarity")}
@@ -207,9 +201,9 @@ def test_hats_forgets_to_exactly_nothing():
     window=st.sampled_from([1, 90, 900, 60_000]),
     tau=st.sampled_from([20.0, 5_000.0]),
 )
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=60)
 def test_hats_grow_to_the_same_bits_however_the_recording_is_cut(cuts, window, tau):
-    events = random(600, length=20_000)
+    events = random_events(600, (31, 22), length=20_000)
     options = {"cell": 4, "radius": 2, "window_us": window, "tau_us": tau, "itself": True}
     grown = Hats(events.sensor_size, **options)
     for begin, end in pairwise([0, *sorted(cuts), 600]):
@@ -237,13 +231,6 @@ def test_a_real_recording(shared):
     assert voxel_grid(events, 5, polarity="ignored", dtype=np.float64).sum() == pytest.approx(67445, rel=1e-12)
 
 
-def test_import_is_light():
-    heavy = ("numba", "scipy", "h5py", "torch")
-    code = f"import sys, neuro.events.representations; print([m for m in {heavy} if m in sys.modules])"
-    out = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
-    assert out.stdout.strip() == "[]"
-
-
 def test_torch_is_named_where_it_is_missing(monkeypatch):
     monkeypatch.setitem(sys.modules, "torch", None)
     for function in ALL.values():
@@ -255,7 +242,7 @@ def test_torch_is_named_where_it_is_missing(monkeypatch):
 
 def test_torch_gets_each_representation(monkeypatch):
     monkeypatch.setitem(sys.modules, "torch", SimpleNamespace(from_numpy=lambda array: ("tensor", array)))
-    events = random(50)
+    events = random_events(50, (31, 22))
     calls = [
         event_frame(events, as_torch=True),
         binary_frame(events, as_torch=True),
@@ -266,78 +253,6 @@ def test_torch_gets_each_representation(monkeypatch):
         hats(events, as_torch=True),
     ]
     assert all(kind == "tensor" and isinstance(array, np.ndarray) for kind, array in calls)
-
-
-def test_real_torch():
-    torch = pytest.importorskip("torch", reason="torch is not installed")
-    events = random(50)
-    for function in (event_frame, binary_frame, lambda e, as_torch: voxel_grid(e, 3, as_torch=as_torch)):
-        tensor = function(events, as_torch=True)
-        assert isinstance(tensor, torch.Tensor)
-        assert np.array_equal(tensor.numpy(), function(events, as_torch=False))
-
-
-SEGMENTS_HINT = "\n  hint: bounds = msd_segments(events.t), or another function of neuro.events.segmentation"
-
-
-@pytest.mark.parametrize(
-    ("call", "message"),
-    [
-        (
-            lambda e: event_frame(e, polarity="both"),
-            "polarity = 'both': expected one of separate, signed, ignored\n  hint: known: ignored, separate, signed",
-        ),
-        (
-            lambda e: binary_frame(e, polarity="signed"),
-            "polarity = 'signed': expected one of separate, ignored\n  hint: did you mean 'ignored'?",
-        ),
-        (
-            lambda e: event_frame(e, segments=[0.0, 1.0]),
-            "segments is float64 of shape (2,), expected whole numbers (n + 1,) or (n, 2)" + SEGMENTS_HINT,
-        ),
-        (
-            lambda e: event_frame(e, segments=np.zeros((2, 3), int)),
-            "segments is int64 of shape (2, 3), expected whole numbers (n + 1,) or (n, 2)" + SEGMENTS_HINT,
-        ),
-        (
-            lambda e: event_frame(e, segments=[0, 2, 5]),
-            "segment 1 is events 2 to before 5, expected 0 <= first <= last <= 4",
-        ),
-        (
-            lambda e: event_frame(e, segments=[[0, 1], [3, 2]]),
-            "segment 1 is events 3 to before 2, expected 0 <= first <= last <= 4",
-        ),
-        (
-            lambda e: event_frame(e, segments=[-1, 2]),
-            "segment 0 is events -1 to before 2, expected 0 <= first <= last <= 4",
-        ),
-        (lambda e: voxel_grid(e, 0), "bins = 0: expected a whole number >= 1"),
-        (lambda e: voxel_grid(e, 2.5), "bins = 2.5: expected a whole number >= 1"),
-        (lambda e: voxel_grid(e, 2, start_us=7, stop_us=5), "stop_us is 5 us, expected at least 7, the start"),
-        (
-            lambda e: voxel_grid(e, 2, start_us=0.5),
-            "start_us = 0.5: expected a whole number of us from -2^63 to 2^63 - 1",
-        ),
-        (lambda e: voxel_grid(e, 2, dtype=int), "dtype is int64, expected float32 or float64"),
-        (
-            lambda e: event_spike_tensor(e, measurement="sum"),
-            "measurement = 'sum': expected one of time, polarity, count\n  hint: known: count, polarity, time",
-        ),
-        (lambda e: event_spike_tensor(e, -1), "bins = -1: expected a whole number >= 1"),
-        (lambda e: hats(e, cell=0), "cell = 0: expected a whole number >= 1"),
-        (lambda e: hats(e, radius=-1), "radius = -1: expected a whole number >= 0"),
-        (lambda e: hats(e, window_us=1.5), "window_us = 1.5: expected a whole number of us from 1 to 2^63 - 1"),
-        (lambda e: hats(e, tau_us=0), "tau_us = 0: expected a number > 0 us"),
-        (
-            lambda e: hats(e, normalise="L2"),
-            "normalise = 'L2': expected one of cell, polarity, none\n  hint: known: cell, none, polarity",
-        ),
-    ],
-)
-def test_messages(call, message):
-    with pytest.raises(ValueError) as error:  # noqa: PT011 (the text is compared below)
-        call(recording([(1, 0, 0, 1)] * 4))
-    assert str(error.value) == message
 
 
 def test_a_voxel_grid_over_all_of_int64():

@@ -12,6 +12,7 @@ import pytest
 from matplotlib.image import imread
 from PIL import Image
 
+from event_tests import refusal
 from neuro.core.errors import ModelError
 from neuro.events import Events, save, stream
 from neuro.events.info import info
@@ -84,9 +85,10 @@ def test_a_full_disk_is_told_with_the_name_of_the_file(moving, tmp_path, monkeyp
         raise OSError(errno.ENOSPC, "No space left on device")
 
     monkeypatch.setattr("pathlib.Path.write_text", full)
-    with pytest.raises(ModelError) as error:
-        view(moving, tmp_path / "v.html", title="bar")
-    assert str(error.value) == f"{tmp_path / 'v.html'}: cannot be written: No space left on device"
+    assert (
+        refusal(view, moving, tmp_path / "v.html", title="bar")
+        == f"{tmp_path / 'v.html'}: cannot be written: No space left on device"
+    )
     assert list(tmp_path.iterdir()) == []
 
 
@@ -182,9 +184,10 @@ def test_still_frames_are_left_out(tmp_path):
 
 def test_too_many_frames(moving, tmp_path, monkeypatch):
     monkeypatch.setattr("neuro.events.pictures.MOST_FRAMES", 50)
-    with pytest.raises(ModelError) as error:
-        gif(moving, tmp_path / "g.gif", window_us=1000)
-    assert str(error.value) == "more than 50 frames\n  hint: take longer windows, or split the recording"
+    assert (
+        refusal(gif, moving, tmp_path / "g.gif", window_us=1000)
+        == "more than 50 frames\n  hint: take longer windows, or split the recording"
+    )
     assert list(tmp_path.iterdir()) == []
 
 
@@ -196,9 +199,7 @@ def test_too_many_frames(moving, tmp_path, monkeypatch):
     ({"colours": ("blu", "red", "white")}, "unknown colour 'blu', expected a name such as white, or #rrggbb"),
 ])  # fmt: skip
 def test_wrong_arguments_of_a_gif(moving, tmp_path, words, what):
-    with pytest.raises(ModelError) as error:
-        gif(moving, tmp_path / "g.gif", **words)
-    assert str(error.value) == what
+    assert refusal(gif, moving, tmp_path / "g.gif", **words) == what
 
 
 @pytest.mark.parametrize("name", ["x.h5", "x.csv", "x.dat"])
