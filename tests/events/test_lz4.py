@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings, strategies as st
 
-from neuro.events.formats._lz4_kernel import HEADER, WIDE, frame
+from neuro.events.formats._aedat4_kernels import HEADER, WIDE, frame
 
 ROOM = 300_000
 GUARD = 64
