@@ -11,7 +11,7 @@ from event_tests import refusal
 from neuro import ModelError
 from neuro.compiler import cameras
 from neuro.core.clock import Clock
-from neuro.events import Events, load, save, stream
+from neuro.events import Events, load, save
 from seen import STEP, network, same_run
 
 FORMATS = [
@@ -207,15 +207,6 @@ def test_memory_does_not_grow_with_the_recording(tmp_path):
     assert sizes[1] < 1.05 * sizes[0]
 
 
-def test_a_stream_of_filters_is_played(tmp_path, walk):
-    """Any iterator of events will do, so filters need no words of their own."""
-    save(walk, tmp_path / "walk.dat")
-    keep = neuro.events.filters.Refractory((12, 9), period_us=5000)
-    sim = neuro.compile(network(neuro.event_camera(events=keep.stream(stream(tmp_path / "walk.dat"))), (2, 9, 12)))
-    sim.run(70.0)
-    assert sim.spikes("camera")[0].size == len(neuro.events.filters.Refractory((12, 9), period_us=5000).apply(walk))
-
-
 def test_people_are_told_the_model_that_they_know(walk):
     net = network(neuro.event_camera(events=walk))
     code = {"rate": {"max_rate": 50.0, "min_rate": 0.0, "r_max": 1.0, "r_min": 0.0}}
@@ -235,12 +226,10 @@ def test_people_are_told_the_model_that_they_know(walk):
         "inject: 'camera' is an event_camera: expected a spike_generator\n"
         "  hint: sim.feed('camera', events) gives it events"
     )
-    with pytest.raises(ModelError, match="spikes of 'coded', an encode, are not recorded"):
-        sim.spikes("coded")
+    assert "spikes of 'coded', an encode, are not recorded" in refusal(sim.spikes, "coded")
     wrong = network(neuro.event_camera(events=walk))
     wrong.connect("cells", "camera", neuro.all_to_all())
-    with pytest.raises(ModelError, match="its target 'camera' is an event_camera, which takes no input") as error:
-        neuro.compile(wrong)
+    assert "its target 'camera' is an event_camera, which takes no input" in refusal(neuro.compile, wrong)
 
 
 def test_a_camera_is_compared_and_recorded(walk, tmp_path):

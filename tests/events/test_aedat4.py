@@ -16,7 +16,7 @@ from hypothesis import given, settings, strategies as st
 from event_tests import damage_is_told, read_pieces, refusal
 from neuro.core.extras import install
 from neuro.events import EventFileError, EventFileWarning, Events, load, save, stream
-from neuro.events.formats._aedat4_packet import I64, RECORD, FlatTable
+from neuro.events.formats._aedat4_packet import RECORD
 from neuro.events.formats.aedat4 import Aedat4
 from neuro.events.source import Source
 
@@ -80,14 +80,6 @@ def test_streams_are_the_known_ones(shared, name):
     assert (others, metadata["compression"]) == (truth["other_packets"], "LZ4")
 
 
-def test_pieces_are_as_large_as_asked(shared):
-    reader = Aedat4(Source(shared / "data" / "formats" / FILES[0]))
-    pieces = list(reader.pieces(50_000))
-    assert len(pieces) > 5
-    assert sum(piece.t.size for piece in pieces) == 111954
-    assert all(piece.highest == (piece.x.max(), piece.y.max()) and piece.ordered for piece in pieces if piece.t.size)
-
-
 def test_cut_in_a_packet_gives_the_packets_before(shared):
     """Cut at places all over the file: strict names the packet, else the whole ones are there."""
     name = "davis346_small.aedat4"
@@ -111,8 +103,7 @@ def test_cut_in_a_packet_gives_the_packets_before(shared):
             seen.add((counts[k], len(part)))
     assert len(seen) == len({count for count, _ in seen})
     assert max(length for _, length in seen) > 6000
-    with pytest.raises(EventFileError, match="the file ends before its table of packets"):
-        load(data[: starts[10]])
+    assert "the file ends before its table of packets" in refusal(load, data[: starts[10]])
 
 
 @pytest.mark.parametrize("compression", [0, 1, 2, 3, 4])
@@ -134,8 +125,7 @@ def test_sensor_that_is_not_told():
     plain = header(info=INFO.format(size=""))
     assert load(plain + packet(events_table(ROWS))).sensor_size == (4, 5)
     assert len(load(plain)) == 0
-    with pytest.raises(EventFileError, match="a packet has an event at a negative place"):
-        load(plain + packet(events_table([(1, -1, 0, 1)])))
+    assert "a packet has an event at a negative place" in refusal(load, plain + packet(events_table([(1, -1, 0, 1)])))
 
 
 def test_the_second_stream_of_events_is_counted():
@@ -293,25 +283,3 @@ def test_writing_and_reading(tmp_path, monkeypatch, packed):
         assert again == events
         assert again.metadata["compression"] == ("LZ4" if packed else "none")
     assert [len(part) for part in stream(tmp_path / "a.aedat4", count=7000)] == [7000, 7000, 6000]
-
-
-def test_the_table_at_the_end_tells_each_packet(tmp_path, monkeypatch):
-    """Its rows are as those that DV writes: where the packet's data begin, its size, its events, its times."""
-    monkeypatch.setitem(sys.modules, "lz4.frame", None)
-    save(steps(20_000), tmp_path / "a.aedat4")
-    data = (tmp_path / "a.aedat4").read_bytes()
-    start, _ = FlatTable(data[18:], b"IOHE").vector(2, 1)
-    assert data[18 + start :].startswith(b"<dv ")
-    place = FlatTable(data[18:], b"IOHE").number(1, I64, -1)
-    end = data[place + 4 :]
-    begin, count = FlatTable(end, b"FTAB").vector(0, 4)
-    assert count == 3
-    for k, n in enumerate((8192, 8192, 3616)):
-        at = begin + 4 * k + struct.unpack_from("<I", end, begin + 4 * k)[0]
-        fields = at - struct.unpack_from("<i", end, at)[0]
-        where = [at + offset for offset in struct.unpack_from("<5H", end, fields + 4)]
-        first, _, events, t, last = (struct.unpack_from("<q", end, w)[0] for w in where)
-        stream_, size = struct.unpack_from("<ii", end, where[1])
-        assert struct.unpack_from("<ii", data, first - 8) == (stream_, size) == (0, 32 + 16 * n)
-        assert (events, last - t) == (n, 3 * (n - 1))
-        assert all((w + 4) % 8 == 0 for w in where)

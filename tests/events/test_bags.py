@@ -179,8 +179,7 @@ def test_ros2(tmp_path, plugin):
     arrays = ros2(tmp_path / "arrays", ARRAY, [cdr_array(ROWS[:1]), cdr_array([]), cdr_array(ROWS[1:])], plugin)
     assert load(arrays).records().tolist() == ROWS
     assert [len(part) for part in stream(arrays, count=2)] == [2, 1]
-    with pytest.raises(EventFileError, match="no whole ROS 2 bag: "):
-        load(path.read_bytes()[:200], format="rosbag2")
+    assert "no whole ROS 2 bag: " in refusal(load, path.read_bytes()[:200], format="rosbag2")
 
 
 def test_ros2_with_big_endian_messages():

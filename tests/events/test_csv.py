@@ -58,8 +58,7 @@ def test_txt_is_written_as_columns_with_spaces(tmp_path):
     assert (tmp_path / "a.txt").read_text() == "# sensor 34x30\n# t x y p\n-5 1 3 0\n70 2 4 1\n"
     assert load(tmp_path / "a.txt") == events
     assert np.loadtxt(tmp_path / "a.txt", int).tolist() == [[-5, 1, 3, 0], [70, 2, 4, 1]]
-    with pytest.raises(EventFileError, match=r"a\.txt: byte 0: line 1: 'words', expected names or numbers"):
-        load(b"words\n", name="a.txt")
+    assert "a.txt: byte 0: line 1: 'words', expected names or numbers" in refusal(load, b"words\n", name="a.txt")
 
 
 def test_more_columns_than_needed():
@@ -120,8 +119,7 @@ def test_known_by_content():
     assert load(b"1.5 2 3 1\n2.5 3 4 0\n", name="events").metadata["format"] == "csv"
     assert load(io.BytesIO(b"x,y,p,t\n1,2,1,5\n")).records().tolist() == [(5, 1, 2, 1)]
     for other in (b"hello world\n", b"1 2 3\n4 5 6\n", b"1 2 3 4"):
-        with pytest.raises(EventFileError, match="unknown kind of event file"):
-            load(other, name="notes")
+        assert "unknown kind of event file" in refusal(load, other, name="notes")
 
 
 GOOD = "t,x,y,p\n1,2,3,1\n2,3,4,0\n"
@@ -162,8 +160,7 @@ def test_damage_is_told():
 
 def test_a_fraction_after_whole_times():
     lines = b"".join(b"%d,2,3,1\n" % k for k in range(10000))
-    with pytest.raises(EventFileError, match=r"line 10001: t is '10000\.5', expected whole us, as before"):
-        of(lines + b"10000.5,2,3,1\n")
+    assert "line 10001: t is '10000.5', expected whole us, as before" in refusal(of, lines + b"10000.5,2,3,1\n")
 
 
 def test_what_is_whole():
@@ -174,8 +171,7 @@ def test_what_is_whole():
 
 
 def test_an_endless_line():
-    with pytest.raises(EventFileError, match="line 2 is longer than 65536 bytes"):
-        of(b"1 2 3 1\n2 3 4 " + b"0" * 200_000)
+    assert "line 2 is longer than 65536 bytes" in refusal(of, b"1 2 3 1\n2 3 4 " + b"0" * 200_000)
 
 
 def test_streamed_is_the_same(tmp_path):

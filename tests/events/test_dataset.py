@@ -187,8 +187,7 @@ def test_damaged_recordings_name_themselves(folder):
     at = data.index(b"Test/2/1.bin") + len("Test/2/1.bin")
     data[at : at + 4] = b"\xff\xff\xff\xff"
     path.write_bytes(data)
-    with pytest.raises(EventFileError, match=r"Test/2/1\.bin: damaged in the zip: "):
-        recordings(path, part="Test")[0].load()
+    assert "Test/2/1.bin: damaged in the zip: " in refusal(recordings(path, part="Test")[0].load)
 
 
 def test_the_official_files(shared, tmp_path):
@@ -373,13 +372,11 @@ def test_hdf5_files_with_one_recording_are_taken_alone(tmp_path):
     for name, times in (("own", [0, 1, 2, 3, 4]), ("prophesee", [3, 6])):
         (one,) = found = recordings(tmp_path / f"{name}.h5", label="cup")
         assert (found.layout, found.classes, one.load().t.tolist()) == ("recording", ("cup",), times)
-    with pytest.raises(EventFileError, match=r"none\.h5: has a; expected /events/t, x, y, p, rows at "):
-        recordings(tmp_path / "none.h5")[0].load()
+    assert "none.h5: has a; expected /events/t, x, y, p, rows at " in refusal(recordings(tmp_path / "none.h5")[0].load)
     expected = "holds no samples, expected /<class>/<sample> with rows ts, x, y, p"
     assert refusal(Dataset, tmp_path / "none.h5") == f"{tmp_path}/none.h5: {expected}"
     (tmp_path / "cut.h5").write_bytes((tmp_path / "none.h5").read_bytes()[:900])
-    with pytest.raises(EventFileError, match=r"cut\.h5: no whole HDF5: "):
-        Dataset(tmp_path / "cut.h5")
+    assert "cut.h5: no whole HDF5: " in refusal(Dataset, tmp_path / "cut.h5")
 
 
 def test_aertb_files_are_read(tmp_path):
@@ -394,13 +391,6 @@ def test_aertb_files_are_read(tmp_path):
     told = refusal(lambda: Dataset(path, sensor_size=(4, 60))[0])
     assert told == f"{path}/2/a: event 1: x is 4, expected 0 to 3 (sensor 4x60)"
     assert refusal(Dataset, path, classes=["2"]) == f"{path}: class '10' is new, expected one of 2"
-
-
-def test_damaged_and_empty_recordings_are_told_apart(train, tmp_path):
-    (train / "Train/3/1.bin").write_bytes(b"abc")
-    (train / "Train/7/3.bin").write_bytes(b"")
-    done = Dataset(train).to_hdf5(tmp_path / "o.h5", jobs=1)
-    assert [len(r.load()) for r in recordings(done.path)] == [5] * 6 + [0]
 
 
 def test_a_damaged_recording_of_an_hdf5_file_is_named(stored):

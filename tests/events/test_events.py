@@ -88,8 +88,7 @@ def test_sums_of_lists_and_arrays():
     for wrong in (np.zeros(3), np.zeros(2, [("t", int), ("x", int)])):
         with pytest.raises(ModelError, match=r"events \+ an array of .*: expected a structured array with t"):
             a + wrong
-        with pytest.raises(ModelError, match="expected a structured array"):
-            wrong + a
+        assert "expected a structured array" in refusal(lambda wrong=wrong: wrong + a)
     with pytest.raises(TypeError):
         a + 3
     with pytest.raises(TypeError):

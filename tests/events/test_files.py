@@ -1,11 +1,10 @@
 import io
-import pickle
 
 import numpy as np
 import pytest
 
 from event_tests import refusal
-from neuro.events import EventFileError, Events, load, save, stream
+from neuro.events import Events, load, save, stream
 from neuro.events.formats import FORMATS
 from neuro.events.parts import windows
 
@@ -29,25 +28,11 @@ def test_bytes_and_open_files(tmp_path):
         assert load(file) == expected
 
 
-ERRORS = {
-    "a.bin: byte 5: 2 bytes left over after 1 events of 5 bytes": ("a.bin", event(1, 1, 1) + b"ab", {}),
-    "a.bin: byte 5: event 1: time runs back from 50 to 40 us; load(..., sort=True) sorts the events": (
-        "a.bin", event(1, 1, 50) + event(1, 1, 40), {},
-    ),
-    "a.bin: byte 15: event 2: x is 34, expected 0 to 33 (sensor 34x34)": (
-        "a.bin", event(1, 1, 0) + event(0, 240, 0) + event(1, 1, 1) + event(34, 0, 2), {"sensor_size": (34, 34)},
-    ),
-}  # fmt: skip
-
-
-@pytest.mark.parametrize("message", ERRORS)
-def test_messages(message):
-    name, data, options = ERRORS[message]
-    with pytest.raises(EventFileError) as error:
-        load(data, name=name, **options)
-    assert str(error.value) == message
-    copy = pickle.loads(pickle.dumps(error.value))
-    assert (copy.path, copy.what, copy.offset) == (name, error.value.what, error.value.offset)
+def test_the_byte_of_a_fault():
+    """Words that only turn the clock are counted, too."""
+    data = event(1, 1, 0) + event(0, 240, 0) + event(1, 1, 1) + event(34, 0, 2)
+    expected = "a.bin: byte 15: event 2: x is 34, expected 0 to 33 (sensor 34x34)"
+    assert refusal(load, data, name="a.bin", sensor_size=(34, 34)) == expected
 
 
 def test_unknown_formats():
@@ -76,10 +61,8 @@ def test_a_format_is_called_by_its_ending_too(ending, name, tmp_path):
 
 def test_an_ending_of_several_formats_calls_none(tmp_path):
     events = Events([1, 2], [3, 4], [5, 6], [1, 0], (34, 34))
-    with pytest.raises(EventFileError, match="cannot save as format 'raw', expected one of"):
-        save(events, tmp_path / "a", format="raw")
-    with pytest.raises(EventFileError, match="unknown format 'aedat', expected one of"):
-        load(b"", format="aedat")
+    assert "cannot save as format 'raw', expected one of" in refusal(save, events, tmp_path / "a", format="raw")
+    assert "unknown format 'aedat', expected one of" in refusal(load, b"", format="aedat")
 
 
 def test_missing_files(tmp_path):

@@ -107,18 +107,6 @@ def test_surfaces_pass_what_tar_passes_and_count_no_other():
     assert not alone.histograms().any()
 
 
-def test_a_surface_by_hand():
-    events = Events(np.array([0, 1000, 2000]), [2, 3, 3], [1, 1, 2], [1, 1, 0], SIZE)
-    surfaces = TARSurfaces(SIZE, tau=0.001, theta=1.3, cell=4)
-    assert surfaces(events).t.tolist() == [1000, 2000]
-    expected = np.zeros((2, 2, 2, 3, 3))
-    expected[0, 0, 1, 1, 0] = np.exp(-1) / 2
-    np.testing.assert_allclose(surfaces.histograms(), expected, rtol=1e-12)
-    surfaces.reset()
-    assert surfaces(events[:2]).t.tolist() == [1000]
-    np.testing.assert_allclose(surfaces.histograms(), 2 * expected, rtol=1e-12)
-
-
 @pytest.mark.parametrize("kind", [TAR, TARSurfaces])
 @pytest.mark.parametrize("begin", [-(2**63), -(2**62) - 5, 0, 2**63 - 10_000])
 def test_activity_is_forgotten_over_any_span(kind, begin):

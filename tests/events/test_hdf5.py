@@ -54,7 +54,8 @@ def test_layout_is_that_of_dsec(tmp_path):
 
 @given(st.lists(st.integers(0, 20000), min_size=1, max_size=60).map(sorted), st.integers(1, 9))
 @settings(suppress_health_check=[HealthCheck.function_scoped_fixture], max_examples=30)
-def test_index_of_ms(tmp_path, times, count):
+def test_index_of_ms(tmp_path, monkeypatch, times, count):
+    monkeypatch.setattr(hdf5_format, "INDEX_BLOCK", 2)
     t = np.array(times)
     zeros = np.zeros(t.size, int)
     events = Events(t, zeros, zeros, zeros, (1, 1))
@@ -72,13 +73,6 @@ def test_long_recordings_get_no_index(tmp_path, monkeypatch):
     with h5py.File(path) as file:
         assert "ms_to_idx" not in file
     assert load(path) == EVENTS
-
-
-def test_index_in_blocks(tmp_path, monkeypatch):
-    monkeypatch.setattr(hdf5_format, "INDEX_BLOCK", 2)
-    save(EVENTS, tmp_path / "a.h5")
-    with h5py.File(tmp_path / "a.h5") as file:
-        assert file["ms_to_idx"][:].tolist() == [0, 2, 4, 4, 4, 4, 4, 4, 4]
 
 
 def test_dsec():
@@ -100,37 +94,30 @@ def test_prophesee():
     assert events.sensor_size == (1280, 720)
 
 
-def test_prophesee_with_its_own_filter():
+def filtered(number, kind, *names):
+    """A file whose datasets are packed with this filter of HDF5."""
     data = io.BytesIO()
     with h5py.File(data, "w") as file:
         plist = h5py.h5p.create(h5py.h5p.DATASET_CREATE)
         plist.set_chunk((4,))
-        plist.set_filter(36559, h5py.h5z.FLAG_OPTIONAL, ())
-        kind = h5py.h5t.py_create(np.dtype([("x", "u2"), ("y", "u2"), ("p", "i2"), ("t", "i8")]))
-        h5py.h5d.create(file.create_group("CD").id, b"events", kind, h5py.h5s.create_simple((4,)), plist)
-    assert refusal(load, data.getvalue(), name="f") == (
+        plist.set_filter(number, h5py.h5z.FLAG_OPTIONAL, ())
+        rows = h5py.h5t.py_create(np.dtype(kind)), h5py.h5s.create_simple((4,)), plist
+        for name in names:
+            group, _, last = name.rpartition("/")
+            h5py.h5d.create(file.require_group(group).id, last.encode(), *rows)
+    return data.getvalue()
+
+
+def test_packed_with_an_unknown_filter(monkeypatch):
+    assert refusal(load, filtered(36559, PROPHESEE.dtype, "CD/events"), name="f") == (
         "f: /CD/events is packed with Prophesee's ECF filter, which HDF5 alone cannot unpack: "
         "use the RAW file, or export it with Metavision's tools"
     )
-
-
-def test_an_unknown_filter(monkeypatch):
-    data = io.BytesIO()
-    with h5py.File(data, "w") as file:
-        plist = h5py.h5p.create(h5py.h5p.DATASET_CREATE)
-        plist.set_chunk((4,))
-        plist.set_filter(300, h5py.h5z.FLAG_OPTIONAL, ())
-        for name in "txyp":
-            file.require_group("events")
-            h5py.h5d.create(
-                file["events"].id, name.encode(), h5py.h5t.NATIVE_INT32, h5py.h5s.create_simple((4,)), plist
-            )
+    data = filtered(300, "i4", *(f"events/{name}" for name in "txyp"))
     monkeypatch.setitem(sys.modules, "hdf5plugin", None)
-    with pytest.raises(EventFileError, match="/events/t, packed with HDF5 filter 300, needs the package hdf5plugin"):
-        load(data.getvalue())
+    assert "/events/t, packed with HDF5 filter 300, needs the package hdf5plugin" in refusal(load, data)
     monkeypatch.setitem(sys.modules, "hdf5plugin", h5py)
-    with pytest.raises(EventFileError, match="/events/t is packed with HDF5 filter 300, which is not known"):
-        load(data.getvalue())
+    assert "/events/t is packed with HDF5 filter 300, which is not known" in refusal(load, data)
 
 
 def test_aertb():
@@ -156,11 +143,9 @@ def test_samples(tmp_path):
         with pytest.raises(ValueError, match="name already exists"):
             write_sample(group, "1", EVENTS)
         group["other"] = np.zeros(3)
-        with pytest.raises(EventFileError, match="/cars/other: has rows of float64, expected fields ts, x, y, p"):
-            read_sample(group["other"])
+        assert "/cars/other: has rows of float64, expected fields ts, x, y, p" in refusal(read_sample, group["other"])
         group["bad"] = np.array([(1, 2, 3, 7)], [("ts", "i8"), ("x", "u2"), ("y", "u2"), ("p", "u1")])
-        with pytest.raises(EventFileError, match="event 0: p is 7"):
-            read_sample(group["bad"])
+        assert "event 0: p is 7" in refusal(read_sample, group["bad"])
         del group["none"], group["other"], group["bad"]
     assert load(tmp_path / "a.h5") == EVENTS
 
@@ -209,8 +194,7 @@ def test_a_length_that_cannot_be():
     with h5py.File(data, "w") as file:
         for name in "txyp":
             file.create_dataset(f"events/{name}", (10**15,), "i4", chunks=(1000,))
-    with pytest.raises(EventFileError, match="/events/t has 1000000000000000 items, which 0 bytes cannot hold"):
-        load(data.getvalue())
+    assert "/events/t has 1000000000000000 items, which 0 bytes cannot hold" in refusal(load, data.getvalue())
 
 
 def test_a_cut_file():
@@ -254,8 +238,7 @@ def test_a_damaged_heap_is_told():
     free = data.index(b"hello", heap) + 8
     assert data[free : free + 2] == b"\0\0"
     data[free + 8] ^= 0x80
-    with pytest.raises(EventFileError, match="a heap of strings is damaged; attributes with strings were left out"):
-        load(bytes(data))
+    assert "a heap of strings is damaged; attributes with strings were left out" in refusal(load, bytes(data))
     with pytest.warns(EventFileWarning, match="a heap of strings is damaged"):
         assert load(bytes(data), strict=False).records().tolist() == ROWS
 

@@ -6,7 +6,7 @@ import pytest
 from scipy.io import savemat
 
 from event_tests import damage_is_told, refusal
-from neuro.events import EventFileError, EventFileWarning, load
+from neuro.events import EventFileWarning, load
 from neuro.events.formats.mat import samples
 
 ROWS = [(70, 3, 2, 1), (1000, 3, 400, 0), (1070, 5, 0, 1), (1070, 600, 9, 0), (9000, 0, 0, 1)]
@@ -46,7 +46,8 @@ def test_dvs_barrel():
         cells[0, k] = td(ts=T + 100.0 * k)
     data = mat({"ROI": cells})
     assert refusal(load, data, name="f.mat") == (
-        "f.mat: has 3 recordings (ROI{1}, ROI{2}, ROI{3}), expected one; neuro.events.formats.mat.samples(path) gives all"
+        "f.mat: has 3 recordings (ROI{1}, ROI{2}, ROI{3}), expected one; "
+        "neuro.events.formats.mat.samples(path) gives all"
     )
     found = samples(data)
     assert list(found) == ["ROI{1}", "ROI{2}", "ROI{3}"]
@@ -130,10 +131,8 @@ def test_what_is_whole():
     data = mat({"e": td(x=[1.0, 2, -1, 2, 3])})
     with pytest.warns(EventFileWarning, match=r"event 2: x is -1\.0"):
         assert len(load(data, strict=False)) == 2
-    with pytest.raises(EventFileError, match=r"<bytes>: event 2: x is -1\.0"):
-        samples(data)
+    assert "<bytes>: event 2: x is -1.0" in refusal(samples, data)
 
 
 def test_a_cut_file():
-    with pytest.raises(EventFileError, match=r"f\.mat: no whole MAT file: "):
-        load(mat({"TD": td()})[:-40], name="f.mat")
+    assert "f.mat: no whole MAT file: " in refusal(load, mat({"TD": td()})[:-40], name="f.mat")

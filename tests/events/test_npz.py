@@ -1,15 +1,12 @@
-import gc
 import io
 import json
 import re
-import warnings
-from contextlib import suppress
 
 import numpy as np
 import pytest
 
 from event_tests import damage_is_told, refusal
-from neuro.events import EVENT, EventFileError, EventFileWarning, Events, load, save, stream
+from neuro.events import EVENT, EventFileWarning, Events, load, save, stream
 from neuro.events.formats.npz import Npz
 from neuro.events.source import Source
 
@@ -52,29 +49,10 @@ def test_records():
     assert load(npz(events=np.array(ROWS, EVENT))).records().tolist() == ROWS
 
 
-def test_files_are_closed(tmp_path):
-    """Also damaged ones, and those of which only a part is read."""
-    whole, path = npz(t=T, x=X, y=Y, p=P), tmp_path / "a.npz"
-    damaged = [whole.replace(b"PK\x03\x04", b"PK\x03\x05"), whole.replace(b"NUMPY", b"NVMPY"), whole[:-1], whole[:9]]
-    damaged += [whole.replace(b"'x'", b"'?'"), whole.replace(b"(5,)", b"(6,)"), whole.replace(X.tobytes(), bytes(40))]
-    gc.collect()
-    with warnings.catch_warnings(record=True) as found:
-        warnings.simplefilter("always")
-        for data in (whole, *damaged):
-            path.write_bytes(data)
-            for read in (load, lambda path: next(stream(path, count=1)), lambda path: list(stream(path))):
-                with suppress(EventFileError):
-                    read(path)
-        gc.collect()
-    assert [warning for warning in found if warning.category is ResourceWarning] == []
-
-
 def test_arrays_of_objects_are_not_read():
     assert len(load(npz(t=T, x=X, y=Y, p=P, metadata=np.array([{}], object)))) == 5
-    with pytest.raises(
-        EventFileError, match="event 0 on cannot be read: array x holds Python objects, expected numbers"
-    ):
-        load(npz(t=T, x=X.astype(object), y=Y, p=P))
+    told = refusal(load, npz(t=T, x=X.astype(object), y=Y, p=P))
+    assert "event 0 on cannot be read: array x holds Python objects, expected numbers" in told
 
 
 ERRORS = {
@@ -128,8 +106,7 @@ def test_what_is_whole():
 def test_a_flipped_bit_is_found():
     data = bytearray(npz(t=T, x=X, y=Y, p=P))
     data[data.index(T.tobytes()) + 3] ^= 1
-    with pytest.raises(EventFileError, match=r"event 0 on cannot be read: Bad CRC-32 for file 't\.npy'"):
-        load(bytes(data), name="a.npz")
+    assert "event 0 on cannot be read: Bad CRC-32 for file 't.npy'" in refusal(load, bytes(data), name="a.npz")
 
 
 def test_streamed_in_little_memory(tmp_path):

@@ -243,12 +243,6 @@ def test_first_word_may_look_like_a_line():
     assert load(EVT2 + data).t.tolist() == load(b"% evt 2.0\n" + data).t.tolist() == [0x12025 * 64 + 1]
 
 
-def test_the_clock_of_evt2_wraps():
-    top = 2**28 - 1
-    events = load(EVT2 + words(high(top), event(63), high(0), event(0), high(top), event(0), high(3), event(1)))
-    assert events.t.tolist() == [T_EVT2 - 1, T_EVT2, 2 * T_EVT2 - 64, 2 * T_EVT2 + 193]
-
-
 def test_a_late_event_is_found_in_a_long_file():
     data = EVT2 + words(*[word for k in range(30_000) for word in (high(k), event(1))], event(2, 700))
     with pytest.raises(EventFileError) as error:
@@ -285,25 +279,6 @@ def test_fields_of_evt3():
     assert events.p.tolist() == [1, 0, 1, 1, 1, 1, 1, 1]
     assert set(events.y.tolist()) == {719}
     assert (events.sensor_size, events.metadata["other_words"]) == ((1280, 720), 1)
-
-
-@pytest.mark.parametrize(
-    ("some", "times"),
-    [
-        ([HIGH | 1, SINGLE, LOW | 9, SINGLE, HIGH | 1, SINGLE, HIGH | 2, SINGLE], [4096, 4105, 4105, 8192]),
-        ([HIGH | 1, LOW | 811, LOW | 800, SINGLE], [4896]),
-        ([HIGH | 4095, SINGLE, HIGH | 0, SINGLE, LOW | 1, SINGLE], [4095 << 12, 1 << 24, (1 << 24) + 1]),
-        ([HIGH | 2048, SINGLE, HIGH, SINGLE, HIGH | 2049, HIGH, SINGLE], [1 << 23, 1 << 24, 2 << 24]),
-    ],
-)
-def test_the_clock_of_evt3(some, times):
-    assert load(EVT3 + words3(HIGH, ROW, *some)).t.tolist() == times
-
-
-def test_events_without_a_time_or_a_row_are_left_out():
-    data = words3(ROW | 1, SINGLE, HIGH | 1, SINGLE, VECT_8 | 1, ROW | 2, VECT_8 | 1, SINGLE | 7, OTHER_ROW, SINGLE)
-    events = load(EVT3 + data)
-    assert (rows(events), events.metadata["other_words"]) == ([(4096, 7, 2, 0)], 7)
 
 
 def test_a_vector_does_not_run_round_the_columns():
