@@ -104,6 +104,16 @@ def test_what_is_saved_is_loaded(tmp_path, name, data):
     assert [file.name for file in tmp_path.iterdir()] == [path.name]
 
 
+@pytest.mark.parametrize("name", HELD)
+def test_pauses_at_the_ends_of_clocks(tmp_path, name):
+    pauses = [0, 1, 63, 64, 126, 127, 128, 254, 4095, 4096, 8191, 8192, 2**23, 2**24 - 1, 2**24, 5 * 2**24 + 7]
+    t = np.cumsum(np.repeat(pauses, 2) * np.tile([1, 0], len(pauses)))
+    t = t[t <= HELD[name][0][1]]
+    events = Events(t, np.arange(t.size) % 34, np.arange(t.size) % 30, np.arange(t.size) % 2, (34, 34))
+    save(events, tmp_path / "a", format=name)
+    assert np.array_equal(load(tmp_path / "a", format=name).records(), events.records())
+
+
 BEYOND = {
     "aedat2": ("t 0 to 4294967295 us, x 0 to 639, y 0 to 479", [(1 << 32, 1, 1), (7, 640, 1), (7, 1, 480)]),
     "dat": (
