@@ -38,7 +38,7 @@ def _damaged(whole):
     """Files that are cut, or of which bytes near the beginning, in the middle and at the end are other ones."""
     for share in (0.3, 0.9):
         yield whole[: int(share * len(whole))]
-    for at in (9, 106, len(whole) // 2, len(whole) - 9):
+    for at in (9, len(whole) // 2, len(whole) - 9):
         yield whole[:at] + bytes(byte ^ 0xFF for byte in whole[at : at + 8]) + whole[at + 8 :]
     yield whole + b"\x07"
 

@@ -155,7 +155,7 @@ def test_messages(message):
 
 def test_damage_is_told():
     texts = st.text("0123456789.,-+e \n#%txyp", max_size=200).map(str.encode)
-    damage_is_told(st.binary(max_size=200) | texts | damaged(text(ROWS)), "csv", examples=200)
+    damage_is_told(st.binary(max_size=200) | texts | damaged(text(ROWS)), "csv", examples=100)
 
 
 def test_a_fraction_after_whole_times():

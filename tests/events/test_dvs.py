@@ -167,7 +167,7 @@ def one_pixel(times, logs, on, off, leak, blind):
 @given(
     st.integers(0, 10_000), st.floats(0, 3000), st.floats(0, 20), st.lists(st.integers(1, 40), min_size=1, max_size=9)
 )
-@settings(max_examples=50)
+@settings(max_examples=30)
 def test_pixels_are_those_of_the_twin(seed, blind, leak, gaps):
     """On images of which parts stay the same; more than one block."""
     rng = np.random.default_rng(seed)
@@ -343,7 +343,7 @@ def test_messages(image, time, message):
     st.sampled_from([0.0, 5.0]),
     st.sampled_from([0.0, 200.0]),
 )
-@settings(max_examples=60)
+@settings(max_examples=40)
 def test_a_true_promise_changes_nothing(seed, width, height, kind, noise, cutoff):
     rng = np.random.default_rng(seed)
     p = DVSParameters(leak_rate_hz=noise, shot_noise_rate_hz=noise, cutoff_hz=cutoff)

@@ -89,7 +89,7 @@ def recordings(draw, limits, sizes):
 
 
 @pytest.mark.parametrize("name", HELD)
-@settings(suppress_health_check=[HealthCheck.function_scoped_fixture], max_examples=60)
+@settings(suppress_health_check=[HealthCheck.function_scoped_fixture], max_examples=40)
 @given(data=st.data())
 def test_what_is_saved_is_loaded(tmp_path, name, data):
     events = data.draw(recordings(*HELD[name]))

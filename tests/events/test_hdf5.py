@@ -53,7 +53,7 @@ def test_layout_is_that_of_dsec(tmp_path):
 
 
 @given(st.lists(st.integers(0, 20000), min_size=1, max_size=60).map(sorted), st.integers(1, 9))
-@settings(suppress_health_check=[HealthCheck.function_scoped_fixture], max_examples=30)
+@settings(suppress_health_check=[HealthCheck.function_scoped_fixture], max_examples=15)
 def test_index_of_ms(tmp_path, monkeypatch, times, count):
     monkeypatch.setattr(hdf5_format, "INDEX_BLOCK", 2)
     t = np.array(times)

@@ -129,7 +129,7 @@ def test_load_and_stream_agree(options, monkeypatch):
             return error.what
 
     @given(st.lists(st.tuples(st.integers(0, len(whole) - 1), st.integers(1, 255)), min_size=1, max_size=3))
-    @settings(max_examples=150, suppress_health_check=list(HealthCheck))
+    @settings(max_examples=80, suppress_health_check=list(HealthCheck))
     def run(flips):
         data = bytearray(whole)
         for at, value in flips:
