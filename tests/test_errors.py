@@ -39,7 +39,7 @@ INSIDE = {
     ("AssertionError", "neuro/testing/"): "the judgement of the conformance suite",
     ("BadParameter", "neuro/cli/"): "of an option; the command line tells it with the option's name",
     ("BadParameter", "apps/"): "of an option; the command line tells it with the option's name",
-    ("Pruned", "neuro/sweeps/steps.py"): "of a run that ends early; who does the run keeps it as pruned",
+    ("Pruned", "neuro/sweeps/metrics.py"): "of a run that ends early; who does the run keeps it as pruned",
     ("Exit", "neuro/cli/"): "the status of a command",
     ("Exit", "apps/"): "the status of a command",
 }

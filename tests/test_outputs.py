@@ -363,7 +363,6 @@ def test_no_file_is_opened_for_writing_elsewhere():
         "neuro/cli/start.py",
         "neuro/cli/pictures.py",
         "neuro/sweeps/page.py",
-        "neuro/sweeps/tuning/page.py",
         "neuro/sweeps/folder.py",
         "neuro/sweeps/worker.py",
         "neuro/cli/events/making.py",

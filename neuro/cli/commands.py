@@ -20,8 +20,7 @@ from neuro.cli.events import app as events
 from neuro.cli.pictures import plot, report
 from neuro.cli.run import rerun, run
 from neuro.cli.start import example, new
-from neuro.cli.sweep import app as sweep
-from neuro.cli.tune import app as tune
+from neuro.cli.sweep import sweep, tune
 from neuro.core.errors import ModelError, unknown
 from neuro.core.version import VERSION
 

@@ -27,8 +27,7 @@ from neuro.model.language.sources import gather
 from neuro.model.network import Network
 from neuro.model.parts import Population, Projection
 from neuro.program.backend import find_backend
-from neuro.sweeps.metrics import check_metrics, measured
-from neuro.sweeps.steps import report_step
+from neuro.sweeps.metrics import check_metrics, measured, report_step
 
 if TYPE_CHECKING:
     from neuro.run.simulation import Simulation
@@ -72,16 +71,16 @@ class NetworkRun:
         words = {"duration": self.duration, "backend": _content(self.backend), "set": dict(self.set)}
         return {"network": hashes, **words, "metrics": list(self.metrics), "keep": self.keep}
 
-    def told(self) -> dict[str, Any]:
-        """All of it as plain data, from which `of` makes it."""
+    def as_dict(self) -> dict[str, Any]:
+        """All of it as plain data, from which `from_dict` makes it."""
         files = {"file": str(self.file), "files": dict(self.files)}
         words = {"duration": self.duration, "backend": self.backend, "threads": self.threads, "set": dict(self.set)}
         words |= {"at": list(self.at), "reports": self.reports} if self.at else {}
         return {"kind": "network", **files, **words, "metrics": list(self.metrics), "keep": self.keep}
 
     @classmethod
-    def of(cls, told: Mapping[str, Any]) -> NetworkRun:
-        """What `told` has written."""
+    def from_dict(cls, told: Mapping[str, Any]) -> NetworkRun:
+        """What `as_dict` has written."""
         words = {name: value for name, value in told.items() if name != "kind"}
         lists = {name: tuple(words.get(name, ())) for name in ("metrics", "at")}
         return cls(**{**words, **lists, "file": Path(words["file"])})
@@ -97,8 +96,8 @@ class NetworkRun:
                 what = "was edited since the sweep began" if now else "cannot be read"
                 raise ModelError(f"{name}: {what}: expected the file that it was", hint="a new folder is a new sweep")
 
-    def check(self, point: Mapping[str, Any]) -> None:
-        """Refuse names and values of a point before anything runs.
+    def check(self, point: Mapping[str, Any], seeded: bool) -> None:
+        """Refuse names and values of a point before anything runs; networks run with and without seeds.
 
         Raises:
             ModelError: a parameter or a metric is unknown, or the network cannot be so.

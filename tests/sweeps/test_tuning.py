@@ -16,8 +16,7 @@ from neuro import ModelError
 from neuro.rerun.again import rerun
 from neuro.sweeps.claims import Claims, claimed
 from neuro.sweeps.folder import Folder
-from neuro.sweeps.tuning.objectives import front
-from neuro.sweeps.tuning.plan import SearchPlan, plan_of
+from neuro.sweeps.tuning.plan import SearchPlan, front, plan_of
 from neuro.sweeps.worker import Worker
 
 pytest.importorskip("optuna", reason="the extra tune is not installed")
@@ -437,4 +436,4 @@ def test_plans_survive_being_written():
         {"x": {"from": 1, "to": 8, "scale": "log", "whole": True}, "y": ["a", None, 2.5]},
         {"a": "max"}, 7, seeds=[3, 5], folds=2, prune={"by": "hyperband", "factor": 4},
     )  # fmt: skip
-    assert SearchPlan.of(json.loads(json.dumps(plan.told()))) == plan
+    assert SearchPlan.from_dict(json.loads(json.dumps(plan.as_dict()))) == plan

@@ -13,14 +13,11 @@ from typing import Any
 
 from neuro.core.errors import ModelError
 from neuro.sweeps.claims import Claims
-from neuro.sweeps.definition import RunItem
 from neuro.sweeps.folder import PRUNED, Folder, RunOutcome
-from neuro.sweeps.space import Point
+from neuro.sweeps.space import Point, RunItem
 from neuro.sweeps.tuning.journal import locked, optuna, quietly, study_of
-from neuro.sweeps.tuning.objectives import mean_metrics, worth
-from neuro.sweeps.tuning.plan import SearchPlan
-from neuro.sweeps.tuning.pruning import Way
-from neuro.sweeps.tuning.sampling import draw, point_of
+from neuro.sweeps.tuning.plan import SearchPlan, mean_metrics, worth
+from neuro.sweeps.tuning.sampling import Way, draw, point_of
 
 
 @dataclass
