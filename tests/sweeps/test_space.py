@@ -4,7 +4,7 @@ import math
 
 import numpy as np
 import pytest
-from hypothesis import given, strategies as st
+from hypothesis import given, settings, strategies as st
 
 from neuro import ModelError
 from neuro.sweeps.space import space_of
@@ -29,6 +29,7 @@ def test_ranges():
     assert [p["n"] for p, _ in points({"n": range(2)})] == [0, 1]
 
 
+@settings(max_examples=30)
 @given(
     st.lists(st.tuples(st.floats(-1e6, 1e6), st.floats(1e-3, 1e6)), min_size=1, max_size=4),
     st.integers(1, 40),

@@ -60,10 +60,10 @@ def check_whole(tmp_path, trials):
 
 @pytest.mark.parametrize("words", [({}, {}), ({"part": "1/2"}, {"part": "2/2"})], ids=["free", "parts"])
 def test_two_processes_ask_one_journal(start, tmp_path, words):
-    running = [start(40, workers=1, **each) for each in words]
+    running = [start(30, on="here", **each) for each in words]
     assert [process.wait(120) for process in running] == [0, 0]
-    check_whole(tmp_path, 40)
-    assert times_begun(tmp_path) == [1] * 40
+    check_whole(tmp_path, 30)
+    assert times_begun(tmp_path) == [1] * 30
 
 
 @pytest.mark.slow
@@ -100,13 +100,12 @@ def test_kills_at_random_moments(start, tmp_path):
 
 def test_a_trial_of_a_process_that_died_is_taken_over_at_once(start, tmp_path):
     """By one that is at work: what the dead one had begun is not lost."""
-    first = start(30, pause=0.1, workers=1)
+    first = start(20, pause=0.1, workers=1)
     while not times_begun(tmp_path):
         assert first.poll() is None
         time.sleep(0.02)
-    second = start(30, pause=0.1, workers=1)
-    time.sleep(2.0)
+    second = start(20, pause=0.1, workers=1)
     os.killpg(first.pid, signal.SIGKILL)
     assert second.wait(120) == 0
-    check_whole(tmp_path, 30)
-    assert sum(times_begun(tmp_path)) <= 31
+    check_whole(tmp_path, 20)
+    assert sum(times_begun(tmp_path)) <= 21
