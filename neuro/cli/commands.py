@@ -13,8 +13,7 @@ import typer
 from typer.core import TyperCommand, TyperGroup
 
 from neuro.cli.catalogue import backends, models, schema
-from neuro.cli.check import check, show
-from neuro.cli.chips import energy, fit
+from neuro.cli.chips import check, energy, fit, show
 from neuro.cli.compare import compare, verify
 from neuro.cli.events import app as events
 from neuro.cli.pictures import plot, report

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from neuro.cli.options import Backend, NetworkFile, Seed, Set, Threads, assignments, milliseconds
+from neuro.cli.options import Backend, Duration, NetworkFile, Seed, Set, Threads, assignments, stoppable
 
 if TYPE_CHECKING:
     from neuro.core.progress import Bar
@@ -20,7 +20,6 @@ if TYPE_CHECKING:
     from neuro.model.network import Network
     from neuro.run.simulation import Simulation
 
-Duration = Annotated[float, typer.Option("--for", metavar="MS", parser=milliseconds, help="How long, in ms.")]
 Record = Annotated[list[str], typer.Option(metavar="NAME", help="Keep only this population's spikes; repeatable.")]
 Out = Annotated[Path, typer.Option(metavar="FILE", help="The HDF5 file to write.")]
 AllWeights = Annotated[bool, typer.Option("--all-weights", help="Keep also static weights above a million synapses.")]
@@ -41,7 +40,6 @@ def run(
     from neuro.core.clock import Clock
     from neuro.core.launch import shared, speaks
     from neuro.core.outputs import check_output
-    from neuro.core.progress import Bar
     from neuro.files.results import KIND, read
     from neuro.model.language import load
     from neuro.run.compiled import compile as compiled
@@ -52,25 +50,20 @@ def run(
     steps = Clock(net.resolution).step(duration, "--for")
     keep_spikes(net, record)
     check_output(out, KIND)
-    with Bar() as bar:
-        try:
-            bar.say("preparing")
-            sim = compiled(net, backend=backend, seed=seed, threads=threads)
-            words: dict[str, Any] = {"threads": threads, "record": record, "all_weights": all_weights}
-            began = time.perf_counter()
-            if shared() or (out.exists() and not out.is_file()):
-                results, first_s = _at_the_end(sim, net, steps, bar, out, words)
-            else:
-                with sim.record_to(out, **words):
-                    first_s = advance(sim, steps, bar)
-                    bar.say("writing")
-                results = read(out)
-            taken = time.perf_counter() - began - first_s
-            silent = silent_inputs(sim)
-        except KeyboardInterrupt:
-            bar.stop()
-            _tell_interrupted(out)
-            raise typer.Exit(130) from None
+    with stoppable(lambda: _left_of(out)) as bar:
+        bar.say("preparing")
+        sim = compiled(net, backend=backend, seed=seed, threads=threads)
+        words: dict[str, Any] = {"threads": threads, "record": record, "all_weights": all_weights}
+        began = time.perf_counter()
+        if shared() or (out.exists() and not out.is_file()):
+            results, first_s = _at_the_end(sim, net, steps, bar, out, words)
+        else:
+            with sim.record_to(out, **words):
+                first_s = advance(sim, steps, bar)
+                bar.say("writing")
+            results = read(out)
+        taken = time.perf_counter() - began - first_s
+        silent = silent_inputs(sim)
     if speaks():
         report(results, out)
         tell_silence(silent)
@@ -101,12 +94,12 @@ def _at_the_end(
     return results, first_s
 
 
-def _tell_interrupted(out: Path) -> None:
+def _left_of(out: Path) -> str:
+    """What an interrupted run has left."""
     from neuro.files.results import read, unfinished
 
     part = unfinished(out)
-    kept = f"{part} has what was recorded up to {read(part).time:g} ms" if part.exists() else f"{out} is not written"
-    typer.echo(f"interrupted: {kept}", err=True)
+    return f"{part} has what was recorded up to {read(part).time:g} ms" if part.exists() else f"{out} is not written"
 
 
 def together(backend: str) -> None:

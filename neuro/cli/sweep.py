@@ -3,15 +3,15 @@
 from __future__ import annotations
 
 import shlex
-from collections.abc import Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from collections.abc import Mapping, Sequence
+from contextlib import AbstractContextManager
 from enum import StrEnum
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from neuro.cli.options import whole
+from neuro.cli.options import group, stoppable, threads as workers
 from neuro.cli.pictures import Format, write_pictures
 from neuro.core.progress import Bar
 
@@ -19,11 +19,6 @@ if TYPE_CHECKING:
     from neuro.sweeps.folder import Folder
     from neuro.sweeps.table import RunRows, SweepTable
     from neuro.sweeps.tuning.table import TuneTable
-
-
-def workers(text: str) -> int:
-    """A whole number >= 1."""
-    return whole(text, 1)
 
 
 class SweepPicture(StrEnum):
@@ -85,22 +80,14 @@ TuneAs = Annotated[
     typer.Option("--as", help="history, front (of two objectives), importance or parallel; repeatable."),
 ]
 
-sweep = typer.Typer(name="sweep", add_completion=False, pretty_exceptions_enable=False)
-tune = typer.Typer(name="tune", add_completion=False, pretty_exceptions_enable=False)
-
-
-@sweep.callback(invoke_without_command=True)
-def about_sweep(context: typer.Context) -> None:
-    """Run something at many points and with many seeds, on this machine or many; tell, table and draw what came."""
-    if context.invoked_subcommand is None:
-        typer.echo(context.get_help())
-
-
-@tune.callback(invoke_without_command=True)
-def about_tune(context: typer.Context) -> None:
-    """Look for the best parameters, by Optuna: one objective, or the front of several, such as accuracy and joules."""
-    if context.invoked_subcommand is None:
-        typer.echo(context.get_help())
+sweep = group(
+    "sweep",
+    "Run something at many points and with many seeds, on this machine or many; tell, table and draw what came.",
+)
+tune = group(
+    "tune",
+    "Look for the best parameters, by Optuna: one objective, or the front of several, such as accuracy and joules.",
+)
 
 
 @sweep.command("run")
@@ -156,16 +143,9 @@ def run_search(
     echo_next(found, "tune", counts["left"], f", or neuro tune test {shlex.quote(str(out))}" * bool(made.plan.folds))
 
 
-@contextmanager
-def going(out: Path) -> Iterator[Bar]:
+def going(out: Path) -> AbstractContextManager[Bar]:
     """A bar while runs are done; an interrupt is answered with how to go on."""
-    with Bar() as bar:
-        try:
-            yield bar
-        except KeyboardInterrupt:
-            bar.stop()
-            typer.echo(f"interrupted: {out} keeps what is done; the same command goes on", err=True)
-            raise typer.Exit(130) from None
+    return stoppable(f"{out} keeps what is done; the same command goes on")
 
 
 def echo_failures(folder: Folder, keys: Sequence[str]) -> None:

@@ -15,6 +15,7 @@ from neuro.core.checks import is_number
 from neuro.core.errors import ModelError, unknown
 from neuro.core.measures import in_ms
 from neuro.core.values import shown
+from neuro.files.finished_runs import FinishedRun
 from neuro.model.parts import Part
 from neuro.model.views import Shaped, View
 from neuro.model.written_views import named
@@ -147,24 +148,6 @@ class RunningSimulation(Protocol):
 
     def weights(self, name: str) -> Any:
         """Weights of a projection."""
-
-
-class FinishedRun(Protocol):
-    """What is asked of results."""
-
-    about: dict[str, Any]
-
-    @property
-    def populations(self) -> Mapping[str, Any]:
-        """Spikes by population."""
-
-    @property
-    def projections(self) -> Mapping[str, Any]:
-        """Weights by projection."""
-
-    @property
-    def traces(self) -> Mapping[str, Any]:
-        """States by the name of their trace."""
 
 
 def recorded(run: object) -> Recorded:

@@ -8,8 +8,8 @@ import numpy as np
 
 from neuro.chips.pricing.energy import Energy
 from neuro.chips.pricing.price import bill
+from neuro.files.finished_runs import resolved
 from neuro.files.results import Results
-from neuro.files.run_networks import resolved
 from neuro.model.network import Network
 from neuro.program.backend import EngineCounts
 

@@ -4,14 +4,13 @@ import numpy as np
 import pytest
 from matplotlib.image import imread
 
-from neuro.compare import compare
 from neuro.compare.report import page
 
 
 @pytest.fixture
-def report(net, tmp_path):
+def report(three, tmp_path):
     file = tmp_path / "report.html"
-    file.write_text(page(compare(net, ["event", "loihi", "spinnaker"], 200.0, 1)), "utf-8")
+    file.write_text(page(three), "utf-8")
     return file
 
 

@@ -51,11 +51,6 @@ class Tree(HTMLParser):
         return " ".join(" ".join(self.words).split())
 
 
-@pytest.fixture
-def three(net):
-    return compare(net, ["event", "loihi", "spinnaker"], 200.0, 1)
-
-
 def test_the_page_needs_nothing_else(three):
     text = page(three)
     tree = Tree(text)

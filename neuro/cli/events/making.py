@@ -343,7 +343,11 @@ def tohdf5(
     choice = "stop" if strict else "mend" if lenient else "skip"
     data = Dataset(folder, part=part, layout=layout, ending=ending, sensor_size=sensor)
     with going("the same command goes on where it was") as bar:
-        done = data.to_hdf5(out, jobs=jobs, damaged=choice, report=bar.count)
+
+        def report(what: str, done: int, total: int) -> None:
+            bar.show(done, total, f"{what}: {done:,} of {total:,}")
+
+        done = data.to_hdf5(out, jobs=jobs, damaged=choice, report=report)
     typer.echo(f"{out}: {done.samples:,} recordings of {len(data.classes)} classes")
     if done.damaged:
         files = f"{len(done.damaged):,} damaged file{'s' if len(done.damaged) > 1 else ''}"

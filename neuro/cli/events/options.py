@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from neuro.cli.options import whole
+from neuro.cli.options import stoppable, whole
 from neuro.core.progress import Bar
 
 if TYPE_CHECKING:
@@ -102,38 +102,24 @@ def named(source: str) -> str:
     return "events" if source == "-" else Path(source).name
 
 
-class Counter(Bar):
-    """A bar that also counts."""
-
-    def count(self, what: str, done: int, total: int) -> None:
-        """Show how many of how many are done."""
-        self.show(done, total, f"{what}: {done:,} of {total:,}")
-
-
 @contextmanager
-def going(left: str) -> Iterator[Counter]:
+def going(left: str) -> Iterator[Bar]:
     """A bar; Ctrl-C takes it away and says what is left.
 
     Args:
         left: what to say.
     """
-    bar = Counter()
-    with bar:
-        try:
-            bar.say("reading")
-            yield bar
-        except KeyboardInterrupt:
-            bar.stop()
-            typer.echo(f"interrupted: {left}", err=True)
-            raise typer.Exit(130) from None
+    with stoppable(left) as bar:
+        bar.say("reading")
+        yield bar
 
 
-def events_so_far(bar: Counter) -> Callable[[int], None]:
+def events_so_far(bar: Bar) -> Callable[[int], None]:
     """A report that shows how many events are done."""
     return lambda done: bar.say(f"{done:,} events")
 
 
-def watched(parts: Iterable[Events], bar: Counter) -> Iterator[Events]:
+def watched(parts: Iterable[Events], bar: Bar) -> Iterator[Events]:
     """Parts of a recording, with the bar showing how many events were taken."""
     done = 0
     for part in parts:
