@@ -13,7 +13,7 @@ from pathlib import Path
 import pytest
 
 KILLS = os.environ.get("NEURO_KILLS", "")
-FEW = {"sweep": "6", "tuning": "6"}
+FEW = {"sweep": "4", "tuning": "4"}
 SCRIPT = Path(__file__).parent / "helpers" / "kills.py"
 NEEDS = {"tuning": "optuna", "tuning-nsga2": "optuna", "training": "torch"}
 
