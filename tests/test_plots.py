@@ -11,7 +11,7 @@ from matplotlib.figure import Figure
 import neuro
 from neuro import ModelError, plots
 from neuro.files.parts import Trace, Train, Weights
-from neuro.files.recorded import SpikeTrain as Spikes, recorded, trains
+from neuro.files.recorded import SpikeTrain as Spikes, intervals, recorded, trains, variation
 from neuro.files.results import Results
 from neuro.plots import _spikes, _synapses, _traces
 
@@ -158,17 +158,17 @@ def test_intervals_and_their_variation():
     times, ids = np.sort(rng.uniform(0.0, 1000.0, 400)), rng.integers(0, 12, 400)
     train = Spikes("cells", np.arange(14), times, ids, (0.0, 1000.0))
     trains_ = [times[ids == neuron] for neuron in range(12)]
-    lengths, whose = _spikes.intervals(train)
+    lengths, whose = intervals(train.times_ms, train.ids)
     for neuron, one in enumerate(trains_):
         assert np.array_equal(lengths[whose == neuron], elephant.isi(one))
     expected = [elephant.cv(elephant.isi(one)) for one in trains_]
-    assert _spikes.variation(train) == pytest.approx(expected, rel=1e-12)
+    assert variation(train.times_ms, train.ids) == pytest.approx(expected, rel=1e-12)
 
 
 def test_a_single_interval_has_no_variation():
     times, ids = np.array([1.0, 2.0, 3.0, 5.0, 9.0]), np.array([0, 0, 1, 1, 1])
     train = Spikes("cells", np.arange(2), times, ids, (0.0, 10.0))
-    assert _spikes.variation(train) == pytest.approx([1.0 / 3.0])
+    assert variation(train.times_ms, train.ids) == pytest.approx([1.0 / 3.0])
 
 
 def test_what_intervals_and_cv_say(sim):

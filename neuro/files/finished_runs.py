@@ -1,4 +1,4 @@
-"""What follows from results: the network of a run and its recordings, its program, and chosen weights and delays."""
+"""What follows from results: the network of a run and its program, its bill on a chip, chosen weights and delays."""
 
 from __future__ import annotations
 
@@ -6,8 +6,9 @@ import copy
 from collections.abc import Iterable, Mapping
 from dataclasses import replace
 from math import prod
+from os import PathLike
 from pathlib import Path
-from typing import Any, Protocol
+from typing import TYPE_CHECKING, Any, Protocol
 
 import numpy as np
 
@@ -18,8 +19,12 @@ from neuro.model.neurons import event_camera, spike_generator
 from neuro.model.parts import Part, Population
 from neuro.model.views import Laid, View, view
 from neuro.model.written_views import named
+from neuro.program.backend import EngineCounts
 from neuro.program.program import Floats, Ints, Program
 from neuro.program.synapse_pairs import Ends, places_of_pairs, refuse_some_of_a_grid
+
+if TYPE_CHECKING:
+    from neuro.chips.pricing.energy import Energy
 
 READABLE = "spikes, traces and weights are read without"
 
@@ -113,6 +118,42 @@ def without_recordings(results: FinishedRun, net: Network) -> Network:
         for name, part in net.populations.items()
     }
     return listed
+
+
+def energy(
+    results: FinishedRun,
+    net: Network,
+    target: str | PathLike[str],
+    *,
+    step_s: float | None = None,
+    chips: int | None = None,
+) -> Energy:
+    """What a run would take on a chip, from the counts of each neuron and projection.
+
+    Args:
+        results: of the run.
+        net: what ran.
+        target: as of `neuro.Simulation.energy`.
+        step_s: likewise.
+        chips: likewise.
+
+    Raises:
+        ModelError: the target has no costs, or the network does not fit on it.
+    """
+    from neuro.chips.pricing.price import bill
+
+    program = resolved(results, net)
+    trains = [results.populations[part.name] for part in program.populations]
+    updates = [results.projections[part.name].counts["learning_updates"] for part in program.projections]
+    by_trials = [part.synapse.learns == "trials" for part in program.projections]
+    counts = EngineCounts(
+        steps=int(results.about["counts.steps"]),
+        events=tuple(np.asarray(train.event_counts) for train in trains),
+        spikes=tuple(np.asarray(train.spike_counts) for train in trains),
+        active=np.array([train.counts["neuron_updates_active"] for train in trains], np.int64),
+        trial_updates=np.array([n * taught for n, taught in zip(updates, by_trials, strict=True)], np.int64),
+    )
+    return bill(program, counts, target, step_s=step_s, chips=chips)
 
 
 def weights(results: FinishedRun, name: Any, of: Any, pre: Any, post: Any, delays: bool) -> Any:

@@ -51,6 +51,29 @@ class SpikeTrain:
         return self.times_ms.size / (self.neurons.size * seconds) if self.neurons.size and seconds else 0.0
 
 
+def intervals(times_ms: Floats, ids: Ints) -> tuple[Floats, Ints]:
+    """The intervals between spikes of the same neuron in ms, and whose they are, by neuron, then time."""
+    order = np.lexsort((times_ms, ids))
+    times_ms, ids = times_ms[order], ids[order]
+    same = ids[1:] == ids[:-1]
+    return np.diff(times_ms)[same], ids[1:][same]
+
+
+def variation(times_ms: Floats, ids: Ints) -> Floats:
+    """The coefficient of variation of the intervals of each neuron that has two or more, by neuron.
+
+    Standard deviation (of the intervals themselves, not of those they are drawn from) by mean; 1 of a Poisson process.
+    Intervals that are all 0, of neurons that emit several spikes in one step and no others, have none.
+    Source: Softky & Koch, J. Neurosci. 13:334, 1993
+    """
+    lengths, whose = intervals(times_ms, ids)
+    _, whose, count = np.unique(whose, return_inverse=True, return_counts=True)
+    mean = np.bincount(whose, lengths) / count
+    square = np.bincount(whose, (lengths - mean[whose]) ** 2) / count
+    defined = (count >= 2) & (mean > 0)
+    return np.asarray(np.sqrt(square[defined]) / mean[defined])
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class StateTrace:
     """What a probe recorded of one state, in `unit`.

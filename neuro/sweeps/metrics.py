@@ -18,6 +18,7 @@ from neuro.core.checks import is_number
 from neuro.core.errors import ModelError, unknown
 from neuro.core.registry import Registry
 from neuro.core.values import shown
+from neuro.files.recorded import variation
 
 if TYPE_CHECKING:
     from neuro.run.simulation import Simulation
@@ -103,21 +104,10 @@ def _own(sim: Simulation, name: str, tables: Mapping[str, str]) -> Any:
         weight = sim.get(of, "weight")
         return float((weight.mean() if word == "weight" else weight.std()) if weight.size else np.nan)
     if word == "cv":
-        return _variation(sim, of)
+        each = variation(*sim.spikes(of))
+        return float(each.mean()) if each.size else np.nan
     spikes, size = sim.counts().populations[of].spikes, sim.handles.neurons(of).part.size
     return spikes if word == "spikes" else spikes / size / (sim.time / 1000.0) if size and sim.time else 0.0
-
-
-def _variation(sim: Simulation, population: str) -> float:
-    """The mean over neurons; not a number where none has two intervals. Softky & Koch, J. Neurosci. 13:334, 1993."""
-    times, ids = sim.spikes(population)
-    order = np.lexsort((times, ids))
-    times, ids = times[order], ids[order]
-    same = ids[1:] == ids[:-1]
-    lengths, whose = np.diff(times)[same], ids[1:][same]
-    each = [lengths[whose == neuron] for neuron in np.unique(whose)]
-    found = [part.std() / part.mean() for part in each if part.size >= 2 and part.mean() > 0]
-    return float(np.mean(found)) if found else float("nan")
 
 
 Worse = Callable[[int, float], bool]

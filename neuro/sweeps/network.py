@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import copy
 import tempfile
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from contextlib import contextmanager
 from dataclasses import dataclass, field, fields, replace
 from functools import cached_property
 from pathlib import Path
@@ -163,32 +164,25 @@ def network_run(file: Path, **words: Any) -> NetworkRun:
     return NetworkRun(made.file, {name: digest_of(name) for name in read}, **words)
 
 
-class _table:
+@contextmanager
+def _table(backend: str, figures: Mapping[str, Any]) -> Iterator[str]:
     """The backend, or where figures of its chip are changed a table that is like it, for as long as it is needed."""
-
-    def __init__(self, backend: str, figures: Mapping[str, Any]) -> None:
-        self.backend, self.figures = backend, figures
-
-    def __enter__(self) -> str:
-        if not self.figures:
-            return self.backend
-        table: dict[str, Any] = {"like": str(Path(self.backend).absolute()) if "." in self.backend else self.backend}
-        table["name"] = f"{Path(self.backend).stem}-swept"
-        for name, value in self.figures.items():
-            section, _, word = name.partition(".")
-            figure = {"value": value, "source": "this sweep"}
-            if word:
-                table.setdefault(section, {})[word] = figure
-            else:
-                table[section] = figure
-        self._folder = tempfile.TemporaryDirectory()
-        path = Path(self._folder.name) / "chip.yaml"
+    if not figures:
+        yield backend
+        return
+    table: dict[str, Any] = {"like": str(Path(backend).absolute()) if "." in backend else backend}
+    table["name"] = f"{Path(backend).stem}-swept"
+    for name, value in figures.items():
+        section, _, word = name.partition(".")
+        figure = {"value": value, "source": "this sweep"}
+        if word:
+            table.setdefault(section, {})[word] = figure
+        else:
+            table[section] = figure
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder) / "chip.yaml"
         path.write_text(yaml.safe_dump(table), "utf-8")
-        return str(path)
-
-    def __exit__(self, *error: object) -> None:
-        if self.figures:
-            self._folder.cleanup()
+        yield str(path)
 
 
 def _beside(path: Path, folder: Path) -> Path:
@@ -269,7 +263,8 @@ def _projection(net: Network, part: Projection, word: str, value: Any) -> Projec
         fresh = copy.copy(net)
         fresh.projections = {}
         fresh.place = part.origin
-        ends = [view if view is not None else net.populations[name] for name, view in _ends(part)]
+        views = ((part.source, part.source_view), (part.target, part.target_view))
+        ends = [net.populations[name] if view is None else view for name, view in views]
         words = {"weight": part.weight, "delay": part.delay, word: value}
         return fresh.connect(ends[0], ends[1], part.rule, part.synapse, name=part.name, **words)
     synapse, rule = _names(part.synapse), _names(part.rule)
@@ -278,10 +273,6 @@ def _projection(net: Network, part: Projection, word: str, value: Any) -> Projec
     if word in rule:
         return replace(part, rule=replace(part.rule, **{rule[word]: value}))
     raise unknown(f"parameter of '{part.name}'", word, ("weight", "delay", *synapse, *rule))
-
-
-def _ends(part: Projection) -> tuple[tuple[str, Any], tuple[str, Any]]:
-    return (part.source, part.source_view), (part.target, part.target_view)
 
 
 def _names(choice: Choice) -> dict[str, str]:

@@ -11,9 +11,9 @@ from hypothesis import example, given, strategies as st
 
 import neuro
 from neuro.files import results
+from neuro.files.finished_runs import energy
 from neuro.pages.histograms import histogram
 from neuro.pages.raster import packed
-from neuro.report.counted import energy
 from neuro.report.curves import curves, rates, ticks
 from neuro.report.page import page
 from neuro.run.collect import collect

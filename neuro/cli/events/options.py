@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import inspect
 import os
 import re
 from collections.abc import Callable, Iterable, Iterator, Mapping
@@ -69,8 +70,8 @@ def spare(source: str | Path, target: str | Path, kind: Kind, force: bool) -> No
     check_output(path, replace(kind, ask="--force"), force)
 
 
-def named_part(text: str, registry: Mapping[str, Any], what: str, hint: str) -> tuple[str, dict[str, Any]]:
-    """Name and parameters of a part, written as any choice in a network is.
+def chosen(text: str, registry: Mapping[str, Any], what: str, hint: str) -> tuple[Any, dict[str, Any]]:
+    """A part of a registry and values of its parameters, written as any choice in a network is.
 
     Args:
         text: what was given.
@@ -94,7 +95,42 @@ def named_part(text: str, registry: Mapping[str, Any], what: str, hint: str) -> 
     name, values = next(iter(given.items()))
     if name not in registry:
         raise unknown(what, str(name), registry)
-    return name, {key: number(value) for key, value in values.items()}
+    known = parameters_of(registry[name])
+    for key in values:
+        if key not in known:
+            raise unknown(f"parameter of {what} '{name}'", str(key), known)
+    if any(told.split()[0] == key and key not in values for key, told in known.items()):
+        raise typer.BadParameter(f"'{text}': expected all of {', '.join(known.values())}", param_hint=hint)
+    return registry[name], {key: number(value) for key, value in values.items()}
+
+
+def parameters_of(part: Any) -> dict[str, str]:
+    """Each parameter behind the first, with its default, and its unit where its name does not tell it."""
+    from dataclasses import fields, is_dataclass
+
+    own = fields(part) if is_dataclass(part) else ()
+    units = {f.name: f.metadata["quantity"].unit for f in own if "quantity" in f.metadata}
+    units |= dict(getattr(part, "units", {}))
+    _, *others = inspect.signature(part).parameters.values()
+    told = {p.name: p.name if p.default is p.empty else f"{p.name}={p.default}" for p in others}
+    return {name: f"{text} {units.get(name, '')}".rstrip() for name, text in told.items() if name not in _OF_PROGRAMS}
+
+
+_OF_PROGRAMS = ("segments", "as_torch", "dtype")
+"""Parameters that only programs have a use for."""
+
+
+def list_parts(**registries: Mapping[str, Any]) -> None:
+    """Print all parts of some kinds with their parameters, and leave."""
+    from neuro.core.tables import console, table
+
+    for what, registry in registries.items():
+        rows = [
+            (name, ", ".join(parameters_of(part).values()), (part.__doc__ or "").partition("\n")[0])
+            for name, part in registry.items()
+        ]
+        console().print(table((what, "parameters", "what it does"), rows))
+    raise typer.Exit
 
 
 def named(source: str) -> str:
