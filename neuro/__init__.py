@@ -132,7 +132,7 @@ if TYPE_CHECKING:
     from neuro.sweeps.calling import sweep as sweep, tune as tune, tuned as tuned
     from neuro.sweeps.metrics import Pruned as Pruned, report_step as report_step
     from neuro.sweeps.table import SweepTable as SweepTable
-    from neuro.sweeps.tuning.table import TuneTable as TuneTable
+    from neuro.sweeps.trials import TuneTable as TuneTable
 
 
 def _registered(name: str) -> object:

@@ -353,7 +353,7 @@ def test_no_file_is_opened_for_writing_elsewhere():
     }
     formats = {f"neuro/events/formats/{name}.py" for name in FORMATS}
     given = {
-        *(f"neuro/cli/{name}.py" for name in ("compare", "start", "pictures", "events/making")),
+        *(f"neuro/cli/{name}.py" for name in ("compare", "start", "run", "events/making")),
         *(f"neuro/sweeps/{name}.py" for name in ("page", "folder", "worker")),
         "neuro/model/language/writer.py",
         *(f"apps/{name}.py" for name in ("neuro_drone/watch", "neuro_recognise/detection/report")),
@@ -367,7 +367,7 @@ def test_no_file_is_opened_for_writing_elsewhere():
         "neuro/plots/_canvas.py",  # a picture for a notebook
         "neuro/sweeps/network.py",  # a table for one run
     }
-    journal = {"neuro/sweeps/tuning/journal.py"}  # many add lines to it, so it is rewritten under its own lock
+    journal = {"neuro/sweeps/journal.py"}  # many add lines to it, so it is rewritten under its own lock
     assert found == {"neuro/core/outputs.py"} | formats | temporary | given | journal
 
 

@@ -16,8 +16,7 @@ from neuro.cli.catalogue import backends, models, schema
 from neuro.cli.chips import check, energy, fit, show
 from neuro.cli.compare import compare, verify
 from neuro.cli.events import app as events
-from neuro.cli.pictures import plot, report
-from neuro.cli.run import rerun, run
+from neuro.cli.run import plot, report, rerun, run
 from neuro.cli.start import example, new
 from neuro.cli.sweep import sweep, tune
 from neuro.core.errors import ModelError, unknown

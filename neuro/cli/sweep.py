@@ -12,13 +12,13 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from neuro.cli.options import group, stoppable, threads as workers
-from neuro.cli.pictures import Format, write_pictures
+from neuro.cli.run import Format, write_pictures
 from neuro.core.progress import Bar
 
 if TYPE_CHECKING:
     from neuro.sweeps.folder import Folder
     from neuro.sweeps.table import RunRows, SweepTable
-    from neuro.sweeps.tuning.table import TuneTable
+    from neuro.sweeps.trials import TuneTable
 
 
 class SweepPicture(StrEnum):
@@ -131,7 +131,7 @@ def run_search(
     from neuro.sweeps.executors import place_of
     from neuro.sweeps.folder import TUNING, Folder
     from neuro.sweeps.table import as_text
-    from neuro.sweeps.tuning.table import tune_table_of
+    from neuro.sweeps.trials import tune_table_of
 
     place = place_of(on, workers, part)
     made, folder = load_search(file), Folder(out, TUNING)
@@ -210,7 +210,7 @@ def sweep_status(folder: Swept) -> None:
 @tune.command("status")
 def search_status(folder: Tuned) -> None:
     """Tell how many trials are done, failed, pruned and left, which is the best so far, and why what failed did."""
-    from neuro.sweeps.tuning.table import tune_table_of
+    from neuro.sweeps.trials import tune_table_of
 
     found = tune_table_of(folder)
     typer.echo(f"{found.name}: {found.plan.most:,} trials by {found.plan.sampler}: {all_counts(found.counts())}")
@@ -233,7 +233,7 @@ def sweep_table(folder: Swept, out: TableFile = None, times: RunTimes = False) -
 @tune.command("table")
 def search_table(folder: Tuned, out: TableFile = None, times: TrialTimes = False, runs: EachRun = False) -> None:
     """Print or write a row for each trial: outcome, parameters, means of the metrics, whether no other beats it."""
-    from neuro.sweeps.tuning.table import tune_table_of
+    from neuro.sweeps.trials import tune_table_of
 
     found = tune_table_of(folder)
     put_table(found.runs() if runs else found, out, times)
@@ -274,7 +274,7 @@ def search_plot(
 ) -> None:
     """Draw a tuning: the best value so far, the front, how much each parameter matters, parallel coordinates."""
     from neuro.sweeps.pictures import search_pictures
-    from neuro.sweeps.tuning.table import tune_table_of
+    from neuro.sweeps.trials import tune_table_of
 
     kinds = [each.value for each in kind if each != TuningPicture.auto]
     drawn = search_pictures(tune_table_of(folder), kinds)
@@ -294,7 +294,7 @@ def sweep_page(folder: Swept, out: SweepPage = None) -> None:
 def search_page(folder: Tuned, out: TunePage = None) -> None:
     """Write one page that shows a tuning so far: best, front, all trials, what failed and why."""
     from neuro.sweeps.page import write_page
-    from neuro.sweeps.tuning.table import tune_table_of
+    from neuro.sweeps.trials import tune_table_of
 
     typer.echo(f"{write_page(tune_table_of(folder), out)}: written")
 
@@ -308,7 +308,7 @@ def held_out(folder: Tuned, on: On = "cores", workers: Workers = None) -> None:
     from neuro.sweeps.executors import place_of
     from neuro.sweeps.folder import TUNING, Folder
     from neuro.sweeps.table import text
-    from neuro.sweeps.tuning.table import tune_table_of
+    from neuro.sweeps.trials import tune_table_of
 
     found = tune_table_of(folder)
     if not found.plan.folds:

@@ -16,10 +16,10 @@ from neuro.sweeps.definition import limits_of, python_search, python_sweep
 from neuro.sweeps.execute import execute, execute_search
 from neuro.sweeps.executors import HERE, place_of
 from neuro.sweeps.folder import SWEEP, TUNING, Folder
+from neuro.sweeps.plan import plan_of
 from neuro.sweeps.space import space_of
 from neuro.sweeps.table import SweepTable, table_of
-from neuro.sweeps.tuning.plan import plan_of
-from neuro.sweeps.tuning.table import TuneTable, tune_table_of
+from neuro.sweeps.trials import TuneTable, tune_table_of
 
 _FLAG = Quantity(kind="boolean")
 T = TypeVar("T", SweepTable, TuneTable)

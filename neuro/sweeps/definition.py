@@ -24,8 +24,8 @@ from neuro.sweeps.folder import Folder
 from neuro.sweeps.function import FunctionRun, function_run
 from neuro.sweeps.metrics import METRICS
 from neuro.sweeps.network import NetworkRun, network_run
+from neuro.sweeps.plan import SearchPlan, plan_of
 from neuro.sweeps.space import RunItem, SearchSpace, key_of, space_of
-from neuro.sweeps.tuning.plan import SearchPlan, plan_of
 
 Run = NetworkRun | FunctionRun
 _OF_NETWORKS = ("for", "backend", "threads", "metrics", "keep")

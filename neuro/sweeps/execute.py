@@ -9,17 +9,16 @@ from contextlib import closing
 from neuro.core.errors import ModelError
 from neuro.core.progress import Bar
 from neuro.core.provenance import provenance
+from neuro.sweeps.asking import Asker, point_of
 from neuro.sweeps.claims import claimed, waiting
 from neuro.sweeps.cores import POLL_S
 from neuro.sweeps.definition import Definition, Search, Sweep
 from neuro.sweeps.executors import Executor, doing
 from neuro.sweeps.folder import Folder
+from neuro.sweeps.journal import journal_of, locked, optuna, trials_of
+from neuro.sweeps.plan import SearchPlan
 from neuro.sweeps.space import Point
 from neuro.sweeps.table import as_text
-from neuro.sweeps.tuning.asking import Asker
-from neuro.sweeps.tuning.journal import journal_of, locked, optuna, trials_of
-from neuro.sweeps.tuning.plan import SearchPlan
-from neuro.sweeps.tuning.sampling import point_of
 
 Hear = Callable[[str], None]
 """Gets the key of each run when it is there."""

@@ -17,10 +17,10 @@ from neuro.core.outputs import output, sealed
 from neuro.core.provenance import differences
 from neuro.core.version import VERSION
 from neuro.sweeps.folder import Folder, RunOutcome
+from neuro.sweeps.plan import Floats, so_far
 from neuro.sweeps.plot_data import PlotData, is_log, ordered, places, plot_data, scaled, told
 from neuro.sweeps.table import RunRows, SweepTable, columns, reasons, text
-from neuro.sweeps.tuning.plan import Floats, so_far
-from neuro.sweeps.tuning.table import FoundTrial, TuneTable
+from neuro.sweeps.trials import FoundTrial, TuneTable
 
 PAGES = {
     name: sealed(f"a page of 'neuro {name}'", f'<meta name="generator" content="neuro {name}">', "<!-- digest {} -->")

@@ -16,11 +16,11 @@ from neuro.core.errors import ModelError, unknown
 from neuro.core.values import literal
 from neuro.plots._canvas import COLOURS, Picture, colours, tidy
 from neuro.sweeps.folder import TUNING, Folder
+from neuro.sweeps.journal import OPTUNAS, optuna, quietly, trials_of
+from neuro.sweeps.plan import MAXIMISE, so_far
 from neuro.sweeps.plot_data import PlotData, is_log, ordered, plot_data, scaled, told
 from neuro.sweeps.table import RunRows, SweepTable
-from neuro.sweeps.tuning.journal import OPTUNAS, optuna, quietly, trials_of
-from neuro.sweeps.tuning.plan import MAXIMISE, so_far
-from neuro.sweeps.tuning.table import FoundTrial, TuneTable
+from neuro.sweeps.trials import FoundTrial, TuneTable
 
 KINDS = ("history", "front", "importance", "parallel")
 ENOUGH = 8

@@ -15,7 +15,7 @@ from neuro import ModelError
 from neuro.rerun.again import rerun
 from neuro.sweeps.claims import Claims, claimed
 from neuro.sweeps.folder import Folder
-from neuro.sweeps.tuning.plan import SearchPlan, front, plan_of
+from neuro.sweeps.plan import SearchPlan, front, plan_of
 from neuro.sweeps.worker import Worker
 
 pytest.importorskip("optuna", reason="the extra tune is not installed")

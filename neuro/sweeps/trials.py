@@ -14,13 +14,12 @@ import numpy as np
 from neuro.core.errors import ModelError
 from neuro.core.outputs import marked
 from neuro.core.paths import file_path
+from neuro.sweeps.asking import counted, point_of
 from neuro.sweeps.folder import PRUNED, TUNING, Folder, RunOutcome
+from neuro.sweeps.journal import trials_of
+from neuro.sweeps.plan import SearchPlan, front, mean_metrics, worth
 from neuro.sweeps.space import Point, RunItem
 from neuro.sweeps.table import RunRows, SweepTable, as_text, names_of
-from neuro.sweeps.tuning.asking import counted
-from neuro.sweeps.tuning.journal import trials_of
-from neuro.sweeps.tuning.plan import SearchPlan, front, mean_metrics, worth
-from neuro.sweeps.tuning.sampling import point_of
 
 UNDER_WAY = "under way"
 _OUTCOMES = {"COMPLETE": "done", "FAIL": "failed", "PRUNED": PRUNED}
