@@ -1,9 +1,11 @@
 """Sweeps over networks from a YAML file, on the command line."""
 
 import json
+from pathlib import Path
 
 import numpy as np
 import pytest
+import yaml
 
 import neuro
 from neuro.sweeps.definition import load_sweep
@@ -171,50 +173,12 @@ def test_a_point_that_the_network_refuses_fails_alone(folder, run):
     assert "V_th" in bad["error"]
 
 
-MISTAKES = [
-    ("network: net.yaml\nparameters: {ww: [1]}", "sweep.yaml:2:13: unknown parameter 'ww'\n  hint: did you mean 'w'?"),
-    (
-        "network: net.yaml\nparameters: {exc.V_tt: [1]}",
-        "sweep.yaml:2:13: unknown parameter of 'exc', an iaf_psc_exp, 'V_tt'\n  hint: did you mean 'V_th'?",
-    ),
-    ("network: net.yaml\nparameters: {exx.V_th: [1]}", "sweep.yaml:2:13: unknown population or projection 'exx'"),
-    (
-        "network: net.yaml\nseeds: 1\nmetrics: [rat.exc]",
-        "sweep.yaml:3:10: unknown metric 'rat.exc'\n  hint: did you mean 'rate.",
-    ),
-    (
-        "network: net.yaml\nseeds: 1\nmetrics: [rate.exx]",
-        "sweep.yaml:3:10: unknown population of the metric 'rate.exx': 'exx'\n  hint: did you mean 'exc'?",
-    ),
-    ("network: net.yaml", "sweep.yaml:1:1: the space is empty: expected parameters with values, or seeds"),
-    ("network: net.yaml\nparameters: {}", "sweep.yaml:2:13: the space is empty: expected parameters with values, or"),
-    (
-        "network: net.yaml\nparameters:\n" + "".join(f"  p{k}: {{from: 0, to: 1, number: 1000}}\n" for k in range(3)),
-        "sweep.yaml:3:3: the space has 1,000,000,000 runs: expected at most 1,000,000",
-    ),
-    ("network: nat.yaml\nseeds: 1", "sweep.yaml:1:10: no such file\n  hint: did you mean 'net.yaml'?"),
-    (
-        "netwerk: net.yaml\nseeds: 1",
-        "sweep.yaml:1:1: unknown word of a sweep 'netwerk'\n  hint: did you mean 'network'?",
-    ),
-    ("seeds: 1", "a sweep needs 'network', a file, or 'study', a function of a point"),
-    ("network: net.yaml\nseeds: 1\nsampling: latin", "sweep.yaml"),
-    ("network: net.yaml\nseeds: 1\nfor: 3 mV", "sweep.yaml:3:6: for = 3 mV: "),
-    ("network: net.yaml\nseeds: 1\nbackend: evnt", "sweep.yaml:3:10: unknown backend 'evnt'"),
-    ("network: net.yaml\nseeds: 1\nkeep: all", "keep = 'all': expected one of metrics, results"),
-    (
-        "network: net.yaml\nseeds: 1\nmemory_limit: 3",
-        "sweep.yaml:3:15: memory_limit = 3: expected a size, such as 500 MB",
-    ),
-    ("study: area\nfor: 3\nseeds: 1", "sweep.yaml:2:6: for: a study says for itself how it runs"),
-    ("study: nothing\nseeds: 1", "sweep.yaml:1:8: unknown study 'nothing'"),
-    ("network: net.yaml\nlist: [{w: 1}]\nruns: 3", "sweep.yaml:3:7: runs: has no meaning with a list of points"),
-]
+MISTAKES = yaml.safe_load(Path(__file__).with_name("mistakes.yaml").read_text("utf-8"))["sweep"]
 
 
-@pytest.mark.parametrize(("text", "told"), MISTAKES, ids=[told[:40] for _, told in MISTAKES])
-def test_a_mistake_is_told_and_nothing_is_written(folder, run, text, told, capsys):
-    (folder / "sweep.yaml").write_text(text + "\n")
+@pytest.mark.parametrize("told", MISTAKES, ids=lambda told: told[:40])
+def test_a_mistake_is_told_and_nothing_is_written(folder, run, told, capsys):
+    (folder / "sweep.yaml").write_text(MISTAKES[told] + "\n")
     run("sweep", "run", "sweep.yaml", status=2)
     err = capsys.readouterr().err
     assert err.startswith("error: ")

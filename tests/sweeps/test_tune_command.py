@@ -2,8 +2,10 @@
 
 import subprocess
 import sys
+from pathlib import Path
 
 import pytest
+import yaml
 
 import neuro
 
@@ -146,44 +148,12 @@ def test_a_test_without_folds_is_refused(folder, run, capsys):
     )
 
 
-SPACE = "parameters: {w: {from: 1.0, to: 2.0}}\ntrials: 3\n"
-MISTAKES = [
-    ("network: net.yaml\nobjectives: {spikes: max}\ntrials: 3", "tune.yaml:1:1: a tuning needs 'parameters'"),
-    (f"network: net.yaml\n{SPACE}", "a tuning needs 'objectives'"),
-    ("network: net.yaml\nparameters: {}\ntrials: 3\nobjectives: {spikes: max}", "tune.yaml:2:13: the space is empty"),
-    (f"network: net.yaml\nobjectives: {{spikes: up}}\n{SPACE}", "tune.yaml:2:13: objectives.spikes = 'up': expected"),
-    (
-        f"network: net.yaml\nobjectives: {{rat.exc: max}}\n{SPACE}",
-        "unknown metric 'rat.exc'\n  hint: did you mean 'rate.exc'?",
-    ),
-    (
-        "network: net.yaml\nobjectives: {spikes: max}\ntrials: 3\nparameters: {ww: [1]}",
-        "tune.yaml:4:13: unknown parameter 'ww'\n  hint: did you mean 'w'?",
-    ),
-    (f"objectives: {{spikes: max}}\n{SPACE}", "a tuning needs 'network', a file, or 'study', a function of a point"),
-    (f"network: net.yaml\nobjectives: {{spikes: max}}\nsampler: tp\n{SPACE}", "tune.yaml:3:10: unknown sampler 'tp'"),
-    (f"network: net.yaml\nobjectives: {{spikes: max}}\nprune: medium\n{SPACE}", "tune.yaml:3:8: unknown pruner"),
-    (f"network: net.yaml\nobjectives: {{spikes: max}}\nprune: median\n{SPACE}", "3:8: prune: a network needs 'at'"),
-    (
-        f"network: net.yaml\nobjectives: {{spikes: max}}\nseeds: 2\nprune: {{at: [5 ms]}}\n{SPACE}",
-        "tune.yaml:4:8: prune.at: with seeds, trials are compared after each seed: expected no 'at'",
-    ),
-    (
-        f"network: net.yaml\nobjectives: {{spikes: max}}\nprune: {{at: [50 ms, 20 ms]}}\n{SPACE}",
-        "prune.at = [50 ms, 20 ms]: expected times > 0, each later than the one before",
-    ),
-    (
-        f"network: net.yaml\nobjectives: {{spikes: max}}\nfor: 20 ms\nprune: {{at: [50 ms]}}\n{SPACE}",
-        "prune.at = 50 ms: expected times before the end of the run, 20 ms",
-    ),
-    (f"network: net.yaml\nobjectives: {{spikes: max}}\nfolds: 3\n{SPACE}", "folds: are told to a function"),
-    (f"network: net.yaml\nobjectives: {{spikes: max}}\nsampling: grid\n{SPACE}", "unknown word of a tuning 'sampling'"),
-]  # fmt: skip
+MISTAKES = yaml.safe_load(Path(__file__).with_name("mistakes.yaml").read_text("utf-8"))["tune"]
 
 
-@pytest.mark.parametrize(("text", "told"), MISTAKES, ids=[told[:40] for _, told in MISTAKES])
-def test_a_mistake_is_told_and_nothing_is_written(folder, run, text, told, capsys):
-    (folder / "tune.yaml").write_text(text)
+@pytest.mark.parametrize("told", MISTAKES, ids=lambda told: told[:40])
+def test_a_mistake_is_told_and_nothing_is_written(folder, run, told, capsys):
+    (folder / "tune.yaml").write_text(MISTAKES[told])
     run("tune", "run", "tune.yaml", status=2)
     err = capsys.readouterr().err
     assert err.startswith("error: ")
