@@ -75,11 +75,10 @@ if TYPE_CHECKING:
     from neuro.run.ports import Port as Port
     from neuro.run.simulation import Simulation as Simulation
     from neuro.run.trials import TrialCounts as TrialCounts, TrialResults as TrialResults
-    from neuro.sweeps.calling import sweep as sweep
-    from neuro.sweeps.steps import Pruned as Pruned, report_step as report_step
+    from neuro.sweeps.calling import sweep as sweep, tune as tune, tuned as tuned
+    from neuro.sweeps.metrics import Pruned as Pruned, report_step as report_step
     from neuro.sweeps.table import SweepTable as SweepTable
-    from neuro.sweeps.tuning.calling import tune as tune, tuned as tuned
-    from neuro.sweeps.tuning.table import TuneTable as TuneTable
+    from neuro.sweeps.trials import TuneTable as TuneTable
 
 
 def _registered(name: str) -> object:

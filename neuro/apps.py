@@ -47,8 +47,7 @@ if TYPE_CHECKING:
     from neuro.core.registry import Registry as Registry
     from neuro.core.tables import console as console, table as table
     from neuro.core.values import literal as literal
-    from neuro.files.checkpoint import Checkpoint as Checkpoint
-    from neuro.files.state import fingerprint as fingerprint
+    from neuro.files.state import Checkpoint as Checkpoint, fingerprint as fingerprint
     from neuro.kernels.jit import allocating as allocating, kernel as kernel, subkernel as subkernel
     from neuro.model.language import (
         Node as Node,

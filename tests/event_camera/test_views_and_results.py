@@ -71,7 +71,7 @@ def test_results_are_read_without_the_recording(walk, tmp_path, monkeypatch):
     assert results.network(tmp_path / "kept").populations["camera"].model.file == tmp_path / "kept" / "walk.aedat4"
     assert "event_camera" in str(results.network(played=False))
     assert results.spikes("camera")[0].size
-    from neuro.report.counted import energy
+    from neuro.files.finished_runs import energy
 
     bill = energy(results, results.network(played=False), "cpu")
     sim = neuro.compile(network(neuro.event_camera(events=walk)))

@@ -10,7 +10,7 @@ import yaml
 from hypothesis import HealthCheck, example, given, settings, strategies as st
 
 import neuro
-from neuro.cli.check import check
+from neuro.cli.chips import check
 
 TEXT = """\
 neuro: 1

@@ -33,6 +33,9 @@ if TYPE_CHECKING:
 NAME = "search"
 """Of the one study of a journal."""
 
+OPTUNAS = {"maximise": "maximize", "minimise": "minimize"}
+"""What Optuna calls our directions."""
+
 
 class Journal:
     """The lines of a journal, as `optuna.storages.JournalStorage` reads and adds them.
@@ -124,7 +127,7 @@ class Journal:
         try:
             log = parsed(line)
             told = log.pop(SUM)
-            if told in (sum_of(log, before), sum_of(log)):  # the second: from before each was of the sum before it
+            if told == sum_of(log, before):
                 return dict(log), told
         except (ValueError, KeyError, AttributeError, TypeError):
             pass
@@ -276,12 +279,11 @@ def study_of(folder: Folder, directions: Sequence[str]) -> Study:
         ModelError: as `storage_of`.
     """
     package, storage = optuna(), storage_of(folder)
-    words = [{"maximise": "maximize", "minimise": "minimize"}[each] for each in directions]
     with quietly():
         made: Study = package.create_study(
             storage=storage,
             study_name=NAME,
-            directions=words,
+            directions=[OPTUNAS[each] for each in directions],
             load_if_exists=True,
             sampler=package.samplers.RandomSampler(0),
             pruner=package.pruners.NopPruner(),

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from os import PathLike
 from pathlib import Path
@@ -14,16 +14,12 @@ import numpy as np
 from neuro.core.errors import ModelError
 from neuro.core.outputs import marked
 from neuro.core.paths import file_path
-from neuro.sweeps.definition import RunItem
+from neuro.sweeps.asking import counted, point_of
 from neuro.sweeps.folder import PRUNED, TUNING, Folder, RunOutcome
-from neuro.sweeps.rows import RunRows
-from neuro.sweeps.space import Point
-from neuro.sweeps.table import SweepTable
-from neuro.sweeps.tuning.asking import counted
-from neuro.sweeps.tuning.journal import trials_of
-from neuro.sweeps.tuning.objectives import Floats, front, mean_metrics, worth
-from neuro.sweeps.tuning.plan import SearchPlan
-from neuro.sweeps.tuning.sampling import point_of
+from neuro.sweeps.journal import trials_of
+from neuro.sweeps.plan import SearchPlan, front, mean_metrics, worth
+from neuro.sweeps.space import Point, RunItem
+from neuro.sweeps.table import RunRows, SweepTable, as_text, names_of
 
 UNDER_WAY = "under way"
 _OUTCOMES = {"COMPLETE": "done", "FAIL": "failed", "PRUNED": PRUNED}
@@ -111,9 +107,7 @@ class TuneTable(RunRows):
 
         Of several with the same values the first.
         """
-        done = [trial for trial in self.trials() if trial.values is not None]
-        kept = front(_values(done, self.plan), tuple(self.plan.objectives.values()))
-        first = {trial.values: trial for trial, stays in zip(reversed(done), kept[::-1], strict=True) if stays}
+        first = {trial.values: trial for trial in reversed(self._unbeaten(self.trials()))}
         return sorted(first.values(), key=lambda trial: trial.values or ())
 
     def counts(self) -> dict[str, int]:
@@ -131,11 +125,10 @@ class TuneTable(RunRows):
     def _rows(self, times: bool) -> Iterator[dict[str, Any]]:
         trials = self.trials()
         folder = Folder(self.path, TUNING)
-        best = {trial.values for trial in self._kept(trials)}
+        best = {trial.values for trial in self._unbeaten(trials)}
         tested = {trial.number: self._tested(folder, trial.point) for trial in trials if trial.values in best}
-        names = _names(trial.metrics for trial in trials)
-        names = list(dict.fromkeys((*self.plan.objectives, *names)))
-        tests = _names(tested.values())
+        names = names_of((self.plan.objectives, *(trial.metrics for trial in trials)))
+        tests = names_of(tested.values())
         for trial in trials:
             row = {"trial": trial.number, "outcome": trial.outcome}
             row |= {name: trial.point.get(name) for name in self.plan.names}
@@ -146,9 +139,10 @@ class TuneTable(RunRows):
                 row["seconds"] = sum(one.seconds for one in there.values())
             yield {**row, "best": trial.values in best if trial.values else False, "error": trial.error}
 
-    def _kept(self, trials: list[FoundTrial]) -> list[FoundTrial]:
+    def _unbeaten(self, trials: list[FoundTrial]) -> list[FoundTrial]:
         done = [trial for trial in trials if trial.values is not None]
-        kept = front(_values(done, self.plan), tuple(self.plan.objectives.values()))
+        values = np.array([trial.values for trial in done], float).reshape(-1, len(self.plan.objectives))
+        kept = front(values, tuple(self.plan.objectives.values()))
         return [trial for trial, stays in zip(done, kept, strict=True) if stays]
 
     def _tested(self, folder: Folder, point: Point) -> dict[str, Any]:
@@ -179,9 +173,7 @@ class TuneTable(RunRows):
         return len(trials_of(Folder(self.path, TUNING)))
 
     def __repr__(self) -> str:
-        counts = self.counts()
-        told = ", ".join(f"{counts[word]:,} {word}" for word in counts if word != PRUNED or counts[word])
-        return f"TuneTable({self.name!r}, {len(self):,} trials: {told})"
+        return f"TuneTable({self.name!r}, {len(self):,} trials: {as_text(self.counts())})"
 
 
 def tune_table_of(path: str | PathLike[str]) -> TuneTable:
@@ -193,17 +185,9 @@ def tune_table_of(path: str | PathLike[str]) -> TuneTable:
     folder = file_path(path, "path")
     told = Folder(folder, TUNING).read()
     try:
-        return TuneTable(folder, told["name"], SearchPlan.of(told["plan"]), told["before"])
+        return TuneTable(folder, told["name"], SearchPlan.from_dict(told["plan"]), told["before"])
     except (KeyError, TypeError, ValueError, AttributeError):
         raise ModelError(f"{folder / TUNING.file}: damaged: expected what 'neuro tune run' wrote") from None
-
-
-def _values(trials: list[FoundTrial], plan: SearchPlan) -> Floats:
-    return np.array([trial.values for trial in trials], float).reshape(-1, len(plan.objectives))
-
-
-def _names(each: Iterable[Mapping[str, Any]]) -> list[str]:
-    return list(dict.fromkeys(name for one in each for name in one))
 
 
 def _is_test(folder: Folder, key: str) -> bool:

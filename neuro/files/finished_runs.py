@@ -1,29 +1,51 @@
-"""Weights and delays that a run has left, all or chosen ones by their ends, as of a simulation."""
+"""What follows from results: the network of a run and its program, its bill on a chip, chosen weights and delays."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+import copy
+from collections.abc import Iterable, Mapping
+from dataclasses import replace
 from math import prod
-from typing import Any, Protocol
+from os import PathLike
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Protocol
 
 import numpy as np
 
 from neuro.core.clock import Clock
 from neuro.core.errors import ModelError, unknown
-from neuro.files.run_networks import Over, resolved
 from neuro.model.network import Network
+from neuro.model.neurons import event_camera, spike_generator
 from neuro.model.parts import Part, Population
 from neuro.model.views import Laid, View, named, view
-from neuro.program.program import Floats, Ints
+from neuro.program.backend import EngineCounts
+from neuro.program.program import Floats, Ints, Program
 from neuro.program.synapse_pairs import Ends, places_of_pairs, refuse_some_of_a_grid
 
+if TYPE_CHECKING:
+    from neuro.chips.pricing.energy import Energy
 
-class FinishedRun(Over, Protocol):
+READABLE = "spikes, traces and weights are read without"
+
+
+class FinishedRun(Protocol):
     """What is asked of results."""
+
+    @property
+    def about(self) -> dict[str, Any]:
+        """Attributes of its file."""
+
+    @property
+    def populations(self) -> Mapping[str, Any]:
+        """Spikes by population."""
 
     @property
     def projections(self) -> Mapping[str, Any]:
         """Weights by projection."""
+
+    @property
+    def traces(self) -> Mapping[str, Any]:
+        """States by the name of their trace."""
 
     @property
     def finished(self) -> bool:
@@ -34,6 +56,103 @@ class FinishedRun(Over, Protocol):
 
     def network(self, *, played: bool) -> Network:
         """What ran."""
+
+
+class Sought:
+    """Looks for recordings in folders, and remembers which are in none.
+
+    Args:
+        folders: where to look, in this order.
+    """
+
+    def __init__(self, folders: Iterable[Path]) -> None:
+        self._folders = list(folders)
+        self._missing: list[str | None] = []
+
+    def find(self, name: str | None) -> Path | None:
+        """The path of a recording; one in the first folder that is not there if it is in none. None of a program's."""
+        if name is None:
+            self._missing.append(None)
+            return None
+        places = [folder / part for folder in self._folders for part in dict.fromkeys((name, Path(name).name))]
+        there = next((place for place in places if place.is_file()), None)
+        if there is None:
+            self._missing.append(name)
+        return there or places[0]
+
+    def check(self) -> None:
+        """Refuse to go on without what was not found.
+
+        Raises:
+            ModelError: a recording is in none of the folders, or was made by a program.
+        """
+        for name in self._missing:
+            if name is None:
+                message = "the network plays events of a program, which results do not hold"
+                raise ModelError(message, hint=f"describe it again with these events; {READABLE} them")
+            looked = ", ".join(map(str, self._folders))
+            hint = f"results.network(recordings=FOLDER) says where it lies; {READABLE} it"
+            raise ModelError(f"the network plays the recording {name!r}: not found in {looked}", hint=hint)
+
+
+def resolved(results: FinishedRun, net: Network) -> Program:
+    """What ran; what a camera emitted is listed in it, so that no recording is needed.
+
+    Args:
+        results: of the run.
+        net: what ran.
+    """
+    from neuro.compiler import compile_network
+
+    return compile_network(without_recordings(results, net), int(results.about["seed"]))
+
+
+def without_recordings(results: FinishedRun, net: Network) -> Network:
+    """The same network with a list of spikes, of which none are there, for each event camera."""
+    listed = copy.copy(net)
+    listed.populations = {
+        name: replace(part, model=spike_generator(), shape=results.populations[name].shape)
+        if isinstance(part.model, event_camera)
+        else part
+        for name, part in net.populations.items()
+    }
+    return listed
+
+
+def energy(
+    results: FinishedRun,
+    net: Network,
+    target: str | PathLike[str],
+    *,
+    step_s: float | None = None,
+    chips: int | None = None,
+) -> Energy:
+    """What a run would take on a chip, from the counts of each neuron and projection.
+
+    Args:
+        results: of the run.
+        net: what ran.
+        target: as of `neuro.Simulation.energy`.
+        step_s: likewise.
+        chips: likewise.
+
+    Raises:
+        ModelError: the target has no costs, or the network does not fit on it.
+    """
+    from neuro.chips.pricing.price import bill
+
+    program = resolved(results, net)
+    trains = [results.populations[part.name] for part in program.populations]
+    updates = [results.projections[part.name].counts["learning_updates"] for part in program.projections]
+    by_trials = [part.synapse.learns == "trials" for part in program.projections]
+    counts = EngineCounts(
+        steps=int(results.about["counts.steps"]),
+        events=tuple(np.asarray(train.event_counts) for train in trains),
+        spikes=tuple(np.asarray(train.spike_counts) for train in trains),
+        active=np.array([train.counts["neuron_updates_active"] for train in trains], np.int64),
+        trial_updates=np.array([n * taught for n, taught in zip(updates, by_trials, strict=True)], np.int64),
+    )
+    return bill(program, counts, target, step_s=step_s, chips=chips)
 
 
 def weights(results: FinishedRun, name: Any, of: Any, pre: Any, post: Any, delays: bool) -> Any:

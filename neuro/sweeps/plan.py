@@ -1,4 +1,4 @@
-"""How a search goes: space, objectives, sampler, pruner, and of which runs a trial is made."""
+"""How a search goes: space, objectives, sampler, pruner, the runs of a trial, and which trials no other one beats."""
 
 from __future__ import annotations
 
@@ -9,12 +9,14 @@ from dataclasses import asdict, dataclass
 from itertools import pairwise
 from typing import Any
 
-from neuro.core.errors import ModelError, unknown, words_of
+import numpy as np
+from numpy.typing import NDArray
+
+from neuro.core.checks import is_number
+from neuro.core.errors import ModelError, nearest, unknown, words_of
 from neuro.core.measures import in_ms
 from neuro.core.values import shown
-from neuro.sweeps.definition import RunItem, key_of
-from neuro.sweeps.space import Axis, Point, axes, seeds_of
-from neuro.sweeps.tuning.objectives import objectives_of
+from neuro.sweeps.space import Axis, Point, RunItem, axes, key_of, seeds_of
 
 SAMPLERS = ("tpe", "nsga2", "random", "grid")
 PRUNERS = {
@@ -63,33 +65,24 @@ class SearchPlan:
     @property
     def most(self) -> int:
         """How many trials there can be: a grid has no more than it has points."""
-        return (
-            min(self.trials, math.prod(axis.count() for axis in self.axes)) if self.sampler == "grid" else self.trials
-        )
+        points = math.prod(axis.count() for axis in self.axes) if self.sampler == "grid" else self.trials
+        return min(self.trials, points)
 
     def same(self) -> dict[str, Any]:
         """What makes a search the same: all but how many trials, which may be more."""
-        return {word: value for word, value in self.told().items() if word != "trials"}
+        return {word: value for word, value in self.as_dict().items() if word != "trials"}
 
-    def told(self) -> dict[str, Any]:
-        """As plain data, from which `of` makes it."""
-        told = {word: getattr(self, word) for word in ("trials", "sampler", "draw", "folds")}
+    def as_dict(self) -> dict[str, Any]:
+        """As plain data, from which `from_dict` makes it."""
+        plain = {word: getattr(self, word) for word in ("trials", "sampler", "draw", "folds", "prune")}
         space = {axis.name: _plain_axis(axis) for axis in self.axes}
-        prune = dict(self.prune) if self.prune else None
-        return {
-            "parameters": space,
-            "objectives": dict(self.objectives),
-            **told,
-            "seeds": list(self.seeds),
-            "prune": prune,
-        }
+        return {"parameters": space, "objectives": dict(self.objectives), **plain, "seeds": list(self.seeds)}
 
     @classmethod
-    def of(cls, told: Mapping[str, Any]) -> SearchPlan:
-        """What `told` has written."""
-        space = tuple(
-            Axis(name, **{**words, "values": tuple(words["values"])}) for name, words in told["parameters"].items()
-        )
+    def from_dict(cls, told: Mapping[str, Any]) -> SearchPlan:
+        """What `as_dict` has written."""
+        given = told["parameters"].items()
+        space = tuple(Axis(name, **{**words, "values": tuple(words["values"])}) for name, words in given)
         rest = {word: told[word] for word in ("objectives", "trials", "sampler", "draw", "folds", "prune")}
         return cls(space, seeds=tuple(told["seeds"]), **rest)
 
@@ -208,3 +201,89 @@ def _plain_axis(axis: Axis) -> dict[str, Any]:
     words: dict[str, Any] = json.loads(json.dumps(asdict(axis)))
     del words["name"]
     return words
+
+
+MAXIMISE, MINIMISE = "maximise", "minimise"
+_WORDS = {
+    **dict.fromkeys((MAXIMISE, "maximize", "max"), MAXIMISE),
+    **dict.fromkeys((MINIMISE, "minimize", "min"), MINIMISE),
+}
+
+Floats = NDArray[np.float64]
+
+
+def objectives_of(said: Any) -> dict[str, str]:
+    """Objectives by name, each "maximise" or "minimise".
+
+    Args:
+        said: a mapping like `{"accuracy": "maximise", "energy.loihi": "minimise"}`; "maximize", "max" and others of
+            Optuna and Ray mean the same.
+
+    Raises:
+        ModelError: it is none.
+    """
+    if not isinstance(said, Mapping) or not said:
+        message = f"objectives = {shown(said)}: expected metrics, each maximise or minimise"
+        raise ModelError(message, hint="write objectives: {accuracy: maximise}", path=("objectives",))
+    found = {}
+    for name, direction in said.items():
+        if not isinstance(direction, str) or direction not in _WORDS:
+            message = f"objectives.{name} = {shown(direction)}: expected {MAXIMISE} or {MINIMISE}"
+            hint = nearest(direction, _WORDS) if isinstance(direction, str) else ""
+            raise ModelError(message, hint=hint, path=("objectives",))
+        found[str(name)] = _WORDS[direction]
+    return found
+
+
+def mean_metrics(each: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
+    """Means over runs of those metrics that are numbers in all; of a single run all that it has."""
+    if len(each) == 1:
+        return dict(each[0])
+    names = [name for name in each[0] if all(is_number(one.get(name)) for one in each)] if each else []
+    return {name: float(np.mean([one[name] for one in each])) for name in names}
+
+
+def worth(metrics: Mapping[str, Any], objectives: Mapping[str, str]) -> list[float]:
+    """The values of the objectives, in their order.
+
+    Args:
+        metrics: of a trial.
+        objectives: by name.
+
+    Raises:
+        ModelError: one is not among the metrics, or no finite number.
+    """
+    found = []
+    for name in objectives:
+        if name not in metrics:
+            raise unknown("objective", name, metrics)
+        value = metrics[name]
+        if not is_number(value) or not math.isfinite(value):
+            raise ModelError(f"objective '{name}' = {shown(value)}: expected a finite number")
+        found.append(float(value))
+    return found
+
+
+def front(values: Floats, directions: Sequence[str]) -> NDArray[np.bool_]:
+    """Which points no other one beats: at least as good in all objectives, and better in one.
+
+    Args:
+        values: (points, objectives).
+        directions: of each objective, "maximise" or "minimise".
+
+    Returns:
+        (points,); of equal points all or none. Of one objective: the best.
+    """
+    signs = np.array([-1.0 if each == MAXIMISE else 1.0 for each in directions])
+    costs = np.asarray(values, float).reshape(-1, len(signs)) * signs
+    kept = np.ones(len(costs), bool)
+    for k, cost in enumerate(costs):
+        beaten = (costs <= cost).all(axis=1) & (costs < cost).any(axis=1)
+        kept[k] = not beaten.any()
+    return kept
+
+
+def so_far(values: Sequence[float] | Floats, direction: str) -> Floats:
+    """The best value up to each."""
+    best = np.maximum if direction == MAXIMISE else np.minimum
+    return np.asarray(best.accumulate(np.asarray(values, float)))
