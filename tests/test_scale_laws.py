@@ -1,6 +1,5 @@
 """How figures of `benchmarks/scale_laws.py` are taken: bytes of an event, and points of a network."""
 
-import itertools
 import json
 
 import numpy as np

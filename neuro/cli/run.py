@@ -256,8 +256,7 @@ def plot(
     from neuro import plots
     from neuro.core.errors import ModelError
     from neuro.files.results import read
-    from neuro.model.views import View
-    from neuro.model.written_views import on_a_line
+    from neuro.model.views import View, on_a_line
 
     results = read(file)
     stretch = None if window is None else tuple(moment(text) for text in window)
