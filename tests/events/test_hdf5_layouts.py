@@ -231,7 +231,7 @@ def recordings(draw):
 
 
 @given(recordings())
-@settings(max_examples=40)
+@settings(max_examples=25)
 def test_any_recording(columns):
     """Tables in known places give the events that went in; elsewhere, those or a refusal."""
     wanted = list(zip(*(c.tolist() for c in columns), strict=True))

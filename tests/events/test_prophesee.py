@@ -186,7 +186,7 @@ WORDS_2 = st.lists(
 @given(WORDS_2, st.integers(0, 200), st.integers(1, 60))
 @example([TRIGGER, event(1)], 0, 4)
 @example([*[event(k % 64) for k in range(100)], high(2), event(5)], 0, 64)
-@settings(max_examples=60)
+@settings(max_examples=30)
 def test_words_of_evt2_are_as_the_specification_says(some, run, block):
     data = words(*some, high(1), *[event(k % 64, k, 2 * k) for k in range(run)])
     as_specified("evt2", EVT2, data, literal2(data), 4, block)
@@ -206,7 +206,7 @@ WORDS_21 = st.lists(
 
 
 @given(WORDS_21, st.integers(1, 60))
-@settings(max_examples=60)
+@settings(max_examples=30)
 def test_words_of_evt21_are_as_the_specification_says(some, block):
     data = words21(high(1) << 32, *some)
     as_specified("evt21", EVT21_, data, literal2(data, wide=True), 8, block * EVT21.open(Source(EVT21_)).swell)
@@ -241,6 +241,12 @@ def test_fields_of_evt2():
 def test_first_word_may_look_like_a_line():
     data = words(high(1), event(1, 7, 9)).replace(words(high(1)), b"% \x01\x80")
     assert load(EVT2 + data).t.tolist() == load(b"% evt 2.0\n" + data).t.tolist() == [0x12025 * 64 + 1]
+
+
+def test_the_clock_of_evt2_wraps():
+    top = 2**28 - 1
+    events = load(EVT2 + words(high(top), event(63), high(0), event(0), high(top), event(0), high(3), event(1)))
+    assert events.t.tolist() == [T_EVT2 - 1, T_EVT2, 2 * T_EVT2 - 64, 2 * T_EVT2 + 193]
 
 
 def test_a_late_event_is_found_in_a_long_file():
@@ -279,6 +285,19 @@ def test_fields_of_evt3():
     assert events.p.tolist() == [1, 0, 1, 1, 1, 1, 1, 1]
     assert set(events.y.tolist()) == {719}
     assert (events.sensor_size, events.metadata["other_words"]) == ((1280, 720), 1)
+
+
+@pytest.mark.parametrize(
+    ("some", "times"),
+    [
+        ([HIGH | 1, SINGLE, LOW | 9, SINGLE, HIGH | 1, SINGLE, HIGH | 2, SINGLE], [4096, 4105, 4105, 8192]),
+        ([HIGH | 1, LOW | 811, LOW | 800, SINGLE], [4896]),
+        ([HIGH | 4095, SINGLE, HIGH | 0, SINGLE, LOW | 1, SINGLE], [4095 << 12, 1 << 24, (1 << 24) + 1]),
+        ([HIGH | 2048, SINGLE, HIGH, SINGLE, HIGH | 2049, HIGH, SINGLE], [1 << 23, 1 << 24, 2 << 24]),
+    ],
+)
+def test_the_clock_of_evt3(some, times):
+    assert load(EVT3 + words3(HIGH, ROW, *some)).t.tolist() == times
 
 
 def test_a_vector_does_not_run_round_the_columns():

@@ -98,7 +98,7 @@ def test_frames_of_segments():
 
 
 @given(events=RECORDINGS, cut=st.integers(0, 60))
-@settings(max_examples=60)
+@settings(max_examples=30)
 def test_parts_add_up(events, cut):
     parts = (events[:cut], events[cut:])
     assert np.array_equal(sum(event_frame(part) for part in parts), event_frame(events))
@@ -178,7 +178,7 @@ def test_hats_forgets_to_exactly_nothing():
     window=st.sampled_from([1, 90, 900, 60_000]),
     tau=st.sampled_from([20.0, 5_000.0]),
 )
-@settings(max_examples=60)
+@settings(max_examples=30)
 def test_hats_grow_to_the_same_bits_however_the_recording_is_cut(cuts, window, tau):
     events = random_events(600, (31, 22), length=20_000)
     options = {"cell": 4, "radius": 2, "window_us": window, "tau_us": tau, "itself": True}
@@ -268,7 +268,7 @@ def last_times(events, at, decay, tau):
 @pytest.mark.parametrize("decay", DECAYS)
 @pytest.mark.parametrize("order", ["decay_first", "increment_first"])
 @given(events=RECORDINGS, later=st.integers(0, 100))
-@settings(max_examples=40)
+@settings(max_examples=25)
 def test_leaky_surface_is_algorithm_15(decay, order, events, later):
     at = (int(events.t[-1]) if len(events) else 0) + later
     found = leaky_surface(events, tau_us=50, at_us=at, decay=decay, order=order, **F8)
@@ -289,7 +289,7 @@ def test_the_order_of_algorithm_15_takes_from_an_event_what_passed_before_it():
 
 @pytest.mark.parametrize("decay", DECAYS)
 @given(events=RECORDINGS, later=st.integers(0, 100))
-@settings(max_examples=40)
+@settings(max_examples=25)
 def test_time_surface_is_as_the_definition(decay, events, later):
     at = (int(events.t[-1]) if len(events) else 0) + later
     found = time_surface(events, tau_us=50, at_us=at, decay=decay, **F8)
@@ -301,7 +301,7 @@ def test_time_surface_is_as_the_definition(decay, events, later):
 
 @pytest.mark.parametrize("surface", [time_surface, leaky_surface])
 @given(events=RECORDINGS, at=st.lists(st.integers(-10, 1200), max_size=5).map(sorted), inclusive=st.booleans())
-@settings(max_examples=40)
+@settings(max_examples=25)
 def test_one_pass_gives_every_time(surface, events, at, inclusive):
     many = surface(events, tau_us=50, at_us=np.array(at, int), inclusive=inclusive)
     assert many.shape == (len(at), 2, HEIGHT, WIDTH)
@@ -313,7 +313,7 @@ def test_one_pass_gives_every_time(surface, events, at, inclusive):
 
 @pytest.mark.parametrize("kind", [TimeSurface, LeakySurface])
 @given(events=RECORDINGS, data=st.data())
-@settings(max_examples=40)
+@settings(max_examples=25)
 def test_any_cutting_into_parts_gives_the_same_surface(kind, events, data):
     cuts = sorted(data.draw(st.lists(st.integers(0, len(events)), max_size=5)))
     options = {"tau_us": 50, "decay": data.draw(st.sampled_from(sorted(DECAYS)))}

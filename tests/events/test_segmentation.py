@@ -122,7 +122,7 @@ def test_the_rise_is_a_quarter_of_the_decay():
 
 @pytest.mark.parametrize("method", METHODS)
 @given(t=TIMES, data=st.data(), rest=st.booleans())
-@settings(max_examples=60)
+@settings(max_examples=30)
 def test_any_cutting_into_parts_gives_the_same_segments(method, t, data, rest):
     fresh, at_once = METHODS[method]
     cuts = sorted(data.draw(st.lists(st.integers(0, len(t)), max_size=6)))
@@ -137,7 +137,7 @@ def test_any_cutting_into_parts_gives_the_same_segments(method, t, data, rest):
 
 @pytest.mark.parametrize("method", METHODS)
 @given(t=TIMES, shift=st.integers(-(2**60), 2**60))
-@settings(max_examples=40)
+@settings(max_examples=25)
 def test_the_origin_of_time_does_not_matter(method, t, shift):
     _, at_once = METHODS[method]
     assert at_once(t + shift, False).tolist() == at_once(t, False).tolist()
