@@ -1,4 +1,5 @@
 import gzip
+import pickle
 import sys
 
 import numpy as np
@@ -85,7 +86,7 @@ def pixel_gaps(events):
     return np.diff(events.t[order])[np.diff(pixel[order]) == 0]
 
 
-def test_dataset_layout_and_resume(digits, tmp_path):
+def test_dataset_layout_and_resume(digits, tmp_path, monkeypatch):
     folder = make_dataset(tmp_path / "set", 12, 10, seed=3, workers=1, progress=False)
     train, test = (recordings(folder, part=part) for part in ("Train", "Test"))
     assert train.classes == test.classes == tuple("0123456789")
@@ -97,6 +98,14 @@ def test_dataset_layout_and_resume(digits, tmp_path):
     for file in some:
         file.unlink()
     kept = {file: file.stat().st_mtime_ns for file in before if file not in some}
+
+    def sent(run, jobs, workers, report):
+        """As to another process."""
+        assert (len(jobs), workers) == (len(some), 2)
+        for job in jobs:
+            pickle.loads(pickle.dumps(run))(pickle.loads(pickle.dumps(job)), report)
+
+    monkeypatch.setattr(saccades, "side_by_side", sent)
     make_dataset(folder, 12, 10, seed=3, workers=2, progress=False)
     assert {file: file.read_bytes() for file in folder.rglob("*.bin")} == before
     assert {file: file.stat().st_mtime_ns for file in kept} == kept
