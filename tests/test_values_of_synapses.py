@@ -38,10 +38,17 @@ RULES = (
     *(neuro.stdp_triplet, neuro.vogels_sprekeler, neuro.tsodyks2),
 )
 
+WHERE = [
+    *((rule, "reference") for rule in RULES),
+    *((rule, "event") for rule in (neuro.stdp, neuro.stdp_triplet, neuro.tsodyks2)),
+]
+"""Event compiles two kernels for each rule, in about 4 s; how it hands on the values is the same for all rules."""
+
 
 @settings(max_examples=12, deadline=None)
-@given(st.sampled_from(RULES), st.sampled_from(["reference", "event"]), st.data())
-def test_values_that_are_all_equal_are_the_number(rule, backend, data):
+@given(st.sampled_from(WHERE), st.data())
+def test_values_that_are_all_equal_are_the_number(where, data):
+    rule, backend = where
     takes = [word for word, q in rule.quantities().items() if q.arrays and word != "Wmax"]
     numbers = {word: data.draw(st.floats(0.0, 1.0), word) for word in takes}
     sign = -1.0 if rule is neuro.vogels_sprekeler else 1.0
