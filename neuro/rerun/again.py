@@ -86,8 +86,7 @@ def rerun(
 
 
 def _of_results(path: Path, backend: str, inputs: Sequence[Path], bar: Bar | None) -> Verdict:
-    then = read(path)
-    record = _record_of_results(then)
+    then, record = read(path), record_of(path)
     if not then.finished:
         raise ModelError(f"{path}: a run that did not come to its end cannot be made again")
     if record.get("steered"):
@@ -102,7 +101,9 @@ def _of_results(path: Path, backend: str, inputs: Sequence[Path], bar: Bar | Non
         now = _run(then, net, record, backend, bar)
         write(replace(now, files=then.files), Path(folder) / "now.h5")
         told = first_difference(path, Path(folder) / "now.h5")
-    return Verdict(told, (*differences(record, _record_of_results(now)), *edited(record.get("inputs", {}), elsewhere)))
+    return Verdict(
+        told, (*differences(record, json.loads(now.about[ATTRIBUTE])), *edited(record.get("inputs", {}), elsewhere))
+    )
 
 
 def _run(then: Results, net: Network, record: Mapping[str, Any], backend: str, bar: Bar | None) -> Results:
@@ -119,10 +120,6 @@ def _run(then: Results, net: Network, record: Mapping[str, Any], backend: str, b
         sim.run(then.duration_ms)
     keep = {"record": record.get("record", ()), "all_weights": record.get("all_weights", False), "threads": threads}
     return collect(sim, net, **keep)
-
-
-def _record_of_results(results: Results) -> dict[str, Any]:
-    return dict(json.loads(results.about[ATTRIBUTE]))
 
 
 def _network(results: Results, record: Mapping[str, Any], elsewhere: Mapping[str, str], folder: Path) -> Network:

@@ -23,8 +23,8 @@ import numpy as np
 from neuro.core.errors import ModelError
 from neuro.sweeps.claims import Claims
 from neuro.sweeps.folder import PRUNED, Folder, RunOutcome
-from neuro.sweeps.journal import Aside, locked, optuna, quietly, study_of
-from neuro.sweeps.metrics import Worse
+from neuro.sweeps.journal import DraftStorage, locked, optuna, quietly, study_of
+from neuro.sweeps.metrics import IsWorse
 from neuro.sweeps.plan import SearchPlan, mean_metrics, worth
 from neuro.sweeps.space import Axis, Point, RunItem
 
@@ -36,7 +36,7 @@ if TYPE_CHECKING:
 
 
 @dataclass
-class Going:
+class OpenTrial:
     """A trial under way.
 
     Attributes:
@@ -49,7 +49,7 @@ class Going:
 
 
 class Asker:
-    """Asks for trials of one search, and tells what came of them.
+    """Asks for trials of one search, and reports their outcome to Optuna.
 
     Args:
         plan: how the search goes.
@@ -66,7 +66,7 @@ class Asker:
         self._left = plan.most if share is None else share
         self._claims = Claims(folder.claims)
         self._claims.beat()
-        self._going: dict[int, Going] = {}
+        self._going: dict[int, OpenTrial] = {}
         self._queue: deque[RunItem] = deque()
         self._states = optuna().trial.TrialState
         with self._alone():
@@ -80,7 +80,7 @@ class Asker:
         """Up to so many runs that are next; trials are asked for where there are none left of those before."""
         while len(self._queue) < number and (asked := self._next()) is not None:
             trial, point = asked
-            self._going[trial] = Going(self._plan.items(self._before, point, trial))
+            self._going[trial] = OpenTrial(self._plan.items(self._before, point, trial))
             self._advance(trial)
         return [self._queue.popleft() for _ in range(min(number, len(self._queue)))]
 
@@ -140,7 +140,7 @@ class Asker:
             if not one_by_one or not going.asked - set(there):
                 self._hand_out(going, left[:1] if one_by_one else left)
 
-    def _hand_out(self, going: Going, items: Sequence[RunItem]) -> None:
+    def _hand_out(self, going: OpenTrial, items: Sequence[RunItem]) -> None:
         """Those that another trial waits for are not done twice."""
         for item in items:
             if not any(item.key in other.asked for other in self._going.values()):
@@ -151,7 +151,7 @@ class Asker:
         """Whether others were better after so many runs of a trial; of a single run its steps are kept here, too."""
         if not self._plan.prune:
             return False
-        way, items = Way(self._study, self._plan.prune, number), self._going[number].items
+        way, items = TrialProgress(self._study, self._plan.prune, number), self._going[number].items
         if self._plan.runs == 1:
             for one in there.values():
                 for step, value in one.steps.items():
@@ -262,7 +262,7 @@ def draw(study: Study, plan: SearchPlan, number: int) -> Point:
     with quietly():
         trial = optuna().trial.create_trial(state=optuna().trial.TrialState.RUNNING)
         trial.number = trial._trial_id = number
-        asked = Aside(study._storage, trial).study(sampler=sampler_of(plan, number)).ask()
+        asked = DraftStorage(study._storage, trial).study(sampler=sampler_of(plan, number)).ask()
         for axis in plan.axes:
             _suggest(asked, axis, plan.sampler == "grid")
         study.add_trial(trial)
@@ -308,7 +308,7 @@ def pruner_of(prune: Mapping[str, Any]) -> BasePruner:
 
 
 class Pruner:
-    """Says of the runs of one process whether they are to end.
+    """Decides for the runs of one process whether they end early.
 
     Args:
         folder: of the search.
@@ -319,16 +319,16 @@ class Pruner:
         self._prune = plan.prune
         self._study = study_of(folder, tuple(plan.objectives.values()))
 
-    def of(self, trial: int) -> Worse | None:
-        """What is told the steps of a trial; None where nothing is pruned."""
-        return Way(self._study, self._prune, trial).worse if self._prune else None
+    def of(self, trial: int) -> IsWorse | None:
+        """What gets the steps of a trial; None where nothing is pruned."""
+        return TrialProgress(self._study, self._prune, trial).worse if self._prune else None
 
 
-class Way:
-    """What a trial tells on its way, from its first step on.
+class TrialProgress:
+    """The steps that a trial reports, from its first on, and whether others were better.
 
-    Whether others were better depends on the steps told here and on the other trials alone. So a trial that was killed
-    on its way, of which the journal has later steps, is judged as it was at first.
+    Whether others were better depends on the steps reported here and on the other trials alone. So a trial that was
+    killed on its way, of which the journal has later steps, is judged as it was at first.
 
     Args:
         study: which keeps the steps; one that is there already, as of a run that is tried once more, stays.
@@ -340,7 +340,7 @@ class Way:
         self._storage, self._prune = study._storage, prune
         self._trial = copy(study.get_trials(deepcopy=False)[number])
         self._trial.intermediate_values, self._trial.system_attrs = {}, {}
-        self._study = Aside(self._storage, self._trial).study()
+        self._study = DraftStorage(self._storage, self._trial).study()
 
     def worse(self, step: int, value: float) -> bool:
         """Keep a step, and say whether others were better at it."""

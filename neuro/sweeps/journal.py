@@ -161,7 +161,7 @@ def _cut(file: Any) -> None:
         file.truncate(file.read().rfind(b"\n") + 1)
 
 
-class Aside:
+class DraftStorage:
     """A storage of Optuna that has one trial in memory alone: no other process sees what is written to it.
 
     Args:

@@ -110,8 +110,8 @@ def _own(sim: Simulation, name: str, tables: Mapping[str, str]) -> Any:
     return spikes if word == "spikes" else spikes / size / (sim.time / 1000.0) if size and sim.time else 0.0
 
 
-Worse = Callable[[int, float], bool]
-"""Is told a step and its value, and says whether the run is so much worse than others that it is to end."""
+IsWorse = Callable[[int, float], bool]
+"""Gets a step and its value; whether the run is so much worse than others that it ends."""
 
 
 class Pruned(Exception):
@@ -119,23 +119,23 @@ class Pruned(Exception):
 
 
 @dataclass
-class Heard:
-    """What a run has reported.
+class ReportedSteps:
+    """The steps that a run has reported.
 
     Attributes:
-        worse: says whether it is to end; None where nothing is pruned.
+        worse: whether it ends; None where nothing is pruned.
         steps: value by step.
     """
 
-    worse: Worse | None = None
+    worse: IsWorse | None = None
     steps: dict[str, float] = field(default_factory=dict)
 
 
-_heard: ContextVar[Heard | None] = ContextVar("heard", default=None)
+_heard: ContextVar[ReportedSteps | None] = ContextVar("heard", default=None)
 
 
 def report_step(value: float, step: int) -> None:
-    """Tell how good a run is so far, so that a tuning which prunes can end it where others were better.
+    """Report how good a run is so far, so that a tuning which prunes can end it where others were better.
 
     Called by a function that `neuro.tune` calls, after each epoch say. It does nothing where nothing is pruned, so the
     function runs as well by itself.
@@ -161,9 +161,9 @@ def report_step(value: float, step: int) -> None:
 
 
 @contextmanager
-def hearing(worse: Worse | None) -> Iterator[Heard]:
-    """Gather what is reported inside."""
-    heard = Heard(worse)
+def gathering_steps(worse: IsWorse | None) -> Iterator[ReportedSteps]:
+    """Gather the steps that are reported inside."""
+    heard = ReportedSteps(worse)
     token = _heard.set(heard)
     try:
         yield heard

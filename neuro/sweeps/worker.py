@@ -1,4 +1,4 @@
-"""One run of a sweep or a tuning after the other: claimed, within its limits, kept before it is told how it ended."""
+"""One run of a sweep or a tuning after the other: claimed, within its limits, kept before its outcome is reported."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ from neuro.sweeps.asking import Pruner
 from neuro.sweeps.claims import Claims
 from neuro.sweeps.definition import Limits, Run, run_of
 from neuro.sweeps.folder import DONE, FAILED, PRUNED, Folder, RunOutcome
-from neuro.sweeps.metrics import Pruned, Worse, hearing
+from neuro.sweeps.metrics import IsWorse, Pruned, gathering_steps
 from neuro.sweeps.space import RunItem
 
 TAKEN, THERE, KEPT, LOST = "taken", "there", "kept", "unwritable"
@@ -76,7 +76,7 @@ class Worker:
         error = trace = ""
         pruned = False
         worse = self._worse(item)
-        with _written_to(printed), hearing(worse) as heard, _memory(self._limits.bytes):
+        with _written_to(printed), gathering_steps(worse) as heard, _memory(self._limits.bytes):
             try:
                 found, fill, about = self._run(item.point, item.seed)
             except Pruned:
@@ -107,7 +107,7 @@ class Worker:
         self._folder.keep(outcome, _filling(fill, str(printed)))
         return outcome
 
-    def _worse(self, item: RunItem) -> Worse | None:
+    def _worse(self, item: RunItem) -> IsWorse | None:
         """What prunes a run of a tuning."""
         if item.trial is None:
             return None
@@ -145,7 +145,7 @@ class Printed(io.TextIOBase):
 
 @contextlib.contextmanager
 def _written_to(printed: Printed) -> Iterator[None]:
-    """Gather what is printed, and warnings, which are told here as often as they are given."""
+    """Gather what is printed, and all warnings, also repeated ones."""
 
     def tell(message: Warning | str, *place: Any, **words: Any) -> None:
         printed.write(f"warning: {message}\n")
