@@ -47,7 +47,9 @@ if TYPE_CHECKING:
         noise_generator as noise_generator,
         parrot_neuron as parrot_neuron,
         poisson_generator as poisson_generator,
+        pp_psc_delta as pp_psc_delta,
         sinusoidal_poisson_generator as sinusoidal_poisson_generator,
+        soft_wta as soft_wta,
         spike_generator as spike_generator,
         spike_train as spike_train,
         spinnaker_lif as spinnaker_lif,
@@ -94,6 +96,7 @@ if TYPE_CHECKING:
         normalised_stdp as normalised_stdp,
         r_stddp as r_stddp,
         r_stdp as r_stdp,
+        reinforce as reinforce,
         static as static,
         stddp as stddp,
         stdp as stdp,
@@ -104,6 +107,7 @@ if TYPE_CHECKING:
         stdp_nn_symm as stdp_nn_symm,
         stdp_pl_hom as stdp_pl_hom,
         stdp_triplet as stdp_triplet,
+        td_lambda as td_lambda,
         td_ltp as td_ltp,
         td_moves as td_moves,
         tempotron as tempotron,
@@ -118,6 +122,7 @@ if TYPE_CHECKING:
         ModelWarning as ModelWarning,
         compile as compile,
     )
+    from neuro.run.copies import Copies as Copies, Stepper as Stepper
     from neuro.run.learning_tools import (
         assign_labels as assign_labels,
         normalise as normalise,

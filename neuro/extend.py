@@ -54,6 +54,7 @@ if TYPE_CHECKING:
     from neuro.model.synapses.delays import DelayRule as DelayRule
     from neuro.model.synapses.lessons import Growth as Growth, Lesson as Lesson, TrialEnd as TrialEnd
     from neuro.model.synapses.modulated import Modulated as Modulated
+    from neuro.model.synapses.moves import MoveRule as MoveRule
     from neuro.program.backend import (
         Backend as Backend,
         Engine as Engine,

@@ -32,7 +32,9 @@ from neuro.model.neurons.izhikevich import izhikevich
 from neuro.model.neurons.loihi_lif import loihi_lif
 from neuro.model.neurons.mat2_psc_exp import mat2_psc_exp
 from neuro.model.neurons.parrot_neuron import parrot_neuron
+from neuro.model.neurons.pp_psc_delta import pp_psc_delta
 from neuro.model.neurons.sinusoidal_poisson_generator import sinusoidal_poisson_generator
+from neuro.model.neurons.soft_wta import soft_wta
 from neuro.model.neurons.spinnaker_lif import spinnaker_lif
 from neuro.model.neurons.srm0 import srm0
 
@@ -62,6 +64,8 @@ NEURONS: tuple[type[Neuron], ...] = (
     iaf_psc_exp_adaptive_threshold,
     iaf_linear_leak,
     srm0,
+    pp_psc_delta,
+    soft_wta,
 )
 NATIVE: tuple[type[Neuron], ...] = (loihi_lif, spinnaker_lif)
 """Neurons in the registers of a chip; they have no float arithmetic."""
@@ -107,7 +111,9 @@ __all__ = [
     "noise_generator",
     "parrot_neuron",
     "poisson_generator",
+    "pp_psc_delta",
     "sinusoidal_poisson_generator",
+    "soft_wta",
     "spike_generator",
     "spike_train",
     "spinnaker_lif",

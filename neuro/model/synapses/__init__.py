@@ -12,11 +12,13 @@ from neuro.model.synapses.lessons import Growth, Lesson, TrialEnd
 from neuro.model.synapses.loihi_learning import loihi_learning
 from neuro.model.synapses.loihi_static import loihi_static
 from neuro.model.synapses.modulated import Modulated
+from neuro.model.synapses.moves import GATHERING, MoveRule
 from neuro.model.synapses.mozafari import mozafari
 from neuro.model.synapses.mstdpet import mstdpet
 from neuro.model.synapses.normalised_stdp import normalised_stdp
 from neuro.model.synapses.r_stddp import r_stddp
 from neuro.model.synapses.r_stdp import r_stdp
+from neuro.model.synapses.reinforce import reinforce
 from neuro.model.synapses.static import static
 from neuro.model.synapses.stddp import stddp
 from neuro.model.synapses.stdp import stdp
@@ -27,6 +29,7 @@ from neuro.model.synapses.stdp_nn_restr import stdp_nn_restr
 from neuro.model.synapses.stdp_nn_symm import stdp_nn_symm
 from neuro.model.synapses.stdp_pl_hom import stdp_pl_hom
 from neuro.model.synapses.stdp_triplet import stdp_triplet
+from neuro.model.synapses.td_lambda import td_lambda
 from neuro.model.synapses.td_ltp import td_ltp
 from neuro.model.synapses.td_moves import td_moves
 from neuro.model.synapses.tempotron import tempotron
@@ -41,8 +44,8 @@ def complete(model: type[Synapse]) -> type[Synapse]:
         TypeError: something is missing or not possible yet; it says what.
     """
     message = f"synapse model '{model.__name__}'"
-    if model.learns not in ("", "pairs", "trials", "chip"):
-        raise TypeError(f"{message}: learns = '{model.learns}': expected '', 'pairs', 'trials' or 'chip'")
+    if model.learns not in ("", "pairs", "moves", "trials", "chip"):
+        raise TypeError(f"{message}: learns = '{model.learns}': expected '', 'pairs', 'moves', 'trials' or 'chip'")
     if model.modulated and not issubclass(model, Modulated):
         raise TypeError(f"{message}: expected a subclass of Modulated, whose words say where n comes from")
     if model.delays and not issubclass(model, DelayRule):
@@ -59,6 +62,15 @@ def complete(model: type[Synapse]) -> type[Synapse]:
         _check_of_each(message, model)
         functions = FUNCTIONS | ({"advance": 7} if model.modulated else {}) | ({"on_pre": 6} if model.draws else {})
         check_functions(message, model, functions | ({"sent": 3} if hasattr(model.arithmetic, "sent") else {}))
+        _check_constants(message, model)
+    if model.learns == "moves":
+        if not issubclass(model, MoveRule):
+            raise TypeError(f"{message}: learns = 'moves': expected a subclass of MoveRule")
+        if model.post or not all(trace.tau and not trace.nearest and not trace.starts for trace in model.pre):
+            raise TypeError(f"{message} learns by moves: expected pre traces that decay from 0, and no post traces")
+        _check_traces(message, model)
+        _check_of_each(message, model)
+        check_functions(message, model, GATHERING)
         _check_constants(message, model)
     if model.learns == "trials":
         _check_of_each(message, model)
@@ -98,9 +110,11 @@ def _check_of_each(told: str, model: type[Synapse]) -> None:
     """What synapses of one source or target share, a trace or dopamine, has one number; so have rules for trials."""
     shared = {trace.tau for trace in (*model.pre, *model.post)} | {trace.starts for trace in model.pre}
     for word, q in model.quantities().items():
-        if q.arrays and (word in shared or model.modulated or model.learns == "trials"):
+        if q.arrays and (word in shared or model.modulated or model.learns in ("moves", "trials")):
             who = "dopamine acts by" if model.modulated else "traces have"
-            why = "the end of a trial teaches by" if model.learns == "trials" else who
+            why = {"trials": "the end of a trial teaches by", "moves": "the end of a move teaches by"}.get(
+                model.learns, who
+            )
             raise TypeError(f"{told}: '{word}' takes a value for each synapse: expected one for all, as {why} one")
 
 
@@ -109,7 +123,7 @@ SYNAPSES: Registry[type[Synapse]] = Registry(
     (
         *(static, tsodyks2),
         *(stdp, stdp_nn_symm, stdp_nn_restr, stdp_nn_pre_centered, stdp_literal, stdp_pl_hom, stdp_triplet),
-        *(vogels_sprekeler, stdp_dopa, mstdpet, td_ltp, td_moves, hedonistic, stddp),
+        *(vogels_sprekeler, stdp_dopa, mstdpet, td_ltp, td_moves, td_lambda, reinforce, hedonistic, stddp),
         *(r_stdp, r_stddp, mozafari, first_spike_stdp, normalised_stdp, tempotron),
         *(loihi_static, loihi_learning),
     ),
@@ -127,6 +141,7 @@ __all__ = [
     "Growth",
     "Lesson",
     "Modulated",
+    "MoveRule",
     "Synapse",
     "Trace",
     "TrialEnd",
@@ -139,6 +154,7 @@ __all__ = [
     "normalised_stdp",
     "r_stddp",
     "r_stdp",
+    "reinforce",
     "static",
     "stddp",
     "stdp",
@@ -149,6 +165,7 @@ __all__ = [
     "stdp_nn_symm",
     "stdp_pl_hom",
     "stdp_triplet",
+    "td_lambda",
     "td_ltp",
     "td_moves",
     "tempotron",
