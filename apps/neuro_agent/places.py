@@ -167,7 +167,8 @@ class Places:
                 at += int(steps[-1])
                 if at > MOST_PLACES:
                     raise ModelError(
-                        f"places of {len(self.dimensions)} dimensions in groups of {some}: expected at most {MOST_PLACES}",
+                        f"places of {len(self.dimensions)} dimensions in groups of {some}: "
+                        f"expected at most {MOST_PLACES}",
                         hint="fewer fields, grids or dimensions of a group need fewer; a wrapper may leave some out",
                     )
         self.size, self.active = at, len(first)
@@ -206,7 +207,7 @@ class Places:
 
     def cells(self, vector: Floats) -> Ints:
         """The active neurons of one observation, (active,)."""
-        _, ticks, ids = self.spikes(vector[None], PERIOD + 1)
+        _, _ticks, ids = self.spikes(vector[None], PERIOD + 1)
         return np.sort(ids)
 
 

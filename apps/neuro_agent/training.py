@@ -10,7 +10,6 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import numpy.typing as npt
 
-import neuro
 from neuro import ModelError
 from neuro.apps import Bar, Checkpoint, Quantity, check, check_output, hdf5
 from neuro_agent import files

@@ -28,15 +28,16 @@ def receptor_of(synapse: Synapse, target: Population) -> Receptor | None:
     named = synapse.receptor if isinstance(synapse, (static, MoveRule)) else None
     if named is None:
         if len(names) > 2 or not model.signed:
-            one = ", ".join(names)
+            one, rule = ", ".join(names), synapse.name if isinstance(synapse, MoveRule) else "static"
             raise ModelError(
                 f"'{target.name}', {a(model.name)}, has {len(names)} receptors: expected a synapse that names one",
-                hint=f"write {synapse.name if isinstance(synapse, MoveRule) else 'static'} with 'receptor', one of {one}",
+                hint=f"write {rule} with 'receptor', one of {one}",
             )
         return None
     if not names:
         raise ModelError(
-            f"{synapse.name}.receptor = '{named}': '{target.name}', {a(model.name)}, sums all input: expected no receptor",
+            f"{synapse.name}.receptor = '{named}': '{target.name}', {a(model.name)}, sums all input: "
+            "expected no receptor",
             hint="leave it out",
             path=(synapse.name, "receptor"),
         )

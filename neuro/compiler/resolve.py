@@ -398,7 +398,8 @@ def _check_delays(part: Projection, delay: Steps, clock: Clock) -> None:
     rule = part.synapse
     if isinstance(rule, MoveRule) and np.any(delay != 1):
         late = clock.ms(int(delay.max()))
-        message = f"projection '{part.name}': delay = {late:g} ms: expected {clock.resolution:g} ms, one step, with {rule.name}"
+        one = f"{clock.resolution:g} ms, one step, with {rule.name}"
+        message = f"projection '{part.name}': delay = {late:g} ms: expected {one}"
         raise ModelError(message, where=part.origin, hint="a parrot_neuron may delay the input", path=("delay",))
     if not isinstance(rule, DelayRule):
         return
