@@ -133,7 +133,7 @@ class Places:
         dimensions: of the observation.
         group: how many of them one group of grids sees together.
         fields: places of a grid along a continuous dimension.
-        grids: of each group.
+        active: about how many are to be active at a time.
 
     Attributes:
         size: how many neurons there are.
@@ -143,12 +143,13 @@ class Places:
         ModelError: there would be too many.
     """
 
-    def __init__(self, dimensions: Sequence[Dimension], group: int, fields: int, grids: int) -> None:
+    def __init__(self, dimensions: Sequence[Dimension], group: int, fields: int, active: int) -> None:
         self.dimensions = list(dimensions)
         if not self.dimensions:
             raise ModelError("observation space: it has no number: expected at least one")
         some = min(group, len(self.dimensions))
         groups = list(combinations(range(len(self.dimensions)), some))
+        grids = max(1, round(active / len(groups)))
         # A shifted grid has one field more along a dimension: a field at each end reaches beyond the bounds.
         cells = [one.states or fields + 1 for one in self.dimensions]
         member: list[tuple[int, ...]] = []
