@@ -64,6 +64,7 @@ if TYPE_CHECKING:
         ModelWarning as ModelWarning,
         compile as compile,
     )
+    from neuro.run.copies import Copies as Copies, Stepper as Stepper
     from neuro.run.learning_tools import (
         assign_labels as assign_labels,
         normalise as normalise,

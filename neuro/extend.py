@@ -59,6 +59,7 @@ if TYPE_CHECKING:
         Trace as Trace,
     )
     from neuro.model.synapses.lessons import Growth as Growth, Lesson as Lesson, TrialEnd as TrialEnd
+    from neuro.model.synapses.moves import MoveRule as MoveRule
     from neuro.program.backend import (
         Backend as Backend,
         Engine as Engine,

@@ -100,6 +100,11 @@ class ReferenceEngine:
         for pairs in self.net.pairs.values():
             if pairs.part.signal == signal:
                 pairs.signal(values, self.step)
+        for moves in self.net.moves.values():
+            if moves.part.gate == signal:
+                moves.gate[:] = values
+            if moves.part.signal == signal:
+                moves.teach(values)
 
     def get(self, population: int, name: str, ids: Ints | None = None) -> Floats:
         """A state or parameter of every neuron, or of some."""
@@ -123,6 +128,8 @@ class ReferenceEngine:
         pairs = self.net.pairs.get(projection)
         if pairs is not None:
             return pairs.read(name, self.step)
+        if projection in self.net.moves:
+            return self.net.moves[projection].state(name).copy()
         wires = self.net.wires[projection]
         return wires.late.copy() if name == "delay" else wires.weights.copy()
 
@@ -130,6 +137,9 @@ class ReferenceEngine:
         """Change the numbers of a synapse model."""
         if projection in self.net.pairs:
             self.net.pairs[projection].set_rule(parameters, self.step)
+        elif projection in self.net.moves:
+            self.net.moves[projection].rule = parameters.copy()
+            self.net.moves[projection].refresh()
         else:
             self.net.rules[projection] = parameters.copy()
 
@@ -140,6 +150,12 @@ class ReferenceEngine:
         kept[where] = np.broadcast_to(weights, kept.shape)[where]
         if projection in self.net.pairs:
             self.net.pairs[projection].set_weights(kept, self.step, where)
+        if projection in self.net.moves:
+            self.net.moves[projection].y[0] = kept
+
+    def set_synapses(self, projection: int, name: str, values: Floats) -> None:
+        """Set a state of the synapses of a projection that learns by moves."""
+        self.net.moves[projection].state(name)[:] = values
 
     def spikes(self, population: int, since: int) -> Spikes:
         """Recorded spikes after a step."""
@@ -184,6 +200,8 @@ class ReferenceEngine:
         self.net.rules = before.rules
         for index, plastic in before.pairs.items():
             self.net.pairs[index].set_rule(plastic.rule, 0)
+        for index, moves in before.moves.items():
+            self.set_rule(index, moves.rule)
         if not weights:
             for index, wires in enumerate(before.wires):
                 pairs = before.pairs.get(index)
@@ -234,8 +252,8 @@ def put(net: ReferenceNetwork, arrays: Arrays) -> None:
         cells.parameters = {name: arrays[f"parameter/{index}/{name}"].copy() for name in cells.parameters}
         cells.refresh()
     net.rules = {index: arrays[f"rule/{index}"].copy() for index in net.rules}
-    for pairs in net.pairs.values():
-        pairs.refresh()
+    for learning in (*net.pairs.values(), *net.moves.values()):
+        learning.refresh()
 
 
 def _parts(net: ReferenceNetwork) -> Iterator[tuple[str, Any]]:
@@ -245,6 +263,8 @@ def _parts(net: ReferenceNetwork) -> Iterator[tuple[str, Any]]:
             yield f"{label}/{index}", part
     for index, local in net.local.items():
         yield f"local/{index}", local
+    for number, moves in net.moves.items():
+        yield f"moves/{number}", moves
     for number, pairs in net.pairs.items():
         yield f"pairs/{number}", pairs
         yield f"pairs/{number}/pre", pairs.pre

@@ -16,6 +16,7 @@ from neuro.program.backend import Sent, Spikes
 from neuro.program.drives import charges
 from neuro.program.program import Floats, Ints, Program
 from neuro_reference.decisions import LocalWinners
+from neuro_reference.moves import MoveLearning
 from neuro_reference.pairs import PairLearning
 from neuro_reference.populations import ReferencePopulation
 from neuro_reference.projections import ReferenceProjection
@@ -55,6 +56,7 @@ class ReferenceNetwork:
             for i, wires in enumerate(self.wires)
             if wires.part.synapse.learns == "pairs"
         }
+        self.moves = {i: MoveLearning(program, w) for i, w in enumerate(self.wires) if w.part.synapse.learns == "moves"}
         self.notes = SynapseRecords(program)
         self.rules = {i: w.part.synapse.vector() for i, w in enumerate(self.wires) if w.part.synapse.learns == "trials"}
         self.records = [SpikeRecord(p.size, p.records) for p in program.populations]
@@ -113,6 +115,9 @@ class ReferenceNetwork:
             pairs.arrive(step)
             if pairs.part.dopamine >= 0:
                 pairs.emit_dopamine(self.ids[pairs.part.dopamine], self.multiplicity[pairs.part.dopamine], step)
+        for moves in self.moves.values():
+            target = moves.part.target
+            moves.gather(self.ids[target], self.multiplicity[target], self.cells[target].states)
         self.step = step
 
     def _carries_current(self, wires: ReferenceProjection) -> bool:
@@ -143,6 +148,8 @@ class ReferenceNetwork:
         assert isinstance(model, Neuron)
         origin = wires.part.source
         for source, multiplicity in zip(self.ids[origin], self.multiplicity[origin], strict=True):
+            if index in self.moves:
+                self.moves[index].came[source] += multiplicity
             if index not in self.pairs:
                 if wires.part.synapse.delays:
                     wires.set_out(wires.row(source), wires.late[wires.row(source)])

@@ -22,7 +22,7 @@ from neuro.model.neurons import MODELS, CurrentGenerator, Generator, Model, Neur
 from neuro.model.parts import Group, Population, Probe, Projection, Signal
 from neuro.model.rules import grid
 from neuro.model.space import of_distance
-from neuro.model.synapses import SYNAPSES, Modulated
+from neuro.model.synapses import SYNAPSES, Modulated, MoveRule
 from neuro.program.program import Floats
 
 AnyPart: TypeAlias = Population | Projection | Signal | Group | Probe
@@ -84,6 +84,9 @@ def _check_population(part: Population, shape: Shape) -> None:
             f"expected {size(shape)}, one for each neuron"
         )
         refuse(part, message, word="spike_generator.spike_times")
+    if isinstance(model, Neuron) and 0 < model.most < size(shape):
+        found = f"{size(shape)} neurons of {model.name}"
+        refuse(part, f"{found}: expected at most {model.most}, which are compared at once")
 
 
 def _check_whole(part: AnyPart, registry: Registry[Any], model: type[Any]) -> None:
@@ -164,7 +167,7 @@ def _swap(part: Projection) -> str:
 def _check_synapse(net: Network, part: Projection, shapes: Mapping[str, Shape]) -> None:
     synapse = part.synapse
     _check_whole(part, SYNAPSES, type(synapse))
-    if isinstance(part.rule, grid) and synapse.learns == "pairs":
+    if isinstance(part.rule, grid) and synapse.learns in ("pairs", "moves"):
         told = f"{synapse.name} on a shared kernel: expected static or a rule for trials"
         refuse(part, told, "all_to_all gives each pair a weight", synapse.name)
     if isinstance(part.rule, grid) and synapse.delays:
@@ -173,17 +176,19 @@ def _check_synapse(net: Network, part: Projection, shapes: Mapping[str, Shape]) 
     if synapse.learns == "trials" and net.trials_section is None:
         message = f"{synapse.name} learns at the end of trials: expected a section 'trials'"
         refuse(part, message, "add one, or use stdp", synapse.name, "trials")
-    if synapse.learns == "pairs" and net.trials_section is not None:
+    if synapse.learns in ("pairs", "moves") and net.trials_section is not None:
         refuse(
             part,
             f"{synapse.name} in a network with trials: expected static or a rule for trials",
-            "a trial drops what is under way, which would cut the traces of spike pairs",
+            "a trial drops what is under way, which would cut the traces of spikes",
             synapse.name,
             "trials",
         )
     _check_weight(part)
     if isinstance(synapse, Modulated):
         _check_dopamine(net, part, synapse, shapes)
+    if isinstance(synapse, MoveRule):
+        _check_moves(net, part, synapse)
 
 
 def _check_weight(part: Projection) -> None:
@@ -202,18 +207,40 @@ def _check_weight(part: Projection) -> None:
         )
 
 
+def _check_signal(net: Network, part: Projection, word: str, signal: str) -> None:
+    """A signal that a rule names is there, and goes to the target."""
+    name = part.synapse.name
+    if signal not in net.signals:
+        error = unknown("signal", signal, net.signals, path=(name, word))
+        raise error.at(part.origin, f"projection '{part.name}': {name}.{word}")
+    to = net.signals[signal].to
+    if to != part.target:
+        message = f"{name}.{word} '{signal}' goes to '{to}': expected one to '{part.target}', the target"
+        refuse(part, message, word=f"{name}.{word}")
+
+
+def _check_moves(net: Network, part: Projection, synapse: MoveRule) -> None:
+    """A signal teaches, and the target has the state that the rule sees."""
+    if synapse.signal is None:
+        message = f"{synapse.name} without 'signal': its weights never change: expected the signal that teaches"
+        refuse(part, message, f"name a signal to '{part.target}'; static has weights that stay", synapse.name)
+    for word, signal in (("signal", synapse.signal), ("gate", synapse.gate)):
+        if signal is not None:
+            _check_signal(net, part, word, signal)
+    model = net.populations[part.target].model
+    if synapse.sees and synapse.sees not in [state.name for state in model.states]:
+        message = (
+            f"{synapse.name} onto '{part.target}', {a(model.name)}: expected neurons with a state '{synapse.sees}'"
+        )
+        refuse(part, message, "soft_wta and pp_psc_delta have the probability p" * (synapse.sees == "p"), synapse.name)
+    if isinstance(model, Neuron) and model.relay:
+        message = f"{synapse.name} onto '{part.target}', {a(model.name)}: expected neurons that heed weights"
+        refuse(part, message, word=synapse.name)
+
+
 def _check_dopamine(net: Network, part: Projection, synapse: Modulated, shapes: Mapping[str, Shape]) -> None:
     if synapse.signal is not None:
-        if synapse.signal not in net.signals:
-            error = unknown("signal", synapse.signal, net.signals, path=(synapse.name, "signal"))
-            raise error.at(part.origin, f"projection '{part.name}': {synapse.name}.signal")
-        to = net.signals[synapse.signal].to
-        if to != part.target:
-            refuse(
-                part,
-                f"{synapse.name}.signal '{synapse.signal}' goes to '{to}': expected one to '{part.target}', the target",
-                word=f"{synapse.name}.signal",
-            )
+        _check_signal(net, part, "signal", synapse.signal)
     if synapse.dopamine is None:
         if synapse.signal is None and _stays(synapse):
             fades = "tau_n" in synapse.numbers()

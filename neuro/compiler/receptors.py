@@ -8,7 +8,7 @@ from neuro.core.english import a
 from neuro.core.errors import ModelError, unknown
 from neuro.model.neurons import Neuron
 from neuro.model.parts import Population
-from neuro.model.synapses import Synapse, static
+from neuro.model.synapses import MoveRule, Synapse, static
 from neuro.program.program import Floats, Receptor
 
 
@@ -25,16 +25,16 @@ def receptor_of(synapse: Synapse, target: Population) -> Receptor | None:
     model = target.model
     assert isinstance(model, Neuron)
     names = model.named_receptors()
-    named = synapse.receptor if isinstance(synapse, static) else None
+    named = synapse.receptor if isinstance(synapse, (static, MoveRule)) else None
     if named is None:
-        if len(names) > 2:
-            one = ", ".join(names)
+        if len(names) > 2 or not model.signed:
+            one, rule = ", ".join(names), synapse.name if isinstance(synapse, MoveRule) else "static"
             message = f"'{target.name}', {a(model.name)}, has {len(names)} receptors: expected a synapse that names one"
-            raise ModelError(message, hint=f"write static with 'receptor', one of {one}")
+            raise ModelError(message, hint=f"write {rule} with 'receptor', one of {one}")
         return None
     if not names:
-        message = f"static.receptor = '{named}': '{target.name}', {a(model.name)}, sums all input: expected no receptor"
-        raise ModelError(message, hint="leave it out", path=("static", "receptor"))
+        found = f"{synapse.name}.receptor = '{named}': '{target.name}', {a(model.name)}, sums all input"
+        raise ModelError(f"{found}: expected no receptor", hint="leave it out", path=(synapse.name, "receptor"))
     if named not in names:
         raise unknown(f"receptor of '{target.name}', {a(model.name)},", named, names, path=("synapse", "receptor"))
     index, conductance = names.index(named), named in model.conductances

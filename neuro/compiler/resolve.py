@@ -46,7 +46,7 @@ from neuro.model.neurons import (
 from neuro.model.parts import Population, Projection
 from neuro.model.rules import RULES, grid
 from neuro.model.space import PROFILES
-from neuro.model.synapses import SYNAPSES, DelayRule, Modulated, Synapse
+from neuro.model.synapses import SYNAPSES, DelayRule, Modulated, MoveRule, Synapse
 from neuro.program import program as resolved
 from neuro.program.program import Floats, Ints, Stream
 
@@ -301,6 +301,10 @@ def _projection(
         receptor = receptor_of_current(part.synapse, onto, part.source) if current else receptor_of(part.synapse, onto)
         check_conductance(receptor, weight)
     signal, dopamine, one_to_one, later = -1, -1, False, 1
+    gate = -1
+    if isinstance(rule, MoveRule):
+        signal = list(net.signals).index(str(rule.signal))
+        gate = -1 if rule.gate is None else list(net.signals).index(rule.gate)
     if isinstance(rule, Modulated):
         signal = -1 if rule.signal is None else list(net.signals).index(rule.signal)
         dopamine = -1 if rule.dopamine is None else names[rule.dopamine]
@@ -328,6 +332,7 @@ def _projection(
         dopamine_delay=later,
         origin=part.origin,
         span=span,
+        gate=gate,
     )
 
 
@@ -366,12 +371,12 @@ def _rule(part: Projection, found: Connections, seed: int, apart: Apart) -> Syna
 
 
 def check_stdp_weights(part: Projection, rule: Synapse, weight: Floats) -> None:
-    """Weights that pairs change lie within their rule's bounds.
+    """Weights that pairs or moves change lie within their rule's bounds.
 
     Raises:
         ModelError: one does not; the first such is named.
     """
-    if part.synapse.learns != "pairs":
+    if part.synapse.learns not in ("pairs", "moves"):
         return
     bad = rule.outside(weight)
     if bad is not None:
@@ -385,8 +390,13 @@ def check_stdp_weights(part: Projection, rule: Synapse, weight: Floats) -> None:
 
 
 def _check_delays(part: Projection, delay: Steps, clock: Clock) -> None:
-    """Delays that learn lie within their rule's bounds, and these are not too far."""
+    """Delays that learn lie within their rule's bounds, and these are not too far; a rule for moves has one step."""
     rule = part.synapse
+    if isinstance(rule, MoveRule) and np.any(delay != 1):
+        late = clock.ms(int(delay.max()))
+        one = f"{clock.resolution:g} ms, one step, with {rule.name}"
+        message = f"projection '{part.name}': delay = {late:g} ms: expected {one}"
+        raise ModelError(message, where=part.origin, hint="a parrot_neuron may delay the input", path=("delay",))
     if not isinstance(rule, DelayRule):
         return
     with telling(part):

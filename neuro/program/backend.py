@@ -268,6 +268,14 @@ class Registers(Protocol):
 
 
 @runtime_checkable
+class SettableSynapses(Protocol):
+    """An engine that runs rules that learn by moves, the states of whose synapses can be set."""
+
+    def set_synapses(self, projection: int, name: str, values: Floats) -> None:
+        """Set a state of every synapse, in the order of the program's weights."""
+
+
+@runtime_checkable
 class Notes(Protocol):
     """An engine that notes what pre spikes leave in synapses that learn from spike pairs."""
 

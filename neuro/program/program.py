@@ -171,6 +171,7 @@ class Projection:
         signal: index of the signal that sets n, or -1.
         dopamine: index of the population that releases dopamine, or -1; `dopamine_one_to_one` and
             `dopamine_delay` (steps) say how.
+        gate: index of the signal that says how much a rule that learns by moves gathers, or -1.
         span: the fewest and the most steps in `delay`, see `delay_span`; None: not yet looked for.
     """
 
@@ -193,6 +194,7 @@ class Projection:
     dopamine_delay: int
     origin: Where | None
     span: tuple[int, int] | None = None
+    gate: int = -1
 
     @property
     def delay_span(self) -> tuple[int, int]:
@@ -340,9 +342,9 @@ class Program:
         """Whether a spike takes the weights of the step of its emission along a projection, not those of the next step.
 
         NEST's generators are devices, which send while they update; neurons send when the next step begins, and so does
-        whoever sends along synapses that learn by pairs.
+        whoever sends along synapses that learn by pairs or moves.
         """
-        return self.populations[part.source].kind != "neuron" and part.synapse.learns != "pairs"
+        return self.populations[part.source].kind != "neuron" and part.synapse.learns not in ("pairs", "moves")
 
     def connections(self, index: int) -> tuple[Ints, Ints]:
         """Source and target of every synapse of a projection, in the order of its weights (not for a grid)."""

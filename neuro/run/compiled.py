@@ -6,7 +6,7 @@ import os
 import warnings
 from collections.abc import Iterable
 from os import PathLike
-from typing import Any
+from typing import Any, overload
 
 import numpy as np
 
@@ -19,8 +19,10 @@ from neuro.model.network import Network
 from neuro.model.neurons import Neuron
 from neuro.program.backend import Backend, Problem, find_backend
 from neuro.program.program import Program
+from neuro.run.copies import Copies
 from neuro.run.simulation import Simulation
 
+_COPIES = Quantity(kind="integer", at_least=1, at_most=100_000)
 _THREADS = Quantity(kind="integer", at_least=1, at_most=max(64, os.cpu_count() or 1))
 
 
@@ -32,9 +34,37 @@ class ApproximationWarning(UserWarning):
     """A backend runs a network, but not exactly as described."""
 
 
+@overload
 def compile(
-    net: Network, backend: str | PathLike[str] | Backend = "event", seed: int = 0, threads: int = 1, **options: Any
-) -> Simulation:
+    net: Network,
+    backend: str | PathLike[str] | Backend = ...,
+    seed: int = ...,
+    threads: int = ...,
+    copies: None = ...,
+    **options: Any,
+) -> Simulation: ...
+
+
+@overload
+def compile(
+    net: Network,
+    backend: str | PathLike[str] | Backend = ...,
+    seed: int = ...,
+    threads: int = ...,
+    *,
+    copies: int,
+    **options: Any,
+) -> Copies: ...
+
+
+def compile(
+    net: Network,
+    backend: str | PathLike[str] | Backend = "event",
+    seed: int = 0,
+    threads: int = 1,
+    copies: int | None = None,
+    **options: Any,
+) -> Simulation | Copies:
     """Make a network ready to run.
 
     Args:
@@ -42,7 +72,11 @@ def compile(
         backend: the name of an installed backend, the table file of a chip, or the backend itself.
         seed: of everything random; the same seed gives the same run on every float backend.
         threads: cores to use; results do not depend on it.
+        copies: so many simulations of the network as one, with the seeds `seed`, `seed` + 1, ...; see `Copies`.
         options: of the backend.
+
+    Returns:
+        a `Simulation`, or `Copies` where `copies` is given.
 
     Raises:
         ModelError: the network cannot be run as described; all that the backend refuses is listed.
@@ -54,6 +88,10 @@ def compile(
         most = " and < 2^63" if isinstance(seed, int) and seed >= 2**63 else ""
         raise ModelError(f"seed = {shown(seed)}: expected a whole number >= 0{most}")
     chosen = _backend(backend)
+    if copies is not None:
+        copies = check(_COPIES, copies, "copies")
+        parts = {"backend": chosen, "threads": threads, **options}
+        return Copies([compile(net, seed=int(seed) + k, **parts) for k in range(copies)])
     try:
         program = compile_network(net, int(seed), threads)
         _caution(program)

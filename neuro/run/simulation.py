@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterator, Mapping
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from functools import cached_property
 from os import PathLike
@@ -43,6 +43,7 @@ if TYPE_CHECKING:
     from neuro.chips.pricing.energy import Energy
     from neuro.files.exports import DataFrames
     from neuro.files.parts import Trace
+    from neuro.run.copies import Stepper
 
 _FLAG = Quantity(kind="boolean")
 
@@ -435,6 +436,23 @@ class Simulation:
             ModelError: there is no such part, it has nothing of that name, or its spikes are not recorded.
         """
         return self._ports.port(self, of, what)
+
+    def stepper(
+        self, ms: float, emit: Sequence[Population | str] = (), count: Sequence[Population | str] = ()
+    ) -> Stepper:
+        """Control steps of `ms`, each of which is one call: spikes in, run, counts out; see `neuro.Stepper`.
+
+        Args:
+            ms: the length of a control step.
+            emit: populations of spike_generator that are given spikes at each.
+            count: populations whose spikes are counted.
+
+        Raises:
+            ModelError: there is no such population, one of `emit` is another model, or the network has probes.
+        """
+        from neuro.run.copies import Copies
+
+        return Copies([self]).stepper(ms, emit, count)
 
     @property
     def traces(self) -> dict[str, Trace]:

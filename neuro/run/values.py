@@ -8,12 +8,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from neuro.core.checks import check
 from neuro.core.clock import Clock
 from neuro.core.errors import ModelError, unknown
 from neuro.core.quantities import word_of
 from neuro.model.parts import Side
 from neuro.model.synapses import Synapse
-from neuro.program.backend import Engine, unreadable
+from neuro.program.backend import Engine, SettableSynapses, unreadable
 from neuro.program.program import Floats, Ints, Program, Projection, synapse_states
 from neuro.program.synapse_pairs import Ends, places_of_pairs, refuse_some_of_a_grid
 from neuro.run import settable
@@ -186,7 +187,7 @@ class SynapseValues:
 
         Args:
             index: the projection.
-            values: `weight` stands alone.
+            values: `weight` stands alone; so do states, of a rule that learns by moves.
             chosen: which synapses, None for all.
 
         Raises:
@@ -196,6 +197,9 @@ class SynapseValues:
             self.set_weights(index, values["weight"], chosen)
             return
         part, rule = self._program.projections[index], self._rules[index]
+        if part.synapse.learns == "moves" and {*values} <= {state.name for state in part.synapse.states}:
+            self._set_states(index, values, chosen)
+            return
         quantities = part.synapse.quantities()
         shared = [word for word in values if word != "weight" and not (word in quantities and quantities[word].arrays)]
         if "weight" in values or (shared and chosen is not None):
@@ -207,6 +211,23 @@ class SynapseValues:
         settable.check_rule(part, rule, self._engine.get_synapses(index, "weight"))
         self._engine.set_rule(index, rule.vector())
         self._rules[index] = rule
+
+    def _set_states(self, index: int, values: Mapping[str, Any], chosen: Chosen | None) -> None:
+        """Replace states of all synapses, or of the chosen ones."""
+        part, engine = self._program.projections[index], self._engine
+        assert isinstance(engine, SettableSynapses)
+        units = {state.name: state.quantity() for state in part.synapse.states}
+        size = part.size if chosen is None else np.arange(part.size)[chosen].size
+        new = {word: check(units[word], value, f"{part.synapse.name}.{word}") for word, value in values.items()}
+        for word, value in new.items():
+            if np.ndim(value) and np.shape(value) != (size,):
+                found = f"shape {list(np.shape(value))}"
+                raise ModelError(f"{word} of '{part.name}': {found}: expected {size} values, or one")
+        for word, value in new.items():
+            every = np.broadcast_to(value, part.size) if chosen is None else engine.get_synapses(index, word)
+            if chosen is not None:
+                every[chosen] = value
+            engine.set_synapses(index, word, np.ascontiguousarray(every, dtype=np.float64))
 
     def set_weights(self, index: int, weights: Any, chosen: Chosen | None) -> None:
         """Replace the weights of all synapses, or of the chosen ones: a number, or one for each.

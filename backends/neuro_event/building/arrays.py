@@ -35,6 +35,7 @@ class EventArrays:
     longest_slice: int
     reach: int
     eager: bool = True
+    moves_of: dict[int, int] = field(default_factory=dict)
     late: dict[int, Floats] = field(default_factory=dict)
     asked: list[tuple[Ints, int, Callable[[], Entry]]] = field(default_factory=list)
 

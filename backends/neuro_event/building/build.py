@@ -21,6 +21,7 @@ from neuro_event.building.arrays import EventArrays, aligned_rows, aligned_zeros
 from neuro_event.building.generators import add_generators
 from neuro_event.building.learned_delays import add_delays
 from neuro_event.building.learning import add_learning
+from neuro_event.building.moves import add_moves
 from neuro_event.building.projections import add_projections
 from neuro_event.loop import stages, tables as t
 from neuro_event.loop.operations import entry, generator_entry
@@ -55,6 +56,7 @@ def build(program: Program, threads: int, eager: bool = True, edges: Ints | None
     _logs(arrays)
     _groups(arrays)
     add_learning(arrays, learning)
+    add_moves(arrays)
     return arrays
 
 
@@ -269,5 +271,6 @@ def _needed(a: EventArrays) -> Iterator[str]:
         "post_spike": net["pops"][:, t.HISTORY] >= 0,
         "dopamine_arrivals": plastic[:, t.DOPAMINE] >= 0,
         "note": plastic[:, t.NOTED] == 1,
+        "gather_moves": net["pops"][:, t.GATHERS] == 1,
     }
     yield from (name for name, places in may.items() if np.any(places))

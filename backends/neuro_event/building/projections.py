@@ -43,7 +43,11 @@ def add_projections(a: EventArrays) -> None:
                 row[t.ROW], n_rows = n_rows, n_rows + rows[-1].size
             n_targets += s.targets.size
         own = internal_weights(a, q) if p.weight.size else np.zeros(1)
-        row[t.WEIGHT], row[t.WEIGHT_STRIDE], row[t.SIGN] = n_weights, int(own.size > 1), layout.sign(own)
+        row[t.WEIGHT], row[t.WEIGHT_STRIDE], row[t.SIGN] = (
+            n_weights,
+            int(own.size > 1 or p.synapse.learns == "moves"),
+            _sign(p, own),
+        )
         weights.append(own)
         n_weights += own.size
         delay = p.delay[s.order] if p.delay.size > 1 and s.order is not None else p.delay
@@ -81,12 +85,17 @@ def add_projections(a: EventArrays) -> None:
     a.net["queue"] = np.zeros((threads, QUEUE, 3), dtype=np.int64)
     a.net["targets"] = _joined(targets, np.int32)
     a.net["weights"] = _joined(weights, np.float64)
-    if any(p.synapse.learns == "trials" for p in program.projections):
+    if any(p.synapse.learns in ("moves", "trials") for p in program.projections):
         own_weights(a)
     a.net["delays"] = _joined(delays, np.int32)
     a.net["at_emission"] = np.array(at_emission, dtype=np.int64)
     set_buffer(a, np.full(ring, -0.0))
     list_incoming(a)
+
+
+def _sign(p: Projection, own: Floats) -> int:
+    """Whether all weights go to one receptor, now and when they have learnt."""
+    return t.MIXED if p.synapse.learns == "moves" else layout.sign(own)
 
 
 def _time(program: Program, p: Projection, edges: Ints, row: Ints) -> int:
@@ -123,7 +132,7 @@ def internal_weights(a: EventArrays, q: int) -> Floats:
         return np.ones(1)
     order = a.synapses[q].order
     own = p.arriving(p.weight[order] if order is not None and p.weight.size > 1 else p.weight)
-    if own.size == 1 and (p.grid is not None or p.synapse.learns == "trials"):
+    if own.size == 1 and (p.grid is not None or p.synapse.learns in ("moves", "trials")):
         own = np.repeat(own, p.size)
     return own
 

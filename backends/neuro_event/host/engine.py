@@ -16,14 +16,24 @@ from neuro.program.backend import EngineCounts, Outcome, Sent, Spikes, Trial, Wi
 from neuro.program.currents import Currents
 from neuro.program.drives import Rates
 from neuro.program.program import Floats, Ints, Program, Trials
-from neuro_event.building import build, generators, layout, learned_delays, learning, projections, thread_partition
+from neuro.program.together import Engines
+from neuro_event.building import (
+    build,
+    generators,
+    layout,
+    learned_delays,
+    learning,
+    moves,
+    projections,
+    thread_partition,
+)
 from neuro_event.host import reading, snapshot
 from neuro_event.host.probes import PotentialPeaks, PreSpikeRecords, StateProbes
 from neuro_event.host.snapshot import ChangedValues
 from neuro_event.host.spikes import ListedSpikes, RecordedSpikes
 from neuro_event.host.threads import Threads
 from neuro_event.host.varying_currents import VaryingCurrents, apply
-from neuro_event.loop import arrivals, histories, steps, tables as t, trial_rules
+from neuro_event.loop import arrivals, histories, moves as move_kernels, steps, tables as t, trial_rules
 from neuro_event.loop.tables import table_of
 
 
@@ -142,8 +152,8 @@ class EventEngine:
 
     def inject(self, population: int, steps: Ints, ids: Ints) -> None:
         """Add spikes of a spike_generator, at steps after the present one."""
-        self._listed.add(population, steps, ids, self._step)
-        self._pack()
+        if self._listed.add(population, steps, ids, self._step):
+            self._pack()
 
     def spikes(self, population: int, since: int) -> Spikes:
         """Recorded spikes with step > since."""
@@ -342,7 +352,16 @@ class EventEngine:
         self._pack()
 
     def signal(self, signal: int, values: Floats) -> None:
-        """Set the dopamine concentration of every synapse that listens to a signal."""
+        """Set the dopamine concentration of every synapse that listens to a signal; teach those that learn by moves."""
+        for q, k in self._a.moves_of.items():
+            p = self._program.projections[q]
+            if signal in (p.signal, p.gate):
+                inner = np.ascontiguousarray(self._a.places[p.target].by_place(values), dtype=np.float64)
+                if p.gate == signal:
+                    first = self._a.plastic["move_table"][k, t.MOVE_TARGET]
+                    self._a.plastic["move_gate"][first : first + inner.size] = inner
+                if p.signal == signal:
+                    move_kernels.teach_moves(self._view, k, inner)
         for q, k in self._a.plastic_of.items():
             p = self._program.projections[q]
             if p.signal == signal:
@@ -355,14 +374,34 @@ class EventEngine:
         if projection in self._a.plastic_of:
             return self._copy.synapses(projection, name, self._step)
         p = self._program.projections[projection]
+        if projection in self._a.moves_of:
+            row, here = self._move_states(projection, name)
+            return reading.by_id(self._a.plastic["move_y"][row, here], self._a.synapses[projection].order)
         if name == "delay":
             return reading.by_id(self._a.late[projection], self._a.synapses[projection].order)
         if self._a.net["pops"][p.target, t.RELAY] == 1:
             return np.broadcast_to(self._changes.kept.get(projection, p.weight), p.size).copy()
         return reading.weights(self._a, projection)
 
+    def _move_states(self, projection: int, name: str) -> tuple[int, slice]:
+        """Where the weight or a state of a projection that learns by moves lies: row, and synapses."""
+        p = self._program.projections[projection]
+        first = self._a.plastic["move_table"][self._a.moves_of[projection], t.MOVE_SYNAPSE]
+        row = 0 if name == "weight" else 1 + [s.name for s in type(p.synapse).states].index(name)
+        return row, slice(first, first + p.size)
+
+    def set_synapses(self, projection: int, name: str, values: Floats) -> None:
+        """Set a state of the synapses of a projection that learns by moves."""
+        row, here = self._move_states(projection, name)
+        order = self._a.synapses[projection].order
+        self._a.plastic["move_y"][row, here] = values[order] if order is not None and values.size > 1 else values
+        if values.any():
+            move_kernels.enliven(self._view, self._a.moves_of[projection])
+
     def set_rule(self, projection: int, parameters: Floats) -> None:
         """Change the numbers of a synapse model."""
+        if projection in self._a.moves_of:
+            moves.set_move_rule(self._a, projection, parameters)
         if projection in self._a.plastic_of:
             self._copy.drop()
             reading.bring_all(self._a, self._view, self._a.plastic_of[projection], self._step)
@@ -377,7 +416,7 @@ class EventEngine:
         if row[t.DENSE_COUNTS] == 1:
             self._list_counts(projection, weights)
             return
-        if self._step > 0 and projection not in self._a.plastic_of:
+        if self._step > 0 and projection not in self._a.plastic_of and projection not in self._a.moves_of:
             self._deliver_ahead(projection)
         self._write_weights(projection, weights, chosen)
 
@@ -432,6 +471,8 @@ class EventEngine:
         if self._a.net["pops"][p.target, t.RELAY] == 1:
             self._changes.kept[projection] = weights.copy()
             return
+        if projection in self._a.moves_of:
+            self._a.plastic["move_y"][self._move_states(projection, "weight")] = inner
         inner = p.arriving(inner)
         if projections.own_weights(self._a):
             self._pack()
@@ -442,7 +483,8 @@ class EventEngine:
             self._pack()
         else:
             self._a.net["weights"][first : first + (p.size if stride else 1)] = inner
-        row[t.SIGN] = layout.sign(inner)
+        if projection not in self._a.moves_of:
+            row[t.SIGN] = layout.sign(inner)
 
     # --- accounts and persistence -------------------------------------------------------------------------
 
@@ -460,6 +502,12 @@ class EventEngine:
         """Spikes of each neuron of a population since the start or the last reset."""
         place = self._a.places[population]
         return place.by_id(self._a.net["spikes"][place.begin : place.end].copy())
+
+    def joined(self, engines: Sequence[Any]) -> Engines:
+        """Engines of this network as one."""
+        from neuro_event.host.together import EventEngines
+
+        return EventEngines(engines)
 
     def memory(self) -> dict[str, int]:
         """Bytes by what they hold."""
@@ -525,6 +573,8 @@ class EventEngine:
         self._trial_updates = arrays["engine.trial_updates"].copy()
         self._changes.restore(arrays)
         learning.lay_constants(self._a, self._changes.rules)
+        for q in self._a.moves_of:
+            moves.set_move_rule(self._a, q, self._changes.rules[q])
         self._record.restore(arrays)
         self._currents.restore(arrays)
         self._drives.changed()

@@ -55,6 +55,18 @@ _REBUILT = _DRIVES | {
     "list_counts",
     "cursor",
 }
+_MOVES = {
+    "move_table",
+    "move_rule",
+    "move_left",
+    "move_adds",
+    "move_x_min",
+    "move_sign",
+    "move_signal",
+    "move_spikes",
+    "move_seen",
+}
+_MOVES |= {"move_concerned"}
 _FIXED = _GIVEN | VIEWS | _EMPTY | _REBUILT
 """Arrays that a snapshot leaves out: they follow from the program, or hold nothing between two runs."""
 
@@ -66,7 +78,9 @@ def snapshot(a: EventArrays) -> dict[str, NDArray[Any]]:
     net["net.due"] = _own_marks(a, a.net["due"])
     net["net.pops"] = a.net["pops"][:, : t.NUMBER].copy()  # what follows are addresses of this process
     net["net.projections"] = a.net["projections"][:, : t.CHANNEL_HEIGHT].copy()  # the rest follows from the program
-    plastic = {f"plastic.{k}": v.copy() for k, v in a.plastic.items() if k not in VIEWS | _NOTES | _LISTS | {"rule"}}
+    plastic = {
+        f"plastic.{k}": v.copy() for k, v in a.plastic.items() if k not in VIEWS | _NOTES | _LISTS | _MOVES | {"rule"}
+    }
     plastic["plastic.table"] = a.plastic["table"][:, : t.RULE_NUMBER].copy()
     return {**net, **plastic}
 

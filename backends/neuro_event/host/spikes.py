@@ -123,29 +123,50 @@ class ListedSpikes:
         self._room: dict[int, int] = {}
         self._write(0)
 
-    def add(self, population: int, steps: Ints, ids: Ints, now: int) -> None:
-        """Add spikes after step `now`."""
+    def add(self, population: int, steps: Ints, ids: Ints, now: int) -> bool:
+        """Add spikes after step `now`; tell whether arrays were replaced."""
         old_steps, old_ids = self._spikes[population]
         ahead = old_steps > now
-        self._spikes[population] = (np.concatenate([old_steps[ahead], steps]), np.concatenate([old_ids[ahead], ids]))
-        self._write(now)
+        if ahead.any():
+            steps, ids = np.concatenate([old_steps[ahead], steps]), np.concatenate([old_ids[ahead], ids])
+        self._spikes[population] = steps, ids
+        rows = _with_multiplicity(steps, self._a.places[population].begin + ids)
+        return self._put(population, rows, now)
 
     def replace(self, population: int, steps: Ints, ids: Ints, now: int) -> bool:
         """Let these, sorted by step, then id, be all that a population has; tell whether arrays were replaced."""
-        n = steps.size
-        rewritten = False
-        if self._spikes[population][0].size or n > self._room.get(population, 0):
-            self._spikes[population] = (_NOTHING, _NOTHING)
-            self._room[population] = 2 * n + 64
-            self._write(now)
-            rewritten = True
+        self._spikes[population] = (_NOTHING, _NOTHING)
+        neurons = ids + self._a.places[population].begin
+        return self._put(population, np.column_stack([steps, neurons, np.ones_like(steps)]), now)
+
+    def reserve(self, population: int, n: int, now: int) -> bool:
+        """Have room for n spikes of a population; tell whether arrays were replaced."""
+        if n <= self._room.get(population, 0):
+            return False
+        self._room[population] = 2 * n + 64
+        self._write(now)
+        return True
+
+    def place(self, population: int) -> int:
+        """Where the spikes of a population are listed."""
+        return self._begin[population]
+
+    def pending(self, population: int, now: int) -> bool:
+        """Whether spikes that were added are still to come."""
+        steps = self._spikes[population][0]
+        return bool(steps.size and (steps > now).any())
+
+    def _put(self, population: int, rows: Ints, now: int) -> bool:
+        """Let the loop read rows of a population, where they have room; else make twice the room for it."""
+        # A closed loop brings some spikes before each call: to replace arrays takes 0.5 ms, as all are linked anew.
+        n = len(rows)
+        grows = self.reserve(population, n, now)
         net, first = self._a.net, self._begin[population]
-        net["list_steps"][first : first + n] = steps
-        net["list_ids"][first : first + n] = ids + self._a.places[population].begin
-        net["list_counts"][first : first + n] = 1
+        for name, column in zip(("list_steps", "list_ids", "list_counts"), rows.T, strict=True):
+            net[name][first : first + n] = column
         net["cursor"][:-1, population] = first
         net["cursor"][-1, population] = first + n
-        return rewritten
+        return grows
 
     def drop(self, population: int) -> None:
         """Forget what `replace` gave a population and was not emitted."""

@@ -29,6 +29,7 @@ STAGES = {
     "post_spike": ("histories", "view, pop, thread, local, m, step, done, h", types.void),
     "dopamine_arrivals": ("histories", "view, q, step, thread, h", types.void),
     "note": ("probes", "view, q, source, step, thread", types.void),
+    "gather_moves": ("moves", "view, thread, pop, step, h", types.void),
 }
 """By the name of the function: its module, its arguments, and what it returns."""
 
@@ -61,7 +62,7 @@ def _stage(name: str) -> Any:
 
 
 arrive, at_emission, deliver_log, add_counts, draw_counts, drive, charge = map(_stage, _NAMES[:7])
-step_collecting, settle, post_spike, dopamine_arrivals, note = map(_stage, _NAMES[7:])
+step_collecting, settle, post_spike, dopamine_arrivals, note, gather_moves = map(_stage, _NAMES[7:])
 
 
 def entry(name: str) -> Entry:

@@ -22,6 +22,7 @@ from neuro_event.loop.stages import (
     charge,
     dopamine_arrivals,
     drive,
+    gather_moves,
     note,
     settle,
     step_collecting,
@@ -131,6 +132,8 @@ def step_population(view, thread, pop, step, done, h):
         at = let_emit(view, thread, pop, step, at, done, h)
     # Each thread's place is alone in its cache line: a line that two write goes back and forth, 250 ns each way.
     net.log_at[thread, 0] = at
+    if row[t.GATHERS] == 1:
+        gather_moves(view, thread, pop, step, h)
 
 
 @subkernel

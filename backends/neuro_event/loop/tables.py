@@ -56,8 +56,9 @@ POSITIVE, NEGATIVE, MIXED = range(3)
     ENTRY,
     CARRIED,
     COLLECTS,
+    GATHERS,  # 1: synapses onto it learn by moves
     POPULATION_COLUMNS,
-) = range(28)
+) = range(29)
 
 # projections
 (
@@ -124,6 +125,20 @@ POSITIVE, NEGATIVE, MIXED = range(3)
     EPOCH,
     PLASTIC_COLUMNS,
 ) = range(24)
+
+# projections that learn by moves
+(
+    MOVE_PROJECTION,
+    MOVE_SYNAPSE,
+    MOVE_SOURCE,
+    MOVE_TARGET,
+    MOVE_SEEN,
+    MOVE_ENTRY,
+    MOVE_COLUMNS,
+) = range(7)
+
+MOVE_TRACES = 4
+"""The most pre traces of a rule for moves."""
 
 # lines of currents that change at every step
 (
@@ -282,6 +297,23 @@ note_at i8 2       (threads, cache line) where each thread notes next
 note_steps i8 2    (threads, room) step of a pre spike
 note_synapses i8 2 the synapse
 note_y f8 3        (threads, states, room) what it was left with
+move_table i8 2    columns of `tables`, a row per projection that learns by moves
+move_rule f8 2     constants of each rule
+move_left f8 2     (projections, traces) what a step leaves of a pre trace
+move_adds f8 2     what a spike adds to it
+move_x_min f8 1    below which a source counts as silent
+move_sign f8 1     what arrives of a weight of 1
+move_y f8 2        (states, synapses)
+move_x f8 2        (threads, sources and traces) pre traces of the present step; each thread has a copy
+move_lists i8 3    (threads, 2, sources) sources that are lit, and live, see `moves`
+move_count i8 3    (threads, projections, 2) how many
+move_is_lit u1 2   (threads, sources)
+move_is_live u1 2  (threads, sources)
+move_gate f8 1     of each target
+move_signal f8 1   likewise, what teaches
+move_spikes f8 1   likewise, how often each spiked in the present step; 0 between two
+move_seen f8 1     likewise, the state that the rule sees; 0 if it sees none
+move_concerned i8 1 targets of the present step that spiked or are seen, those of each thread together
 """
 
 _NET, _PLASTIC = fields_of(NET), fields_of(PLASTIC)
@@ -321,6 +353,12 @@ def slot_mask(net):
 def call_rule(view, row, operation, index, step, thread, h):
     """Let the entry of a rule do an operation, see `lazy_rules`; `row` is its projection's in `plastic.table`."""
     return _call(row[RULE_ENTRY], (view, row[RULE_NUMBER], operation, index, step, thread, h))
+
+
+@subkernel
+def call_moves(view, k, operation, index, step, thread, h):
+    """Let the entry of a rule for moves do an operation, see `moves`."""
+    return _call(plastic_of(view).move_table[k, MOVE_ENTRY], (view, k, operation, index, step, thread, h))
 
 
 @subkernel

@@ -153,6 +153,8 @@ class Neuron(Model):
             group, which chooses between the two, cannot have such neurons.
         takes_current: whether currents of generators act on it.
         draws: whether `step` takes a random number for each neuron, see above.
+        signed: whether weights of synapses that name none of two receptors go by their sign; else one must be named.
+        most: the largest population, whose neurons `step` sees together; 0: it sees neurons one by one.
         arithmetic: the module with `constants`, `step`, `fire` and `quiet`, see above: that of the class. The first
             constant is the threshold and the first state V_m, where the model has them.
     """
@@ -169,6 +171,8 @@ class Neuron(Model):
     resets_in_step: ClassVar[bool] = False
     takes_current: ClassVar[bool] = True
     draws: ClassVar[bool] = False
+    signed: ClassVar[bool] = True
+    most: ClassVar[int] = 0
     arithmetic: ClassVar[OfModule] = OfModule(("step", "fire", "quiet"))
 
     tau_minus: Value = quantity(

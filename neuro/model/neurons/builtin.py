@@ -31,7 +31,9 @@ from neuro.model.neurons.iaf_psc_exp_adaptive_threshold import (
 from neuro.model.neurons.izhikevich import izhikevich as izhikevich
 from neuro.model.neurons.mat2_psc_exp import mat2_psc_exp as mat2_psc_exp
 from neuro.model.neurons.parrot_neuron import parrot_neuron as parrot_neuron
+from neuro.model.neurons.pp_psc_delta import pp_psc_delta as pp_psc_delta
 from neuro.model.neurons.sinusoidal_poisson_generator import (
     sinusoidal_poisson_generator as sinusoidal_poisson_generator,
 )
+from neuro.model.neurons.soft_wta import soft_wta as soft_wta
 from neuro.model.neurons.srm0 import srm0 as srm0

@@ -18,6 +18,7 @@ from neuro.model.synapses.base import (
 )
 from neuro.model.synapses.builtin import *  # noqa: F403
 from neuro.model.synapses.lessons import Growth as Growth, Lesson as Lesson, TrialEnd as TrialEnd
+from neuro.model.synapses.moves import GATHERING, MoveRule as MoveRule
 
 
 def complete(model: type[Synapse]) -> type[Synapse]:
@@ -27,8 +28,8 @@ def complete(model: type[Synapse]) -> type[Synapse]:
         TypeError: something is missing or not possible yet; it says what.
     """
     message = f"synapse model '{model.__name__}'"
-    if model.learns not in ("", "pairs", "trials", "chip"):
-        raise TypeError(f"{message}: learns = '{model.learns}': expected '', 'pairs', 'trials' or 'chip'")
+    if model.learns not in ("", "pairs", "moves", "trials", "chip"):
+        raise TypeError(f"{message}: learns = '{model.learns}': expected '', 'pairs', 'moves', 'trials' or 'chip'")
     if model.modulated and not issubclass(model, Modulated):
         raise TypeError(f"{message}: expected a subclass of Modulated, whose words say where n comes from")
     if model.delays and not issubclass(model, DelayRule):
@@ -45,6 +46,15 @@ def complete(model: type[Synapse]) -> type[Synapse]:
         _check_of_each(message, model)
         functions = FUNCTIONS | ({"advance": 7} if model.modulated else {}) | ({"on_pre": 6} if model.draws else {})
         check_functions(message, model, functions | ({"sent": 3} if hasattr(model.arithmetic, "sent") else {}))
+        _check_constants(message, model)
+    if model.learns == "moves":
+        if not issubclass(model, MoveRule):
+            raise TypeError(f"{message}: learns = 'moves': expected a subclass of MoveRule")
+        if model.post or not all(trace.tau and not trace.nearest and not trace.starts for trace in model.pre):
+            raise TypeError(f"{message} learns by moves: expected pre traces that decay from 0, and no post traces")
+        _check_traces(message, model)
+        _check_of_each(message, model)
+        check_functions(message, model, GATHERING)
         _check_constants(message, model)
     if model.learns == "trials":
         _check_of_each(message, model)
@@ -84,9 +94,11 @@ def _check_of_each(told: str, model: type[Synapse]) -> None:
     """What synapses of one source or target share, a trace or dopamine, has one number; so have rules for trials."""
     shared = {trace.tau for trace in (*model.pre, *model.post)} | {trace.starts for trace in model.pre}
     for word, q in model.quantities().items():
-        if q.arrays and (word in shared or model.modulated or model.learns == "trials"):
+        if q.arrays and (word in shared or model.modulated or model.learns in ("moves", "trials")):
             who = "dopamine acts by" if model.modulated else "traces have"
-            why = "the end of a trial teaches by" if model.learns == "trials" else who
+            why = {"trials": "the end of a trial teaches by", "moves": "the end of a move teaches by"}.get(
+                model.learns, who
+            )
             raise TypeError(f"{told}: '{word}' takes a value for each synapse: expected one for all, as {why} one")
 
 

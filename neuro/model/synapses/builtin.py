@@ -9,6 +9,7 @@ from neuro.model.synapses.mstdpet import mstdpet as mstdpet
 from neuro.model.synapses.normalised_stdp import normalised_stdp as normalised_stdp
 from neuro.model.synapses.r_stddp import r_stddp as r_stddp
 from neuro.model.synapses.r_stdp import r_stdp as r_stdp
+from neuro.model.synapses.reinforce import reinforce as reinforce
 from neuro.model.synapses.stddp import stddp as stddp
 from neuro.model.synapses.stdp import stdp as stdp
 from neuro.model.synapses.stdp_dopa import stdp_dopa as stdp_dopa
@@ -18,6 +19,7 @@ from neuro.model.synapses.stdp_nn_restr import stdp_nn_restr as stdp_nn_restr
 from neuro.model.synapses.stdp_nn_symm import stdp_nn_symm as stdp_nn_symm
 from neuro.model.synapses.stdp_pl_hom import stdp_pl_hom as stdp_pl_hom
 from neuro.model.synapses.stdp_triplet import stdp_triplet as stdp_triplet
+from neuro.model.synapses.td_lambda import td_lambda as td_lambda
 from neuro.model.synapses.td_ltp import td_ltp as td_ltp
 from neuro.model.synapses.td_moves import td_moves as td_moves
 from neuro.model.synapses.tempotron import tempotron as tempotron

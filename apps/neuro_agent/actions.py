@@ -1,0 +1,81 @@
+"""Actions as choices: for each number of an action a circuit of neurons; the one that spikes is what is done."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import gymnasium
+import numpy as np
+import numpy.typing as npt
+from gymnasium import spaces
+
+from neuro import ModelError
+
+__all__ = ["Actions", "actions_of"]
+
+EXPECTED = "Discrete, MultiDiscrete, MultiBinary, or a Box with finite bounds"
+MOST = 64
+"""Neurons of a circuit, see `neuro.soft_wta`."""
+
+
+@dataclass(frozen=True)
+class Actions:
+    """What the neurons that spike mean.
+
+    Attributes:
+        sizes: neurons of each circuit.
+        space: of the actions.
+        values: of a Box, what the neurons of each circuit stand for.
+    """
+
+    sizes: tuple[int, ...]
+    space: gymnasium.Space[Any]
+    values: tuple[npt.NDArray[np.float64], ...] = ()
+
+    def action(self, winners: npt.NDArray[np.int64]) -> Any:
+        """The action of one winner in each circuit, (circuits,)."""
+        match self.space:
+            case spaces.Discrete():
+                return self.space.dtype.type(self.space.start + winners[0])
+            case spaces.MultiDiscrete():
+                return (winners.reshape(self.space.shape) + self.space.start).astype(self.space.dtype)
+            case spaces.Box():
+                chosen = [values[winner] for values, winner in zip(self.values, winners, strict=True)]
+                return np.array(chosen).reshape(self.space.shape).astype(self.space.dtype)
+        return winners.reshape(self.space.shape).astype(self.space.dtype)
+
+
+def actions_of(space: gymnasium.Space[Any], levels: int) -> Actions:
+    """The circuits for a space of actions.
+
+    Args:
+        space: of the actions.
+        levels: neurons for each number of a Box, between its bounds.
+
+    Raises:
+        ModelError: it is of another kind, has no bounds, or needs more neurons than a circuit has.
+    """
+    found = _actions(space, levels)
+    if max(found.sizes, default=0) > MOST:
+        raise ModelError(f"action space {space}: {max(found.sizes)} actions: expected at most {MOST}")
+    if not found.sizes:
+        raise ModelError(f"action space {space}: it has no number: expected {EXPECTED}")
+    return found
+
+
+def _actions(space: gymnasium.Space[Any], levels: int) -> Actions:
+    match space:
+        case spaces.Discrete():
+            return Actions((int(space.n),), space)
+        case spaces.MultiDiscrete():
+            return Actions(tuple(int(n) for n in np.ravel(space.nvec)), space)
+        case spaces.MultiBinary():
+            return Actions((2,) * int(np.prod(space.shape)), space)
+        case spaces.Box() if space.is_bounded():
+            ends = zip(np.ravel(space.low), np.ravel(space.high), strict=True)
+            values = tuple(np.linspace(low, high, levels, dtype=np.float64) for low, high in ends)
+            return Actions((levels,) * len(values), space, values)
+        case spaces.Box():
+            raise ModelError(f"action space {space}: it has no bounds: expected {EXPECTED}")
+    raise ModelError(f"action space: found {type(space).__name__}: expected {EXPECTED}")

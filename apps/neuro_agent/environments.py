@@ -1,0 +1,142 @@
+"""Environments in one form: one of gymnasium, or a vector of them, as a number of episodes side by side."""
+
+from __future__ import annotations
+
+import _thread
+import threading
+import time
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from typing import Any
+
+import gymnasium
+import numpy as np
+import numpy.typing as npt
+from gymnasium.vector import AutoresetMode, VectorEnv
+
+from neuro import ModelError
+from neuro_agent.places import flat
+
+__all__ = ["Environments"]
+
+Floats = npt.NDArray[np.float64]
+Bools = npt.NDArray[np.bool_]
+
+
+class Environments:
+    """Episodes side by side. One that has ended stays at its last observation for a step, then another begins.
+
+    Args:
+        env: an environment, or a vector of environments.
+        patience: seconds within which it must answer.
+
+    Attributes:
+        n: how many episodes there are at a time.
+        observations: the space of one observation.
+        actions: that of one action.
+        over: which of them have ended and begin anew at the next step.
+
+    Raises:
+        ModelError: it is no environment.
+    """
+
+    def __init__(self, env: Any, patience: float = 60.0) -> None:
+        self._env, self.patience = env, patience
+        self._vector = isinstance(env, VectorEnv)
+        if not self._vector and not isinstance(env, gymnasium.Env):
+            raise ModelError(f"env: found {type(env).__name__}: expected a gymnasium.Env or a VectorEnv")
+        self.n = int(env.num_envs) if self._vector else 1
+        self.observations = env.single_observation_space if self._vector else env.observation_space
+        self.actions = env.single_action_space if self._vector else env.action_space
+        mode = env.metadata.get("autoreset_mode", AutoresetMode.NEXT_STEP) if self._vector else AutoresetMode.NEXT_STEP
+        if mode != AutoresetMode.NEXT_STEP:
+            raise ModelError(f"env: a vector of autoreset_mode {mode.name}: expected NEXT_STEP, gymnasium's default")
+        self.over: Bools = np.zeros(self.n, dtype=np.bool_)
+        self._calls = 0
+
+    def reset(self, seeds: Sequence[int]) -> Floats:
+        """Begin all episodes, with a seed each; the first observations, (n, dimensions)."""
+        found, _ = self._call("reset", seed=list(seeds) if self._vector else int(seeds[0]))
+        self.over[:] = False
+        return self._vectors(found)
+
+    def step(self, actions: Sequence[Any], seeds: Sequence[int]) -> tuple[Floats, Floats, Bools, Bools]:
+        """One step of each; of those that are over the first observation of the next episode.
+
+        Args:
+            actions: one for each, of those that are over any.
+            seeds: of the next episode of each that is over; vectors choose their own.
+
+        Returns:
+            observations (n, dimensions), rewards, which terminated, which were cut off; of those that were over the
+            reward is 0.
+        """
+        begun = self.over.copy()
+        if not self._vector:
+            if begun[0]:
+                return self.reset(seeds), np.zeros(1), np.zeros(1, np.bool_), np.zeros(1, np.bool_)
+            found, reward, ended, cut, _ = self._call("step", actions[0])
+            parts = [np.atleast_1d(np.asarray(part)) for part in (reward, ended, cut)]
+            return self._taken(self._vectors(found), *parts)
+        found, reward, ended, cut, _ = self._call("step", np.stack([np.asarray(action) for action in actions]))
+        return self._taken(self._vectors(found), np.where(begun, 0.0, reward), ended & ~begun, cut & ~begun)
+
+    def _taken(self, vectors: Floats, reward: Any, ended: Any, cut: Any) -> tuple[Floats, Floats, Bools, Bools]:
+        rewards = np.asarray(reward, dtype=np.float64)
+        if not np.isfinite(rewards).all():
+            bad = float(rewards[~np.isfinite(rewards)][0])
+            raise ModelError(f"env.step returned the reward {bad:g}: expected a finite number")
+        ends, cuts = np.asarray(ended, dtype=np.bool_), np.asarray(cut, dtype=np.bool_)
+        self.over = ends | cuts
+        return vectors, rewards, ends, cuts & ~ends
+
+    def _vectors(self, found: Any) -> Floats:
+        if not self._vector:
+            return flat(self.observations, found)[None]
+        if isinstance(found, np.ndarray) and len(found) == self.n:
+            return np.stack([flat(self.observations, each) for each in found])
+        from gymnasium.vector.utils import iterate
+
+        return np.stack([flat(self.observations, each) for each in iterate(self._env.observation_space, found)])
+
+    def _call(self, name: str, *given: Any, **named: Any) -> Any:
+        self._calls += 1
+        try:
+            answer = getattr(self._env, name)(*given, **named)
+        except (ModelError, KeyboardInterrupt):
+            raise
+        except Exception as error:
+            raise ModelError(f"env.{name} raised {type(error).__name__}: {error}") from error
+        self._calls += 1
+        return answer
+
+    @contextmanager
+    def watched(self) -> Iterator[None]:
+        """Stop with an error where a call of the environment does not return within `patience`; main thread only."""
+        if threading.current_thread() is not threading.main_thread() or not np.isfinite(self.patience):
+            yield
+            return
+        over, hung = threading.Event(), threading.Event()
+
+        def look() -> None:
+            known, since = self._calls, time.monotonic()
+            while not over.wait(min(1.0, self.patience / 4)):
+                if self._calls != known or self._calls % 2 == 0:
+                    known, since = self._calls, time.monotonic()
+                elif time.monotonic() - since > self.patience:
+                    hung.set()
+                    _thread.interrupt_main()
+                    return
+
+        watcher = threading.Thread(target=look, daemon=True)
+        watcher.start()
+        try:
+            yield
+        except KeyboardInterrupt:
+            if hung.is_set():
+                message = f"env: a call has not returned for {self.patience:g} s: expected an answer"
+                raise ModelError(message, hint="patience= gives it longer") from None
+            raise
+        finally:
+            over.set()
+            watcher.join()

@@ -1,0 +1,124 @@
+"""An agent in one file.
+
+```
+/            attributes: format "neuro agent 1", seed, settings, observations and actions (JSON), explored, solved
+/learnt      weights by projection, mV, (places, neurons)
+/scales      factor and first of rewards; middle and spread of the dimensions of observations
+/log         returns, lengths and steps of the episodes of the last training
+```
+"""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import gymnasium
+import numpy as np
+from gymnasium import spaces
+
+from neuro import ModelError
+from neuro.apps import hdf5, provenance, record_input
+from neuro_agent.log import Log
+
+if TYPE_CHECKING:
+    from neuro_agent.agent import ActorCritic
+
+__all__ = ["arrays_of", "load", "plain_of", "put_arrays", "save"]
+
+FORMAT = "neuro agent 1"
+
+
+def save(agent: ActorCritic, path: Path) -> None:
+    """Write an agent, see `ActorCritic.save`."""
+    with hdf5.writing(path, FORMAT, record=provenance(seed=agent.seed)) as file:
+        file.attrs["seed"] = agent.seed
+        for name, value in plain_of(agent).items():
+            file.attrs[name] = json.dumps(value)
+        file.attrs["solved"] = agent.log.solved
+        for name, part in arrays_of(agent).items():
+            hdf5.put(file, name, part)
+        hdf5.put(file, "log", agent.log.arrays())
+
+
+def load(path: Path) -> ActorCritic:
+    """Read an agent, see `ActorCritic.load`."""
+    from neuro_agent.agent import ActorCritic
+
+    with hdf5.reading(path, FORMAT) as file:
+        record_input(path)
+        observations, actions, settings = (
+            json.loads(file.attrs[name]) for name in ("observations", "actions", "settings")
+        )
+        agent = ActorCritic(space_of(observations), space_of(actions), seed=int(file.attrs["seed"]), **settings)
+        put_arrays(agent, {name: hdf5.take(file, name) for name in ("learnt", "scales")})
+        agent.log = Log.of(hdf5.take(file, "log"), bool(file.attrs["solved"]))
+    return agent
+
+
+def plain_of(agent: ActorCritic) -> dict[str, Any]:
+    """What an agent is made from, as plain data."""
+    return {
+        "settings": agent.settings.plain(),
+        "observations": plain_space(agent.observations),
+        "actions": plain_space(agent.actions.space),
+    }
+
+
+def arrays_of(agent: ActorCritic) -> dict[str, dict[str, Any]]:
+    """What an agent has learnt, as arrays."""
+    scales = {
+        "rewards": np.array([agent.rewards.factor, agent.rewards.first]),
+        "middle": agent.places.middle,
+        "spread": agent.places.spread,
+        "explored": np.array(agent.explored),
+    }
+    return {"learnt": agent.weights, "scales": scales}
+
+
+def put_arrays(agent: ActorCritic, arrays: dict[str, dict[str, Any]]) -> None:
+    """Let an agent have learnt what `arrays_of` gave."""
+    scales = arrays["scales"]
+    agent.rewards.factor, agent.rewards.first = scales["rewards"].tolist()
+    agent.places.middle[:], agent.places.spread[:] = scales["middle"], scales["spread"]
+    agent.explored = bool(scales["explored"])
+    agent.learn_from(arrays["learnt"])
+
+
+def plain_space(space: gymnasium.Space[Any]) -> dict[str, Any]:
+    """A space as plain data."""
+    match space:
+        case spaces.Discrete():
+            return {"Discrete": int(space.n), "start": int(space.start), "dtype": str(space.dtype)}
+        case spaces.MultiDiscrete():
+            return {"MultiDiscrete": space.nvec.tolist(), "start": space.start.tolist(), "dtype": str(space.dtype)}
+        case spaces.MultiBinary():
+            return {"MultiBinary": list(space.shape)}
+        case spaces.Box():
+            return {"Box": [space.low.tolist(), space.high.tolist()], "dtype": str(space.dtype)}
+        case spaces.Dict():
+            return {"Dict": {key: plain_space(part) for key, part in space.spaces.items()}}
+        case spaces.Tuple():
+            return {"Tuple": [plain_space(part) for part in space.spaces]}
+    raise ModelError(f"space: found {type(space).__name__}: expected one that an agent takes")
+
+
+def space_of(plain: dict[str, Any]) -> gymnasium.Space[Any]:
+    """The space of plain data."""
+    kind, value = next(iter(plain.items()))
+    dtype: Any = np.dtype(plain["dtype"]).type if "dtype" in plain else None
+    match kind:
+        case "Discrete":
+            return spaces.Discrete(value, start=plain["start"], dtype=dtype)
+        case "MultiDiscrete":
+            return spaces.MultiDiscrete(np.array(value), dtype=dtype, start=np.array(plain["start"]))
+        case "MultiBinary":
+            return spaces.MultiBinary(value)
+        case "Box":
+            return spaces.Box(np.array(value[0], dtype=dtype), np.array(value[1], dtype=dtype), dtype=dtype)
+        case "Dict":
+            return spaces.Dict({key: space_of(part) for key, part in value.items()})
+        case "Tuple":
+            return spaces.Tuple([space_of(part) for part in value])
+    raise KeyError(kind)

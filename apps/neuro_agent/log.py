@@ -1,0 +1,127 @@
+"""What an agent's training or test came to: an entry for each episode."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import numpy.typing as npt
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+__all__ = ["Log", "Test"]
+
+Floats = npt.NDArray[np.float64]
+Ints = npt.NDArray[np.int64]
+
+
+class Log:
+    """Episodes of a training, in the order in which they ended.
+
+    Attributes:
+        returns: sums of rewards, (episodes,).
+        lengths: control steps, (episodes,).
+        steps: control steps of all environments up to its end, (episodes,).
+        solved: whether the mean return that was asked for was reached.
+    """
+
+    def __init__(self, returns: Any = (), lengths: Any = (), steps: Any = (), solved: bool = False) -> None:
+        self._returns, self._lengths, self._steps = list(returns), list(lengths), list(steps)
+        self.solved = solved
+
+    def __repr__(self) -> str:
+        n, solved = len(self), "solved" if self.solved else "not solved"
+        if not n:
+            return "Log(no episode)"
+        recent = self.mean(100)
+        return (
+            f"Log({n} episodes, {self._steps[-1]:,} steps, mean return of the last {min(n, 100)}: {recent:g}, {solved})"
+        )
+
+    def __len__(self) -> int:
+        return len(self._returns)
+
+    @property
+    def returns(self) -> Floats:
+        """Sums of rewards."""
+        return np.array(self._returns, dtype=np.float64)
+
+    @property
+    def lengths(self) -> Ints:
+        """Control steps of each episode."""
+        return np.array(self._lengths, dtype=np.int64)
+
+    @property
+    def steps(self) -> Ints:
+        """Control steps of all environments up to the end of each episode."""
+        return np.array(self._steps, dtype=np.int64)
+
+    def add(self, total: float, length: int, step: int) -> None:
+        """An episode has ended."""
+        self._returns.append(total)
+        self._lengths.append(length)
+        self._steps.append(step)
+
+    def mean(self, window: int) -> float:
+        """The mean return of the last episodes; NaN before there are any."""
+        return float(np.mean(self._returns[-window:])) if self._returns else float("nan")
+
+    def arrays(self) -> dict[str, npt.NDArray[Any]]:
+        """All of it, for a file."""
+        return {"returns": self.returns, "lengths": self.lengths, "steps": self.steps}
+
+    @classmethod
+    def of(cls, arrays: Mapping[str, npt.NDArray[Any]], solved: bool = False) -> Log:
+        """That of `arrays`."""
+        return cls(*(arrays[name].tolist() for name in ("returns", "lengths", "steps")), solved)
+
+    def plot(self, bar: float | None = None) -> Figure:
+        """A picture of the returns: each episode, the mean of 100, and a bar to reach."""
+        from matplotlib.figure import Figure
+
+        figure = Figure(figsize=(7, 3.2), layout="constrained")
+        axes = figure.add_subplot()
+        axes.plot(self.returns, ".", markersize=2, color="0.6", label="episode")
+        if len(self) >= 2:
+            window = min(100, len(self))
+            mean = np.convolve(self.returns, np.full(window, 1 / window), "valid")
+            axes.plot(np.arange(window - 1, len(self)), mean, label=f"mean of {window}")
+        if bar is not None:
+            axes.axhline(bar, linestyle=":", color="0.3", label=f"{bar:g}")
+        axes.set_xlabel("episode")
+        axes.set_ylabel("return")
+        axes.legend(frameon=False)
+        return figure
+
+
+class Test:
+    """Episodes without learning.
+
+    Attributes:
+        returns: sums of rewards, (episodes,).
+        lengths: control steps, (episodes,).
+    """
+
+    __test__ = False  # not one of pytest's
+
+    def __init__(self, returns: Floats, lengths: Ints) -> None:
+        self.returns, self.lengths = returns, lengths
+
+    @property
+    def mean(self) -> float:
+        """The mean return."""
+        return float(self.returns.mean())
+
+    @property
+    def interval(self) -> tuple[float, float]:
+        """The mean's 95 % interval, of the normal distribution."""
+        half = (
+            1.96 * float(self.returns.std(ddof=1)) / float(np.sqrt(len(self.returns))) if len(self.returns) > 1 else 0.0
+        )
+        return self.mean - half, self.mean + half
+
+    def __repr__(self) -> str:
+        low, high = self.interval
+        return f"Test({len(self.returns)} episodes, mean return {self.mean:g}, 95 % {low:g} to {high:g})"

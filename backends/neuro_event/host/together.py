@@ -1,0 +1,117 @@
+"""Many engines of one network, advanced, read and set in one call of a kernel each."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from neuro.program.program import Floats, Ints
+from neuro_event.host.engine import EventEngine
+from neuro_event.loop import stages, tables as t, together
+
+
+class EventEngines:
+    """Engines of one network that differ in their seeds; see `neuro.program.together.Engines`.
+
+    What a kernel cannot do for all at once is done one by one: several threads, currents that change, probes that are
+    read on the way.
+    """
+
+    def __init__(self, engines: Sequence[EventEngine]) -> None:
+        self._engines = list(engines)
+        first = self._engines[0]
+        self._program, self._at = first._program, first._a
+        self._reached: Ints = np.zeros(len(engines), dtype=np.int64)
+        self._plain = all(len(e._a.net["edges"][0]) == 2 and e._steady and not e._stops for e in engines)
+        self._run = stages.entry("run").address()
+
+    @property
+    def _views(self) -> Ints:
+        """Where the arrays of each are now: an engine replaces some when they become too small."""
+        return np.array([engine._view for engine in self._engines], dtype=np.int64)
+
+    def run(self, steps: int, forget: bool) -> None:
+        """Advance all; with `forget` spikes are not recorded."""
+        begin = self._engines[0]._step
+        last = begin + steps + 1
+        reached = self._reached
+        reached[:] = begin + 1
+        if self._plain:
+            a = self._at
+            args = (begin + 1, last, a.longest_slice, a.reach, self._program.resolution, forget, reached)
+            together.run_all(self._run, self._views, *args)
+        for k, engine in enumerate(self._engines):
+            # Where a log or a record was full, the engine makes room and goes on by itself.
+            engine._step = int(reached[k]) - 1 if self._plain else begin
+            if engine._step < begin + steps:
+                engine.run(begin + steps - engine._step)
+            elif engine._overrun[0]:
+                engine._check_histories()
+            if forget and not self._plain:
+                engine.forget(engine._step)
+
+    def list_spikes(self, lists: Sequence[tuple[int, Ints, Ints, Ints]]) -> None:
+        """Let listed populations emit: (population, offsets, ticks after now, ids), by engine, tick, then id.
+
+        No id occurs twice in a tick. What was injected before and is still to come stays.
+        """
+        step = self._engines[0]._step
+        for population, offsets, ticks, ids in lists:
+            if any(engine._listed.pending(population, step) for engine in self._engines):
+                for k, engine in enumerate(self._engines):
+                    here = slice(offsets[k], offsets[k + 1])
+                    engine.inject(population, step + ticks[here], ids[here])
+                continue
+            # Room first, of all populations: making some writes anew what each engine knows of.
+            n = int(np.diff(offsets).max(initial=0))
+            for engine in self._engines:
+                if engine._listed.reserve(population, n, step):
+                    engine._pack()
+        for population, offsets, ticks, ids in lists:
+            if not any(engine._listed.pending(population, step) for engine in self._engines):
+                place = self._engines[0]._listed.place(population)
+                together.list_all(self._views, population, place, offsets, ticks, ids, step)
+
+    def fired(self, population: int) -> Ints:
+        """How often each neuron has fired, (engines, neurons)."""
+        place = self._at.places[population]
+        if self._at.net["pops"][population, t.COUNTS] >= 0:
+            return np.stack([engine.fired(population) for engine in self._engines])
+        out = np.empty((len(self._engines), place.end - place.begin), dtype=np.int64)
+        together.fired_by_all(self._views, population, out)
+        return out if place.inside is None else np.ascontiguousarray(out[:, place.inside])
+
+    def set_rate(self, population: int, rates: Floats) -> None:
+        """Set the rates in Hz of a poisson_generator, (engines, neurons)."""
+        if self._at.net["pops"][population, t.COUNTS] >= 0:
+            for engine, each in zip(self._engines, rates, strict=True):
+                engine.set(population, {"rate": each})
+            return
+        mean = np.multiply(rates, self._program.resolution * 1e-3)
+        together.rate_all(self._views, population, mean, np.exp(-mean), self._engines[0]._step)
+        for engine, each in zip(self._engines, rates, strict=True):
+            engine._changes.given[population, "rate"] = each
+
+    def signal(self, signal: int, values: Floats) -> None:
+        """Set a signal, (engines, targets)."""
+        part = self._program.signals[signal]
+        place = self._at.places[part.target]
+        inner = values if place.inside is None else np.ascontiguousarray(values[:, place.outside])
+        views, step = self._views, self._engines[0]._step
+        for q, k in self._at.moves_of.items():
+            p = self._program.projections[q]
+            if p.gate == signal:
+                together.gate_all(views, k, inner)
+            if p.signal == signal:
+                together.teach_all(views, k, inner)
+        for q, k in self._at.plastic_of.items():
+            if self._program.projections[q].signal == signal:
+                for engine in self._engines:
+                    engine._copy.drop()
+                together.signal_all(views, k, inner, step, self._program.resolution)
+
+    def clear(self, projection: int, which: NDArray[np.bool_]) -> None:
+        """Let the states of synapses that learn by moves be 0 in some of the engines."""
+        together.clear_all(self._views, self._at.moves_of[projection], which)

@@ -1,0 +1,109 @@
+"""What is done to many engines of one network in one call of Python.
+
+A call takes as long as a step of a small network, so a call for each engine would take most of the time.
+"""
+
+# mypy: ignore-errors
+from numba import types
+
+from neuro.kernels.address import caller
+from neuro.kernels.jit import kernel
+from neuro_event.loop import tables as t
+from neuro_event.loop.generators import wake_emitting
+from neuro_event.loop.histories import write_signal
+from neuro_event.loop.moves import clear_moves, teach_moves
+from neuro_event.loop.tables import net_of, plastic_of
+
+_run = caller(types.int64, *(types.int64,) * 5, types.float64)
+
+
+@kernel
+def run_all(run, views, first, last, longest, reach, h, forget, reached):
+    """Run the steps first:last of all; `run` is the address of `steps.run`, `reached` takes what it returns.
+
+    With `forget` no spikes are recorded; then there is always room for them.
+    """
+    for k in range(views.shape[0]):
+        if forget:
+            net_of(views[k]).rec_at[0, 0] = 0
+        step = first
+        while step < last:
+            reached[k] = _run(run, (views[k], step, last, longest, reach, h))
+            if reached[k] == step or not forget:
+                break
+            step = reached[k]
+            net_of(views[k]).rec_at[0, 0] = 0
+
+
+@kernel
+def list_all(views, pop, place, offsets, ticks, ids, step):
+    """Let each emit listed spikes, `offsets[k] : offsets[k + 1]` of `ticks` after a step and `ids`, and no others."""
+    for k in range(views.shape[0]):
+        net = net_of(views[k])
+        begin, at = net.pops[pop, t.BEGIN], place
+        for i in range(offsets[k], offsets[k + 1]):
+            net.list_steps[at], net.list_ids[at], net.list_counts[at] = step + ticks[i], begin + ids[i], 1
+            at += 1
+        net.cursor[0, pop], net.cursor[1, pop] = place, at
+
+
+@kernel
+def fired_by_all(views, pop, out):
+    """How often each neuron of a population has fired, (engines, neurons), by place."""
+    for k in range(views.shape[0]):
+        net = net_of(views[k])
+        begin = net.pops[pop, t.BEGIN]
+        for i in range(out.shape[1]):
+            out[k, i] = net.spikes[begin + i]
+
+
+@kernel
+def state_of_all(views, pop, row, out):
+    """A state of each neuron, which must be awake, (engines, neurons), by place."""
+    for k in range(views.shape[0]):
+        net = net_of(views[k])
+        begin = net.pops[pop, t.BEGIN]
+        for i in range(out.shape[1]):
+            out[k, i] = net.state[row, begin + i]
+
+
+@kernel
+def rate_all(views, pop, mean, nothing, step):
+    """Set the spikes a step of a poisson_generator and exp(-mean), (engines, neurons), by place."""
+    for k in range(views.shape[0]):
+        net = net_of(views[k])
+        row = net.pops[pop]
+        for i in range(mean.shape[1]):
+            net.mean[row[t.BEGIN] + i], net.nothing[row[t.BEGIN] + i] = mean[k, i], nothing[k, i]
+        wake_emitting(net.mean, net.awake, net.busy, row[t.FIRST_BLOCK], row[t.LAST_BLOCK], step)
+
+
+@kernel
+def teach_all(views, q, values):
+    """Let a signal teach a projection that learns by moves, (engines, targets)."""
+    for k in range(views.shape[0]):
+        teach_moves(views[k], q, values[k])
+
+
+@kernel
+def gate_all(views, q, values):
+    """Set how much a projection that learns by moves gathers, (engines, targets)."""
+    for k in range(views.shape[0]):
+        p = plastic_of(views[k])
+        for i in range(values.shape[1]):
+            p.move_gate[p.move_table[q, t.MOVE_TARGET] + i] = values[k, i]
+
+
+@kernel
+def signal_all(views, q, values, step, h):
+    """Set n of a modulated projection, (engines, targets)."""
+    for k in range(views.shape[0]):
+        write_signal(views[k], q, values[k], step, h)
+
+
+@kernel
+def clear_all(views, q, which):
+    """Let the states of a projection that learns by moves be 0 in those engines for which `which` says so."""
+    for k in range(views.shape[0]):
+        if which[k]:
+            clear_moves(views[k], q)
