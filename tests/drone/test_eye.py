@@ -70,7 +70,7 @@ def check_pixels(eye, shape, rng):
 
 
 @given(cameras, poses, places, st.floats(0.03, 0.6), st.integers(0, 1000))
-@settings(max_examples=12)
+@settings(max_examples=9)
 def test_ball_and_horizon_are_exact(camera, pose, place, radius, seed):
     scenario = Scenario(camera=camera, task=Ball(radius=radius, brightness=0.0), ground=Ground(brightness=1.0))
     eye = Eye(scenario)
@@ -92,7 +92,7 @@ def test_a_ball_in_the_air_is_exact(place):
 
 
 @given(cameras, poses, st.floats(0.02, 0.5), st.integers(0, 1000))
-@settings(max_examples=12)
+@settings(max_examples=9)
 def test_a_line_and_its_corners_are_exact(camera, pose, width, seed):
     scenario = Scenario(camera=camera, task=Line(width=width, brightness=0.0), ground=Ground(brightness=1.0))
     eye = Eye(scenario)
@@ -148,7 +148,7 @@ GROUNDS = [Ground(), Ground(texture=0.5)]
 
 
 @given(st.integers(0, 10_000), st.sampled_from(GROUNDS), st.floats(20, 90), st.sampled_from(["gimbal", "body"]))
-@settings(max_examples=20)
+@settings(max_examples=14)
 def test_drawing_over_the_picture_before_is_as_drawing_anew(seed, ground, tilt, mount):
     """And nothing differs outside of the box."""
     rng = np.random.default_rng(seed)
@@ -362,11 +362,10 @@ def test_pixels_are_means_of_what_they_see(tilt, grain, roll):
     assert image.std() < true.std()
 
 
-@pytest.mark.parametrize("tilt", [30.0, 60.0])
-def test_the_pattern_does_not_flicker(tilt):
+def test_the_pattern_does_not_flicker():
     """A way of a tenth of a pixel changes pixels by no more than it truly does, near and far."""
     ground = Ground(texture=0.5, grain=0.1)
-    eye = Eye(Scenario(camera=Camera(tilt=tilt), ground=ground))
+    eye = Eye(Scenario(camera=Camera(tilt=30.0), ground=ground))
     baked = pattern(ground, 1.0, 0)
     images, true = [], []
     for k in range(3):
