@@ -45,7 +45,7 @@ def network(
     net = neuro.Network("actor_critic", resolution=1.0)
     here = net.population("places", places, neuro.spike_generator())
     ask = net.population("ask", 1, neuro.spike_generator())
-    common = {"tau": TAU, "decay": settings.discount * settings.decay, "Wmin": -100.0, "Wmax": 100.0}
+    common: dict[str, Any] = {"tau": TAU, "decay": settings.discount * settings.decay, "Wmin": -100.0, "Wmax": 100.0}
 
     def connect(target: Any, name: str, rule: Synapse) -> None:
         weight = 0.0 if learnt is None else learnt[name].ravel()

@@ -78,7 +78,7 @@ class Course:
         if agent.explored:
             return
         env.actions.seed(agent.seed)
-        seen, rewards = [env.reset(self._seeds())], []
+        seen, rewards = [env.reset(self._seeds())], list[float]()
         while len(seen) * env.n <= agent.settings.explore or (not any(rewards) and len(seen) < BLOCK):
             begins = env.over.copy()
             now, reward, _, _ = env.step([env.actions.sample() for _ in range(env.n)], self._seeds(begins))

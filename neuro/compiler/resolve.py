@@ -393,9 +393,8 @@ def _check_delays(part: Projection, delay: Steps, clock: Clock) -> None:
     """Delays that learn lie within their rule's bounds, and these are not too far; a rule for moves has one step."""
     rule = part.synapse
     if isinstance(rule, MoveRule) and np.any(delay != 1):
-        late = clock.ms(int(delay.max()))
         one = f"{clock.resolution:g} ms, one step, with {rule.name}"
-        message = f"projection '{part.name}': delay = {late:g} ms: expected {one}"
+        message = f"projection '{part.name}': delay = {clock.ms(int(delay.max())):g} ms: expected {one}"
         raise ModelError(message, where=part.origin, hint="a parrot_neuron may delay the input", path=("delay",))
     if not isinstance(rule, DelayRule):
         return

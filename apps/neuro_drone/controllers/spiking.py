@@ -208,10 +208,12 @@ def _compile(net: neuro.Network, settings: SpikingSettings, seed: int) -> neuro.
     options, largest = dict(settings.options), abs(settings.eta)
     listening = [p.name for p in net.projections.values() if getattr(p.synapse, "signal", None)]
     if settings.backend != "loihi" or not listening or not largest:
-        return neuro.compile(net, backend=settings.backend, seed=seed, **options)
+        sim: neuro.Simulation = neuro.compile(net, backend=settings.backend, seed=seed, **options)
+        return sim
     options.setdefault("signals", dict.fromkeys(listening, largest))
     try:
-        return neuro.compile(net, backend="loihi", seed=seed, **options)
+        sim = neuro.compile(net, backend="loihi", seed=seed, **options)
+        return sim
     except neuro.ModelError as error:
         raise neuro.ModelError(f"learning with eta = {settings.eta:g}: {error}", hint=WAY) from None
 
