@@ -5,7 +5,7 @@ import pytest
 
 import neuro
 from neuro import Network
-from refusals import refusal, refusals, refused
+from refusals import message_of, refusal, refusals
 
 FLOATS = ("reference", "event")
 
@@ -77,7 +77,7 @@ def test_a_weight_may_have_its_unit():
     assert sim.get("all", "weight", pre=0).tolist() == [2.5] * 6
     sim.set("currents", weight="0.02 nA")
     assert sim.get("currents", "weight").tolist() == [20.0] * 12
-    assert refused(sim.set, "currents", weight="2 mV") == "weights of 'currents' = 2 mV: expected a current in pA"
+    assert message_of(sim.set, "currents", weight="2 mV") == "weights of 'currents' = 2 mV: expected a current in pA"
 
 
 @refusals("chosen synapses")

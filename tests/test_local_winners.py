@@ -12,7 +12,7 @@ from neuro.run.simulation import Simulation
 from neuro.testing import observe
 from neuro.testing.case import differences
 from neuro.testing.trials import sheets, told
-from raised import refusal
+from refused import error_of
 
 BACKENDS = ("reference", "event", "loihi", "spinnaker")
 INF = float("inf")
@@ -269,4 +269,4 @@ def _flat(group: local_winners) -> Network:
 @pytest.mark.parametrize("mistake", MISTAKES)
 def test_mistakes(mistake: str):
     make, message = MISTAKES[mistake]
-    assert refusal(lambda: neuro.compile(make(), "reference")).message == message
+    assert error_of(lambda: neuro.compile(make(), "reference")).message == message

@@ -14,7 +14,7 @@ from neuro.core.memory import free_memory
 from neuro.model.network import Network
 from neuro.testing import observe
 from neuro.testing.case import differences
-from raised import refused
+from refused import refused
 
 NAMES = ("L23E", "L23I", "L4E", "L4I", "L5E", "L5I", "L6E", "L6I")
 SIZES = (20683, 5834, 21915, 5479, 4850, 1065, 14395, 2948)

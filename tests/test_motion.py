@@ -6,7 +6,7 @@ import pytest
 import neuro
 from neuro.events import DVS, frames_of
 from neuro_models import motion
-from raised import refused
+from refused import refused
 
 ROW, TAU = 8, 5.0
 

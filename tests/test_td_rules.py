@@ -9,7 +9,7 @@ import neuro
 from neuro.testing import check_part, observe
 from neuro.testing.case import differences
 from neuro_models import grid_world, linear_track
-from raised import refused
+from refused import refused
 
 BACKENDS = pytest.mark.parametrize("backend", ["reference", "event"])
 PRE, POST = (5.0, 12.0, 16.0, 30.0), (14.0, 20.0, 40.0)  # ms

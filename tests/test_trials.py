@@ -24,7 +24,7 @@ from neuro import (
 from neuro.extend import Growth, Lesson, Synapse, TrialEnd
 from neuro.model.synapses import SYNAPSES
 from neuro.testing import check_part
-from raised import refused
+from refused import refused
 
 FLOATS = pytest.mark.parametrize("backend", ["reference", "event"])
 INF = float("inf")

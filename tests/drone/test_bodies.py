@@ -15,7 +15,7 @@ from neuro_drone.bullet import ARM, DRAG_TO_THRUST, HEIGHT_GAINS, MOST_THRUST, B
 from neuro_drone.env import DroneEnv, Weather
 from neuro_drone.parts import MASS
 from neuro_drone.scenario import Drone, Load, Wind
-from raised import refused
+from refused import refused
 
 speeds = st.floats(-3.0, 3.0)
 pieces = st.lists(st.floats(0.001, 0.5), min_size=1, max_size=6)

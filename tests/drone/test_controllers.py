@@ -17,7 +17,7 @@ from neuro_drone.model import Model
 from neuro_drone.pictures import weight_maps
 from neuro_drone.scenario import load
 from neuro_drone.train import train
-from raised import refused
+from refused import refused
 
 BALL, LINE, HEIGHT = load("B60"), load("line"), load("B60-height")
 COUNTS = arrays(np.int64, (8, 8), elements=st.integers(0, 40))

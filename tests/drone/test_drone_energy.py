@@ -9,7 +9,7 @@ from neuro_drone.energy import priced, show, words
 from neuro_drone.model import Model
 from neuro_drone.scenario import load
 from neuro_drone.train import train
-from raised import refused
+from refused import refused
 
 SHORT = load("A60", **{"task": {"ball": {"lap": 0.75, "speed": 0.15}}})  # a lap of 250 steps
 MACS = 64 * 64 + 64 * 64 + 64 * 9

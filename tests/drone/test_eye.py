@@ -12,7 +12,7 @@ from neuro.events import DVS
 from neuro_drone.eye import SIZE, SKY, Eye, pattern, pixels, pyramid, strips, tile
 from neuro_drone.geometry import CameraView, Pose, WorldScene
 from neuro_drone.scenario import Ball, Camera, Ground, Line, Scenario
-from raised import refused
+from refused import refused
 
 POINTS = 100
 SPREAD = ((np.indices((POINTS, POINTS)) + np.random.default_rng(0).random((2, POINTS, POINTS))) / POINTS - 0.5).reshape(

@@ -18,7 +18,7 @@ from neuro_drone.model import Model
 from neuro_drone.paths import FlightCourse
 from neuro_drone.scenario import Drone, load
 from neuro_drone.train import train
-from raised import refused
+from refused import refused
 
 SAID = yaml.safe_load((Path(__file__).parent / "mistakes.yaml").read_text("utf-8"))
 

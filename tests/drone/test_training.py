@@ -20,7 +20,7 @@ from neuro_drone.model import Model
 from neuro_drone.paths import FIXED, FlightCourse
 from neuro_drone.scenario import load
 from neuro_drone.train import TrainingJob, side_by_side, train
-from raised import refused
+from refused import refused
 
 CHIP = pytest.mark.filterwarnings("ignore::neuro.ApproximationWarning", "ignore::neuro.OverflowWarning")
 KILLED = """

@@ -16,7 +16,7 @@ from neuro_drone.paths import FlightCourse
 from neuro_drone.scenario import load
 from neuro_drone.train import train
 from neuro_drone.watch import fly, page, watch
-from raised import refused
+from refused import refused
 
 START = (20.0, -15.0)
 

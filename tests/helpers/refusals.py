@@ -19,10 +19,10 @@ def refusals(table: str) -> pytest.MarkDecorator:
 
 def refusal(call: str, scope: Mapping[str, Any]) -> str:
     """The message of the error of a call, by names of a scope."""
-    return refused(eval, call, dict(scope))
+    return message_of(eval, call, dict(scope))
 
 
-def refused(call: Callable[..., Any], *args: Any, **words: Any) -> str:
+def message_of(call: Callable[..., Any], *args: Any, **words: Any) -> str:
     """The message of the error of a call, without the place in a test."""
     with pytest.raises((ModelError, TypeError)) as error:
         call(*args, **words)

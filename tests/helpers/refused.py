@@ -7,8 +7,13 @@ import pytest
 from neuro import ModelError
 
 
-def refused(call: Callable[..., object], *args: object, **words: object) -> str:
-    """The whole message, with its hint."""
+def error_of(call: Callable[..., object], *args: object, **words: object) -> ModelError:
+    """The error that a call ends with."""
     with pytest.raises(ModelError) as error:
         call(*args, **words)
-    return str(error.value)
+    return error.value
+
+
+def refused(call: Callable[..., object], *args: object, **words: object) -> str:
+    """What a user reads of that error: its place, message and hint."""
+    return str(error_of(call, *args, **words))
