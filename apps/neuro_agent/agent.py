@@ -6,7 +6,7 @@ import math
 from collections.abc import Mapping
 from os import PathLike
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import gymnasium
 import numpy as np
@@ -15,16 +15,22 @@ import numpy.typing as npt
 import neuro
 from neuro_agent import files, training
 from neuro_agent.actions import actions_of
+from neuro_agent.deployed import Deployed
 from neuro_agent.log import Log, Test
 from neuro_agent.network import BASE, CRITIC, SLOPE, STEP, TAU, Weights, circuit, network
 from neuro_agent.places import PERIOD, Places, dimensions_of, flat
 from neuro_agent.rewards import RewardScale
 from neuro_agent.settings import settings_of
 
+if TYPE_CHECKING:
+    from neuro.chips import Energy
+
 __all__ = ["ActorCritic", "Decision", "Frozen"]
 
 Floats = npt.NDArray[np.float64]
 Ints = npt.NDArray[np.int64]
+DRAWING = ("event", "reference")
+"""Backends of neurons that spike at random."""
 
 
 class Decision:
@@ -58,6 +64,7 @@ class ActorCritic:
         rewards: the scale of rewards.
         explored: whether bounds and scales are known, from random moves or since none are needed.
         log: of the last training.
+        seen: observations of its last control steps, (n, dimensions).
 
     Raises:
         ModelError: a space is of another kind or needs too many neurons, or a setting is unknown or out of bounds.
@@ -73,6 +80,7 @@ class ActorCritic:
         self.rewards = RewardScale(s.discount)
         self.explored = False
         self.log = Log()
+        self.seen: Floats = np.zeros((0, len(self.places.dimensions)))
         sizes = (s.critics, *self.actions.sizes)
         self._learnt: dict[str, Floats] = {
             name: np.zeros((self.places.size, size)) for name, size in zip(self.projections, sizes, strict=True)
@@ -232,9 +240,24 @@ class ActorCritic:
         for name in self.projections:
             self._copies.clear(name, which)
 
-    def frozen(self, seed: int = 0, backend: str = "event") -> Frozen:
-        """The agent as it is, which learns no more."""
-        return Frozen(self, seed, backend)
+    def frozen(self, seed: int = 0, backend: str = "event") -> Frozen | Deployed:
+        """The agent as it is, which learns no more: on `event` and `reference` its circuits, elsewhere `Deployed`."""
+        return Frozen(self, seed, backend) if backend in DRAWING else Deployed(self, backend, seed)
+
+    def energy(self, target: str, steps: int = 200) -> Energy:
+        """What control steps of the frozen agent take on a chip, with observations of its last training.
+
+        Args:
+            target: as of `Simulation.energy`.
+            steps: how many are shown; `per(steps, "decision")` of the bill gives joules a decision.
+
+        Raises:
+            ModelError: the agent has not been trained, or there is no such target.
+        """
+        actor = Deployed(self, "event")
+        for k in range(steps):
+            actor.decide(self.seen[None, k % len(self.seen)])
+        return actor.sim.energy(target)
 
     def act(self, observation: Any) -> Any:
         """The action for one observation, by the frozen agent."""

@@ -4,6 +4,7 @@
 /            attributes: format "neuro agent 1", seed, settings, observations and actions (JSON), explored, solved
 /learnt      weights by projection, mV, (places, neurons)
 /scales      factor and first of rewards; middle and spread of the dimensions of observations
+/seen        observations of the last control steps
 /log         returns, lengths and steps of the episodes of the last training
 ```
 """
@@ -52,7 +53,7 @@ def load(path: Path) -> ActorCritic:
             json.loads(file.attrs[name]) for name in ("observations", "actions", "settings")
         )
         agent = ActorCritic(space_of(observations), space_of(actions), seed=int(file.attrs["seed"]), **settings)
-        put_arrays(agent, {name: hdf5.take(file, name) for name in ("learnt", "scales")})
+        put_arrays(agent, {name: hdf5.take(file, name) for name in ("learnt", "scales", "seen")})
         agent.log = Log.of(hdf5.take(file, "log"), bool(file.attrs["solved"]))
     return agent
 
@@ -74,7 +75,7 @@ def arrays_of(agent: ActorCritic) -> dict[str, dict[str, Any]]:
         "spread": agent.places.spread,
         "explored": np.array(agent.explored),
     }
-    return {"learnt": agent.weights, "scales": scales}
+    return {"learnt": agent.weights, "scales": scales, "seen": {"vectors": agent.seen}}
 
 
 def put_arrays(agent: ActorCritic, arrays: dict[str, dict[str, Any]]) -> None:
@@ -83,6 +84,7 @@ def put_arrays(agent: ActorCritic, arrays: dict[str, dict[str, Any]]) -> None:
     agent.rewards.factor, agent.rewards.first = scales["rewards"].tolist()
     agent.places.middle[:], agent.places.spread[:] = scales["middle"], scales["spread"]
     agent.explored = bool(scales["explored"])
+    agent.seen = arrays["seen"]["vectors"]
     agent.learn_from(arrays["learnt"])
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import deque
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
@@ -33,6 +34,8 @@ MERGE = 16
 """Control steps after which copies of a network that learn side by side add up what they have learnt."""
 CONTROLS = ("shuffled", "frozen", "random", "scrambled")
 """What must fail: errors of other times, no learning, an actor that ignores its input, places permuted at each step."""
+SEEN = 500
+"""Observations of the last control steps that an agent keeps."""
 TESTS = 1 << 40
 """Seeds of tests begin here: no training comes so far."""
 
@@ -106,7 +109,9 @@ class Course:
         reward, value = np.zeros(env.n), np.zeros(env.n)
         begins, ended = np.ones(env.n, dtype=np.bool_), np.zeros(env.n, dtype=np.bool_)
         before = agent.weights if env.n > 1 else None
+        shown_last: deque[Floats] = deque(maxlen=SEEN)
         for k in range(-(-min(BLOCK, most) // env.n)):
+            shown_last.append(seen[0])
             shown = self.rng.permuted(seen, axis=1) if self.control == "scrambled" else seen
             found = agent.decide(shown)
             # What a state is worth follows a cut-off, and nothing an end; of what has just begun nothing is known.
@@ -127,6 +132,7 @@ class Course:
                 before = agent.merge(before)
             if (ended | cut).any() and done(self.log):
                 break
+        agent.seen = np.array(shown_last)
         self.blocks += 1
 
     def _taught(self, errors: Floats) -> Floats:

@@ -1,0 +1,108 @@
+"""A frozen agent for chips: neurons with thresholds in place of circuits that draw, and a race in place of a softmax.
+
+A control step has two parts. While the active places spike, the potential of each actor comes to what the agent
+prefers, less the mean of all actors. Then a ramp of spikes raises all potentials alike until the first actor reaches
+its threshold; its spike inhibits the others. So the chip's spikes decide, and the host reads which neuron spiked.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import numpy.typing as npt
+
+import neuro
+from neuro import ModelError
+from neuro_agent.network import STEP, TAU, circuit
+from neuro_agent.places import PERIOD
+
+if TYPE_CHECKING:
+    from neuro.extend import Program
+    from neuro_agent.agent import ActorCritic
+
+__all__ = ["HOST", "TICKS", "Deployed", "deployed"]
+
+RAMP = 24
+"""Ticks of the ramp, in which it comes from 0 to the threshold: preferences that differ by less are equal."""
+TICKS = STEP + RAMP
+"""Ticks of a control step."""
+HOST = ("encode: which place of each grid holds the observation", "decide: which neuron of each circuit spiked first")
+"""What the host computes in a control step."""
+INHIBITION = 3.0
+"""Thresholds by which a spike lowers the other actors."""
+
+Ints = npt.NDArray[np.int64]
+
+
+def ramp_size() -> tuple[int, float]:
+    """Neurons of the ramp, and the share of its rise in a tick that each brings: with the leak the rise is linear."""
+    lost = 1.0 - math.exp(-1.0 / TAU)
+    return math.ceil(1.0 / lost) + RAMP, lost
+
+
+def deployed(agent: ActorCritic) -> neuro.Network:
+    """The network of a frozen agent, without draws.
+
+    Raises:
+        ModelError: the agent has not been trained, so its preferences are not known.
+    """
+    if not len(agent.seen):
+        raise ModelError("the agent has not been trained: expected one that has seen its environment", hint="train it")
+    size, share = ramp_size()
+    net = neuro.Network("deployed_actor", resolution=1.0)
+    places = net.population("places", agent.places.size, neuro.spike_generator())
+    ramp = net.population("ramp", size, neuro.spike_generator())
+    weights = agent.weights
+    for k, n in enumerate(agent.actions.sizes):
+        weight = weights[f"policy{k}"] - weights[f"policy{k}"].mean(axis=1, keepdims=True)
+        top = 1.2 * max(1e-6, _largest(agent, weight))
+        actor = net.population(
+            circuit(k), n, neuro.iaf_psc_delta(tau_m=TAU, E_L=0.0, V_reset=0.0, V_th=top, t_ref=float(RAMP))
+        )
+        net.connect(places, actor, neuro.all_to_all(), weight=weight.ravel(), delay=1.0, name=f"policy{k}")
+        net.connect(ramp, actor, neuro.all_to_all(), weight=share * top / RAMP, delay=1.0, name=f"rise{k}")
+        if n > 1:
+            others = neuro.all_to_all(autapses=False)
+            net.connect(actor, actor, others, weight=-INHIBITION * top, delay=1.0, name=f"inhibition{k}")
+    return net
+
+
+def _largest(agent: ActorCritic, weight: npt.NDArray[np.float64]) -> float:
+    """The largest preference in what was seen last, if each active place had just spiked."""
+    sums = [weight[agent.places.cells(vector)].sum(axis=0).max() for vector in agent.seen]
+    return float(max(sums)) / (1.0 - math.exp(-PERIOD / TAU))
+
+
+class Deployed:
+    """A frozen agent on a backend, by default a chip.
+
+    Attributes:
+        sim: the network that runs.
+    """
+
+    def __init__(self, agent: ActorCritic, backend: str, seed: int = 0, **options: Any) -> None:
+        self._agent = agent
+        circuits = [circuit(k) for k in range(len(agent.actions.sizes))]
+        self.sim = neuro.compile(deployed(agent), backend=backend, seed=seed, **options)
+        self._stepper = self.sim.stepper(float(TICKS), emit=["places", "ramp"], count=circuits)
+        size, _ = ramp_size()
+        first = size - RAMP
+        counts = [first + k for k in range(RAMP)]
+        self._ramp = (
+            np.repeat(np.arange(STEP, STEP + RAMP), counts),
+            np.concatenate([np.arange(count) for count in counts]),
+        )
+
+    @property
+    def program(self) -> Program:
+        """The network that runs, resolved."""
+        program: Program = self.sim.program
+        return program
+
+    def decide(self, observations: npt.NDArray[np.float64]) -> Ints:
+        """The neuron of each circuit that spiked, (1, circuits), for one observation, (1, dimensions)."""
+        _, ticks, ids = self._agent.places.spikes(observations, TICKS)
+        chosen = self._stepper.step((ticks, ids), self._ramp)
+        return np.stack([each.argmax(axis=1) for each in chosen], axis=1)
