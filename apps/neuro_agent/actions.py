@@ -11,6 +11,7 @@ import numpy.typing as npt
 from gymnasium import spaces
 
 from neuro import ModelError
+from neuro_agent.places import BOUNDLESS
 
 __all__ = ["Actions", "actions_of"]
 
@@ -72,7 +73,7 @@ def _actions(space: gymnasium.Space[Any], levels: int) -> Actions:
             return Actions(tuple(int(n) for n in np.ravel(space.nvec)), space)
         case spaces.MultiBinary():
             return Actions((2,) * int(np.prod(space.shape)), space)
-        case spaces.Box() if space.is_bounded():
+        case spaces.Box() if max(np.abs(space.low).max(initial=0), np.abs(space.high).max(initial=0)) < BOUNDLESS:
             ends = zip(np.ravel(space.low), np.ravel(space.high), strict=True)
             values = tuple(np.linspace(low, high, levels, dtype=np.float64) for low, high in ends)
             return Actions((levels,) * len(values), space, values)

@@ -62,6 +62,7 @@ class ActorCritic:
         places: the neurons that stand for observations.
         actions: what the neurons of the circuits stand for.
         rewards: the scale of rewards.
+        begun: episodes and blocks of training that have begun; each has a seed of its own.
         explored: whether bounds and scales are known, from random moves or since none are needed.
         log: of the last training.
         seen: observations of its last control steps, (n, dimensions).
@@ -78,7 +79,7 @@ class ActorCritic:
         self.places = Places(dimensions_of(observations), s.group, s.fields, s.active)
         self.actions = actions_of(actions, s.levels)
         self.rewards = RewardScale(s.discount)
-        self.explored = False
+        self.explored, self.begun = False, (0, 0)
         self.log = Log()
         self.seen: Floats = np.zeros((0, len(self.places.dimensions)))
         sizes = (s.critics, *self.actions.sizes)
@@ -86,6 +87,7 @@ class ActorCritic:
             name: np.zeros((self.places.size, size)) for name, size in zip(self.projections, sizes, strict=True)
         }
         self._copies: neuro.Copies | None = None
+        self._acting: Frozen | Deployed | None = None
 
     def __repr__(self) -> str:
         sizes = " + ".join(map(str, self.actions.sizes))
@@ -156,7 +158,14 @@ class ActorCritic:
         return self.log
 
     def test(
-        self, env: Any, episodes: int = 100, *, seed: int = 0, backend: str = "event", patience: float = 60.0
+        self,
+        env: Any,
+        episodes: int = 100,
+        *,
+        seed: int = 0,
+        backend: str = "event",
+        patience: float = 60.0,
+        most: int = 10_000,
     ) -> Test:
         """Episodes without learning, of seeds that no training has.
 
@@ -166,11 +175,12 @@ class ActorCritic:
             seed: of the environment and of the network's draws.
             backend: that runs the network; a chip runs it as `deployed` says.
             patience: seconds within which the environment must answer.
+            most: control steps after which an episode that does not end is cut off.
 
         Raises:
             ModelError: as of `train`; or the backend refuses the network.
         """
-        return training.test(self, env, episodes, seed, backend, patience)
+        return training.test(self, env, episodes, seed, backend, patience, most)
 
     def controls(
         self, env: Any, *, steps: int, episodes: int = 100, names: tuple[str, ...] = training.CONTROLS
@@ -191,7 +201,7 @@ class ActorCritic:
 
     def begin(self, n: int, block: int = 0) -> None:
         """Compile n copies of the network for a block of training, with what was learnt before."""
-        learnt = self.weights
+        learnt, self._acting = self.weights, None
         self._copies = neuro.compile(
             self.network(), copies=n, seed=training.episode_seed(self.seed, -1 - block & 0xFFFF)
         )
@@ -210,7 +220,7 @@ class ActorCritic:
         """Have learnt these weights, and go on from them."""
         for name, each in self._learnt.items():
             each[...] = weights[name]
-        self._copies = None
+        self._copies = self._acting = None
 
     def merge(self, before: Mapping[str, Floats]) -> dict[str, Floats]:
         """Let all copies have what they had at first, and what each of them has learnt since."""
@@ -261,7 +271,7 @@ class ActorCritic:
 
     def act(self, observation: Any) -> Any:
         """The action for one observation, by the frozen agent."""
-        if not hasattr(self, "_acting"):
+        if self._acting is None:
             self._acting = self.frozen(self.seed)
         return self.actions.action(self._acting.decide(flat(self.observations, observation)[None])[0])
 

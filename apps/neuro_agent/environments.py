@@ -15,12 +15,14 @@ import numpy.typing as npt
 from gymnasium.vector import AutoresetMode, VectorEnv
 
 from neuro import ModelError
-from neuro_agent.places import flat
+from neuro.apps import Quantity, check
+from neuro_agent.places import dimensions_of, flat
 
 __all__ = ["Environments"]
 
 Floats = npt.NDArray[np.float64]
 Bools = npt.NDArray[np.bool_]
+_PATIENCE = Quantity("s", above=0, infinite=True)
 
 
 class Environments:
@@ -31,6 +33,7 @@ class Environments:
         patience: seconds within which it must answer.
 
     Attributes:
+        name: of the environment.
         n: how many episodes there are at a time.
         observations: the space of one observation.
         actions: that of one action.
@@ -41,7 +44,7 @@ class Environments:
     """
 
     def __init__(self, env: Any, patience: float = 60.0) -> None:
-        self._env, self.patience = env, patience
+        self._env, self.patience = env, float(check(_PATIENCE, patience, "patience"))
         self._vector = isinstance(env, VectorEnv)
         if not self._vector and not isinstance(env, gymnasium.Env):
             raise ModelError(f"env: found {type(env).__name__}: expected a gymnasium.Env or a VectorEnv")
@@ -51,12 +54,18 @@ class Environments:
         mode = env.metadata.get("autoreset_mode", AutoresetMode.NEXT_STEP) if self._vector else AutoresetMode.NEXT_STEP
         if mode != AutoresetMode.NEXT_STEP:
             raise ModelError(f"env: a vector of autoreset_mode {mode.name}: expected NEXT_STEP, gymnasium's default")
+        spec = getattr(env, "spec", None)
+        self.name = str(spec.id) if spec is not None else type(env).__name__
+        listed = [(d, one) for d, one in enumerate(dimensions_of(self.observations)) if one.states]
+        self._listed = [d for d, _ in listed]
+        self._first = np.array([one.first for _, one in listed])
+        self._states = np.array([one.states for _, one in listed])
         self.over: Bools = np.zeros(self.n, dtype=np.bool_)
         self._calls = 0
 
     def reset(self, seeds: Sequence[int]) -> Floats:
-        """Begin all episodes, with a seed each; the first observations, (n, dimensions)."""
-        found, _ = self._call("reset", seed=list(seeds) if self._vector else int(seeds[0]))
+        """Begin all episodes, by the first seed; the first observations, (n, dimensions)."""
+        found, _ = self._call("reset", seed=int(seeds[0]))
         self.over[:] = False
         return self._vectors(found)
 
@@ -75,14 +84,24 @@ class Environments:
         if not self._vector:
             if begun[0]:
                 return self.reset(seeds), np.zeros(1), np.zeros(1, np.bool_), np.zeros(1, np.bool_)
-            found, reward, ended, cut, _ = self._call("step", actions[0])
-            parts = [np.atleast_1d(np.asarray(part)) for part in (reward, ended, cut)]
-            return self._taken(self._vectors(found), *parts)
-        found, reward, ended, cut, _ = self._call("step", np.stack([np.asarray(action) for action in actions]))
+            found, *parts = self._step(actions[0])
+            return self._taken(self._vectors(found), *(np.atleast_1d(part) for part in parts))
+        found, reward, ended, cut = self._step(np.stack([np.asarray(action) for action in actions]))
         return self._taken(self._vectors(found), np.where(begun, 0.0, reward), ended & ~begun, cut & ~begun)
 
+    def _step(self, action: Any) -> tuple[Any, Any, Any, Any]:
+        answer = self._call("step", action)
+        if not isinstance(answer, tuple) or len(answer) != 5:
+            size = f"{len(answer)} values" if isinstance(answer, tuple) else type(answer).__name__
+            names = "observation, reward, terminated, truncated, info"
+            raise ModelError(f"env.step returned {size}: expected ({names})")
+        return answer[0], answer[1], answer[2], answer[3]
+
     def _taken(self, vectors: Floats, reward: Any, ended: Any, cut: Any) -> tuple[Floats, Floats, Bools, Bools]:
-        rewards = np.asarray(reward, dtype=np.float64)
+        try:
+            rewards = np.asarray(reward, dtype=np.float64).reshape(self.n)
+        except (TypeError, ValueError):
+            raise ModelError(f"env.step returned the reward {reward!r}: expected a number") from None
         if not np.isfinite(rewards).all():
             bad = float(rewards[~np.isfinite(rewards)][0])
             raise ModelError(f"env.step returned the reward {bad:g}: expected a finite number")
@@ -91,6 +110,15 @@ class Environments:
         return vectors, rewards, ends, cuts & ~ends
 
     def _vectors(self, found: Any) -> Floats:
+        vectors = self._flat(found)
+        if self._listed:
+            values = vectors[:, self._listed]
+            bad = (values < self._first) | (values >= self._first + self._states)
+            if bad.any():
+                raise ModelError(f"observation: found {values[bad][0]:g}: expected one of {self.observations}")
+        return vectors
+
+    def _flat(self, found: Any) -> Floats:
         if not self._vector:
             return flat(self.observations, found)[None]
         if isinstance(found, np.ndarray) and len(found) == self.n:

@@ -73,7 +73,8 @@ def arrays_of(agent: ActorCritic) -> dict[str, dict[str, Any]]:
         "rewards": np.array([agent.rewards.factor, agent.rewards.first]),
         "middle": agent.places.middle,
         "spread": agent.places.spread,
-        "explored": np.array(agent.explored),
+        "explored": np.array([agent.explored, agent.rewards.known]),
+        "begun": np.array(agent.begun, dtype=np.int64),
     }
     return {"learnt": agent.weights, "scales": scales, "seen": {"vectors": agent.seen}}
 
@@ -83,7 +84,8 @@ def put_arrays(agent: ActorCritic, arrays: dict[str, dict[str, Any]]) -> None:
     scales = arrays["scales"]
     agent.rewards.factor, agent.rewards.first = scales["rewards"].tolist()
     agent.places.middle[:], agent.places.spread[:] = scales["middle"], scales["spread"]
-    agent.explored = bool(scales["explored"])
+    agent.explored, agent.rewards.known = (bool(each) for each in scales["explored"])
+    agent.begun = (int(scales["begun"][0]), int(scales["begun"][1]))
     agent.seen = arrays["seen"]["vectors"]
     agent.learn_from(arrays["learnt"])
 
@@ -96,7 +98,7 @@ def plain_space(space: gymnasium.Space[Any]) -> dict[str, Any]:
         case spaces.MultiDiscrete():
             return {"MultiDiscrete": space.nvec.tolist(), "start": space.start.tolist(), "dtype": str(space.dtype)}
         case spaces.MultiBinary():
-            return {"MultiBinary": list(space.shape)}
+            return {"MultiBinary": space.n if isinstance(space.n, int) else list(space.shape)}
         case spaces.Box():
             return {"Box": [space.low.tolist(), space.high.tolist()], "dtype": str(space.dtype)}
         case spaces.Dict():

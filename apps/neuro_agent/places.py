@@ -6,6 +6,7 @@ Places fire regularly, since noise of the input becomes noise of the policy. The
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import combinations
@@ -126,6 +127,13 @@ def _array(space: gymnasium.Space[Any], observation: Any) -> npt.NDArray[Any]:
     return array
 
 
+def _too_many(dimensions: int, group: int) -> ModelError:
+    return ModelError(
+        f"places of {dimensions} dimensions in groups of {group}: expected at most {MOST_PLACES} places",
+        hint="group=1, or fewer fields, need fewer; a wrapper may leave dimensions out, or make features of an image",
+    )
+
+
 class Places:
     """Which neurons stand for an observation, and when they spike in a control step.
 
@@ -148,6 +156,8 @@ class Places:
         if not self.dimensions:
             raise ModelError("observation space: it has no number: expected at least one")
         some = min(group, len(self.dimensions))
+        if math.comb(len(self.dimensions), some) > MOST_PLACES:
+            raise _too_many(len(self.dimensions), some)
         groups = list(combinations(range(len(self.dimensions)), some))
         grids = max(1, round(active / len(groups)))
         # A shifted grid has one field more along a dimension: a field at each end reaches beyond the bounds.
@@ -167,11 +177,7 @@ class Places:
                 first.append(at)
                 at += int(steps[-1])
                 if at > MOST_PLACES:
-                    raise ModelError(
-                        f"places of {len(self.dimensions)} dimensions in groups of {some}: "
-                        f"expected at most {MOST_PLACES}",
-                        hint="fewer fields, grids or dimensions of a group need fewer; a wrapper may leave some out",
-                    )
+                    raise _too_many(len(self.dimensions), some)
         self.size, self.active = at, len(first)
         self._member, self._stride = np.array(member, dtype=np.int64), np.array(stride, dtype=np.int64)
         self._shift, self._first = np.array(shift, dtype=np.float64), np.array(first, dtype=np.int64)

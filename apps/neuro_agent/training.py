@@ -25,7 +25,7 @@ __all__ = ["CONTROLS", "Course", "episode_seed", "test", "train"]
 Floats = npt.NDArray[np.float64]
 Bools = npt.NDArray[np.bool_]
 
-BLOCK = 20_000
+BLOCK = 10_000
 """Control steps after which all episodes are cut off and the network begins at time 0, with what it has learnt.
 
 So all that a training needs to go on is weights and counts; it goes on so whether it was interrupted or not.
@@ -36,6 +36,8 @@ CONTROLS = ("shuffled", "frozen", "random", "scrambled")
 """What must fail: errors of other times, no learning, an actor that ignores its input, places permuted at each step."""
 SEEN = 500
 """Observations of the last control steps that an agent keeps."""
+SPARSE = 10
+"""Where no reward comes, random moves go on for so many times as many control steps."""
 TESTS = 1 << 40
 """Seeds of tests begin here: no training comes so far."""
 
@@ -60,57 +62,72 @@ class Course:
 
     def __init__(self, agent: ActorCritic, env: Environments, control: str = "") -> None:
         self.agent, self.env, self.control = agent, env, control
-        self.log, self.steps, self.episodes, self.blocks = Log(), 0, 0, 0
+        self.log, self.steps = Log(), 0
+        self.rewards: list[float] = []
         self.rng = np.random.default_rng([agent.seed, 1])
 
     def arrays(self) -> dict[str, Any]:
         """All that it needs to go on."""
-        counts = np.array([self.steps, self.episodes, self.blocks, self.log.solved], dtype=np.int64)
+        counts = np.array([self.steps, self.log.solved], dtype=np.int64)
         return {"counts": counts, "log": self.log.arrays(), **files.arrays_of(self.agent)}
 
     def go_on(self, arrays: dict[str, Any]) -> None:
         """Go on from `arrays`, if there are any."""
         if arrays:
-            self.steps, self.episodes, self.blocks, solved = arrays["counts"].tolist()
+            self.steps, solved = arrays["counts"].tolist()
             self.log = Log.of(arrays["log"], bool(solved))
             files.put_arrays(self.agent, arrays)
 
-    def explore(self) -> None:
+    def explore(self, end: End) -> None:
         """Move at random, before anything is learnt: see which observations and rewards there are."""
         agent, env = self.agent, self.env
         if agent.explored:
             return
         env.actions.seed(agent.seed)
-        seen, rewards = [env.reset(self._seeds())], list[float]()
-        while len(seen) * env.n <= agent.settings.explore or (not any(rewards) and len(seen) < BLOCK):
+        seen, least = [env.reset(self._seeds())], agent.settings.explore
+        sums = Sums(env.n)
+        while self.steps < (least if agent.rewards.known else SPARSE * least) and not end.reached(self.log):
+            if end.steps is not None and self.steps >= end.steps:
+                break
             begins = env.over.copy()
-            now, reward, _, _ = env.step([env.actions.sample() for _ in range(env.n)], self._seeds(begins))
+            now, reward, ended, cut = env.step([env.actions.sample() for _ in range(env.n)], self._seeds(begins))
             seen.append(now)
-            rewards += reward[~begins].tolist()
-            self.steps += int((~begins).sum())
+            self._count(reward, begins)
+            sums.add(self, reward, begins, ended | cut)
         agent.places.learn(np.concatenate(seen))
-        agent.rewards.learn(rewards)
         agent.explored = True
+
+    def _count(self, reward: Floats, begins: Bools) -> None:
+        """Count a control step of all, and learn the scale of rewards as soon as there is one."""
+        self.steps += int((~begins).sum())
+        agent = self.agent
+        if not agent.explored or not agent.rewards.known:
+            self.rewards += reward[~begins].tolist()
+            if not agent.explored or reward.any():
+                agent.rewards.learn(self.rewards)
 
     def _seeds(self, begins: Bools | None = None) -> list[int]:
         """Seeds of the episodes that begin."""
         seeds = []
         for k in range(self.env.n):
-            self.episodes += begins is None or bool(begins[k])
-            seeds.append(episode_seed(self.agent.seed, self.episodes))
+            episodes, blocks = self.agent.begun
+            self.agent.begun = episodes + int(begins is None or bool(begins[k])), blocks
+            seeds.append(episode_seed(self.agent.seed, self.agent.begun[0]))
         return seeds
 
-    def block(self, done: Callable[[Log], bool], most: int) -> None:
-        """Learn for a block of control steps, or until it is done."""
+    def block(self, end: End, show: Callable[[Course], None]) -> None:
+        """Learn for a block of control steps, or to the end of the training."""
         agent, env, s = self.agent, self.env, self.agent.settings
-        agent.begin(env.n, block=self.blocks)
+        most = BLOCK if end.steps is None else min(BLOCK, end.steps - self.steps)
+        agent.begin(env.n, block=agent.begun[1])
+        agent.begun = agent.begun[0], agent.begun[1] + 1
         seen = env.reset(self._seeds())
-        total, length = np.zeros(env.n), np.zeros(env.n, dtype=np.int64)
+        sums = Sums(env.n)
         reward, value = np.zeros(env.n), np.zeros(env.n)
         begins, ended = np.ones(env.n, dtype=np.bool_), np.zeros(env.n, dtype=np.bool_)
         before = agent.weights if env.n > 1 else None
         shown_last: deque[Floats] = deque(maxlen=SEEN)
-        for k in range(-(-min(BLOCK, most) // env.n)):
+        for k in range(-(-most // env.n)):
             shown_last.append(seen[0])
             shown = self.rng.permuted(seen, axis=1) if self.control == "scrambled" else seen
             found = agent.decide(shown)
@@ -122,18 +139,16 @@ class Course:
             acted = [agent.actions.action(each) for each in self._winners(found.winners)]
             begins = env.over.copy()
             seen, reward, ended, cut = env.step(acted, self._seeds(begins))
-            total, length = total + reward, length + ~begins
-            self.steps += int((~begins).sum())
+            self._count(reward, begins)
+            sums.add(self, reward, begins, ended | cut)
             reward, value = reward * agent.rewards.factor, found.values
-            for which in np.flatnonzero(ended | cut):
-                self.log.add(float(total[which]), int(length[which]), self.steps)
-                total[which], length[which] = 0.0, 0
             if before is not None and k % MERGE == MERGE - 1:
                 before = agent.merge(before)
-            if (ended | cut).any() and done(self.log):
-                break
+            if (ended | cut).any():
+                show(self)
+                if end.reached(self.log):
+                    break
         agent.seen = np.array(shown_last)
-        self.blocks += 1
 
     def _taught(self, errors: Floats) -> Floats:
         """The errors, or what a control has in their place."""
@@ -149,6 +164,25 @@ class Course:
             return winners
         sizes = self.agent.actions.sizes
         return np.stack([self.rng.integers(n, size=len(winners)) for n in sizes], axis=1)
+
+
+class Sums:
+    """Returns and lengths of the episodes that are under way.
+
+    Args:
+        n: how many there are at a time.
+    """
+
+    def __init__(self, n: int) -> None:
+        self._total, self._length = np.zeros(n), np.zeros(n, dtype=np.int64)
+
+    def add(self, course: Course, reward: Floats, begins: Bools, over: Bools) -> None:
+        """A control step of all; those that are over go to the log."""
+        self._total += reward
+        self._length += ~begins
+        for k in np.flatnonzero(over):
+            course.log.add(float(self._total[k]), int(self._length[k]), course.steps)
+            self._total[k], self._length[k] = 0.0, 0
 
 
 @dataclass(frozen=True, slots=True)
@@ -169,6 +203,8 @@ class End:
     def __post_init__(self) -> None:
         if self.until is None and self.steps is None and self.episodes is None:
             raise ModelError("train: found no end: expected until, steps or episodes", hint="until=475.0")
+        if self.until is not None:
+            check(Quantity(), self.until, "train: until")
         for name, value in (("steps", self.steps), ("episodes", self.episodes), ("window", self.window)):
             if value is not None:
                 check(Quantity(kind="integer", at_least=1), value, f"train: {name}")
@@ -183,7 +219,8 @@ class End:
 
 def checkpoint(agent: ActorCritic, out: Path, env: Any) -> Checkpoint:
     """That of a training, beside the file of the agent."""
-    told = {"seed": agent.seed, "environments": Environments(env).n, **files.plain_of(agent)}
+    told = {"seed": agent.seed, "environment": Environments(env).name, "environments": Environments(env).n}
+    told |= files.plain_of(agent)
     return Checkpoint(out, "neuro agent training 1", told)
 
 
@@ -198,25 +235,28 @@ def train(
     control: str = "",
 ) -> Log:
     """Train an agent, see `ActorCritic.train`."""
-    worlds = _fitting(agent, env, patience)
+    worlds = fitting(agent, env, patience)
     course = Course(agent, worlds, control)
     kept = None if out is None else checkpoint(agent, out, env)
     if out is not None and kept is not None:
         check_output(out, hdf5.kind(files.FORMAT))
         course.go_on(kept.resume())
+
+    def show(course: Course) -> None:
+        if progress:
+            mean = f"mean return of the last {min(len(course.log), end.window)}: {course.log.mean(end.window):g}"
+            bar.show(course.steps, end.steps or course.steps, f"{len(course.log)} episodes, {mean}")
+
     with worlds.watched(), Bar() as bar:
-        course.explore()
+        course.explore(end)
         while not end.reached(course.log) and (end.steps is None or course.steps < end.steps):
-            course.block(end.reached, BLOCK if end.steps is None else end.steps - course.steps)
-            if progress:
-                mean = f"mean return of the last {min(len(course.log), end.window)}: {course.log.mean(end.window):g}"
-                bar.show(course.steps, end.steps or course.steps, f"{len(course.log)} episodes, {mean}")
+            course.block(end, show)
             if kept is not None:
                 kept.keep(**course.arrays())
     return course.log
 
 
-def _fitting(agent: ActorCritic, env: Any, patience: float) -> Environments:
+def fitting(agent: ActorCritic, env: Any, patience: float) -> Environments:
     worlds = Environments(env, patience)
     for what, known, found in (
         ("observations", agent.observations, worlds.observations),
@@ -227,9 +267,11 @@ def _fitting(agent: ActorCritic, env: Any, patience: float) -> Environments:
     return worlds
 
 
-def test(agent: ActorCritic, env: Any, episodes: int, seed: int, backend: str, patience: float) -> Test:
+def test(agent: ActorCritic, env: Any, episodes: int, seed: int, backend: str, patience: float, most: int) -> Test:
     """Episodes without learning, see `ActorCritic.test`."""
-    worlds = _fitting(agent, env, patience)
+    for name, value in (("episodes", episodes), ("most", most)):
+        check(Quantity(kind="integer", at_least=1), value, f"test: {name}")
+    worlds = fitting(agent, env, patience)
     if worlds.n != 1:
         raise ModelError(f"test: a vector of {worlds.n} environments: expected one", hint="gymnasium.make")
     frozen = agent.frozen(seed, backend)
@@ -237,7 +279,7 @@ def test(agent: ActorCritic, env: Any, episodes: int, seed: int, backend: str, p
     with worlds.watched():
         for k in range(episodes):
             seen = worlds.reset([episode_seed(seed, TESTS + k)])
-            while not worlds.over[0]:
+            while not worlds.over[0] and lengths[k] < most:
                 winners = frozen.decide(seen)
                 seen, reward, _, _ = worlds.step([agent.actions.action(winners[0])], [0])
                 returns[k] += reward[0]

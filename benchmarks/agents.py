@@ -1,0 +1,114 @@
+"""Spiking agents on Gymnasium's tasks: how many episodes until they are solved, and what the frozen agents reach.
+
+    python benchmarks/agents.py [TASK ...] [--seeds 101-110] [--twin] [--set name=value ...] [--json FILE]
+
+A training stops when the mean return of the last 100 episodes is at the task's bar, or at its limit of control steps;
+a seed that did not get there counts with its episodes at the limit. The frozen agent is the one of that moment; it is
+tested on 100 new episodes. One process, one core.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import time
+import warnings
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import gymnasium
+import numpy as np
+
+from neuro_agent import ActorCritic, LinearTwin
+
+warnings.filterwarnings("ignore", category=DeprecationWarning)
+
+
+@dataclass(frozen=True)
+class Task:
+    """A task.
+
+    Attributes:
+        bar: the mean return of 100 episodes at which it counts as solved.
+        steps: the limit of control steps of a training.
+        most: control steps of an episode, where the environment has no limit of its own.
+        settings: that are better here than the defaults, for `--own`.
+    """
+
+    bar: float
+    steps: int
+    most: int | None = None
+    settings: tuple[tuple[str, Any], ...] = ()
+
+    def make(self, name: str) -> gymnasium.Env[Any, Any]:
+        """The environment."""
+        return gymnasium.make(name) if self.most is None else gymnasium.make(name, max_episode_steps=self.most)
+
+
+TASKS = {
+    "CartPole-v1": Task(475.0, 150_000),
+    "Acrobot-v1": Task(-100.0, 100_000),
+    "MountainCar-v0": Task(-110.0, 150_000),
+    "CliffWalking-v1": Task(-20.0, 100_000, most=500),
+    "FrozenLake-v1": Task(0.7, 300_000),
+    "Taxi-v4": Task(7.0, 1_000_000),
+    "MountainCarContinuous-v0": Task(90.0, 300_000),
+    "Pendulum-v1": Task(-200.0, 300_000),
+}
+
+
+def run(name: str, seed: int, kind: type[ActorCritic], settings: dict[str, Any]) -> dict[str, Any]:
+    """One seed of a task."""
+    task, env = TASKS[name], TASKS[name].make(name)
+    agent = kind(env.observation_space, env.action_space, seed=seed, **settings)
+    begun = time.process_time()
+    log = agent.train(env, until=task.bar, steps=task.steps)
+    taken = time.process_time() - begun
+    test = agent.test(env, 100, seed=seed)
+    steps = int(log.steps[-1])
+    return {
+        "seed": seed,
+        "solved": log.solved,
+        "episodes": len(log),
+        "steps": steps,
+        "steps_per_s": round(steps / taken),
+        "frozen": round(test.mean, 2),
+        "passes": test.mean >= task.bar,
+    }
+
+
+def main() -> None:
+    """Run the tasks and print a line for each seed, then one for each task."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("tasks", nargs="*", default=list(TASKS)[:5], choices=[*TASKS], metavar="TASK")
+    parser.add_argument("--seeds", default="101-110")
+    parser.add_argument("--twin", action="store_true", help="the linear twin instead")
+    parser.add_argument("--set", nargs="*", default=[], metavar="NAME=VALUE")
+    parser.add_argument("--json", type=Path)
+    given = parser.parse_args()
+    first, _, last = given.seeds.partition("-")
+    settings = {name: json.loads(value) for name, value in (each.split("=") for each in given.set)}
+    kind = LinearTwin if given.twin else ActorCritic
+    found: dict[str, Any] = {}
+    for name in given.tasks:
+        rows = []
+        for seed in range(int(first), int(last or first) + 1):
+            rows.append(run(name, seed, kind, settings))
+            print(name, rows[-1], flush=True)
+        found[name] = {
+            "solved": sum(row["solved"] for row in rows),
+            "of": len(rows),
+            "episodes": float(np.median([row["episodes"] for row in rows])),
+            "frozen_passes": sum(row["passes"] for row in rows),
+            "frozen_worst": min(row["frozen"] for row in rows),
+            "steps_per_s": float(np.median([row["steps_per_s"] for row in rows])),
+            "rows": rows,
+        }
+        print(name, {key: value for key, value in found[name].items() if key != "rows"}, flush=True)
+    if given.json:
+        given.json.write_text(json.dumps({"settings": settings, "twin": given.twin, "tasks": found}, indent=1))
+
+
+if __name__ == "__main__":
+    main()
