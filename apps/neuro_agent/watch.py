@@ -279,8 +279,8 @@ def page(agent: ActorCritic, episode: Episode, seed: int = 0) -> str:
 def _data(agent: ActorCritic, episode: Episode) -> dict[str, Any]:
     dimensions = agent.places.dimensions
     observations = np.array(episode.observations)
-    low = [one.first if one.states else one.low for one in dimensions]
-    high = [one.first + one.states - 1 if one.states else one.high for one in dimensions]
+    low = np.array([one.first if one.states else one.low for one in dimensions], dtype=np.float64)
+    high = np.array([one.first + one.states - 1 if one.states else one.high for one in dimensions], dtype=np.float64)
     low = np.where(np.isfinite(low), low, observations.min(axis=0))
     high = np.where(np.isfinite(high), high, observations.max(axis=0))
     weights = np.stack([_columns(each) for each in episode.weights.values()])
