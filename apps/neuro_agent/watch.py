@@ -32,7 +32,7 @@ from neuro_agent.worlds import why
 if TYPE_CHECKING:
     from PIL.Image import Image
 
-    from neuro_agent.agent import ActorCritic
+    from neuro_agent.agent import ActorCritic, Frozen
 
 __all__ = ["Episode", "page", "played", "watch"]
 
@@ -125,38 +125,43 @@ def watch(agent: ActorCritic, env: Any, path: str | PathLike[str], seed: int = 0
 
 
 def played(agent: ActorCritic, env: Any, seed: int = 0, learning: bool = False) -> Episode:
-    """An episode of a twin of the agent, which decides by the network that learns, with errors of 0 unless it does."""
+    """An episode: of the agent as a test has it, with values of a copy that learns nothing; or of one that learns."""
     worlds = fitting(agent, env, 60.0)
     if worlds.n != 1:
         raise ModelError(f"watch: a vector of {worlds.n} environments: expected one", hint="gymnasium.make")
     twin = type(agent)(agent.observations, agent.actions.space, seed=seed, **agent.settings.plain())
     files.put_arrays(twin, files.arrays_of(agent))
     twin.begin(1)
+    if twin._copies is None:
+        raise ModelError(f"watch: {type(agent).__name__} has no spikes to show: expected an ActorCritic")
     episode = Episode(learning, _name(env))
     camera = _Camera(env)
     with worlds.watched():
-        _play(twin, worlds, episode, camera, seed)
+        _play(twin, None if learning else agent.frozen(seed), worlds, episode, camera, seed)
     episode.frames, episode.blank = camera.frames(), camera.blank
     return episode
 
 
-def _play(twin: ActorCritic, worlds: Environments, episode: Episode, camera: _Camera, seed: int) -> None:
-    copies, unit = twin._copies, 1.0 / twin.rewards.factor
-    assert copies is not None
+def _play(
+    twin: ActorCritic, frozen: Frozen | None, worlds: Environments, episode: Episode, camera: _Camera, seed: int
+) -> None:
+    assert twin._copies is not None
+    unit, sim = 1.0 / twin.rewards.factor, twin._copies[0] if frozen is None else frozen.sim
     seen = worlds.reset([episode_seed(seed, TESTS)])
     reward, before, ended, cut = 0.0, 0.0, False, False
     for k in range(STEPS + 1):
         camera.take(k)
         found = twin.decide(seen)
+        winners = (found.winners if frozen is None else frozen.decide(seen))[0]
         value = float(found.values[0])
         error = 0.0 if k == 0 else reward / unit + (0.0 if ended else twin.settings.discount * value) - before
         twin.teach(np.array([error if episode.learning else 0.0]))
         episode.observations.append(seen[0])
         episode.places.append(twin.places.cells(seen[0]))
         episode.critic.append(found.spikes[0])
-        episode.winners.append(found.winners[0])
+        episode.winners.append(winners)
         each = range(len(twin.actions.sizes))
-        episode.chances.append(np.concatenate([copies[0].get(circuit(i), "p") for i in each]))
+        episode.chances.append(np.concatenate([sim.get(circuit(i), "p") for i in each]))
         episode.values.append(value * unit)
         episode.errors.append(error * unit if k else math.nan)
         episode.rewards.append(reward)
@@ -164,7 +169,7 @@ def _play(twin: ActorCritic, worlds: Environments, episode: Episode, camera: _Ca
             _keep(episode.weights, k, _policy(twin), MOMENTS)
         if worlds.over[0]:
             break
-        seen, rewards, ends, cuts = worlds.step([twin.actions.action(found.winners[0])], [0])
+        seen, rewards, ends, cuts = worlds.step([twin.actions.action(winners)], [0])
         reward, before, ended, cut = float(rewards[0]), value, bool(ends[0]), bool(cuts[0])
     episode.end = "terminated" if ended else "cut off by the environment" if cut else f"cut off after {STEPS} steps"
 
