@@ -18,7 +18,7 @@ import gymnasium
 from gymnasium.vector import SyncVectorEnv, VectorEnv
 
 from neuro import ModelError
-from neuro.apps import hdf5, output, unknown
+from neuro.apps import hdf5, output, record_input, unknown
 from neuro_agent.files import FORMAT
 
 __all__ = ["bar_of", "make", "make_many", "remember", "remembered", "why"]
@@ -88,7 +88,11 @@ def _imported(module: str, name: str) -> Any:
     if here not in sys.path:
         sys.path.append(here)  # the user's own files are found, and hide nothing
     try:
-        return importlib.import_module(module)
+        found = importlib.import_module(module)
+        file = getattr(found, "__file__", None) or ""
+        if file and str(Path(file).parent) == here:  # `neuro rerun` takes it along
+            record_input(file)
+        return found
     except ModuleNotFoundError as error:
         if error.name != module.partition(".")[0]:
             raise ModelError(

@@ -64,6 +64,28 @@ def test_a_world_of_the_users_own_is_trained_tested_and_watched(neuro, walk):
     assert "learning goes on" in Path("page.html").read_text()
 
 
+def test_an_interruption_is_told(neuro, walk):
+    with Path("my_walk.py").open("a") as file:
+        file.write(
+            "class Left(Walk):\n    def step(self, action):\n        raise KeyboardInterrupt\n"
+            "class Fails(Walk):\n    def step(self, action):\n        raise OSError('no camera')\n"
+        )
+    answer = neuro("train", "my_walk:Left", "--steps", 100, "--out", "walk.h5")
+    assert answer == (130, "", "interrupted: the same command goes on where it was\n")
+    answer = neuro("train", "my_walk:Fails", "--steps", 100, "--out", "walk.h5")
+    assert answer == (2, "", "error: env.step raised OSError: no camera\n")
+    assert not list(Path().glob("*.h5*"))
+
+
+@pytest.mark.slow
+def test_agents_and_pages_are_made_again_to_the_bit(neuro, answer, walk):
+    words = ("--steps", 300, "--set", "critics=5", "--set", "explore=30")
+    assert neuro("train", "my_walk:Walk", "--out", "walk.h5", *words).status == 0
+    assert neuro("watch", "walk.h5", "--out", "page.html").status == 0
+    for name in ("walk.h5", "page.html"):
+        assert answer("rerun", name).out == f"{name}: the same bits\n"
+
+
 def test_side_by_side_and_the_end_by_episodes(neuro, walk):
     words = ("--envs", 3, "--episodes", 6, "--until", 2, "--set", "critics=5", "--set", "explore=30")
     code, out, _ = neuro("train", "my_walk:Walk", "--out", "walk.h5", *words)
