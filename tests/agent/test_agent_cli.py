@@ -1,6 +1,7 @@
 """The commands: what they write and print, and what they tell of mistakes."""
 
 import json
+from importlib.util import find_spec
 from pathlib import Path
 
 import pytest
@@ -117,6 +118,29 @@ def test_compare(neuro, walk):
     assert neuro(*words, "--out", "table.json")[0] == 0
     Path("table.json").write_text(Path("table.json").read_text().replace("wins", "loses"))
     assert neuro(*words, "--out", "table.json")[2].startswith("error: table.json: exists and ")
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("observations", ["Discrete", "Dict"])
+def test_compare_with_stable_baselines(walk, monkeypatch, observations):
+    if find_spec("stable_baselines3") is None:
+        pytest.skip("stable-baselines3 is not installed: pip install stable-baselines3")
+    if observations == "Dict":
+        with Path("my_walk.py").open("a") as file:
+            file.write(
+                "class Named(gymnasium.ObservationWrapper):\n"
+                "    def __init__(self):\n        super().__init__(Walk())\n"
+                "        self.observation_space = spaces.Dict({'at': spaces.Box(0, 3, (1,))})\n"
+                "    def observation(self, seen):\n        return {'at': np.array([seen], np.float32)}\n"
+            )
+    name = "my_walk:Named" if observations == "Dict" else "my_walk:Walk"
+    plan = compare.Plan(name, 300, (1,), 2, {"critics": 5, "explore": 30}, ("agent", "ppo", "dqn"))
+    told = []
+    found = compare.run(plan, told.append)
+    assert [(one["name"], one["steps"], len(one["returns"])) for one in found.each] == [
+        ("agent", 300, 2), ("ppo", 2048, 2), ("dqn", 300, 2)
+    ]  # fmt: skip
+    assert len(told) == 3
 
 
 def test_who_wins():
