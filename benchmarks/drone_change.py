@@ -12,7 +12,6 @@ FOLDER/change.png and FOLDER/change.md are written at the end, with mean and sta
 from __future__ import annotations
 
 import argparse
-import json
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -20,6 +19,7 @@ from typing import Any
 
 import numpy as np
 import numpy.typing as npt
+from kept import kept, markdown, spread
 
 from neuro.apps import side_by_side
 from neuro_drone.controllers import Controller, make
@@ -147,10 +147,12 @@ def one_lap(
 
 def measured(name: str, seed: int, folder: Path) -> dict[str, dict[str, Any]]:
     """Errors along time of all ways with a seed; flown if the file is not there."""
-    case, file = CASES[name], folder / f"{name} {seed}.json"
-    if file.exists():
-        return json.loads(file.read_text())
-    told: dict[str, dict[str, Any]] = {}
+    return kept(folder / f"{name} {seed}.json", lambda: all_ways(name, seed, folder))
+
+
+def all_ways(name: str, seed: int, folder: Path) -> dict[str, dict[str, Any]]:
+    """Errors along time of all ways with a seed, flown now."""
+    case, told = CASES[name], {}
     for way in case.ways:
         if way.trained:
             out = folder / f"{case.world} {way.trained} {seed}.h5"
@@ -162,9 +164,6 @@ def measured(name: str, seed: int, folder: Path) -> dict[str, dict[str, Any]]:
             continue
         told[way.name] = flown(case, pilot, way.learns)
         print(name, seed, way.name, f"{told[way.name]['error'][-1]:.2f}", told[way.name]["lost"], flush=True)
-    unfinished = file.with_suffix(".part")
-    unfinished.write_text(json.dumps(told))
-    unfinished.replace(file)
     return told
 
 
@@ -190,25 +189,20 @@ Runs = list[dict[str, Any]]
 
 def table(found: Mapping[str, Mapping[str, Runs]]) -> str:
     """Mean errors in each phase, mean and standard deviation over seeds, Markdown."""
-    lines = [f"| change | way | {' | '.join(PHASES)} | lost |", "| --- " * (3 + len(PHASES)) + "|"]
+    rows = []
     for name, ways in found.items():
         rate = 1000.0 / load(CASES[name].world).step
         for way, runs in ways.items():
             tracks = errors(runs)
             cells = [spread(tracks[:, round(a * rate) : round(b * rate)].mean(axis=1)) for a, b in PHASES.values()]
-            cells.append(f"{sum(run['lost'] for run in runs)} of {len(STARTS) * len(runs)}")
-            lines.append(f"| {CASES[name].title} | {way} | {' | '.join(cells)} |")
-    return "\n".join(lines) + "\n"
+            lost = f"{sum(run['lost'] for run in runs)} of {len(STARTS) * len(runs)}"
+            rows.append((CASES[name].title, way, *cells, lost))
+    return markdown(("change", "way", *PHASES, "lost"), rows)
 
 
 def errors(runs: Runs) -> Floats:
     """Errors along time, (seeds, steps)."""
     return np.array([run["error"] for run in runs])
-
-
-def spread(values: Floats) -> str:
-    """Mean and standard deviation."""
-    return f"{values.mean():.2f}" + (f" ± {values.std(ddof=1):.2f}" if len(values) > 1 else "")
 
 
 def figure(found: Mapping[str, Mapping[str, Runs]], file: Path) -> None:

@@ -3,6 +3,10 @@
 Each row is trained from `--seeds` seeds and flown with frozen weights from a 5 x 5 grid of starts, one process. Each
 run is kept in the folder; a second start goes on. FOLDER/line.md and FOLDER/texture.md are written after each run,
 `--minutes` begins no run later than that, `--task` asks for one of the two.
+
+`--lean MODEL`, a network trained on `line`, tells where the lean is lost: four flights of the frozen network, two in
+each direction. Linear read-outs of the fields' shares are fitted to the lean by least squares on two of them, and
+tried on the other two.
 """
 
 from __future__ import annotations
@@ -10,17 +14,25 @@ from __future__ import annotations
 import argparse
 import json
 import time
-from collections.abc import Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+import numpy.typing as npt
+from kept import kept, markdown, spread
 
-from neuro_drone.evaluate import Lap, try_out
+from neuro_drone.env import DroneEnv
+from neuro_drone.evaluate import Lap, Start, begin, try_out
+from neuro_drone.model import Model
 from neuro_drone.scenario import load
 from neuro_drone.train import train
 
+STARTS = (Start((20.0, 10.0), 1), Start((-10.0, -5.0), -1), Start((-20.0, 5.0), 1), Start((10.0, 0.0), -1))
+NOISE = 50
+CORNER = 15.0
+"""Of the flights that tell of the lean: noise of the first, and degrees from which on a lean is one of a corner."""
+Floats = npt.NDArray[np.float64]
 ABOVE = {"camera.pos_thres": 0.5, "camera.neg_thres": 0.5}
 """Thresholds above most of the texture's contrast; that of the ball on the ground is ln 3 = 1.1."""
 TEXTURE, REDRAWN = {"scn": "B60-texture"}, {"scn": "B60-texture", "ground.redraw": True}
@@ -63,10 +75,8 @@ ROWS = {
 }  # fmt: skip
 
 
-def measured(row: Row, seed: int, file: Path, late: bool) -> dict[str, Any] | None:
-    """What came of a run, which is flown if the file is not there and there is time."""
-    if file.exists() or late:
-        return json.loads(file.read_text()) if file.exists() else None
+def measured(row: Row, seed: int) -> dict[str, Any]:
+    """What comes of a run."""
     began = time.process_time()
     worlds = [dict(row.world), dict(row.tested or row.world)]
     home, abroad = (load(world.pop("scn"), **world) for world in worlds)
@@ -77,9 +87,6 @@ def measured(row: Row, seed: int, file: Path, late: bool) -> dict[str, Any] | No
     told |= {"all": summary(tried.each)}
     for way in sorted({lap.start.direction for lap in tried.each} - {0}):
         told[f"{way:+d}"] = summary([lap for lap in tried.each if lap.start.direction == way])
-    unfinished = file.with_suffix(".part")
-    unfinished.write_text(json.dumps(told))
-    unfinished.replace(file)
     print(json.dumps(told), flush=True)
     return told
 
@@ -87,15 +94,9 @@ def measured(row: Row, seed: int, file: Path, late: bool) -> dict[str, Any] | No
 def summary(laps: Any) -> dict[str, Any]:
     """Means over laps; where nothing is lost, of all steps."""
     each: list[Lap] = list(laps)
-    absolute, signed = (
-        np.mean([getattr(lap, what) for lap in each], axis=0).tolist() for what in ("absolute", "signed")
-    )
     counted = {"laps": sum(lap.lap for lap in each), "lost": sum(lap.lost for lap in each), "starts": len(each)}
-    return {
-        "error_px": float(np.mean([lap.error_px for lap in each])),
-        "absolute": absolute,
-        "signed": signed,
-    } | counted
+    names = ("error_px", "absolute", "signed")
+    return {name: np.mean([getattr(lap, name) for lap in each], axis=0).tolist() for name in names} | counted
 
 
 def table(task: str, runs: list[dict[str, Any]]) -> str:
@@ -104,38 +105,93 @@ def table(task: str, runs: list[dict[str, Any]]) -> str:
     for run in runs:
         grouped.setdefault((run["row"], run["steps"]), []).append(run)
     second = ["direction", "abs. u, px", "abs. angle, degrees", "signed u", "signed angle"] if task == "line" else []
-    columns = ["controller", "steps", "seeds", *(second or ["error, px"]), "laps", "lost"]
-    lines = ["| " + " | ".join(columns) + " |", "| --- " * len(columns) + "|"]
+    rows = []
     for (name, steps), group in grouped.items():
         for way in ("+1", "-1") if second else ("all",):
             told = [run[way] for run in group]
-            figures = [way, *axes(told, "absolute"), *axes(told, "signed")] if second else [spread(told, "error_px")]
-            counts = [
-                f"{sum(one[what] for one in told)}/{sum(one['starts'] for one in told)}" for what in ("laps", "lost")
-            ]
-            lines.append("| " + " | ".join([name, str(steps), str(len(told)), *figures, *counts]) + " |")
-    return "\n".join(lines) + "\n"
+            figures = [spread([one["error_px"] for one in told])]
+            if second:
+                each = [[one[what][axis] for one in told] for what in ("absolute", "signed") for axis in range(2)]
+                figures = [way, *map(spread, each)]
+            starts = sum(one["starts"] for one in told)
+            counts = [f"{sum(one[what] for one in told)}/{starts}" for what in ("laps", "lost")]
+            rows.append((name, steps, len(told), *figures, *counts))
+    return markdown(("controller", "steps", "seeds", *(second or ["error, px"]), "laps", "lost"), rows)
 
 
-def axes(told: list[dict[str, Any]], what: str) -> Iterator[str]:
-    """Both axes of an error."""
-    return (spread([{what: one[what][axis]} for one in told], what) for axis in range(2))
+def flown(model: Model, start: Start, noise: int, most: int) -> tuple[Floats, Floats]:
+    """Events in 16 x 16 fields, (n, 16, 16), and lean, (n,), of the moments of a flight."""
+    env, pilot = DroneEnv(model.scenario), model.frozen()
+    info = begin(env, start, noise)
+    pilot.begin()
+    counts, leans, over = [], [], False
+    while not over and len(leans) < most:
+        events = info["events"]
+        counts.append(np.histogram2d(events.y, events.x, bins=16, range=((0, 128), (0, 128)))[0])
+        leans.append(info["error"][1])
+        _, _, lost, end, info = env.step(pilot.act(info["counts"], info))
+        over = lost or end
+    env.close()
+    return np.array(counts), np.array(leans)
 
 
-def spread(told: list[dict[str, Any]], what: str) -> str:
-    """Mean and standard deviation over seeds."""
-    values = [one[what] for one in told]
-    return f"{np.mean(values):.2f}" + (f" ± {np.std(values, ddof=1):.2f}" if len(values) > 1 else "")
+def inputs(counts: Floats, fields: int, keep: float) -> Floats:
+    """Shares of each row of fields, of a sum of events that keeps so much from step to step, (n, fields^2)."""
+    n = 16 // fields
+    coarse = counts.reshape(len(counts), fields, n, fields, n).sum((2, 4))
+    for k in range(1, len(coarse)):
+        coarse[k] += keep * coarse[k - 1]
+    rows = coarse.sum(2, keepdims=True)
+    shares: Floats = (coarse / np.where(rows > 0, rows, 1) / fields).reshape(len(coarse), -1)
+    return shares
+
+
+def fitted(flights: list[tuple[Floats, Floats]], fields: int, keep: float, only_sides: bool) -> tuple[Any, Any]:
+    """Mean error on the sides, degrees, and the share of a corner's lean that is told, on what was not fitted to."""
+    seen = [(inputs(counts, fields, keep), lean) for counts, lean in flights]
+    guesses, truths = [], []
+    for fit, test in ((seen[:2], seen[2:]), (seen[2:], seen[:2])):
+        x, y = np.vstack([a for a, _ in fit]), np.concatenate([b for _, b in fit])
+        used = np.abs(y) <= CORNER if only_sides else np.full(len(y), True)
+        x, y = x[used], y[used]
+        weights = np.linalg.solve(x.T @ x + 1e-3 * np.eye(x.shape[1]), x.T @ y)
+        guesses += [a @ weights for a, _ in test]
+        truths += [b for _, b in test]
+    guess, truth = np.concatenate(guesses), np.concatenate(truths)
+    corner = np.abs(truth) > CORNER
+    told = np.sum(guess[corner] * np.sign(truth[corner])) / np.abs(truth[corner]).sum()
+    return np.abs(guess - truth)[~corner].mean(), told
+
+
+def read_outs(model: Model, steps: int) -> None:
+    """Print where the lean is lost: what the network flew, and what linear read-outs make of it."""
+    flights = [flown(model, start, NOISE + k, steps) for k, start in enumerate(STARTS)]
+    leans = np.abs(np.concatenate([lean for _, lean in flights]))
+    corner = leans > CORNER
+    print(f"flown: {leans.mean():.2f} degrees, of it {leans[corner].sum() / len(leans):.2f} at corners; "
+          f"on the sides {leans[~corner].mean():.2f}")  # fmt: skip
+    for only_sides in (False, True):
+        for fields, keep in ((8, 0.0), (8, 0.75), (16, 0.0), (16, 0.75)):
+            error, told = fitted(flights, fields, keep, only_sides)
+            what = "sides only" if only_sides else "all moments"
+            print(f"{fields} x {fields}, keeps {keep:g}, {what}: sides {error:.2f} degrees, corners told {told:.2f}")
 
 
 def main() -> None:
     """Do what is missing."""
     options = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    options.add_argument("--out", type=Path, required=True)
+    options.add_argument("--out", type=Path)
+    options.add_argument("--lean", type=Path, metavar="MODEL", help="of this network trained on the line instead")
+    options.add_argument("--steps", type=int, default=3000, help="of a flight of --lean")
     options.add_argument("--task", choices=ROWS, nargs="+", default=list(ROWS))
     options.add_argument("--seeds", type=int, default=5)
     options.add_argument("--minutes", type=float, default=np.inf, help="begin no run later")
     asked = options.parse_args()
+    if asked.lean:
+        read_outs(Model.load(asked.lean), asked.steps)
+        return
+    if asked.out is None:
+        options.error("expected --out FOLDER or --lean MODEL")
     asked.out.mkdir(parents=True, exist_ok=True)
     end = time.monotonic() + 60.0 * asked.minutes
     for task in asked.task:
@@ -143,8 +199,8 @@ def main() -> None:
         for row in ROWS[task]:
             for seed in range(asked.seeds if row.steps else 1):
                 file = asked.out / f"{task} {row.name} {row.steps} {seed}.json"
-                told = measured(row, seed, file, time.monotonic() > end)
-                runs += [] if told is None else [told]
+                if file.exists() or time.monotonic() <= end:
+                    runs.append(kept(file, lambda row=row, seed=seed: measured(row, seed)))
                 (asked.out / f"{task}.md").write_text(table(task, runs))
 
 

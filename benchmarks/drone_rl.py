@@ -2,10 +2,10 @@
 
 DQN, DDPG, PPO (stable-baselines3) and a linear policy by random search, on the ball (B60) or the line:
 
-1. Tries: 12 settings of each, see `TRIES`, v_max among them; 20,000 steps, seed 100. The best is the one with the most
-   laps from a grid of 3 x 3 starts within 50 px (line: the test's own spread), then the fewest starts from which the
-   target was lost, then the smallest error. Neither these starts nor the paths of these laps are those of the final
-   test.
+1. Tries: 12 settings of each, see drone_rl.yaml, v_max among them; 20,000 steps, seed 100. The best is the one with
+   the most laps from a grid of 3 x 3 starts within 50 px (line: the test's own spread), then the fewest starts from
+   which the target was lost, then the smallest error. Neither these starts nor the paths of these laps are those of the
+   final test.
 2. Finals: the best settings, 150,000 steps, seeds 0 to 4. The test is that of `neuro drone test`: frozen, 25 starts,
    varied paths; and once more with `--path fixed`.
 
@@ -13,9 +13,9 @@ Training begins within 50 px, as everywhere, see `neuro_drone.train.EPISODES`. `
 their defaults and 20,000 steps: they learn from the supervised error, so that their steps cannot be compared with the
 others'. Their settings were chosen earlier, on B60, from more tries than these.
 
-Each run keeps its model and its result in the folder; a second start goes on, also within a run. After each run the
-table of all runs is written to FOLDER/table.md. `--minutes` begins no run later than that; `--table` runs nothing and
-prints a row for each agent.
+Each run keeps its model and its result in the folder; a second start goes on, also within a run. The table of all
+runs is written to FOLDER/table.md. `--minutes` begins no run later than that; `--table` runs nothing and prints a row
+for each agent.
 """
 
 from __future__ import annotations
@@ -29,6 +29,8 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import yaml
+from kept import kept, markdown, spread
 
 from neuro_drone.evaluate import FlightTest, grid, try_out
 from neuro_drone.model import Model
@@ -43,65 +45,8 @@ AGENTS = ("random-search", "ppo", "dqn", "ddpg")
 BESIDE, BESIDE_STEPS = ("lms", "snn"), 20_000
 TASKS = ("B60", "line")
 
-TRIES: dict[str, tuple[dict[str, Any], ...]] = {
-    "random-search": (
-        {"drone.v_max": 2},
-        {"drone.v_max": 1},
-        {"drone.v_max": 2, "directions": 4, "best": 2},
-        {"drone.v_max": 2, "directions": 4},
-        {"drone.v_max": 2, "noise": 2},
-        {"drone.v_max": 2, "rate": 2},
-        {"drone.v_max": 2, "noise": 2, "rate": 2},
-        {"drone.v_max": 2, "directions": 4, "best": 2, "noise": 2},
-        {"drone.v_max": 2, "directions": 4, "best": 2, "noise": 2, "rate": 2},
-        {"drone.v_max": 2, "directions": 16, "best": 8, "rate": 2},
-        {"drone.v_max": 2, "directions": 2, "best": 1},
-        {"drone.v_max": 1, "directions": 4, "best": 2, "noise": 2, "rate": 2},
-    ),
-    "ppo": (
-        {"drone.v_max": 2},
-        {"drone.v_max": 1},
-        {"drone.v_max": 0.5},
-        {"drone.v_max": 2, "observation": "counts"},
-        {"drone.v_max": 1, "observation": "counts"},
-        {"drone.v_max": 2, "rate": 1e-3},
-        {"drone.v_max": 2, "spread": 0.5},
-        {"drone.v_max": 2, "rollout": 1024},
-        {"drone.v_max": 2, "observation": "counts", "rate": 1e-3},
-        {"drone.v_max": 2, "observation": "counts", "gamma": 0.8},
-        {"drone.v_max": 2, "observation": "counts", "rate": 1e-3, "spread": 0.5},
-        {"drone.v_max": 1, "observation": "counts", "rate": 1e-3, "spread": 0.5},
-    ),
-    "dqn": (
-        {"drone.v_max": 0.3},
-        {"drone.v_max": 0.5},
-        {"drone.v_max": 1},
-        {"drone.v_max": 2},
-        {"drone.v_max": 0.5, "every": 1},
-        {"drone.v_max": 1, "every": 1},
-        {"drone.v_max": 1, "rate": 1e-3},
-        {"drone.v_max": 1, "observation": "counts"},
-        {"drone.v_max": 0.5, "observation": "counts", "every": 1},
-        {"drone.v_max": 1, "observation": "counts", "every": 1},
-        {"drone.v_max": 1, "gamma": 0.8, "batch": 128},
-        {"drone.v_max": 1, "observation": "counts", "every": 1, "copy": 500, "random": 0.02},
-    ),
-    "ddpg": (
-        {"drone.v_max": 0.3},
-        {"drone.v_max": 0.5},
-        {"drone.v_max": 1},
-        {"drone.v_max": 2},
-        {"drone.v_max": 0.5, "observation": "counts"},
-        {"drone.v_max": 1, "observation": "counts"},
-        {"drone.v_max": 1, "rate": 3e-4},
-        {"drone.v_max": 1, "tau": 0.02},
-        {"drone.v_max": 1, "noise": 0.1},
-        {"drone.v_max": 2, "observation": "counts", "rate": 3e-4},
-        {"drone.v_max": 1, "observation": "counts", "gamma": 0.8},
-        {"drone.v_max": 1, "observation": "counts", "noise": 0.1, "tau": 0.02},
-    ),
-}
-"""Twelve settings of each agent, by hand: its defaults at several v_max, then what is known to matter for it."""
+TRIES: dict[str, list[dict[str, Any]]] = yaml.safe_load(Path(__file__).with_suffix(".yaml").read_text("utf-8"))
+"""Twelve settings of each agent."""
 
 
 @dataclass(frozen=True)
@@ -144,27 +89,25 @@ class Bench:
     def result(self, run: Run) -> dict[str, Any] | None:
         """What came of a run; it is done now unless it was before, or the time is over (None)."""
         file = self.folder / f"{run.name}.json"
-        if file.exists():
-            return json.loads(file.read_text())
-        if time.monotonic() > self.end:
-            return None
+        if file.exists() or time.monotonic() <= self.end:
+            return kept(file, lambda: self._done(run, file))
+        return None
+
+    def _done(self, run: Run, file: Path) -> dict[str, Any]:
         began = time.process_time()
         model = run.train(file.with_suffix(".h5"))
         trained = time.process_time()
         told = {"task": run.task, "agent": run.agent, "stage": run.stage, "steps": run.steps, "seed": run.seed}
         told |= {"settings": run.settings} | run.test(model)
         told |= {"train_s": round(trained - began, 1), "test_s": round(time.process_time() - trained, 1)}
-        unfinished = file.with_suffix(".part")
-        unfinished.write_text(json.dumps(told))
-        unfinished.replace(file)
         print(json.dumps(told), flush=True)
-        self.write()
         return told
 
     def best(self, task: str, agent: str) -> dict[str, Any] | None:
         """The settings of the best try; None where the time did not suffice."""
         runs = (Run(task, agent, f"try{k:02}", TRY_SEED, TRY_STEPS, one) for k, one in enumerate(TRIES[agent]))
         found = [self.result(run) for run in runs]
+        self.write()
         return min((one for one in found if one), key=_rank)["settings"] if all(found) else None
 
     def found(self) -> Iterator[dict[str, Any]]:
@@ -178,16 +121,16 @@ class Bench:
             groups.setdefault((one["task"], one["stage"], one["agent"], one["steps"]), []).append(one)
         columns = ("task", "stage", "agent", "steps", "settings", "seeds", "error", "laps", "lost", "path fixed: error",
                    "laps", "CPU of a training, s")  # fmt: skip
-        lines = [columns, ["---"] * len(columns)]
+        rows = []
         for (task, stage, agent, steps), runs in sorted(groups.items()):
             fixed = [run["fixed"] for run in runs if "fixed" in run]
             settings = ", ".join(f"{name} {value}" for name, value in runs[0]["settings"].items())
-            lines.append(
+            rows.append(
                 (task, stage, agent, steps, settings, len(runs), _errors(task, runs), _all(runs, "laps"),
                  _all(runs, "lost"), _errors(task, fixed), _all(fixed, "laps"),
                  f"{np.mean([run['train_s'] for run in runs]):.0f}")
             )  # fmt: skip
-        (self.folder / "table.md").write_text("".join(f"| {' | '.join(map(str, line))} |\n" for line in lines))
+        (self.folder / "table.md").write_text(markdown(columns, rows))
 
     def summary(self, tasks: list[str]) -> str:
         """A row for each agent, of what is there: its best try, and its finals with the settings of that."""
@@ -197,7 +140,7 @@ class Bench:
         )  # fmt: skip
         found = list(self.found())
         rows = [_row(task, agent, found) for task in tasks for agent in (*AGENTS, *BESIDE)]
-        return "".join(f"| {' | '.join(map(str, row))} |\n" for row in (heads, ["---"] * len(heads), *rows))
+        return markdown(heads, rows)
 
 
 def _row(task: str, agent: str, found: list[dict[str, Any]]) -> tuple[Any, ...]:
@@ -236,7 +179,7 @@ def main() -> None:
                         bench.result(Run(task, agent, "final", seed, BESIDE_STEPS))
                     elif (settings := best.get(agent)) is not None:
                         bench.result(Run(task, agent, "final", seed, FINAL_STEPS, settings))
-    bench.write()
+                bench.write()
 
 
 def figures(tried: FlightTest) -> dict[str, Any]:
@@ -263,12 +206,8 @@ def _errors(task: str, runs: list[dict[str, Any]]) -> str:
         return ""
     if task == "line":
         column, lean = np.transpose([run["absolute"] for run in runs])
-        return f"{_spread(column)} px, {_spread(lean)} degrees"
-    return f"{_spread([run['error_px'] for run in runs])} px"
-
-
-def _spread(values: Any) -> str:
-    return f"{np.mean(values):.2f}" + (f" ± {np.std(values, ddof=1):.2f}" if len(values) > 1 else "")
+        return f"{spread(column)} px, {spread(lean)} degrees"
+    return f"{spread([run['error_px'] for run in runs])} px"
 
 
 def _all(runs: list[dict[str, Any]], what: str) -> str:

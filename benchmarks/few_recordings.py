@@ -5,7 +5,8 @@ Each draw holds a fifth of the recordings back, the same for all ways of learnin
 are; ReMuS is shown each recording 8 times, and, as a row of its own, as often as makes the same number of showings.
 
 FOLDER/accuracy.jsonl has a line for each training; what is there is not done again. Then it prints tables and draws
-FOLDER/few_recordings.png. `few_recordings_joules.py` says what learning takes.
+FOLDER/few_recordings.png. `--joules` prices learning and deciding on Loihi instead, see `priced`: it writes
+FOLDER/joules.json and prints it.
 """
 
 from __future__ import annotations
@@ -17,30 +18,41 @@ import os
 import time
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, reduce
+from operator import add
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import numpy.typing as npt
 import torch
+from kept import NMNIST
 from matplotlib.figure import Figure
 
 import neuro
 from neuro.apps import console, make_folder, table, write_picture
 from neuro.events import Recordings, recordings
+from neuro_drone.env import DroneEnv
+from neuro_drone.evaluate import Start, fly_lap
+from neuro_drone.scenario import load
+from neuro_drone.train import train
 from neuro_models import path as network_path
 from neuro_recognise.method import choose
+from neuro_recognise.methods.framewise import Framewise
 from neuro_recognise.observations import observe
+from neuro_recognise.parts.frames import Frames
 from neuro_recognise.recogniser import learn, method_of
+from neuro_recognise.shown import Features
 from neuro_train import trainer
 from neuro_train.data import show
 from neuro_train.plan import TrainingPlan
 from neuro_train.tested import by_module
 
+if TYPE_CHECKING:
+    from neuro.chips import Energy
+
 Ints = npt.NDArray[np.int64]
 
-NMNIST = Path(__file__).resolve().parents[2] / "shared" / "data" / "nmnist" / "nmnist_train1000_bin.zip"
 ALL = 0
 """Of a class: as many as there are."""
 SIZES = (1, 5, 10, 30, ALL)
@@ -58,6 +70,10 @@ WAYS = {
     "remus": ("ReMuS, 8 epochs", "#009E73"),
     "remus_long": ("ReMuS, 1600 showings", "#56B4E9"),
 }
+PER_CLASS = 30
+"""Recordings of each class that are learnt from."""
+TESTED = 100
+"""Recordings that deciding is the mean of."""
 INK, GREY, PAPER = "#17263c", "#8a94a3", "#fbfaf7"
 
 
@@ -230,6 +246,66 @@ def table_of(found: list[dict[str, Any]], word: Callable[..., str], title: str) 
     return table(columns, rows, title=title)
 
 
+def priced(bench: Bench, steps: int) -> dict[str, Any]:
+    """What learning and deciding take on Loihi: of ReMuS a recording, of the drone's network a control step.
+
+    The host writes the weights of ReMuS; the drone's network learns by the chip's own learning engine.
+    """
+    rows, held = split(bench.data, PER_CLASS, 0)
+    method, shown = bench.remus
+    return {"drone": of_drone(steps), "remus": of_remus(method, shown.take(rows), shown.take(held[:TESTED]), 0)}
+
+
+def of_remus(method: Framewise, learning: Features, held: Features, seed: int) -> dict[str, Any]:
+    """Joules on Loihi of a recording that is learnt from, mean of all epochs, and of one that is decided."""
+    net = method.layer.network(method.inputs, len(learning.classes))
+    sim, frames = neuro.compile(net, seed=seed), Frames.of(learning)
+    told, parts = method.encoder.learn(frames.codes), []
+    for epoch in range(method.epochs):
+        method.layer.begin(sim, epoch, None)
+        turn = frames.take(np.random.default_rng([seed, epoch]).permutation(len(frames)))
+        labels, times = learning.labels[turn.recording], method.encoder.times(turn.codes, told)
+        words: dict[str, Any] = {"labels": labels, "learn": True, "samples": turn.recording, "epoch": epoch}
+        parts.append(sim.trials(times, turn.ids, turn.offsets, **words).taken)
+        sim.forget(before=sim.time)
+    learnt = sim.energy("loihi", of=reduce(add, parts)).per(method.epochs * len(learning), "recording")
+    asked = Frames.of(held)
+    decided = sim.trials(method.encoder.times(asked.codes, told), asked.ids, asked.offsets)
+    return {
+        "learning": in_words(learnt),
+        "deciding": in_words(sim.energy("loihi", of=decided.taken).per(len(held), "recording")),
+    }
+
+
+def of_drone(steps: int) -> dict[str, Any]:
+    """Joules on Loihi of a control step, while its engine learns and with weights frozen."""
+    model = train(load("B60"), "snn-loihi", steps=steps, seed=0)
+    return {"learning": _flown(model.scenario, model.learner()), "deciding": _flown(model.scenario, model.frozen())}
+
+
+def _flown(scenario: Any, pilot: Any) -> dict[str, Any]:
+    env = DroneEnv(scenario)
+    lap = fly_lap(env, pilot, Start((0.0, 0.0)))
+    env.close()
+    return in_words(pilot.sim.energy("loihi").per(lap.steps, "control step")) | {"error_px": lap.error_px}
+
+
+def in_words(bill: Energy) -> dict[str, Any]:
+    """Sums of a bill at both clocks, and counts by what they are of; what has no published figure is counted only."""
+    counts: dict[str, float] = {}
+    unpriced = set()
+    for item in bill.items:
+        counts[item.what] = counts.get(item.what, 0.0) + item.count
+        if item.joules_each is None:
+            unpriced.add(item.what)
+    return {
+        **{name: value for name, value in bill.as_dict().items() if name not in ("items", "extrapolated", "notes")},
+        "counts": counts,
+        "by_cost": dict(bill.by_cost()),
+        "not_priced": sorted(unpriced),
+    }
+
+
 def main() -> None:
     """Measure, print and draw."""
     options = argparse.ArgumentParser(description=__doc__)
@@ -237,10 +313,18 @@ def main() -> None:
     options.add_argument("--out", type=Path, required=True)
     options.add_argument("--draws", type=int, default=3)
     options.add_argument("--way", action="append", choices=WAYS, help="all if not given")
+    options.add_argument("--joules", action="store_true", help="what learning takes instead")
+    options.add_argument("--drone-steps", type=int, default=2000, help="of which joules are told")
     asked = options.parse_args()
     torch.set_num_threads(1)
     make_folder(asked.out)
     bench = Bench(recordings(asked.data, part="Train"))
+    if asked.joules:
+        file = asked.out / "joules.json"
+        if not file.exists():
+            file.write_text(json.dumps(priced(bench, asked.drone_steps), indent=1), "utf-8")
+        print(file.read_text("utf-8"))
+        return
     found = measured(bench, asked.out / "accuracy.jsonl", asked.draws, tuple(asked.way or WAYS))
     shown: Mapping[str, Callable[..., str]] = {
         "right, %": lambda mean, low, high, spent: f"{100 * mean:.1f} ({100 * low:.1f} - {100 * high:.1f})",

@@ -12,6 +12,7 @@ import os
 import subprocess
 import sys
 import tempfile
+from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
 
@@ -26,21 +27,29 @@ OURS = Path(__file__).resolve().with_name("run.py")
 
 def main() -> int:
     """Print a table and one JSON line for each run; 0 also where the scripts are missing, which is said."""
-    options = argparse.ArgumentParser(description=__doc__)
-    options.add_argument("--scripts", type=Path, required=True)
-    options.add_argument("--python", default=sys.executable)
-    asked = options.parse_args()
-    missing = [script for script, *_ in PEERS.values() if not (asked.scripts / script).is_file()]
-    if missing:
-        print(f"skipped: {asked.scripts / missing[0]} is not there; the peers' scripts come with the reference data")
+    found = asked(__doc__, PEERS.values())
+    if found is None:
         return 0
-    scripts, python = asked.scripts.resolve(), os.path.abspath(asked.python)
-    print(f"load {os.getloadavg()[0]:.2f} on {os.cpu_count()} cores; run alone for figures worth keeping", flush=True)
+    scripts, python = found
     rows = [row for case in CASES for row in compared(case, scripts, python)]
     print(f"\n{'case':<8}{'simulator':<10}{'core s / bio s':>18}{'neuro is faster by':>20}")
     for case, name, cost, ratio in rows:
         print(f"{case:<8}{name:<10}{cost:>18.4g}{ratio:>20}")
     return 0
+
+
+def asked(doc: str | None, peers: Iterable[tuple[str, ...]]) -> tuple[Path, str] | None:
+    """The folder of the peers' scripts and their Python; None, and the reason told, where a script is missing."""
+    options = argparse.ArgumentParser(description=doc)
+    options.add_argument("--scripts", type=Path, required=True)
+    options.add_argument("--python", default=sys.executable)
+    words = options.parse_args()
+    missing = [script for script, *_ in peers if not (words.scripts / script).is_file()]
+    if missing:
+        print(f"skipped: {words.scripts / missing[0]} is not there; the peers' scripts come with the reference data")
+        return None
+    print(f"load {os.getloadavg()[0]:.2f} on {os.cpu_count()} cores; run alone for figures worth keeping", flush=True)
+    return words.scripts.resolve(), os.path.abspath(words.python)
 
 
 def compared(case: str, scripts: Path, peers_python: str) -> list[tuple[str, str, float, str]]:

@@ -6,12 +6,9 @@ bench_brian2loihi.py and bench_sanafe.py, PEERS_PYTHON has nengo-loihi, brian2-l
 
 from __future__ import annotations
 
-import argparse
-import os
 import sys
-from pathlib import Path
 
-from peers import timed
+from peers import OURS, asked, timed
 
 STEPS = {"ff": "200", "rec": "50"}
 PEERS = {
@@ -19,21 +16,14 @@ PEERS = {
     "Brian2Loihi": ("bench_brian2loihi.py",),
     "SANA-FE": ("bench_sanafe.py",),
 }
-OURS = Path(__file__).resolve().with_name("run_chip.py")
 
 
 def main() -> int:
     """Print a table and one JSON line for each run; 0 also where the scripts are missing, which is said."""
-    options = argparse.ArgumentParser(description=__doc__)
-    options.add_argument("--scripts", type=Path, required=True)
-    options.add_argument("--python", default=sys.executable)
-    asked = options.parse_args()
-    missing = [script for (script,) in PEERS.values() if not (asked.scripts / script).is_file()]
-    if missing:
-        print(f"skipped: {asked.scripts / missing[0]} is not there; the peers' scripts come with the reference data")
+    found = asked(__doc__, PEERS.values())
+    if found is None:
         return 0
-    scripts, python = asked.scripts.resolve(), os.path.abspath(asked.python)
-    print(f"load {os.getloadavg()[0]:.2f} on {os.cpu_count()} cores; run alone for figures worth keeping", flush=True)
+    scripts, python = found
     rows = []
     for net, steps in STEPS.items():
         ours = timed([sys.executable, str(OURS), net])
@@ -46,8 +36,8 @@ def main() -> int:
             if theirs is not None:
                 rows.append((net, name, theirs["steps_per_s"], f"{rate / theirs['steps_per_s']:.0f}"))
     print(f"\n{'net':<6}{'emulator':<14}{'steps/s':>12}{'neuro is faster by':>20}")
-    for net, name, found, ratio in rows:
-        print(f"{net:<6}{name:<14}{found:>12.5g}{ratio:>20}")
+    for net, name, rate, ratio in rows:
+        print(f"{net:<6}{name:<14}{rate:>12.5g}{ratio:>20}")
     return 0
 
 

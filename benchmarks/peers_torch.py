@@ -172,7 +172,6 @@ def _spikingjelly() -> tuple[list[Any], bool, Any]:
 
 def _snntorch() -> tuple[list[Any], bool, Any]:
     import snntorch
-    import torch
     from snntorch import surrogate
 
     def layer() -> Any:
@@ -181,14 +180,18 @@ def _snntorch() -> tuple[list[Any], bool, Any]:
             beta=beta, threshold=THRESHOLD, spike_grad=surrogate.fast_sigmoid(), reset_mechanism="zero"
         )
 
-    def all_steps(cells: Any, x: Any) -> Any:
-        memory, out = cells.init_leaky(), []
-        for now in x:
-            fired, memory = cells(now, memory)
-            out.append(fired)
-        return torch.stack(out)
+    return [layer(), layer()], True, lambda cells, x: one_by_one(cells, x, cells.init_leaky())
 
-    return [layer(), layer()], True, all_steps
+
+def one_by_one(cells: Any, x: Any, state: Any) -> Any:
+    """All steps of a layer whose call is one of them."""
+    import torch
+
+    out = []
+    for now in x:
+        fired, state = cells(now, state)
+        out.append(fired)
+    return torch.stack(out)
 
 
 def _norse() -> tuple[list[Any], bool, Any]:
@@ -199,14 +202,7 @@ def _norse() -> tuple[list[Any], bool, Any]:
         rate = torch.tensor(1000.0 / TAU)
         return LIFBoxCell(LIFBoxParameters(tau_mem_inv=rate, v_th=torch.tensor(THRESHOLD / TAU), method="super"))
 
-    def all_steps(cells: Any, x: Any) -> Any:
-        state, out = None, []
-        for now in x:
-            fired, state = cells(now, state)
-            out.append(fired)
-        return torch.stack(out)
-
-    return [layer(), layer()], True, all_steps
+    return [layer(), layer()], True, lambda cells, x: one_by_one(cells, x, None)
 
 
 def _sinabs() -> tuple[list[Any], bool, Any]:

@@ -17,6 +17,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
+from kept import NMNIST, POKER
 from matplotlib.figure import Figure
 
 from neuro.apps import write_picture
@@ -25,8 +26,6 @@ from neuro_recognise.evaluate import Evaluation, evaluate
 from neuro_recognise.telling.pictures import INK, ORANGE, PAPER, SHADES, accuracies
 
 ROOT = Path(__file__).resolve().parents[1]
-DATA = ROOT.parent / "shared" / "data"
-NMNIST, POKER = DATA / "nmnist" / "nmnist_train1000_bin.zip", DATA / "poker_dvs" / "poker_dvs_shared_aedat2.zip"
 KEPT = ROOT / "benchmarks" / "measured" / "recognisers.json"
 MATRICES = {"boe": "BOE", "boe-tar": "BOE behind TAR", "tar_hats": "TAR-HATS"}
 

@@ -16,6 +16,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from kept import NMNIST
 
 from neuro.cli.options import assignments
 from neuro.events import Recordings, recordings
@@ -24,13 +25,10 @@ from neuro_recognise.detection import Detecting, Detector, Scenery, write_scenes
 from neuro_recognise.detection.boxes import Boxes
 from neuro_recognise.detection.detector import WAYS
 from neuro_recognise.detection.learning import write_crops
-from neuro_recognise.detection.measures import precision
+from neuro_recognise.detection.measures import precision, try_out
 from neuro_recognise.detection.scenes import fold_of
-from neuro_recognise.detection.trial import try_out
 from neuro_recognise.recogniser import method_of
 
-SHARED = Path(__file__).resolve().parents[2] / "shared" / "data"
-DATA = SHARED / "nmnist" / "nmnist_train1000_bin.zip"
 PLAIN = Scenery()
 LONG = {"length": 2000.0, "sensor": (160, 120)}
 """In 2 s objects go 20 px, for which the small sensor has too little room."""
@@ -51,7 +49,7 @@ def main() -> None:
     options = argparse.ArgumentParser(description=__doc__)
     options.add_argument("method", help="see 'neuro recognise list'")
     options.add_argument("--out", type=Path, required=True, help="folder for scenes, recognisers and figures")
-    options.add_argument("--data", type=Path, default=DATA)
+    options.add_argument("--data", type=Path, default=NMNIST)
     options.add_argument("--set", action="append", default=[], metavar="NAME=VALUE", help="of the method")
     options.add_argument("--detecting", action="append", default=[], metavar="NAME=VALUE", help="of the detector")
     options.add_argument("--way", choices=WAYS, default="proposals", help="of finding objects")

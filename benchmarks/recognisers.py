@@ -1,69 +1,120 @@
 """How well a method recognises: `python benchmarks/recognisers.py nmnist|poker|poker-upright METHOD`.
 
-`--settings` and `--set` change it as they do `neuro recognise train`.
+`--settings` and `--set` change it as they do `neuro recognise train`; POKER-DVS has ReMuS' preset for it.
 
-N-MNIST: three random splits of the 1000 recordings to train on, 900 to learn from and 100 to test. POKER-DVS: five
-stratified folds. Prints the accuracy by each vote, mean and deviation of the splits, and seconds of one core.
+Stratified folds of the recordings to train on, anew for each of `--seeds`; each fold is tested with what was learnt
+from the others. `--random N` takes N random splits into 900 recordings to learn from and 100 to test instead. Prints
+the accuracy by each vote: of each seed or split, mean, deviation and interval, and seconds of one core. `--backend
+loihi` trains and tests with 8-bit weights.
 """
 
 from __future__ import annotations
 
 import argparse
+import json
 import time
-from collections.abc import Iterator
+from collections.abc import Callable
+from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
-from remus_folds import FIELD, FILES, SHARED, Split
+from kept import NMNIST, POKER
+from numpy.typing import NDArray
 
+from neuro.apps import side_by_side
 from neuro.cli.options import assignments
 from neuro.events import Recordings, recordings
-from neuro_recognise.method import choose
+from neuro_recognise.evaluate import wilson
+from neuro_recognise.method import Method, choose
 from neuro_recognise.observations import observe
 from neuro_recognise.recogniser import learn, method_of
+from neuro_recognise.shown import Features
+
+FILES = {"nmnist": NMNIST, "poker": POKER, "poker-upright": POKER}
+Split = tuple[NDArray[np.int64], NDArray[np.int64]]
+"""Recordings to learn from, and to test."""
+FIELD = (34, 34)
+"""px; the pips are crops from a sensor of 128 x 128 px."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Fold:
+    """Recordings to learn from and others to test, with a seed."""
+
+    shown: Features
+    split: Split
+    method: Method
+    seed: int
+    backend: str
+
+    def run(self, report: Callable[[Any], None]) -> tuple[dict[str, NDArray[np.bool_]], float, float]:
+        """Which of the others are decided rightly, by each vote; and CPU to learn and to decide, s."""
+        began, (others, held_out) = time.process_time(), self.split
+        made = learn(self.method, self.shown.take(others), "fold", seed=self.seed, backend=self.backend)
+        learnt, part = time.process_time(), self.shown.take(held_out)
+        answer = self.method.answer(made.learnt, part, self.backend)
+        right = {vote: choose(scores) == part.labels for vote, scores in {"own": answer.scores, **answer.votes}.items()}
+        return right, learnt - began, time.process_time() - learnt
+
+
+def splits(data: Recordings, folds: int, seeds: int, random: int) -> dict[int, list[Split]]:
+    """Recordings to learn from, and to test, of each seed."""
+    if not random:
+        return {seed: data.folds(folds, seed=seed) for seed in range(seeds)}
+    orders = {seed: np.random.default_rng([seed, 14]).permutation(len(data)) for seed in range(random)}
+    return {seed: [(order[100:], order[:100])] for seed, order in orders.items()}
 
 
 def main() -> None:
     """Measure and print."""
-    options = argparse.ArgumentParser(description=__doc__)
+    options = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     options.add_argument("case", choices=FILES)
-    options.add_argument("method")
-    options.add_argument("--settings", default="")
+    options.add_argument("method", help="see 'neuro recognise list'")
+    options.add_argument("--data", type=Path, help="recordings, if not those of ../shared")
+    options.add_argument("--settings", default="", help="a preset of the method")
     options.add_argument("--set", action="append", default=[], metavar="NAME=VALUE")
-    options.add_argument("--splits", type=int, default=3)
-    options.add_argument("--seed", type=int, default=0)
+    options.add_argument("--seeds", type=int, default=1)
+    options.add_argument("--folds", type=int, default=5)
+    options.add_argument("--random", type=int, default=0, metavar="N", help="so many random splits, no folds")
+    options.add_argument("--backend", default="event", help="trains and tests")
+    options.add_argument("--json", action="store_true")
     asked = options.parse_args()
-    method = method_of(asked.method, asked.settings, assignments(asked.set)).fitting(FIELD)
-    data = recordings(SHARED / FILES[asked.case])
+    method = method_of(asked.method, asked.settings)
+    poker = method.presets["poker"] if asked.method == "remus" and asked.case != "nmnist" else {}
+    method = method.changed({**poker, **assignments(asked.set)}).fitting(FIELD)
+    data = recordings(asked.data or FILES[asked.case])
     shown = observe(method, data)
+    upright = np.array([not Path(name).stem.endswith("i") for name in shown.names])
     if asked.case == "poker-upright":
-        upright = [k for k, name in enumerate(shown.names) if not Path(name).stem.endswith("i")]
-        data, shown = data.take(upright), shown.take(upright)
-    found: dict[str, list[float]] = {}
-    learning, deciding, decided = 0.0, 0.0, 0
-    for number, (to_learn, to_test) in enumerate(splits(asked.case, data, asked.splits)):
-        began = time.process_time()
-        made = learn(method, shown.take(to_learn), f"split {number}", seed=asked.seed + number)
-        learnt, part = time.process_time(), shown.take(to_test)
-        answer = method.answer(made.learnt, part)
-        learning, deciding = learning + learnt - began, deciding + time.process_time() - learnt
-        decided += len(part)
-        for vote, scores in {"own": answer.scores, **answer.votes}.items():
-            found.setdefault(vote, []).append(float(np.mean(choose(scores) == part.labels)))
-        print(number, *(f"{vote} {shares[-1]:.1%}" for vote, shares in found.items()), flush=True)
-    for vote, shares in found.items():
-        print(f"{asked.method} on {asked.case} by {vote}: {np.mean(shares):.1%} +- {np.std(shares):.1%}")
-    print(f"learning {learning / len(found['own']):.1f} s, deciding {1e3 * deciding / decided:.1f} ms a recording")
-
-
-def splits(case: str, data: Recordings, n: int) -> Iterator[Split]:
-    """Recordings to learn from, and to test."""
-    if case != "nmnist":
-        yield from data.folds(5, seed=0)
-        return
-    for number in range(n):
-        order = np.random.default_rng([number, 14]).permutation(len(data))
-        yield order[100:], order[:100]
+        kept = np.flatnonzero(upright)
+        data, shown, upright = data.take(kept), shown.take(kept), upright[kept]
+    parts = splits(data, asked.folds, asked.seeds, asked.random)
+    jobs = [Fold(shown, split, method, seed, asked.backend) for seed, folds in parts.items() for split in folds]
+    found = side_by_side(Fold.run, jobs)
+    tested = [np.concatenate([job.split[1] for job in jobs if job.seed == seed]) for seed in parts]
+    report: dict[str, Any] = {word: getattr(asked, word) for word in ("case", "method", "settings", "set", "backend")}
+    report |= {"recordings": len(shown), "folds": asked.folds, "seeds": len(parts)}
+    report["learn_s"] = sum(spent for _, spent, _ in found) / len(jobs)
+    report["decide_ms"] = 1e3 * sum(spent for *_, spent in found) / sum(map(len, tested))
+    for vote in found[0][0]:
+        right = [
+            np.concatenate([told[vote] for job, (told, *_) in zip(jobs, found, strict=True) if job.seed == seed])
+            for seed in parts
+        ]
+        every, only = np.concatenate(right), upright[np.concatenate(tested)]
+        mean, of_seeds = float(every.mean()), [float(one.mean()) for one in right]
+        low, high = wilson(round(mean * len(right[0])), len(right[0]))
+        report[vote] = {"mean": mean, "of_seeds": of_seeds, "interval": [low, high]}
+        report[vote]["mean_of_upright"] = float(every[only].mean())
+        if not asked.json:
+            text = f"by {vote}: {mean:.2%} ± {np.std(of_seeds):.2%} (95 % interval {low:.1%} - {high:.1%}), each "
+            text += ", ".join(f"{one:.2%}" for one in of_seeds)
+            print(text if only.all() else f"{text}; of the upright ones {every[only].mean():.2%}")
+    if asked.json:
+        print(json.dumps(report, indent=1))
+    else:
+        print(f"learning {report['learn_s']:.1f} s, deciding {report['decide_ms']:.1f} ms a recording")
 
 
 if __name__ == "__main__":

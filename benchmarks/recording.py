@@ -18,6 +18,8 @@ import time
 from pathlib import Path
 from statistics import median
 
+from networks import brunel
+
 import neuro
 
 NEURONS, RATE, PROBED = 10_000, 5.0, 100
@@ -33,19 +35,11 @@ def firing() -> neuro.Network:
     return net
 
 
-def brunel(every: float | None) -> neuro.Network:
-    """10,000 neurons with 1000 inputs each (Brunel 2000), with a probe of V_m of 100 of them or without."""
-    net = neuro.Network("brunel", resolution=0.1)
-    cell = neuro.iaf_psc_delta(tau_m=20.0, C_m=1.0, t_ref=2.0, E_L=0.0, V_reset=10.0, V_th=20.0)
-    exc, inh = net.population("exc", 8000, cell), net.population("inh", 2000, cell)
-    net.population("drive", NEURONS, neuro.poisson_generator(rate=20_000.0))
-    net.connect(net.populations["drive"][:8000], exc, neuro.one_to_one(), weight=0.1, delay=1.5, name="to_exc")
-    net.connect(net.populations["drive"][8000:], inh, neuro.one_to_one(), weight=0.1, delay=1.5, name="to_inh")
-    for target in (exc, inh):
-        net.connect(exc, target, neuro.fixed_indegree(n=800), weight=0.1, delay=1.5)
-        net.connect(inh, target, neuro.fixed_indegree(n=200), weight=-0.5, delay=1.5)
+def probed(every: float | None) -> neuro.Network:
+    """Brunel's network with a probe of V_m of some neurons, or without."""
+    net = brunel()
     if every is not None:
-        net.probe("V_m", exc[:PROBED], "V_m", every=every)
+        net.probe("V_m", net.populations["exc"][:PROBED], "V_m", every=every)
     return net
 
 
@@ -108,7 +102,7 @@ def kill(seconds: float) -> None:
 def probe() -> None:
     """Print what a probe costs: medians of stretches in turn."""
     names = {"none": None, "every 0.1 ms": 0.1, "every 1 ms": 1.0}
-    sims = {name: neuro.compile(brunel(every)) for name, every in names.items()}
+    sims = {name: neuro.compile(probed(every)) for name, every in names.items()}
     taken: dict[str, list[float]] = {name: [] for name in names}
     for sim in sims.values():
         sim.run(50.0)

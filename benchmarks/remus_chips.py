@@ -3,6 +3,9 @@
 A network learns on `event`; its recordings are then shown to the same network with the same weights on each backend.
 With `--folds 5` each recording is shown to a network that has not learnt from it. Prints the share of frames with the
 same label and winner, the share of recordings with the same decision by each vote, the accuracy, and the time.
+
+`--times 5` prints microseconds of a frame instead, learning and not: processor time of one thread on a tenth of the
+recordings, the least of so many rounds, in which the backends take turns; and beside it that by the first backend.
 """
 
 from __future__ import annotations
@@ -16,16 +19,16 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from remus_folds import FIELD, FILES, SHARED, Split
+from kept import NMNIST
+from recognisers import FIELD, Split
 
-from neuro import ApproximationWarning
+import neuro
 from neuro.cli.options import assignments
 from neuro.events import recordings
 from neuro_recognise.method import choose
 from neuro_recognise.methods.remus import Remus
 from neuro_recognise.observations import observe
-from neuro_recognise.parts.frames import Frames
-from neuro_recognise.parts.votes import VOTES, votes
+from neuro_recognise.parts.frames import VOTES, Frames, votes
 from neuro_recognise.recogniser import Recogniser, learn
 from neuro_recognise.shown import Features
 
@@ -39,25 +42,30 @@ Found = dict[str, np.ndarray[Any, Any]]
 def main() -> None:
     """Measure and print."""
     options = argparse.ArgumentParser(description=__doc__)
-    options.add_argument("--data", type=Path, default=SHARED / FILES["nmnist"], help="recordings")
+    options.add_argument("--data", type=Path, default=NMNIST, help="recordings")
     options.add_argument("--settings", choices=("best", "thesis"), default="best")
     options.add_argument("--set", action="append", default=[], metavar="NAME=VALUE")
     options.add_argument("--folds", type=int, default=1, help="1: show what was learnt from")
     options.add_argument("--seed", type=int, default=0)
+    options.add_argument("--times", type=int, default=0, metavar="ROUNDS", help="only time frames, in turn")
+    options.add_argument("--backends", nargs="+", default=BACKENDS)
     options.add_argument("--json", action="store_true")
     asked = options.parse_args()
-    warnings.simplefilter("ignore", ApproximationWarning)
+    warnings.simplefilter("ignore", neuro.ApproximationWarning)
     method = Remus().preset(asked.settings).changed(assignments(asked.set)).fitting(FIELD)
     data = recordings(asked.data)
+    if asked.times:
+        time_frames(method, observe(method, data[::10]), asked.backends, asked.times)
+        return
     shown = observe(method, data)
     folds = data.folds(asked.folds, seed=asked.seed) if asked.folds > 1 else []
-    found: dict[str, list[Found]] = {backend: [] for backend in BACKENDS}
+    found: dict[str, list[Found]] = {backend: [] for backend in asked.backends}
     for made, part in models(shown, folds, method, asked.seed):
-        for backend in BACKENDS:
+        for backend in asked.backends:
             found[backend].append(decided(made, part, backend))
     report = {"settings": asked.settings, "recordings": len(shown), "frames": len(Frames.of(shown))}
     report |= {"folds": asked.folds}
-    rows = {backend: compared(joined(found[backend]), joined(found[BACKENDS[0]])) for backend in BACKENDS}
+    rows = {backend: compared(joined(found[backend]), joined(found[asked.backends[0]])) for backend in asked.backends}
     for backend, row in rows.items():
         learning = method.changed({"epochs": 1})
         row["learn_ms_a_frame"] = 1e3 * learning_time(shown, learning, backend)
@@ -65,6 +73,26 @@ def main() -> None:
             print(f"{backend:10}" + ", ".join(f"{name} {value:.4g}" for name, value in row.items()), flush=True)
     if asked.json:
         print(json.dumps(report | {"backends": rows}, indent=1))
+
+
+def time_frames(method: Remus, shown: Features, backends: list[str], rounds: int) -> None:
+    """Print microseconds of a frame on each backend."""
+    frames = Frames.of(shown)
+    net = method.layer.network(method.inputs, len(shown.classes))
+    sims = {backend: neuro.compile(net, backend=backend, seed=0) for backend in backends}
+    times = method.encoder.times(frames.codes, method.encoder.learn(frames.codes))
+    labels = np.asarray(shown.labels)[frames.recording]
+    for learns in (True, False):
+        took: dict[str, list[float]] = {backend: [] for backend in sims}
+        for _ in range(rounds):
+            for backend, sim in sims.items():
+                began = time.process_time()
+                sim.trials(times, frames.ids, frames.offsets, labels, learn=learns)
+                took[backend].append((time.process_time() - began) / len(frames) * 1e6)
+        least = {backend: min(each) for backend, each in took.items()}
+        ratios = {backend: round(each / least[backends[0]], 2) for backend, each in least.items()}
+        us = {backend: round(each, 1) for backend, each in least.items()}
+        print(json.dumps({"learn": learns, "frames": len(frames), "us_a_frame": us, "times_the_first": ratios}))
 
 
 def models(shown: Features, folds: list[Split], method: Remus, seed: int) -> Iterator[tuple[Recogniser, Features]]:

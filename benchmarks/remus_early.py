@@ -12,6 +12,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
+from kept import NMNIST
 
 from neuro.apps import console, table
 from neuro.events import Recordings, recordings
@@ -19,8 +20,6 @@ from neuro_recognise.method import Method, choose
 from neuro_recognise.recogniser import Recogniser, fit, method_of
 from neuro_recognise.shown import unlabelled
 
-SHARED = Path(__file__).resolve().parents[2] / "shared" / "data"
-NMNIST = SHARED / "nmnist" / "nmnist_train1000_bin.zip"
 TIMES_MS = (20, 30, 50, 80, 100, 140, 200, 300)
 AT_ONCE = 25
 

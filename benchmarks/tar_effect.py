@@ -19,7 +19,7 @@ from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
-from remus_folds import Split
+from recognisers import FILES, Split
 from scipy.sparse import csr_matrix, vstack
 from scipy.stats import binomtest, t as student
 from sklearn.svm import LinearSVC
@@ -27,8 +27,6 @@ from sklearn.svm import LinearSVC
 from neuro.events import Events, msd_segments, recordings
 from neuro.events.filters import TAR
 
-SHARED = Path(__file__).resolve().parents[2] / "shared" / "data"
-FILES = {"nmnist": "nmnist/nmnist_train1000_bin.zip", "poker": "poker_dvs/poker_dvs_shared_aedat2.zip"}
 PARAMETERS = {"nmnist": {"tau": 0.08, "theta": 2.4, "radius": 1}, "poker": {"tau": 0.08, "theta": 2.0, "radius": 2}}
 TAU, THRESHOLD = 0.02, 150.0
 """Of the motion symbol detector, s and events; thesis table 3."""
@@ -39,7 +37,7 @@ Bags = list[csr_matrix]
 def main() -> None:
     """Measure and print."""
     options = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    options.add_argument("case", choices=FILES)
+    options.add_argument("case", choices=PARAMETERS)
     options.add_argument("--data", type=Path, help="recordings, if not those of ../shared")
     options.add_argument("--seeds", type=int, default=5)
     options.add_argument("--folds", type=int, default=5)
@@ -48,7 +46,7 @@ def main() -> None:
     options.add_argument("--radius", type=int, help="of TAR, px")
     options.add_argument("--svm", type=float, default=1.0, help="C of the classifier")
     asked = options.parse_args()
-    found = recordings(asked.data or SHARED / FILES[asked.case])
+    found = recordings(asked.data or FILES[asked.case])
     labels = np.array([one.label for one in found])
     plain = [one.load() for one in found]
     size = (max(int(one.x.max()) for one in plain) + 1, max(int(one.y.max()) for one in plain) + 1)

@@ -20,6 +20,7 @@ if TYPE_CHECKING:
         Seed as Seed,
         Set as Set,
         assignments as assignments,
+        resumable as resumable,
         whole as whole,
     )
     from neuro.core import hdf5 as hdf5, html as html
@@ -28,7 +29,6 @@ if TYPE_CHECKING:
     from neuro.core.extension import extensions as extensions, run_extensions as run_extensions
     from neuro.core.extras import install as install
     from neuro.core.inputs import record_input as record_input
-    from neuro.core.jobs import side_by_side as side_by_side
     from neuro.core.outputs import (
         Kind as Kind,
         Unwritable as Unwritable,
@@ -40,15 +40,14 @@ if TYPE_CHECKING:
         write_picture as write_picture,
         write_text as write_text,
     )
-    from neuro.core.processes import cores as cores
+    from neuro.core.processes import cores as cores, side_by_side as side_by_side
     from neuro.core.progress import Bar as Bar
     from neuro.core.provenance import provenance as provenance
     from neuro.core.quantities import Quantity as Quantity
     from neuro.core.registry import Registry as Registry
     from neuro.core.tables import console as console, table as table
     from neuro.core.values import literal as literal
-    from neuro.files.checkpoint import Checkpoint as Checkpoint
-    from neuro.files.state import fingerprint as fingerprint
+    from neuro.files.state import Checkpoint as Checkpoint, fingerprint as fingerprint
     from neuro.kernels.jit import allocating as allocating, kernel as kernel, subkernel as subkernel
     from neuro.model.language import (
         Node as Node,

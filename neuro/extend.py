@@ -50,10 +50,15 @@ if TYPE_CHECKING:
     )
     from neuro.model.rules import Rule as Rule
     from neuro.model.space import Profile as Profile
-    from neuro.model.synapses.base import K_MINUS as K_MINUS, K_PLUS as K_PLUS, Synapse as Synapse, Trace as Trace
-    from neuro.model.synapses.delays import DelayRule as DelayRule
+    from neuro.model.synapses.base import (
+        K_MINUS as K_MINUS,
+        K_PLUS as K_PLUS,
+        DelayRule as DelayRule,
+        Modulated as Modulated,
+        Synapse as Synapse,
+        Trace as Trace,
+    )
     from neuro.model.synapses.lessons import Growth as Growth, Lesson as Lesson, TrialEnd as TrialEnd
-    from neuro.model.synapses.modulated import Modulated as Modulated
     from neuro.model.synapses.moves import MoveRule as MoveRule
     from neuro.program.backend import (
         Backend as Backend,

@@ -46,7 +46,7 @@ class Results(files.Results):
         Raises:
             ModelError: as of a simulation.
         """
-        from neuro.report.counted import energy
+        from neuro.files.finished_runs import energy
 
         return energy(self, self.network(played=False), target, step_s=step_s, chips=chips)
 

@@ -75,7 +75,7 @@ def test_whatever_h5py_says_of_a_damaged_file_is_told(kept, monkeypatch, error):
     def broken(*told):
         raise error("bad heap free list")
 
-    monkeypatch.setattr("neuro.files.checkpoint.take", broken)
+    monkeypatch.setattr("neuro.files.state.take", broken)
     with pytest.raises(neuro.ModelError) as caught:
         kept.resume()
     assert str(caught.value).startswith(f"{kept.path}: damaged my training 1: ")

@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 
 import neuro
-from neuro import ModelError, Network
+from neuro import Network
+from refusals import message_of, refusal, refusals
 
 FLOATS = ("reference", "event")
 
@@ -18,12 +19,6 @@ def network():
     net.connect("source", "cells", listed, weight=[4.0, 5.0, 6.0, 8.0, 7.0], delay=2.0, name="some")
     net.connect("source", "cells", neuro.pairs(pre=[0, 1], post=[0, 1]), neuro.stdp(Wmax=9.0), name="learns")
     return net
-
-
-def told(call, *args, **words):
-    with pytest.raises(ModelError) as error:
-        call(*args, **words)
-    return str(error.value)
 
 
 @pytest.mark.parametrize("backend", FLOATS)
@@ -50,9 +45,8 @@ def test_a_pair_has_all_its_synapses(backend):
     assert sim.get("some", "weight").tolist() == [4.0, 5.0, 2.0, 3.0, 1.0]
 
 
-@pytest.mark.parametrize("backend", FLOATS)
-def test_numbers_of_a_rule_of_pairs(backend):
-    sim = neuro.compile(network(), backend)
+def test_numbers_of_a_rule_of_pairs():
+    sim = neuro.compile(network(), "reference")
     sim.set("learns", {"lambda": 0.5}, of=[(1, 1)])
     assert sim.get("learns", "lambda").tolist() == [0.01, 0.5]
 
@@ -83,82 +77,15 @@ def test_a_weight_may_have_its_unit():
     assert sim.get("all", "weight", pre=0).tolist() == [2.5] * 6
     sim.set("currents", weight="0.02 nA")
     assert sim.get("currents", "weight").tolist() == [20.0] * 12
-    assert told(sim.set, "currents", weight="2 mV") == "weights of 'currents' = 2 mV: expected a current in pA"
+    assert message_of(sim.set, "currents", weight="2 mV") == "weights of 'currents' = 2 mV: expected a current in pA"
 
 
-PAIRS = "expected pairs (source, target) of neurons as whole numbers, such as [(0, 5), (3, 1)]"
-ENDS = "\n  hint: pre= and post= take the neurons at either end"
-REFUSED = {
-    "no synapse": (
-        lambda s, n: s.set("some", weight=1.0, pre=n.populations["source"][4:]),
-        "none of the 5 synapses of 'some' goes from source[4:]: expected at least one",
-    ),
-    "no synapse between": (
-        lambda s, n: s.set("some", weight=1.0, pre=[0, 1], post=4),
-        "none of the 5 synapses of 'some' goes from source[[0, 1]] to cells[[4]]: expected at least one",
-    ),
-    "no number of a synapse": (
-        lambda s, n: s.set("learns", lambda_=1.0, pre=5),
-        "none of the 2 synapses of 'learns' goes from source[[5]]: expected at least one",
-    ),
-    "a pair without a synapse": (
-        lambda s, n: s.set("some", weight=1.0, of=[(0, 2), (1, 4)]),
-        "of: pair 1: none of the 5 synapses of 'some' goes from 1 to 4",
-    ),
-    "a pair twice": (
-        lambda s, n: s.set("some", weight=1.0, of=[(0, 2), (0, 2)]),
-        "of: found a pair more than once: expected each once",
-    ),
-    "no neuron of the source": (
-        lambda s, n: s.set("some", weight=1.0, of=[(6, 2)]),
-        "of: pair 0: found source 6: expected a neuron of 'source', 0 to 5",
-    ),
-    "no neuron of the target": (
-        lambda s, n: s.get("all", "weight", of=[(0, 2), (0, -1)]),
-        "of: pair 1: found target -1: expected a neuron of 'cells', 0 to 5",
-    ),
-    "a view for pairs": (
-        lambda s, n: s.set("some", weight=1.0, of=n.populations["source"][:2]),
-        f"of = source[:2]: {PAIRS}{ENDS}",
-    ),
-    "a name for pairs": (lambda s, n: s.weights("some", of="source"), f"of = 'source': {PAIRS}{ENDS}"),
-    "numbers for pairs": (lambda s, n: s.weights("some", of=[1, 2, 3]), f"of = [1, 2, 3]: {PAIRS}{ENDS}"),
-    "floats for pairs": (lambda s, n: s.weights("some", of=[(0.0, 2.0)]), f"of = [[0, 2]]: {PAIRS}{ENDS}"),
-    "pairs and an end": (
-        lambda s, n: s.weights("some", of=[(0, 2)], pre=0),
-        "found both 'of' and 'pre': expected pairs, or the neurons at either end",
-    ),
-    "pairs of neurons": (
-        lambda s, n: s.set("cells", V_m=1.0, of=n.populations["cells"][0]),
-        "of, pre and post of 'cells': they choose synapses: expected a projection\n  hint: sim.set(cells[0, :], ...)",
-    ),
-    "an id that is none": (lambda s, n: s.weights("some", pre=6), "pre: source[[6]]: found 6: expected -6 to 5"),
-    "a name in ids": (
-        lambda s, n: s.weights("some", post=["a"]),
-        "post: cells[...]: found an array of <U1 of shape [1]: expected a list of whole numbers, or a mask",
-    ),
-    "several populations": (
-        lambda s, n: s.get([n.populations["cells"], n.populations["source"][0]], "V_m"),
-        "found several parts: expected a population or projection or its name\n  hint: one call for each",
-    ),
-    "nothing to set": (
-        lambda s, n: s.set("cells"),
-        "set: found no value: expected one by name\n  hint: sim.set(cells, V_m=-60.0)",
-    ),
-    "a number alone": (
-        lambda s, n: s.set("cells", 3.0),
-        "set: found 3: expected values by name\n  hint: sim.set(cells, V_m=-60.0)",
-    ),
-}
-
-
-@pytest.mark.parametrize("case", REFUSED)
-def test_what_chooses_nothing_is_refused(case):
+@refusals("chosen synapses")
+def test_what_chooses_nothing_is_refused(call, message):
     net = network()
-    call, message = REFUSED[case]
     sim = neuro.compile(net, "reference")
     before = sim.get("some", "weight")
-    assert told(call, sim, net) == message
+    assert refusal(call, {"s": sim, "n": net}) == message
     assert np.array_equal(sim.get("some", "weight"), before)
 
 
@@ -166,3 +93,16 @@ def test_reading_of_no_synapse_gives_none():
     net = network()
     sim = neuro.compile(net, "reference")
     assert [row.size for row in sim.weights("some", pre=5)] == [0, 0, 0]
+
+
+def connected(rule, weight=1.0):
+    net = neuro.Network("words")
+    net.population("source", 1, neuro.spike_generator())
+    net.population("cell", 1, neuro.iaf_psc_exp())
+    net.connect("source", "cell", neuro.one_to_one(), rule, weight=weight, delay=1.0, name="x")
+    return neuro.compile(net, "reference")
+
+
+@refusals("words of synapses")
+def test_what_cannot_be_set_is_told_by_what_it_is(call: str, message: str):
+    assert refusal(call, globals()) == message

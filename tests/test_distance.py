@@ -1,6 +1,7 @@
 """Connections, weights and delays of distance: pairs, distributions, NEST, mistakes, and what is saved."""
 
 import itertools
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -13,6 +14,7 @@ from neuro.compiler.space import Between, space_of
 from neuro.model.parts import Population
 from neuro.model.space import PROFILES, Profile
 from neuro.program.program import Projection
+from refusals import refusal, refusals
 
 LINE = {"shape": 200, "extent": [2.0]}
 SHEET = {"shape": [12, 15], "extent": [1.2, 1.5]}
@@ -244,86 +246,11 @@ def test_what_is_said_is_saved(tmp_path):
 
 PLACED = {"shape": 2, "positions": [[0.0, 1.0], [2.0, 0.5]]}
 ANY = neuro.distance_dependent(p=0.5)
-MISTAKES = [
-    (
-        ANY,
-        {"shape": 5},
-        None,
-        "population 'a' has no positions: its shape is a number of neurons\n"
-        "  hint: give it 'positions', a shape of several axes, or the 'extent' of a line, e.g. [5.0]",
-    ),
-    (
-        ANY,
-        {"shape": [2, 2, 2, 2]},
-        None,
-        "population 'a' has no positions: its shape [2, 2, 2, 2] has 4 axes: expected at most 3\n"
-        "  hint: give it 'positions'",
-    ),
-    (
-        ANY,
-        {"shape": [2, 2], "extent": [1.0]},
-        None,
-        "population 'a': extent = [1.0]: expected 2 numbers, one for each axis of its shape",
-    ),
-    (
-        ANY,
-        {"shape": 3, "positions": [[0.0, 1.0]]},
-        None,
-        "population 'a': positions have the shape [1, 2]: expected [3, 1 to 3], a row for each neuron",
-    ),
-    (
-        ANY,
-        {**PLACED, "extent": [1.0]},
-        None,
-        "population 'a': positions have 2 coordinates, extent 1: expected as many",
-    ),
-    (
-        ANY,
-        {**PLACED, "periodic": True},
-        None,
-        "population 'a': positions with periodic edges: expected 'extent', the length of each axis",
-    ),
-    (
-        ANY,
-        {**PLACED, "extent": [1.0, 1.0]},
-        None,
-        "population 'a': positions span 2 on axis 0: expected at most its extent, 1",
-    ),
-    (ANY, SHEET, LINE, "positions of 'a' and 'b' have 2 and 1 coordinates: expected as many"),
-    (
-        ANY,
-        {"shape": [4, 4]},
-        {"shape": [2, 2]},
-        "'a' and 'b' have no common scale: neurons of one lie a unit apart by their shape: expected 'extent' of both\n"
-        "  hint: populations of one shape need none",
-    ),
-    (
-        ANY,
-        {**SHEET, "periodic": True},
-        SHEET,
-        "'a' and 'b' have periodic edges of [1.2, 1.5] and no length: expected the same of both",
-    ),
-    (
-        neuro.distance_dependent(p=neuro.linear(c=0.5, a=-1.0)),
-        SHEET,
-        None,
-        "distance_dependent.p is -0.1 at the distance 0.6: expected 0 to 1\n"
-        "  hint: a mask keeps it to distances where it is a probability",
-    ),
-    (
-        neuro.distance_dependent(mask=neuro.rectangular(lower_left=[-1.0], upper_right=[1.0])),
-        SHEET,
-        None,
-        "distance_dependent.mask: rectangular has corners of 1 coordinates: expected 2",
-    ),
-]
 
 
-@pytest.mark.parametrize(("rule", "source", "target", "message"), MISTAKES, ids=range(len(MISTAKES)))
-def test_mistakes(rule, source: dict, target: dict | None, message: str):
-    with pytest.raises(neuro.ModelError) as caught:
-        compiled(rule, source, target)
-    assert str(caught.value).split(": ", 1)[1].removeprefix("projection 'p': ") == message
+@refusals("distance")
+def test_mistakes(call: str, message: str):
+    assert refusal(call, globals()) == message
 
 
 TWO = """\
@@ -333,69 +260,21 @@ populations:
 projections:
   p: {from: a, to: a, rule: RULE, weight: WEIGHT}
 """
-IN_YAML = [
-    (
-        "RULE",
-        "{distance_dependent: {p: {gausian: {std: 1.0}}}}",
-        "net.yaml:5:55: projection 'p': unknown profile 'gausian'\n  hint: did you mean 'gaussian'?",
-    ),
-    (
-        "RULE",
-        "{distance_dependent: {p: 1.5}}",
-        "net.yaml:5:54: projection 'p': distance_dependent.p = 1.5: expected a number >= 0 and <= 1 or a profile",
-    ),
-    (
-        "RULE",
-        "{distance_dependent: {mask: {circle: {radius: 1.0}}}}",
-        "net.yaml:5:58: projection 'p': unknown mask 'circle'\n  hint: did you mean 'circular'?",
-    ),
-    (
-        "RULE",
-        "{distance_dependent: {p: {gaussian: {sigma: 1.0}}}}",
-        "net.yaml:5:66: projection 'p': unknown parameter of gaussian 'sigma'\n  hint: did you mean 'std'?",
-    ),
-    (
-        "RULE",
-        "{distance_dependent: {p: {gaussian: {std: 0}}}}",
-        "net.yaml:5:71: projection 'p': gaussian.std = 0: expected a number > 0",
-    ),
-    (
-        "WEIGHT",
-        "{of_distance: {normal: {std: 1.0}}}",
-        "net.yaml:5:64: projection 'p': unknown profile 'normal'\n  hint: 'normal' is a distribution, not a profile",
-    ),
-    (
-        "WEIGHT",
-        "{linear: {a: 1.0}}",
-        "net.yaml:5:50: projection 'p': unknown distribution 'linear'\n"
-        "  hint: 'linear' is a profile, write {of_distance: {linear: ...}}",
-    ),
-    ("WORDS", ", extent: 2.0", "net.yaml:3:50: population 'a': extent = 2: expected a list or a file"),
-    (
-        "WORDS",
-        ", extent: [2.0, 0]",
-        "net.yaml:3:56: population 'a': extent[1] = 0: expected a number > 0",
-    ),
-    ("WORDS", ", periodic: 1", "net.yaml:3:52: population 'a': periodic = 1: expected true or false"),
-    (
-        "WORDS",
-        ", edge_wrap: true",
-        "net.yaml:3:42: population 'a': unknown word of a population 'edge_wrap'\n  hint: did you mean 'periodic'?",
-    ),
-]
 
 
-@pytest.mark.parametrize(("word", "text", "message"), IN_YAML, ids=range(len(IN_YAML)))
-def test_mistakes_in_yaml(tmp_path, monkeypatch, word: str, text: str, message: str):
-    monkeypatch.chdir(tmp_path)
-    said = {"WORDS": "", "RULE": "all_to_all", "WEIGHT": "1.0"} | {word: text}
+def load(word: str, text: str) -> None:
+    """A description with one word said so."""
     whole = TWO
-    for name, value in said.items():
+    for name, value in ({"WORDS": "", "RULE": "all_to_all", "WEIGHT": "1.0"} | {word: text}).items():
         whole = whole.replace(name, value)
-    (tmp_path / "net.yaml").write_text(whole)
-    with pytest.raises(neuro.ModelError) as caught:
-        neuro.load("net.yaml")
-    assert str(caught.value) == message
+    Path("net.yaml").write_text(whole)
+    neuro.load("net.yaml")
+
+
+@refusals("distance in YAML")
+def test_mistakes_in_yaml(tmp_path, monkeypatch, call: str, message: str):
+    monkeypatch.chdir(tmp_path)
+    assert refusal(call, globals()) == message
 
 
 def test_a_kernel_has_no_distance():

@@ -11,6 +11,7 @@ from neuro.compiler.drawn import BLOCK, total_number
 from neuro.core.keyed_random import uniform_pairs, uniform_table
 from neuro.model.rules import Rule
 from neuro.program.program import Projection
+from refusals import refusal, refusals
 
 
 def compiled(rule: Rule, n_pre: int, n_post: int | None = None, seed: int = 1, **words: object) -> Projection:
@@ -109,33 +110,9 @@ def test_degrees_of_symmetric_pairs_are_binomial():
     assert kstest(degrees, share_below).pvalue > 1e-3
 
 
-@pytest.mark.parametrize(
-    ("rule", "n_post", "message"),
-    [
-        (
-            neuro.fixed_total_number(n=13, multapses=False),
-            3,
-            "n = 13 synapses: expected at most 12, as many as there are pairs\n"
-            "  hint: multapses: true allows a pair to be drawn twice",
-        ),
-        (
-            neuro.symmetric_pairwise_bernoulli(p=0.5),
-            3,
-            "symmetric_pairwise_bernoulli between different neurons: expected one population, or view, connected with "
-            "itself\n  hint: pairwise_bernoulli connects one population with another",
-        ),
-    ],
-)
-def test_mistakes(rule: Rule, n_post: int, message: str):
-    with pytest.raises(neuro.ModelError) as caught:
-        compiled(rule, 4, n_post)
-    assert str(caught.value).partition("projection 'p': ")[2] == message
-
-
-def test_a_neuron_alone_has_no_other():
-    rule = neuro.fixed_total_number(n=1, autapses=False)
-    with pytest.raises(neuro.ModelError, match=r"n = 1 synapses: expected at most 0, as many as there are pairs$"):
-        compiled(rule, 1)
+@refusals("drawn rules")
+def test_mistakes(call: str, message: str):
+    assert refusal(call, globals()) == message
 
 
 def test_views_are_connected_by_their_neurons():

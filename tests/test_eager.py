@@ -20,7 +20,7 @@ from neuro_event.building import build
 from neuro_event.loop import tables as t
 
 SETTINGS = settings(
-    max_examples=30,
+    max_examples=15,
     deadline=None,
     derandomize=True,
     suppress_health_check=[HealthCheck.too_slow, HealthCheck.data_too_large],

@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 
 import neuro
-from neuro import ModelError
 from neuro.compiler.resolve import compile_network
 from neuro.model.distributions import Distribution
+from refusals import refusal, refusals
 
 
 def compiled(delay, resolution: float = 0.1, rule=None):
@@ -17,66 +17,15 @@ def compiled(delay, resolution: float = 0.1, rule=None):
     return compile_network(net, 1).projections[0]
 
 
-def told(delay, resolution: float = 0.1, rule=None) -> str:
-    with pytest.raises(ModelError) as caught:
-        compiled(delay, resolution, rule)
-    return str(caught.value).partition(": ")[2]
-
-
-def test_below_zero():
-    assert told(neuro.uniform(low=-5, high=-2)) == (
-        "projection 'x': delay: uniform.low = -5 ms: expected at least 0 ms\n  hint: low: 0.1 is one step"
-    )
-    assert told(neuro.uniform(low=-5, high=9)).startswith("projection 'x': delay: uniform.low = -5 ms")
-
-
-def test_below_a_step():
-    assert told(neuro.uniform(low=0, high=0.04)) == (
-        "projection 'x': delay: uniform.high = 0.04 ms: expected at least one step, 0.1 ms\n"
-        "  hint: a finer resolution has shorter steps"
-    )
-
-
-@pytest.mark.parametrize(
-    ("delay", "middle"),
-    [
-        (neuro.normal(mean=-3, std=1), "-3"),
-        (neuro.normal(mean=-3, std=9, high=-1), "-3"),
-        (neuro.normal(mean=2, std=9, high=-1), "-1"),
-        (neuro.normal(mean=0.02, std=1), "0.02"),
-        (neuro.lognormal(mean=-6, std=0.1), "0.00248"),
-    ],
-)
-def test_a_middle_below_a_step(delay, middle):
-    assert told(delay) == (
-        f"projection 'x': delay: the middle of the {delay.name} is {middle} ms: expected at least one step, 0.1 ms\n"
-        f"  hint: only its tail is cut; raise {delay.name}.mean, or set {delay.name}.low"
-    )
-
-
 def test_tails_are_cut_to_one_step():
     bounded = neuro.normal(mean=-3, std=9, low=0.1, high=2)
     for delay in (neuro.normal(mean=0.1, std=0.2), bounded, neuro.uniform(low=0, high=1)):
         assert compiled(delay, rule=neuro.fixed_total_number(n=200)).delay.min() == 1
 
 
-def test_of_distance_below_zero():
-    assert told(neuro.of_distance(neuro.linear(c=-5, a=1))) == (
-        "projection 'x': delay of synapse 0 -> 0 = -5 ms: expected at least 0 ms\n"
-        "  hint: the function of distance is below 0 there: raise c"
-    )
-    falls = neuro.of_distance(neuro.linear(c=1.5, a=-1))
-    assert told(falls).startswith("projection 'x': delay of synapse 0 -> 2 = -0.5 ms")
-    assert told(falls, rule=neuro.pairs(pre=[0, 4, 3], post=[0, 4, 5])).startswith(
-        "projection 'x': delay of synapse 3 -> 5 = -0.5 ms"
-    )
-
-
-def test_of_distance_below_a_step():
-    assert told(neuro.of_distance(neuro.linear(a=2.0)), rule=neuro.one_to_one()) == (
-        "projection 'x': delay: the largest of 6 is 0 ms: expected at least one step, 0.1 ms\n"
-        "  hint: the function of distance is too small: raise c"
-    )
+@refusals("early delays")
+def test_delays_that_are_refused(call: str, message: str):
+    assert refusal(call, globals()) == f"projection 'x': {message}"
 
 
 def test_a_distribution_of_ones_own(registries):
@@ -87,8 +36,9 @@ def test_a_distribution_of_ones_own(registries):
         def sample(self, rng, n):
             return rng.random(n) - 2.0
 
-    assert "delay of synapse 0 -> 0 = -1." in told(shifted())
-    assert "hint: 'sample' must give at least 0" in told(shifted())
+    told = refusal("compiled(delay)", globals() | {"delay": shifted()})
+    assert "delay of synapse 0 -> 0 = -1." in told
+    assert "hint: 'sample' must give at least 0" in told
 
 
 @pytest.mark.parametrize("at", range(2, 7))

@@ -1,5 +1,7 @@
 """The first hour of who comes from NEST: our script does what the one for NEST does, and is no longer."""
 
+import contextlib
+import io
 import runpy
 from pathlib import Path
 
@@ -47,22 +49,25 @@ def test_no_line_is_longer_than_those_of_nest():
     assert sum(map(len, ours())) <= sum(map(len, theirs))
 
 
-@pytest.fixture
-def run(tmp_path, monkeypatch, capsys):
-    monkeypatch.chdir(tmp_path)
-    found = runpy.run_path(str(EXAMPLE), run_name="__main__")
-    assert "noise_generator" in capsys.readouterr().out
-    return found
+@pytest.fixture(scope="module")
+def run(tmp_path_factory):
+    """What is defined when the script has run, in a folder of its own."""
+    printed = io.StringIO()
+    folder = tmp_path_factory.mktemp("first-hour")
+    with contextlib.chdir(folder), contextlib.redirect_stdout(printed):
+        found = runpy.run_path(str(EXAMPLE), run_name="__main__")
+    assert "noise_generator" in printed.getvalue()
+    return found | {"folder": folder}
 
 
 def test_all_is_there_at_its_end(run):
-    left = results.read("run.h5")
+    left = results.read(run["folder"] / "run.h5")
     assert left.spikes("exc", since=100.0)[0].tolist() == run["times"].tolist()
     assert left.trace("cells")[1]["V_m"].shape == (500, 10)
     assert left.trace("w")[1]["weight"].tolist() == run["sent"]["weight"].tolist()
-    page = Path("run.html").read_text("utf-8")
+    page = (run["folder"] / "run.html").read_text("utf-8")
     assert "first-hour" in page
-    assert all(Path(name).read_bytes().startswith(b"\x89PNG") for name in ("glance.png", "weights.png"))
+    assert all((run["folder"] / name).read_bytes().startswith(b"\x89PNG") for name in ("glance.png", "weights.png"))
 
 
 def test_the_network_does_what_that_of_nest_does(run, own_nest):

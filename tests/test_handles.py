@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 import neuro
-from neuro import ModelError
 from neuro.model.network import Network
+from refusals import message_of, refusal, refusals
 
 BACKENDS = ("reference", "event", "loihi")
 FLOATS = BACKENDS[:2]
@@ -31,12 +31,6 @@ def learning() -> Network:
         cells, cells, neuro.all_to_all(autapses=False), neuro.stdp(lambda_=0.2, Wmax=1e-3), weight=5e-4, name="w"
     )
     return net
-
-
-def told(call, *args, **words) -> str:
-    with pytest.raises(ModelError) as error:
-        call(*args, **words)
-    return str(error.value)
 
 
 @pytest.fixture(params=BACKENDS)
@@ -153,7 +147,7 @@ def test_spikes_are_injected_into_a_view(backend):
     sim.run(6.0)
     times, ids = sim.spikes(source)
     assert list(zip(times.tolist(), ids.tolist(), strict=True)) == [(1, 2), (1, 3), (2, 4), (3, 2), (3, 3), (5, 0)]
-    assert told(sim.inject, source[2:4], [9.0], [1]) == "ids[0] = 1: expected a neuron of source[2:4]"
+    assert message_of(sim.inject, source[2:4], [9.0], [1]) == "ids[0] = 1: expected a neuron of source[2:4]"
 
 
 @pytest.mark.parametrize("backend", FLOATS)
@@ -245,7 +239,7 @@ def test_the_kernels_of_a_grid_stay_whole():
     sim.set(wires, weight=2.0 * kernels)
     assert np.array_equal(sim.weights(wires), 2.0 * kernels)
     for call in (sim.weights, lambda of, **ends: sim.set(of, weight=1.0, **ends)):
-        assert told(call, wires, pre=sheet[0]) == (
+        assert message_of(call, wires, pre=sheet[0]) == (
             "pre of 'sheet_maps', a grid, whose synapses share weights: expected all of them\n"
             "  hint: its kernels are set as a whole, by map"
         )
@@ -261,81 +255,7 @@ def test_weights_are_normalised_by_the_part():
 # refused
 
 
-REFUSED = {
-    "a projection for neurons": (
-        lambda s, n: s.spikes(n.projections["all"]),
-        "found the projection 'all': expected a population or its name",
-    ),
-    "neurons for a projection": (
-        lambda s, n: s.weights(n.populations["cells"]),
-        "found the population 'cells': expected a projection or its name",
-    ),
-    "a view for a projection": (
-        lambda s, n: s.weights(n.populations["cells"][1:]),
-        "found the view cells[1:]: expected a projection or its name",
-    ),
-    "a probe for neurons": (
-        lambda s, n: s.get(n.probes["v"], "V_m"),
-        "found the probe 'v': expected a population or projection or its name",
-    ),
-    "a population for a probe": (
-        lambda s, n: s.trace(n.populations["cells"]),
-        "found the population 'cells': expected a probe or its name",
-    ),
-    "a population for a signal": (
-        lambda s, n: s.signal(n.populations["cells"], 1.0),
-        "found the population 'cells': expected a signal or its name",
-    ),
-    "another network's of that name": (
-        lambda s, n: s.spikes(network().populations["cells"]),
-        "population 'cells' is a part of another network: expected one of 'n'\n  hint: 'cells' names the one here",
-    ),
-    "a view of another network's": (
-        lambda s, n: s.get(learning().populations["cells"][:2], "V_m"),
-        "population 'cells' is a part of another network: expected one of 'n'\n  hint: 'cells' names the one here",
-    ),
-    "another network's": (
-        lambda s, n: s.weights(learning().projections["w"]),
-        "projection 'w' is a part of another network: expected one of 'n'",
-    ),
-    "ends of neurons": (
-        lambda s, n: s.get("cells", "V_m", pre=n.populations["source"]),
-        "of, pre and post of 'cells': they choose synapses: expected a projection",
-    ),
-    "ends of another population": (
-        lambda s, n: s.weights("all", pre=n.populations["cells"][:2]),
-        "pre = cells[:2]: expected neurons of 'source', as 'all' has there",
-    ),
-    "numbers of a rule for some": (
-        lambda s, n: s.set("all", foo=1.0, post=n.populations["cells"][0]),
-        "static.foo of 'all' is one for all synapses: expected 'weight' alone with of, pre or post",
-    ),
-    "a number of a rule beside weights": (
-        lambda s, n: s.set("all", foo=1.0, weight=1.0),
-        "static.foo of 'all' is one for all synapses: expected 'weight' alone",
-    ),
-    "weights of another number": (
-        lambda s, n: s.set("all", weight=[1.0, 2.0], post=n.populations["cells"][0]),
-        "weights of 'all': an array of shape [2]: expected [6]",
-    ),
-    "values of another shape": (
-        lambda s, n: s.set(n.populations["cells"][:3], V_m=[1.0, 2.0]),
-        "cells.V_m: an array of shape [2]: expected [3]\n  hint: one value for each neuron, or one number for all",
-    ),
-    "a value out of bounds": (
-        lambda s, n: s.set(n.populations["cells"][:3], C_m=-1.0),
-        "cells.C_m = -1: expected a number > 0 pF",
-    ),
-    "an end before the begin": (
-        lambda s, n: s.spikes("cells", since=9.0, until=6.0),
-        "since = 9 ms and until = 6 ms: expected an end after the begin",
-    ),
-    "until that is no time": (lambda s, n: s.spikes("cells", until="now"), "until = 'now': expected a time in ms"),
-}
-
-
-@pytest.mark.parametrize("case", REFUSED)
-def test_what_names_nothing_here_is_refused(case):
+@refusals("handles")
+def test_what_names_nothing_here_is_refused(call: str, message: str):
     net = network()
-    call, message = REFUSED[case]
-    assert told(call, neuro.compile(net, "reference"), net) == message
+    assert refusal(call, globals() | {"n": net, "s": neuro.compile(net, "reference")}) == message

@@ -18,7 +18,7 @@ def shown(seed: int, trials: int, learn: bool) -> tuple[float, float]:
 def test_the_rewarded_pattern_is_answered():
     a, b = shown(2, 300, learn=True)
     assert a > 2.0 * b
-    a, b = shown(2, 100, learn=False)
+    a, b = shown(2, 60, learn=False)
     assert a < b
 
 

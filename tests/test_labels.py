@@ -8,8 +8,7 @@ import numpy as np
 from neuro.compare.cells import where
 from neuro.compare.spikes import Divergence
 from neuro.pages import bills
-from neuro.sweeps import page
-from neuro.sweeps.tuning import pictures
+from neuro.sweeps import page, pictures
 from neuro_drone.report import columns_of
 from neuro_train.telling import curves
 

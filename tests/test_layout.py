@@ -2,7 +2,7 @@
 
 import ast
 import re
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from graphlib import CycleError, TopologicalSorter
 from importlib import import_module
 from pathlib import Path
@@ -40,7 +40,6 @@ PUBLIC = {
 PUBLIC_OF_BACKENDS = {"neuro_torch", "neuro_torch.losses", "neuro_torch.surrogates"}
 """What apps may take of backends: networks as modules. The others they name only, to `neuro.compile`."""
 APPS = ("neuro_drone", "neuro_recognise", "neuro_remus", "neuro_train")
-FOLDERS = {"neuro": ROOT, **{name: ROOT / name for name in ("apps", "backends", "models")}}
 TEMPLATES = ROOT / "neuro" / "cli" / "templates"
 """Scripts that `neuro new` copies: files of users, no modules of ours."""
 
@@ -73,77 +72,81 @@ def imports(module: str) -> Iterator[tuple[str, str]]:
             yield from ((alias.name, "") for alias in node.names if alias.name in MODULES)
 
 
+IMPORTS = {module: list(imports(module)) for module in MODULES}
+
+
 def room(module: str) -> str:
     return module.split(".")[1]
+
+
+def refused(allowed: Callable[[str, str, str], bool], *begins: str) -> list[str]:
+    """Imports by modules of some packages that are not allowed: of a module another one, and a name of it."""
+    return [
+        f"{module} imports {name} of {other}"
+        for module, taken in IMPORTS.items()
+        for other, name in taken
+        if module.startswith(begins) and not allowed(module, other, name)
+    ]
 
 
 def test_few_modules_stand_directly_in_the_package():
     direct = {path.name for path in (ROOT / "neuro").glob("*.py")}
     assert direct <= {"__init__.py", "__main__.py", "apps.py", "extend.py", "results.py"}
+    rooms = {room(name) for name in MODULES if name.startswith("neuro.")}
+    assert rooms <= {*LAYERS, "apps", "extend", "results", "__main__"}
 
 
-def test_every_room_has_its_place_in_the_order():
-    assert {room(name) for name in MODULES if name.startswith("neuro.")} <= {
-        *LAYERS,
-        "apps",
-        "extend",
-        "results",
-        "__main__",
-    }
+def test_nothing_runs_upward():
+    def downward(module, other, name):
+        if room(module) not in LAYERS:
+            return True
+        return other.startswith("neuro.") and LAYERS.index(room(other)) <= LAYERS.index(room(module))
 
-
-@pytest.mark.parametrize("module", [name for name in MODULES if name.startswith("neuro.") and room(name) in LAYERS])
-def test_nothing_runs_upward(module):
-    for other, _ in imports(module):
-        assert other.startswith("neuro."), f"{module} imports {other}"
-        assert LAYERS.index(room(other)) <= LAYERS.index(room(module)), f"{module} imports {other}"
+    assert refused(downward, "neuro.") == []
 
 
 EVENT_ROOMS = ("loop", "building", "host")
 """Of the event backend, from the ground up."""
 
 
-@pytest.mark.parametrize("module", [name for name in MODULES if name.startswith("neuro_event.")])
-def test_rooms_of_the_event_backend_stand_in_one_order(module):
-    for other, _ in imports(module):
-        if other.startswith("neuro_event."):
-            assert EVENT_ROOMS.index(room(other)) <= EVENT_ROOMS.index(room(module)), f"{module} imports {other}"
+def test_rooms_of_the_event_backend_stand_in_one_order():
+    def downward(module, other, name):
+        inside = other.startswith("neuro_event.")
+        return not inside or EVENT_ROOMS.index(room(other)) <= EVENT_ROOMS.index(room(module))
+
+    assert refused(downward, "neuro_event.") == []
 
 
 def test_no_circle():
     lazy = {"neuro", "neuro.chips", "neuro.extend", "neuro.apps"}
-    graph = {name: {other for other, _ in imports(name)} - {name} for name in MODULES if name not in lazy}
+    graph = {name: {other for other, _ in taken} - {name} for name, taken in IMPORTS.items() if name not in lazy}
     try:
         TopologicalSorter(graph).prepare()
     except CycleError as error:
         pytest.fail(" -> ".join(error.args[1]))
 
 
-@pytest.mark.parametrize("module", [name for name in MODULES if name.startswith(APPS)])
-def test_apps_use_public_names(module):
-    for other, name in imports(module):
+def test_apps_use_public_names():
+    def public(module, other, name):
         if other.split(".")[0] == "neuro":
             hidden = any(word.startswith("_") for word in [*other.split("."), name])
-            assert not hidden, f"{module} imports {name} of {other}"
-            assert other in PUBLIC or other.startswith("neuro.events"), f"{module} imports {name} of {other}"
-        elif "backends" in MODULES[other].parts:
-            assert other in PUBLIC_OF_BACKENDS, f"{module} imports {name} of {other}"
+            return not hidden and (other in PUBLIC or other.startswith("neuro.events"))
+        return "backends" not in MODULES[other].parts or other in PUBLIC_OF_BACKENDS
+
+    assert refused(public, *APPS) == []
 
 
-@pytest.mark.parametrize(
-    "module", [name for name in MODULES if name.startswith("neuro_") and "backends" in MODULES[name].parts]
-)
-def test_backends_know_no_other(module):
-    own = module.split(".")[0]
-    for other, _ in imports(module):
-        assert other.split(".")[0] in ("neuro", own), f"{module} imports {other}"
-        if other.startswith("neuro."):
-            assert room(other) not in ("run", "verify", "events", "compare", "testing", "cli"), (
-                f"{module} imports {other}"
-            )
+def test_backends_know_no_other():
+    def known(module, other, name):
+        if "backends" not in MODULES[module].parts:
+            return True
+        above = other.startswith("neuro.") and room(other) in ("run", "verify", "events", "compare", "testing", "cli")
+        return other.split(".")[0] in ("neuro", module.split(".")[0]) and not above
+
+    assert refused(known, "neuro_") == []
 
 
-@pytest.mark.parametrize("module", sorted({*PUBLIC, "neuro.testing"}))
-def test_public_names_stand_on_a_page(module):
+def test_public_names_stand_on_a_page():
     words = {word for page in (ROOT / "docs").rglob("*.md") for word in re.findall(r"\w+", page.read_text("utf-8"))}
-    assert {name for name in import_module(module).__all__ if not name.startswith("_")} <= words
+    names = {name for module in sorted({*PUBLIC, "neuro.testing"}) for name in import_module(module).__all__}
+    assert {name for name in names if not name.startswith("_")} - words == set()

@@ -3,10 +3,10 @@
 import subprocess
 import sys
 
-import numpy as np
 import pytest
 
 import neuro
+from refusals import refusal, refusals
 
 
 def pair(**words):
@@ -16,31 +16,15 @@ def pair(**words):
     return net
 
 
-@pytest.mark.parametrize(
-    ("delay", "message"),
-    [
-        (1e9, "projection 'ab': delay = 1e+09 ms: expected at most 6553.6 ms, 2^16 steps"),
-        (1e300, "projection 'ab': delay = 1e+300 ms: expected at most 1.09951e+11 ms, 2^40 steps"),
-        (np.array([1.0, 1e9]), "projection 'ab': delay[1] = 1e+09 ms: expected at most 6553.6 ms, 2^16 steps"),
-        (np.array([1.0, 1e300]), "projection 'ab': delay[1] = 1e+300 ms: expected at most 1.09951e+11 ms, 2^40 steps"),
-    ],
-)
-def test_delays(delay, message):
-    with pytest.raises(neuro.ModelError) as error:
-        neuro.compile(pair(delay=delay), "reference")
-    assert message in str(error.value)
-
-
-def test_drawn_delays():
-    with pytest.raises(neuro.ModelError, match=r"expected at most 6553\.6 ms, 2\^16 steps"):
-        neuro.compile(pair(delay=neuro.uniform(low=1.0, high=1e5)), "reference")
-
-
-def test_refractory_period():
+def alone(model):
     net = neuro.Network("one")
-    net.population("a", 1, neuro.iaf_psc_exp(t_ref=1e300))
-    with pytest.raises(neuro.ModelError, match=r"t_ref = 1e\+300 ms: expected at most"):
-        neuro.compile(net, "reference")
+    net.population("a", 1, model)
+    return net
+
+
+@refusals("limits")
+def test_values_beyond_what_a_simulator_can_hold(call: str, message: str):
+    assert refusal(call, globals()) == message
 
 
 VAST = """

@@ -5,7 +5,6 @@ import pytest
 
 import neuro
 from neuro.model.neurons import iaf_linear_leak
-from neuro.testing import check_part
 
 REST = {"E_L": 0.0, "V_reset": 0.0, "V_th": 20.0}
 
@@ -84,26 +83,3 @@ def test_it_sleeps_where_a_step_changes_nothing():
 def test_no_leak_keeps_what_came():
     _, v, _ = alone(iaf_linear_leak(leak=0.0, **REST), spikes=(1.0, 5.0), weight=3.0)
     assert v[-1] == 6.0
-
-
-@pytest.mark.parametrize(
-    "model", [iaf_linear_leak(), iaf_linear_leak(t_ref=0.0, leak=neuro.uniform(low=0.0, high=3.0), I_e=300.0)]
-)
-def test_event_does_what_the_reference_does(model):
-    check_part(model)
-
-
-@pytest.mark.parametrize(
-    ("backend", "why"),
-    [
-        ("loihi", "loihi has no such neuron: it has iaf_psc_exp, iaf_psc_delta and parrot_neuron"),
-        ("spinnaker", "spinnaker has no such neuron: it has iaf_psc_exp, iaf_psc_delta and parrot_neuron"),
-        ("nest", "NEST has no such model"),
-    ],
-)
-def test_others_refuse_it(backend, why):
-    net = neuro.Network("alone", resolution=1.0)
-    net.population("cell", 1, iaf_linear_leak())
-    with pytest.raises(neuro.ModelError) as caught:
-        neuro.compile(net, backend)
-    assert f"iaf_linear_leak: {why}" in str(caught.value)

@@ -17,7 +17,7 @@ TARGETS = 2 * RANGE + 70
 def network(sources: int, reached: int, weight: float) -> Network:
     """Bursts of many neurons at once, some of several spikes, onto many that fire."""
     random = np.random.default_rng(sources)
-    times = [0.5 * np.sort(random.integers(1, 12, random.integers(0, 9))) for _ in range(sources)]
+    times = [0.5 * np.sort(random.integers(1, 8, random.integers(0, 9))) for _ in range(sources)]
     net = Network("many", resolution=0.5)
     net.population("bursts", sources, neuro.spike_generator(spike_times=times))
     drive = neuro.uniform(low=0.0, high=300.0)
@@ -36,7 +36,7 @@ def test_event_equals_reference(sources: int, reached: int, weight: float):
     found = {}
     for backend, threads in (("reference", 1), ("event", 1), ("event", 2)):
         sim = neuro.compile(network(sources, reached, weight), backend, seed=1, threads=threads)
-        run_on(sim, 7.0)
+        run_on(sim, 5.0)
         found[backend, threads] = observe(sim)
     assert found["reference", 1]["spikes of cells: steps"].size > 1_000
     assert differences(found["reference", 1], found["event", 1], exact=False) == []

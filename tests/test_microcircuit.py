@@ -14,6 +14,7 @@ from neuro.core.memory import free_memory
 from neuro.model.network import Network
 from neuro.testing import observe
 from neuro.testing.case import differences
+from refused import refused
 
 NAMES = ("L23E", "L23I", "L4E", "L4I", "L5E", "L5I", "L6E", "L6I")
 SIZES = (20683, 5834, 21915, 5479, 4850, 1065, 14395, 2948)
@@ -34,9 +35,8 @@ def test_the_whole_circuit_has_the_published_numbers():
     weight = net.projections["L4E_L23E"].weight
     assert (weight.mean, weight.std, weight.low) == pytest.approx((175.6, 17.56, 0.0))
     inhibitory = net.projections["L6I_L6E"]
-    assert (inhibitory.weight.mean, inhibitory.weight.std, inhibitory.weight.high) == pytest.approx(
-        (-351.2, 35.12, 0.0)
-    )
+    drawn = inhibitory.weight
+    assert (drawn.mean, drawn.std, drawn.high) == pytest.approx((-351.2, 35.12, 0.0))
     assert (inhibitory.delay.mean, inhibitory.delay.std) == (0.75, 0.375)
     assert net.populations["L6E_in"].model.rate == 2900 * 8.0
     assert net.populations["L5I"].model.I_e == 0.0
@@ -74,9 +74,9 @@ def test_event_equals_reference():
     found = []
     for backend, threads in (("reference", 1), ("event", 1), ("event", 2)):
         sim = neuro.compile(net, backend, seed=3, threads=threads)
-        sim.run(20.0)
+        sim.run(12.0)
         found.append(observe(sim))
-    assert sim.counts().spikes > 500
+    assert sim.counts().spikes > 200
     assert differences(found[0], found[1], exact=False) == []
     assert differences(found[1], found[2], exact=True) == []
 
@@ -111,9 +111,7 @@ def test_neuro_run_knows_it_by_name(tmp_path: Path, monkeypatch: pytest.MonkeyPa
 
 def test_a_circuit_for_which_there_is_no_room_is_refused(monkeypatch: pytest.MonkeyPatch):
     monkeypatch.setattr(memory, "free_memory", lambda: 2_000_000_000)
-    with pytest.raises(neuro.ModelError) as error:
-        neuro.compile(circuit(), seed=1)
-    assert str(error.value) == (
+    assert refused(lambda: neuro.compile(circuit(), seed=1)) == (
         "network 'microcircuit': 298,880,968 synapses need 4.7 GB: expected at most what is free, 2.0 GB\n"
         "  hint: most are of 'L23E_L23E', 45,499,805; fewer neurons or inputs need less"
     )
@@ -133,8 +131,7 @@ def test_what_is_counted_covers_what_is_made(monkeypatch: pytest.MonkeyPatch):
     monkeypatch.setattr(memory, "MANY", 0)
     monkeypatch.setattr(memory, "ROOM", 1.0)
     monkeypatch.setattr(memory, "free_memory", lambda: 0)
-    with pytest.raises(neuro.ModelError, match="synapses need"):
-        compile_network(net, 1)
+    assert "synapses need" in refused(lambda: compile_network(net, 1))
     monkeypatch.undo()
     program = compile_network(net, 1)
     made = sum(p.targets.nbytes + p.weight.nbytes + p.delay.nbytes for p in program.projections if p.layout == "csr")
@@ -151,5 +148,4 @@ def test_round_is_of_numbers(tmp_path: Path):
     assert neuro.load(tmp_path / "net.yaml").populations["a"].shape == (10,)
     assert neuro.load(tmp_path / "net.yaml", params={"x": 11.5}).populations["a"].shape == (12,)
     (tmp_path / "net.yaml").write_text(text.replace("round(x)", "round(y)"))
-    with pytest.raises(neuro.ModelError, match="round of a value"):
-        neuro.load(tmp_path / "net.yaml")
+    assert "round of a value" in refused(lambda: neuro.load(tmp_path / "net.yaml"))

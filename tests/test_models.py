@@ -11,7 +11,8 @@ import pytest
 import neuro
 from neuro.core.quantities import Value, quantity
 from neuro.model.neurons import MODELS, State, base as neurons, iaf_psc_exp
-from neuro.model.synapses import SYNAPSES, Synapse, complete, r_stdp, stdp, stdp_dopa
+from neuro.model.synapses import SYNAPSES, complete, stdp, stdp_dopa
+from refusals import refusal, refusals
 
 V_M, NOTE = State("V_m", "mV", "membrane potential"), State("note", "", "something else")
 
@@ -50,27 +51,9 @@ def another_first(p, h, c):
     c[0] = 1.0
 
 
-@pytest.mark.parametrize(
-    ("changed", "told"),
-    [
-        ({"arithmetic": arithmetic(quiet=None)}, ": 'mine' has no function 'quiet'"),
-        ({"arithmetic": arithmetic(fire=lambda s, c: None)}, ": 'fire' takes 2 arguments: expected 3"),
-        ({"states": (NOTE, V_M)}, ": V_m is state 1: expected it first"),
-        ({"receptors": 0}, ": receptors = 0: expected at least 1"),
-        ({"receptors": 3}, ": receptors = 3 with 0 receptor_names: expected as many"),
-        ({"conductances": ("g_in",)}, ": conductance 'g_in' is none of its receptor_names"),
-        (
-            {"arithmetic": arithmetic(constants=too_many)},
-            ": 'constants' fails for its defaults (index 20 is out of bounds for axis 0 with size 20): "
-            "expected at most 20 constants, its width, from 10 parameters",
-        ),
-        ({"arithmetic": arithmetic(constants=another_first)}, ": its first constant is 1: expected V_th = -55"),
-    ],
-)
-def test_an_incomplete_neuron_is_refused(changed, told):
-    with pytest.raises(TypeError) as caught:
-        neurons.complete(neuron(**changed))
-    assert str(caught.value).removeprefix("neuron model 'mine'").strip() == told.strip()
+@refusals("incomplete neurons")
+def test_an_incomplete_neuron_is_refused(call: str, message: str):
+    assert refusal(call, globals()) == message
 
 
 def test_a_neuron_has_at_most_twenty_numeric_parameters():
@@ -87,41 +70,9 @@ def test_a_neuron_has_at_most_twenty_numeric_parameters():
         neurons.complete(worded)
 
 
-@pytest.mark.parametrize(
-    ("model", "told"),
-    [
-        (rule(learns="triplets"), "learns = 'triplets': expected '', 'pairs', 'trials' or 'chip'"),
-        (
-            rule(base=r_stdp, arithmetic=arithmetic(of=stdp.arithmetic)),
-            "has no function 'teach'",
-        ),
-        (
-            rule(base=r_stdp, arithmetic=arithmetic(of=r_stdp.arithmetic, teach=stdp.arithmetic.on_pre)),
-            "'teach' takes 5",
-        ),
-        (
-            rule(base=r_stdp, arithmetic=arithmetic(of=r_stdp.arithmetic, encourage=stdp.arithmetic.on_pre)),
-            "'encourage' takes 5 arguments: expected 2",
-        ),
-        (
-            rule(base=r_stdp, arithmetic=arithmetic(of=r_stdp.arithmetic, settle=stdp.arithmetic.on_pre)),
-            "'settle' takes 5 arguments: expected 4",
-        ),
-        (
-            rule(modulated=True),
-            "expected a subclass of Modulated, whose words say where n comes from",
-        ),
-        (rule(arithmetic=arithmetic(of=stdp.arithmetic, on_pre=None)), "'mine' has no function 'on_pre'"),
-        (rule(width=4), "'constants' fails for its defaults"),
-        (rule(base=Synapse, learns="pairs"), "has no 'tau_plus': expected one, the time constant of a pre trace"),
-        (rule(pre=("tau_plus",)), "pre has 'tau_plus': expected a Trace"),
-    ],
-)
-def test_an_incomplete_rule_is_refused(model, told):
-    with pytest.raises(TypeError) as caught:
-        complete(model)
-    assert told in str(caught.value)
-    assert str(caught.value).startswith("synapse model 'mine'")
+@refusals("incomplete rules")
+def test_an_incomplete_rule_is_refused(call: str, message: str):
+    assert refusal(call, globals()) == message
 
 
 @pytest.mark.parametrize("model", [stdp, stdp_dopa])

@@ -6,6 +6,7 @@ import pytest
 import neuro
 from neuro.events import DVS, frames_of
 from neuro_models import motion
+from refused import refused
 
 ROW, TAU = 8, 5.0
 
@@ -59,7 +60,7 @@ def test_the_network_goes_through_a_file(tmp_path):
 )
 def test_made_edges_are_told(longest, directions, both):
     """Without a limit of delay, with Loihi's 62 steps, and with SpiNNaker's 16."""
-    n = 512
+    n = 192
     sim = neuro.compile(motion.network(n, longest=longest))
     speed, direction, times, ids = motion.drawn_edges(20, n)
     found = motion.shares(motion.peaks(sim, times, ids), speed, direction)
@@ -99,9 +100,7 @@ def test_the_reference_has_the_same_peaks():
     ],
 )
 def test_numbers_that_cannot_be(words, told):
-    with pytest.raises(neuro.ModelError) as caught:
-        neuro.compile(motion.network(**words))
-    assert told in str(caught.value)
+    assert told in refused(lambda: neuro.compile(motion.network(**words)))
 
 
 def test_events_find_their_patch():
@@ -148,16 +147,19 @@ def test_the_direction_of_card_pips_is_read(shared):
     """
     data = np.load(shared / "data" / "poker_dvs" / "poker_dvs_shared.npz")
     toward = np.exp(1j * np.deg2rad(motion.DIRECTIONS))
-    sim, errors = neuro.compile(motion.network(4, side=16)), []
+    sim, seen, errors = neuro.compile(motion.network(4, side=16)), 0, []
     for begin, end in zip(data["offsets"], data["offsets"][1:], strict=False):
         t, x, y, p = (data[name][begin:end] for name in "txyp")
         truth = np.polyfit(t / 1000.0, x, 1)[0] + 1j * np.polyfit(t / 1000.0, y, 1)[0]
         half = (motion.SPEEDS[1] / motion.SPEEDS[0]) ** 0.5
         if motion.SPEEDS[0] / half < abs(truth) < motion.SPEEDS[-1] * half:
+            seen += 1
+            if seen % 2:
+                continue
             on = (p == 1) & (x > 0) & (y > 0)
             peaks = motion.peaks(sim, *motion.to_patches(t[on], x[on] - 1, y[on] - 1, rows=2, columns=2, side=16))
             errors.append(abs(np.rad2deg(np.angle(peaks.sum(axis=(0, 1)) @ toward / truth))))
-    tested = np.array(errors)[1::2]
+    tested = np.array(errors)
     assert len(tested) == 37
     assert np.median(tested) < 15.0
     assert np.mean(tested < 45.0) > 0.85

@@ -10,6 +10,7 @@ from neuro.model.neurons import Neuron
 from neuro.testing import check_part
 from neuro.testing.closed_forms import held_rate, settled
 from neuro.verify.verify import Result, verify
+from refusals import refusal, refusals
 
 NEURONS = [
     neuro.iaf_cond_exp(E_L=-65.0, tau_syn_ex=5.0, I_e=100.0, V_th=neuro.uniform(low=-56.0, high=-50.0)),
@@ -23,12 +24,17 @@ NEURONS = [
     neuro.iaf_psc_exp_adaptive_threshold(I_e=500.0, theta_plus=1.0, tau_theta=50.0),
     neuro.hh_psc_alpha(I_e=700.0),
     neuro.hh_psc_alpha(I_e=700.0, rk4_substeps=4),
+    neuro.iaf_linear_leak(),
+    neuro.iaf_linear_leak(t_ref=0.0, leak=neuro.uniform(low=0.0, high=3.0), I_e=300.0),
+    neuro.srm0(I_e=200.0),
+    neuro.srm0(eta_sum=True, eta_0=neuro.uniform(low=2.0, high=20.0), tau_syn_ex=4.0, t_ref=0.0),
+    neuro.srm0(lambda_0=80.0, E_L=-60.0, I_e=neuro.uniform(low=0.0, high=60.0)),
 ]
 
 
 @pytest.mark.parametrize("model", NEURONS, ids=lambda model: f"{model.name}-{getattr(model, 'rk4_substeps', '')}")
 def test_event_does_what_the_reference_does(model: Neuron):
-    check_part(model, ms=5.0)
+    check_part(model, ms=5.0 if "rk4_substeps" in model.parameters() else 15.0)
 
 
 @pytest.fixture(scope="session")
@@ -136,3 +142,14 @@ def test_what_follows_from_other_states_is_not_set():
     sim.set("cell", V_th_alpha_1=5.0)
     sim.run(0.1)
     assert sim.get("cell", "V_th")[0] == pytest.approx(-51.0 + 5.0 * math.exp(-0.01), abs=1e-12)
+
+
+def on(backend: str, model: Neuron) -> None:
+    net = neuro.Network("alone", resolution=1.0)
+    net.population("cell", 1, model)
+    neuro.compile(net, backend)
+
+
+@refusals("neurons of other backends")
+def test_others_refuse_it(call: str, message: str):
+    assert refusal(call, globals()) == message

@@ -21,7 +21,7 @@ from neuro.testing.trials import batch, recogniser, told
 from neuro_event.building.layout import in_runs
 from neuro_event.loop import tables as t
 
-SETTINGS = settings(max_examples=15, deadline=None, derandomize=True, suppress_health_check=[HealthCheck.too_slow])
+SETTINGS = settings(max_examples=8, deadline=None, derandomize=True, suppress_health_check=[HealthCheck.too_slow])
 RULES = (
     neuro.all_to_all(),
     neuro.all_to_all(autapses=False),

@@ -37,7 +37,7 @@ GOLDEN = (
 
 @pytest.mark.parametrize("rule", RULES.values(), ids=RULES)
 def test_a_rule_is_the_same_on_both_backends(rule: Synapse):
-    check_part(rule)
+    check_part(rule, ms=20.0)
 
 
 def onto_parrots(rule: Synapse, backend: str) -> neuro.Simulation:

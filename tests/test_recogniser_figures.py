@@ -1,11 +1,12 @@
 """What is kept of the long comparisons of recognisers is what their page says, so its pictures are, too."""
 
-import importlib.util
 import re
 from pathlib import Path
 
 import numpy as np
 import pytest
+
+from benchmark_scripts import script
 
 ROOT = Path(__file__).parents[1]
 PAGE = (ROOT / "docs" / "reference" / "recognisers.md").read_text()
@@ -15,10 +16,7 @@ TABLE = re.findall(r"^\| `([\w:]+)` \| ([^|]+) \| (\d) \|([^|]*)\|[^|]*\|$", PAG
 @pytest.fixture(scope="module")
 def figures():
     pytest.importorskip("matplotlib")
-    spec = importlib.util.spec_from_file_location("figures", ROOT / "benchmarks" / "recognise_figures.py")
-    module = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(module)
-    return module
+    return script("recognise_figures")
 
 
 def told(each):

@@ -16,7 +16,7 @@ from neuro.core import provenance as provenances
 from neuro.core.hdf5 import seal
 from neuro.core.inputs import digest_of, gathering, record_input
 from neuro.core.provenance import ATTRIBUTE, differences, provenance
-from neuro.rerun.compared import first_difference
+from neuro.rerun.again import first_difference
 
 NET = """\
 neuro: 1

@@ -1,27 +1,17 @@
 """How figures of `benchmarks/scale_laws.py` are taken: bytes of an event, and points of a network."""
 
-import importlib.util
-import itertools
 import json
-import sys
-from pathlib import Path
 
 import numpy as np
 import pytest
 
 import neuro
-
-BENCHMARKS = Path(__file__).parents[1] / "benchmarks"
+from benchmark_scripts import BENCHMARKS, script
 
 
 @pytest.fixture
-def laws(monkeypatch):
-    monkeypatch.syspath_prepend(str(BENCHMARKS))
-    spec = importlib.util.spec_from_file_location("scale_laws", BENCHMARKS / "scale_laws.py")
-    module = importlib.util.module_from_spec(spec)
-    monkeypatch.setitem(sys.modules, "scale_laws", module)
-    spec.loader.exec_module(module)
-    return module
+def laws():
+    return script("scale_laws")
 
 
 def wired(delay, weight):
@@ -66,20 +56,3 @@ def test_what_was_measured_is_whole(laws):
         "Brunel, 1000 inputs": (10_000, 100_000),
     }
     assert told["memory"]["random_lines_gb_per_s"] < told["memory"]["read_gb_per_s"]
-
-
-def test_the_picture_is_drawn(laws, tmp_path):
-    told = json.loads((BENCHMARKS / "measured" / "scale_laws.json").read_text())
-    laws.draw(told, str(tmp_path / "laws.png"))
-    assert (tmp_path / "laws.png").stat().st_size > 10_000
-    rows = laws.table(told).splitlines()
-    assert sum(row.startswith("| Brunel") for row in rows) >= 2
-    assert rows[-1].startswith("memory, GB/s: copy ")
-
-
-def test_memory_grows_with_the_synapses(laws):
-    """No point takes more bytes a synapse than a smaller one of its line."""
-    told = json.loads((BENCHMARKS / "measured" / "scale_laws.json").read_text())
-    for name, points in laws.series(told["points"]).items():
-        each = [p["peak_gb"] / p["synapses"] for p in points]
-        assert all(b <= 1.1 * a for a, b in itertools.pairwise(each)), name

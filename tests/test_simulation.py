@@ -19,6 +19,7 @@ from neuro.program.program import Program
 from neuro.run.compiled import ApproximationWarning
 from neuro.run.simulation import Simulation
 from neuro_reference import ReferenceBackend
+from refusals import refusal, refusals
 
 
 def small() -> Network:
@@ -156,119 +157,9 @@ def test_memory_is_told():
     assert start().memory()["synapses"] > 0
 
 
-MISUSE = {
-    "run between steps": (lambda s: s.run(0.25), "run = 0.25 ms: expected a multiple of the resolution, 0.1 ms"),
-    "run back": (lambda s: s.run(-1.0), "run = -1 ms: expected a finite time >= 0 ms"),
-    "run for ever": (lambda s: s.run(float("inf")), "run = inf ms: expected a finite time >= 0 ms"),
-    "run a word": (lambda s: s.run("long"), "run = 'long': expected a time in ms"),
-    "unknown population": (lambda s: s.spikes("cell"), "unknown population 'cell'\n  hint: did you mean 'cells'?"),
-    "unknown projection": (
-        lambda s: s.weights("plastik"),
-        "unknown projection 'plastik'\n  hint: did you mean 'plastic'?",
-    ),
-    "unknown to set": (
-        lambda s: s.set("sells", V_m=0.0),
-        "unknown population or projection 'sells'\n  hint: did you mean 'cells'?",
-    ),
-    "unknown parameter": (
-        lambda s: s.set("cells", tau_n=1.0),
-        "population 'cells': unknown parameter or state 'tau_n'\n  hint: did you mean 'tau_m'?",
-    ),
-    "unknown rule parameter": (
-        lambda s: s.set("plastic", lamda=1.0),
-        "projection 'plastic': unknown parameter of stdp 'lamda'\n  hint: did you mean 'lambda'?",
-    ),
-    "start is fixed": (
-        lambda s: s.set("noise", start=1.0),
-        "poisson_generator.start of 'noise' is fixed: change the network and compile again",
-    ),
-    "tau_minus is fixed": (
-        lambda s: s.set("cells", tau_minus=1.0),
-        "cells.tau_minus: plastic synapses read this trace, so it is fixed once compiled",
-    ),
-    "rule for a value": (lambda s: s.set("plastic", alpha=-1.0), "stdp.alpha = -1: expected a number >= 0"),
-    "value out of bounds": (lambda s: s.set("cells", tau_m=0.0), "cells.tau_m = 0: expected a number > 0 ms"),
-    "array out of bounds": (
-        lambda s: s.set("noise", rate=np.array([1.0, -2.0, 3.0])),
-        "noise.rate[1] = -2: expected a number >= 0 Hz",
-    ),
-    "array of another size": (
-        lambda s: s.set("noise", rate=np.zeros(4)),
-        "noise.rate: an array of shape [4]: expected [3]",
-    ),
-    "not a number": (lambda s: s.set("cells", V_m=np.full(3, np.nan)), "cells.V_m[0] = .nan: expected a finite number"),
-    "reset above threshold": (
-        lambda s: s.set("cells", V_th=-71.0),
-        "population 'cells': iaf_psc_exp.V_reset[0] = -70 mV: expected less than V_th = -71 mV",
-    ),
-    "rate too high": (
-        lambda s: s.set("noise", rate=1e8),
-        "population 'noise': poisson_generator.rate = 1e+08 Hz: expected at most 5e+06 Hz, 500 spikes a step",
-    ),
-    "weight beyond its bound": (
-        lambda s: s.set_weights("plastic", 901.0),
-        "projection 'plastic': weight[0] = 901: expected 0 to 900, the bounds of stdp",
-    ),
-    "bound below a weight": (
-        lambda s: s.set("plastic", Wmax=100.0),
-        "projection 'plastic': weight[0] = 400: expected 0 to 100, the bounds of stdp",
-    ),
-    "weights of another size": (
-        lambda s: s.set_weights("pairs", [1.0, 2.0, 3.0]),
-        "weights of 'pairs': an array of shape [3]: expected [2]",
-    ),
-    "unknown state": (
-        lambda s: s.get("cells", "I_syn"),
-        "population 'cells': unknown parameter or state 'I_syn'\n  hint: did you mean",
-    ),
-    "unknown synapse state": (lambda s: s.get("plastic", "c"), "projection 'plastic': unknown state of synapses 'c'"),
-    "registers": (
-        lambda s: s.get("cells", "V_m", raw=True),
-        "raw = True: expected False, as backend 'reference' has no registers",
-    ),
-    "inject into noise": (
-        lambda s: s.inject("noise", [1.0], [0]),
-        "inject: 'noise' is a poisson_generator: expected a spike_generator",
-    ),
-    "inject into the past": (
-        lambda s: (s.run(2.0), s.inject("listed", [2.0], [0])),
-        "inject: a spike at 2 ms: expected times after 2 ms, the present",
-    ),
-    "inject off the grid": (
-        lambda s: s.inject("listed", [1.0, 1.23], [0, 0]),
-        "times[1] = 1.23 ms: expected a multiple of the resolution, 0.1 ms",
-    ),
-    "inject into nobody": (
-        lambda s: s.inject("listed", [1.0], [2]),
-        "ids[0] = 2: expected a neuron from 0 to 1",
-    ),
-    "inject without ids": (
-        lambda s: s.inject("listed", [1.0, 2.0], [1]),
-        "2 times and 1 ids: expected as many of each",
-    ),
-    "inject words": (lambda s: s.inject("listed", ["soon"], [1]), "times: found ['soon']: expected numbers"),
-    "unknown signal": (lambda s: s.signal("award", 1.0), "unknown signal 'award'\n  hint: did you mean 'reward'?"),
-    "signal of another size": (
-        lambda s: s.signal("reward", [1.0, 2.0]),
-        "signal 'reward': an array of shape [2]: expected a number or [3]",
-    ),
-    "signal without end": (
-        lambda s: s.signal("reward", float("inf")),
-        "signal 'reward': a value is not finite: expected numbers in 1/ms",
-    ),
-    "unknown probe": (lambda s: s.trace("w"), "unknown probe 'w'"),
-    "no trials": (lambda s: s.trials([], [], [0]), "the network has no section 'trials'"),
-    "no state there": (lambda s: s.restore("nowhere.h5"), "nowhere.h5: no such file"),
-}
-
-
-@pytest.mark.parametrize("misuse", MISUSE)
-def test_misuse(misuse: str):
-    call, message = MISUSE[misuse]
-    sim = start()
-    with pytest.raises(ModelError) as caught:
-        call(sim)
-    assert message in str(caught.value)
+@refusals("simulation")
+def test_misuse(call: str, message: str):
+    assert refusal(call, globals() | {"s": start()}) == message
 
 
 def test_spikes_that_are_not_recorded():

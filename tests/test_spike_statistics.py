@@ -1,25 +1,14 @@
 """Figures of spike trains as benchmarks tell them: `benchmarks/spike_statistics.py`, beside NumPy and Elephant."""
 
-import importlib.util
 import sys
 import warnings
-from pathlib import Path
 
 import numpy as np
 import pytest
 
-BENCHMARKS = Path(__file__).parents[1] / "benchmarks"
+from benchmark_scripts import script
 
-
-def loaded(name):
-    spec = importlib.util.spec_from_file_location(name, BENCHMARKS / f"{name}.py")
-    module = importlib.util.module_from_spec(spec)
-    sys.modules[name] = module
-    spec.loader.exec_module(module)
-    return module
-
-
-statistics = loaded("spike_statistics")
+statistics = script("spike_statistics")
 BEGIN, END, STEP = 500.0, 2500.0, 0.1
 
 
@@ -152,9 +141,8 @@ def test_agreement(one, other, fine):
     assert statistics.agree(statistics.Figure(*one), statistics.Figure(*other)) is fine
 
 
-def test_the_table_names_what_differs(capsys, monkeypatch):
-    monkeypatch.syspath_prepend(str(BENCHMARKS))
-    microcircuit = loaded("microcircuit")
+def test_the_table_names_what_differs(capsys):
+    microcircuit = script("microcircuit")
     first = recording(6)
     assert microcircuit.compare(microcircuit.beside(first, [recording(7), recording(8)]))
     told = capsys.readouterr().out
@@ -166,8 +154,7 @@ def test_the_table_names_what_differs(capsys, monkeypatch):
 
 
 def test_a_run_writes_what_the_comparison_reads(tmp_path, capsys, monkeypatch):
-    monkeypatch.syspath_prepend(str(BENCHMARKS))
-    microcircuit = loaded("microcircuit")
+    microcircuit = script("microcircuit")
     path = tmp_path / "ours.npz"
     words = ["microcircuit.py", "run", "--scale", "0.01", "--ms", "60", "--warm", "20", "--out", str(path)]
     monkeypatch.setattr(sys, "argv", words)

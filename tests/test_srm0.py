@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 
 import neuro
-from neuro.testing import check_part
 from neuro.testing.closed_forms import NOISY, escapes
 
 DRIVEN = {"tau_m": 20.0, "C_m": 200.0, "E_L": 0.0, "V_th": 15.0, "eta_0": 15.0, "I_e": 250.0, "t_ref": 0.0}
@@ -66,10 +65,10 @@ def test_the_sum_of_after_potentials_is_a_lif_whose_spikes_subtract():
         net.connect("noise", "cells", neuro.all_to_all(), weight=neuro.uniform(low=-60.0, high=100.0))
         net.probe("v", "cells", "V_m", every=0.1)
         sim = neuro.compile(net, seed=1)
-        sim.run(1000.0)
+        sim.run(300.0)
         found.append((np.array(sim.spikes("cells")), sim.trace("v")[1]))
     (expected, v), (times, w) = found
-    assert expected.shape[1] > 300
+    assert expected.shape[1] > 100
     np.testing.assert_array_equal(times, expected)
     np.testing.assert_allclose(w, v, rtol=0.0, atol=1e-12)
 
@@ -102,9 +101,9 @@ def test_the_rate_of_escape_is_that_of_the_formula():
 @pytest.mark.parametrize("compiled", [{"threads": 2}, {"backend": "reference"}])
 def test_neither_threads_nor_the_backend_change_what_is_drawn(compiled):
     model = neuro.srm0(lambda_0=neuro.uniform(low=20.0, high=100.0), E_L=-58.0)
-    expected = spikes(model, 0.1, 30.0, v_0=-58.0, n=1100)
+    expected = spikes(model, 0.1, 15.0, v_0=-58.0, n=600)
     assert expected[0].size > 100
-    np.testing.assert_array_equal(spikes(model, 0.1, 30.0, v_0=-58.0, n=1100, **compiled), expected)
+    np.testing.assert_array_equal(spikes(model, 0.1, 15.0, v_0=-58.0, n=600, **compiled), expected)
 
 
 def test_seed_and_name_change_what_is_drawn():
@@ -147,31 +146,3 @@ def test_one_without_noise_sleeps_and_one_with_noise_does_not():
         c = np.zeros(model.width)
         model.arithmetic.constants(list(model.parameters().values()), 0.1, c)
         assert model.arithmetic.quiet(s, c, i_0, 0, 1) is sleeps
-
-
-@pytest.mark.parametrize(
-    "model",
-    [
-        neuro.srm0(I_e=200.0),
-        neuro.srm0(eta_sum=True, eta_0=neuro.uniform(low=2.0, high=20.0), tau_syn_ex=4.0, t_ref=0.0),
-        neuro.srm0(lambda_0=80.0, E_L=-60.0, I_e=neuro.uniform(low=0.0, high=60.0)),
-    ],
-)
-def test_event_does_what_the_reference_does(model):
-    check_part(model)
-
-
-@pytest.mark.parametrize(
-    ("backend", "why"),
-    [
-        ("loihi", "loihi has no such neuron: it has iaf_psc_exp, iaf_psc_delta and parrot_neuron"),
-        ("spinnaker", "spinnaker has no such neuron: it has iaf_psc_exp, iaf_psc_delta and parrot_neuron"),
-        ("nest", "NEST has no such model"),
-    ],
-)
-def test_others_refuse_it(backend, why):
-    net = neuro.Network("alone", resolution=1.0)
-    net.population("cell", 1, neuro.srm0())
-    with pytest.raises(neuro.ModelError) as caught:
-        neuro.compile(net, backend)
-    assert f"srm0: {why}" in str(caught.value)

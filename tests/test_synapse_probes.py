@@ -5,6 +5,7 @@ import pytest
 
 import neuro
 from neuro import ModelError
+from refusals import refusal, refusals
 
 
 def network():
@@ -18,78 +19,16 @@ def network():
     return net
 
 
-@pytest.mark.parametrize(
-    ("of", "words", "expected"),
-    [
-        (
-            "learning",
-            {},
-            "the synapses of 'learning', stdp, have no state 'spikes'\n  hint: a probe of its source records them",
-        ),
-        (
-            "learning",
-            {"record": "weigth"},
-            "the synapses of 'learning', stdp, have no state 'weigth'\n  hint: did you mean 'weight'?",
-        ),
-        (
-            "learning",
-            {"record": "weight", "at": "pre_spikes", "every": 1.0},
-            "every = 1 ms and at = pre_spikes: expected one of both",
-        ),
-        (
-            "learning",
-            {"record": "weight", "at": "pre_spikes", "mean": True},
-            "mean is for records every so many ms, not at pre spikes\n  hint: leave 'mean' out",
-        ),
-        (
-            "learning",
-            {"record": "K_plus", "at": "pre_spikes"},
-            "at = pre_spikes: 'K_plus' is of a neuron, not of a synapse\n  hint: every: 1.0 records it",
-        ),
-        (
-            "learning",
-            {"record": "weight", "synapses": [0, 6]},
-            "synapses: found 6: expected at most 5, as 'learning' has them",
-        ),
-        ("learning", {"record": "weight", "synapses": [1, 1]}, "synapses: expected at least one, and each once"),
-        (
-            "listed",
-            {"record": "weight", "pre": 1, "post": [0]},
-            "none of the 2 synapses of 'listed' goes from in[[1]] to cells[[0]]: expected at least one",
-        ),
-        (
-            "learning",
-            {"record": "weight", "pre": 1, "synapses": [0]},
-            "found both 'synapses' and the neurons at their ends: expected one of both",
-        ),
-        ("bias", {"record": "weight", "at": "pre_spikes"}, "at = pre_spikes: 'bias' carries a current, and no spikes"),
-    ],
-)
-def test_what_is_refused_of_a_projection(of, words, expected):
+def probed(of="learning", **words):
+    """A probe, of which some mistakes are told when the network is compiled."""
     net = network()
     net.probe("w", of, **words)
-    with pytest.raises(ModelError) as error:
-        neuro.compile(net, "reference")
-    assert str(error.value).partition(": probe 'w': ")[2] == expected
+    return neuro.compile(net, "reference")
 
 
-@pytest.mark.parametrize(
-    ("words", "expected"),
-    [
-        ({"record": []}, "record = []: expected one or several names, each once"),
-        ({"record": ["weight", "weight"]}, "record = [weight, weight]: expected one or several names, each once"),
-        ({"at": "post_spikes"}, "at = 'post_spikes': expected one of pre_spikes"),
-        ({"mean": 1}, "mean = 1: expected true or false"),
-        ({"synapses": [-1]}, "synapses[0] = -1: expected whole numbers >= 0"),
-        ({"pre": 2}, "pre: in[[2]]: found 2: expected -2 to 1"),
-        ({"post": "in"}, "post = 'in': expected neurons of 'cells', as 'learning' has there"),
-        ({"post": "cell"}, "unknown population 'cell'"),
-    ],
-)
-def test_what_is_refused_at_once(words, expected):
-    with pytest.raises(ModelError) as error:
-        network().probe("w", "learning", **words)
-    assert str(error.value).partition("probe 'w': ")[2].partition("\n")[0] == expected
+@refusals("probes of synapses")
+def test_what_is_refused(call, message):
+    assert refusal(call, globals()) == f"probe 'w': {message}"
 
 
 def test_synapses_are_chosen_by_their_ends(tmp_path):

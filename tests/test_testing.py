@@ -170,9 +170,8 @@ def test_every_case_says_what_it_shows():
 
 
 def test_a_part_is_tried_on_both_sides():
-    check_part("izhikevich")
-    check_part(neuro.stdp(Wmax=300.0, lambda_=0.1))
-    check_part(neuro.fixed_outdegree(n=4))
+    for part in ("izhikevich", neuro.stdp(Wmax=300.0, lambda_=0.1), neuro.fixed_outdegree(n=4)):
+        check_part(part, ms=10.0)
 
 
 def test_a_part_that_is_wrong_is_found():

@@ -12,5 +12,6 @@ print(agent.test(env, episodes=100))
 from neuro_agent.agent import ActorCritic, Frozen
 from neuro_agent.log import Log, Test
 from neuro_agent.settings import Settings
+from neuro_agent.twin import LinearTwin
 
-__all__ = ["ActorCritic", "Frozen", "Log", "Settings", "Test"]
+__all__ = ["ActorCritic", "Frozen", "LinearTwin", "Log", "Settings", "Test"]

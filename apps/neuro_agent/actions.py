@@ -1,4 +1,4 @@
-"""Actions as choices: for each number of an action a circuit of neurons, of which the one that spikes is what is done."""
+"""Actions as choices: for each number of an action a circuit of neurons; the one that spikes is what is done."""
 
 from __future__ import annotations
 

@@ -68,7 +68,7 @@ class ActorCritic:
     ) -> None:
         self.settings = s = settings_of(settings)
         self.observations, self.seed = observations, seed
-        self.places = Places(dimensions_of(observations), s.group, s.fields, s.grids)
+        self.places = Places(dimensions_of(observations), s.group, s.fields, s.active)
         self.actions = actions_of(actions, s.levels)
         self.rewards = RewardScale(s.discount)
         self.explored = False
@@ -174,7 +174,7 @@ class ActorCritic:
         """
         found = {}
         for name in names:
-            twin = ActorCritic(self.observations, self.actions.space, seed=self.seed, **self.settings.plain())
+            twin = type(self)(self.observations, self.actions.space, seed=self.seed, **self.settings.plain())
             training.train(twin, env, training.End(steps=steps), control=name)
             found[name] = twin.test(env, episodes)
         return found

@@ -75,7 +75,8 @@ class Log:
     @classmethod
     def of(cls, arrays: Mapping[str, npt.NDArray[Any]], solved: bool = False) -> Log:
         """That of `arrays`."""
-        return cls(*(arrays[name].tolist() for name in ("returns", "lengths", "steps")), solved)
+        returns, lengths, steps = (arrays[name].tolist() for name in ("returns", "lengths", "steps"))
+        return cls(returns, lengths, steps, solved)
 
     def plot(self, bar: float | None = None) -> Figure:
         """A picture of the returns: each episode, the mean of 100, and a bar to reach."""

@@ -38,14 +38,14 @@ def network(
     Args:
         places: neurons that stand for observations.
         actions: neurons of each circuit.
-        settings: how many neurons the critic has, and the decay of eligibility.
+        settings: how many neurons the critic has, the decay of eligibility, and how sharply a frozen agent chooses.
         rates: learning rates of actor and critic, mV.
         learnt: weights by projection, mV, (places, neurons).
     """
     net = neuro.Network("actor_critic", resolution=1.0)
     here = net.population("places", places, neuro.spike_generator())
     ask = net.population("ask", 1, neuro.spike_generator())
-    common = {"tau": TAU, "decay": settings.discount * settings.decay, "Wmin": -100.0, "Wmax": 100.0}
+    common: dict[str, Any] = {"tau": TAU, "decay": settings.discount * settings.decay, "Wmin": -100.0, "Wmax": 100.0}
 
     def connect(target: Any, name: str, rule: Synapse) -> None:
         weight = 0.0 if learnt is None else learnt[name].ravel()
@@ -57,7 +57,8 @@ def network(
         net.signal("error", to=critic)
         connect(critic, "value", neuro.td_lambda(signal="error", eta=rates[1], **common))
     for k, size in enumerate(actions):
-        actor = net.population(circuit(k), size, neuro.soft_wta(tau_m=TAU))
+        width = 1.0 if learnt is None else 1.0 / settings.sharpness
+        actor = net.population(circuit(k), size, neuro.soft_wta(tau_m=TAU, Delta_V=width))
         rule: Synapse = neuro.static(receptor="ex")
         if learnt is None:
             net.signal(f"error{k}", to=actor)

@@ -133,7 +133,7 @@ class Places:
         dimensions: of the observation.
         group: how many of them one group of grids sees together.
         fields: places of a grid along a continuous dimension.
-        grids: of each group.
+        active: about how many are to be active at a time.
 
     Attributes:
         size: how many neurons there are.
@@ -143,12 +143,13 @@ class Places:
         ModelError: there would be too many.
     """
 
-    def __init__(self, dimensions: Sequence[Dimension], group: int, fields: int, grids: int) -> None:
+    def __init__(self, dimensions: Sequence[Dimension], group: int, fields: int, active: int) -> None:
         self.dimensions = list(dimensions)
         if not self.dimensions:
             raise ModelError("observation space: it has no number: expected at least one")
         some = min(group, len(self.dimensions))
         groups = list(combinations(range(len(self.dimensions)), some))
+        grids = max(1, round(active / len(groups)))
         # A shifted grid has one field more along a dimension: a field at each end reaches beyond the bounds.
         cells = [one.states or fields + 1 for one in self.dimensions]
         member: list[tuple[int, ...]] = []
@@ -167,7 +168,8 @@ class Places:
                 at += int(steps[-1])
                 if at > MOST_PLACES:
                     raise ModelError(
-                        f"places of {len(self.dimensions)} dimensions in groups of {some}: expected at most {MOST_PLACES}",
+                        f"places of {len(self.dimensions)} dimensions in groups of {some}: "
+                        f"expected at most {MOST_PLACES}",
                         hint="fewer fields, grids or dimensions of a group need fewer; a wrapper may leave some out",
                     )
         self.size, self.active = at, len(first)
@@ -206,7 +208,7 @@ class Places:
 
     def cells(self, vector: Floats) -> Ints:
         """The active neurons of one observation, (active,)."""
-        _, ticks, ids = self.spikes(vector[None], PERIOD + 1)
+        _, _ticks, ids = self.spikes(vector[None], PERIOD + 1)
         return np.sort(ids)
 
 

@@ -27,26 +27,29 @@ class Settings:
     Attributes:
         group: dimensions of an observation that one group of places sees together.
         fields: places of a grid along a continuous dimension.
-        grids: of each group, each shifted by a share of a field.
+        active: places that are to be active at a time: so many grids a group has, each shifted by a share of a field,
+            that this is about their number; at least one.
         critics: neurons of the critic.
         levels: actions along a dimension of a continuous action space.
         discount: of the reward of the next control step, gamma.
         decay: of eligibility from one control step to the next beside `discount`, lambda.
         actor_rate: by how much an error of 1 changes the preference for an action in the same state.
         critic_rate: which share of an error the value in the same state takes over.
+        sharpness: how many times as sharply as while learning a frozen agent tells preferences apart: it need not try.
         explore: control steps at random before learning: the bounds of dimensions that have none are learnt from them,
             and the scale of rewards.
     """
 
     group: int = _whole(2)
     fields: int = _whole(6, 2)
-    grids: int = _whole(4)
+    active: int = _whole(24)
     critics: int = _whole(50)
     levels: int = _whole(7, 2)
     discount: float = _number(0.99, at_least=0.0, below=1.0)
     decay: float = _number(0.9, at_least=0.0, at_most=1.0)
-    actor_rate: float = _number(0.8, at_least=0.0)
+    actor_rate: float = _number(2.0, at_least=0.0)
     critic_rate: float = _number(0.03, at_least=0.0)
+    sharpness: float = _number(4.0, above=0.0)
     explore: int = _whole(400, 0)
 
     def __post_init__(self) -> None:

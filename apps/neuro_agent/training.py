@@ -10,7 +10,6 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import numpy.typing as npt
 
-import neuro
 from neuro import ModelError
 from neuro.apps import Bar, Checkpoint, Quantity, check, check_output, hdf5
 from neuro_agent import files
@@ -79,7 +78,7 @@ class Course:
         if agent.explored:
             return
         env.actions.seed(agent.seed)
-        seen, rewards = [env.reset(self._seeds())], []
+        seen, rewards = [env.reset(self._seeds())], list[float]()
         while len(seen) * env.n <= agent.settings.explore or (not any(rewards) and len(seen) < BLOCK):
             begins = env.over.copy()
             now, reward, _, _ = env.step([env.actions.sample() for _ in range(env.n)], self._seeds(begins))

@@ -10,10 +10,9 @@ import numpy as np
 import numpy.typing as npt
 
 from neuro import ModelError
-from neuro_drone.geometry import AIM, CameraView, Pose
+from neuro_drone.geometry import AIM, CameraView, Pose, WorldScene
 from neuro_drone.parts import GRAVITY, Ball
 from neuro_drone.paths import FIXED, Path, Variation, star
-from neuro_drone.scene import WorldScene
 from neuro_drone.tasks import FARTHEST, LARGEST_ERROR, NEARER, Judged, border
 
 __all__ = ["BallTask", "hop"]

@@ -44,7 +44,7 @@ class Body(Protocol):
         """
 
     def feel(self, wind: tuple[float, float], load: float) -> None:
-        """What acts on the body from now on, until it is told otherwise or reset.
+        """What acts on the body until the next call or a reset.
 
         Args:
             wind: x and y in the world, m/s.

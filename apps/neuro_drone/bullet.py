@@ -71,7 +71,7 @@ class Bullet:
         p = self._p
         self._client = p.connect(p.DIRECT)
         self._closed = finalize(self, _disconnect, p, self._client)
-        at = {"physicsClientId": self._client}
+        self._at = at = {"physicsClientId": self._client}
         p.setGravity(0.0, 0.0, -GRAVITY, **at)
         self._body = p.createMultiBody(baseMass=MASS, **at)
         p.changeDynamics(
@@ -102,14 +102,12 @@ class Bullet:
 
     def _weigh(self) -> None:
         """Give the body the mass that it has with its load."""
-        mass, at = MASS + self._load, {"physicsClientId": self._client}
-        self._p.changeDynamics(self._body, -1, mass=mass, localInertiaDiagonal=INERTIA, **at)
+        self._p.changeDynamics(self._body, -1, mass=MASS + self._load, localInertiaDiagonal=INERTIA, **self._at)
 
     def _put(self, place: Vector, turned: tuple[float, ...], velocity: Vector, spin: Vector) -> None:
         """Put the body at a place, turned by a quaternion, with its speeds."""
-        at = {"physicsClientId": self._client}
-        self._p.resetBasePositionAndOrientation(self._body, place, turned, **at)
-        self._p.resetBaseVelocity(self._body, velocity, spin, **at)
+        self._p.resetBasePositionAndOrientation(self._body, place, turned, **self._at)
+        self._p.resetBaseVelocity(self._body, velocity, spin, **self._at)
         self._read()
 
     def step(self, right: float, forward: float, turn: float, seconds: float, climb: float | None = None) -> None:

@@ -82,9 +82,8 @@ def train(
 
     --set changes the scenario (camera.tilt=30) or the controller (eta=1e-3). Several seeds write model-0.h5, ...
     """
-    from neuro_drone.bars import Bars
     from neuro_drone.pilot import chosen
-    from neuro_drone.report import learnt
+    from neuro_drone.report import Bars, learnt
     from neuro_drone.train import TrainingJob, side_by_side
 
     world, settings = chosen(scenario, controller, set)
@@ -120,10 +119,9 @@ def try_model(
     set: Set = [],  # noqa: B006
 ) -> None:
     """Fly a lap from each of a grid of starts, with frozen weights and without dopamine."""
-    from neuro_drone.bars import Bars
     from neuro_drone.evaluate import grid, try_out
     from neuro_drone.paths import FlightCourse
-    from neuro_drone.report import figures, show, write_pictures
+    from neuro_drone.report import Bars, figures, show, write_pictures
 
     if learning and backend != "event":
         raise typer.BadParameter("a network goes on learning on what it learnt on", param_hint="'--backend'")
@@ -166,18 +164,16 @@ def compare(
     Always there: do nothing, the oracle, the centroid of the events, weights set by hand, LMS, the network without
     dopamine and with dopamine of the wrong sign. --set changes the scenario of all.
     """
-    from neuro_drone.bars import Bars
-    from neuro_drone.compare import ROWS, ComparisonRow, ControllerComparison, run
+    from neuro_drone.compare import ROWS, ComparisonRow, run
     from neuro_drone.paths import FlightCourse
-    from neuro_drone.report import comparison, show_comparison, write_comparison
+    from neuro_drone.report import Bars, comparison, show_comparison, write_comparison
 
     course, all_seeds = FlightCourse(path, test_seed), range(seed, seed + seeds)
     rows = tuple(ComparisonRow.of(text, scenario, steps, all_seeds, set) for text in [*(row or ROWS), *more])
     folder = out or Path(f"compare-{rows[0].scenario.name}")
     try:
         with Bars(lines=1) as bars:
-            plan = ControllerComparison(rows, starts, course, folder)
-            found = run(plan, lambda said: bars.at(said.what, said.done, said.total, said.told))
+            found = run(rows, starts, course, folder, lambda said: bars.at(said.what, said.done, said.total, said.told))
     except KeyboardInterrupt:
         typer.echo("interrupted: the same command goes on where it was", err=True)
         raise typer.Exit(130) from None

@@ -1,4 +1,4 @@
-"""Controllers side by side on one scenario: every seed trained and tested, kept in a folder, and told as a table."""
+"""Controllers side by side on one scenario: every seed trained and tested, kept in a folder, and shown as a table."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from neuro_drone.pilot import chosen
 from neuro_drone.scenario import Scenario
 from neuro_drone.train import TrainingProgress, train
 
-__all__ = ["ROWS", "ComparisonJob", "ComparisonRow", "ControllerComparison", "RowMessage", "Summary", "run"]
+__all__ = ["ROWS", "ComparisonJob", "ComparisonRow", "RowMessage", "Summary", "run"]
 
 FORMAT = "neuro drone result 1"
 RESULT = sealed("a result of 'neuro drone compare'", f'"format": "{FORMAT}"', ', "digest": "{}"')
@@ -81,29 +81,6 @@ class ComparisonRow:
             (said[-1] if said else steps) if learns else 0,
             tuple(seeds[:1] if name in SEEDLESS else seeds),
         )
-
-
-@dataclass(frozen=True, slots=True)
-class ControllerComparison:
-    """What is to be compared.
-
-    Attributes:
-        rows: of the table.
-        starts: on a side of the grid of starts.
-        course: of the laps.
-        folder: where models and results are kept.
-    """
-
-    rows: tuple[ComparisonRow, ...]
-    starts: int
-    course: FlightCourse
-    folder: Path
-
-    def jobs(self) -> list[ComparisonJob]:
-        """All trainings and tests."""
-        return [
-            ComparisonJob(row, seed, self.starts, self.course, self.folder) for row in self.rows for seed in row.seeds
-        ]
 
 
 @dataclass(frozen=True, slots=True)
@@ -182,22 +159,29 @@ class ComparisonJob:
         return figures
 
 
-def run(plan: ControllerComparison, report: Callable[[RowMessage], None] | None = None) -> list[Summary]:
+def run(
+    rows: Sequence[ComparisonRow],
+    starts: int,
+    course: FlightCourse,
+    folder: Path,
+    report: Callable[[RowMessage], None] | None = None,
+) -> list[Summary]:
     """Train and test all, on all cores; what is in the folder already is not done again.
 
     Args:
-        plan: what to compare.
-        report: is told how far each job is.
+        rows: of the table.
+        starts: on a side of the grid of starts.
+        course: of the laps.
+        folder: where models and results are kept.
+        report: called with the progress of each job.
 
     Raises:
         ModelError: of the first job that raises one.
     """
-    make_folder(plan.folder)
-    jobs = plan.jobs()
+    make_folder(folder)
+    jobs = [ComparisonJob(row, seed, starts, course, folder) for row in rows for seed in row.seeds]
     found = side_by_side(ComparisonJob.run, jobs, report=report)
-    return [
-        Summary(row, tuple(told for job, told in zip(jobs, found, strict=True) if job.row is row)) for row in plan.rows
-    ]
+    return [Summary(row, tuple(told for job, told in zip(jobs, found, strict=True) if job.row is row)) for row in rows]
 
 
 @dataclass(frozen=True, slots=True)

@@ -12,7 +12,7 @@ import typer
 from neuro import ModelError
 from neuro.apps import console, number, quantity, sourced, table
 from neuro.chips import COLUMNS, between, chip, footnotes
-from neuro_drone.controllers.agents import DQNSettings
+from neuro_drone.controllers.deep import DQNSettings
 from neuro_drone.controllers.dense import Flier
 from neuro_drone.controllers.spiking import Spiking
 from neuro_drone.env import ACTIONS, CELLS, DroneEnv
@@ -100,7 +100,7 @@ def priced(model: Model, targets: Iterable[str]) -> Bills:
         raise ModelError(f"controller '{model.controller}' has no network: expected a spiking one, dqn, ddpg or ppo")
     targets = tuple(targets)
     for name in targets:
-        pilot.sim.energy(name)  # what cannot be priced is told before the lap
+        pilot.sim.energy(name)  # what cannot be priced is reported before the lap
     steps, error_px = _fly(model, pilot)
     bills = tuple(pilot.sim.energy(name).per(steps, "control step") for name in targets)
     hidden = DQNSettings().hidden

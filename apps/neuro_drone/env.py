@@ -20,12 +20,11 @@ from neuro_drone.ball import BallTask
 from neuro_drone.body import Body
 from neuro_drone.bullet import body_of
 from neuro_drone.eye import Eye
-from neuro_drone.geometry import CameraView
+from neuro_drone.geometry import CameraView, WorldScene
 from neuro_drone.line import LineTask
 from neuro_drone.parts import Load, Wind
 from neuro_drone.paths import FIXED, Variation
 from neuro_drone.scenario import Ball, Scenario, errors, load
-from neuro_drone.scene import WorldScene
 from neuro_drone.tasks import Judged, Task
 
 __all__ = ["ACTIONS", "SPACE", "DroneEnv", "Weather", "continuous", "discrete", "model"]
@@ -205,13 +204,13 @@ class DroneEnv(gymnasium.Env[npt.NDArray[Any], Any]):
 
 
 def _space(observation: str) -> gymnasium.Space[Any]:
-    if observation == "frame":
-        return gymnasium.spaces.Box(0, 255, (128, 128, 1), np.uint8)
-    if observation == "binary":
-        return gymnasium.spaces.Box(0, 1, (CELLS, CELLS), np.uint8)
-    if observation == "normalised":
-        return gymnasium.spaces.Box(0.0, 1.0, (CELLS * CELLS,), np.float32)
-    return gymnasium.spaces.Box(0, MOST_EVENTS, (CELLS, CELLS), np.int64)
+    words: dict[str, tuple[Any, ...]] = {
+        "counts": (0, MOST_EVENTS, (CELLS, CELLS), np.int64),
+        "binary": (0, 1, (CELLS, CELLS), np.uint8),
+        "frame": (0, 255, (128, 128, 1), np.uint8),
+        "normalised": (0.0, 1.0, (CELLS * CELLS,), np.float32),
+    }
+    return gymnasium.spaces.Box(*words[observation])
 
 
 def _wishes(options: Mapping[str, Any], task: Task, axes: int) -> tuple[tuple[float, ...] | None, int, Variation]:

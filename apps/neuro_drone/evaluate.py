@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, field
 from typing import Any
 
@@ -13,11 +13,11 @@ from neuro import ModelError
 from neuro_drone.controllers import Controller
 from neuro_drone.env import DroneEnv
 from neuro_drone.model import Model
-from neuro_drone.parts import Ball, Line
+from neuro_drone.parts import Ball, Line, check_whole
 from neuro_drone.paths import FIXED, TESTS, VARIED, FlightCourse, Variation
 from neuro_drone.scenario import Scenario
 
-__all__ = ["FlightTest", "Lap", "Start", "begin", "fly_lap", "grid", "try_out"]
+__all__ = ["FlightTest", "Lap", "Start", "begin", "flown", "fly_lap", "grid", "try_out"]
 
 
 @dataclass(frozen=True, slots=True)
@@ -65,17 +65,9 @@ class Lap:
 
     def as_words(self) -> dict[str, Any]:
         """As plain data, without the track."""
-        return {
-            "start": list(self.start.error),
-            "direction": self.start.direction,
-            "path": asdict(self.start.path),
-            "steps": self.steps,
-            "error_px": self.error_px,
-            "signed": list(self.signed),
-            "absolute": list(self.absolute),
-            "lap": self.lap,
-            "lost": self.lost,
-        }
+        start = {"start": list(self.start.error), "direction": self.start.direction, "path": asdict(self.start.path)}
+        figures = {name: getattr(self, name) for name in ("steps", "error_px", "lap", "lost")}
+        return start | figures | {"signed": list(self.signed), "absolute": list(self.absolute)}
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -84,7 +76,7 @@ class FlightTest:
 
     Attributes:
         each: by start.
-        learning: whether the controller went on learning, with the error that it is told.
+        learning: whether the controller went on learning from the supervised error.
     """
 
     each: tuple[Lap, ...]
@@ -117,15 +109,9 @@ class FlightTest:
 
     def as_words(self) -> dict[str, Any]:
         """As plain data, for JSON."""
-        return {
-            "error_px": self.error_px,
-            "laps": self.laps,
-            "starts": self.starts,
-            "signed": list(self.signed),
-            "absolute": list(self.absolute),
-            "learning": self.learning,
-            "each": [one.as_words() for one in self.each],
-        }
+        figures = {name: getattr(self, name) for name in ("error_px", "laps", "starts", "learning")}
+        axes = {"signed": list(self.signed), "absolute": list(self.absolute)}
+        return figures | axes | {"each": [one.as_words() for one in self.each]}
 
 
 def grid(
@@ -148,8 +134,7 @@ def grid(
         ModelError: n is not a whole number >= 1, or the spread is negative.
     """
     line = isinstance(scenario.task, Line)
-    if isinstance(n, bool) or not isinstance(n, int) or n < 1:
-        raise ModelError(f"grid = {n!r}: expected a whole number >= 1")
+    check_whole("grid", n, 1)
     a, b = np.broadcast_to((20.0, 10.0) if line and spread is None else 35.0 if spread is None else spread, 2).tolist()
     if not (0 <= a < np.inf and 0 <= b < np.inf):
         raise ModelError(f"spread = {spread}: expected numbers >= 0")
@@ -181,7 +166,7 @@ def try_out(
         backend: what runs the controller's network.
         learning: go on learning from the supervised error. Dopamine then steers by itself: this figure is not what
             was learnt, and stands apart.
-        report: is told of each lap.
+        report: called after each lap.
 
     Raises:
         ModelError: a start cannot be, or the backend refuses the network.
@@ -213,17 +198,29 @@ def fly_lap(env: DroneEnv, controller: Controller, start: Start, index: int = 0)
         start: where.
         index: of the noise, see `begin`.
     """
-    info = begin(env, start, index)
-    controller.begin()
-    track, far, lost, over = [], 0.0, False, False
-    while not (lost or over):
-        _, _, lost, over, info = env.step(controller.act(info["counts"], info))
-        controller.learn(info)
+    track, far = [], 0.0
+    for info in flown(env, controller, begin(env, start, index)):
         track.append(info["error"])
         far += info["error_px"]
-    errors = np.array(track)
-    absolute = np.abs(errors)
-    return Lap(start, len(track), far / len(track), _means(errors), _means(absolute), bool(info["lap"]), lost, errors)
+    errors, lap, lost = np.array(track), bool(info["lap"]), bool(info["lost"])
+    return Lap(start, len(track), far / len(track), _means(errors), _means(np.abs(errors)), lap, lost, errors)
+
+
+def flown(env: DroneEnv, controller: Controller, info: Mapping[str, Any]) -> Iterator[Mapping[str, Any]]:
+    """What the environment tells after each step of an episode that has begun, to its end.
+
+    Args:
+        env: the world.
+        controller: what flies; it hears of each step, and learns if it can.
+        info: what `reset` gave.
+    """
+    controller.begin()
+    over = False
+    while not over:
+        _, _, lost, end, info = env.step(controller.act(info["counts"], info))
+        controller.learn(info)
+        over = lost or end
+        yield info
 
 
 def _means(values: Any) -> tuple[float, ...]:

@@ -9,9 +9,8 @@ import numpy as np
 import numpy.typing as npt
 
 from neuro.events import DVS, DVSParameters, Events
-from neuro_drone.geometry import CameraView, Pose
+from neuro_drone.geometry import CameraView, Pose, WorldScene
 from neuro_drone.scenario import Camera, Ground, Line, Scenario
-from neuro_drone.scene import WorldScene
 
 __all__ = ["SKY", "Eye", "Pattern", "pattern", "pyramid", "strips", "tile"]
 
@@ -42,8 +41,7 @@ class Eye:
     """
 
     def __init__(self, scenario: Scenario, *, seed: int = 0) -> None:
-        from neuro_drone._paint_kernels import paint
-        from neuro_drone._texture_kernels import RUN
+        from neuro_drone._paint_kernels import RUN, paint
 
         camera, task, light = scenario.camera, scenario.task, scenario.light
         self._ground, self._light = scenario.ground, light

@@ -1,4 +1,4 @@
-"""Where the drone is, and what of the world its camera sees where.
+"""Where the drone is, what there is to be seen, and where its camera sees it.
 
 World: x, y on the ground, z up, m. Heading: counter-clockwise from x, so that a drone of heading 0 looks along x and
 has y on its left. Picture: x to the right, y downwards, px; centres of pixels are whole numbers.
@@ -12,7 +12,7 @@ from math import cos, inf, radians, sin, sqrt, tan
 import numpy as np
 import numpy.typing as npt
 
-__all__ = ["AIM", "CameraView", "Pose"]
+__all__ = ["AIM", "CameraView", "Pose", "WorldScene"]
 
 AIM = 63.0
 """Row and column of the picture at which a target shall be, px. Source: thesis, section 7.3.7 (63 x 63 px)."""
@@ -35,6 +35,19 @@ class Pose:
     yaw: float = 0.0
     pitch: float = 0.0
     roll: float = 0.0
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class WorldScene:
+    """Objects on the ground; how bright they are is the scenario's.
+
+    Attributes:
+        ball: x, y, z of the middle and the radius, m; None for no ball.
+        line: (n, 4) float64, segments from x, y to x, y on the ground, m; None for no line.
+    """
+
+    ball: tuple[float, float, float, float] | None = None
+    line: npt.NDArray[np.float64] | None = None
 
 
 class CameraView:

@@ -7,10 +7,9 @@ from math import atan2, cos, degrees, hypot, inf, pi, radians, sin, tan
 import numpy as np
 
 from neuro import ModelError
-from neuro_drone.geometry import AIM, CameraView, Pose
+from neuro_drone.geometry import AIM, CameraView, Pose, WorldScene
 from neuro_drone.paths import FIXED, Variation, hexagon
 from neuro_drone.scenario import Line
-from neuro_drone.scene import WorldScene
 from neuro_drone.tasks import FARTHEST, LARGEST_ERROR, NEARER, Judged, border
 
 __all__ = ["LineTask"]

@@ -68,7 +68,7 @@ class Model:
     curve: Arrays = field(default_factory=dict)
 
     def told(self) -> dict[str, Any]:
-        """What the training was told, without its steps, as plain data; the network as a hash."""
+        """The arguments of the training without its steps, as plain data; the network as a hash."""
         digest = hashlib.blake2b(digest_size=16)
         for name in sorted(self.network):
             digest.update(name.encode() + self.network[name].tobytes())

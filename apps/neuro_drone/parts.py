@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from typing import Any
 
+from neuro import ModelError
 from neuro.apps import Quantity, check_fields
 
 __all__ = [
@@ -18,8 +19,9 @@ __all__ = [
     "Load",
     "Wind",
     "WorldPart",
-    "one_of",
-    "range_of",
+    "check_whole",
+    "choice",
+    "number",
 ]
 
 GRAVITY = 9.81
@@ -29,15 +31,22 @@ MASS = 0.716
 """Of the drone without a load, kg. Source: rotors_simulator, see `neuro_drone.bullet`."""
 
 
-def range_of(default: float, unit: str = "", **bounds: Any) -> Any:
+def number(default: float, unit: str = "", **bounds: Any) -> Any:
     """A field that is a number within bounds, those of `Quantity`; a whole one where the default is."""
     kind = "integer" if isinstance(default, int) else "number"
     return field(default=default, metadata={"quantity": Quantity(unit=unit, kind=kind, **bounds)})
 
 
-def one_of(default: str, *words: str) -> Any:
+def choice(default: str, *words: str) -> Any:
     """A field that is one of some words."""
     return field(default=default, metadata={"quantity": Quantity(kind="word", words=words)})
+
+
+def check_whole(name: str, value: Any, least: int = 0, below: str = "") -> None:
+    """Refuse what is no whole number of at least `least`; with `below` "2^63", also what does not fit into 64 bits."""
+    if isinstance(value, bool) or not isinstance(value, int) or value < least or (below and value >= 2**63):
+        end = f" and < {below}" if below else ""
+        raise ModelError(f"{name} = {value!r}: expected a whole number >= {least}{end}")
 
 
 class WorldPart:
@@ -73,17 +82,17 @@ class Ball(WorldPart):
 
     _place = "task.ball"
 
-    lap: float = range_of(7.5, above=0.0, at_most=1000.0, unit="m")
-    speed: float = range_of(0.075, above=0.0, at_most=20.0, unit="m/s")
-    radius: float = range_of(0.17, above=0.0, at_most=10.0, unit="m")
-    brightness: float = range_of(0.2, at_least=0.0, at_most=1.0)
-    axes: int = range_of(2, at_least=2, at_most=3)
-    tall: float = range_of(13.0, at_least=2.0, at_most=64.0, unit="px")
-    rise: float = range_of(0.0, at_least=0.0, at_most=100.0, unit="m")
-    rise_time: float = range_of(20.0, at_least=0.1, at_most=10_000.0, unit="s")
-    bounce: float = range_of(0.0, at_least=0.0, at_most=10.0, unit="m")
-    swell: float = range_of(0.0, at_least=0.0, at_most=0.9)
-    swell_time: float = range_of(20.0, at_least=0.1, at_most=10_000.0, unit="s")
+    lap: float = number(7.5, above=0.0, at_most=1000.0, unit="m")
+    speed: float = number(0.075, above=0.0, at_most=20.0, unit="m/s")
+    radius: float = number(0.17, above=0.0, at_most=10.0, unit="m")
+    brightness: float = number(0.2, at_least=0.0, at_most=1.0)
+    axes: int = number(2, at_least=2, at_most=3)
+    tall: float = number(13.0, at_least=2.0, at_most=64.0, unit="px")
+    rise: float = number(0.0, at_least=0.0, at_most=100.0, unit="m")
+    rise_time: float = number(20.0, at_least=0.1, at_most=10_000.0, unit="s")
+    bounce: float = number(0.0, at_least=0.0, at_most=10.0, unit="m")
+    swell: float = number(0.0, at_least=0.0, at_most=0.9)
+    swell_time: float = number(20.0, at_least=0.1, at_most=10_000.0, unit="s")
 
 
 @dataclass(frozen=True, slots=True)
@@ -102,11 +111,11 @@ class Line(WorldPart):
 
     _place = "task.line"
 
-    side: float = range_of(3.0, above=0.0, at_most=1000.0, unit="m")
-    width: float = range_of(0.12, above=0.0, at_most=10.0, unit="m")
-    speed: float = range_of(0.075, above=0.0, at_most=20.0, unit="m/s")
-    brightness: float = range_of(0.2, at_least=0.0, at_most=1.0)
-    direction: int = range_of(0, at_least=-1, at_most=1)
+    side: float = number(3.0, above=0.0, at_most=1000.0, unit="m")
+    width: float = number(0.12, above=0.0, at_most=10.0, unit="m")
+    speed: float = number(0.075, above=0.0, at_most=20.0, unit="m/s")
+    brightness: float = number(0.2, at_least=0.0, at_most=1.0)
+    direction: int = number(0, at_least=-1, at_most=1)
 
 
 @dataclass(frozen=True, slots=True)
@@ -122,9 +131,9 @@ class Ground(WorldPart):
 
     _place = "ground"
 
-    brightness: float = range_of(0.6, at_least=0.0, at_most=1.0)
-    texture: float = range_of(0.0, at_least=0.0, at_most=1.0)
-    grain: float = range_of(0.2, at_least=0.01, at_most=100.0, unit="m")
+    brightness: float = number(0.6, at_least=0.0, at_most=1.0)
+    texture: float = number(0.0, at_least=0.0, at_most=1.0)
+    grain: float = number(0.2, at_least=0.01, at_most=100.0, unit="m")
     redraw: bool = field(default=False, metadata={"quantity": Quantity(kind="boolean")})
 
 
@@ -145,16 +154,16 @@ class Camera(WorldPart):
 
     _place = "camera"
 
-    tilt: float = range_of(60.0, at_least=1.0, at_most=90.0, unit="degrees")
-    fov: float = range_of(65.0, at_least=10.0, at_most=150.0, unit="degrees")
-    mount: str = one_of("gimbal", "gimbal", "body")
-    shake: float = range_of(0.0, at_least=0.0, at_most=5.0, unit="degrees")
-    pos_thres: float = range_of(0.15, at_least=0.01, at_most=10.0)
-    neg_thres: float = range_of(0.15, at_least=0.01, at_most=10.0)
-    sigma_thres: float = range_of(0.0, at_least=0.0, at_most=1.0)
-    leak_rate_hz: float = range_of(0.0, at_least=0.0, at_most=1000.0, unit="Hz")
-    shot_noise_rate_hz: float = range_of(0.0, at_least=0.0, at_most=1000.0, unit="Hz")
-    refractory_period_s: float = range_of(0.0, at_least=0.0, at_most=1.0, unit="s")
+    tilt: float = number(60.0, at_least=1.0, at_most=90.0, unit="degrees")
+    fov: float = number(65.0, at_least=10.0, at_most=150.0, unit="degrees")
+    mount: str = choice("gimbal", "gimbal", "body")
+    shake: float = number(0.0, at_least=0.0, at_most=5.0, unit="degrees")
+    pos_thres: float = number(0.15, at_least=0.01, at_most=10.0)
+    neg_thres: float = number(0.15, at_least=0.01, at_most=10.0)
+    sigma_thres: float = number(0.0, at_least=0.0, at_most=1.0)
+    leak_rate_hz: float = number(0.0, at_least=0.0, at_most=1000.0, unit="Hz")
+    shot_noise_rate_hz: float = number(0.0, at_least=0.0, at_most=1000.0, unit="Hz")
+    refractory_period_s: float = number(0.0, at_least=0.0, at_most=1.0, unit="s")
 
 
 @dataclass(frozen=True, slots=True)
@@ -179,15 +188,15 @@ class Drone(WorldPart):
 
     _place = "drone"
 
-    physics: str = one_of("kinematic", "kinematic", "bullet")
-    height: float = range_of(2.4, above=0.0, at_most=1000.0, unit="m")
-    v_max: float = range_of(2.0, above=0.0, at_most=20.0, unit="m/s")
-    climb_max: float = range_of(1.0, above=0.0, at_most=20.0, unit="m/s")
-    yaw_max: float = range_of(0.8, above=0.0, at_most=10.0, unit="rad/s")
-    spin: float = range_of(0.0, at_least=-3.0, at_most=3.0, unit="rad/s")
-    lag: float = range_of(0.2, at_least=0.01, at_most=10.0, unit="s")
-    a_max: float = range_of(3.0, above=0.0, at_most=30.0, unit="m/s^2")
-    drag: float = range_of(0.4, at_least=0.0, at_most=10.0, unit="1/s")
+    physics: str = choice("kinematic", "kinematic", "bullet")
+    height: float = number(2.4, above=0.0, at_most=1000.0, unit="m")
+    v_max: float = number(2.0, above=0.0, at_most=20.0, unit="m/s")
+    climb_max: float = number(1.0, above=0.0, at_most=20.0, unit="m/s")
+    yaw_max: float = number(0.8, above=0.0, at_most=10.0, unit="rad/s")
+    spin: float = number(0.0, at_least=-3.0, at_most=3.0, unit="rad/s")
+    lag: float = number(0.2, at_least=0.01, at_most=10.0, unit="s")
+    a_max: float = number(3.0, above=0.0, at_most=30.0, unit="m/s^2")
+    drag: float = number(0.4, at_least=0.0, at_most=10.0, unit="1/s")
 
 
 @dataclass(frozen=True, slots=True)
@@ -203,18 +212,18 @@ class Wind(WorldPart):
         since: when it begins to blow, s after the start of an episode.
 
     Source: gusts are noise through a filter of first order, as the longitudinal ones of the Dryden spectra of
-        MIL-F-8785C, section 3.7, which for 3 m, the lowest that it tells of, and 5 m/s has 0.2 times the speed and
+        MIL-F-8785C, section 3.7, which for 3 m, the lowest height that it covers, and 5 m/s has 0.2 times the speed and
         4.6 s.
     """
 
     _place = "wind"
 
-    speed: float = range_of(0.0, at_least=0.0, at_most=20.0, unit="m/s")
-    towards: float = range_of(90.0, at_least=-360.0, at_most=360.0, unit="degrees")
-    turning: float = range_of(0.0, at_least=-180.0, at_most=180.0, unit="degrees/s")
-    gust: float = range_of(0.0, at_least=0.0, at_most=10.0, unit="m/s")
-    gust_time: float = range_of(4.6, at_least=0.01, at_most=1000.0, unit="s")
-    since: float = range_of(0.0, at_least=0.0, at_most=100_000.0, unit="s")
+    speed: float = number(0.0, at_least=0.0, at_most=20.0, unit="m/s")
+    towards: float = number(90.0, at_least=-360.0, at_most=360.0, unit="degrees")
+    turning: float = number(0.0, at_least=-180.0, at_most=180.0, unit="degrees/s")
+    gust: float = number(0.0, at_least=0.0, at_most=10.0, unit="m/s")
+    gust_time: float = number(4.6, at_least=0.01, at_most=1000.0, unit="s")
+    since: float = number(0.0, at_least=0.0, at_most=100_000.0, unit="s")
 
 
 @dataclass(frozen=True, slots=True)
@@ -230,5 +239,5 @@ class Load(WorldPart):
 
     _place = "load"
 
-    mass: float = range_of(0.0, at_least=-0.5, at_most=1.0, unit="kg")
-    since: float = range_of(0.0, at_least=0.0, at_most=100_000.0, unit="s")
+    mass: float = number(0.0, at_least=-0.5, at_most=1.0, unit="kg")
+    since: float = number(0.0, at_least=0.0, at_most=100_000.0, unit="s")

@@ -10,6 +10,7 @@ import numpy.typing as npt
 
 from neuro import ModelError
 from neuro.apps import unknown
+from neuro_drone.parts import check_whole
 
 __all__ = ["FIXED", "PATHS", "TESTS", "VARIED", "FlightCourse", "Path", "Variation", "drawn", "hexagon", "star"]
 
@@ -101,8 +102,7 @@ class FlightCourse:
     def __post_init__(self) -> None:
         if self.path not in PATHS:
             raise unknown("path", self.path, PATHS)
-        if isinstance(self.seed, bool) or not isinstance(self.seed, int) or not 0 <= self.seed < 2**63:
-            raise ModelError(f"seed of the paths = {self.seed!r}: expected a whole number >= 0 and < 2^63")
+        check_whole("seed of the paths", self.seed, below="2^63")
         if self.seed and self.path == "fixed":
             raise ModelError(f"seed of the paths = {self.seed}: the fixed path has none: expected path varied")
 

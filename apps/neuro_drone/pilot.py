@@ -38,7 +38,7 @@ def chosen(scenario: str | Path, controller: str, texts: Sequence[str]) -> tuple
     world = {name for name in values if "." in name or name in _WORDS - own}
     changed = load(scenario, **{name: values[name] for name in values if name in world})
     settings = {name: values[name] for name in values if name not in world}
-    made = _made(controller, changed, settings, own | _WORDS)  # mistakes are told before any work
+    made = _made(controller, changed, settings, own | _WORDS)  # mistakes are reported before any work
     if isinstance(made, Deep):
         needed(controller)
     return changed, settings

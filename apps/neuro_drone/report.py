@@ -1,27 +1,96 @@
-"""What the commands tell: tables, JSON and pictures."""
+"""What the commands tell: how far they are, tables, JSON and pictures."""
 
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping, Sequence
+import sys
+from collections import defaultdict, deque
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import fields
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+import typer
 
 from neuro.apps import console, make_folder, sealed, table, write_picture, write_text
 from neuro_drone.compare import Summary
 from neuro_drone.controllers import CONTROLLERS
-from neuro_drone.evaluate import FlightTest
+from neuro_drone.evaluate import FlightTest, Lap
 from neuro_drone.model import Model
 from neuro_drone.paths import FlightCourse
 from neuro_drone.scenario import NAMES, Ball, Scenario, load
+from neuro_drone.train import TrainingProgress
 
 MARK = "<!-- neuro drone compare -->"
 TABLE = sealed("a table of 'neuro drone compare'", MARK, "<!-- digest {} -->")
+LAST = 20
+"""Episodes of which the mean error is shown."""
+
+LINES = 10
+"""Lines of each training where there is no terminal."""
 AXES = {"ball": ("right, px", "down, px", "taller, px"), "line": ("right, px", "lean, degrees")}
 """What the error on each axis is; the third of a ball where the drone climbs."""
+
+
+class Bars:
+    """One bar for each thing that is under way.
+
+    Args:
+        lines: that are printed of each where there is no terminal.
+    """
+
+    def __init__(self, lines: int = LINES) -> None:
+        self._lines = lines
+
+    def __enter__(self) -> Bars:
+        from rich.console import Console
+        from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
+
+        self._screen = sys.stderr.isatty()
+        columns = (TextColumn("{task.description}"), BarColumn(), TimeRemainingColumn())
+        where = Console(stderr=True, highlight=False)
+        self._bar = Progress(*columns, console=where, transient=True, disable=not self._screen)
+        self._tasks: dict[str, Any] = {}
+        self._said: dict[str, int] = {}
+        self._errors: dict[str, deque[float]] = defaultdict(lambda: deque(maxlen=LAST))
+        self._bar.start()
+        return self
+
+    def __exit__(self, *error: Any) -> None:
+        self._bar.stop()
+
+    def training(self, progress: TrainingProgress) -> None:
+        """Show how far a training is, and its error of late."""
+        what = f"seed {progress.seed}"
+        errors = self._errors[what]
+        errors.append(progress.error_px)
+        message = f"{progress.step:,} of {progress.steps:,} steps, {sum(errors) / len(errors):.1f} px"
+        self.at(what, progress.step, progress.steps, message)
+
+    def laps(self, total: int) -> Callable[[Lap], None]:
+        """What shows how many laps of so many are flown; only on a terminal."""
+        flown: list[float] = []
+
+        def show(lap: Lap) -> None:
+            flown.append(lap.error_px)
+            if self._screen:
+                self.at("laps", len(flown), total, f"{len(flown)} of {total}, {sum(flown) / len(flown):.1f} px")
+
+        return show
+
+    def at(self, what: str, done: int, total: int, told: str) -> None:
+        """Show how far something is; elsewhere than on a terminal some lines are printed."""
+        text, part = f"{what}: {told}", done * self._lines // total
+        if what not in self._tasks:
+            self._tasks[what] = self._bar.add_task("", total=total)
+            self._said[what] = 0
+        self._bar.update(self._tasks[what], description=text, completed=done, total=total)
+        if not self._screen and part > self._said[what]:
+            typer.echo(text, err=True)
+        self._said[what] = part
+        if done >= total:
+            self._bar.update(self._tasks[what], visible=len(self._tasks) == 1)
 
 
 def named(model: Model) -> str:
@@ -64,15 +133,8 @@ def show(model: Model, tried: FlightTest, course: FlightCourse) -> None:
     for one in tried.each:
         way = (("left" if one.start.direction > 0 else "right"),) if line else ()
         came = "yes" if one.lap else "lost" if one.lost else "no"
-        rows.append(
-            (
-                ", ".join(f"{e:g}" for e in one.start.error),
-                *way,
-                one.steps,
-                *(f"{e:.2f}" for e in (one.error_px, *one.absolute)),
-                came,
-            )
-        )
+        errors = (f"{error:.2f}" for error in (one.error_px, *one.absolute))
+        rows.append((", ".join(f"{error:g}" for error in one.start.error), *way, one.steps, *errors, came))
     mean = (f"{e:.2f}" for e in (tried.error_px, *tried.absolute))
     steps = round(sum(one.steps for one in tried.each) / tried.starts)
     rows.append(("mean", *(("",) if line else ()), steps, *mean, f"{tried.laps} of {tried.starts}"))
@@ -95,19 +157,12 @@ def columns_of(summaries: Sequence[Summary]) -> tuple[tuple[str, ...], list[tupl
     rows: list[tuple[str, ...]] = []
     for one in summaries:
         spread = "" if one.sd is None else f" ± {one.sd:.2f}"
-        on = one.mean("learning_on")
-        rows.append(
-            (
-                one.row.text,
-                f"{one.row.steps:,}" if one.row.steps else "-",
-                str(len(one.each)),
-                f"{one.mean('error_px'):.2f}{spread}",
-                f"{one.total('laps')} of {one.total('starts')}",
-                ", ".join(f"{value:.2f}" for value in one.mean("absolute")),
-                ", ".join(f"{value:+.2f}" for value in one.mean("signed")),
-                "-" if on is None else f"{on:.2f}",
-            )
-        )
+        on, steps = one.mean("learning_on"), f"{one.row.steps:,}" if one.row.steps else "-"
+        error, laps = f"{one.mean('error_px'):.2f}{spread}", f"{one.total('laps')} of {one.total('starts')}"
+        absolute = ", ".join(f"{value:.2f}" for value in one.mean("absolute"))
+        signed = ", ".join(f"{value:+.2f}" for value in one.mean("signed"))
+        row = (one.row.text, steps, str(len(one.each)), error, laps, absolute, signed)
+        rows.append((*row, "-" if on is None else f"{on:.2f}"))
     return columns, rows
 
 
@@ -153,18 +208,9 @@ def list_scenarios() -> None:
         size = f"lap {task.lap:g} m" if isinstance(task, Ball) else f"sides {task.side:g} m"
         ground = f"texture {world.ground.texture:g}" if world.ground.texture else "plain"
         shake = f"{world.camera.shake:g}" if world.camera.shake else "-"
-        row = (
-            name,
-            world.kind,
-            str(world.axes),
-            f"{world.step:g}",
-            f"{world.camera.tilt:g}",
-            size,
-            f"{task.speed:g}",
-            ground,
-            shake,
-        )
-        rows.append((*row, in_flight(world), world.drone.physics))
+        numbers = (f"{number:g}" for number in (world.axes, world.step, world.camera.tilt))
+        seen = (size, f"{task.speed:g}", ground, shake)
+        rows.append((name, world.kind, *numbers, *seen, in_flight(world), world.drone.physics))
     columns = ("name", "task", ">axes", ">step, ms", ">tilt, degrees", ">size", ">speed, m/s", "ground", ">shake")
     console().print(table((*columns, "in flight", "physics"), rows))
 

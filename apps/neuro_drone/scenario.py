@@ -10,7 +10,7 @@ from typing import Any
 
 from neuro import ModelError
 from neuro.apps import Node, Quantity, Where, about, check, check_fields, mistake, plain, read, unknown, words
-from neuro_drone.parts import GRAVITY, MASS, Ball, Camera, Drone, Ground, Line, Load, Wind, WorldPart, range_of
+from neuro_drone.parts import GRAVITY, MASS, Ball, Camera, Drone, Ground, Line, Load, Wind, WorldPart, number
 
 __all__ = ["NAMES", "Ball", "Camera", "Drone", "Ground", "Line", "Load", "Scenario", "Wind", "errors", "load"]
 
@@ -30,7 +30,7 @@ PARTS: dict[str, type[WorldPart]] = {"camera": Camera, "ground": Ground, "drone"
 
 @dataclass(frozen=True, slots=True)
 class Scenario:
-    """All that an episode is told.
+    """World, camera, drone and task of an episode.
 
     Attributes:
         name: what it is called.
@@ -47,14 +47,14 @@ class Scenario:
     """
 
     name: str = "B60"
-    step: float = range_of(50.0, at_least=0.1, at_most=1000.0, unit="ms")
+    step: float = number(50.0, at_least=0.1, at_most=1000.0, unit="ms")
     task: Ball | Line = field(default_factory=Ball)
     camera: Camera = field(default_factory=Camera)
     ground: Ground = field(default_factory=Ground)
     drone: Drone = field(default_factory=Drone)
     wind: Wind = field(default_factory=Wind)
     load: Load = field(default_factory=Load)
-    light: float = range_of(1.0, at_least=0.001, at_most=1000.0)
+    light: float = number(1.0, at_least=0.001, at_most=1000.0)
     start: tuple[float, ...] | None = None
     seed: int | None = None
 
@@ -269,5 +269,5 @@ def _merge(said: dict[str, Any], changes: Mapping[str, Any]) -> None:
 
 
 def _other(task: Mapping[str, Any], other: Mapping[str, Any]) -> bool:
-    """Whether a task is another one, which takes the place of the first whole."""
+    """Whether a task is another one, which replaces the first as a whole."""
     return any(kind in other and kind not in task for kind in TASKS)

@@ -7,9 +7,8 @@ from typing import NamedTuple, Protocol
 
 import numpy as np
 
-from neuro_drone.geometry import AIM, CameraView, Pose
+from neuro_drone.geometry import AIM, CameraView, Pose, WorldScene
 from neuro_drone.paths import FIXED, Path, Variation
-from neuro_drone.scene import WorldScene
 
 __all__ = ["FARTHEST", "LARGEST_ERROR", "NEARER", "Judged", "Task", "border"]
 

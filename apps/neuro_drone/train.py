@@ -4,23 +4,24 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from itertools import islice
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
-import neuro
 from neuro import apps
 from neuro.apps import Checkpoint, check_output, hdf5
 from neuro_drone.controllers import Learner, kind_of, make, settings_of
-from neuro_drone.curve import Curve
 from neuro_drone.env import DroneEnv
+from neuro_drone.evaluate import flown
 from neuro_drone.model import FORMAT, Model, packed
-from neuro_drone.parts import Ball, Line
+from neuro_drone.parts import Ball, Line, check_whole
+from neuro_drone.paths import drawn
 from neuro_drone.scenario import Scenario, load
 
-__all__ = ["STEPS", "Report", "TrainingJob", "TrainingProgress", "side_by_side", "train"]
+__all__ = ["STEPS", "Curve", "Report", "TrainingJob", "TrainingProgress", "side_by_side", "train"]
 
 STEPS = 60_000
 """Steps of a training. Source: thesis, table 5."""
@@ -32,8 +33,23 @@ on a line the first corner is 400 steps away."""
 KEEP = 2000
 """Steps between two checkpoints, at least."""
 
+TEST_EVERY = 1000
+"""Steps of training from one test of frozen weights to the next."""
+
+FLIGHTS, FLIGHT_STEPS = 2, 60
+"""Of a test: an eighth of the steps that are learnt from. The first half of a flight is the way to the target."""
+
+TEST_SEED = 2_000_016
+"""Of starts, paths and noise: the same in every test, and not those of a training or of `neuro drone test`.
+
+It is the first from 2,000,000 on with which the two balls begin in opposite quarters of the picture, more than 25 px
+off on each axis, and the two lines on opposite sides, more than 10 px off, one in each direction.
+"""
+
 Arrays = dict[str, npt.NDArray[Any]]
 _KINDS = {"steps": np.int64, "error_px": np.float64, "lost": np.bool_}
+"""Of the history of a training."""
+_CURVE = {"steps": np.int64, "error_px": np.float64, "lost": np.int64}
 
 
 @dataclass(frozen=True, slots=True)
@@ -82,7 +98,7 @@ def train(
         settings: of the controller, by name.
         out: file for the model. A checkpoint is kept beside it; the same call continues from there to the same bits.
             A training that is complete is not done again.
-        report: is told the progress after each episode.
+        report: called with the progress after each episode.
 
     Returns:
         The model.
@@ -92,11 +108,9 @@ def train(
     """
     scenario, settings = load(scenario), dict(settings or {})
     episode = EPISODES[type(scenario.task)] if episode is None else episode
-    for name, value in (("steps", steps), ("episode", episode)):
-        if isinstance(value, bool) or not isinstance(value, int) or value < 1:
-            raise neuro.ModelError(f"{name} = {value!r}: expected a whole number >= 1")
-    if isinstance(seed, bool) or not isinstance(seed, int) or not 0 <= seed < 2**63:
-        raise neuro.ModelError(f"seed = {seed!r}: expected a whole number >= 0 and < 2^63")
+    check_whole("steps", steps, 1)
+    check_whole("episode", episode, 1)
+    check_whole("seed", seed, below="2^63")
     learner = make(controller, scenario, seed, settings)
     settings = settings_of(controller, scenario, settings)
     net = getattr(learner, "net", None)
@@ -142,13 +156,13 @@ def _learn(
     done = kept = sum(history["steps"])
     while done < steps:
         index = len(history["steps"])
-        flown = _episode(env, learner, (model.seed, index), min(model.episode, steps - done))
-        for name, value in zip(_KINDS, flown, strict=True):
+        count, error_px, lost = _episode(env, learner, (model.seed, index), min(model.episode, steps - done))
+        for name, value in zip(_KINDS, (count, error_px, lost), strict=True):
             history[name].append(value)
-        done += flown[0]
+        done += count
         curve.follow(learner, done)
         if report is not None:
-            report(TrainingProgress(model.seed, index, done, steps, flown[1], flown[2]))
+            report(TrainingProgress(model.seed, index, done, steps, error_px, lost))
         if checkpoint and done - kept >= KEEP and done < steps:
             checkpoint.keep(state=learner.state(), history=_arrays(history), curve=curve.arrays())
             kept = done
@@ -163,15 +177,61 @@ def _arrays(history: Mapping[str, list[Any]]) -> Arrays:
 
 def _episode(env: DroneEnv, learner: Learner, seed: tuple[int, int], most: int) -> tuple[int, float, bool]:
     """Fly and learn from a drawn start, for so many steps at most; gives the steps, their mean error, and lost."""
-    _, info = env.reset(seed=int(np.random.default_rng(seed).integers(2**31)))
-    learner.begin()
-    total, step, lost, end = 0.0, 0, False, False
-    while not (lost or end) and step < most:
-        _, _, lost, end, info = env.step(learner.act(info["counts"], info))
-        learner.learn(info)
-        total += info["error_px"]
-        step += 1
-    return step, total / step, lost
+    _, start = env.reset(seed=int(np.random.default_rng(seed).integers(2**31)))
+    steps, total, lost = 0, 0.0, False
+    for info in islice(flown(env, learner, start), most):
+        steps, total, lost = steps + 1, total + info["error_px"], info["lost"]
+    return steps, total / steps, lost
+
+
+class Curve:
+    """The training curve: how well a controller would fly if it learnt no more; exploration and dopamine hide that.
+
+    It is tested with frozen weights along a training, which neither it nor its randomness is touched by.
+
+    The error is that in the picture, as in the history of a training: of a line that of its column, and where the drone
+    climbs that of the ball's place. The other axes tell in the flights that are lost.
+
+    Args:
+        scenario: of the training.
+        found: what `arrays` gave, to go on from there.
+    """
+
+    def __init__(self, scenario: Scenario, found: Mapping[str, npt.NDArray[Any]] | None = None) -> None:
+        self._env, self._line = DroneEnv(scenario), scenario.kind == "line"
+        self._points: dict[str, list[Any]] = {name: found[name].tolist() if found else [] for name in _CURVE}
+
+    def follow(self, learner: Learner, done: int) -> None:
+        """Test once if a test was due since the last.
+
+        Args:
+            learner: as it is after so many steps.
+            done: steps of the training.
+        """
+        last = self._points["steps"][-1] if self._points["steps"] else 0
+        if done // TEST_EVERY == last // TEST_EVERY:
+            return
+        pilot = learner.frozen()
+        errors, lost = zip(*(self._fly(pilot, index) for index in range(FLIGHTS)), strict=True)
+        for name, value in zip(_CURVE, (done, float(np.mean(errors)), sum(lost)), strict=True):
+            self._points[name].append(value)
+
+    def _fly(self, pilot: Any, index: int) -> tuple[float, bool]:
+        """Mean error of the second half of a flight, and whether the target was lost; then the last error stays."""
+        rng = np.random.default_rng((TEST_SEED, index))
+        _, start = self._env.reset(seed=int(rng.integers(2**31)), options={"path": drawn(rng, self._line)})
+        infos = list(islice(flown(self._env, pilot, start), FLIGHT_STEPS))
+        errors = [info["error_px"] for info in infos]
+        errors += errors[-1:] * (FLIGHT_STEPS - len(errors))
+        return float(np.mean(errors[FLIGHT_STEPS // 2 :])), infos[-1]["lost"]
+
+    def arrays(self) -> dict[str, npt.NDArray[Any]]:
+        """One value a test: steps of the training, error_px (mean of the flights) and lost (how many)."""
+        return {name: np.array(self._points[name], kind) for name, kind in _CURVE.items()}
+
+    def close(self) -> None:
+        """No test follows."""
+        self._env.close()
 
 
 @dataclass(frozen=True, slots=True)
@@ -199,7 +259,7 @@ def side_by_side(
     Args:
         jobs: what to train.
         processes: at a time; all cores if not given.
-        report: is told the progress of all, by their seeds.
+        report: called with the progress of each, by its seed.
 
     Returns:
         The models, in the order of the jobs.

@@ -6,20 +6,27 @@ and Test the right half is taken.
 
 from __future__ import annotations
 
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from neuro.apps import TARGETS, Backend, Seed, Set, Sources, Target, assignments, whole
-from neuro_recognise.detection.commands import add_commands
+from neuro.apps import TARGETS, Backend, Seed, Set, Sources, Target, assignments, resumable, whole
 
 if TYPE_CHECKING:
     from neuro.events import Recordings
+    from neuro_recognise.detection.detector import Detector
+    from neuro_recognise.method import Progress
+    from neuro_recognise.recogniser import Recogniser
 
 app = typer.Typer(
     name="recognise", help=__doc__, no_args_is_help=True, add_completion=False, pretty_exceptions_enable=False
 )
+
+
+Option, Argument = typer.Option, typer.Argument
 
 
 def folds(text: str) -> int:
@@ -32,23 +39,56 @@ def seeds(text: str) -> int:
     return whole(text, 1)
 
 
-MethodName = Annotated[str, typer.Argument(metavar="METHOD", help="See 'neuro recognise list'.")]
-Data = Annotated[Path, typer.Option("--data", metavar="FOLDER", help="Recordings: a folder, zip or HDF5 data set.")]
-Part = Annotated[str, typer.Option("--part", metavar="NAME", help="Of recordings in parts, such as Train and Test.")]
-ModelFile = Annotated[Path, typer.Argument(metavar="MODEL", help="A recogniser, as 'train' writes it.")]
+MethodName = Annotated[str, Argument(metavar="METHOD", help="See 'neuro recognise list'.")]
+Data = Annotated[Path, Option("--data", metavar="FOLDER", help="Recordings: a folder, zip or HDF5 data set.")]
+Part = Annotated[str, Option("--part", metavar="NAME", help="Of recordings in parts, such as Train and Test.")]
+ModelFile = Annotated[Path, Argument(metavar="MODEL", help="A recogniser, as 'train' writes it.")]
 Allow = Annotated[
     float | None,
-    typer.Option("--allow", metavar="SHARE", help="Decide as soon as no larger share is wrong; learnt by 'early'."),
+    Option("--allow", metavar="SHARE", help="Decide as soon as no larger share is wrong; learnt by 'early'."),
 ]
 Assurance = Annotated[
-    float, typer.Option("--assurance", metavar="P", help="Probability that no more than allowed are wrong.")
+    float, Option("--assurance", metavar="P", help="Probability that no more than allowed are wrong.")
 ]
-Json = Annotated[bool, typer.Option("--json", help="Print the figures as JSON.")]
+Json = Annotated[bool, Option("--json", help="Print the figures as JSON.")]
+SceneFolder = Annotated[Path, Argument(metavar="SCENES", help="A folder that 'scenes' filled.")]
+
+
+@contextmanager
+def _learning() -> Iterator[Callable[[Progress], None]]:
+    """A bar for what is learnt: a function that shows how far it is."""
+    from neuro_recognise.telling.report import LearningBar
+
+    with resumable(), LearningBar() as bar:
+        yield bar.show
+
+
+@contextmanager
+def _counting(what: str) -> Iterator[Callable[[int, int], None]]:
+    """A bar for one thing: a function of how many are done, and of how many."""
+    from neuro_recognise.method import Progress
+    from neuro_recognise.telling.report import LearningBar
+
+    with LearningBar() as bar:
+        yield lambda done, total: bar.show(Progress(what, done, total))
+
+
+def _loaded(model: Path, values: Sequence[str] = ()) -> Recogniser:
+    """A recogniser of a file, with other settings of how recordings are looked at."""
+    from neuro_recognise.recogniser import Recogniser
+
+    return Recogniser.load(model).changed(assignments([*values]))
+
+
+def _recordings(path: Path, part: str, classes: tuple[str, ...] | None = None) -> Recordings:
+    from neuro.events import recordings
+
+    return recordings(path, part=part, classes=classes)
 
 
 @app.command("list")
 def list_methods(
-    method: Annotated[str | None, typer.Argument(metavar="METHOD", help="All settings of this one.")] = None,
+    method: Annotated[str | None, Argument(metavar="METHOD", help="All settings of this one.")] = None,
 ) -> None:
     """Show the methods: what they are, what they need, and how well they do; or the settings of one."""
     from neuro_recognise.telling import report
@@ -63,27 +103,23 @@ def list_methods(
 def train(
     method: MethodName,
     data: Data,
-    out: Annotated[Path, typer.Option("--out", metavar="FILE", help="The recogniser to write.")] = Path("model.h5"),
+    out: Annotated[Path, Option(metavar="FILE", help="The recogniser to write.")] = Path("model.h5"),
     part: Part = "Train",
-    settings: Annotated[str, typer.Option("--settings", metavar="NAME", help="A preset of the method.")] = "",
+    settings: Annotated[str, Option(metavar="NAME", help="A preset of the method.")] = "",
     seed: Seed = 0,
     backend: Backend = "event",
-    force: Annotated[bool, typer.Option("--force", help="Replace a recogniser of another training.")] = False,
+    force: Annotated[bool, Option("--force", help="Replace a recogniser of another training.")] = False,
     set: Set = [],  # noqa: B006
 ) -> None:
     """Train on recordings; after a kill the same command goes on where it was."""
-    from neuro_recognise.recogniser import fit, method_of
-    from neuro_recognise.telling.bars import LearningBar
+    from neuro_recognise.methods import method_of
+    from neuro_recognise.recogniser import fit
     from neuro_recognise.telling.report import learnt
 
     chosen = method_of(method, settings, assignments(set))
     found = _recordings(data, part)
-    try:
-        with LearningBar() as bar:
-            made = fit(found, chosen, seed=seed, backend=backend, out=out, replace=force, report=bar.show)
-    except KeyboardInterrupt:
-        typer.echo("interrupted: the same command goes on where it was", err=True)
-        raise typer.Exit(130) from None
+    with _learning() as shown:
+        made = fit(found, chosen, seed=seed, backend=backend, out=out, replace=force, report=shown)
     typer.echo(f"{out}: {learnt(made)}")
 
 
@@ -93,16 +129,15 @@ def try_model(
     data: Data,
     part: Part = "Test",
     json: Json = False,
-    out: Annotated[Path | None, typer.Option("--out", metavar="FOLDER", help="Write a picture there.")] = None,
+    out: Annotated[Path | None, Option(metavar="FOLDER", help="Write a picture there.")] = None,
     backend: Backend = "event",
     set: Set = [],  # noqa: B006
 ) -> None:
     """Test a recogniser on recordings: accuracy, its 95 % interval, and the confusion of the classes."""
-    from neuro_recognise.recogniser import Recogniser
     from neuro_recognise.telling import report
     from neuro_recognise.telling.tried import try_out
 
-    trained = Recogniser.load(model).changed(assignments(set))
+    trained = _loaded(model, set)
     tried = try_out(trained, _recordings(data, part, trained.classes), backend)
     if out is not None:
         report.write_confusion(tried, out)
@@ -115,22 +150,21 @@ def try_model(
 @app.command()
 def predict(
     model: ModelFile,
-    recordings: Annotated[list[Path], typer.Argument(metavar="RECORDING...", help="Files of any readable format.")],
+    recordings: Annotated[list[Path], Argument(metavar="RECORDING...", help="Files of any readable format.")],
     allow: Allow = None,
     assurance: Assurance = 0.9,
     json: Json = False,
     backend: Backend = "event",
     set: Set = [],  # noqa: B006
 ) -> None:
-    """Tell the class of recordings, what speaks for each, and when that was decided.
+    """Print the class of recordings, what speaks for each, and when that was decided.
 
-    Damaged files are told after the others; then the exit status is 1.
+    Damaged files are reported after the others; then the exit status is 1.
     """
-    from neuro_recognise.recogniser import Recogniser
     from neuro_recognise.telling import report
-    from neuro_recognise.telling.predicted import predict_files
+    from neuro_recognise.telling.tried import predict_files
 
-    trained = Recogniser.load(model).changed(assignments(set))
+    trained = _loaded(model, set)
     found, wrong = predict_files(trained, recordings, backend, allow, assurance)
     if found or json:
         report.show_predicted(trained, found, json, allow)
@@ -145,10 +179,8 @@ def early(
     model: ModelFile,
     data: Data,
     part: Part = "Train",
-    every: Annotated[float, typer.Option("--every", metavar="MS", help="From moment to moment.")] = 10.0,
-    folds: Annotated[
-        int, typer.Option("--folds", metavar="N", parser=folds, help="Of recordings, each held out once.")
-    ] = 5,
+    every: Annotated[float, Option(metavar="MS", help="From moment to moment.")] = 10.0,
+    folds: Annotated[int, Option(metavar="N", parser=folds, help="Of recordings, each held out once.")] = 5,
     assurance: Assurance = 0.9,
     backend: Backend = "event",
 ) -> None:
@@ -157,31 +189,23 @@ def early(
     After a kill the same command goes on where it was.
     """
     from neuro_recognise.deciding.learn_early import learn_early
-    from neuro_recognise.recogniser import Recogniser
     from neuro_recognise.telling import report
-    from neuro_recognise.telling.bars import LearningBar
 
-    trained = Recogniser.load(model)
+    trained = _loaded(model)
     chosen = _recordings(data, part, trained.classes)
-    try:
-        with LearningBar() as bar:
-            made = learn_early(
-                trained, chosen, every_ms=every, folds=folds, backend=backend, out=model, report=bar.show
-            )
-    except KeyboardInterrupt:
-        typer.echo("interrupted: the same command goes on where it was", err=True)
-        raise typer.Exit(130) from None
+    with _learning() as shown:
+        made = learn_early(trained, chosen, every_ms=every, folds=folds, backend=backend, out=model, report=shown)
     report.show_early(made, assurance)
 
 
 @app.command()
 def watch(
     model: ModelFile,
-    recording: Annotated[Path, typer.Argument(metavar="RECORDING", help="A file of any readable format.")],
-    out: Annotated[Path, typer.Option("--out", metavar="FILE", help="The page to write.")] = Path("recognise.html"),
-    several: Annotated[bool, typer.Option("--several", help="Find several objects, as 'detect' does.")] = False,
+    recording: Annotated[Path, Argument(metavar="RECORDING", help="A file of any readable format.")],
+    out: Annotated[Path, Option(metavar="FILE", help="The page to write.")] = Path("recognise.html"),
+    several: Annotated[bool, Option("--several", help="Find several objects, as 'detect' does.")] = False,
     boxes: Annotated[
-        Path | None, typer.Option("--boxes", metavar="FILE", help="Draw these, too: as of 'detect' or 'scenes', .csv.")
+        Path | None, Option(metavar="FILE", help="Draw these, too: as of 'detect' or 'scenes', .csv.")
     ] = None,
     allow: Allow = None,
     assurance: Assurance = 0.9,
@@ -192,11 +216,9 @@ def watch(
 
     With --several or --boxes it shows the objects of a scene instead: boxes, classes and identities.
     """
-    from neuro_recognise.recogniser import Recogniser
-
-    trained = Recogniser.load(model).changed(assignments(set))
+    trained = _loaded(model, set)
     if several or boxes is not None:
-        from neuro_recognise.detection.watching import watch_objects
+        from neuro_recognise.detection.report import watch_objects
 
         if allow is not None:
             raise typer.BadParameter("decides early on a single object", param_hint="'--allow'")
@@ -211,39 +233,31 @@ def watch(
 @app.command()
 def compare(
     data: Data,
-    out: Annotated[Path, typer.Option("--out", metavar="FOLDER", help="Results and pages.")] = Path("compared"),
+    out: Annotated[Path, Option(metavar="FOLDER", help="Results and pages.")] = Path("compared"),
     method: Annotated[
-        list[str],
-        typer.Option("--method", metavar="NAME", help="Only this one, 'hats:poker' with settings; may be repeated."),
+        list[str], Option(metavar="NAME", help="Only this one, 'hats:poker' with settings; may be repeated.")
     ] = [],  # noqa: B006
     part: Part = "Train",
     without: Annotated[
-        list[str],
-        typer.Option("--without", metavar="PATTERN", help="Leave out names like '*i.aedat'; may be repeated."),
+        list[str], Option(metavar="PATTERN", help="Leave out names like '*i.aedat'; may be repeated.")
     ] = [],  # noqa: B006
-    folds: Annotated[int, typer.Option("--folds", metavar="N", parser=folds, help="Each is tested once.")] = 5,
-    seeds: Annotated[int, typer.Option("--seeds", metavar="N", parser=seeds, help="Folds and trainings anew.")] = 1,
+    folds: Annotated[int, Option(metavar="N", parser=folds, help="Each is tested once.")] = 5,
+    seeds: Annotated[int, Option(metavar="N", parser=seeds, help="Folds and trainings anew.")] = 1,
     target: Target = TARGETS,
     backend: Backend = "event",
-    jobs: Annotated[
-        int | None, typer.Option("--jobs", metavar="N", parser=seeds, help="Folds at a time; one for each core.")
-    ] = None,
+    jobs: Annotated[int | None, Option(metavar="N", parser=seeds, help="Folds at a time; one for each core.")] = None,
 ) -> None:
     """Train and test all methods on the same folds: accuracy, time, joules on each chip, as a table and a page.
 
     What is in the folder already is not done again.
     """
     from neuro_recognise.compare import MethodComparison, compare as side_by_side, contestants
-    from neuro_recognise.telling.bars import LearningBar
     from neuro_recognise.telling.compare_report import show, write
+    from neuro_train.data import but
 
     plan = MethodComparison(contestants(method), folds, tuple(range(seeds)), tuple(target), out, backend, jobs)
-    try:
-        with LearningBar() as bar:
-            found = side_by_side(_but(_recordings(data, part), without), plan, bar.show)
-    except KeyboardInterrupt:
-        typer.echo("interrupted: the same command goes on where it was", err=True)
-        raise typer.Exit(130) from None
+    with _learning() as shown:
+        found = side_by_side(but(_recordings(data, part), without), plan, shown)
     show(found, plan)
     for file in write(found, plan, data.name):
         typer.echo(file)
@@ -260,11 +274,10 @@ def energy(
     backend: Backend = "event",
 ) -> None:
     """Show recordings to a network and print what one of them takes on chips: joules and time, the sums last."""
-    from neuro_recognise.recogniser import Recogniser
     from neuro_recognise.telling import energy
     from neuro_recognise.telling.tried import try_out
 
-    trained = Recogniser.load(model)
+    trained = _loaded(model)
     energy.check_targets(trained, target)
     tried = try_out(trained, _recordings(data, part, trained.classes), backend)
     priced = energy.bills(tried, target)
@@ -277,31 +290,128 @@ def energy(
 @app.command()
 def show(
     model: ModelFile,
-    out: Annotated[Path | None, typer.Option("--out", metavar="FOLDER", help="Write pictures there.")] = None,
+    out: Annotated[Path | None, Option(metavar="FOLDER", help="Write pictures there.")] = None,
 ) -> None:
     """Show what a recogniser was trained with; with --out draw what it has learnt."""
-    from neuro_recognise.recogniser import Recogniser
     from neuro_recognise.telling import report
 
-    trained = Recogniser.load(model)
+    trained = _loaded(model)
     report.describe(trained)
     report.show_early(trained)
     if out is not None:
         report.write_pictures(trained, out)
 
 
-add_commands(app)
+@app.command()
+def scenes(
+    data: Annotated[Path, Option(metavar="FOLDER", help="Recordings of one object each.")],
+    out: Annotated[Path, Option(metavar="FOLDER", help="Where the scenes go.")],
+    count: Annotated[int, Option(metavar="N", min=1, help="How many.")] = 100,
+    sensor: Annotated[str, Option(metavar="WxH", help="Its size, px.")] = "100x80",
+    touching: Annotated[bool, Option("--touching", help="Objects touch, and move as one.")] = False,
+    noise: Annotated[float, Option(metavar="HZ", help="Background events of a pixel.")] = 1.0,
+    length: Annotated[float, Option(metavar="MS", help="Of a scene.")] = 300.0,
+    part: Part = "Train",
+    folds: Annotated[int, Option(metavar="N", min=1, help="Into which recordings are divided.")] = 1,
+    fold: Annotated[int, Option(metavar="K", min=0, help="Take only this one, from 0 on.")] = 0,
+    others: Annotated[bool, Option("--others", help="Take all folds but this one.")] = False,
+    seed: Seed = 0,
+    set: Set = [],  # noqa: B006
+) -> None:
+    """Compose scenes of several moving objects from recordings of one each, with true boxes; resumable.
+
+    By --set: objects (fewest and most, as objects=[1,1]), gap and speed, and slice, support and percentile, by which
+    true boxes are measured.
+    """
+    import numpy as np
+
+    from neuro_recognise.detection.scenes import Scenery, fold_of, write_scenes
+
+    given = {"sensor": _size(sensor), "touching": touching, "noise": noise, "length": length}
+    scenery = Scenery().changed(given | assignments(set))
+    found = _recordings(data, part)
+    chosen = fold_of(found, folds, fold)
+    if others:
+        chosen = np.setdiff1d(np.arange(len(found)), chosen)
+    with _counting("composing scenes") as shown:
+        write_scenes(out, found, scenery, count, seed=seed, chosen=chosen, report=shown)
+    typer.echo(f"{out}: {count} scenes of {len(chosen)} recordings")
 
 
-def _but(found: Recordings, patterns: list[str]) -> Recordings:
-    """The recordings whose names fit no pattern."""
-    from fnmatch import fnmatchcase
+@app.command()
+def crops(
+    scenes: SceneFolder,
+    out: Annotated[Path, Option(metavar="FOLDER", help="Where the recordings go.")],
+    set: Set = [],  # noqa: B006
+) -> None:
+    """Cut single objects out of scenes, as a detector sees them: recordings for 'neuro recognise train'."""
+    from neuro_recognise.detection.following import Detecting
+    from neuro_recognise.detection.learning import write_crops
+    from neuro_recognise.detection.scenes import Scenes
 
-    kept = [k for k, item in enumerate(found) if not any(fnmatchcase(item.name, pattern) for pattern in patterns)]
-    return found.take(kept)
+    settings = Detecting().changed(assignments(set))
+    with _counting("cutting out objects") as shown:
+        n = write_crops(out, Scenes(scenes), settings, before=f"{scenes.resolve().name}-", report=shown)
+    typer.echo(f"{out}: {n} recordings")
 
 
-def _recordings(path: Path, part: str, classes: tuple[str, ...] | None = None) -> Recordings:
-    from neuro.events import recordings
+@app.command()
+def detect(
+    model: ModelFile,
+    recording: Annotated[Path | None, Argument(metavar="RECORDING", help="File of any readable format.")] = None,
+    data: Annotated[Path | None, Option(metavar="SCENES", help="Measure on scenes instead.")] = None,
+    out: Annotated[Path | None, Option(metavar="FILE", help="Boxes as .html (page), .png (picture) or .csv.")] = None,
+    way: Annotated[
+        str, Option(metavar="WAY", help="proposals; or dense: a remus network over the whole sensor.")
+    ] = "proposals",
+    json: Annotated[bool, Option("--json", help="Print boxes or figures as JSON.")] = False,
+    backend: Backend = "event",
+    set: Set = [],  # noqa: B006
+) -> None:
+    """Find several objects in a recording, with boxes and identities; or measure that on scenes."""
+    from neuro_recognise.detection.detector import Detector
+    from neuro_recognise.detection.following import Detecting
 
-    return recordings(path, part=part, classes=classes)
+    if (recording is None) == (data is None):
+        raise typer.BadParameter("expected either a RECORDING or --data SCENES")
+    settings: Detecting = Detecting().changed(assignments(set))
+    detector = Detector(_loaded(model), settings, backend, way)
+    if data is not None:
+        if out is not None:
+            raise typer.BadParameter("boxes are written of a RECORDING", param_hint="'--out'")
+        _measure(detector, data, json)
+    elif recording is not None:
+        _find(detector, recording, out, json)
+
+
+def _measure(detector: Detector, folder: Path, as_json: bool) -> None:
+    from neuro_recognise.detection import report
+    from neuro_recognise.detection.measures import try_out
+    from neuro_recognise.detection.scenes import Scenes
+
+    scenes = Scenes(folder)
+    report.check_classes(detector.recogniser.classes, scenes)
+    with _counting("finding objects") as shown:
+        tried = try_out(detector, scenes, lambda done: shown(done, len(scenes)))
+    report.show_tried(detector, tried, as_json)
+
+
+def _find(detector: Detector, recording: Path, out: Path | None, as_json: bool) -> None:
+    from neuro.events import load
+    from neuro_recognise.detection import report
+
+    if out is not None:
+        report.check_ending(out)
+    events = load(recording)
+    boxes = detector.detect(events)
+    if out is not None:
+        report.write_found(out, events, boxes, detector.recogniser.classes, recording.name)
+    report.show_found(boxes, detector.recogniser.classes, as_json)
+
+
+def _size(text: str) -> Any:
+    """Width and height."""
+    sides = text.lower().split("x")
+    if len(sides) != 2 or not all(side.isdecimal() and int(side) for side in sides):
+        raise typer.BadParameter(f"'{text}': expected width and height such as 100x80", param_hint="'--sensor'")
+    return tuple(int(side) for side in sides)

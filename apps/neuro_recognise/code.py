@@ -13,8 +13,6 @@ from types import CodeType, FunctionType, ModuleType
 
 from neuro_recognise.settings import Settings
 
-__all__ = ["code_of"]
-
 OURS = ("neuro", "neuro_event", "neuro_models", "neuro_recognise", "neuro_torch", "neuro_train")
 """Packages that compute what is observed and learnt; another backend is a setting."""
 ONLY_TELL = {

@@ -1,4 +1,4 @@
-"""Methods side by side on one data set: every fold trained and tested, kept in a folder, and told as a table.
+"""Methods side by side on one data set: every fold trained and tested, kept in a folder, and shown as a table.
 
 FOLDER/METHOD-SEED-FOLD.json    decisions and times of a fold, and of the first one bills; what is there is not done
                                 again by the same code
@@ -31,21 +31,17 @@ from neuro.apps import (
 )
 from neuro.events import EventFileError, Recordings
 from neuro_recognise.code import code_of
-from neuro_recognise.evaluate import Evaluation, evaluate
+from neuro_recognise.evaluate import Evaluation, evaluate, price
 from neuro_recognise.method import Answer, Method, Progress, choose
 from neuro_recognise.methods import METHODS, method_of
 from neuro_recognise.observations import observe
-from neuro_recognise.priced import price
-from neuro_recognise.recogniser import learn
+from neuro_recognise.recogniser import field_of, learn
 from neuro_recognise.shown import Features, Ints
-from neuro_recognise.training import field_of
-
-__all__ = ["Compared", "Contestant", "MethodComparison", "compare", "contestants"]
 
 FORMAT = "neuro recognise fold 1"
 RESULT = sealed("a result of 'neuro recognise compare'", f'"format": "{FORMAT}"', ', "digest": "{}"')
 TIMED = 20
-"""Recordings that are looked at anew to tell how long that takes."""
+"""Recordings that are observed anew to measure how long that takes."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -146,7 +142,7 @@ def compare(data: Recordings, plan: MethodComparison, report: Callable[[Progress
     Args:
         data: labelled recordings.
         plan: what to compare.
-        report: is told the progress.
+        report: called with the progress.
 
     Returns:
         What came of each method, in the order of the plan.
@@ -159,54 +155,36 @@ def compare(data: Recordings, plan: MethodComparison, report: Callable[[Progress
     field, folds = field_of(data), {seed: data.folds(plan.folds, seed=seed) for seed in plan.seeds}
     make_folder(plan.folder)
     fingerprint = data.fingerprint()
-    looked = [_looked(data, fingerprint, field, one, plan, report) for one in plan.contestants]
+
+    def looked(one: Contestant) -> tuple[Contestant, Features | str]:
+        """A method that fits the recordings, and what they show to it; or why it cannot be run."""
+
+        def look(done: int, n: int) -> None:
+            report(Progress(f"{one.name}: looking", done, n))
+
+        try:
+            fitting = Contestant(one.name, one.method.fitting(field))
+            return fitting, observe(fitting.method, data, fingerprint=fingerprint, report=look)
+        except (EventFileError, Unwritable):
+            raise
+        except ModelError as error:
+            return one, _reason(error)
+
+    def compared(one: Contestant, shown: Features | str, told: Sequence[Mapping[str, Any]]) -> Compared:
+        """One that cannot be run, as its extra is missing or the recordings do not suit it, says so."""
+        refused = shown if isinstance(shown, str) else next((each["refused"] for each in told if "refused" in each), "")
+        if refused or isinstance(shown, str):
+            return Compared(one, refused=refused)
+        return _summary(one, told, shown, plan, _observing_ms(one.method, data))
+
+    seen = [looked(one) for one in plan.contestants]
     jobs = [
         [_fold_of(one, shown, fingerprint[:32], (seed, k), parts, plan) for seed in plan.seeds
          for k, parts in enumerate(folds[seed])] if isinstance(shown, Features) else []
-        for one, shown in looked
+        for one, shown in seen
     ]  # fmt: skip
     told = iter(_told(list(chain(*jobs)), plan.jobs, report))
-    return [
-        _compared(data, one, shown, list(islice(told, len(mine))), plan)
-        for (one, shown), mine in zip(looked, jobs, strict=True)
-    ]
-
-
-def _looked(
-    data: Recordings,
-    fingerprint: str,
-    field: tuple[int, int],
-    contestant: Contestant,
-    plan: MethodComparison,
-    report: Callable[[Progress], None],
-) -> tuple[Contestant, Features | str]:
-    """A method that fits the recordings, and what they show to it; or why it cannot be run."""
-
-    def look(done: int, n: int) -> None:
-        report(Progress(f"{contestant.name}: looking", done, n))
-
-    try:
-        method = contestant.method.fitting(field)
-        shown = observe(method, data, fingerprint=fingerprint, report=look)
-        return Contestant(contestant.name, method), shown
-    except (EventFileError, Unwritable):
-        raise
-    except ModelError as error:
-        return contestant, _reason(error)
-
-
-def _compared(
-    data: Recordings,
-    contestant: Contestant,
-    shown: Features | str,
-    told: Sequence[Mapping[str, Any]],
-    plan: MethodComparison,
-) -> Compared:
-    """One method; one that cannot be run, as its extra is missing or the recordings do not suit it, says so."""
-    refused = shown if isinstance(shown, str) else next((one["refused"] for one in told if "refused" in one), "")
-    if refused or isinstance(shown, str):
-        return Compared(contestant, refused=refused)
-    return _summary(contestant, told, shown, plan, _observing_ms(contestant.method, data))
+    return [compared(*one, list(islice(told, len(mine)))) for one, mine in zip(seen, jobs, strict=True)]
 
 
 def _reason(error: ModelError) -> str:

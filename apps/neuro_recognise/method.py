@@ -2,23 +2,25 @@
 
     events -> observe -> evidence -> fit -> learnt;  learnt, evidence -> answer -> scores
 
-What is observed of a recording does not depend on what was learnt, so it is computed once for all folds and kept.
+What is observed of a recording does not depend on what was learnt, so it is computed once for all folds and kept. An
+observer sees a recording grow: events go in part after part, and what they show comes out whenever it is asked for.
 """
 
 from __future__ import annotations
 
-from abc import abstractmethod
+from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
-from typing import TYPE_CHECKING, Any, ClassVar, Self, TypeAlias
+from typing import TYPE_CHECKING, Any, ClassVar, Protocol, Self, TypeAlias
 
 import numpy as np
+import numpy.typing as npt
 
 from neuro import ModelError
 from neuro.apps import Registry, find_backend, unknown
 from neuro.events import Events
-from neuro_recognise.observers import Observer, Whole
+from neuro.events.parts import together
 from neuro_recognise.settings import Settings, setting
 from neuro_recognise.shown import Array, Evidence, Features, Floats, Ints
 
@@ -27,15 +29,16 @@ if TYPE_CHECKING:
 
     import neuro
     from neuro.apps import Checkpoint
-    from neuro_recognise.views import View
 
-__all__ = ["METHODS", "SILENT", "Answer", "Course", "Learnt", "Method", "Progress", "Run", "choose"]
 
 Learnt: TypeAlias = Mapping[str, Array | str]
 """What training gives: arrays and texts by name, all that answering needs beside the settings."""
 
 Run: TypeAlias = "tuple[neuro.Simulation, neuro.TrialCounts]"
 """The simulation that a network ran on, and what that took."""
+
+Drawings: TypeAlias = "Mapping[str, Figure]"
+"""Pictures by name."""
 
 SILENT = -1
 """The decision where nothing speaks for any class."""
@@ -71,7 +74,7 @@ class Course:
         seed: of everything random.
         backend: runs networks.
         checkpoint: keeps the state, so that a killed training goes on; None keeps nothing.
-        report: is told the progress.
+        report: called with the progress.
     """
 
     seed: int = 0
@@ -106,6 +109,53 @@ class Answer:
     votes: Mapping[str, Floats] = field(default_factory=dict)
     run: Callable[[], Run] | None = None
     neurons_per_core: int | None = None
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Pictures:
+    """Pictures, each shown from its time on until that of the next.
+
+    Attributes:
+        name: what they are.
+        at_ms: (pictures,) since the first event, ascending.
+        images: (pictures, rows, columns), from 0 on; all are drawn on one scale.
+        told: a few words on each; none for ().
+    """
+
+    name: str
+    at_ms: Floats
+    images: Array
+    told: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class TrialView:
+    """Spikes of the trials of a network, each shown from its time on until that of the next.
+
+    Attributes:
+        name: whose spikes, e.g. "input spikes of each frame".
+        at_ms: (trials,) since the first event of the recording, ascending.
+        length_ms: of a trial.
+        size: number of neurons.
+        offsets: (trials + 1,) trial i has ``times[offsets[i]:offsets[i + 1]]``.
+        times: (spikes,) ms, since the beginning of the trial.
+        ids: (spikes,) neurons.
+        told: a few words on each trial, such as the winner; none for ().
+        bands: names of groups of equally many neurons, in the order of their ids; none for ().
+    """
+
+    name: str
+    at_ms: Floats
+    length_ms: float
+    size: int
+    offsets: Ints
+    times: Floats
+    ids: Ints
+    told: tuple[str, ...] = ()
+    bands: tuple[str, ...] = ()
+
+
+View: TypeAlias = Pictures | TrialView
 
 
 @dataclass(frozen=True)
@@ -288,7 +338,7 @@ class Method(Settings):
         """The learnt network, None for a method without."""
         return None
 
-    def pictures(self, learnt: Learnt, classes: Sequence[str]) -> Mapping[str, Figure]:
+    def pictures(self, learnt: Learnt, classes: Sequence[str]) -> Drawings:
         """What was learnt, as pictures by name; none where there is nothing to see."""
         return {}
 
@@ -300,9 +350,82 @@ def choose(scores: Floats) -> Ints:
 
 
 METHODS: Registry[type[Method]] = Registry(
-    "method",
-    (),
-    takes=lambda thing: isinstance(thing, type) and issubclass(thing, Method),
-    group="neuro.recognisers",
+    "method", (), takes=lambda thing: isinstance(thing, type) and issubclass(thing, Method), group="neuro.recognisers"
 )
 """All methods by name."""
+
+
+class Observer(ABC):
+    """Sees one recording grow."""
+
+    @abstractmethod
+    def add(self, events: Events) -> None:
+        """Take in the next events."""
+
+    @abstractmethod
+    def evidence(self) -> Evidence:
+        """What `Method.observe` gives of all events so far, to the bit.
+
+        Raises:
+            ModelError: they do not fit the method.
+        """
+
+
+class Whole(Observer):
+    """Keeps the events and observes all of them anew: right for every method.
+
+    Args:
+        observe: `Method.observe`.
+        size: of the field, for a recording without events.
+    """
+
+    def __init__(self, observe: Callable[[Events], Evidence], size: tuple[int, int]) -> None:
+        self._observe, self._size = observe, size
+        self._parts: list[Events] = []
+
+    def add(self, events: Events) -> None:
+        """Keep the next events."""
+        if len(events):
+            self._parts.append(events)
+
+    def evidence(self) -> Evidence:
+        """Observe what was kept."""
+        none: Any = []
+        seen = together(self._parts) if self._parts else Events(none, none, none, none, self._size)
+        self._parts = [seen] if len(seen) else []
+        return self._observe(seen)
+
+
+class Grows(Protocol):
+    """A description that grows event by event."""
+
+    def add(self, events: Events) -> None:
+        """Take in the next events."""
+
+    def histograms(self) -> npt.NDArray[np.floating]:
+        """The description of all events so far."""
+
+
+class Growing(Observer):
+    """Sees by a description that grows, so that a moment costs what came since the last, not all that came.
+
+    Args:
+        field: what is looked at.
+        description: without events yet; its values are the evidence "vector".
+    """
+
+    def __init__(self, field: Method, description: Grows) -> None:
+        self._field, self._description = field, description
+        self._outside = self._total = 0
+
+    def add(self, events: Events) -> None:
+        """Describe the next events."""
+        within = self._field.within(events)
+        self._total += len(events)
+        self._outside += len(events) - len(within)
+        self._description.add(within)
+
+    def evidence(self) -> Evidence:
+        """The description as a vector."""
+        self._field.check_outside(self._outside, self._total)
+        return {"vector": self._description.histograms().ravel().astype(np.float32)}

@@ -1,9 +1,11 @@
-"""A trained recogniser, what users hold, and how one is trained."""
+"""A trained recogniser, what users hold, and how one is trained: what makes its training the same as another."""
 
 from __future__ import annotations
 
+import hashlib
 import json
 import platform
+from collections import OrderedDict
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace as with_changes
 from importlib.metadata import version
@@ -13,21 +15,118 @@ from typing import Any, TypeAlias
 import numpy as np
 
 import neuro
+from neuro import ModelError
 from neuro.apps import Checkpoint, check_output, hdf5, provenance, record_input
-from neuro.events import Events, Recordings
-from neuro_recognise.asking import Ready
-from neuro_recognise.deciding.early import Early, part_of
+from neuro.events import EventFileError, Events, Recordings
+from neuro.events.dataset import UNKNOWN
+from neuro_recognise.code import code_of
+from neuro_recognise.deciding.held import Early, part_of
 from neuro_recognise.deciding.session import WINDOW_MS, Session
 from neuro_recognise.deciding.stopping import ASSURANCE, stopping_rule
 from neuro_recognise.method import Answer, Course, Learnt, Method, Progress, choose
 from neuro_recognise.methods import method_of
 from neuro_recognise.observations import observe, observed
 from neuro_recognise.shown import Evidence, Features, Floats, Ints, unlabelled
-from neuro_recognise.training import Training, check_same, digest_of, settled, told
 
-__all__ = ["FORMAT", "Recogniser", "fit", "learn", "method_of", "read_model", "settled", "write_model"]
+Training: TypeAlias = Mapping[str, Any]
+OTHER = {"data": "other recordings", "code": "other code, of an earlier version or before an edit"}
+REPLACE = "give another name, or --force (in Python replace=True) to replace it"
+
+
+def settled(method: Method, data: Recordings) -> Method:
+    """A method with everything decided that follows from the recordings to learn from.
+
+    Raises:
+        EventFileError: as of `field_of`.
+        ModelError: the method cannot look at a field of this size.
+    """
+    return method.fitting(field_of(data))
+
+
+def field_of(data: Recordings) -> tuple[int, int]:
+    """Width and height of the field that recordings to learn from need, px.
+
+    Raises:
+        EventFileError: there are none, all are of one class, or one is damaged.
+    """
+    there = set(data.labels.tolist()) - {UNKNOWN}
+    if len(there) < 2:
+        only = f"has only the class '{data.classes[there.pop()]}'" if there else "has no recordings with a class"
+        if data.layout == "recording":
+            only = "is a single recording"
+        raise EventFileError(data.path, f"{only}: expected recordings of at least two classes")
+    return data.sensor_size(setting="--set size=[WIDTH, HEIGHT]")
+
+
+def digest_of(fingerprint: str) -> str:
+    """A short text that differs for other recordings."""
+    return hashlib.blake2b(fingerprint.encode(), digest_size=16).hexdigest()
+
+
+def training_record(method: Method, digest: str, recordings: int, seed: int, backend: str) -> dict[str, Any]:
+    """The record of a training beside the settings."""
+    return {"seed": seed, "backend": backend, "data": digest, "recordings": recordings, "code": code_of(method)}
+
+
+def check_same(out: Path, there: tuple[Method, Training], now: tuple[Method, Training]) -> None:
+    """Refuse to replace a recogniser by that of another training.
+
+    Raises:
+        ModelError: with the first thing that differs.
+    """
+    before, after = (_words(*one) for one in (there, now))
+    for name in before | after:
+        if before.get(name) != after.get(name):
+            what = OTHER.get(name, f"{name} = {_word(before.get(name))}: found {_word(after.get(name))} now")
+            raise ModelError(f"{out}: a recogniser that was trained with {what}", hint=REPLACE)
+
+
+def _words(method: Method, training: Training) -> dict[str, Any]:
+    return {"method": method.called(), **method.as_words(), **training}
+
+
+def _word(value: Any) -> str:
+    """A value, or the name of a part."""
+    return next(iter(value)) if isinstance(value, dict) else str(value)
+
+
+AT_MOST = 4
+"""Kept ready; those that were not asked for longest go first."""
+
+Ask: TypeAlias = Callable[[Features], Answer]
+
+
+class Ready:
+    """Functions that answer, of a few things learnt.
+
+    Copies, also those for another process, begin with none.
+    """
+
+    def __init__(self) -> None:
+        self._kept: OrderedDict[tuple[int, str], tuple[Learnt, Ask]] = OrderedDict()
+
+    def asker(self, method: Method, learnt: Learnt, backend: str) -> Ask:
+        """That of `Method.asker`, made where it is not there. One thing learnt is always asked by one method.
+
+        Raises:
+            ModelError: the method cannot run on the backend.
+        """
+        key = (id(learnt), backend)
+        if key not in self._kept:
+            method.check_backend(backend)
+            # what was learnt is kept, too, so that no other gets its id
+            self._kept[key] = learnt, method.asker(learnt, backend)
+        self._kept.move_to_end(key)
+        while len(self._kept) > AT_MOST:
+            self._kept.popitem(last=False)
+        return self._kept[key][1]
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return Ready, ()
+
 
 Tell = Callable[[Progress], None]
+FORMAT = "neuro recogniser 1"
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -190,8 +289,32 @@ class Recogniser:
         return self.method.network(self.learnt)
 
     def save(self, path: Path) -> None:
-        """Write the file; another recogniser of that name is replaced once the new one is complete."""
-        write_model(path, (self.method, self.classes, self.learnt, self.training, self.early))
+        """Write a file, in the place of another recogniser of that name.
+
+        ```
+        /            attributes: format "neuro recogniser 1", method, settings and training (JSON), and the versions of
+                     neuro, python, numpy and numba
+        /classes     names of the classes
+        /learnt      arrays and texts by name, as the method gives them
+        /early       what decisions while events arrive need, where it was learnt: see `neuro_recognise.deciding.held`
+        ```
+
+        Raises:
+            Unwritable: it cannot be written, or something else stands there.
+        """
+        told = {word: self.training.get(word) for word in ("backend", "seed")}
+        with hdf5.writing(path, FORMAT, record=provenance(**told)) as file:
+            file.attrs["method"] = self.method.called()
+            file.attrs["settings"] = json.dumps(self.method.as_words())
+            file.attrs["training"] = json.dumps(dict(self.training))
+            file.attrs.update({"neuro": neuro.__version__, "python": platform.python_version()})
+            file.attrs.update({name: version(name) for name in ("numpy", "numba")})
+            file["classes"] = list(self.classes)
+            group = file.create_group("learnt")
+            for name, part in self.learnt.items():
+                group[name] = part
+            if self.early is not None:
+                self.early.write(file.create_group("early"))
 
     @classmethod
     def load(cls, path: Path) -> Recogniser:
@@ -200,7 +323,13 @@ class Recogniser:
         Raises:
             ModelError: there is no such file, it is something else or damaged, or of a method that is not there.
         """
-        return cls(*read_model(path))
+        with hdf5.reading(path, FORMAT) as file:
+            record_input(path)
+            method = method_of(str(file.attrs["method"])).from_words(json.loads(file.attrs["settings"]))
+            classes = tuple(file["classes"].asstr()[:].tolist())
+            learnt = {name: part_of(data) for name, data in file["learnt"].items()}
+            early = Early.read(file["early"]) if "early" in file else None
+            return cls(method, classes, learnt, json.loads(file.attrs["training"]), early)
 
 
 def fit(
@@ -225,7 +354,7 @@ def fit(
             same bits. A training that is complete is not done again.
         replace: whether `out` takes the place of a recogniser of another training.
         cache: folder for what is computed of the recordings; None takes the user's.
-        report: is told the progress.
+        report: called with the progress.
 
     Returns:
         The recogniser.
@@ -239,7 +368,7 @@ def fit(
     chosen.check_backend(backend)
     fixed, fingerprint, tell = settled(chosen, data), data.fingerprint(), report or (lambda progress: None)
     digest = digest_of(fingerprint)
-    training = told(fixed, digest, len(data), seed, backend)
+    training = training_record(fixed, digest, len(data), seed, backend)
     # what stands in the way, or is done already, shows before long work
     if out is not None and (made := _made(out, fixed, training, replace)) is not None:
         _checkpoint(out, fixed, training).remove()
@@ -268,18 +397,18 @@ def learn(
     Args:
         method: with all that follows from the sensor decided.
         shown: what the recordings show to it.
-        digest: tells these recordings from others.
+        digest: differs for other recordings.
         seed: of everything random.
         backend: runs networks.
         out: as of `fit`.
         replace: as of `fit`.
-        report: is told the progress.
+        report: called with the progress.
 
     Raises:
         ModelError: as of `fit`.
     """
     method.check_backend(backend)
-    training = told(method, digest, len(shown), seed, backend)
+    training = training_record(method, digest, len(shown), seed, backend)
     if out is not None and (made := _made(out, method, training, replace)) is not None:
         _checkpoint(out, method, training).remove()
         return made
@@ -325,57 +454,3 @@ def _microseconds(name: str, value: float) -> int:
     if not np.isfinite(value) or round(1000.0 * value) < 1:
         raise neuro.ModelError(f"{name} = {value:g}: expected a time above 0 ms")
     return round(1000.0 * value)
-
-
-FORMAT = "neuro recogniser 1"
-Parts: TypeAlias = tuple[Method, tuple[str, ...], Learnt, Mapping[str, Any], Early | None]
-
-
-def write_model(path: Path, parts: Parts) -> None:
-    """Write a file, in the place of another recogniser of that name.
-
-    ```
-    /            attributes: format "neuro recogniser 1", method, settings and training (JSON), and the versions of
-                 neuro, python, numpy and numba
-    /classes     names of the classes
-    /learnt      arrays and texts by name, as the method gives them
-    /early       what decisions while events arrive need, where it was learnt: see `neuro_recognise.deciding.early`
-    ```
-
-    Args:
-        path: of the file.
-        parts: what a recogniser is made of, in the order of its attributes.
-
-    Raises:
-        Unwritable: it cannot be written, or something else stands there.
-    """
-    method, classes, learnt, training, early = parts
-    told = {word: training.get(word) for word in ("backend", "seed")}
-    with hdf5.writing(path, FORMAT, record=provenance(**told)) as file:
-        file.attrs["method"] = method.called()
-        file.attrs["settings"] = json.dumps(method.as_words())
-        file.attrs["training"] = json.dumps(dict(training))
-        file.attrs.update(_versions())
-        file["classes"] = list(classes)
-        group = file.create_group("learnt")
-        for name, part in learnt.items():
-            group[name] = part
-        if early is not None:
-            early.write(file.create_group("early"))
-
-
-def read_model(path: Path) -> Parts:
-    """What `write_model` was given; errors as of `Recogniser.load`."""
-    with hdf5.reading(path, FORMAT) as file:
-        record_input(path)
-        method = method_of(str(file.attrs["method"])).from_words(json.loads(file.attrs["settings"]))
-        classes = tuple(file["classes"].asstr()[:].tolist())
-        learnt = {name: part_of(data) for name, data in file["learnt"].items()}
-        early = Early.read(file["early"]) if "early" in file else None
-        return method, classes, learnt, json.loads(file.attrs["training"]), early
-
-
-def _versions() -> dict[str, str]:
-    """What a file was written with."""
-    packages = {"neuro": neuro.__version__} | {name: version(name) for name in ("numpy", "numba")}
-    return {"python": platform.python_version()} | packages

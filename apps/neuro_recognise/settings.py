@@ -14,8 +14,6 @@ from typing import Any, ClassVar, Self
 from neuro import ModelError
 from neuro.apps import Quantity, Registry, check, unknown
 
-__all__ = ["SPLITS", "Part", "Row", "Settings", "part", "setting"]
-
 SPLITS = "chosen on splits of N-MNIST's training recordings, which its accuracies are of, too"
 """Source of a value that was chosen by what was reported afterwards, not on recordings apart."""
 
@@ -28,7 +26,7 @@ def setting(default: Any, unit: str = "", doc: str = "", source: str = "", **mor
         unit: physical unit.
         doc: what it means.
         source: where its default comes from.
-        more: bounds and words of `neuro.apps.Quantity`; its `kind` follows from the default if not told.
+        more: bounds and words of `neuro.apps.Quantity`; its `kind` follows from the default if not given.
     """
     example = default[0] if isinstance(default, tuple) else default
     kinds = {bool: "boolean", int: "integer", str: "word"}
@@ -55,7 +53,13 @@ class Row:
 
 @dataclass(frozen=True)
 class Settings:
-    """Base of methods and parts: values that are checked when it is made."""
+    """Base of methods and parts: values that are checked when it is made.
+
+    Class attributes:
+        known_as: the name by which it is asked for, where that is not the name of its class in small letters.
+    """
+
+    known_as: ClassVar[str] = ""
 
     def __post_init__(self) -> None:
         for one in fields(self):
@@ -64,8 +68,8 @@ class Settings:
 
     @classmethod
     def called(cls) -> str:
-        """The name by which it is asked for: that of its class, in small letters."""
-        return cls.__name__.lower()
+        """The name by which it is asked for: `known_as`, or that of its class in small letters."""
+        return cls.known_as or cls.__name__.lower()
 
     @classmethod
     def place(cls) -> str:

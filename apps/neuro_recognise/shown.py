@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
+from abc import abstractmethod
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Any, TypeAlias, overload
+from typing import Any, TypeAlias, TypeVar, overload
 
 import numpy as np
 import numpy.typing as npt
-
-__all__ = ["Array", "Evidence", "Features", "Floats", "Ints", "Ragged", "unlabelled"]
 
 Array: TypeAlias = npt.NDArray[Any]
 Floats: TypeAlias = npt.NDArray[np.float64]
@@ -17,6 +16,24 @@ Ints: TypeAlias = npt.NDArray[np.int64]
 
 Evidence: TypeAlias = Mapping[str, Array]
 """What a recording shows: arrays by name, the same names for all recordings."""
+
+T = TypeVar("T")
+
+
+class Lazy(Sequence[T]):
+    """A sequence whose items are made when they are asked for."""
+
+    @abstractmethod
+    def item(self, k: int) -> T:
+        """That of a number from 0 on."""
+
+    @overload
+    def __getitem__(self, index: int) -> T: ...
+    @overload
+    def __getitem__(self, index: slice) -> Sequence[T]: ...
+    def __getitem__(self, index: int | slice) -> T | Sequence[T]:
+        chosen = range(len(self))[index]
+        return self.item(chosen) if isinstance(chosen, int) else [self.item(k) for k in chosen]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -80,7 +97,7 @@ def unlabelled(evidence: Sequence[Evidence], classes: tuple[str, ...]) -> Featur
     return Features(evidence, np.full(len(evidence), -1, np.int64), tuple(map(str, range(len(evidence)))), classes)
 
 
-class _Taken(Sequence[Evidence]):
+class _Taken(Lazy[Evidence]):
     """Some of a sequence."""
 
     def __init__(self, of: Sequence[Evidence], indices: Ints) -> None:
@@ -89,11 +106,6 @@ class _Taken(Sequence[Evidence]):
     def __len__(self) -> int:
         return len(self._indices)
 
-    @overload
-    def __getitem__(self, index: int) -> Evidence: ...
-    @overload
-    def __getitem__(self, index: slice) -> Sequence[Evidence]: ...
-    def __getitem__(self, index: int | slice) -> Evidence | Sequence[Evidence]:
-        if isinstance(index, slice):
-            return _Taken(self._of, self._indices[index])
-        return self._of[int(self._indices[index])]
+    def item(self, k: int) -> Evidence:
+        """That of the other sequence."""
+        return self._of[int(self._indices[k])]

@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from neuro.apps import Seed
+from neuro.apps import Seed, resumable
 
 app = typer.Typer(name="remus", no_args_is_help=True, add_completion=False, pretty_exceptions_enable=False)
 
@@ -28,8 +28,5 @@ def demo(
     """Make recordings, learn, test on unseen ones, draw, price."""
     from neuro_remus.demo import run
 
-    try:
+    with resumable():
         run(data, out, seed)
-    except KeyboardInterrupt:
-        typer.echo("interrupted: the same command goes on where it was", err=True)
-        raise typer.Exit(130) from None

@@ -13,15 +13,13 @@ from neuro.apps import TARGETS, console, make_folder, sealed, table, write_text
 from neuro.chips import COLUMNS
 from neuro.events import Recordings, recordings
 from neuro_models import path
+from neuro_recognise.evaluate import Priced
 from neuro_recognise.methods.gradients import Dense
-from neuro_recognise.priced import Priced
 from neuro_recognise.recogniser import Recogniser, fit
 from neuro_recognise.telling import energy, report
-from neuro_recognise.telling.bars import LearningBar
+from neuro_recognise.telling.report import LearningBar
 from neuro_recognise.telling.tried import Tried, try_out
 from neuro_remus.saccades import make_dataset
-
-__all__ = ["TARGET", "show_beside_each_other", "trained_by_gradients"]
 
 N_TRAIN, N_TEST = 1500, 500
 SEED = 0

@@ -3,14 +3,26 @@
 from __future__ import annotations
 
 import warnings
-from collections.abc import Iterator
-from contextlib import contextmanager
+from importlib.util import find_spec
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from neuro.apps import NETWORK, Bar, NetworkFile, Seed, Set, assignments, check_output, install, plain, read, whole
+from neuro.apps import (
+    NETWORK,
+    Bar,
+    NetworkFile,
+    Seed,
+    Set,
+    assignments,
+    check_output,
+    install,
+    plain,
+    read,
+    resumable,
+    whole,
+)
 from neuro_train.plan import LOSSES, TrainingPlan, augmentation, costs
 
 if TYPE_CHECKING:
@@ -35,12 +47,10 @@ def folds(text: str) -> int:
 # recordings
 Data = Annotated[Path, Option("--data", metavar="FOLDER", help="Recordings: a folder, zip or HDF5 data set.")]
 Part = Annotated[str, Option("--part", metavar="NAME", help="Of recordings in parts, such as Train.")]
-Without = Annotated[
-    list[str], Option("--without", metavar="PATTERN", help="Leave out names like '*i.aedat'; repeatable.")
-]
+Without = Annotated[list[str], Option(metavar="PATTERN", help="Leave out names like '*i.aedat'; repeatable.")]
 Test = Annotated[Path | None, Option("--test", metavar="FOLDER", help="Recordings to test on.")]
 Folds = Annotated[
-    int | None, Option("--folds", metavar="N", parser=folds, help="Test each Nth on what the others taught instead.")
+    int | None, Option(metavar="N", parser=folds, help="Test each Nth on what the others taught instead.")
 ]
 Backends = Annotated[str, Option(metavar="A,B,...", help="What to test on.")]
 
@@ -84,14 +94,10 @@ Device = Annotated[str, Option(metavar="NAME", help="A device of torch, such as 
 Threads = Annotated[int, Option(metavar="N", min=1, help="Threads to compute with.")]
 
 # for a chip
-Cost = Annotated[
-    list[str], Option("--cost", metavar="CHIP=X", help="Add X to the loss for each microjoule; repeatable.")
-]
+Cost = Annotated[list[str], Option(metavar="CHIP=X", help="Add X to the loss for each microjoule; repeatable.")]
 Bits = Annotated[int | None, Option(metavar="N", help="Of weights while they learn, on a chip's grid.")]
 Prune = Annotated[float, Option(metavar="SHARE", help="Drop so many synapses, the smallest, half way.")]
-NeuronsPerCore = Annotated[
-    int | None, Option("--neurons-per-core", metavar="N", help="Of a chip, fewer than it allows.")
-]
+NeuronsPerCore = Annotated[int | None, Option(metavar="N", help="Of a chip, fewer than it allows.")]
 
 # what comes of it
 Out = Annotated[Path, Option("--out", metavar="FILE", help="The network to write.")]
@@ -142,19 +148,27 @@ def train(
     set: Set = [],  # noqa: B006
 ) -> None:
     """Train a network on recordings, write it, and test it; after a kill the same command goes on where it was."""
-    _need_torch()
+    import neuro
+    from neuro import ModelError
+
+    if find_spec("torch") is None:
+        raise ModelError("neuro train learns by PyTorch, which is not installed", hint=install("torch"))
+    import torch
+
     plan = TrainingPlan(
         input=input, output=output, trainable=tuple(learn), epochs=epochs, duration=duration, start=start, scale=scale,
         window=window, batch=batch, rate=rate, decay=decay, loss=loss, temperature=temperature, surrogate=surrogate,
         slope=slope, **augmentation(augment), cost=costs(cost), bits=bits, prune=prune,
         neurons_per_core=neurons_per_core, seed=seed, device=device,
     )  # fmt: skip
-    net, names = _network(file, set), [name.strip() for name in backends.split(",") if name.strip()]
-    _threads(threads)
-    _check_tests(folds, test)
+    net = neuro.load(file, params=assignments(set))
+    names = [name.strip() for name in backends.split(",") if name.strip()]
+    torch.set_num_threads(threads)
+    if folds and test is not None:
+        raise ModelError("--folds and --test: expected one of them", hint="folds test on what they leave out")
     _check_before(net, plan, names if folds or test else [], out, page)
     learnt_from = _recordings(data, part, without=without)
-    with _going_on_later():
+    with resumable():
         if search is not None:
             told = (file, data, part, without)
             _search(told, net, plan, assignments(set), search, budget, folds, test, out.with_suffix(""))
@@ -163,16 +177,6 @@ def train(
         else:
             unseen = None if test is None else _recordings(test, "Test", learnt_from.classes)
             _train(net, learnt_from, unseen, plan, names, out, page or out.with_suffix(".html"))
-
-
-@contextmanager
-def _going_on_later() -> Iterator[None]:
-    """Tell, where work is interrupted, that it is kept."""
-    try:
-        yield
-    except KeyboardInterrupt:
-        typer.echo("interrupted: the same command goes on where it was", err=True)
-        raise typer.Exit(130) from None
 
 
 def _train(
@@ -243,8 +247,7 @@ def _search(
     """Networks that differ, and the front of accuracy against joules."""
     from neuro import ModelError
     from neuro_train import front
-    from neuro_train.search import check_optuna, search as ask
-    from neuro_train.space import space
+    from neuro_train.search import check_optuna, search as ask, space
 
     if test is not None:
         why = "--search with --test: a search tests on recordings of --data that it holds out: expected one of both"
@@ -272,14 +275,6 @@ def _tell(bar: Bar, plan: TrainingPlan, epoch: int, noted: Mapping[str, float]) 
     bar.show(epoch, plan.epochs, message)
 
 
-def _check_tests(folds: int | None, test: Path | None) -> None:
-    """Refuse two ways to test at once."""
-    from neuro import ModelError
-
-    if folds and test is not None:
-        raise ModelError("--folds and --test: expected one of them", hint="folds test on what they leave out")
-
-
 def _check_before(net: neuro.Network, plan: TrainingPlan, backends: list[str], out: Path, page: Path | None) -> None:
     """Refuse what would fail after long work."""
     import neuro
@@ -295,14 +290,8 @@ def _check_before(net: neuro.Network, plan: TrainingPlan, backends: list[str], o
     if plan.prune:
         neuro_torch.prune(module, plan.prune)
     for name in backends:
-        with warnings.catch_warnings(action="ignore"):  # what a backend warns of is told when it runs
+        with warnings.catch_warnings(action="ignore"):  # what a backend warns of is reported when it runs
             neuro.compile(net, backend=name)
-
-
-def _network(file: Path, set: list[str]) -> neuro.Network:
-    import neuro
-
-    return neuro.load(file, params=assignments(set))
 
 
 def _recordings(
@@ -313,19 +302,3 @@ def _recordings(
 
     found = recordings(path, part=part, classes=classes)
     return found if without is None else but(found, without)
-
-
-def _threads(number: int) -> None:
-    import torch
-
-    torch.set_num_threads(number)
-
-
-def _need_torch() -> None:
-    """Tell how to get torch where it is missing."""
-    from importlib.util import find_spec
-
-    from neuro import ModelError
-
-    if find_spec("torch") is None:
-        raise ModelError("neuro train learns by PyTorch, which is not installed", hint=install("torch"))

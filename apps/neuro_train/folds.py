@@ -19,8 +19,6 @@ from neuro_train.room import rooms
 from neuro_train.tested import by_module, on_backend
 from neuro_train.trainer import begun, identity, learn
 
-__all__ = ["cross_validate"]
-
 FORMAT = "neuro train fold 1"
 RESULT = sealed("a result of 'neuro train --folds'", f'"format": "{FORMAT}"', ', "digest": "{}"')
 
@@ -42,55 +40,45 @@ def cross_validate(
         net: the network.
         shown: all recordings.
         folds: of each the indices to learn from, and those to test on.
-        plan: what each training is told.
+        plan: settings of each training.
         backends: to test on, beside what learnt.
         out: of the networks: fold 1 of trained.yaml is trained-1.yaml, with its figures in trained-1.json.
-        report: is told how far it is.
+        report: called with how far it is.
 
     Returns:
         Of each fold `n`, `right` by backend, `equal` decisions by backend, overflows and joules by chip, `room` in
         registers, and seconds of one core.
     """
-    return [_fold(net, shown, k, parts, len(folds), plan, backends, out, report) for k, parts in enumerate(folds)]
 
+    def of_fold(k: int, parts: Fold) -> dict[str, Any]:
+        name = f"fold {k + 1} of {len(folds)}"
+        own = out.with_name(f"{out.stem}-{k + 1}{out.suffix}")
+        file = own.with_suffix(".json")
+        of = identity(net, shown, plan) | {"fold": name, "backends": list(backends)}
+        kept = kept_json(file)
+        if kept.get("of") == json.loads(json.dumps(of)):
+            return kept
+        checkpoint = begun(net, own, shown, plan, name)
 
-def _fold(
-    net: neuro.Network,
-    shown: BatchData,
-    k: int,
-    parts: Fold,
-    n: int,
-    plan: TrainingPlan,
-    backends: Sequence[str],
-    out: Path,
-    report: Callable[[str, int, int], None],
-) -> dict[str, Any]:
-    name = f"fold {k + 1} of {n}"
-    own = out.with_name(f"{out.stem}-{k + 1}{out.suffix}")
-    file = own.with_suffix(".json")
-    of = identity(net, shown, plan) | {"fold": name, "backends": list(backends)}
-    kept = kept_json(file)
-    if kept.get("of") == json.loads(json.dumps(of)):
-        return kept
-    checkpoint = begun(net, own, shown, plan, name)
+        def tell(epoch: int, noted: Mapping[str, float]) -> None:
+            report(f"{name}: learning, {noted.get('right', 0.0):.1%} right", epoch, plan.epochs)
 
-    def tell(epoch: int, noted: Mapping[str, float]) -> None:
-        report(f"{name}: learning, {noted.get('right', 0.0):.1%} right", epoch, plan.epochs)
+        learnt_from = shown.take(parts[0])
+        trained = learn(net, learnt_from, plan, checkpoint, tell)
+        trained.net.save(own)
+        room = [one for name in dict.fromkeys(backends) for one in rooms(trained.net, name, learnt_from, plan)]
+        unseen = shown.take(parts[1])
+        tried = [by_module(trained.module, unseen, plan)]
+        tried += [on_backend(trained.net, backend, unseen, plan, room=room) for backend in backends]
+        told = {"format": FORMAT, "of": of, "n": len(unseen), "cpu_s": trained.cpu_s}
+        told |= {"right": {one.backend: one.own.correct for one in tried}}
+        told |= {"equal": {one.backend: one.agrees(tried[0]) for one in tried}}
+        told |= {"same_spikes": {one.backend: one.same_spikes(tried[0]) for one in tried}}
+        told |= {"overflows": {one.backend: one.overflows for one in tried if one.overflows}}
+        told |= {"room": [asdict(one) for one in room]}
+        told |= {"bills": {one.backend: one.bill.as_dict() for one in tried if one.bill}}
+        write_text(file, json.dumps(told, indent=1), RESULT)
+        checkpoint.remove()
+        return told
 
-    learnt_from = shown.take(parts[0])
-    trained = learn(net, learnt_from, plan, checkpoint, tell)
-    trained.net.save(own)
-    room = [one for name in dict.fromkeys(backends) for one in rooms(trained.net, name, learnt_from, plan)]
-    unseen = shown.take(parts[1])
-    tried = [by_module(trained.module, unseen, plan)]
-    tried += [on_backend(trained.net, backend, unseen, plan, room=room) for backend in backends]
-    told = {"format": FORMAT, "of": of, "n": len(unseen), "cpu_s": trained.cpu_s}
-    told |= {"right": {one.backend: one.own.correct for one in tried}}
-    told |= {"equal": {one.backend: one.agrees(tried[0]) for one in tried}}
-    told |= {"same_spikes": {one.backend: one.same_spikes(tried[0]) for one in tried}}
-    told |= {"overflows": {one.backend: one.overflows for one in tried if one.overflows}}
-    told |= {"room": [asdict(one) for one in room]}
-    told |= {"bills": {one.backend: one.bill.as_dict() for one in tried if one.bill}}
-    write_text(file, json.dumps(told, indent=1), RESULT)
-    checkpoint.remove()
-    return told
+    return [of_fold(k, parts) for k, parts in enumerate(folds)]

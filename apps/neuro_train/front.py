@@ -17,8 +17,6 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-__all__ = ["SPENT", "FrontPlace", "draw", "logarithmic", "show", "write"]
-
 SPENT = tuple(f"{clock}microjoules{end}" for clock in ("", "real_time_") for end in ("", "_low", "_high"))
 """What a recording takes, with its range, as fast as the chip can and in real time."""
 

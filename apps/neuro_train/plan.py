@@ -1,4 +1,4 @@
-"""What a training is told, checked before anything runs."""
+"""The settings of a training, checked before anything runs."""
 
 from __future__ import annotations
 
@@ -9,18 +9,17 @@ from typing import Any
 
 from neuro import ModelError
 from neuro.apps import unknown
-from neuro_train.window import corner
-
-__all__ = ["LOSSES", "TrainingPlan", "augmentation", "costs"]
 
 LOSSES = ("count", "potential", "first_spike")
 SHARE = "a share, 0 to less than 1"
 AUGMENTATIONS = {"shift": "a whole number of px >= 0", "warp": SHARE, "mirror": SHARE}
+CENTRED = "centred"
+"""Asks for a window round what each recording shows."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class TrainingPlan:
-    """What a training is told.
+    """The settings of a training.
 
     Attributes:
         input: the population of the pixels.
@@ -103,7 +102,7 @@ class TrainingPlan:
 
     @property
     def learns(self) -> dict[str, tuple[str, ...]]:
-        """What of which projection or population learns, where that is told."""
+        """What of which projection or population learns, where that is given."""
         parts = (text.partition("=") for text in self.trainable)
         return {name: tuple(words.split(",")) if equals else ("weight",) for name, equals, words in parts}
 
@@ -115,6 +114,21 @@ class TrainingPlan:
     def as_words(self) -> dict[str, Any]:
         """All of it as plain data."""
         return asdict(self) | {"trainable": list(self.trainable), "cost": dict(self.cost)}
+
+
+def corner(text: str) -> tuple[int, int] | None:
+    """Column and row of the window's first pixel; None for one round what each recording shows.
+
+    Raises:
+        ModelError: it is neither "centred" nor a column and a row, as in "40,32".
+    """
+    if text == CENTRED:
+        return None
+    column, comma, row = (part.strip() for part in text.partition(","))
+    if not (comma and column.isdecimal() and row.isdecimal()):
+        expected = "expected 'centred', or column and row of its first pixel"
+        raise ModelError(f"--window {text}: {expected}", hint="--window centred, or --window 0,0")
+    return int(column), int(row)
 
 
 def augmentation(texts: Sequence[str]) -> dict[str, Any]:

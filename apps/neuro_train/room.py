@@ -19,8 +19,6 @@ from neuro_train.trainer import module_of
 if TYPE_CHECKING:
     from neuro.chips import Chip
 
-__all__ = ["AT_ONCE", "MARGIN", "MemoryRoom", "chip_of", "rooms", "scales", "told"]
-
 MARGIN = 2.0
 """The largest input of the recordings that were learnt from, times this, shall fit into its register."""
 AT_ONCE = 50
@@ -64,7 +62,7 @@ def rooms(net: neuro.Network, target: str, shown: BatchData, plan: TrainingPlan)
         plan: how they are seen.
 
     Returns:
-        Of each population that spikes reach; none where the chip's arithmetic does not tell (`neuro.chips.filled`).
+        Of each population that spikes reach; none where the chip's arithmetic does not say (`neuro.chips.filled`).
     """
     on = chip_of(target)
     if on is None or not on.arithmetic:

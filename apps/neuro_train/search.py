@@ -1,18 +1,20 @@
 """Accuracy against joules on a chip: trainings asked for by `neuro.tune`, and the front learnt anew and tested.
 
 Recordings are divided in parts. The last is held out: only what the front has found is tested on it, once, after it has
-learnt from all the others. A trial learns from all but this one and one more, on which it is judged.
+learnt from all the others. A trial learns from all but this one and one more, on which it is judged. What varies is a
+text such as "step,duration,hidden=16:64,prune".
 
 FOLDER/tune.json, journal.log, runs    of `neuro.tune`
 FOLDER/points/NAME.yaml                each trial's network
 FOLDER/front/NAME.yaml                 the front's networks, learnt from all that is not held out
-FOLDER/front.csv, front.png            what is told of them
+FOLDER/front.csv, front.png            the table and the figure
 """
 
 from __future__ import annotations
 
 import json
 from collections.abc import Callable, Mapping
+from dataclasses import fields
 from functools import cache
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -22,20 +24,117 @@ import numpy.typing as npt
 
 import neuro
 from neuro import ModelError
-from neuro.apps import fingerprint, install, kept_json, make_folder, sealed, write_text
-from neuro_train import overflows
+from neuro.apps import fingerprint, install, kept_json, make_folder, sealed, unknown, write_text
 from neuro_train.data import but, show
 from neuro_train.front import SPENT, FrontPlace
 from neuro_train.plan import TrainingPlan
 from neuro_train.room import rooms
-from neuro_train.space import Space, parted
-from neuro_train.tested import on_backend
+from neuro_train.tested import on_backend, warn_of_overflows
 from neuro_train.trainer import begun, identity, learn, module_of
 
 if TYPE_CHECKING:
     from neuro.events import Recordings
 
-__all__ = ["PARTS", "check_optuna", "divided", "point", "search"]
+Space = dict[str, list[Any]]
+"""Values to choose from, by name."""
+
+OF_PLAN = (
+    "prune",
+    "rate",
+    "decay",
+    "slope",
+    "temperature",
+    "warp",
+    "mirror",
+    "epochs",
+    "batch",
+    "bits",
+    "neurons_per_core",
+)
+"""Words of a plan that may vary, beside the duration."""
+
+STEPS = (1, 2, 4)
+SHARES = (0.25, 0.5, 0.75, 1.0)
+HIDDEN = (0.125, 0.25, 0.5, 1.0)
+PRUNE = (0.0, 0.25, 0.5, 0.75)
+EXAMPLE = "--search step,duration,hidden=16:64,prune"
+
+
+def space(text: str, net: neuro.Network, plan: TrainingPlan, given: Mapping[str, Any]) -> Space:
+    """Read what varies.
+
+    Args:
+        text: names with commas between them, each with its values after "=" and ":" between these: `step` (ms),
+            `duration` (ms), words of a plan, and parameters of the network's file. `step`, `duration`, `hidden` and
+            `prune` have values if none are given: the network's step and 2 and 4 times it, quarters of the plan's
+            duration in whole steps of all, 1/8 to the whole of the hidden layer, and nothing to three quarters pruned.
+        net: the network.
+        plan: settings of every training that do not vary.
+        given: the parameters of the network's file.
+
+    Raises:
+        ModelError: a name is unknown, a value is NaN, or a duration is not a whole number of steps.
+    """
+    said = dict(_named(part) for part in text.split(","))
+    known = ["step", "duration", *OF_PLAN, *(name for name in given if name != "resolution")]
+    for name in said:
+        if name not in known:
+            raise unknown("parameter of --search", name, known)
+    if "step" in said and "resolution" not in given:
+        message = "--search step: the network's file has no parameter 'resolution'"
+        raise ModelError(f"{message}: expected one, as 'neuro train dense' has")
+    steps = said.get("step") or [net.resolution * k for k in STEPS] if "step" in said else [net.resolution]
+    found: Space = {}
+    for name, values in said.items():
+        found[name] = values or _usual(name, steps, plan, given)
+    for duration in found.get("duration", [plan.duration]):
+        for step in steps:
+            if abs(duration / step - round(duration / step)) > 1e-9:
+                message = f"--search: a duration of {duration:g} ms is no whole number of steps of {step:g} ms"
+                raise ModelError(f"{message}: expected multiples of all steps", hint="duration=50:100,step=5:10")
+    return {name: list(dict.fromkeys(values)) for name, values in found.items()}
+
+
+def parted(point: Mapping[str, Any]) -> tuple[dict[str, Any], dict[str, Any]]:
+    """What of a point is a parameter of the network's file, and what of the plan."""
+    words = {field.name for field in fields(TrainingPlan)}
+    of_plan = {name: value for name, value in point.items() if name in words}
+    of_file = {"resolution" if name == "step" else name: value for name, value in point.items() if name not in words}
+    return of_file, of_plan
+
+
+def _named(part: str) -> tuple[str, list[Any]]:
+    name, equals, text = part.strip().partition("=")
+    if not name or (equals and not text):
+        raise ModelError(f"--search {part}: expected NAME or NAME=VALUE:VALUE", hint=EXAMPLE)
+    return name, [_number(name, value) for value in text.split(":")] if text else []
+
+
+def _number(name: str, text: str) -> float | int:
+    try:
+        return int(text)
+    except ValueError:
+        pass
+    try:
+        return float(text)
+    except ValueError:
+        raise ModelError(f"--search {name}={text}: expected numbers with ':' between them", hint=EXAMPLE) from None
+
+
+def _usual(name: str, steps: list[Any], plan: TrainingPlan, given: Mapping[str, Any]) -> list[Any]:
+    """The values of a parameter for which none are given."""
+    if name == "step":
+        return steps
+    if name == "duration":
+        coarse = max(steps)
+        whole = [max(1, int(plan.duration * share / coarse + 1e-9)) for share in SHARES]
+        return [k * coarse for k in whole]
+    if name == "hidden":
+        return [max(1, round(given["hidden"] * share)) for share in HIDDEN]
+    if name == "prune":
+        return list(PRUNE)
+    raise ModelError(f"--search {name}: expected its values", hint=f"--search {name}=1:2:4")
+
 
 PARTS = 5
 """In how many parts recordings are divided, where no folds are asked for: one is held out, one judges."""
@@ -79,13 +178,13 @@ def search(
         data: the recordings.
         part: of recordings in parts.
         without: patterns of names that are left out.
-        plan: what every training is told that does not vary.
+        plan: settings of every training that do not vary.
         params: of the file, that do not vary.
         space: what varies.
         budget: how many networks.
         folds: of how many trainings a trial is made; of one if not given.
         folder: where all is kept.
-        say: is told which network of the front learns anew.
+        say: called with which network of the front learns anew.
 
     Returns:
         All points, those of the front tested on what is held out; by joules.
@@ -179,7 +278,7 @@ def point(
     trained.net.save(out)
     room = rooms(trained.net, told.chip, mine, told)
     tried = on_backend(trained.net, told.chip, shown.take(judged), told, room=room)
-    overflows.tell(told.chip, tried.overflows, len(judged))
+    warn_of_overflows(told.chip, tried.overflows, len(judged))
     if tried.bill is None:
         raise ModelError(f"{told.chip}: has no costs: expected a chip that has")
     each = [joules for bill in (tried.bill, tried.bill.real_time) for joules in (bill.total_j, bill.low_j, bill.high_j)]

@@ -13,17 +13,14 @@ import numpy.typing as npt
 from neuro.apps import console, html, sealed, table, write_text
 from neuro.chips import COLUMNS, footnotes
 from neuro_recognise.evaluate import wilson
-from neuro_train import overflows
 from neuro_train.room import MARGIN, MemoryRoom, told
-from neuro_train.tested import TestedNetwork
+from neuro_train.tested import TestedNetwork, summed, warn_of_overflows
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
     from neuro_train.plan import TrainingPlan
     from neuro_train.trainer import Trained
-
-__all__ = ["PAGE", "rows", "show", "show_folds", "write"]
 
 PAGE = sealed("a page of 'neuro train'", '<meta name="generator" content="neuro train">', "<!-- digest {} -->")
 HEAD = ("runs on", ">accuracy", ">95 % interval", ">equal decisions", ">equal spikes", ">first spike")
@@ -66,7 +63,7 @@ def show(tried: Sequence[TestedNetwork], room: Sequence[MemoryRoom] = ()) -> Non
     if not tried:
         return
     for one in tried:
-        overflows.tell(one.backend, one.overflows, len(one.labels))
+        warn_of_overflows(one.backend, one.overflows, len(one.labels))
     for line in footnotes([one.bill for one in tried if one.bill], False):
         print(f"- {line}")
     console().print(table(HEAD, rows(tried), title=f"{len(tried[0].labels)} recordings"))
@@ -83,7 +80,7 @@ def show_folds(folds: Sequence[Mapping[str, Any]]) -> None:
         print(f"- {line}")
     for name in names:
         each = (one.get("overflows", {}).get(name, {}) for one in folds)
-        overflows.tell(name, overflows.summed(each), n)
+        warn_of_overflows(name, summed(each), n)
     cells = [
         (str(k + 1), *(f"{one['right'][name] / one['n']:.1%}" for name in names), f"{one['cpu_s']:.1f} s")
         for k, one in enumerate(folds)

@@ -1,9 +1,11 @@
-"""A network on backends and chips: what it decides on recordings, and what one of them takes."""
+"""A network on backends and chips: what it decides on recordings, what one of them takes, registers that overflow."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+import warnings
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
@@ -13,17 +15,49 @@ import torch
 
 import neuro
 import neuro_torch
+from neuro import OverflowWarning
 from neuro.chips import place, price
 from neuro_recognise.evaluate import Evaluation, evaluate
 from neuro_train.data import BatchData
-from neuro_train.overflows import Overflows, noted
 from neuro_train.plan import TrainingPlan
 from neuro_train.room import AT_ONCE, MemoryRoom, chip_of, scales
 
 if TYPE_CHECKING:
     from neuro.chips import Energy
 
-__all__ = ["TestedNetwork", "by_module", "on_backend"]
+Overflows = Mapping[str, tuple[int, str]]
+"""By what overflows, such as "input wraps of hidden", in how many recordings, and what keeps it from that."""
+
+
+@contextmanager
+def noted(found: dict[str, tuple[int, str]]) -> Iterator[None]:
+    """Add what overflows inside, in a recording, to what was found, instead of warning of it."""
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always", OverflowWarning)
+        yield
+    for each in caught:
+        told = each.message
+        if not isinstance(told, OverflowWarning):
+            warnings.warn_explicit(told, each.category, each.filename, each.lineno)
+        elif told.what:
+            found[told.what] = found.get(told.what, (0, ""))[0] + 1, told.hint
+
+
+def summed(each: Iterator[Mapping[str, Any]]) -> dict[str, tuple[int, str]]:
+    """Those of several sets of recordings."""
+    found: dict[str, tuple[int, str]] = {}
+    for one in each:
+        for what, (recordings, hint) in one.items():
+            found[what] = found.get(what, (0, ""))[0] + recordings, hint
+    return found
+
+
+def warn_of_overflows(backend: str, found: Overflows, recordings: int) -> None:
+    """Warn once of each register that overflowed, with in how many recordings."""
+    for what, (some, hint) in found.items():
+        text = f"backend '{backend}': {what} in {some} of {recordings} recordings\n  hint: {hint}"
+        warnings.warn(text, OverflowWarning, stacklevel=2)
+
 
 Ints = npt.NDArray[np.int64]
 
@@ -91,7 +125,7 @@ def on_backend(
         backend: its name; one of a chip gives a bill.
         shown: the recordings.
         plan: how they are seen.
-        report: is told how many are done.
+        report: called with how many are done.
         room: in its registers, whose scales it takes.
 
     Raises:

@@ -25,8 +25,6 @@ from neuro.apps import Checkpoint, fingerprint
 from neuro_train.data import BatchData, moved
 from neuro_train.plan import TrainingPlan
 
-__all__ = ["CURVES", "Trained", "begun", "identity", "learn", "module_of", "sizes"]
-
 Array = npt.NDArray[Any]
 
 FORMAT = "neuro training by gradients 1"
@@ -37,7 +35,7 @@ WAYS = {
     "data": "recordings are others, or were edited: give those that it began with to continue it",
     "network": "the network is another, or was edited: give the one that it began with to continue it",
 }
-"""Ways out where what is told of a training by a hash is not the same."""
+"""Hints for what a training knows by a hash alone, where that is not the same."""
 
 CURVES = ("loss", "right", "joules", "rate")
 """What is noted of each epoch: mean loss, share of right decisions, joules of a recording, learning rate."""
@@ -107,7 +105,7 @@ def begun(net: neuro.Network, out: Path, shown: BatchData, plan: TrainingPlan, w
         net: the network as it begins.
         out: the network that it is going to be.
         shown: what is learnt from.
-        plan: what it is told.
+        plan: the settings of the training.
         which: part of the recordings, where not all.
     """
     told = identity(net, shown, plan) | {"recordings": len(shown), "part": which}
@@ -133,7 +131,7 @@ def learn(
         shown: what to learn from.
         plan: the settings of the training.
         checkpoint: where it is kept; nowhere if not given.
-        report: is told the epochs that are done, and what was noted of the last.
+        report: called with the epochs that are done, and what was noted of the last.
 
     Raises:
         ModelError: the network cannot be trained so, the loss or what learns has become NaN or infinite, or the

@@ -12,7 +12,7 @@ from neuro.chips.known import CHIPS, chip, is_table
 from neuro.chips.loihi.arithmetic import LOIHI
 from neuro.chips.placing.place import place
 from neuro.chips.quantising.quantise import quantise
-from neuro.chips.spinnaker.arithmetic import SPINNAKER
+from neuro.chips.spinnaker import SPINNAKER
 from neuro.core.checks import check
 from neuro.core.errors import ModelError
 from neuro.core.quantities import Quantity

@@ -16,8 +16,8 @@ from neuro.core.clock import NEVER
 from neuro.model.parts import lateral_reset, local_winners, winner_take_all
 from neuro.program.program import Program, Projection
 from neuro_chip import deliver, tables as t
-from neuro_chip.families.every import NUMBERS, family_of
-from neuro_chip.families.family import Arrays
+from neuro_chip.families import NUMBERS, family_of
+from neuro_chip.tables import Arrays
 
 KINDS = {"current": t.CURRENT, "relay": t.RELAY, **NUMBERS}
 LAYOUTS = {"one_to_one": t.ONE_TO_ONE, "dense": t.DENSE, "csr": t.CSR, "grid": t.GRID}

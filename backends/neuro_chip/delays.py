@@ -15,14 +15,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from neuro.chips.arrival_rule import acts_late, register
+from neuro.chips.loihi.arithmetic import REGISTER_OF_ONE
 from neuro.chips.loihi.learning import FRACTIONS
-from neuro.chips.loihi.words import REGISTER_OF_ONE
 from neuro.chips.quantising.fixed_program import FixedProgram
 from neuro.kernels.jit import compiled, kernel
-from neuro.model.synapses.delays import DELAY
+from neuro.model.synapses.base import DELAY
 from neuro.program.program import Floats, Ints, Projection
 from neuro_chip import tables as t
-from neuro_chip.families.family import Arrays
+from neuro_chip.tables import Arrays
 
 _NEVER = -1
 

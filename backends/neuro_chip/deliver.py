@@ -18,38 +18,6 @@ from numpy.typing import NDArray
 from neuro.kernels.jit import kernel, subkernel
 from neuro.program.program import Grid, Ints, Program, Projection
 from neuro_chip import tables as t
-from neuro_chip.tables import (
-    ARRIVED,
-    BEGIN,
-    CHANNEL_HEIGHT,
-    CHANNEL_WIDTH,
-    COLUMNS,
-    CSR,
-    DENSE,
-    DEPTH,
-    END,
-    KERNEL_HEIGHT,
-    KERNEL_WIDTH,
-    LAG,
-    LAG_STRIDE,
-    LAYOUT,
-    LEFT,
-    NEGATIVE,
-    ONE_TO_ONE,
-    POSITIVE,
-    REACH,
-    RECEPTORS,
-    RING,
-    ROW,
-    ROWS,
-    SLOTS,
-    STRIDE,
-    SYNAPSE,
-    TARGET,
-    TOP,
-    WORD,
-    WORD_STRIDE,
-)
 
 # mypy: ignore-errors
 
@@ -76,60 +44,60 @@ def add(ring, place, below, word, times, capped):
 def send(net, q, i, times, step):
     """Send a spike that source i emitted in `step` along a projection."""
     row = net.projections[q]
-    target = net.pops[row[TARGET]]
-    n = target[END] - target[BEGIN]
-    mask = target[SLOTS] - 1  # slots are a power of two above the longest lag: none is written before it is read
-    below = target[SLOTS] * n
-    capped = target[RECEPTORS] == 2
-    if row[LAYOUT] == DENSE:
-        slot = (step + net.lags[row[LAG]]) & mask
-        begin = target[RING] + slot * n
+    target = net.pops[row[t.TARGET]]
+    n = target[t.END] - target[t.BEGIN]
+    mask = target[t.SLOTS] - 1  # slots are a power of two above the longest lag: none is written before it is read
+    below = target[t.SLOTS] * n
+    capped = target[t.RECEPTORS] == 2
+    if row[t.LAYOUT] == t.DENSE:
+        slot = (step + net.lags[row[t.LAG]]) & mask
+        begin = target[t.RING] + slot * n
         # A dense row reaches all: one flag in place of n marks.
-        net.arrived_all[target[ARRIVED] + slot] = 1
-        net.came[target[ARRIVED] + slot] = 1
+        net.arrived_all[target[t.ARRIVED] + slot] = 1
+        net.came[target[t.ARRIVED] + slot] = 1
         into = net.ring[begin : begin + n]
-        if row[WORD_STRIDE] == 0:  # one word for all
-            word = net.words[row[WORD]]
+        if row[t.WORD_STRIDE] == 0:  # one word for all
+            word = net.words[row[t.WORD]]
             for k in range(n):
                 add(net.ring, begin + k, below, word, times, capped)
         elif not capped:
-            words = net.words[row[WORD] + i * n : row[WORD] + (i + 1) * n]
+            words = net.words[row[t.WORD] + i * n : row[t.WORD] + (i + 1) * n]
             send_row(into, words, times)
         else:
-            words = net.words[row[WORD] + i * n : row[WORD] + (i + 1) * n]
+            words = net.words[row[t.WORD] + i * n : row[t.WORD] + (i + 1) * n]
             # one pass for each sign that there is: a loop without branches runs many words at a time
-            if row[POSITIVE]:
+            if row[t.POSITIVE]:
                 send_capped(into, words, np.int32(times))
-            if row[NEGATIVE]:
+            if row[t.NEGATIVE]:
                 # Times -1: words of the other sign become negative here and are cut to 0.
                 send_capped(net.ring[begin + below : begin + below + n], words, np.int32(-times))
-    elif row[LAYOUT] == CSR:
-        first, last = net.rows[row[ROW] + i], net.rows[row[ROW] + i + 1]
-        base = row[SYNAPSE]
+    elif row[t.LAYOUT] == t.CSR:
+        first, last = net.rows[row[t.ROW] + i], net.rows[row[t.ROW] + i + 1]
+        base = row[t.SYNAPSE]
         # the common case by itself: its loop takes slices and has nothing to decide for a synapse
-        if row[LAG_STRIDE] == 0 and not capped and times == 1 and row[WORD_STRIDE] == 1:
-            slot = (step + net.lags[row[LAG]]) & mask
-            begin = target[RING] + slot * n
-            net.came[target[ARRIVED] + slot] = 1
+        if row[t.LAG_STRIDE] == 0 and not capped and times == 1 and row[t.WORD_STRIDE] == 1:
+            slot = (step + net.lags[row[t.LAG]]) & mask
+            begin = target[t.RING] + slot * n
+            net.came[target[t.ARRIVED] + slot] = 1
             send_sparse(
                 net.ring[begin : begin + n],
                 net.arrived[begin : begin + n],
                 net.targets[base + first : base + last],
-                net.words[row[WORD] + first : row[WORD] + last],
+                net.words[row[t.WORD] + first : row[t.WORD] + last],
             )
             return
         for e in range(first, last):
-            slot = (step + net.lags[row[LAG] + e * row[LAG_STRIDE]]) & mask
-            place = target[RING] + slot * n + net.targets[base + e]
-            add(net.ring, place, below, net.words[row[WORD] + e * row[WORD_STRIDE]], times, capped)
+            slot = (step + net.lags[row[t.LAG] + e * row[t.LAG_STRIDE]]) & mask
+            place = target[t.RING] + slot * n + net.targets[base + e]
+            add(net.ring, place, below, net.words[row[t.WORD] + e * row[t.WORD_STRIDE]], times, capped)
             net.arrived[place] = 1
-            net.came[target[ARRIVED] + slot] = 1
-    elif row[LAYOUT] == ONE_TO_ONE:
-        slot = (step + net.lags[row[LAG] + i * row[LAG_STRIDE]]) & mask
-        place = target[RING] + slot * n + i
-        add(net.ring, place, below, net.words[row[WORD] + i * row[WORD_STRIDE]], times, capped)
+            net.came[target[t.ARRIVED] + slot] = 1
+    elif row[t.LAYOUT] == t.ONE_TO_ONE:
+        slot = (step + net.lags[row[t.LAG] + i * row[t.LAG_STRIDE]]) & mask
+        place = target[t.RING] + slot * n + i
+        add(net.ring, place, below, net.words[row[t.WORD] + i * row[t.WORD_STRIDE]], times, capped)
         net.arrived[place] = 1
-        net.came[target[ARRIVED] + slot] = 1
+        net.came[target[t.ARRIVED] + slot] = 1
     else:
         send_grid(net, row, target, i, times, step, below, capped)
 
@@ -167,24 +135,24 @@ def send_sparse(into, arrived, targets, words):
 @subkernel
 def send_grid(net, row, target, i, times, step, below, capped):
     """Add a shared kernel: every place of every map whose kernel covers the source."""
-    sheet = row[CHANNEL_HEIGHT] * row[CHANNEL_WIDTH]
+    sheet = row[t.CHANNEL_HEIGHT] * row[t.CHANNEL_WIDTH]
     channel, rest = i // sheet, i % sheet
-    first = channel // row[DEPTH] * row[REACH]  # of the maps that the channel reaches
-    y, x = rest // row[CHANNEL_WIDTH] + row[TOP], rest % row[CHANNEL_WIDTH] + row[LEFT]
-    height, width, stride = row[KERNEL_HEIGHT], row[KERNEL_WIDTH], row[STRIDE]
+    first = channel // row[t.DEPTH] * row[t.REACH]  # of the maps that the channel reaches
+    y, x = rest // row[t.CHANNEL_WIDTH] + row[t.TOP], rest % row[t.CHANNEL_WIDTH] + row[t.LEFT]
+    height, width, stride = row[t.KERNEL_HEIGHT], row[t.KERNEL_WIDTH], row[t.STRIDE]
     # the first and the last place whose kernel covers the line: ceil((y - height + 1) / stride) and y / stride
-    r_first, r_last = max(0, -((height - 1 - y) // stride)), min(row[ROWS] - 1, y // stride)
-    c_first, c_last = max(0, -((width - 1 - x) // stride)), min(row[COLUMNS] - 1, x // stride)
-    n = target[END] - target[BEGIN]
-    slot = (step + net.lags[row[LAG]]) & (target[SLOTS] - 1)
-    net.came[target[ARRIVED] + slot] = 1
-    for m in range(first, first + row[REACH]):
-        kernel = row[WORD] + (m * row[DEPTH] + channel % row[DEPTH]) * height * width * row[WORD_STRIDE]
+    r_first, r_last = max(0, -((height - 1 - y) // stride)), min(row[t.ROWS] - 1, y // stride)
+    c_first, c_last = max(0, -((width - 1 - x) // stride)), min(row[t.COLUMNS] - 1, x // stride)
+    n = target[t.END] - target[t.BEGIN]
+    slot = (step + net.lags[row[t.LAG]]) & (target[t.SLOTS] - 1)
+    net.came[target[t.ARRIVED] + slot] = 1
+    for m in range(first, first + row[t.REACH]):
+        kernel = row[t.WORD] + (m * row[t.DEPTH] + channel % row[t.DEPTH]) * height * width * row[t.WORD_STRIDE]
         for r in range(r_first, r_last + 1):
-            line = kernel + (y - r * stride) * width * row[WORD_STRIDE]
-            base = target[RING] + slot * n + (m * row[ROWS] + r) * row[COLUMNS]
+            line = kernel + (y - r * stride) * width * row[t.WORD_STRIDE]
+            base = target[t.RING] + slot * n + (m * row[t.ROWS] + r) * row[t.COLUMNS]
             for c in range(c_first, c_last + 1):
-                word = net.words[line + (x - c * stride) * row[WORD_STRIDE]]
+                word = net.words[line + (x - c * stride) * row[t.WORD_STRIDE]]
                 add(net.ring, base + c, below, word, times, capped)
                 net.arrived[base + c] = 1
 

@@ -1,69 +1,158 @@
-"""The one compiled loop over steps."""
+"""The one compiled loop over steps, and the groups in which one neuron, or one of some rivals, fires.
 
+The chip has no groups: its host decides them after each step.
+"""
+
+# mypy: ignore-errors
 from __future__ import annotations
 
 import numpy as np
 
 from neuro.kernels.draws import poisson_by_sum, step_word, uniform
 from neuro.kernels.jit import kernel, subkernel
+from neuro_chip import tables as t
 from neuro_chip.deliver import may_gather, send, send_grids
-from neuro_chip.families.every import NUMBERS, STEPS
-from neuro_chip.groups import fire, settle_locally, settle_one, settle_rivals
-from neuro_chip.net import net_of
-from neuro_chip.tables import (
-    ARRIVED,
-    BEGIN,
-    BINARY,
-    CLOSED,
-    CURRENT,
-    EMITTED,
-    END,
-    GROUP,
-    KIND,
-    LATE,
-    LISTED,
-    MERGED,
-    POISSON,
-    RADIUS,
-    RECEPTORS,
-    RECORD,
-    RECORDED,
-    RELAY,
-    RING,
-    RIVALS,
-    SILENCED,
-    SLOTS,
-    START,
-    STEP,
-    STOP,
-    STOP_GROUP,
-    TARGET,
-)
+from neuro_chip.families import NUMBERS, STEPS
+from neuro_chip.tables import net_of
 
-# mypy: ignore-errors
+
+@subkernel
+def fire(net, i):
+    """Reset a neuron that spiked."""
+    net.v[i] = net.v_reset[i]
+    net.hold[i] = net.refractory[i]
+
+
+@subkernel
+def choose(net, row, first, last, apart, step):
+    """The candidate of first:last:apart that may win of the largest margin; of equal ones the larger draw; or -1."""
+    best = -1
+    best_margin, best_draw = np.int64(0), -1.0
+    # The chip has no winner-take-all: its host compares voltages after each step, with the keyed draws of the float
+    # backends, so that ties fall alike.
+    base = step_word(net.group_keys[row[t.GROUP]], step)
+    for i in range(first, last, apart):
+        if not net.fired[i] or net.muted[i]:
+            continue
+        margin = np.int64(net.v[i]) - np.int64(net.threshold[i])  # of two numbers of 32 bits: it may take 33
+        draw = uniform(base, i - row[t.BEGIN])
+        if best < 0 or margin > best_margin or (margin == best_margin and draw > best_draw):
+            best, best_margin, best_draw = i, margin, draw
+    return best
+
+
+@subkernel
+def settle_one(net, row, step):
+    """Of the candidates of a group the best fires."""
+    group, lo, hi = row[t.GROUP], row[t.BEGIN], row[t.END]
+    best = choose(net, row, lo, hi, 1, step)
+    if best < 0:
+        return
+    if net.groups[group, t.WINNER] < 0:
+        net.groups[group, t.WINNER] = best - lo
+        net.groups[group, t.DECIDED] = step
+        for i in range(lo, hi):
+            # Kept before losers are reset: rules for trials read the potentials at the decision.
+            net.potential[i] = net.v[i]
+    for i in range(lo, hi):
+        if net.fired[i] and i != best:
+            net.fired[i] = 0
+            if not net.groups[group, t.FIRST_TO_FIRE]:
+                fire(net, i)
+    if net.groups[group, t.FIRST_TO_FIRE]:
+        net.groups[group, t.CLOSED] = 1
+
+
+@subkernel
+def settle_rivals(net, row, step):
+    """Of neurons that are rivals the best fires and all others are reset."""
+    group, lo = row[t.GROUP], row[t.BEGIN]
+    rivals, apart = net.groups[group, t.RIVALS], net.groups[group, t.APART]
+    for first in range(lo, row[t.END]):
+        last = first + rivals * apart
+        # Each set of rivals once, from its first neuron.
+        if (first - lo) // apart % rivals != 0:
+            continue
+        best = choose(net, row, first, last, apart, step)
+        if best >= 0:
+            for i in range(first, last, apart):
+                if i != best:
+                    net.fired[i] = 0
+                    fire(net, i)
+
+
+@subkernel
+def settle_locally(net, row, step):
+    """Of the candidates of a group leave those that win, the best first."""
+    group, lo, hi = row[t.GROUP], row[t.BEGIN], row[t.END]
+    best = choose(net, row, lo, hi, 1, step)
+    while best >= 0:
+        win(net, row, best, step)
+        # A winner silences others, so the best of the rest is looked for anew.
+        best = choose(net, row, lo, hi, 1, step)
+    for i in range(lo, hi):
+        if net.fired[i] and not net.muted[i] & t.WON:
+            net.fired[i] = 0
+    net.groups[group, t.CLOSED] = net.standing[group, t.OPEN] == 0
+
+
+@subkernel
+def win(net, row, i, step):
+    """Neuron i wins: enter it, keep the voltages of its map if it is the first of it, and silence what is near."""
+    group, lo = row[t.GROUP], row[t.BEGIN]
+    local = net.local[group]
+    maps, rows, columns, radius = local[t.LOCAL_MAPS], local[t.LOCAL_ROWS], local[t.LOCAL_COLUMNS], local[t.RADIUS]
+    places = rows * columns
+    m, r, c = (i - lo) // places, (i - lo) // columns % rows, (i - lo) % columns
+    own = lo + m * places
+    if net.map_wins[group, m] == 0:
+        for k in range(own, own + places):
+            net.potential[k] = net.v[k]
+    for near_r in range(max(0, r - radius), min(rows, r + radius + 1)):
+        for near_c in range(max(0, c - radius), min(columns, c + radius + 1)):
+            place = lo + near_r * columns + near_c
+            silence(net, group, place, place + maps * places, places)
+    net.map_wins[group, m] += 1
+    if net.map_wins[group, m] == local[t.PER_MAP]:
+        silence(net, group, own, own + places, 1)
+    net.muted[i] |= t.WON
+    if net.groups[group, t.WINNER] < 0:
+        net.groups[group, t.WINNER] = i - lo
+        net.groups[group, t.DECIDED] = step
+    net.won[lo + net.standing[group, t.WINS], 0] = i - lo
+    net.won[lo + net.standing[group, t.WINS], 1] = step
+    net.standing[group, t.WINS] += 1
+
+
+@subkernel
+def silence(net, group, begin, end, step):
+    """Silence the neurons begin:end:step that are not yet."""
+    for i in range(begin, end, step):
+        net.standing[group, t.OPEN] -= net.muted[i] == 0
+        net.muted[i] |= t.BLOCKED
 
 
 @subkernel
 def emit(net, pop, row, i, times, step):
     """Neuron i, counted through all populations, emits."""
-    if row[BINARY] and times > 1:  # before it is counted, recorded or sent
-        net.native[pop, MERGED] += times - 1
+    if row[t.BINARY] and times > 1:  # before it is counted, recorded or sent
+        net.native[pop, t.MERGED] += times - 1
         times = 1
-    at = net.clock[EMITTED]
+    at = net.clock[t.EMITTED]
     net.emitted[at] = i
     net.emitted_times[at] = times
-    net.clock[EMITTED] = at + 1
+    net.clock[t.EMITTED] = at + 1
     net.events[i] += 1
     net.spikes[i] += times
     # The host's rules for trials ask for first spikes only; to look for them in the record would need a record.
     if net.first[i] > step:
         net.first[i] = step
-    if row[RECORD]:
-        at = net.clock[RECORDED]
+    if row[t.RECORD]:
+        at = net.clock[t.RECORDED]
         net.rec_steps[at] = step
         net.rec_ids[at] = i
         net.rec_times[at] = times
-        net.clock[RECORDED] = at + 1
+        net.clock[t.RECORDED] = at + 1
 
 
 @subkernel
@@ -73,10 +162,10 @@ def send_all(net, step):
     They set out when the next step begins, not when they are emitted: what learning changes in a step is sent from the
     next on. What generators have emitted is sent before the host writes weights in between (`send_ahead`).
     """
-    total = net.clock[EMITTED]
+    total = net.clock[t.EMITTED]
     first = 0
     for pop in range(net.pops.shape[0]):
-        last, begin, end = first, net.pops[pop, BEGIN], net.pops[pop, END]
+        last, begin, end = first, net.pops[pop, t.BEGIN], net.pops[pop, t.END]
         # Emitted ids ascend, since populations are stepped in order: one pass cuts them by population.
         while last < total and net.emitted[last] < end:
             last += 1
@@ -86,14 +175,14 @@ def send_all(net, step):
                 if net.set_out[net.out[k]] < step:
                     send_along(net, net.out[k], begin, first, last, step)
         first = last
-    net.clock[EMITTED] = 0
+    net.clock[t.EMITTED] = 0
 
 
 @subkernel
 def send_along(net, q, begin, first, last, step):
     """The spikes first:last of those emitted in a step, of the population that begins at a neuron, set out along q."""
     row = net.projections[q]
-    if may_gather(net, row, net.pops[row[TARGET], RECEPTORS] == 2):
+    if may_gather(net, row, net.pops[row[t.TARGET], t.RECEPTORS] == 2):
         # All spikes of the step together: they meet in the same places.
         send_grids(net, row, begin, first, last, step)
     else:
@@ -105,7 +194,7 @@ def send_along(net, q, begin, first, last, step):
 def send_ahead(view, words, pop, q):
     """What a population emitted in the last step sets out along a projection with the words of now."""
     net = net_of(view, words)
-    total, step, begin, end = net.clock[EMITTED], net.clock[STEP], net.pops[pop, BEGIN], net.pops[pop, END]
+    total, step, begin, end = net.clock[t.EMITTED], net.clock[t.STEP], net.pops[pop, t.BEGIN], net.pops[pop, t.END]
     first = 0
     while first < total and net.emitted[first] < begin:
         first += 1
@@ -120,14 +209,14 @@ def send_ahead(view, words, pop, q):
 @subkernel
 def count_active(net, pop, row, step):
     """Neurons that a spike reached or fired; what arrives now may be seen by the next update only."""
-    lo, hi = row[BEGIN], row[END]
+    lo, hi = row[t.BEGIN], row[t.END]
     n = hi - lo
     # Where input acts a step late (`LATE`), the arrivals of this update lie one slot ahead.
-    slot = (step + row[LATE]) & (row[SLOTS] - 1)
-    begin = row[RING] + slot * n
+    slot = (step + row[t.LATE]) & (row[t.SLOTS] - 1)
+    begin = row[t.RING] + slot * n
     arrived, fired = net.arrived[begin : begin + n], net.fired[lo:hi]
-    if net.arrived_all[row[ARRIVED] + slot]:  # a dense row marks all its targets by one flag instead of n
-        net.arrived_all[row[ARRIVED] + slot] = 0
+    if net.arrived_all[row[t.ARRIVED] + slot]:  # a dense row marks all its targets by one flag instead of n
+        net.arrived_all[row[t.ARRIVED] + slot] = 0
         arrived[:] = 0
         net.active[pop] += n
         return
@@ -152,17 +241,17 @@ def admit(fired, muted):
 @subkernel
 def decide(net, row, step):
     """Of the candidates of a group leave those that fire; reset those that lose by it."""
-    group = row[GROUP]
-    fired = net.fired[row[BEGIN] : row[END]]
-    some = admit(fired, net.muted[row[BEGIN] : row[END]])
-    if net.groups[group, CLOSED]:
+    group = row[t.GROUP]
+    fired = net.fired[row[t.BEGIN] : row[t.END]]
+    some = admit(fired, net.muted[row[t.BEGIN] : row[t.END]])
+    if net.groups[group, t.CLOSED]:
         fired[:] = 0
         some = False
-    if net.local[group, RADIUS] >= 0:
+    if net.local[group, t.RADIUS] >= 0:
         settle_locally(net, row, step)
     elif not some:
         return
-    elif net.groups[group, RIVALS] > 0:
+    elif net.groups[group, t.RIVALS] > 0:
         settle_rivals(net, row, step)
     else:
         settle_one(net, row, step)
@@ -180,11 +269,11 @@ def any_fired(fired):
 @subkernel
 def advance_neurons(net, pop, row, step):
     """A population of neurons: update, decide, emit, count; one at rest only counts what is on its way."""
-    slot = row[ARRIVED] + (step & (row[SLOTS] - 1))
+    slot = row[t.ARRIVED] + (step & (row[t.SLOTS] - 1))
     # A population at rest: nothing came, no neuron reached threshold, and the last step changed no bit of any state. So
     # the next would not either, and the step is left out until input comes or the host writes.
     came, net.came[slot] = net.came[slot], 0
-    if row[KIND] == RELAY:
+    if row[t.KIND] == t.RELAY:
         relay(net, pop, row, step)
     elif came or not net.resting[pop]:
         before = 0 if came else keep_states(net, pop, row)
@@ -197,16 +286,16 @@ def advance_neurons(net, pop, row, step):
 def update_and_fire(net, pop, row, step):
     """Update the neurons of a population, and let those fire that do; return whether any was above threshold."""
     update(net, pop, row, step)
-    group, fired = row[GROUP], net.fired[row[BEGIN] : row[END]]
+    group, fired = row[t.GROUP], net.fired[row[t.BEGIN] : row[t.END]]
     reached = some = any_fired(fired)
-    if group >= 0 and (some or net.local[group, RADIUS] >= 0):
+    if group >= 0 and (some or net.local[group, t.RADIUS] >= 0):
         decide(net, row, step)
         some = any_fired(fired)
     if some:
-        for i in range(row[BEGIN], row[END]):
+        for i in range(row[t.BEGIN], row[t.END]):
             if net.fired[i]:
                 # Silenced for a trial: no spike and no reset; it may go on rising.
-                if net.muted[i] & SILENCED:
+                if net.muted[i] & t.SILENCED:
                     net.fired[i] = 0
                     continue
                 fire(net, i)
@@ -217,13 +306,13 @@ def update_and_fire(net, pop, row, step):
 @subkernel
 def relay(net, pop, row, step):
     """Parrots: as many spikes as arrived."""
-    n = row[END] - row[BEGIN]
-    begin = row[RING] + (step & (row[SLOTS] - 1)) * n
+    n = row[t.END] - row[t.BEGIN]
+    begin = row[t.RING] + (step & (row[t.SLOTS] - 1)) * n
     for k in range(n):
         # A parrot's slot counts spikes, not weights: `relay_projection` gives every synapse the word 1.
         times = net.ring[begin + k]
         net.ring[begin + k] = 0
-        i = row[BEGIN] + k
+        i = row[t.BEGIN] + k
         net.fired[i] = times > 0 and not net.muted[i]
         if net.fired[i]:
             emit(net, pop, row, i, np.int64(times), step)
@@ -232,13 +321,13 @@ def relay(net, pop, row, step):
 @subkernel
 def draw(net, pop, row, step):
     """One step of a poisson_generator."""
-    if step <= row[START] or step > row[STOP]:
+    if step <= row[t.START] or step > row[t.STOP]:
         return
     base = step_word(net.keys[pop], step)
-    for i in range(row[BEGIN], row[END]):
+    for i in range(row[t.BEGIN], row[t.END]):
         # Most draws are 0, and one comparison tells: the sum over the distribution is worked out for the others only.
-        if uniform(base, i - row[BEGIN]) >= net.nothing[i]:
-            times = poisson_by_sum(base, i - row[BEGIN], net.mean[i], net.nothing[i])
+        if uniform(base, i - row[t.BEGIN]) >= net.nothing[i]:
+            times = poisson_by_sum(base, i - row[t.BEGIN], net.mean[i], net.nothing[i])
             if times > 0:
                 emit(net, pop, row, i, times, step)
 
@@ -264,29 +353,29 @@ def advance(view, words, end):
     net = net_of(view, words)
     net.resting[:] = 0  # the host may have written anything
     total = net.v.size  # a step records at most one event a neuron: there is room for it, or the caller empties first
-    while net.clock[STEP] < end and net.clock[RECORDED] + total <= net.rec_steps.size:
-        step = net.clock[STEP] + 1
+    while net.clock[t.STEP] < end and net.clock[t.RECORDED] + total <= net.rec_steps.size:
+        step = net.clock[t.STEP] + 1
         # At the beginning of a step, so that the host may write weights between steps, and what was emitted before is
         # sent with what learning has written.
         send_all(net, step - 1)
         for pop in range(net.pops.shape[0]):
             row = net.pops[pop]
-            if row[KIND] == POISSON:
+            if row[t.KIND] == t.POISSON:
                 draw(net, pop, row, step)
-            elif row[KIND] == LISTED:
+            elif row[t.KIND] == t.LISTED:
                 list_spikes(net, pop, row, step)
-            elif row[KIND] != CURRENT:
+            elif row[t.KIND] != t.CURRENT:
                 advance_neurons(net, pop, row, step)
-        net.clock[STEP] = step
-        group = net.clock[STOP_GROUP]
-        if group >= 0 and net.groups[group, CLOSED]:
+        net.clock[t.STEP] = step
+        group = net.clock[t.STOP_GROUP]
+        if group >= 0 and net.groups[group, t.CLOSED]:
             return
 
 
 @subkernel
 def keep_states(net, pop, row):
     """Keep the states of a population for `stayed`; return what has been counted of it."""
-    lo, hi = row[BEGIN], row[END]
+    lo, hi = row[t.BEGIN], row[t.END]
     # Only when nothing came: a step with input is never one at rest, and pays nothing here.
     copy(net.still[0, lo:hi], net.v[lo:hi])
     copy(net.still[1, lo:hi], net.u[lo:hi])
@@ -298,7 +387,7 @@ def keep_states(net, pop, row):
 @subkernel
 def stayed(net, pop, row, before):
     """Whether a step has changed neither the states that were kept nor what was counted."""
-    lo, hi = row[BEGIN], row[END]
+    lo, hi = row[t.BEGIN], row[t.END]
     return (
         equal(net.still[0, lo:hi], net.v[lo:hi])
         and equal(net.still[1, lo:hi], net.u[lo:hi])
@@ -344,7 +433,7 @@ def _chosen(numbered):
 
     @subkernel
     def chosen(net, pop, row, step):
-        if row[KIND] == number:
+        if row[t.KIND] == number:
             own(net, pop, row, step)
         else:
             rest(net, pop, row, step)

@@ -18,17 +18,17 @@ from neuro.core.errors import ModelError, unknown
 from neuro.model.equations import EquationNeuron
 from neuro.program.backend import OverflowWarning, Problem
 from neuro.program.currents import Currents
+from neuro.program.drives import Rates
 from neuro.program.program import Floats, Ints
-from neuro.program.rates import Rates
 from neuro_chip import tables as t
 from neuro_chip.build import arrays_of, write_registers, write_states
 from neuro_chip.delays import Delays
-from neuro_chip.families.every import family_of
+from neuro_chip.families import family_of
 from neuro_chip.learners import Learners
 from neuro_chip.loop import advance, send_ahead
-from neuro_chip.net import Bound
-from neuro_chip.presenting import open_all
 from neuro_chip.spike_lists import Listed, Record
+from neuro_chip.tables import Bound
+from neuro_chip.trial_kernels import open_all
 from neuro_chip.weights import ChipWeights
 
 _CLEARED = (

@@ -7,7 +7,7 @@ from typing import ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
-from neuro.chips.loihi.words import bounds, grain_of
+from neuro.chips.loihi.arithmetic import bounds, grain_of
 from neuro.core.keyed_random import key
 from neuro.model.synapses.loihi_rule import FACTORS, FRACTION_BITS, MODULATORY, POST, PRE, LearningRule, Term
 from neuro_chip import learning as kernels

@@ -1,4 +1,23 @@
-"""Columns of the tables that describe a quantised program to the kernels; neurons are counted through all."""
+"""All arrays of a quantised program as the compiled loop sees them, and the columns of its tables.
+
+Neurons are counted through all populations. `NET` lists the arrays; how a kernel sees them, see `neuro.kernels.views`.
+"""
+
+# mypy: disable-error-code="no-untyped-def,no-untyped-call,misc"
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numba import types
+from numba.extending import intrinsic
+from numpy.typing import NDArray
+
+from neuro.kernels import views
+from neuro.kernels.views import Views, fields_of
+
+Arrays = dict[str, NDArray[Any]]
+"""All arrays that the loop reads and writes, by the names of `NET`."""
 
 NONE = -1
 
@@ -79,3 +98,100 @@ STEP, RECORDED, EMITTED, STOP_GROUP, CLOCK_COLUMNS = range(5)
 # overflows and what else only chips count, per population
 INPUT_WRAPS, WRAPS, DRIVE_WRAPS, CLIPS, SATURATIONS, MERGED, NATIVE_COLUMNS = range(7)
 NATIVE = ("input wraps", "current wraps", "drive wraps", "voltage clips", "slot saturations", "merged spikes")
+
+
+NET = """
+pops i8 2           columns of `tables`, a row per population
+projections i8 2    likewise, a row per projection
+out i8 1            projections by source
+out_ends i8 1       where those of each source end
+groups i8 2         columns of `tables`, a row per group
+clock i8 1          likewise
+words {words} 1     of all synapses
+kernels {words} 1   of grids, see `deliver`
+lags i4 1           of all synapses, steps
+rows i8 1           ends of the CSR rows
+targets i4 1        local targets of all CSR synapses
+gathered i4 1       sums of a step, of grids
+marked u1 1         places that have one
+ring i4 1           input to come
+came u1 1           whether any comes, for each population and slot
+arrived u1 1        whether a spike reached a neuron
+arrived_all u1 1    whether one reached all of a population
+v i4 1              states
+u i4 1
+g_inh i4 1
+hold i4 1
+keep_u i4 1         registers
+keep_v i4 1
+threshold i4 1
+bias i4 1
+v_reset i4 1
+refractory i4 1
+v_rest i4 1
+r_m i4 1
+exc_decay i8 1
+exc_init i8 1
+inh_decay i8 1
+inh_init i8 1
+still i4 2          the states before a step without input
+resting u1 1        whether a population stays as it is until input comes
+local i8 2          of groups with several winners, columns of `tables`, a row per group
+standing i8 2       how many of each of these may still win, and have won
+map_wins i8 2       (groups, maps) how often each of their maps has won
+won i8 2            (neurons, 2) winners, in order, and the step
+fired u1 1          whether above threshold in the present step
+muted u1 1          whether it must not fire, and why: bits of `tables`
+first i8 1          the step of each neuron's first spike since it was set to never
+events i8 1         spike events of each neuron
+spikes i8 1         with their multiplicity
+active i8 1         neuron-steps with an arrival or a spike, by population
+native i8 2         what only chips count, columns of `tables`
+potential i4 1      v at a decision
+emitted i8 1        neurons that fired in the last step
+emitted_times i8 1  how often
+set_out i8 1        of each projection: the step whose spikes were sent before its weights changed
+keys u8 1           of the generators' draws
+group_keys u8 1
+mean f8 1           of a poisson_generator's neurons, per step
+nothing f8 1        exp(-mean)
+list_steps i8 1     listed spikes of the generators
+list_ids i8 1
+list_times i8 1
+cursor i8 2         (populations, 2) the next of these, and their end
+rec_steps i8 1      recorded spikes
+rec_ids i8 1
+rec_times i8 1
+"""
+
+_FIELDS = {kind: fields_of(NET.format(words=kind)) for kind in ("i2", "i4")}
+_VIEWS = {getattr(types, np.dtype(kind).name): Views(f"Chip {kind}", 0, each) for kind, each in _FIELDS.items()}
+
+
+class Bound:
+    """Arrays as the loop takes them, which it keeps alive.
+
+    Attributes:
+        view: their table.
+        words: one of them, whose type the loop is compiled for.
+    """
+
+    def __init__(self, arrays: Arrays) -> None:
+        self._fields = _FIELDS[arrays["words"].dtype.str[1:]]
+        self._arrays, self.words = dict(arrays), arrays["words"]
+        self.view = views.table_of((self._fields, arrays))
+
+    def take(self, arrays: Arrays) -> None:
+        """Take those that were replaced."""
+        self.words = arrays["words"]
+        for k, field in enumerate(self._fields):
+            array = arrays[field[0]]
+            if array is not self._arrays[field[0]]:
+                self._arrays[field[0]] = array
+                self.view[k] = views.row_of(field, array)
+
+
+@intrinsic
+def net_of(typingctx, table, words):
+    """The arrays of a table; `words` is the array of that name, whose type a family of chips chooses."""
+    return _VIEWS[words.dtype](table, words), views.pointer

@@ -11,7 +11,7 @@ from neuro.chips.quantising.fixed import FixedProjection
 from neuro.core import keyed_random
 from neuro.program.backend import Outcome, Trial, Wins
 from neuro.program.program import Floats, Ints, Projection
-from neuro_chip import host, presenting, tables as t
+from neuro_chip import tables as t, trial_kernels as kernels
 from neuro_chip.build import STATES
 from neuro_chip.machine import Machine
 
@@ -54,7 +54,7 @@ class ChipTrials:
         machine.listed.drop(section.input)
         potential, best = np.empty(section.maps), np.empty(section.maps, dtype=np.int64)
         cells, bound = machine.cells.fixed[section.output], machine.bound
-        wrapped = presenting.end_trial(
+        wrapped = kernels.end_trial(
             bound.view, bound.words, section.output, group, float(cells.volt), cells.rest, potential, best
         )
         if wrapped or machine.learners:
@@ -104,11 +104,11 @@ class ChipTrials:
         if replaced:
             machine.bind()
         view, words = machine.bound.view, machine.bound.words
-        presenting.begin_trial(view, words, output, trial.silenced, "V_m" in self._states)
+        kernels.begin_trial(view, words, output, trial.silenced, "V_m" in self._states)
         cells = machine.cells.fixed[output]
         for name in self._registers:
             machine.arrays[STATES[name]][self._output] = cells.initial.get(name, 0)
-        presenting.list_trial(view, words, self._section.input, first, trial.ticks, trial.ids, self._began)
+        kernels.list_trial(view, words, self._section.input, first, trial.ticks, trial.ids, self._began)
 
     def _inputs_of(self, projection: int, neuron: int) -> tuple[Ints, Ints]:
         """Sources of a neuron's synapses, and which weight each has."""
@@ -131,25 +131,25 @@ class ChipTrials:
         first, begin = machine.arrays["first"], machine.slice(part.source).start
         delay, now = self._delays_of(projection, slots), tick + self._began + 1
         since = np.empty(len(sources))
-        host.ages(first, begin, sources, delay, now, machine.program.resolution, since)
+        kernels.ages(first, begin, sources, delay, now, machine.program.resolution, since)
         wires, rule, key, arithmetic = self._prepared(projection)
         weights.updates[projection] += len(slots)
         if projection in machine.delays:
             units, unit = machine.delays.units[projection], machine.program.resolution / FRACTIONS
-            host.teacher(arithmetic.teach)(
+            kernels.teacher(arithmetic.teach)(
                 units, unit, *machine.delays.bounds(projection), 1,
                 slots, since, lesson, rule, key, self.changes,
             )  # fmt: skip
             machine.delays.write(projection)
             return
-        host.teacher(arithmetic.teach)(
+        kernels.teacher(arithmetic.teach)(
             weights.mantissas[projection], float(wires.step[0]), wires.low, wires.high, wires.grain,
             slots, since, lesson, rule, key, self.changes,
         )  # fmt: skip
         if (settle := getattr(arithmetic, "settle", None)) is not None:
             total = float(weights.mantissas[projection][slots].sum() * float(wires.step[0]))
             self.changes += 1
-            host.teacher(settle)(
+            kernels.teacher(settle)(
                 weights.mantissas[projection], float(wires.step[0]), wires.low, wires.high, wires.grain,
                 slots, since, total, rule, key, self.changes,
             )  # fmt: skip
@@ -168,7 +168,7 @@ class ChipTrials:
         weights = self._machine.weights
         part = self._machine.program.projections[projection]
         wires, rule, key, arithmetic = self._prepared(projection)
-        grow = host.grower(arithmetic.encourage)
+        grow = kernels.grower(arithmetic.encourage)
         for begin, end in self._ranges(part, maps):
             grow(
                 weights.mantissas[projection], float(wires.step[0]), wires.low, wires.high, wires.grain,

@@ -13,7 +13,7 @@ from neuro.chips.quantising.fixed_program import FixedProgram
 from neuro.core.errors import ModelError
 from neuro.program.program import Floats, Ints
 from neuro_chip import deliver, tables as t
-from neuro_chip.families.every import family_of
+from neuro_chip.families import family_of
 
 _NOWHERE: Ints = np.zeros(0, dtype=np.int64)
 

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from neuro.core.clock import NEVER
-from neuro.model.synapses.delays import DELAY
+from neuro.model.synapses.base import DELAY
 from neuro.program.backend import EngineCounts, Outcome, Sent, Spikes, Trial
 from neuro.program.program import Floats, Ints, Program
 from neuro_reference.decisions import TrialCourse
@@ -252,8 +252,10 @@ def put(net: ReferenceNetwork, arrays: Arrays) -> None:
         cells.parameters = {name: arrays[f"parameter/{index}/{name}"].copy() for name in cells.parameters}
         cells.refresh()
     net.rules = {index: arrays[f"rule/{index}"].copy() for index in net.rules}
-    for learning in (*net.pairs.values(), *net.moves.values()):
-        learning.refresh()
+    for pairs in net.pairs.values():
+        pairs.refresh()
+    for moves in net.moves.values():
+        moves.refresh()
 
 
 def _parts(net: ReferenceNetwork) -> Iterator[tuple[str, Any]]:

@@ -63,8 +63,9 @@ class MoveLearning:
         spikes: Ints = np.zeros(self.wires.n_target, dtype=np.int64)
         spikes[ids] = multiplicity
         seen = states[self.seen_row] if self.model.sees else np.zeros(self.wires.n_target)
-        lit, concerned = self.x.any(axis=0), (spikes != 0) | (seen != 0.0)
-        for e in np.flatnonzero(lit[self.wires.source] & concerned[self.wires.target]).tolist():
+        sources, targets = np.flatnonzero(self.x.any(axis=0)), np.flatnonzero((spikes != 0) | (seen != 0.0))
+        concerned = np.isin(self.wires.source, sources) & np.isin(self.wires.target, targets)
+        for e in np.flatnonzero(concerned).tolist():
             i, pre = self.wires.target[e], tuple(self.x[:, self.wires.source[e]].tolist())
             self.model.arithmetic.gather(self.y, e, self.c, pre, float(spikes[i]), float(seen[i]), float(self.gate[i]))
 

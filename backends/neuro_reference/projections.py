@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from neuro.model.neurons import Neuron
-from neuro.model.synapses.delays import steps_of
+from neuro.model.synapses.base import steps_of
 from neuro.program.currents import generator_of
 from neuro.program.drives import Emission
 from neuro.program.program import Floats, Ints, Program

@@ -12,7 +12,7 @@ from typing import Any
 import torch
 from torch import Tensor
 
-from neuro_torch.scan.once import once
+from neuro_torch.scan.gradients import once
 from neuro_torch.wires import Emitted, Sent, Wires, added
 
 

@@ -30,9 +30,9 @@ _LAWS = (
 )
 
 UNSUPPORTED: dict[str, str] = {
-    **dict.fromkeys(("best_of_each_step", "first_to_fire", "exact_best_of_each_step"), _GROUP),
+    **dict.fromkeys(("first_to_fire", "exact_best_of_each_step"), _GROUP),
     **dict.fromkeys((f"{law}_of_fixed_weights" for law in _LAWS), _GROUP),
-    **dict.fromkeys(("first_along_an_axis", "maps_that_reset_each_other", "exact_lateral_reset"), _RIVALS),
+    **dict.fromkeys(("maps_that_reset_each_other", "exact_lateral_reset"), _RIVALS),
     "local_winners_without_trials": _COMPETITION,
     **dict.fromkeys((*_LAWS, *(f"{law}_of_learning" for law in _LAWS)), _PAIRS),
     **dict.fromkeys(

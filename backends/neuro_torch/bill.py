@@ -19,9 +19,8 @@ from neuro.chips.description import Chip
 from neuro.chips.known import chip as chip_of
 from neuro.chips.placing.place import place
 from neuro.chips.placing.placement import Placement
-from neuro.chips.pricing.duration import BARRIERS, barrier
 from neuro.chips.pricing.energy import STATIC
-from neuro.chips.pricing.price import check_costs, check_fits
+from neuro.chips.pricing.price import BARRIERS, barrier, check_costs, check_fits
 from neuro.core.errors import ModelError
 from neuro.program.counts import fan_out
 from neuro.program.program import Floats, Program

@@ -15,8 +15,8 @@ from neuro.core import checks
 from neuro.core.errors import ModelError
 from neuro.core.quantities import Quantity
 from neuro.program.program import Population, Program
-from neuro_torch.named import Named
 from neuro_torch.problems import reset_of
+from neuro_torch.trainable import Named
 
 Tensors = Mapping[str, Tensor]
 

@@ -12,7 +12,7 @@ from torch import Tensor
 from neuro.core.errors import ModelError, unknown
 from neuro.program.program import Population, Program
 from neuro_torch.events import Events, Train
-from neuro_torch.scan.task import ScanTask
+from neuro_torch.scan.layers import ScanTask
 from neuro_torch.sources import TensorSource
 
 

@@ -18,9 +18,7 @@ from neuro.core.errors import ModelError
 from neuro.core.memory import free_memory
 from neuro.program.program import Population, Program
 from neuro_torch.events import Train
-from neuro_torch.plan import Plan
-from neuro_torch.scan.layers import Component, Synapses
-from neuro_torch.scan.task import ScanTask
+from neuro_torch.scan.layers import Component, Plan, ScanTask, Synapses
 
 __all__ = ["Need", "free", "kept_by_steps", "need", "refuse_large"]
 

@@ -1,4 +1,7 @@
-"""A network as a `torch.nn.Module`: weights are parameters, and a batch of spikes makes spikes with gradients."""
+"""A network as a `torch.nn.Module`: weights are parameters, and a batch of spikes makes spikes with gradients.
+
+`network_of` makes the network with what was learnt, for every other backend.
+"""
 
 from __future__ import annotations
 
@@ -7,24 +10,25 @@ from dataclasses import replace
 from functools import partial
 from typing import Any
 
+import numpy as np
 import torch
+from numpy.typing import NDArray
 from torch import Tensor
 
 import neuro
 from neuro.compiler import compile_network
 from neuro.core.clock import Clock
 from neuro.core.errors import ModelError, unknown
-from neuro.program.program import Floats
-from neuro_torch import bounds, feeding, learnt, memory, trainable as words
+from neuro.program.program import Floats, Program
+from neuro_torch import bounds, feeding, memory, trainable as words
 from neuro_torch.events import Events
-from neuro_torch.named import Named
 from neuro_torch.outcome import Outcome, Told, active_updates
-from neuro_torch.plan import Plan, plan_of
 from neuro_torch.problems import problems, without_gradient
 from neuro_torch.scan import compiled, layers, operations
-from neuro_torch.scan.task import ScanTask
+from neuro_torch.scan.layers import Plan, ScanTask, plan_of
 from neuro_torch.stepping import Learning, Stepper, stepped
 from neuro_torch.surrogates import Plain, Surrogate, surrogate_of
+from neuro_torch.trainable import Named
 
 __all__ = ["Module"]
 
@@ -257,7 +261,7 @@ class Module(torch.nn.Module):
             for word, values in each.items()
         }
         delays = {name: self._whole(name).cpu().numpy() for name in self.delays}
-        return learnt.network_of(self._net, self._seed, taken, parameters, delays)
+        return network_of(self._net, self._seed, taken, parameters, delays)
 
     def __getstate__(self) -> dict[str, Any]:
         """What a copy or a pickle has of it: all but what is made again when a batch asks for it."""
@@ -424,3 +428,67 @@ def _one_of(word: str, value: Any, known: Sequence[Any]) -> Any:
     if value not in known:
         raise unknown(word, value, [each for each in known if each])
     return value
+
+
+Parameters = Mapping[tuple[int, str], Floats]
+"""By population and word."""
+
+
+class Still:
+    """A backend that runs nothing: it holds what was learnt, so that a simulation makes a network of it.
+
+    Args:
+        weights: by index of the projection; the others are the program's.
+        parameters: of neurons, likewise.
+    """
+
+    name = "torch"
+    description = "holds what was learnt"
+
+    def __init__(self, weights: Mapping[int, Floats], parameters: Parameters) -> None:
+        self._weights, self._parameters = weights, parameters
+
+    def problems(self, program: Program, **options: Any) -> list[Any]:
+        """Nothing is run, so nothing is refused."""
+        return []
+
+    def build(self, program: Program, *, threads: int = 1, **options: Any) -> Any:
+        """What answers for an engine at step 0."""
+        return _Held(program, self._weights, self._parameters)
+
+
+class _Held:
+    step = 0
+
+    def __init__(self, program: Program, weights: Mapping[int, Floats], parameters: Parameters) -> None:
+        self._program, self._weights, self._parameters = program, weights, parameters
+
+    def get(self, population: int, name: str, ids: NDArray[np.int64] | None = None) -> Floats:
+        """A parameter of all neurons."""
+        part = self._program.populations[population]
+        return np.broadcast_to(self._parameters.get((population, name), part.parameters[name]), part.size)
+
+    def get_synapses(self, projection: int, name: str) -> Floats:
+        """The weight of every synapse."""
+        part = self._program.projections[projection]
+        return np.broadcast_to(self._weights.get(projection, part.weight), part.size)
+
+
+def network_of(
+    net: neuro.Network,
+    seed: int,
+    weights: Mapping[int, Floats],
+    parameters: Parameters,
+    delays: Mapping[str, Floats],
+) -> neuro.Network:
+    """A network with other weights, parameters and delays (ms); what was drawn at random is listed in it."""
+    held: Any = Still(weights, parameters)
+    sim = neuro.compile(net, backend=held, seed=seed)
+    made, sizes = sim.network(), {part.name: part.size for part in sim.program.populations}
+    for name, delay in delays.items():
+        part = made.projections[name]
+        shaped: Any = float(delay[0]) if delay.size == 1 else delay
+        if isinstance(part.rule, neuro.all_to_all) and delay.size > 1:
+            shaped = delay.reshape(sizes[part.source], sizes[part.target])
+        made.projections[name] = replace(part, delay=shaped)
+    return made

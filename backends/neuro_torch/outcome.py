@@ -12,8 +12,7 @@ from torch import Tensor
 
 from neuro.core.errors import unknown
 from neuro_torch.scan.compiled import Packed
-from neuro_torch.scan.layers import Synapses
-from neuro_torch.scan.task import ScanTask
+from neuro_torch.scan.layers import ScanTask, Synapses
 
 if TYPE_CHECKING:
     from torch import Tensor

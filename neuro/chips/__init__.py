@@ -26,9 +26,8 @@ if TYPE_CHECKING:
     )
     from neuro.chips.pricing.neurobench import neurobench as neurobench
     from neuro.chips.pricing.price import bill as bill, price as price
-    from neuro.chips.quantising.fixed_program import FixedProgram as FixedProgram
+    from neuro.chips.quantising.fixed_program import FixedProgram as FixedProgram, filled as filled
     from neuro.chips.quantising.quantise import quantise as quantise
-    from neuro.chips.quantising.room import filled as filled
 
 
 if not TYPE_CHECKING:

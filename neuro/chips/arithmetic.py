@@ -1,19 +1,23 @@
 """What a family of chips computes: everything by which one family differs from another, beside limits and costs.
 
-`neuro.chips.loihi` and `neuro.chips.spinnaker` each define one `Arithmetic`; `neuro.chips.arithmetics` lists them. What
-is done for all families (quantising, placing, pricing) asks the object, never for a name.
+`neuro.chips.loihi` and `neuro.chips.spinnaker` each define one `Arithmetic`; `neuro.chips.arithmetics` lists them.
+Quantising, placing and pricing ask the object, never for a name. `options_of` checks what a user sets by hand.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Container, Iterator, Mapping
 from dataclasses import dataclass
 from typing import Any, Literal
+
+import numpy as np
 
 from neuro.chips.description import Chip
 from neuro.chips.quantising.fixed import FixedPopulation, FixedProjection
 from neuro.chips.quantising.inputs import Inputs, Options
-from neuro.model.neurons import Neuron
+from neuro.core.english import a
+from neuro.core.errors import ModelError, nearest
+from neuro.model.neurons import Model, Neuron
 from neuro.program.backend import Problem
 from neuro.program.program import Floats, Population, Program
 
@@ -90,3 +94,60 @@ class Arithmetic:
     def option(self, name: str) -> Option | None:
         """The option of that name, None if it has none."""
         return next((option for option in self.options if option.name == name), None)
+
+
+EVERYWHERE = ("strict", "order", "neurons_per_core")
+"""Options of a chip backend that quantising does not look at, for hints."""
+
+
+def options_of(program: Program, chip: Chip, arithmetic: Arithmetic, options: Mapping[str, Any]) -> Options:
+    """Options by name, checked.
+
+    Args:
+        program: has the parts.
+        chip: for messages.
+        arithmetic: of the chip.
+        options: by name, then by part.
+
+    Raises:
+        ModelError: one is unknown, is of another chip, or names a part that does not exist or a value that cannot be.
+    """
+    for name, values in options.items():
+        option = arithmetic.option(name)
+        if option is None:
+            known = [known.name for known in arithmetic.options]
+            raise ModelError(f"backend '{chip.name}' has no option '{name}'", hint=nearest(name, [*known, *EVERYWHERE]))
+        if not isinstance(values, Mapping):
+            raise ModelError(f"{name} = {values!r}: expected values by name, such as {{'exc': ...}}")
+        for part, value in values.items():
+            _check_part(program, arithmetic, option, part)
+            if not option.fits(value):
+                raise ModelError(f"{name}['{part}'] = {value!r}: expected {option.expected}")
+    return Options(options)
+
+
+def _check_part(program: Program, arithmetic: Arithmetic, option: Option, name: str) -> None:
+    """Refuse a part that does not exist or that has nothing to set by hand."""
+    if option.of == "populations":
+        models: dict[str, Model] = {part.name: part.model for part in program.populations}
+        expected = "populations"
+    else:
+        models = {part.name: program.populations[part.target].model for part in program.projections}
+        expected = "projections onto populations"
+    if name not in models:
+        raise ModelError(f"{option.name}: unknown part '{name}'", hint=nearest(name, models))
+    if not isinstance(models[name], arithmetic.models):
+        known = " or ".join(model.__name__ for model in arithmetic.models)
+        message = f"{option.name}['{name}']: {a(models[name].name)}: expected {expected} of {known}"
+        raise ModelError(message)
+
+
+def is_positive(value: Any) -> bool:
+    """Whether a value is a finite number > 0."""
+    kind = isinstance(value, (int, float, np.number)) and not isinstance(value, bool)
+    return kind and bool(np.isfinite(value)) and bool(value > 0)
+
+
+def is_whole(value: Any, allowed: Container[int]) -> bool:
+    """Whether a value is a whole number among those allowed."""
+    return isinstance(value, (int, np.integer)) and not isinstance(value, bool) and int(value) in allowed

@@ -5,7 +5,7 @@ from __future__ import annotations
 from neuro.chips.arithmetic import Arithmetic
 from neuro.chips.description import Chip
 from neuro.chips.loihi.arithmetic import LOIHI
-from neuro.chips.spinnaker.arithmetic import SPINNAKER
+from neuro.chips.spinnaker import SPINNAKER
 from neuro.core.errors import ModelError
 
 ARITHMETICS = {arithmetic.name: arithmetic for arithmetic in (LOIHI, SPINNAKER)}

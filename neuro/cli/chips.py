@@ -1,4 +1,4 @@
-"""A network on chips: `neuro fit` and `neuro energy`."""
+"""A network before it runs, and on chips: `neuro check`, `neuro show`, `neuro fit` and `neuro energy`."""
 
 from __future__ import annotations
 
@@ -10,7 +10,17 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from neuro.cli.options import Backend, NetworkFile, Seed, Set, Threads, assignments, milliseconds
+from neuro.cli.options import (
+    Backend,
+    Duration,
+    NetworkFile,
+    Seed,
+    Set,
+    Threads,
+    assignments,
+    milliseconds,
+    stoppable,
+)
 
 if TYPE_CHECKING:
     from neuro.chips.description import Chip
@@ -19,6 +29,69 @@ if TYPE_CHECKING:
     from neuro.program.backend import Problem
     from neuro.program.program import Program
     from neuro.run.simulation import Simulation
+
+
+def check(file: NetworkFile, backend: Backend = "event", seed: Seed = 0, set: Set = []) -> None:  # noqa: B006
+    """Load and compile a network, ask the backend whether it can run it, and say all that is wrong."""
+    from neuro.compiler.mistakes import mistakes
+    from neuro.program.backend import find_backend
+
+    chosen = find_backend(backend)
+    found = mistakes(file, assignments(set), seed)
+    problems = () if found.program is None else chosen.problems(found.program)
+    problems = [problem for problem in problems if problem.origin not in found.unsure]
+    for error in found.mistakes:
+        typer.echo(f"error: {error}", err=True)
+    for problem in problems:
+        typer.echo(refusal(problem), err=True)
+    wrong = len(found.mistakes) + sum(problem.refused for problem in problems)
+    if wrong > 1:
+        typer.echo(f"{file}: {wrong} mistakes", err=True)
+    if wrong or found.program is None:
+        raise typer.Exit(2)
+    typer.echo(f"{file}: ok on {backend}: {summary(found.program)}")
+
+
+def refusal(problem: Problem, begin: str = "{place}{kind}: ") -> str:
+    """What a backend refuses or approximates, with its place and the way out."""
+    place = f"{problem.origin}: " if problem.origin else ""
+    kind = "refused" if problem.refused else "approximated"
+    hint = f"\n  hint: {problem.way_out}" if problem.way_out else ""
+    return f"{begin.format(place=place, kind=kind)}{problem.what}: {problem.why}{hint}"
+
+
+def summary(program: Program) -> str:
+    """How large a network is."""
+    from neuro.core.english import some
+
+    neurons = sum(population.size for population in program.populations)
+    synapses = sum(projection.size for projection in program.projections)
+    return (
+        f"{some(neurons, 'neuron')} in {some(len(program.populations), 'population')}, "
+        f"{some(synapses, 'synapse')} in {some(len(program.projections), 'projection')}, "
+        f"resolution {program.resolution:g} ms"
+    )
+
+
+AsProgram = Annotated[bool, typer.Option("--program", help="Print the resolved form that backends get.")]
+
+
+def show(file: NetworkFile, program: AsProgram = False, seed: Seed = 0, set: Set = []) -> None:  # noqa: B006
+    """Show the populations, projections and memory of a network, or its resolved form."""
+    from neuro.compiler import compile_network
+    from neuro.compiler.show import program_text, tables
+    from neuro.core.tables import console, table
+    from neuro.model.language import load
+
+    net = load(file, params=assignments(set))
+    resolved = compile_network(net, seed)
+    if program:
+        typer.echo(program_text(resolved), nl=False)
+        return
+    out = console()
+    for part in tables(net, resolved):
+        out.print(table(part.head, part.rows, title=part.title))
+
 
 ChipName = Annotated[str, typer.Option("--chip", metavar="NAME", help="A chip, or a table's file.")]
 Order = Annotated[str, typer.Option("--order", metavar="NAME", help="Lay cores out as connected, or as declared.")]
@@ -83,11 +156,7 @@ def _no_rounding(title: str) -> str:
 
 def _paragraphs(problems: Sequence[Problem]) -> list[str]:
     """Every problem as a paragraph, those that refuse the network first."""
-    return [
-        f"{'refused' if p.refused else 'approximated'}: {f'{p.origin}: ' if p.origin else ''}{p.what}: {p.why}"
-        + (f"\n  hint: {p.way_out}" if p.way_out else "")
-        for p in sorted(problems, key=lambda p: not p.refused)
-    ]
+    return [refusal(p, "{kind}: {place}") for p in sorted(problems, key=lambda p: not p.refused)]
 
 
 def _verdict(network: str, chip: str, problems: Sequence[Problem]) -> str:
@@ -111,7 +180,6 @@ def _finite(value: Any) -> Any:
 
 TARGETS = ["loihi", "spinnaker", "spinnaker2", "truenorth", "cpu", "gpu"]
 
-Duration = Annotated[float, typer.Option("--for", metavar="MS", parser=milliseconds, help="How long, in ms.")]
 Target = Annotated[list[str], typer.Option("--target", metavar="NAME", help="A chip, or a table's file; repeatable.")]
 Per = Annotated[
     tuple[int, str],
@@ -146,7 +214,6 @@ def energy(
     from neuro.chips.pricing.price import price
     from neuro.cli.run import silent_inputs, tell_silence
     from neuro.core.clock import Clock
-    from neuro.core.progress import Bar
     from neuro.model.language import load
     from neuro.run.compiled import compile as compiled
     from neuro.run.progress import advance
@@ -156,16 +223,11 @@ def energy(
     chips = [priceable(name) for name in target]
     net = load(file, params=assignments(set))
     steps = Clock(net.resolution).step(duration, "--for")
-    with Bar() as bar:
-        try:
-            bar.say("preparing")
-            sim = compiled(net, backend=backend, seed=seed, threads=threads)
-            placements = [placed(sim.program, each) for each in chips]
-            advance(sim, steps, bar)
-        except KeyboardInterrupt:
-            bar.stop()
-            typer.echo("interrupted: nothing is priced", err=True)
-            raise typer.Exit(130) from None
+    with stoppable("nothing is priced") as bar:
+        bar.say("preparing")
+        sim = compiled(net, backend=backend, seed=seed, threads=threads)
+        placements = [placed(sim.program, each) for each in chips]
+        advance(sim, steps, bar)
     counts = sim._engine.counts()
     step_s = None if step_time is None else step_time * 1e-3
     bills = [

@@ -13,15 +13,12 @@ import typer
 from typer.core import TyperCommand, TyperGroup
 
 from neuro.cli.catalogue import backends, models, schema
-from neuro.cli.check import check, show
-from neuro.cli.chips import energy, fit
+from neuro.cli.chips import check, energy, fit, show
 from neuro.cli.compare import compare, verify
 from neuro.cli.events import app as events
-from neuro.cli.pictures import plot, report
-from neuro.cli.run import rerun, run
+from neuro.cli.run import plot, report, rerun, run
 from neuro.cli.start import example, new
-from neuro.cli.sweep import app as sweep
-from neuro.cli.tune import app as tune
+from neuro.cli.sweep import sweep, tune
 from neuro.core.errors import ModelError, unknown
 from neuro.core.version import VERSION
 

@@ -11,13 +11,12 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from neuro.cli.options import NetworkFile, Seed, Set, Threads, assignments, milliseconds
+from neuro.cli.options import Duration, NetworkFile, Seed, Set, Threads, assignments, stoppable
 
 if TYPE_CHECKING:
     from neuro.compare.result import Comparison
     from neuro.verify.verify import Result
 
-Duration = Annotated[float, typer.Option("--for", metavar="MS", parser=milliseconds, help="How long, in ms.")]
 Backends = Annotated[str, typer.Option(metavar="A,B,...", help="What to run on; others are compared with the first.")]
 Json = Annotated[bool, typer.Option("--json", help="Print JSON instead of tables.")]
 JsonOut = Annotated[Path | None, typer.Option("--json-out", metavar="FILE", help="Write the JSON to a file, too.")]
@@ -41,7 +40,6 @@ def compare(
     from neuro.compare.result import JSON
     from neuro.core.clock import Clock
     from neuro.core.outputs import output
-    from neuro.core.progress import Bar
     from neuro.model.language import load
     from neuro.run.progress import advance
 
@@ -49,16 +47,11 @@ def compare(
     names = [name.strip() for name in backends.split(",") if name.strip()]
     Clock(net.resolution).step(duration, "--for")
     _check_apart(html, json_out)
-    with Bar() as bar, ExitStack() as files:
+    with stoppable("nothing is compared") as bar, ExitStack() as files:
         page_part = files.enter_context(output(html, PAGE)) if html else None
         json_part = files.enter_context(output(json_out, JSON)) if json_out else None
         bar.say("preparing")
-        try:
-            found = run(net, names, duration, seed, threads=threads, advance=lambda sim, n: advance(sim, n, bar))
-        except KeyboardInterrupt:
-            bar.stop()
-            typer.echo("interrupted: nothing is compared", err=True)
-            raise typer.Exit(130) from None
+        found = run(net, names, duration, seed, threads=threads, advance=lambda sim, n: advance(sim, n, bar))
         write(found, page_part, json_part)
     print_comparison(found, as_json, [out for out in (json_out, html) if out])
 
@@ -75,18 +68,13 @@ def write(found: Comparison, page_part: Path | None, json_part: Path | None) -> 
         json_part.write_text(JSON.seal(json.dumps(content, indent=2) + "\n"), "utf-8")
 
 
-def as_plain_json(found: Comparison) -> str:
-    """A comparison as JSON."""
-    return json.dumps(found.as_dict(), indent=2)
-
-
 def print_comparison(found: Comparison, as_json: bool, written: list[Path]) -> None:
     """Print a comparison, and which files there are."""
     from neuro.compare.cells import show
     from neuro.core.tables import console
 
     if as_json:
-        typer.echo(as_plain_json(found))
+        typer.echo(json.dumps(found.as_dict(), indent=2))
         return
     show(found, console())
     for out in written:

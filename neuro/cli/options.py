@@ -3,10 +3,38 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Annotated, Any
 
 import typer
+
+from neuro.core.progress import Bar
+
+
+@contextmanager
+def stoppable(left: str | Callable[[], str]) -> Iterator[Bar]:
+    """A bar; Ctrl-C takes it away, reports what is left of the work, and ends with status 130."""
+    with Bar() as bar:
+        try:
+            yield bar
+        except KeyboardInterrupt:
+            bar.stop()
+            typer.echo(f"interrupted: {left if isinstance(left, str) else left()}", err=True)
+            raise typer.Exit(130) from None
+
+
+def group(name: str, about: str) -> typer.Typer:
+    """A command that has commands of its own, and without one of them prints its help."""
+    app = typer.Typer(name=name, add_completion=False, pretty_exceptions_enable=False)
+
+    @app.callback(invoke_without_command=True, help=about)
+    def show(context: typer.Context) -> None:
+        if context.invoked_subcommand is None:
+            typer.echo(context.get_help())
+
+    return app
 
 
 def milliseconds(text: str) -> float:
@@ -50,6 +78,16 @@ def whole(text: str, least: int) -> int:
     return number
 
 
+@contextmanager
+def resumable() -> Iterator[None]:
+    """Say where work is interrupted that it is kept, and leave with status 130."""
+    try:
+        yield
+    except KeyboardInterrupt:
+        typer.echo("interrupted: the same command goes on where it was", err=True)
+        raise typer.Exit(130) from None
+
+
 def seed(text: str) -> int:
     """A whole number >= 0."""
     return whole(text, 0)
@@ -87,7 +125,7 @@ def number(value: Any) -> Any:
 def network(text: str) -> Path:
     """A file, or that of a published network by its name; a file of that name comes first."""
     from neuro.core.hints import near
-    from neuro.model.language.published import published
+    from neuro.model.language.files import published
 
     path = Path(text)
     if path.suffix or path.exists():
@@ -106,4 +144,5 @@ Backend = Annotated[
     str, typer.Option("--backend", metavar="NAME", help="What to run on: see 'neuro backends'; or a chip's table.")
 ]
 Seed = Annotated[int, typer.Option("--seed", metavar="N", parser=seed, help="Seed of everything random.")]
+Duration = Annotated[float, typer.Option("--for", metavar="MS", parser=milliseconds, help="How long, in ms.")]
 Threads = Annotated[int, typer.Option("--threads", metavar="N", parser=threads, help="Threads to compute with.")]

@@ -1,28 +1,42 @@
-"""A network run, and a file made again from what it holds: `neuro run` and `neuro rerun`."""
+"""A network run, what it left shown, and a file made again: `neuro run`, `plot`, `report` and `rerun`."""
 
 from __future__ import annotations
 
 import shlex
 import sys
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from enum import StrEnum
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from neuro.cli.options import Backend, NetworkFile, Seed, Set, Threads, assignments, milliseconds
+from neuro.cli.options import (
+    Backend,
+    Duration,
+    NetworkFile,
+    Seed,
+    Set,
+    Threads,
+    assignments,
+    milliseconds,
+    moment,
+    stoppable,
+)
 
 if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
     from neuro.core.progress import Bar
     from neuro.files.parts import Trace
     from neuro.files.results import Results
     from neuro.model.network import Network
+    from neuro.model.views import View
     from neuro.run.simulation import Simulation
 
-Duration = Annotated[float, typer.Option("--for", metavar="MS", parser=milliseconds, help="How long, in ms.")]
 Record = Annotated[list[str], typer.Option(metavar="NAME", help="Keep only this population's spikes; repeatable.")]
-Out = Annotated[Path, typer.Option(metavar="FILE", help="The HDF5 file to write.")]
+ResultsOut = Annotated[Path, typer.Option(metavar="FILE", help="The HDF5 file to write.")]
 AllWeights = Annotated[bool, typer.Option("--all-weights", help="Keep also static weights above a million synapses.")]
 
 
@@ -34,14 +48,13 @@ def run(
     threads: Threads = 1,
     set: Set = [],  # noqa: B006
     record: Record = [],  # noqa: B006
-    out: Out = Path("out.h5"),
+    out: ResultsOut = Path("out.h5"),
     all_weights: AllWeights = False,
 ) -> None:
     """Run a network and write its spikes, traces and weights, and the network itself, to one HDF5 file."""
     from neuro.core.clock import Clock
     from neuro.core.launch import shared, speaks
     from neuro.core.outputs import check_output
-    from neuro.core.progress import Bar
     from neuro.files.results import KIND, read
     from neuro.model.language import load
     from neuro.run.compiled import compile as compiled
@@ -52,27 +65,22 @@ def run(
     steps = Clock(net.resolution).step(duration, "--for")
     keep_spikes(net, record)
     check_output(out, KIND)
-    with Bar() as bar:
-        try:
-            bar.say("preparing")
-            sim = compiled(net, backend=backend, seed=seed, threads=threads)
-            words: dict[str, Any] = {"threads": threads, "record": record, "all_weights": all_weights}
-            began = time.perf_counter()
-            if shared() or (out.exists() and not out.is_file()):
-                results, first_s = _at_the_end(sim, net, steps, bar, out, words)
-            else:
-                with sim.record_to(out, **words):
-                    first_s = advance(sim, steps, bar)
-                    bar.say("writing")
-                results = read(out)
-            taken = time.perf_counter() - began - first_s
-            silent = silent_inputs(sim)
-        except KeyboardInterrupt:
-            bar.stop()
-            _tell_interrupted(out)
-            raise typer.Exit(130) from None
+    with stoppable(lambda: _left_of(out)) as bar:
+        bar.say("preparing")
+        sim = compiled(net, backend=backend, seed=seed, threads=threads)
+        words: dict[str, Any] = {"threads": threads, "record": record, "all_weights": all_weights}
+        began = time.perf_counter()
+        if shared() or (out.exists() and not out.is_file()):
+            results, first_s = _at_the_end(sim, net, steps, bar, out, words)
+        else:
+            with sim.record_to(out, **words):
+                first_s = advance(sim, steps, bar)
+                bar.say("writing")
+            results = read(out)
+        taken = time.perf_counter() - began - first_s
+        silent = silent_inputs(sim)
     if speaks():
-        report(results, out)
+        print_results(results, out)
         tell_silence(silent)
         # What differs from run to run is not among what can be compared.
         typer.echo(f"{duration:g} ms took {taken:.3g} s, {taken * 1000.0 / duration:.3g} x its own time", err=True)
@@ -101,12 +109,12 @@ def _at_the_end(
     return results, first_s
 
 
-def _tell_interrupted(out: Path) -> None:
+def _left_of(out: Path) -> str:
+    """What an interrupted run has left."""
     from neuro.files.results import read, unfinished
 
     part = unfinished(out)
-    kept = f"{part} has what was recorded up to {read(part).time:g} ms" if part.exists() else f"{out} is not written"
-    typer.echo(f"interrupted: {kept}", err=True)
+    return f"{part} has what was recorded up to {read(part).time:g} ms" if part.exists() else f"{out} is not written"
 
 
 def together(backend: str) -> None:
@@ -154,7 +162,7 @@ def keep_spikes(net: Network, names: list[str]) -> None:
     net.place = None
 
 
-def report(results: Results, out: Path) -> None:
+def print_results(results: Results, out: Path) -> None:
     """Print rates, weights that learnt, what was recorded, and what to do next."""
     from neuro.core.tables import console, table
 
@@ -210,7 +218,114 @@ def what(trace: Trace) -> str:
     return f"{trace.state} of {some(trace.columns, 'synapse' if trace.projection else 'neuron')} at {times}"
 
 
-File = Annotated[Path, typer.Argument(metavar="FILE", help="Results, a model, a page, or the folder of a run.")]
+class Format(StrEnum):
+    """Formats of pictures."""
+
+    png = "png"
+    pdf = "pdf"
+    svg = "svg"
+
+
+File = Annotated[Path, typer.Argument(metavar="FILE", help="Results that 'neuro run' wrote.")]
+Folder = Annotated[Path | None, typer.Option("--out", metavar="FOLDER", help="Where to; beside FILE if not given.")]
+Window = Annotated[
+    tuple[str, str] | None, typer.Option("--window", metavar="BEGIN END", help="Only this stretch, in ms.")
+]
+Of = Annotated[
+    list[str],
+    typer.Option(
+        "--of",
+        "--population",
+        metavar="NAME",
+        help="Only this population, or some of its neurons: 'exc[:100]', 'grid[2:4, :]', 'exc[[3, 7]]'; repeatable.",
+    ),
+]
+Bin = Annotated[float | None, typer.Option("--bin", metavar="MS", parser=milliseconds, help="Bins of the rates.")]
+As = Annotated[Format, typer.Option("--format", help="Of the pictures.")]
+
+
+def plot(
+    file: File,
+    out: Folder = None,
+    window: Window = None,
+    of: Of = [],  # noqa: B006
+    bin: Bin = None,
+    format: As = Format.png,
+) -> None:
+    """Draw the spikes, rates and traces of a run as pictures."""
+    from neuro import plots
+    from neuro.core.errors import ModelError
+    from neuro.files.results import read
+    from neuro.model.views import View, on_a_line
+
+    results = read(file)
+    stretch = None if window is None else tuple(moment(text) for text in window)
+    laid = {name: results.laid(name) for name in results.populations}
+    asked = [on_a_line(text, laid) for text in of]
+    shown = [part if isinstance(part, View) else part.name for part in asked] or None
+    whole = {part.name for part in asked if not isinstance(part, View)}
+    views = [part for part in asked if isinstance(part, View) and part.population.name not in whole]
+    named = {*whole, *(view.population.name for view in views)}
+    probes = [
+        name for name, trace in results.traces.items() if not of or (trace.population in named and _seen(trace, views))
+    ]
+    draw: dict[str, Callable[[], Figure]] = {}
+    if of or any(train.recorded for train in results.populations.values()):
+        draw["raster"] = lambda: plots.raster(results, shown, window=stretch)
+        draw["rates"] = lambda: plots.rate(results, shown, bin=bin, window=stretch)
+    if probes:
+        draw["traces"] = lambda: plots.trace(results, probes, of=views, window=stretch)
+    if not draw:
+        raise ModelError(f"{file}: holds neither spikes nor traces", hint="'neuro run --record NAME' keeps spikes")
+    drawn = ((f"{file.stem}-{what}", picture()) for what, picture in draw.items())
+    write_pictures(drawn, file.parent if out is None else out, format)
+
+
+def write_pictures(pictures: Iterable[tuple[str, Figure]], folder: Path, format: Format) -> None:
+    """Write pictures by their names into a folder, which is made if it is not there, and report each."""
+    from neuro.core.outputs import make_folder, write_picture
+
+    make_folder(folder)
+    for name, picture in pictures:
+        path = folder / f"{name}.{format.value}"
+        write_picture(path, picture)
+        typer.echo(path)
+
+
+def _seen(trace: Trace, views: Sequence[View]) -> bool:
+    """Whether a trace has neurons of the views of its population, if there are any."""
+    mine = [view for view in views if view.population.name == trace.population]
+    if not mine or trace.single or trace.ids is None:
+        return True
+    return bool(set(trace.ids.tolist()) & {neuron for view in mine for neuron in view.ids.tolist()})
+
+
+PageOut = Annotated[Path | None, typer.Option(metavar="FILE", help="The page to write; FILE with .html if not given.")]
+Target = Annotated[str, typer.Option("--target", metavar="NAME", help="The chip, or a table's file, of the bill.")]
+
+ENDINGS = (".html", ".htm")
+
+
+def report(file: File, out: PageOut = None, target: Target = "loihi") -> None:
+    """Write one page that shows a run: spikes, rates, traces, weights, counts and what a chip would take."""
+    from neuro.chips.known import chip
+    from neuro.core.errors import ModelError
+    from neuro.core.outputs import check_output, output
+    from neuro.files.results import read
+    from neuro.report.page import PAGE, page
+
+    path = file.with_suffix(".html") if out is None else out
+    check_output(path, PAGE)
+    if path.suffix.lower() not in ENDINGS:
+        raise ModelError(f"--out {path}: a report is a page of HTML: expected a name ending in .html")
+    chip(target)
+    results = read(file)
+    with output(path, PAGE) as part:
+        part.write_text(PAGE.seal(page(results, file, target)), "utf-8")
+    typer.echo(f"{path}: written")
+
+
+Made = Annotated[Path, typer.Argument(metavar="FILE", help="Results, a model, a page, or the folder of a run.")]
 OtherBackend = Annotated[str, typer.Option("--backend", metavar="NAME", help="Another one than it was made on.")]
 Inputs = Annotated[
     list[Path], typer.Option(metavar="FOLDER", help="Look there for inputs that were moved, by content; repeatable.")
@@ -219,7 +334,7 @@ Against = Annotated[Path | None, typer.Option(metavar="OTHER", help="Compare wit
 
 
 def rerun(
-    file: File,
+    file: Made,
     backend: OtherBackend = "",
     inputs: Inputs = [],  # noqa: B006
     against: Against = None,

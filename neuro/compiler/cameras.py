@@ -15,8 +15,7 @@ from neuro.core.errors import ModelError
 from neuro.model.network import Network
 from neuro.model.neurons import event_camera
 from neuro.model.parts import AUTO, Population
-from neuro.program.program import Ints
-from neuro.program.streams import Stretch
+from neuro.program.program import Ints, Stretch
 
 MOST = 1 << 17
 """Events that become spikes at once."""
@@ -81,7 +80,7 @@ class CameraInput:
         return f"{said} {'' if self._played is None else self._played.identity}"
 
     def check_events(self) -> None:
-        """Refuse a recording that can be looked at and has no events from its beginning on."""
+        """Refuse a recording that can be read already and has no events from its beginning on."""
         model = self._model
         word = "offset" if model.offset else "origin"
         if self._played is None or self._origin is None or self._played.first() is None or not getattr(model, word):
@@ -118,7 +117,7 @@ class CameraInput:
         return shape
 
     def _least_sensor(self) -> tuple[int, int]:
-        """Width and height in px of what the shape says is seen, where no sensor is told."""
+        """Width and height in px of what the shape says is seen, where the sensor is unknown."""
         rows, columns = (n * self._model.scale for n in self.shape[-2:])
         crop = self._model.crop
         ends = (None, None) if crop is None else (crop.x, crop.y)

@@ -79,16 +79,14 @@ def _check_population(part: Population, shape: Shape) -> None:
     model = part.model
     _check_whole(part, MODELS, type(model))
     if isinstance(model, spike_generator) and len(model.spike_times) not in (0, size(shape)):
-        refuse(
-            part,
+        message = (
             f"spike_generator.spike_times has {len(model.spike_times)} lists: "
-            f"expected {size(shape)}, one for each neuron",
-            word="spike_generator.spike_times",
+            f"expected {size(shape)}, one for each neuron"
         )
+        refuse(part, message, word="spike_generator.spike_times")
     if isinstance(model, Neuron) and 0 < model.most < size(shape):
-        refuse(
-            part, f"{size(shape)} neurons of {model.name}: expected at most {model.most}, which are compared at once"
-        )
+        found = f"{size(shape)} neurons of {model.name}"
+        refuse(part, f"{found}: expected at most {model.most}, which are compared at once")
 
 
 def _check_whole(part: AnyPart, registry: Registry[Any], model: type[Any]) -> None:
@@ -115,13 +113,10 @@ def check_values(model: Model, parameters: Mapping[str, Floats], clock: Clock) -
         bad = np.flatnonzero(v_reset >= v_top)
         if bad.size:
             where = f"[{bad[0]}]" if v_reset.size > 1 else ""
-            raise ModelError(
-                f"{model.name}.V_reset{where} = {v_reset[bad[0]]:g} mV: "
-                f"expected less than {top} = {v_top[bad[0]]:g} mV",
-                hint=f"lower V_reset or raise {top}",
-                path=(model.name, "V_reset"),
-                about=(top,),
+            message = (
+                f"{model.name}.V_reset{where} = {v_reset[bad[0]]:g} mV: expected less than {top} = {v_top[bad[0]]:g} mV"
             )
+            raise ModelError(message, hint=f"lower V_reset or raise {top}", path=(model.name, "V_reset"), about=(top,))
     if "t_ref" in parameters:
         clock.steps(parameters["t_ref"], f"{model.name}.t_ref")
     if isinstance(model, Neuron):
@@ -173,19 +168,11 @@ def _check_synapse(net: Network, part: Projection, shapes: Mapping[str, Shape]) 
     synapse = part.synapse
     _check_whole(part, SYNAPSES, type(synapse))
     if isinstance(part.rule, grid) and synapse.learns in ("pairs", "moves"):
-        refuse(
-            part,
-            f"{synapse.name} on a shared kernel: expected static or a rule for trials",
-            "all_to_all gives each pair a weight",
-            synapse.name,
-        )
+        told = f"{synapse.name} on a shared kernel: expected static or a rule for trials"
+        refuse(part, told, "all_to_all gives each pair a weight", synapse.name)
     if isinstance(part.rule, grid) and synapse.delays:
-        refuse(
-            part,
-            f"{synapse.name} on a shared kernel, which has one delay: expected another rule of connections",
-            "all_to_all gives each pair a delay",
-            synapse.name,
-        )
+        told = f"{synapse.name} on a shared kernel, which has one delay: expected another rule of connections"
+        refuse(part, told, "all_to_all gives each pair a delay", synapse.name)
     if synapse.learns == "trials" and net.trials_section is None:
         message = f"{synapse.name} learns at the end of trials: expected a section 'trials'"
         refuse(part, message, "add one, or use stdp", synapse.name, "trials")
@@ -270,12 +257,11 @@ def _check_dopamine(net: Network, part: Projection, synapse: Modulated, shapes: 
         refuse(part, f"{message}: expected a population that spikes", word=f"{synapse.name}.dopamine")
     n, m = size(shapes[synapse.dopamine]), size(shapes[part.target])
     if synapse.dopamine_rule == "one_to_one" and n != m:
-        refuse(
-            part,
+        told = (
             f"{synapse.name}.dopamine_rule one_to_one from '{synapse.dopamine}' of {n} neurons "
-            f"to '{part.target}' of {m}: expected as many",
-            word=f"{synapse.name}.dopamine_rule",
+            f"to '{part.target}' of {m}: expected as many"
         )
+        refuse(part, told, word=f"{synapse.name}.dopamine_rule")
 
 
 def _stays(rule: Modulated) -> bool:

@@ -32,19 +32,12 @@ def resolve_trials(net: Network, shapes: Mapping[str, Shape], clock: Clock) -> r
     labels: Labels | None = section.labels
     maps_per_label = 0 if labels is None else labels.maps_per_label
     if maps_per_label and shape[0] % maps_per_label:
-        _refuse(
-            net,
-            "labels.maps_per_label",
-            f"labels.maps_per_label = {maps_per_label}: expected a divisor of {shape[0]}, the maps of '{output}'",
-        )
+        message = f"labels.maps_per_label = {maps_per_label}: expected a divisor of {shape[0]}, the maps of '{output}'"
+        _refuse(net, "labels.maps_per_label", message)
     reward: Reward = section.reward or Reward()
     if reward.silent != 0.0:
-        _refuse(
-            net,
-            "reward.silent",
-            f"reward.silent = {reward.silent:g}: expected 0, as no neuron decided that could be rewarded",
-            "r_stdp.epsilon and r_stdp.rescue say what silence teaches",
-        )
+        message = f"reward.silent = {reward.silent:g}: expected 0, as no neuron decided that could be rewarded"
+        _refuse(net, "reward.silent", message, "r_stdp.epsilon and r_stdp.rescue say what silence teaches")
     dropout: Dropout | None = section.dropout
     _check_reset(net, output, section)
     _check_learners(net, output, labels, list(net.groups.values())[group])
@@ -118,11 +111,8 @@ def _duration(net: Network, section: Trials, clock: Clock) -> int:
     except ModelError as error:
         raise error.at(net.trials_origin, "trials") from None
     if ticks < 1:
-        _refuse(
-            net,
-            "duration",
-            f"duration = {section.duration:g} ms: expected at least the resolution, {clock.resolution:g} ms",
-        )
+        message = f"duration = {section.duration:g} ms: expected at least the resolution, {clock.resolution:g} ms"
+        _refuse(net, "duration", message)
     return ticks
 
 
@@ -139,20 +129,13 @@ def _check_learners(net: Network, output: str, labels: Labels | None, group: Gro
             continue
         what = f"projection '{part.name}': {part.synapse.name}"
         if part.target != output:
-            raise ModelError(
-                f"{what} onto '{part.target}': expected '{output}', which decides",
-                where=part.origin,
-                path=words_of(part.synapse.name),
-            )
+            told = f"{what} onto '{part.target}': expected '{output}', which decides"
+            raise ModelError(told, where=part.origin, path=words_of(part.synapse.name))
         if part.synapse.peaks and group.choice.several:
             message = f"{what} teaches by the largest V_m up to the one decision, and group '{group.name}' has several"
             raise ModelError(
                 f"{message}: expected winner_take_all", where=part.origin, path=words_of(part.synapse.name)
             )
         if labels is None and part.synapse.supervised:
-            _refuse(
-                net,
-                "",
-                f"{part.synapse.name} of '{part.name}' needs 'labels', as rewards depend on them",
-                missing="labels",
-            )
+            told = f"{part.synapse.name} of '{part.name}' needs 'labels', as rewards depend on them"
+            _refuse(net, "", told, missing="labels")

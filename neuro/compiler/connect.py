@@ -111,11 +111,8 @@ def connect(
     match rule:
         case one_to_one():
             if n_pre != n_post:
-                raise ModelError(
-                    f"one_to_one from {n_pre} to {n_post} neurons: expected populations of equal size",
-                    hint="all_to_all connects populations of any size",
-                    path=(rule.name,),
-                )
+                message = f"one_to_one from {n_pre} to {n_post} neurons: expected populations of equal size"
+                raise ModelError(message, hint="all_to_all connects populations of any size", path=(rule.name,))
             return Connections("one_to_one", n_pre, listed=((n_pre,),))
         case all_to_all():
             if but is not None:
@@ -208,12 +205,9 @@ def _draw(
     choices = np.full(rows, among) if but is None else among - (but >= 0)
     fewest = int(choices.min())
     if fewest < 1 or (not repeats and n > fewest):
-        raise ModelError(
-            f"n = {n} {what} of each neuron: expected at most {fewest}, as many as there are",
-            hint="multapses: true allows a pair to be drawn twice" if fewest > 0 else "",
-            path=("n",),
-            about=("multapses",),
-        )
+        message = f"n = {n} {what} of each neuron: expected at most {fewest}, as many as there are"
+        hint = "multapses: true allows a pair to be drawn twice" if fewest > 0 else ""
+        raise ModelError(message, hint=hint, path=("n",), about=("multapses",))
     if repeats:
         most = fewest if fewest == choices.max() else choices[:, None]
         drawn = rng.integers(0, most, size=(rows, n), dtype=np.int32)

@@ -47,10 +47,8 @@ def check_generator(model: Generator, parameters: Mapping[str, Floats], clock: C
 def _check_rate(model: Model, what: str, rate: float, clock: Clock) -> None:
     limit = LARGEST_MEAN * 1000.0 / clock.resolution
     if rate > limit:
-        raise ModelError(
-            f"{model.name}.{what} = {rate:g} Hz: expected at most {limit:g} Hz, {LARGEST_MEAN:g} spikes a step",
-            path=(model.name, *words_of(what)),
-        )
+        message = f"{model.name}.{what} = {rate:g} Hz: expected at most {limit:g} Hz, {LARGEST_MEAN:g} spikes a step"
+        raise ModelError(message, path=(model.name, *words_of(what)))
 
 
 def _check_gamma(model: gamma_sup_generator, rate: float, clock: Clock) -> None:
@@ -58,33 +56,25 @@ def _check_gamma(model: gamma_sup_generator, rate: float, clock: Clock) -> None:
     per_step = model.gamma_shape * clock.resolution / 1000.0
     limit = min(0.5, LARGEST_MEAN / model.n_proc) / per_step
     if rate > limit:
-        raise ModelError(
+        message = (
             f"{model.name}.rate = {rate:g} Hz: expected at most {limit:g} Hz with gamma_shape = {model.gamma_shape} "
-            f"and n_proc = {model.n_proc} at a resolution of {clock.resolution:g} ms",
-            hint=FINER,
-            path=(model.name, "rate"),
-            about=("gamma_shape", "n_proc"),
+            f"and n_proc = {model.n_proc} at a resolution of {clock.resolution:g} ms"
         )
+        raise ModelError(message, hint=FINER, path=(model.name, "rate"), about=("gamma_shape", "n_proc"))
 
 
 def _check_noise(model: noise_generator, parameters: Mapping[str, Floats], clock: Clock) -> None:
     if clock.step(model.dt, f"{model.name}.dt") < 1:
-        raise ModelError(
-            f"{model.name}.dt = {model.dt:g} ms: expected at least the resolution, {clock.resolution:g} ms",
-            path=(model.name, "dt"),
-            kind="resolution",
-        )
+        message = f"{model.name}.dt = {model.dt:g} ms: expected at least the resolution, {clock.resolution:g} ms"
+        raise ModelError(message, path=(model.name, "dt"), kind="resolution")
     if {"std", "std_mod"} <= set(parameters):
         std, std_mod = np.broadcast_arrays(parameters["std"], parameters["std_mod"])
         bad = np.flatnonzero(std_mod > std)
         if bad.size:
             where = f"[{bad[0]}]" if std.size > 1 else ""
-            raise ModelError(
-                f"{model.name}.std_mod{where} = {std_mod[bad[0]]:g} pA: expected at most std = {std[bad[0]]:g} pA",
-                hint="the variance would be negative at times",
-                path=(model.name, "std_mod"),
-                about=("std",),
-            )
+            message = f"{model.name}.std_mod{where} = {std_mod[bad[0]]:g} pA: expected at most std = {std[bad[0]]:g} pA"
+            hint = "the variance would be negative at times"
+            raise ModelError(message, hint=hint, path=(model.name, "std_mod"), about=("std",))
 
 
 def schedule_of(model: Model, size: int, clock: Clock) -> Schedule | None:
@@ -117,7 +107,7 @@ def check_trains(program: Program) -> None:
     """No two targets share a train that must be individual.
 
     Raises:
-        ModelError: two do; the projection is told with which it is more than one.
+        ModelError: two do; it names the projection by which there is more than one.
     """
     used = {
         k: np.zeros(part.size, dtype=np.int64)

@@ -1,8 +1,13 @@
-"""Whether a network fits into memory, counted before anything is drawn."""
+"""Whether a network fits into memory, counted before anything is drawn, and arrays that many synapses share."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
 
 from neuro.compiler.shapes import Shape, size
 from neuro.core.errors import ModelError
@@ -11,8 +16,17 @@ from neuro.core.values import plain
 from neuro.model.distributions import Distribution
 from neuro.model.network import Network
 from neuro.model.parts import Projection
-from neuro.model.rules import all_to_all, fixed_indegree, fixed_outdegree, fixed_total_number, pairs, pairwise_bernoulli
+from neuro.model.rules import (
+    all_to_all,
+    fixed_indegree,
+    fixed_outdegree,
+    fixed_total_number,
+    one_to_one,
+    pairs,
+    pairwise_bernoulli,
+)
 from neuro.model.space import of_distance
+from neuro.program.program import Floats, Projection as Resolved
 
 MANY = 1 << 26
 """Synapses from which on it is counted."""
@@ -80,7 +94,7 @@ def _bytes(part: Projection) -> int:
 
 
 def _delay_bytes(part: Projection) -> int:
-    """A byte for a drawn delay of what does not learn, unless it is longer than 255 steps, which is not looked at."""
+    """A byte for a drawn delay of what does not learn, unless it is longer than 255 steps, which is not known yet."""
     drawn = isinstance(plain(part.delay), (Distribution, of_distance))
     return 1 if drawn and not part.synapse.learns else 4
 
@@ -88,3 +102,81 @@ def _delay_bytes(part: Projection) -> int:
 def _each(value: object) -> bool:
     """Whether each synapse has a value of its own."""
     return not isinstance(value, (int, float))
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class SynapseRoom:
+    """Where the targets and the weights of one projection will lie."""
+
+    targets: NDArray[np.int32]
+    weight: Floats
+
+
+def rooms(net: Network, shapes: Mapping[str, Shape]) -> dict[str, SynapseRoom] | None:
+    """Neighbouring views of one array each, by name; None where how many synapses there are follows from draws."""
+    known = [_numbers(part, size(shapes[part.source]), size(shapes[part.target])) for part in net.projections.values()]
+    numbers = [number for number in known if number is not None]
+    if len(numbers) < len(known):
+        return None
+    return _laid_out(dict(zip(net.projections, numbers, strict=True)))
+
+
+def packed(projections: Iterable[Resolved], made: Mapping[str, SynapseRoom] | None) -> tuple[Resolved, ...]:
+    """The same projections; their `targets` and `weight` are neighbouring views of one array each, in their order.
+
+    Those that do not lie in the rooms that were made for them are moved there. Where there are none, or they turned out
+    to be of other sizes, all are moved, one by one, so that memory for all is needed once.
+    """
+    moved = list(projections)
+    if made is None or any(_misfits(part, made[part.name]) for part in moved):
+        made = _laid_out({part.name: (part.targets.size, part.weight.size) for part in moved})
+    # One by one, each freed as it is moved: both copies of a large network would not fit.
+    for k in range(len(moved)):
+        part, room = moved[k], made[moved[k].name]
+        moved[k] = replace(part, targets=_into(room.targets, part.targets), weight=_into(room.weight, part.weight))
+    return tuple(moved)
+
+
+def _numbers(part: Projection, n_pre: int, n_post: int) -> tuple[int, int] | None:
+    """How many targets and weights a projection will have; None where that is not known."""
+    if part.source_view is not None or part.target_view is not None:
+        return None
+    match part.rule:
+        case fixed_indegree(n=n):
+            targets = synapses = n * n_post
+        case fixed_outdegree(n=n):
+            targets = synapses = n * n_pre
+        case fixed_total_number(n=n):
+            targets = synapses = n
+        case one_to_one():
+            targets, synapses = 0, n_pre
+        case all_to_all(autapses=True):
+            targets, synapses = 0, n_pre * n_post
+        case _:
+            return None
+    return targets, 1 if isinstance(part.weight, (int, float)) else synapses
+
+
+def _misfits(part: Resolved, room: SynapseRoom) -> bool:
+    return part.targets.size != room.targets.size or part.weight.size != room.weight.size
+
+
+def _laid_out(numbers: Mapping[str, tuple[int, int]]) -> dict[str, SynapseRoom]:
+    """Rooms for so many targets and weights each, side by side."""
+    targets = np.empty(sum(number for number, _ in numbers.values()), dtype=np.int32)
+    weights = np.empty(sum(number for _, number in numbers.values()))
+    found, at_target, at_weight = {}, 0, 0
+    for name, (n_targets, n_weights) in numbers.items():
+        found[name] = SynapseRoom(
+            targets[at_target : at_target + n_targets], weights[at_weight : at_weight + n_weights]
+        )
+        at_target, at_weight = at_target + n_targets, at_weight + n_weights
+    return found
+
+
+def _into(room: NDArray[Any], values: NDArray[Any]) -> NDArray[Any]:
+    """The values, in a room."""
+    # Drawn into its room already: the same memory.
+    if room.size and room.ctypes.data != values.ctypes.data:
+        room[:] = values
+    return room

@@ -1,6 +1,6 @@
 """All mistakes of a file: its first, then the first of what is left without it, until nothing is wrong.
 
-So each is told as if it were alone. What is mistaken is left out, or something stands in for it where the rest
+So each is reported as if it were alone. What is mistaken is left out, or something stands in for it where the rest
 cannot do without. All is done twice, each time with other stand-ins: a mistake that depends on what should stand there
 is not told twice alike, and is not told. Of what is left out some is known to decide more than itself (`follows`).
 """
@@ -12,9 +12,19 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from neuro.compiler.places import WordPlaces, Words, at, has, names, subject
 from neuro.compiler.resolve import compile_network
-from neuro.compiler.stand_ins import as_node, chosen_from, some_neurons, stand_in
+from neuro.compiler.stand_ins import (
+    WordPlaces,
+    Words,
+    as_node,
+    at,
+    chosen_from,
+    has,
+    names,
+    some_neurons,
+    stand_in,
+    subject,
+)
 from neuro.core.errors import ModelError, Where
 from neuro.core.memory import uncollected
 from neuro.core.paths import file_path

@@ -74,13 +74,8 @@ def _check_alone(part: Probe, what: str, population: Population) -> None:
     if what == "spikes" and part.every is not None:
         refuse(part, "every is for states: spikes are all recorded", "leave 'every' out", "every")
     if what == "rate" and part.every is None:
-        refuse(
-            part,
-            "a rate needs every, the length of its bins",
-            "every: 10.0 is a common one",
-            "record",
-            about=("every",),
-        )
+        told = "a rate needs every, the length of its bins"
+        refuse(part, told, "every: 10.0 is a common one", "record", about=("every",))
     if part.mean:
         message = "a rate is a mean over the neurons" if what == "rate" else "mean is for states"
         way_out = "leave 'mean' out" if what == "rate" else "record: rate gives that of spikes"
@@ -165,12 +160,8 @@ def _between(part: Probe, net: Network, projection: Projection, shapes: Mapping[
     if part.synapses is not None:
         refuse(part, "found both 'synapses' and the neurons at their ends: expected one of both")
     if projection.grid is not None:
-        refuse(
-            part,
-            "pre and post: the synapses of a grid share their weights",
-            "synapses: [0, 1] records some of these",
-            "pre",
-        )
+        message = "pre and post: the synapses of a grid share their weights"
+        refuse(part, message, "synapses: [0, 1] records some of these", "pre")
     said = net.projections[part.of]
     pre, post = (size(shapes[name]) for name in (said.source, said.target))
     kept = np.ones(projection.size, dtype=np.bool_)

@@ -28,18 +28,13 @@ def receptor_of(synapse: Synapse, target: Population) -> Receptor | None:
     named = synapse.receptor if isinstance(synapse, (static, MoveRule)) else None
     if named is None:
         if len(names) > 2 or not model.signed:
-            one = ", ".join(names)
-            raise ModelError(
-                f"'{target.name}', {a(model.name)}, has {len(names)} receptors: expected a synapse that names one",
-                hint=f"write {synapse.name if isinstance(synapse, MoveRule) else 'static'} with 'receptor', one of {one}",
-            )
+            one, rule = ", ".join(names), synapse.name if isinstance(synapse, MoveRule) else "static"
+            message = f"'{target.name}', {a(model.name)}, has {len(names)} receptors: expected a synapse that names one"
+            raise ModelError(message, hint=f"write {rule} with 'receptor', one of {one}")
         return None
     if not names:
-        raise ModelError(
-            f"{synapse.name}.receptor = '{named}': '{target.name}', {a(model.name)}, sums all input: expected no receptor",
-            hint="leave it out",
-            path=(synapse.name, "receptor"),
-        )
+        found = f"{synapse.name}.receptor = '{named}': '{target.name}', {a(model.name)}, sums all input"
+        raise ModelError(f"{found}: expected no receptor", hint="leave it out", path=(synapse.name, "receptor"))
     if named not in names:
         raise unknown(f"receptor of '{target.name}', {a(model.name)},", named, names, path=("synapse", "receptor"))
     index, conductance = names.index(named), named in model.conductances
@@ -59,11 +54,8 @@ def receptor_of_current(synapse: Synapse, target: Population, source: str) -> Re
         return None
     message = f"static.receptor = '{named}' of a current from '{source}'"
     if not model.filters:
-        raise ModelError(
-            f"{message}, which goes to no receptor of {a(model.name)}: expected none",
-            hint="leave it out",
-            path=("static", "receptor"),
-        )
+        told = f"{message}, which goes to no receptor of {a(model.name)}: expected none"
+        raise ModelError(told, hint="leave it out", path=("static", "receptor"))
     if named not in model.filters:
         raise unknown(
             f"receptor of '{target.name}', {a(model.name)},", named, list(model.filters), path=("synapse", "receptor")
@@ -75,16 +67,14 @@ def check_conductance(receptor: Receptor | None, weight: Floats) -> None:
     """Weights onto a conductance that is named are not negative.
 
     Raises:
-        ModelError: one is; the first such is told.
+        ModelError: one is; it names the first.
     """
     if receptor is None or not receptor.conductance:
         return
     bad = np.flatnonzero(weight < 0.0)
     if bad.size:
-        raise ModelError(
+        message = (
             f"weight[{bad[0]}] = {weight[bad[0]]:g} onto receptor '{receptor.name}', a conductance, which grows by it: "
-            "expected at least 0",
-            hint="leave out the sign, or the receptor",
-            path=("weight",),
-            about=("receptor",),
+            "expected at least 0"
         )
+        raise ModelError(message, hint="leave out the sign, or the receptor", path=("weight",), about=("receptor",))

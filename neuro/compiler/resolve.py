@@ -17,8 +17,7 @@ from neuro.compiler.connect import Apart, Connections, connect
 from neuro.compiler.drawn import MANY
 from neuro.compiler.encoded import with_generators
 from neuro.compiler.generators import check_trains, schedule_of
-from neuro.compiler.memory import check_memory, many_synapses
-from neuro.compiler.pack import SynapseRoom, packed, rooms
+from neuro.compiler.memory import SynapseRoom, check_memory, many_synapses, packed, rooms
 from neuro.compiler.probes import check_probes, resolve_probes, resolve_synapse_probes
 from neuro.compiler.receptors import check_conductance, receptor_of, receptor_of_current
 from neuro.compiler.shapes import Shape, grid_of, resolve_shapes, size
@@ -49,8 +48,7 @@ from neuro.model.rules import RULES, grid
 from neuro.model.space import PROFILES
 from neuro.model.synapses import SYNAPSES, DelayRule, Modulated, MoveRule, Synapse
 from neuro.program import program as resolved
-from neuro.program.program import Floats, Ints
-from neuro.program.streams import Stream
+from neuro.program.program import Floats, Ints, Stream
 
 
 @uncollected()
@@ -383,22 +381,20 @@ def check_stdp_weights(part: Projection, rule: Synapse, weight: Floats) -> None:
     bad = rule.outside(weight)
     if bad is not None:
         raised = f", or raise {rule.name}.Wmax" if "Wmax" in rule.parameters() else ""
-        raise ModelError(
+        message = (
             f"projection '{part.name}': weight[{bad}] = {weight[bad if weight.size > 1 else 0]:g}: "
-            f"expected {rule.expected_weight(bad)}",
-            where=part.origin,
-            hint="give the distribution 'low' and 'high'" + raised,
-            path=("weight",),
-            about=("Wmax", "low", "high"),
+            f"expected {rule.expected_weight(bad)}"
         )
+        hint = "give the distribution 'low' and 'high'" + raised
+        raise ModelError(message, where=part.origin, hint=hint, path=("weight",), about=("Wmax", "low", "high"))
 
 
 def _check_delays(part: Projection, delay: Steps, clock: Clock) -> None:
     """Delays that learn lie within their rule's bounds, and these are not too far; a rule for moves has one step."""
     rule = part.synapse
     if isinstance(rule, MoveRule) and np.any(delay != 1):
-        late = clock.ms(int(delay.max()))
-        message = f"projection '{part.name}': delay = {late:g} ms: expected {clock.resolution:g} ms, one step, with {rule.name}"
+        one = f"{clock.resolution:g} ms, one step, with {rule.name}"
+        message = f"projection '{part.name}': delay = {clock.ms(int(delay.max())):g} ms: expected {one}"
         raise ModelError(message, where=part.origin, hint="a parrot_neuron may delay the input", path=("delay",))
     if not isinstance(rule, DelayRule):
         return
@@ -409,10 +405,9 @@ def _check_delays(part: Projection, delay: Steps, clock: Clock) -> None:
         late = clock.array_ms(delay.astype(np.int64))
         bad = np.flatnonzero((late < rule.d_min) | (late > rule.d_max))
         if bad.size:
-            raise ModelError(
+            message = (
                 f"delay[{bad[0]}] = {late[bad[0]]:g} ms: expected {rule.d_min:g} to {rule.d_max:g} ms, "
-                f"the bounds of {rule.name}",
-                hint=f"set {rule.name}.d_min and d_max",
-                path=("delay",),
-                about=("d_min", "d_max"),
+                f"the bounds of {rule.name}"
             )
+            hint = f"set {rule.name}.d_min and d_max"
+            raise ModelError(message, hint=hint, path=("delay",), about=("d_min", "d_max"))

@@ -47,20 +47,18 @@ def grid_of(part: Projection, shapes: Mapping[str, Shape]) -> Grid:
     rule = part.rule
     assert isinstance(rule, grid)
     if len(target) != 3 or target[1:] != (rows, columns):
-        raise ModelError(
+        message = (
             f"projection '{part.name}': grid onto '{part.target}' of shape {list(target)}: "
-            f"expected [maps, {rows}, {columns}]",
-            where=part.origin,
-            hint=f"give '{part.target}' the shape [maps, auto, auto], and all grids onto it one size",
-            path=("grid",),
+            f"expected [maps, {rows}, {columns}]"
         )
+        hint = f"give '{part.target}' the shape [maps, auto, auto], and all grids onto it one size"
+        raise ModelError(message, where=part.origin, hint=hint, path=("grid",))
     if rule.depthwise and target[0] % channels:
-        raise ModelError(
+        message = (
             f"projection '{part.name}': depthwise grid from {channels} channels onto {target[0]} maps of "
-            f"'{part.target}': expected a multiple of {channels}",
-            where=part.origin,
-            path=("rule",),
+            f"'{part.target}': expected a multiple of {channels}"
         )
+        raise ModelError(message, where=part.origin, path=("rule",))
     return Grid(
         channels=channels,
         height=height,
@@ -99,12 +97,8 @@ def _shape(net: Network, name: str, known: dict[str, Shape], under_way: tuple[st
     # The first grid decides; `grid_of` then refuses others that give another size.
     deciding = [p for p in net.projections.values() if p.target == name and isinstance(p.rule, grid)]
     if not deciding:
-        raise ModelError(
-            f"{what}: 'auto' needs a grid projection onto it, found none",
-            where=part.origin,
-            hint="write the numbers",
-            path=("shape",),
-        )
+        message = f"{what}: 'auto' needs a grid projection onto it, found none"
+        raise ModelError(message, where=part.origin, hint="write the numbers", path=("shape",))
     if len(part.shape) != 3 or part.shape[0] == AUTO:
         raise ModelError(
             f"{what}: expected [maps, auto, auto] with a number of maps", where=part.origin, path=("shape",)
@@ -121,12 +115,11 @@ def _sheet(part: Projection, source: Shape) -> Shape:
     if len(source) == 2:
         return (1, *source)
     if len(source) != 3:
-        raise ModelError(
+        message = (
             f"projection '{part.name}': grid from '{part.source}' of shape {list(source)}: "
-            "expected [height, width] or [channels, height, width]",
-            where=part.origin,
-            path=("grid",),
+            "expected [height, width] or [channels, height, width]"
         )
+        raise ModelError(message, where=part.origin, path=("grid",))
     return source
 
 
@@ -137,12 +130,10 @@ def _outcome(part: Projection, height: int, width: int) -> tuple[int, int]:
         return math.ceil(height / rule.stride), math.ceil(width / rule.stride)
     high, wide = (n + 2 * rule.padding for n in (height, width))
     if rule.kernel[0] > high or rule.kernel[1] > wide:
-        raise ModelError(
+        message = (
             f"projection '{part.name}': grid.kernel = {list(rule.kernel)}: expected at most [{high}, {wide}], "
-            f"the size of '{part.source}' with its padding",
-            where=part.origin,
-            hint="a smaller kernel or more padding",
-            path=("grid", "kernel"),
-            about=("padding",),
+            f"the size of '{part.source}' with its padding"
         )
+        hint = "a smaller kernel or more padding"
+        raise ModelError(message, where=part.origin, hint=hint, path=("grid", "kernel"), about=("padding",))
     return (high - rule.kernel[0]) // rule.stride + 1, (wide - rule.kernel[1]) // rule.stride + 1

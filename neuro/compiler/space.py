@@ -50,7 +50,7 @@ def space_of(part: Population, shape: tuple[int, ...]) -> Space:
     """Where the neurons of a population lie.
 
     Raises:
-        ModelError: nothing tells it, or what is told does not fit.
+        ModelError: nothing gives their places, or what does not fit.
     """
     message = f"population '{part.name}'"
     extent: Floats | None = None if part.extent is None else plain(part.extent)
@@ -63,16 +63,12 @@ def space_of(part: Population, shape: tuple[int, ...]) -> Space:
             hint="give it 'positions'",
         )
     if len(shape) == 1 and extent is None:
-        raise ModelError(
-            f"{message} has no positions: its shape is a number of neurons",
-            where=part.origin,
-            hint=f"give it 'positions', a shape of several axes, or the 'extent' of a line, e.g. [{shape[0]}.0]",
-        )
+        told = f"{message} has no positions: its shape is a number of neurons"
+        hint = f"give it 'positions', a shape of several axes, or the 'extent' of a line, e.g. [{shape[0]}.0]"
+        raise ModelError(told, where=part.origin, hint=hint)
     if extent is not None and extent.shape != (len(shape),):
-        raise ModelError(
-            f"{message}: extent = {extent.tolist()}: expected {len(shape)} numbers, one for each axis of its shape",
-            where=part.origin,
-        )
+        told = f"{message}: extent = {extent.tolist()}: expected {len(shape)} numbers, one for each axis of its shape"
+        raise ModelError(told, where=part.origin)
     length = np.array(shape, dtype=np.float64) if extent is None else extent
     axes = [(np.arange(n) + 0.5 - 0.5 * n) * (size / n) for n, size in zip(shape, length, strict=True)]
     places = np.stack([axis.reshape(-1) for axis in np.meshgrid(*axes, indexing="ij")], axis=1)
@@ -83,10 +79,8 @@ def _given(part: Population, places: Floats, extent: Floats | None, n: int) -> S
     message = f"population '{part.name}': positions"
     places = places[:, None] if places.ndim == 1 else places
     if places.ndim != 2 or places.shape[0] != n or not 1 <= places.shape[1] <= MOST_AXES:
-        raise ModelError(
-            f"{message} have the shape {list(places.shape)}: expected [{n}, 1 to {MOST_AXES}], a row for each neuron",
-            where=part.origin,
-        )
+        told = f"{message} have the shape {list(places.shape)}: expected [{n}, 1 to {MOST_AXES}], a row for each neuron"
+        raise ModelError(told, where=part.origin)
     if extent is not None and extent.shape != places.shape[1:]:
         raise ModelError(
             f"{message} have {places.shape[1]} coordinates, extent {extent.size}: expected as many", where=part.origin
@@ -216,12 +210,9 @@ def _probability(profile: Profile, distance: Floats) -> Floats:
     p = profile.values(distance)
     bad = np.flatnonzero((p < 0.0) | (p > 1.0))
     if bad.size:
-        raise ModelError(
-            f"distance_dependent.p is {p[bad[0]]:g} at the distance {distance[bad[0]]:g}: expected 0 to 1",
-            hint="a mask keeps it to distances where it is a probability",
-            path=("distance_dependent", "p"),
-            about=("mask",),
-        )
+        message = f"distance_dependent.p is {p[bad[0]]:g} at the distance {distance[bad[0]]:g}: expected 0 to 1"
+        hint = "a mask keeps it to distances where it is a probability"
+        raise ModelError(message, hint=hint, path=("distance_dependent", "p"), about=("mask",))
     return p
 
 

@@ -42,11 +42,8 @@ def per_neuron(value: Any, shape: tuple[int, ...], what: str, key: tuple[int, st
     if array.ndim == 0:
         return array.reshape(1) + 0.0
     if array.shape not in (shape, (size,)):
-        raise ModelError(
-            f"{what}: an array of shape {list(array.shape)}: expected {_one_of({shape, (size,)})}",
-            hint="one value for each neuron, or one number for all",
-            path=words_of(what),
-        )
+        message = f"{what}: an array of shape {list(array.shape)}: expected {_one_of({shape, (size,)})}"
+        raise ModelError(message, hint="one value for each neuron, or one number for all", path=words_of(what))
     return array.reshape(-1) + 0.0
 
 
@@ -72,12 +69,11 @@ def per_synapse(
     if array.ndim == 0:
         return array.reshape(1) + 0.0
     if not found.listed:
-        raise ModelError(
+        told = (
             f"{what}: an array of shape {list(array.shape)} for synapses that are drawn at random: "
-            "expected a number or a distribution",
-            hint="neuro.pairs lists synapses that can have a value each",
-            path=words_of(what),
+            "expected a number or a distribution"
         )
+        raise ModelError(told, hint="neuro.pairs lists synapses that can have a value each", path=words_of(what))
     if array.shape not in found.listed:
         message = f"{what}: an array of shape {list(array.shape)}: expected {_one_of(set(found.listed))}"
         raise ModelError(message, path=words_of(what))
@@ -169,11 +165,8 @@ def delay_steps(
         raise too_late(f"{what}[{far[0]}]" if steps.size > 1 else what, int(steps.ravel()[far[0]]), clock)
     early = np.flatnonzero(steps < 1)
     if early.size:
-        raise ModelError(
-            f"{what}[{early[0]}] = 0 ms: expected at least the resolution, {clock.resolution:g} ms",
-            path=words_of(what),
-            kind="resolution",
-        )
+        message = f"{what}[{early[0]}] = 0 ms: expected at least the resolution, {clock.resolution:g} ms"
+        raise ModelError(message, path=words_of(what), kind="resolution")
     return steps.astype(np.int32)
 
 
@@ -189,12 +182,8 @@ def one_delay(value: Any, clock: Clock, what: str) -> NDArray[np.int64]:
     """One delay in steps, shape (1,)."""
     step = clock.step(value, what)
     if step < 1:
-        raise ModelError(
-            f"{what} = {value:g} ms: expected at least the resolution, {clock.resolution:g} ms",
-            hint=f"the smallest is {clock.ms(1):g} ms",
-            path=words_of(what),
-            kind="resolution",
-        )
+        message = f"{what} = {value:g} ms: expected at least the resolution, {clock.resolution:g} ms"
+        raise ModelError(message, hint=f"the smallest is {clock.ms(1):g} ms", path=words_of(what), kind="resolution")
     if step > LONGEST_DELAY:
         raise too_late(what, step, clock)
     return np.array([step], dtype=np.int64)

@@ -404,10 +404,8 @@ def _train(q: Quantity, row: Any, what: str, index: list[int]) -> NDArray[np.flo
     if bad.size:
         k = int(bad[0])
         place = ", ".join(map(str, [*index, k]))
-        raise ModelError(
-            f"{what}[{place}] = {shown(float(times[k]))}: expected spike times > 0 ms in ascending order",
-            path=tuple(map(str, [*index, k])),
-        )
+        message = f"{what}[{place}] = {shown(float(times[k]))}: expected spike times > 0 ms in ascending order"
+        raise ModelError(message, path=tuple(map(str, [*index, k])))
     return times
 
 
@@ -509,3 +507,21 @@ _CHECKERS: dict[str, Callable[[Quantity, Any, str], Any]] = {
     "part": _part,
     "choice": _choice,
 }
+
+
+def check_returned(values: Any, shape: tuple[int, ...], told: str) -> NDArray[Any]:
+    """What a third-party part returned, as numbers of a shape; they may be NaN.
+
+    Args:
+        values: that.
+        shape: the shape they must have.
+        told: what gave them, with a verb, e.g. "normal() drew".
+
+    Raises:
+        ModelError: they have another shape, or are not numbers.
+    """
+    array = np.asarray(values)
+    if array.shape != shape or array.dtype.kind not in "fiu":
+        found = f"shape {list(array.shape)} and type {array.dtype}"
+        raise ModelError(f"{told} values of {found}: expected {math.prod(shape)} numbers")
+    return array

@@ -36,11 +36,8 @@ class Choice:
         _check_class(cls)
         known = {entry.name for entry in fields(cls)}
         if len(args) > sum(not entry.kw_only for entry in fields(cls)):
-            raise ModelError(
-                f"{cls.called()}: found {len(args)} values without a name: expected {cls.called()}(name=value)",
-                where=here(),
-                hint=nearest("", [entry.name for entry in fields(cls)]),
-            )
+            message = f"{cls.called()}: found {len(args)} values without a name: expected {cls.called()}(name=value)"
+            raise ModelError(message, where=here(), hint=nearest("", [entry.name for entry in fields(cls)]))
         for word in words:
             if word not in known:
                 raise unknown(f"parameter of {cls.called()}", word, known, here(), (word,))
@@ -163,7 +160,7 @@ def _has_unit(value: Any) -> bool:
 
 
 _CHECKED: dict[int, type[Choice]] = {}
-"""Classes whose fields have been looked at, by `id`."""
+"""Classes whose fields have been checked, by `id`."""
 
 
 def _check_class(cls: type[Choice]) -> None:
@@ -171,17 +168,13 @@ def _check_class(cls: type[Choice]) -> None:
     if id(cls) in _CHECKED:
         return
     if any(isinstance(value, Field) for value in vars(cls).values()):
-        raise ModelError(
-            f"{cls.kind} '{cls.__name__}' is no dataclass",
-            hint="write @dataclass(frozen=True, kw_only=True, eq=False) above its class",
-        )
+        message = f"{cls.kind} '{cls.__name__}' is no dataclass"
+        raise ModelError(message, hint="write @dataclass(frozen=True, kw_only=True, eq=False) above its class")
     for entry in fields(cls):
         if "quantity" not in entry.metadata:
             default = "..." if entry.default is MISSING else repr(entry.default)
-            raise ModelError(
-                f"{cls.kind} '{cls.__name__}': '{entry.name}' is no quantity",
-                hint=f'write {entry.name}: float = quantity({default}, "unit", "meaning")',
-            )
+            message = f"{cls.kind} '{cls.__name__}': '{entry.name}' is no quantity"
+            raise ModelError(message, hint=f'write {entry.name}: float = quantity({default}, "unit", "meaning")')
         if entry.default is not MISSING:
             check(entry.metadata["quantity"], entry.default, f"{cls.__name__}.{entry.name}, its default")
     _CHECKED[id(cls)] = cls

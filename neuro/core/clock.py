@@ -128,9 +128,6 @@ class Clock:
             return ModelError(f"{what} = {ms}: expected a finite time in ms", path=words_of(what))
         below = math.floor(ms / self.resolution)
         near = [f"{self.ms(step):.12g}" for step in (below, below + 1) if step > 0]
-        return ModelError(
-            f"{what} = {ms:.12g} ms: expected a multiple of the resolution, {self.resolution:g} ms",
-            hint=f"the nearest {'is' if len(near) == 1 else 'are'} {' or '.join(near)} ms" if near else "",
-            path=words_of(what),
-            kind="resolution",
-        )
+        message = f"{what} = {ms:.12g} ms: expected a multiple of the resolution, {self.resolution:g} ms"
+        hint = f"the nearest {'is' if len(near) == 1 else 'are'} {' or '.join(near)} ms" if near else ""
+        return ModelError(message, hint=hint, path=words_of(what), kind="resolution")

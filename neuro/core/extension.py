@@ -30,7 +30,7 @@ def run_extension(file: Any) -> None:
 
     Raises:
         ModelError: it cannot be read, is called like another module, was edited since it was run, or has a mistake,
-            which is told with its line.
+            which is reported with its line.
     """
     path = existing(file, "a Python file")
     try:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import sys
 from collections.abc import Callable
 from importlib import import_module
+from os.path import dirname
 
 
 def public_names(
@@ -13,14 +14,15 @@ def public_names(
     """The `__getattr__`, `__dir__` and `__all__` of a public module.
 
     The names are those that the module's block `if TYPE_CHECKING:` imports as themselves (`from home import name as
-    name`). Type checkers read the same block, so each name is listed once.
+    name`), and of `from home import *` those that the module `home` imports so. Type checkers read the same lines, so
+    each name is listed once.
 
     Args:
         module: its name.
         file: its source.
         more: finds names that are registered while the program runs; None where there is no such name.
     """
-    homes = _homes(file)
+    homes = _homes(file, "if TYPE_CHECKING:\n")
 
     def getattribute(name: str) -> object:
         if name not in homes:
@@ -40,19 +42,21 @@ def public_names(
     return getattribute, lambda: sorted(homes), sorted(homes)
 
 
-def _homes(file: str) -> dict[str, str]:
-    """The modules from which a public module's names are imported, by name."""
+def _homes(file: str, block: str = "") -> dict[str, str]:
+    """By name the modules from which a file imports names as themselves, in the block under a line or everywhere."""
     homes: dict[str, str] = {}
-    home, inside = "", False
+    home, inside = "", not block
     # Read by words: importing `ast`, `re` or `pathlib` for it would take half as long as the rest of `import neuro`.
     with open(file, encoding="utf-8") as source:
         for line in source:
-            if line.strip() and not line.startswith(" "):
-                inside = line == "if TYPE_CHECKING:\n"
+            if block and line.strip() and not line.startswith(" "):
+                inside = line == block
             elif inside:
                 words = line.replace("(", " ").replace(")", " ").replace(",", " ").split()
                 if words[:1] == ["from"]:
                     home, words = words[1], words[3:]
+                if words[:1] == ["*"]:
+                    homes |= _homes(f"{dirname(dirname(__file__))}/{home.partition('.')[2].replace('.', '/')}.py")
                 names = zip(words[::3], words[2::3], strict=False)  # `name as name`, three words each
                 homes |= {name: home for name, alias in names if name == alias}
     return homes

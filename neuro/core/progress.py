@@ -17,7 +17,7 @@ def _is_terminal() -> bool:
 class Bar:
     """A bar with what is being done and how long it will still take, of which nothing stays.
 
-    Where stderr is no terminal, a log say, the same is told as a line every ten seconds.
+    Where stderr is no terminal, a log say, the same is printed as a line every ten seconds.
     """
 
     def __enter__(self) -> Bar:

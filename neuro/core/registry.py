@@ -77,11 +77,9 @@ class Registry(Mapping[str, T], Generic[T]):
         """
         name = self._name(part)
         if self._closed_by:
-            raise ModelError(
-                f"{self.kind} '{name}' is registered too late: {self._closed_by}",
-                where=here(),
-                hint="register it first; an instance of it works in Python without being registered",
-            )
+            message = f"{self.kind} '{name}' is registered too late: {self._closed_by}"
+            hint = "register it first; an instance of it works in Python without being registered"
+            raise ModelError(message, where=here(), hint=hint)
         if name in self._parts or name in self._registered or name in self._entries():
             raise ModelError(f"{self.kind} '{name}' is registered twice", where=here(), hint="give it another name")
         self._registered[name] = part
@@ -175,7 +173,7 @@ class Registry(Mapping[str, T], Generic[T]):
 
 
 class _Values(ValuesView[T]):
-    """The parts, none looked at before it is asked for."""
+    """The parts, each loaded when it is asked for."""
 
     _mapping: Registry[T]
 

@@ -10,10 +10,9 @@ from __future__ import annotations
 from neuro.events import filters, representations, segmentation
 from neuro.events._events import EVENT, Event, Events
 from neuro.events.dataset import Dataset, Recording, Recordings, recordings
-from neuro.events.dvs import DVS, DVSParameters, dvs_events
+from neuro.events.dvs import DVS, DVSParameters, dvs_events, frames_of
 from neuro.events.errors import EventFileError, EventFileWarning
 from neuro.events.files import load, save, stream
-from neuro.events.scenes import frames_of
 from neuro.events.segmentation import msd_segments
 
 __all__ = [

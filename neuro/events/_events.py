@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
 from typing import Any, NamedTuple
 
@@ -19,6 +19,21 @@ EVENT = np.dtype([("t", "<i8"), ("x", "<u2"), ("y", "<u2"), ("p", "u1")])
 
 T_MAX = (1 << 63) - 1
 """The latest time, us."""
+
+
+Columns = tuple[npt.NDArray[np.int64], npt.NDArray[np.uint16], npt.NDArray[np.uint16], npt.NDArray[np.uint8]]
+"""Times, columns, rows and polarities of events."""
+
+
+def empty_columns(n: int) -> Columns:
+    """Room for n events, not filled."""
+    return np.empty(n, np.int64), np.empty(n, np.uint16), np.empty(n, np.uint16), np.empty(n, np.uint8)
+
+
+def joined_columns(parts: Iterable[Columns]) -> Columns:
+    """Parts one after the other."""
+    t, x, y, p = zip(empty_columns(0), *parts, strict=True)
+    return np.concatenate(t), np.concatenate(x), np.concatenate(y), np.concatenate(p)
 
 
 class Event(NamedTuple):

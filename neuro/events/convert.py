@@ -155,13 +155,10 @@ def _write_out(parts: Iterator[Events], format: str | None) -> None:
 
 
 class _StandardOutput:
-    """Standard output in the place of a path that a writer opens; it counts, since a pipe cannot be asked where it is.
+    """Standard output in the place of a path that a writer opens.
 
     The name /dev/stdout will not do: opening it would empty a file to which the shell appends.
     """
-
-    def __init__(self) -> None:
-        self._done = 0
 
     def open(self, mode: str) -> _StandardOutput:
         return self
@@ -173,9 +170,4 @@ class _StandardOutput:
         sys.stdout.flush()
 
     def write(self, data: Any) -> int:
-        sys.stdout.buffer.write(data)
-        self._done += memoryview(data).nbytes
-        return self._done
-
-    def tell(self) -> int:
-        return self._done
+        return sys.stdout.buffer.write(data)

@@ -11,13 +11,13 @@ from neuro.core.checks import argument
 from neuro.core.errors import ModelError
 from neuro.core.outputs import Kind, Unwritable, output
 from neuro.core.paths import file_path
-from neuro.events._events import Events, checked_size
-from neuro.events.check import Arrays, Checked, joined
+from neuro.events._events import Columns, Events, checked_size
 from neuro.events.errors import EventFileError
 from neuro.events.formats import Format, Unsavable, called, written
 from neuro.events.formats._format import in_order
-from neuro.events.opening import Opened, opened, smallest
-from neuro.events.parts import batches, between, windows
+from neuro.events.opening import Checked, Opened, joined, opened, smallest
+from neuro.events.parts import between, windows
+from neuro.events.segmentation.cutters import Counts, segmented
 from neuro.events.source import WHOLE, Given, check_given
 
 RECORDING = Kind("a recording", ask="replace=True")
@@ -142,7 +142,7 @@ def stream(
             if window is not None:
                 yield from windows(parts, window, start, file.name)
             elif number is not None:
-                yield from batches(parts, int(number))
+                yield from segmented(parts, Counts(number), rest=True)
             else:
                 yield from parts
 
@@ -241,7 +241,7 @@ def _writer(path: Path, format: str | None):  # type: ignore[no-untyped-def]
     raise EventFileError(str(path), f"cannot save as {path.suffix!r}, expected {endings}")
 
 
-def _default(found: Format, pieces: Sequence[Arrays]) -> tuple[int, int]:
+def _default(found: Format, pieces: Sequence[Columns]) -> tuple[int, int]:
     x = max((int(piece[1].max(initial=0)) for piece in pieces), default=0)
     y = max((int(piece[2].max(initial=0)) for piece in pieces), default=0)
     return smallest(found, x, y)

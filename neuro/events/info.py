@@ -10,10 +10,10 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from neuro.events.check import Arrays, Checked
+from neuro.events._events import Columns
 from neuro.events.errors import EventFileError, EventFileWarning
 from neuro.events.files import BLOCK
-from neuro.events.opening import Opened, opened, smallest
+from neuro.events.opening import Checked, Opened, opened, smallest
 from neuro.events.source import Given
 
 BIN_US = 10_000
@@ -138,7 +138,7 @@ def _told_size(file: Opened, needed: bool) -> tuple[int, int] | None:
         return None
 
 
-def _survey(out: Info, pixels: _Pixels, parts: Iterator[Arrays], report: Callable[[int], None] | None) -> None:
+def _survey(out: Info, pixels: _Pixels, parts: Iterator[Columns], report: Callable[[int], None] | None) -> None:
     """Count."""
     peak = _Peak()
     for t, x, y, p in parts:
@@ -179,14 +179,11 @@ class _Pixels:
         self._grow(*size)
 
     def _grow(self, width: int, height: int) -> None:
-        if width <= self.width and height <= self.height:
-            return
-        rows, columns = self._counts.shape
-        self.width, self.height = max(width, self.width), max(height, self.height)
-        counts = np.zeros((self.height, self.width) if self._counted else (0, 0), np.int64)
-        if self._counted:
-            counts[:rows, :columns] = self._counts
-        self._counts = counts
+        more = max(0, height - self.height), max(0, width - self.width)
+        if any(more):
+            self.width, self.height = self.width + more[1], self.height + more[0]
+            after = ((0, more[0]), (0, more[1]))
+            self._counts = np.pad(self._counts, after) if self._counted else np.zeros((0, 0), np.int64)
 
     @property
     def _counted(self) -> bool:

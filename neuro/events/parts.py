@@ -6,7 +6,7 @@ from collections.abc import Iterable, Iterator
 
 import numpy as np
 
-from neuro.events._events import Events
+from neuro.events._events import Events, joined_columns
 from neuro.events.errors import EventFileError
 
 MOST_EMPTY = 10**6
@@ -69,29 +69,9 @@ def _jump(empty: int, window_us: int, t: int) -> str:
     )
 
 
-def batches(parts: Iterable[Events], count: int) -> Iterator[Events]:
-    """Cut parts of a recording into parts of equally many events.
-
-    Args:
-        parts: of one recording, in order.
-        count: events of a part; the last may have fewer.
-    """
-    held: list[Events] = []
-    missing = count
-    for part in parts:
-        while len(part) >= missing:
-            yield together([*held, part[:missing]])
-            held, part, missing = [], part[missing:], count
-        if len(part):
-            held.append(part)
-            missing -= len(part)
-    if held:
-        yield together(held)
-
-
 def together(parts: list[Events]) -> Events:
     """Parts of one recording as one."""
     if len(parts) == 1:
         return parts[0]
-    t, x, y, p = (np.concatenate([getattr(part, name) for part in parts]) for name in "txyp")
-    return Events._trusted(t, x, y, p, parts[0].sensor_size, parts[0].metadata)
+    columns = joined_columns((part.t, part.x, part.y, part.p) for part in parts)
+    return Events._trusted(*columns, parts[0].sensor_size, parts[0].metadata)

@@ -15,9 +15,9 @@ from neuro.core.checks import is_number
 from neuro.core.errors import ModelError, unknown
 from neuro.core.measures import in_ms
 from neuro.core.values import shown
+from neuro.files.finished_runs import FinishedRun
 from neuro.model.parts import Part
-from neuro.model.views import Shaped, View
-from neuro.model.written_views import named
+from neuro.model.views import Shaped, View, named
 from neuro.program.program import Floats, Ints, Program
 
 Window = tuple[float, float]
@@ -48,6 +48,29 @@ class SpikeTrain:
         """The mean rate of a neuron; 0 of none, and of a window without length."""
         seconds = (self.window[1] - self.window[0]) / 1000.0
         return self.times_ms.size / (self.neurons.size * seconds) if self.neurons.size and seconds else 0.0
+
+
+def intervals(times_ms: Floats, ids: Ints) -> tuple[Floats, Ints]:
+    """The intervals between spikes of the same neuron in ms, and whose they are, by neuron, then time."""
+    order = np.lexsort((times_ms, ids))
+    times_ms, ids = times_ms[order], ids[order]
+    same = ids[1:] == ids[:-1]
+    return np.diff(times_ms)[same], ids[1:][same]
+
+
+def variation(times_ms: Floats, ids: Ints) -> Floats:
+    """The coefficient of variation of the intervals of each neuron that has two or more, by neuron.
+
+    Standard deviation (of the intervals themselves, not of those they are drawn from) by mean; 1 of a Poisson process.
+    Intervals that are all 0, of neurons that emit several spikes in one step and no others, have none.
+    Source: Softky & Koch, J. Neurosci. 13:334, 1993
+    """
+    lengths, whose = intervals(times_ms, ids)
+    _, whose, count = np.unique(whose, return_inverse=True, return_counts=True)
+    mean = np.bincount(whose, lengths) / count
+    square = np.bincount(whose, (lengths - mean[whose]) ** 2) / count
+    defined = (count >= 2) & (mean > 0)
+    return np.asarray(np.sqrt(square[defined]) / mean[defined])
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -147,24 +170,6 @@ class RunningSimulation(Protocol):
 
     def weights(self, name: str) -> Any:
         """Weights of a projection."""
-
-
-class FinishedRun(Protocol):
-    """What is asked of results."""
-
-    about: dict[str, Any]
-
-    @property
-    def populations(self) -> Mapping[str, Any]:
-        """Spikes by population."""
-
-    @property
-    def projections(self) -> Mapping[str, Any]:
-        """Weights by projection."""
-
-    @property
-    def traces(self) -> Mapping[str, Any]:
-        """States by the name of their trace."""
 
 
 def recorded(run: object) -> Recorded:

@@ -50,13 +50,11 @@ from neuro.core.inputs import record_input
 from neuro.core.outputs import Kind
 from neuro.core.paths import existing
 from neuro.core.tables import Table, as_html, as_text
-from neuro.files.kept_synapses import one_each, weights
+from neuro.files.finished_runs import Sought, one_each, weights
 from neuro.files.parts import Opener, Stored, Trace, Train, Weights, kept, span
-from neuro.files.run_networks import Sought
 from neuro.model.network import Network
 from neuro.model.parts import Part
-from neuro.model.views import Shaped, View
-from neuro.model.written_views import named
+from neuro.model.views import Shaped, View, named
 from neuro.program.counts import Counts, PopulationCounts, ProjectionCounts
 from neuro.program.program import Floats, Ints
 

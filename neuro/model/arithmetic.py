@@ -1,11 +1,13 @@
-"""Where the arithmetic of a model stands: in the module of its class, as plain functions."""
+"""Where the arithmetic of a model stands, in the module of its class, and what third-party parts must have."""
 
 from __future__ import annotations
 
 import sys
-from collections.abc import Collection, Mapping
+from collections.abc import Callable, Collection, Mapping
 from types import ModuleType
-from typing import Any
+from typing import Any, TypeVar
+
+T = TypeVar("T")
 
 
 class OfModule:
@@ -61,3 +63,28 @@ def fill(told: str, model: type[Any], p: Any, c: Any) -> None:
             f"{told}: 'constants' fails for its defaults ({error}): "
             f"expected at most {len(c)} constants, its width, from {len(p)} parameters"
         ) from None
+
+
+def has_method(base: type[Any], name: str, does: str) -> Callable[[type[T]], type[T]]:
+    """A function that returns a third-party class if it has a method of its own in place of that of a base.
+
+    Args:
+        base: of the kind of parts; its method has the right arguments.
+        name: of the method.
+        does: what the method does, for the message.
+    """
+    own = getattr(base, name)
+    expected = own.__code__.co_varnames[: own.__code__.co_argcount]
+
+    def complete(part: type[T]) -> type[T]:
+        """Raise `TypeError` where the method is missing, or has other arguments."""
+        method, message = getattr(part, name), f"{base.kind} '{part.__name__}'"
+        if method is own:
+            raise TypeError(f"{message} has no method '{name}', which {does}")
+        taken = method.__code__.co_argcount
+        if taken != len(expected):
+            told = f"'{name}' takes {taken} arguments: expected {len(expected)}, ({', '.join(expected)})"
+            raise TypeError(f"{message}: {told}")
+        return part
+
+    return complete

@@ -10,11 +10,12 @@ from typing import ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
+from neuro.core.checks import check_returned
 from neuro.core.choice import Choice
 from neuro.core.errors import ModelError
-from neuro.core.given import check_returned
 from neuro.core.quantities import quantity
 from neuro.core.registry import Registry
+from neuro.model.arithmetic import has_method
 
 _BLOCK = 1 << 16
 """Values that are drawn at a time: they stay in the cache while they are compared with the bounds."""
@@ -37,7 +38,7 @@ class Distribution(Choice):
         raise NotImplementedError
 
     def drawn(self, rng: np.random.Generator, n: int) -> NDArray[np.float64]:
-        """N values of `sample`, looked at.
+        """N checked values of `sample`.
 
         Raises:
             ModelError: they are not so many finite numbers.
@@ -158,26 +159,11 @@ class lognormal(_Clipped):
         return rng.lognormal(self.mean, self.std, n)
 
 
-def complete(distribution: type[Distribution]) -> type[Distribution]:
-    """Return a third-party distribution if it can be drawn from.
-
-    Raises:
-        TypeError: it has no `sample`, or one with other arguments.
-    """
-    message = f"distribution '{distribution.__name__}'"
-    if distribution.sample is Distribution.sample:
-        raise TypeError(f"{message} has no method 'sample', which draws values")
-    taken = distribution.sample.__code__.co_argcount
-    if taken != 3:
-        raise TypeError(f"{message}: 'sample' takes {taken} arguments: expected 3, (self, rng, n)")
-    return distribution
-
-
 DISTRIBUTIONS: Registry[type[Distribution]] = Registry(
     "distribution",
     (uniform, normal, lognormal),
     takes=lambda part: isinstance(part, type) and issubclass(part, Distribution),
     group="neuro.distributions",
-    complete=complete,
+    complete=has_method(Distribution, "sample", "draws values"),
 )
 """All distributions by name."""

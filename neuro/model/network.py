@@ -41,8 +41,7 @@ from neuro.model.parts import (
 )
 from neuro.model.rules import Rule
 from neuro.model.synapses import Synapse, static
-from neuro.model.views import Laid, View, view
-from neuro.model.written_views import named
+from neuro.model.views import Laid, View, named, view
 
 P = TypeVar("P", bound=Part)
 
@@ -261,13 +260,13 @@ class Network(Description):
 
     def __str__(self) -> str:
         from neuro.core.tables import as_text
-        from neuro.model.printing import heading, tables
+        from neuro.model.words import heading, tables
 
         return as_text(heading(self), tables(self))
 
     def _repr_html_(self) -> str:
         from neuro.core.tables import as_html
-        from neuro.model.printing import heading, tables
+        from neuro.model.words import heading, tables
 
         return as_html(heading(self), tables(self))
 

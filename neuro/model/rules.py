@@ -12,6 +12,7 @@ from neuro.core.choice import Choice
 from neuro.core.errors import ModelError
 from neuro.core.quantities import quantity
 from neuro.core.registry import Registry
+from neuro.model.arithmetic import has_method
 from neuro.model.space import Mask, Profile
 
 SAME = "same"
@@ -154,10 +155,8 @@ class pairs(Rule):
     def __post_init__(self) -> None:
         super().__post_init__()
         if len(self.pre) != len(self.post):
-            raise ModelError(
-                f"pairs: {len(self.pre)} sources and {len(self.post)} targets: expected as many of each",
-                path=("post",),
-            )
+            message = f"pairs: {len(self.pre)} sources and {len(self.post)} targets: expected as many of each"
+            raise ModelError(message, path=("post",))
 
     def synapses(self, source: int, target: int, same: bool) -> int | None:
         """How many there are."""
@@ -188,20 +187,6 @@ class grid(Rule):
             )
 
 
-def complete(rule: type[Rule]) -> type[Rule]:
-    """Return a third-party rule if it says its pairs.
-
-    Raises:
-        TypeError: it does not.
-    """
-    if rule.connect is Rule.connect:
-        raise TypeError(f"rule '{rule.__name__}' has no method 'connect', which says its pairs")
-    taken, expected = rule.connect.__code__.co_argcount, Rule.connect.__code__.co_argcount
-    if taken != expected:
-        raise TypeError(f"rule '{rule.__name__}': 'connect' takes {taken} arguments with self: expected {expected}")
-    return rule
-
-
 RULES: Registry[type[Rule]] = Registry(
     "rule",
     (
@@ -218,6 +203,6 @@ RULES: Registry[type[Rule]] = Registry(
     ),
     takes=lambda part: isinstance(part, type) and issubclass(part, Rule),
     group="neuro.rules",
-    complete=complete,
+    complete=has_method(Rule, "connect", "says its pairs"),
 )
 """All connection rules by name."""

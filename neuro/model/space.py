@@ -9,12 +9,13 @@ from typing import Any, ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
+from neuro.core.checks import check_returned
 from neuro.core.choice import Choice
 from neuro.core.errors import ModelError
-from neuro.core.given import check_returned
 from neuro.core.quantities import Quantity, quantity
 from neuro.core.registry import Registry
 from neuro.core.values import shown
+from neuro.model.arithmetic import has_method
 
 Floats = NDArray[np.float64]
 SLACK = 1e-9
@@ -40,7 +41,7 @@ class Profile(Choice):
         raise NotImplementedError
 
     def values(self, distance: Floats) -> Floats:
-        """The values of `at`, looked at.
+        """The checked values of `at`.
 
         Raises:
             ModelError: they are not so many finite numbers.
@@ -111,27 +112,12 @@ class box(Profile):
         return np.where(distance <= self.radius * (1.0 + SLACK), self.a, self.c)
 
 
-def complete(profile: type[Profile]) -> type[Profile]:
-    """Return a third-party profile if it says its values.
-
-    Raises:
-        TypeError: it has no `at`, or one with other arguments.
-    """
-    message = f"profile '{profile.__name__}'"
-    if profile.at is Profile.at:
-        raise TypeError(f"{message} has no method 'at', which says its values")
-    taken = profile.at.__code__.co_argcount
-    if taken != 2:
-        raise TypeError(f"{message}: 'at' takes {taken} arguments: expected 2, (self, distance)")
-    return profile
-
-
 PROFILES: Registry[type[Profile]] = Registry(
     "profile",
     (linear, exponential, gaussian, box),
     takes=lambda part: isinstance(part, type) and issubclass(part, Profile),
     group="neuro.profiles",
-    complete=complete,
+    complete=has_method(Profile, "at", "says its values"),
 )
 """All functions of distance by name."""
 
@@ -201,10 +187,8 @@ class rectangular(Mask):
                 raise ModelError(f"{message}: expected a list, a number for each axis", path=(word,))
         if self.lower_left.shape != self.upper_right.shape or not np.all(self.lower_left < self.upper_right):
             found = f"{self.lower_left.tolist()} and {self.upper_right.tolist()}"
-            raise ModelError(
-                f"rectangular: found the corners {found}: expected the first below the second on every axis",
-                path=("upper_right",),
-            )
+            told = f"rectangular: found the corners {found}: expected the first below the second on every axis"
+            raise ModelError(told, path=("upper_right",))
 
     @property
     def _slack(self) -> Floats:

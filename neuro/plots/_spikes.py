@@ -15,7 +15,7 @@ from neuro.core.clock import Clock
 from neuro.core.errors import ModelError
 from neuro.core.measures import in_ms
 from neuro.core.values import literal, shown
-from neuro.files.recorded import Recorded, SpikeTrain, recorded, trains, up_to
+from neuro.files.recorded import Recorded, SpikeTrain, intervals, recorded, trains, up_to, variation
 from neuro.plots._canvas import about, colours, given, label, legend, over_time, panels, whole_numbers
 from neuro.program.program import Floats, Ints
 
@@ -177,29 +177,6 @@ DRAWN = 0.99
 """The share of intervals that is drawn: the longest would leave no room for the others."""
 
 
-def intervals(train: SpikeTrain) -> tuple[Floats, Ints]:
-    """The intervals between spikes of the same neuron in ms, and whose they are, by neuron, then time."""
-    order = np.lexsort((train.times_ms, train.ids))
-    times, ids = train.times_ms[order], train.ids[order]
-    same = ids[1:] == ids[:-1]
-    return np.diff(times)[same], ids[1:][same]
-
-
-def variation(train: SpikeTrain) -> Floats:
-    """The coefficient of variation of the intervals of each neuron that has two or more, by neuron.
-
-    Standard deviation (of the intervals themselves, not of those they are drawn from) by mean; 1 of a Poisson process.
-    Intervals that are all 0, of neurons that emit several spikes in one step and no others, have none.
-    Source: Softky & Koch, J. Neurosci. 13:334, 1993
-    """
-    lengths, ids = intervals(train)
-    _, whose, count = np.unique(ids, return_inverse=True, return_counts=True)
-    mean = np.bincount(whose, lengths) / count
-    square = np.bincount(whose, (lengths - mean[whose]) ** 2) / count
-    defined = (count >= 2) & (mean > 0)
-    return np.asarray(np.sqrt(square[defined]) / mean[defined])
-
-
 def isi(run: object, of: Any = None, *, window: Any = None, ax: Any = None) -> Figure:
     """How long the intervals between spikes of a neuron are, of all neurons of a population together.
 
@@ -218,7 +195,7 @@ def isi(run: object, of: Any = None, *, window: Any = None, ax: Any = None) -> F
     step = recorded(run).resolution_ms
 
     def draw(axis: Any, train: SpikeTrain, colour: str) -> str:
-        lengths, _ = intervals(train)
+        lengths, _ = intervals(train.times_ms, train.ids)
         if not lengths.size:
             return "no intervals"
         # Intervals are whole steps: bins of as many steps each, or some would hold more than their neighbours.
@@ -251,7 +228,7 @@ def cv(run: object, of: Any = None, *, window: Any = None, ax: Any = None) -> Fi
     """
 
     def draw(axis: Any, train: SpikeTrain, colour: str) -> str:
-        found = variation(train)
+        found = variation(train.times_ms, train.ids)
         of = f"{found.size:,} of {train.neurons.size:,} neurons"
         if not found.size:
             return f"{of} with two intervals"

@@ -1,4 +1,4 @@
-"""Currents that change at every step: what is emitted in a stretch of steps, and along which lines it goes."""
+"""Currents that change at every step, and along which lines they go; rates that change at listed steps."""
 
 from __future__ import annotations
 
@@ -135,3 +135,28 @@ def charges(program: Program, part: Projection, parameters: Mapping[str, Floats]
     state, tau = type(model).filters[part.receptor.name]  # type: ignore[attr-defined]
     names = [each.name for each in model.states]
     return names.index(state), -np.expm1(-program.resolution / parameters[tau])
+
+
+class Rates:
+    """The rates of all generators of kind "poisson" whose rate is listed.
+
+    Args:
+        program: the whole network.
+    """
+
+    def __init__(self, program: Program) -> None:
+        self._listed = [
+            (k, p.schedule) for k, p in enumerate(program.populations) if p.kind == "poisson" and p.schedule is not None
+        ]
+
+    def at(self, step: int) -> list[tuple[int, Floats]]:
+        """These populations and their rates in Hz in a step, shape (1,) or (size,)."""
+        return [(k, listed.at(step)) for k, listed in self._listed]
+
+    def new(self, step: int) -> list[tuple[int, Floats]]:
+        """Those of them whose rate in step + 1 is another than in step, and that rate."""
+        return [(k, listed.at(step + 1)) for k, listed in self._listed if (listed.steps == step + 1).any()]
+
+    def next_change(self, step: int) -> int:
+        """The last step before the next change after step + 1, or a step that never comes."""
+        return min((listed.next_change(step) for _, listed in self._listed), default=NEVER)

@@ -5,8 +5,9 @@ This is all that a backend sees.
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,7 +17,6 @@ from neuro.core.errors import Where
 from neuro.model.neurons import Model
 from neuro.model.parts import Competition
 from neuro.model.synapses import K_PLUS, DelayRule, Synapse
-from neuro.program.streams import Stream
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
@@ -387,3 +387,38 @@ def _spelt_out(g: Grid) -> tuple[Ints, Ints, Ints]:
     slot = (((m * depth + k) * height + i) * width + j)[inside]
     order = np.lexsort((target, source))
     return source[order], target[order], slot[order]
+
+
+class Stretch(NamedTuple):
+    """Some spikes by step; with those before, all up to step `until`."""
+
+    until: int
+    steps: Ints
+    ids: Ints
+
+
+class Stream(Protocol):
+    """Where a population's spikes come from. The caller keeps how far they came, so that many may ask."""
+
+    @property
+    def again(self) -> bool:
+        """Whether it can be begun several times."""
+
+    @property
+    def identity(self) -> str:
+        """What tells it from another when a saved state is restored."""
+
+    def after(self, step: int) -> Iterator[Stretch]:
+        """All spikes of later steps, in stretches; when they end no more come.
+
+        Raises:
+            ModelError: what they are made of is damaged; all spikes before have been given, and a caller that asks
+                again for those after the last stretch gets the same error.
+        """
+
+    def given(self, events: Any) -> tuple[Ints, Ints]:
+        """Steps and neurons of what a program gives while the network runs.
+
+        Raises:
+            ModelError: it is nothing that can be emitted.
+        """

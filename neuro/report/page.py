@@ -18,13 +18,13 @@ from neuro.core.html import Html, table, tag
 from neuro.core.outputs import sealed
 from neuro.core.provenance import provenance
 from neuro.core.version import VERSION
+from neuro.files.finished_runs import energy
 from neuro.files.parts import Train, Weights
 from neuro.files.results import Results, spike_columns
 from neuro.pages import raster
 from neuro.pages.bills import joules
 from neuro.pages.histograms import Histogram, drawings, histogram
 from neuro.pages.raster import Strip, window
-from neuro.report.counted import energy
 from neuro.report.curves import end_ms, rates, traces
 
 PAGE = sealed("a page of 'neuro report'", '<meta name="generator" content="neuro report">', "<!-- digest {} -->")

@@ -1,4 +1,4 @@
-"""A file made again, and what differs."""
+"""A file made again, and the first difference of two files that should be the same."""
 
 from __future__ import annotations
 
@@ -16,6 +16,8 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
+import h5py
+import numpy as np
 import yaml
 
 from neuro.core.clock import Clock
@@ -27,11 +29,10 @@ from neuro.core.paths import file_path
 from neuro.core.progress import Bar
 from neuro.core.provenance import ATTRIBUTE, differences, provenance
 from neuro.core.values import shown
-from neuro.files.results import KIND, YAML, Results, read, write
+from neuro.files.results import KIND, RECORDING, YAML, Results, read, write
 from neuro.files.state import FORMAT as STATE
 from neuro.model.language import load
 from neuro.model.network import Network
-from neuro.rerun.compared import first_difference
 
 _WAYS = "make it again by hand, then neuro rerun FILE --against OTHER compares the two"
 
@@ -85,8 +86,7 @@ def rerun(
 
 
 def _of_results(path: Path, backend: str, inputs: Sequence[Path], bar: Bar | None) -> Verdict:
-    then = read(path)
-    record = _record_of_results(then)
+    then, record = read(path), record_of(path)
     if not then.finished:
         raise ModelError(f"{path}: a run that did not come to its end cannot be made again")
     if record.get("steered"):
@@ -101,7 +101,9 @@ def _of_results(path: Path, backend: str, inputs: Sequence[Path], bar: Bar | Non
         now = _run(then, net, record, backend, bar)
         write(replace(now, files=then.files), Path(folder) / "now.h5")
         told = first_difference(path, Path(folder) / "now.h5")
-    return Verdict(told, (*differences(record, _record_of_results(now)), *edited(record.get("inputs", {}), elsewhere)))
+    return Verdict(
+        told, (*differences(record, json.loads(now.about[ATTRIBUTE])), *edited(record.get("inputs", {}), elsewhere))
+    )
 
 
 def _run(then: Results, net: Network, record: Mapping[str, Any], backend: str, bar: Bar | None) -> Results:
@@ -118,15 +120,6 @@ def _run(then: Results, net: Network, record: Mapping[str, Any], backend: str, b
         sim.run(then.duration_ms)
     keep = {"record": record.get("record", ()), "all_weights": record.get("all_weights", False), "threads": threads}
     return collect(sim, net, **keep)
-
-
-def _record_of_results(results: Results) -> dict[str, Any]:
-    """The record; of files of before what their attributes say."""
-    if ATTRIBUTE in results.about:
-        return dict(json.loads(results.about[ATTRIBUTE]))
-    about = results.about
-    versions = {name: about[name] for name in ("python", "numpy", "numba") if name in about}
-    return {"neuro": about.get("neuro"), "backend": about.get("backend"), "versions": versions}
 
 
 def _network(results: Results, record: Mapping[str, Any], elsewhere: Mapping[str, str], folder: Path) -> Network:
@@ -294,8 +287,6 @@ def record_of(path: Path) -> dict[str, Any]:
     Raises:
         ModelError: it holds none, or is damaged.
     """
-    import h5py
-
     text = ""
     if path.suffix in (".html", ".htm"):
         found = _ON_PAGE.search(path.read_text("utf-8", "replace"))
@@ -341,3 +332,86 @@ def edited(inputs: Mapping[str, str], elsewhere: Mapping[str, str]) -> list[str]
         elif now != digest:
             told.append(f"input {name}: was edited")
     return told
+
+
+_ORIGIN = {ATTRIBUTE, "neuro", "python", "numpy", "numba", "backend", "threads"}
+"""Attributes that tell where a file comes from, which is compared apart."""
+
+
+def first_difference(then: Path, now: Path) -> str:
+    """What differs first in two HDF5 files, in words; "" if all arrays, texts and attributes are the same bits.
+
+    Raises:
+        ModelError: one is no HDF5 file, or damaged.
+    """
+    try:
+        check(then)
+        check(now)
+        with h5py.File(then) as a, h5py.File(now) as b:
+            return _of_groups(a, b)
+    except OSError:
+        raise ModelError(f"{then}: cannot be compared: expected two HDF5 files") from None
+
+
+def _of_groups(a: Any, b: Any) -> str:
+    for name in dict.fromkeys((*a, *b)):
+        place = f"{a.name.rstrip('/')}/{name}".lstrip("/")
+        if (name in a) != (name in b):
+            return f"{place}: {'there then, not now' if name in a else 'not there then, there now'}"
+        one, other = a[name], b[name]
+        if isinstance(one, h5py.Group) != isinstance(other, h5py.Group):
+            return f"{place}: of another kind"
+        told = _of_groups(one, other) if isinstance(one, h5py.Group) else _of_arrays(place, one[()], other[()])
+        if not told and not isinstance(one, h5py.Group):
+            told = _of_attributes(one, other)
+        if told:
+            return told
+    return _of_attributes(a, b)
+
+
+def _of_attributes(a: Any, b: Any) -> str:
+    for name in dict.fromkeys((*a.attrs, *b.attrs)):
+        if name in _ORIGIN or name.startswith(RECORDING):
+            continue
+        one, other = a.attrs.get(name), b.attrs.get(name)
+        if not _same(one, other):
+            place = f"{a.name}.{name}".lstrip("/.")
+            return f"{place}: {_told(one)} then, {_told(other)} now"
+    return ""
+
+
+def _of_arrays(place: str, one: Any, other: Any) -> str:
+    if _same(one, other):
+        return ""
+    one, other = np.asarray(one), np.asarray(other)
+    if one.dtype != other.dtype or one.ndim != other.ndim or one.ndim == 0:
+        return f"{place}: {_told(one)} then, {_told(other)} now"
+    message = "" if one.shape == other.shape else f" (shape {one.shape} then, {other.shape} now)"
+    least = tuple(slice(min(pair)) for pair in zip(one.shape, other.shape, strict=True))
+    differs = np.argwhere(_unequal(one[least], other[least]))
+    if not differs.size:
+        return f"{place}: shape {one.shape} then, {other.shape} now"
+    at = tuple(int(k) for k in differs[0])
+    where = ", ".join(map(str, at))
+    return f"{place}[{where}]: {_told(one[at])} then, {_told(other[at])} now{message}"
+
+
+def _unequal(a: Any, b: Any) -> Any:
+    return (a != b) & ~((a != a) & (b != b)) if a.dtype.kind == "f" else a != b
+
+
+def _same(a: Any, b: Any) -> bool:
+    """Whether two values are the same bits."""
+    if a is None or b is None:
+        return a is b
+    a, b = np.asarray(a), np.asarray(b)
+    if a.dtype.kind == "O" or b.dtype.kind == "O":
+        return bool(a.shape == b.shape and a.tolist() == b.tolist())
+    return bool(a.dtype == b.dtype and a.shape == b.shape and a.tobytes() == b.tobytes())
+
+
+def _told(value: Any) -> str:
+    if isinstance(value, bytes):
+        value = value.decode("utf-8", "replace")
+    array = np.asarray(value)
+    return repr(array.item()) if array.ndim == 0 and array.dtype.kind != "O" else shown(value)

@@ -255,10 +255,10 @@ class Stepper:
         if offsets.shape != (n + 1,) or offsets[0] != 0 or offsets[-1] != len(ticks) or len(ids) != len(ticks):
             message = f"step: spikes of '{part.name}': expected (offsets, ticks, ids) with {n + 1} offsets"
             raise ModelError(message if n > 1 else f"step: spikes of '{part.name}': expected as many ticks as ids")
-        if len(ticks) and not (0 < ticks.min() and ticks.max() <= self.ticks):
+        if len(ticks) and not (ticks.min() > 0 and ticks.max() <= self.ticks):
             found = f"ticks {ticks.min()} to {ticks.max()}"
             raise ModelError(f"step: spikes of '{part.name}': {found}: expected 1 to {self.ticks}")
-        if len(ids) and not (0 <= ids.min() and ids.max() < part.size):
+        if len(ids) and not (ids.min() >= 0 and ids.max() < part.size):
             raise ModelError(
                 f"step: spikes of '{part.name}': ids {ids.min()} to {ids.max()}: expected 0 to {part.size - 1}"
             )

@@ -12,16 +12,16 @@ from neuro.program.program import Floats, Population, Program
 
 _STATES = "take smaller steps, weaker input or currents, and states nearer to where they rest"
 _LONGEST = 10_000
-"""Steps after which every state is looked at again."""
+"""Steps after which every state is checked again."""
 _WEIGHTS = "bound what the rule adds to the weight, e.g. min(w + ..., Wmax), and divide by nothing that can be 0"
 
 
 class Watch:
     """Looks at states at the end of runs, whatever backend runs them.
 
-    States that can run away by themselves are looked at each time: those of models that are not linear, and where a
+    States that can run away by themselves are checked each time: those of models that are not linear, and where a
     third-party rule sends its weights. Of all others only input without bounds makes NaN, which then stays: they are
-    looked at when the time has doubled since, and after 10,000 steps at the latest. So runs of one step cost nothing.
+    checked when the time has doubled since, and after 10,000 steps at the latest. So runs of one step cost nothing.
 
     Args:
         program: the network.
@@ -76,12 +76,11 @@ class Watch:
                 check_weights(into.name, into.synapse.name, self.engine.get_synapses(projection, "weight"))
         part = self.program.populations[index]
         neuron = int(np.argmin(np.isfinite(values)))
-        return ModelError(
+        message = (
             f"population '{part.name}': {name} of neuron {neuron} is {values[neuron]:g} "
-            f"at {self.clock.ms(self.engine.step):g} ms: a numerical instability of {part.model.name}",
-            hint=_STATES,
-            kind="instability",
+            f"at {self.clock.ms(self.engine.step):g} ms: a numerical instability of {part.model.name}"
         )
+        return ModelError(message, hint=_STATES, kind="instability")
 
 
 def _finite_at_first(part: Population) -> list[str]:
@@ -98,10 +97,9 @@ def check_weights(projection: str, rule: str, weights: Floats) -> Floats:
     good = np.isfinite(weights)
     if not good.all():
         synapse = int(np.argmin(good))
-        raise ModelError(
+        message = (
             f"projection '{projection}': weight of synapse {synapse} is {weights[synapse]:g}: "
-            f"a numerical instability of {rule}",
-            hint=_WEIGHTS,
-            kind="instability",
+            f"a numerical instability of {rule}"
         )
+        raise ModelError(message, hint=_WEIGHTS, kind="instability")
     return weights

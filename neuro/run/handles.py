@@ -12,8 +12,7 @@ from neuro.compiler.views import End, end_of
 from neuro.core.errors import ModelError, unknown
 from neuro.model.network import Network
 from neuro.model.parts import Part, Population, Probe, Projection, Side, Signal
-from neuro.model.views import Laid, View, view
-from neuro.model.written_views import named
+from neuro.model.views import Laid, View, named, view
 from neuro.program import program as resolved
 from neuro.program.program import Ints, Program
 

@@ -12,8 +12,7 @@ from neuro.core.clock import NEVER, Clock
 from neuro.core.english import a
 from neuro.core.errors import ModelError
 from neuro.program.backend import Engine
-from neuro.program.program import Program
-from neuro.program.streams import Stream, Stretch
+from neuro.program.program import Program, Stream, Stretch
 from neuro.run import settable
 from neuro.run.handles import Neurons
 

@@ -147,10 +147,8 @@ def check_together(program: Program, index: int, new: Mapping[str, Floats], engi
     """
     part = program.populations[index]
     if "tau_minus" in new and any(p.target == index and p.synapse.learns == "pairs" for p in program.projections):
-        raise ModelError(
-            f"{part.name}.tau_minus: plastic synapses read this trace, so it is fixed once compiled",
-            hint="change the network and compile again",
-        )
+        message = f"{part.name}.tau_minus: plastic synapses read this trace, so it is fixed once compiled"
+        raise ModelError(message, hint="change the network and compile again")
     together = {word: array for word, array in new.items() if word in part.parameters}
     for word, partner in _PARTNERS:
         if word in together and partner in part.parameters and partner not in together:
@@ -176,10 +174,8 @@ def new_rule(part: Projection, rule: Synapse, values: Mapping[str, Any], chosen:
     of_post = {trace.tau for trace in rule.post} if rule.learns == "pairs" else set()
     for word in values:
         if word in of_post:
-            raise ModelError(
-                f"{rule.name}.{word} of '{part.name}': a trace of post spikes decays with it, so it is fixed",
-                hint="change the network and compile again",
-            )
+            message = f"{rule.name}.{word} of '{part.name}': a trace of post spikes decays with it, so it is fixed"
+            raise ModelError(message, hint="change the network and compile again")
         if word in names and word not in settable:
             raise ModelError(f"{rule.name}.{word} of '{part.name}' is fixed: change the network and compile again")
         if word not in settable:

@@ -28,11 +28,10 @@ from neuro.program.program import Floats, Ints
 from neuro.run.finite import Watch
 from neuro.run.handles import Handles, Neurons
 from neuro.run.inputs import InputFeeder, StreamFeeder
-from neuro.run.learned_network import learnt_network
 from neuro.run.ports import Port, Ports
 from neuro.run.progress import advance
 from neuro.run.records import Records
-from neuro.run.saved import Saved
+from neuro.run.saved import Saved, learnt_network
 from neuro.run.trials import TrialCounts, TrialLoop, TrialResults
 from neuro.run.turn import Turn, alone
 from neuro.run.values import NeuronValues, SynapseValues
@@ -95,10 +94,9 @@ class Simulation:
         return f"Simulation({self.program.name!r}, backend={self.backend!r}, time={self.time:g} ms)"
 
     def __reduce_ex__(self, protocol: SupportsIndex) -> NoReturn:
-        raise ModelError(
-            "a simulation cannot be copied or pickled, as its kernels know where its memory lies",
-            hint="sim.save(path), and restore(path) of another that was compiled from the network",
-        )
+        message = "a simulation cannot be copied or pickled, as its kernels know where its memory lies"
+        hint = "sim.save(path), and restore(path) of another that was compiled from the network"
+        raise ModelError(message, hint=hint)
 
     def __str__(self) -> str:
         return as_text(repr(self), self._tables())

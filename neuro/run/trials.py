@@ -225,10 +225,8 @@ class TrialLoop:
     def _check_lesson(self, rule: Synapse, taught: Lesson) -> None:
         """Engines rely on this: a third-party rule may name a neuron that does not exist."""
         if not 0 <= (neuron := taught.neuron) < self.outputs:
-            raise ModelError(
-                f"{rule.name}: a lesson for neuron {neuron}: expected one of the output, 0 to {self.outputs - 1}",
-                hint="no neuron decided where end.winner is -1",
-            )
+            message = f"{rule.name}: a lesson for neuron {neuron}: expected one of the output, 0 to {self.outputs - 1}"
+            raise ModelError(message, hint="no neuron decided where end.winner is -1")
 
     def _check_growth(self, projection: int, taught: Growth, end: TrialEnd) -> None:
         rule = self.rules[projection]

@@ -29,10 +29,8 @@ def refused(name: str, turn: Turn) -> ModelError:
     """The error for a call that comes while another is under way."""
     other, thread = turn.get(NOW, ("another call", 0))
     found = f"found a call from within '{other}'" if thread == get_ident() else f"found another thread within '{other}'"
-    return ModelError(
-        f"{name}: {found} of the same simulation: expected one call at a time",
-        hint="compile a simulation for each thread, or share one with a threading.Lock",
-    )
+    message = f"{name}: {found} of the same simulation: expected one call at a time"
+    return ModelError(message, hint="compile a simulation for each thread, or share one with a threading.Lock")
 
 
 def alone(method: F) -> F:

@@ -221,7 +221,8 @@ class SynapseValues:
         new = {word: check(units[word], value, f"{part.synapse.name}.{word}") for word, value in values.items()}
         for word, value in new.items():
             if np.ndim(value) and np.shape(value) != (size,):
-                raise ModelError(f"{word} of '{part.name}': shape {list(np.shape(value))}: expected {size} values, or one")
+                found = f"shape {list(np.shape(value))}"
+                raise ModelError(f"{word} of '{part.name}': {found}: expected {size} values, or one")
         for word, value in new.items():
             every = np.broadcast_to(value, part.size) if chosen is None else engine.get_synapses(index, word)
             if chosen is not None:

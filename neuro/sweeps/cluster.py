@@ -15,18 +15,17 @@ from threading import local
 from typing import Any
 
 from neuro.core.errors import ModelError
-from neuro.core.extras import install
+from neuro.core.extras import needed
 from neuro.core.version import VERSION
-from neuro.sweeps.cores import Cores, More, Tell
-from neuro.sweeps.definition import RunItem
+from neuro.sweeps.cores import HINT, Cores, More, Tell
 from neuro.sweeps.folder import Folder
+from neuro.sweeps.space import RunItem
 
 CONNECT_S = 20.0
 MOST_AT_ONCE = 50
 """Runs of one task."""
 
 _GONE = "the cluster at {} is gone"
-_HINT = "what was done is kept: the same command goes on"
 _mine = local()
 
 
@@ -58,11 +57,7 @@ def on_cluster(where: str, folder: Folder, items: Sequence[RunItem], tell: Tell,
 
 
 def _client(where: str) -> Any:
-    try:
-        dask = import_module("distributed")
-    except ImportError:
-        told = f"on = '{where}': the package distributed is not installed"
-        raise ModelError(told, hint=install("dask")) from None
+    dask = needed("distributed", "dask", f"on = '{where}': the package distributed is not installed")
     if "://" not in where and not Path(where).is_file():
         known = "cores, here, tcp://HOST:PORT, or the file of a scheduler"
         raise ModelError(f"on = '{where}': there is no such file: expected {known}")
@@ -120,7 +115,7 @@ def _gather(
         under_way = dask.as_completed([submitted(chunk) for chunk in chunks], loop=client.loop)
         for done in under_way:
             if done.status == "cancelled":
-                raise ModelError(_GONE.format(where), hint=_HINT)
+                raise ModelError(_GONE.format(where), hint=HINT)
             for key, failed in done.result():
                 tell(key, failed)
             for item in more(1) if more is not None else ():
@@ -130,8 +125,8 @@ def _gather(
     except Exception as error:
         kind = type(error).__name__
         if kind in ("CancelledError", "FutureCancelledError", "CommClosedError", "StreamClosedError", "TimeoutError"):
-            raise ModelError(_GONE.format(where), hint=_HINT) from None
-        raise ModelError(f"the cluster at {where}: {kind}: {error}", hint=_HINT) from None
+            raise ModelError(_GONE.format(where), hint=HINT) from None
+        raise ModelError(f"the cluster at {where}: {kind}: {error}", hint=HINT) from None
 
 
 def do(path: str, chunk: Sequence[tuple[str, dict[str, Any], int | None, int | None]]) -> list[tuple[str, bool]]:

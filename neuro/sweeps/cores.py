@@ -16,12 +16,12 @@ from neuro.core.processes import Done, Event, Lost, Processes, Raised
 from neuro.core.provenance import provenance
 from neuro.sweeps import worker
 from neuro.sweeps.claims import Claims, waiting
-from neuro.sweeps.definition import RunItem
 from neuro.sweeps.folder import FAILED, Folder, RunOutcome
+from neuro.sweeps.space import RunItem
 from neuro.sweeps.worker import KEPT, LOST, TAKEN
 
 POLL_S = 0.25
-_HINT = "what was done is kept: the same command goes on"
+HINT = "what was done is kept: the same command goes on"
 Tell = Callable[[str, bool], None]
 """Is told the key of each run that is there, and whether it failed."""
 
@@ -117,7 +117,7 @@ class Cores:
         elif isinstance(event, Done):
             told: dict[str, Any] = event.found
             if told["is"] == LOST:
-                raise ModelError(told["error"], hint=_HINT)
+                raise ModelError(told["error"], hint=HINT)
             if told["is"] == KEPT:
                 tell(item.key, told["failed"])
             elif told["is"] == TAKEN:
@@ -137,7 +137,7 @@ class Cores:
             try:
                 self._folder.keep(outcome)
             except Unwritable as full:
-                raise ModelError(str(full), hint=_HINT) from None
+                raise ModelError(str(full), hint=HINT) from None
             finally:
                 self._claims.give_up(item.key)
         tell(item.key, True)

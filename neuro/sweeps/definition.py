@@ -1,13 +1,14 @@
-"""What a sweep is: what is run, over which space, with which limits; said in YAML or in Python."""
+"""What is to be done: a sweep over points that are known, or a search for the best; described in YAML or in Python."""
 
 from __future__ import annotations
 
 import hashlib
 import json
 import re
+import shlex
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass, replace
 from functools import cached_property
 from pathlib import Path
 from typing import Any
@@ -19,16 +20,18 @@ from neuro.core.measures import in_ms
 from neuro.core.values import shown
 from neuro.model.language.nodes import about, mistake, plain, words
 from neuro.model.language.reader import Node, read
-from neuro.sweeps.function import FunctionRun, files_of, function_run
+from neuro.sweeps.folder import Folder
+from neuro.sweeps.function import FunctionRun, function_run
+from neuro.sweeps.metrics import METRICS
 from neuro.sweeps.network import NetworkRun, network_run
-from neuro.sweeps.space import Point, SearchSpace, space_of
+from neuro.sweeps.plan import SearchPlan, plan_of
+from neuro.sweeps.space import RunItem, SearchSpace, key_of, space_of
 
 Run = NetworkRun | FunctionRun
-OF_NETWORKS = ("for", "backend", "threads", "metrics", "keep")
+_OF_NETWORKS = ("for", "backend", "threads", "metrics", "keep")
+_OF_ALL = ("name", "network", "study", "set", *_OF_NETWORKS, "time_limit", "memory_limit")
 _SPACE = ("parameters", "list", "sampling", "runs", "draw", "seeds")
-OF_LIMITS = ("time_limit", "memory_limit")
-OF_ALL = ("name", "network", "study", "set", *OF_NETWORKS, *OF_LIMITS)
-WORDS = (*OF_ALL, *_SPACE)
+_PLAN = ("parameters", "objectives", "trials", "sampler", "draw", "seeds", "folds", "prune")
 KEEP = ("metrics", "results")
 _BYTES = re.compile(r"\s*(\d+(?:\.\d+)?)\s*(MB|GB|MiB|GiB)\s*")
 _SCALE = {"MB": 1e6, "GB": 1e9, "MiB": 2.0**20, "GiB": 2.0**30}
@@ -36,10 +39,10 @@ _SCALE = {"MB": 1e6, "GB": 1e9, "MiB": 2.0**20, "GiB": 2.0**30}
 
 @dataclass(frozen=True, slots=True)
 class Limits:
-    """How much one run may take; None: as much as it does.
+    """How much one run may take; None: no limit.
 
     Attributes:
-        seconds: by the clock on the wall.
+        seconds: of wall-clock time.
         bytes: of memory, beyond what its process has before it.
     """
 
@@ -47,229 +50,321 @@ class Limits:
     bytes: int | None = None
 
 
-@dataclass(frozen=True, slots=True)
-class RunItem:
-    """One run that there is to do.
-
-    Attributes:
-        key: hash of its inputs, its name in the folder.
-        point, seed: what it is told.
-        trial: of a tuning, of which it may be pruned.
-    """
-
-    key: str
-    point: Point
-    seed: int | None
-    trial: int | None = None
-
-
 @dataclass(frozen=True)
-class Sweep:
-    """A sweep.
+class Definition:
+    """What sweeps and searches share.
 
     Attributes:
         name: for people.
         run: what is run at each point.
-        space: the points.
         limits: of one run.
     """
 
     name: str
     run: Run
+    limits: Limits
+
+    @cached_property
+    def same(self) -> dict[str, Any]:
+        """What decides the outcome of all runs."""
+        files = {Path(file).name: digest_of(file) for file in extensions()}
+        return self.run.same() | ({"with": files} if files else {})
+
+    @cached_property
+    def before(self) -> str:
+        """What decides the outcome of a run, beside its point and seed, as `key_of` takes it."""
+        return json.dumps({"run": self.same, "version": 1}, sort_keys=True)
+
+    @property
+    def inputs(self) -> tuple[str, ...]:
+        """All files that decide the outcome of runs."""
+        return (*self.run.files, *extensions())
+
+    def as_dict(self) -> dict[str, Any]:
+        """What the file of its folder has, beside where it comes from."""
+        return {
+            "name": self.name,
+            "same": self.same,
+            "limits": asdict(self.limits),
+            "what": self.run.as_dict(),
+            "with": {file: digest_of(file) for file in extensions()},
+        }
+
+
+@dataclass(frozen=True)
+class Sweep(Definition):
+    """A sweep.
+
+    Attributes:
+        space: the points.
+    """
+
     space: SearchSpace
-    limits: Limits = Limits()
 
     @cached_property
     def items(self) -> tuple[RunItem, ...]:
         """All runs, in the order of the space."""
-        before = before_of(self.run)
-        return tuple(RunItem(key_of(before, point, seed), point, seed) for point, seed in self.space.points())
+        return tuple(RunItem(key_of(self.before, point, seed), point, seed) for point, seed in self.space.points())
 
-    def told(self) -> dict[str, Any]:
+    def as_dict(self) -> dict[str, Any]:
         """What `sweep.json` has, beside where it comes from."""
-        limits = {"seconds": self.limits.seconds, "bytes": self.limits.bytes}
         runs = [[item.key, item.point, item.seed] for item in self.items]
-        same = same_of(self.run)
-        return {
-            "name": self.name,
-            "same": same,
-            "parameters": list(self.space.names),
-            "limits": limits,
-            "what": self.run.told(),
-            "with": {file: digest_of(file) for file in extensions()},
-            "digest_of_runs": hashlib.sha256(json.dumps(runs).encode()).hexdigest()[:32],
-            "runs": runs,
-        }
+        digest = hashlib.sha256(json.dumps(runs).encode()).hexdigest()[:32]
+        return super().as_dict() | {"parameters": list(self.space.names), "digest_of_runs": digest, "runs": runs}
 
-    @property
-    def inputs(self) -> tuple[str, ...]:
-        """All files that decide what comes of it."""
-        return inputs_of(self.run)
+    def check(self) -> None:
+        """Refuse unknown names and the values of the first point, before anything runs.
+
+        Raises:
+            ModelError: a parameter or a metric is unknown, or a value is out of bounds.
+        """
+        self.run.check(self.items[0].point, bool(self.space.seeds))
 
 
-def same_of(run: Run) -> dict[str, Any]:
-    """What decides what comes of all runs."""
-    files = {Path(file).name: digest_of(file) for file in extensions()}
-    return run.same() | ({"with": files} if files else {})
+@dataclass(frozen=True)
+class Search(Definition):
+    """A search.
 
+    Attributes:
+        plan: how it goes.
+    """
 
-def before_of(run: Run) -> str:
-    """What decides what comes of a run, beside its point and seed, as `key_of` takes it."""
-    return json.dumps({"run": same_of(run), "version": 1}, sort_keys=True)
+    plan: SearchPlan
 
+    def as_dict(self) -> dict[str, Any]:
+        """What `tune.json` has, beside where it comes from."""
+        same = {"same": self.same | self.plan.same(), "plan": self.plan.as_dict(), "before": self.before}
+        return super().as_dict() | same
 
-def inputs_of(run: Run) -> tuple[str, ...]:
-    """All files that decide what comes of runs."""
-    own = run.files if isinstance(run, NetworkRun) else files_of(run)
-    return (*own, *extensions())
+    def check(self) -> None:
+        """Refuse unknown names before anything runs.
 
-
-def key_of(before: str, point: Mapping[str, Any], seed: int | None) -> str:
-    """The hash of what a run is told, 32 hexadecimal digits."""
-    try:
-        text = json.dumps([point, seed], sort_keys=True)
-    except TypeError as error:
-        raise ModelError(f"point {shown(dict(point))}: expected numbers, texts and lists: {error}") from None
-    return hashlib.sha256(f"{before}\n{text}".encode()).hexdigest()[:32]
+        Raises:
+            ModelError: a parameter or a metric is unknown.
+        """
+        plan = self.plan
+        if plan.folds and isinstance(self.run, NetworkRun):
+            raise ModelError("folds: are told to a function: expected seeds for a network")
+        point = plan.items("", {axis.name: axis.at(0.5) for axis in plan.axes})[0].point
+        self.run.check(point, bool(plan.seeds))
 
 
 def run_of(what: Mapping[str, Any]) -> Run:
-    """What is run, from the plain data of `sweep.json`."""
+    """What is run, from the plain data in the file of a folder."""
     kinds: dict[str, Any] = {"network": NetworkRun, "function": FunctionRun}
-    made: Run = kinds[what["kind"]].of(what)
+    made: Run = kinds[what["kind"]].from_dict(what)
     return made
 
 
-def load_sweep(path: Path) -> Sweep:
-    """Read a sweep from a YAML file, and see whether it can be run.
+def search_of(folder: Folder) -> Search:
+    """The search of a folder, once all its inputs are what they were when it began.
 
     Raises:
-        ModelError: with the place of the first mistake.
+        ModelError: there is none, or a file of it was edited, or has to be named by `--with` again.
     """
-    root = read(path, "a sweep", "network: net.yaml")
-    record_input(path)
-    said = words(root, WORDS, "a sweep")
-    given = {word: plain(node) for word, node in said.items()}
-    run = run_said(root, said, given, path)
-    space = _space(root, said, given)
-    sweep = Sweep(name_said(said, given, path), run, space, limits_said(said))
-    with blaming(said, said.get("parameters") or said.get("list") or root):
-        check_sweep(sweep)
-    return sweep
-
-
-@contextmanager
-def blaming(said: Mapping[str, Node], other: Node) -> Iterator[None]:
-    """Give an error the place of the word that it is about, as far as it tells; else that of another one."""
-    try:
-        yield
-    except ModelError as error:
-        word = "backend" if error.kind == "unknown backend" else next(iter(error.path), "")
-        words = {"metrics": ("metrics", "objectives"), "backend": ("backend",), "for": ("for",)}.get(word, ())
-        with about(next((said[word] for word in words if word in said), other)):
-            raise
+    told = folder.read()
+    for file, digest in told["with"].items():
+        if file not in extensions():
+            raise ModelError(f"it was made with {file}", hint=f"say so, if you trust it: --with {shlex.quote(file)}")
+        if digest_of(file) != digest:
+            raise ModelError(f"{file}: was edited since the tuning began: expected the file that it was")
+    run = run_of(told["what"])
+    run.check_inputs()
+    return Search(told["name"], run, Limits(**told["limits"]), SearchPlan.from_dict(told["plan"]))
 
 
 def python_sweep(function: Any, space: SearchSpace, limits: Limits, set: Mapping[str, Any] | None, here: bool) -> Sweep:
     """A sweep over a function.
 
     Raises:
-        ModelError: it does not take what the space has, or other processes cannot find it.
+        ModelError: the function does not take what the space has, or other processes cannot find it.
     """
     run = function_run(function, set, here)
-    sweep = Sweep(run.name, run, space, limits)
-    check_sweep(sweep)
+    sweep = Sweep(run.name, run, limits, space)
+    sweep.check()
     return sweep
 
 
-def check_sweep(sweep: Sweep) -> None:
-    """Refuse what no run can be: names that nothing bears, and the first point, before anything runs."""
-    first = sweep.items[0]
-    if isinstance(sweep.run, NetworkRun):
-        sweep.run.check(first.point)
-    else:
-        sweep.run.check(first.point, bool(sweep.space.seeds))
-
-
-def run_said(root: Node, said: Mapping[str, Node], given: Mapping[str, Any], path: Path, what: str = "sweep") -> Run:
-    """What is run, from the words of a file.
+def python_search(function: Any, plan: SearchPlan, limits: Limits, set: Mapping[str, Any] | None, here: bool) -> Search:
+    """A search over a function.
 
     Raises:
-        ModelError: with the place of a mistake.
+        ModelError: as of `python_sweep`.
     """
-    if ("network" in said) == ("study" in said):
-        raise mistake(root, f"a {what} needs 'network', a file, or 'study', a function of a point")
-    held = given.get("set", {})
-    if not isinstance(held, dict):
-        raise mistake(said["set"], f"set = {shown(held)}: expected values by name")
-    if "study" in said:
-        for word in OF_NETWORKS:
-            if word in said:
-                raise mistake(said[word], f"{word}: a study says for itself how it runs")
-        with about(said["study"]):
-            return function_run(str(given["study"]), held)
-    if not isinstance(given["network"], str):
-        raise mistake(said["network"], f"network = {shown(given['network'])}: expected the name of a file")
-    metrics = given.get("metrics", ["spikes"])
-    metrics = [metrics] if isinstance(metrics, str) else metrics
-    if not isinstance(metrics, list) or not metrics or not all(isinstance(each, str) for each in metrics):
-        raise mistake(said["metrics"], f"metrics = {shown(metrics)}: expected a list of names")
-    if given.get("keep", "metrics") not in KEEP:
-        raise mistake(said["keep"], f"keep = {shown(given['keep'])}: expected one of {', '.join(KEEP)}")
-    threads = given.get("threads", 1)
-    if not isinstance(threads, int) or isinstance(threads, bool) or threads < 1:
-        raise mistake(said["threads"], f"threads = {shown(threads)}: expected a whole number >= 1")
-    rest = {word: given[word] for word in ("backend", "keep") if word in given}
-    if str(rest.get("backend", "")).endswith((".yaml", ".yml")):
-        rest["backend"] = str((path.parent / rest["backend"]).absolute())
-    with about(said["network"]):
-        return network_run(
-            path.parent / given["network"],
-            duration=given.get("for", 1000.0),
-            threads=threads,
-            set=held,
-            metrics=tuple(metrics),
-            **rest,
-        )
+    run = function_run(function, set, here)
+    if plan.prune and "at" in plan.prune:
+        raise ModelError("prune.at: is of networks: a function calls neuro.report_step itself")
+    search = Search(run.name, run, limits, plan)
+    search.check()
+    return search
 
 
-def _space(root: Node, said: Mapping[str, Node], given: Mapping[str, Any]) -> SearchSpace:
-    if "parameters" in said and "list" in said:
-        raise mistake(said["list"], "list: expected either 'parameters' or 'list'")
-    for word in ("sampling", "runs", "draw"):
-        if word in said and "list" in said:
-            raise mistake(said[word], f"{word}: has no meaning with a list of points")
-    words = {word: given[word] for word in ("sampling", "runs", "seeds", "draw") if word in given}
-    node = said.get("list") or said.get("parameters") or said.get("seeds")
-    try:
-        return space_of(given.get("list", given.get("parameters", {})), **words)
-    except ModelError as error:
-        where = next((said[w] for w in words if w in error.path), node)
-        raise error.at((where or root).where) from None
+def load_sweep(path: Path) -> Sweep:
+    """Read a sweep from a YAML file, and check whether it can be run.
+
+    Raises:
+        ModelError: with the place of the first mistake.
+    """
+    file = _DefinitionFile(path, "sweep", (*_OF_ALL, *_SPACE))
+    run = file.run()
+    sweep = Sweep(file.name(), run, file.limits(), file.space())
+    with file.blaming():
+        sweep.check()
+    return sweep
 
 
-def name_said(said: Mapping[str, Node], given: Mapping[str, Any], path: Path) -> str:
-    """The name that a file says, or its own."""
-    name = given.get("name", path.stem)
-    if not isinstance(name, str):
-        raise mistake(said["name"], f"name = {shown(name)}: expected a name")
-    return name
+def load_search(path: Path) -> Search:
+    """Read a search from a YAML file, and check whether it can be run.
+
+    Raises:
+        ModelError: with the place of the first mistake.
+    """
+    file = _DefinitionFile(path, "tuning", (*_OF_ALL, *_PLAN), ("parameters", "objectives", "trials"))
+    plan = file.plan()
+    if "network" in file.values:
+        file.values["metrics"] = _with_objectives(file.values.get("metrics", []), plan)
+    name, run = file.name(), file.run()
+    search = Search(name, file.reporting(run, plan), file.limits(), plan)
+    with file.blaming():
+        search.check()
+    return search
 
 
-def limits_said(said: Mapping[str, Node]) -> Limits:
-    """The limits that a file says."""
-    found: dict[str, Any] = {}
-    if "time_limit" in said:
-        with about(said["time_limit"]):
-            found["seconds"] = seconds(plain(said["time_limit"]))
-    if "memory_limit" in said:
-        with about(said["memory_limit"]):
-            found["bytes"] = size(plain(said["memory_limit"]))
-    return Limits(**found)
+class _DefinitionFile:
+    """The words of a YAML file.
+
+    Args:
+        path: of the file.
+        what: it describes, for messages.
+        known: all words that have a meaning.
+        needs: those that must be there.
+
+    Attributes:
+        root: of the nodes.
+        nodes: by word, with their places.
+        values: the same as plain data.
+    """
+
+    def __init__(self, path: Path, what: str, known: tuple[str, ...], needs: tuple[str, ...] = ()) -> None:
+        self._path, self._what = path, what
+        self.root = read(path, f"a {what}", "network: net.yaml")
+        record_input(path)
+        self.nodes: Mapping[str, Node] = words(self.root, known, f"a {what}", needs=needs)
+        self.values: dict[str, Any] = {word: plain(node) for word, node in self.nodes.items()}
+
+    def wrong(self, word: str, message: str) -> ModelError:
+        """The error for a word."""
+        return mistake(self.nodes[word], message)
+
+    @contextmanager
+    def blaming(self) -> Iterator[None]:
+        """Give an error the place of the word that it is about, else that of the space."""
+        try:
+            yield
+        except ModelError as error:
+            word = "backend" if error.kind == "unknown backend" else next(iter(error.path), "")
+            alike = ("metrics", "objectives") if word == "metrics" else (word,)
+            chosen = (self.nodes[each] for each in (*alike, "list", "parameters", "seeds") if each in self.nodes)
+            with about(next(chosen, self.root)):
+                raise
+
+    def name(self) -> str:
+        """The name that is given, else that of the file."""
+        name = self.values.get("name", self._path.stem)
+        if not isinstance(name, str):
+            raise self.wrong("name", f"name = {shown(name)}: expected a name")
+        return name
+
+    def limits(self) -> Limits:
+        """The limits of a run."""
+        found: dict[str, Any] = {}
+        for word, name, checked in (("time_limit", "seconds", seconds), ("memory_limit", "bytes", size)):
+            if word in self.nodes:
+                with about(self.nodes[word]):
+                    found[name] = checked(self.values[word])
+        return Limits(**found)
+
+    def space(self) -> SearchSpace:
+        """The points of a sweep."""
+        if "parameters" in self.nodes and "list" in self.nodes:
+            raise self.wrong("list", "list: expected either 'parameters' or 'list'")
+        for word in ("sampling", "runs", "draw"):
+            if word in self.nodes and "list" in self.nodes:
+                raise self.wrong(word, f"{word}: has no meaning with a list of points")
+        given = {word: self.values[word] for word in ("sampling", "runs", "seeds", "draw") if word in self.values}
+        with self.blaming():
+            return space_of(self.values.get("list", self.values.get("parameters", {})), **given)
+
+    def plan(self) -> SearchPlan:
+        """How a search goes."""
+        with self.blaming():
+            return plan_of(**{word: self.values[word] for word in _PLAN if word in self.values})
+
+    def run(self) -> Run:
+        """What is run at each point."""
+        if ("network" in self.nodes) == ("study" in self.nodes):
+            raise mistake(self.root, f"a {self._what} needs 'network', a file, or 'study', a function of a point")
+        held = self.values.get("set", {})
+        if not isinstance(held, dict):
+            raise self.wrong("set", f"set = {shown(held)}: expected values by name")
+        if "study" in self.nodes:
+            for word in _OF_NETWORKS:
+                if word in self.nodes:
+                    raise self.wrong(word, f"{word}: a study says for itself how it runs")
+            with about(self.nodes["study"]):
+                return function_run(str(self.values["study"]), held)
+        return self._network(held)
+
+    def _network(self, held: dict[str, Any]) -> NetworkRun:
+        file, values = self.values["network"], self.values
+        if not isinstance(file, str):
+            raise self.wrong("network", f"network = {shown(file)}: expected the name of a file")
+        metrics = values.get("metrics", ["spikes"])
+        metrics = [metrics] if isinstance(metrics, str) else metrics
+        if not isinstance(metrics, list) or not metrics or not all(isinstance(each, str) for each in metrics):
+            raise self.wrong("metrics", f"metrics = {shown(metrics)}: expected a list of names")
+        if values.get("keep", "metrics") not in KEEP:
+            raise self.wrong("keep", f"keep = {shown(values['keep'])}: expected one of {', '.join(KEEP)}")
+        threads = values.get("threads", 1)
+        if not isinstance(threads, int) or isinstance(threads, bool) or threads < 1:
+            raise self.wrong("threads", f"threads = {shown(threads)}: expected a whole number >= 1")
+        rest: dict[str, Any] = {word: values[word] for word in ("backend", "keep") if word in values}
+        if str(rest.get("backend", "")).endswith((".yaml", ".yml")):
+            rest["backend"] = str((self._path.parent / rest["backend"]).absolute())
+        rest |= {"duration": values.get("for", 1000.0), "threads": threads, "set": held, "metrics": tuple(metrics)}
+        with about(self.nodes["network"]):
+            return network_run(self._path.parent / file, **rest)
+
+    def reporting(self, run: Run, plan: SearchPlan) -> Run:
+        """A run with the times at which it reports its objective, where it is a network that may be pruned."""
+        if not plan.prune or not isinstance(run, NetworkRun):
+            return run
+        times = tuple(plan.prune.get("at", ()))
+        if plan.runs == 1 and not times:
+            message = "prune: a network needs 'at', when it is compared: {by: median, at: [100 ms]}"
+            raise self.wrong("prune", message)
+        if plan.runs > 1 and times:
+            message = "prune.at: with seeds, trials are compared after each seed: expected no 'at'"
+            raise self.wrong("prune", message)
+        end = float(in_ms(run.duration, "for"))
+        if times and times[-1] >= end:
+            message = f"prune.at = {times[-1]:g} ms: expected times before the end of the run, {end:g} ms"
+            raise self.wrong("prune", message)
+        return replace(run, at=times, reports=next(iter(plan.objectives)))
+
+
+def _with_objectives(given: Any, plan: SearchPlan) -> Any:
+    """What is kept of a network: also the objectives, but those that a registered function may bring."""
+    many = [given] if isinstance(given, str) else given
+    if not isinstance(many, list):
+        return many
+    brought = any(isinstance(name, str) and name in METRICS for name in many)
+    wanted = (name for name in plan.objectives if name in METRICS or not brought or "." in name)
+    return [*many, *(name for name in wanted if name not in many)]
 
 
 def limits_of(time_limit: Any, memory_limit: Any) -> Limits:
-    """The limits that a call says; None: as much as it takes.
+    """The limits that a call gives; None: no limit.
 
     Raises:
         ModelError: as `seconds` and `size`.

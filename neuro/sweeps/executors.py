@@ -8,7 +8,7 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import closing, contextmanager
 from dataclasses import dataclass
 from os import PathLike
-from typing import TYPE_CHECKING, Any, TypeAlias
+from typing import Any, TypeAlias
 
 from neuro.core.checks import check
 from neuro.core.errors import ModelError
@@ -16,14 +16,12 @@ from neuro.core.processes import cores
 from neuro.core.quantities import Quantity
 from neuro.core.values import shown
 from neuro.sweeps.claims import waiting
-from neuro.sweeps.cores import POLL_S, Cores, More, Say, Tell
-from neuro.sweeps.definition import RunItem, Sweep
+from neuro.sweeps.cores import HINT, POLL_S, Cores, More, Say, Tell
+from neuro.sweeps.definition import Definition
 from neuro.sweeps.folder import Folder
 from neuro.sweeps.network import NetworkRun
+from neuro.sweeps.space import RunItem
 from neuro.sweeps.worker import LOST, TAKEN, Worker
-
-if TYPE_CHECKING:
-    from neuro.sweeps.tuning.search import Search
 
 CORES, HERE = "cores", "here"
 _PART = re.compile(r"(\d{1,9})/(\d{1,9})")
@@ -76,7 +74,7 @@ def _part_of(text: Any) -> tuple[int, int]:
 
 @contextmanager
 def doing(
-    runs: Sweep | Search,
+    runs: Definition,
     folder: Folder,
     place: Executor,
     tell: Tell,
@@ -112,7 +110,7 @@ def doing(
             yield lambda items: pool.run(items, tell, more, say)
 
 
-def _worker(runs: Sweep | Search, folder: Folder) -> Worker:
+def _worker(runs: Definition, folder: Folder) -> Worker:
     """A worker in this process, which cannot end a run that takes too long."""
     if runs.limits.seconds is not None:
         raise ModelError("a limit of time needs a process for each run: expected on = 'cores'")
@@ -134,13 +132,10 @@ def _here(worker: Worker, folder: Folder, tell: Tell, more: More | None, say: Sa
                         say(waiting(folder.claims, [item.key]))
                     time.sleep(POLL_S)
                 if told["is"] == LOST:
-                    raise ModelError(told["error"], hint="what was done is kept: the same command goes on")
+                    raise ModelError(told["error"], hint=HINT)
                 if told["is"] != TAKEN:
                     outcome = folder.outcome(item.key)
                     tell(item.key, outcome is None or outcome.failed)
             items = next_ones()
 
     return do
-
-
-__all__ = ["CORES", "HERE", "Executor", "doing", "place_of"]

@@ -49,14 +49,14 @@ class FunctionRun:
         """What decides what comes of a run."""
         return {"function": self.name, "source": self.source, "set": dict(self.set or {})}
 
-    def told(self) -> dict[str, Any]:
-        """All of it as plain data, from which `of` makes it."""
+    def as_dict(self) -> dict[str, Any]:
+        """All of it as plain data, from which `from_dict` makes it."""
         words = {"name": self.name, "module": self.module, "file": self.file, "source": self.source}
         return {"kind": "function", **words, "set": dict(self.set or {}), "paths": list(self.paths)}
 
     @classmethod
-    def of(cls, told: Mapping[str, Any]) -> FunctionRun:
-        """What `told` has written."""
+    def from_dict(cls, told: Mapping[str, Any]) -> FunctionRun:
+        """What `as_dict` has written."""
         words = {name: value for name, value in told.items() if name != "kind"}
         return cls(**{**words, "paths": tuple(words["paths"])})
 
@@ -86,6 +86,15 @@ class FunctionRun:
             raise ModelError(f"{self.file or self.module}: has no function '{self.name}'")
         function: Callable[..., Any] = found
         return function
+
+    @property
+    def files(self) -> Iterable[str]:
+        """The file that the function is defined in."""
+        try:
+            file = inspect.getsourcefile(self.function)
+        except TypeError:
+            file = None
+        return [os.path.abspath(file)] if file and Path(file).exists() else []
 
     def check_inputs(self) -> None:
         """See whether the function can be found here and is what it was when the sweep began.
@@ -160,15 +169,6 @@ def _check_found_elsewhere(run: FunctionRun) -> None:
             where = "without a name"
         hint = 'write it into a file with a name; or on="here" calls it in this process, one run after the other'
         raise ModelError(f"{run.name}: is defined {where}, so other processes cannot find it", hint=hint)
-
-
-def files_of(run: FunctionRun) -> Iterable[str]:
-    """The file that a function is defined in."""
-    try:
-        file = inspect.getsourcefile(run.function)
-    except TypeError:
-        file = None
-    return [os.path.abspath(file)] if file and Path(file).exists() else []
 
 
 def _source(function: Callable[..., Any]) -> str:

@@ -1,15 +1,24 @@
-"""What of a run is kept as a number: by name, or by a function of the user's."""
+"""Numbers of a run: metrics at its end, by name or by a function of the user's, and the steps that it reports.
+
+A run that reports steps may be ended early, where a tuning sees that others were better.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Iterable, Mapping
+import math
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
+from contextlib import contextmanager
+from contextvars import ContextVar
+from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from neuro.core.checks import is_number
 from neuro.core.errors import ModelError, unknown
 from neuro.core.registry import Registry
 from neuro.core.values import shown
+from neuro.files.recorded import variation
 
 if TYPE_CHECKING:
     from neuro.run.simulation import Simulation
@@ -95,18 +104,68 @@ def _own(sim: Simulation, name: str, tables: Mapping[str, str]) -> Any:
         weight = sim.get(of, "weight")
         return float((weight.mean() if word == "weight" else weight.std()) if weight.size else np.nan)
     if word == "cv":
-        return _variation(sim, of)
+        each = variation(*sim.spikes(of))
+        return float(each.mean()) if each.size else np.nan
     spikes, size = sim.counts().populations[of].spikes, sim.handles.neurons(of).part.size
     return spikes if word == "spikes" else spikes / size / (sim.time / 1000.0) if size and sim.time else 0.0
 
 
-def _variation(sim: Simulation, population: str) -> float:
-    """The mean over neurons; not a number where none has two intervals. Softky & Koch, J. Neurosci. 13:334, 1993."""
-    times, ids = sim.spikes(population)
-    order = np.lexsort((times, ids))
-    times, ids = times[order], ids[order]
-    same = ids[1:] == ids[:-1]
-    lengths, whose = np.diff(times)[same], ids[1:][same]
-    each = [lengths[whose == neuron] for neuron in np.unique(whose)]
-    found = [part.std() / part.mean() for part in each if part.size >= 2 and part.mean() > 0]
-    return float(np.mean(found)) if found else float("nan")
+IsWorse = Callable[[int, float], bool]
+"""Gets a step and its value; whether the run is so much worse than others that it ends."""
+
+
+class Pruned(Exception):
+    """A run ends early: at this step others were better. Raised by `report_step`; to be let through."""
+
+
+@dataclass
+class ReportedSteps:
+    """The steps that a run has reported.
+
+    Attributes:
+        worse: whether it ends; None where nothing is pruned.
+        steps: value by step.
+    """
+
+    worse: IsWorse | None = None
+    steps: dict[str, float] = field(default_factory=dict)
+
+
+_heard: ContextVar[ReportedSteps | None] = ContextVar("heard", default=None)
+
+
+def report_step(value: float, step: int) -> None:
+    """Report how good a run is so far, so that a tuning which prunes can end it where others were better.
+
+    Called by a function that `neuro.tune` calls, after each epoch say. It does nothing where nothing is pruned, so the
+    function runs as well by itself.
+
+    Args:
+        value: of the objective, as far as it is known.
+        step: of what grows in the run, from 0 on: the epoch; each at most once.
+
+    Raises:
+        Pruned: the run is to end. Not an error: let it through.
+        ModelError: the value is no finite number, or the step none from 0 on.
+    """
+    if not is_number(value) or not math.isfinite(value):
+        raise ModelError(f"report_step: value = {shown(value)}: expected a finite number")
+    if isinstance(step, bool) or not isinstance(step, int) or step < 0:
+        raise ModelError(f"report_step: step = {shown(step)}: expected a whole number >= 0")
+    heard = _heard.get()
+    if heard is None:
+        return
+    heard.steps[str(step)] = float(value)
+    if heard.worse is not None and heard.worse(step, float(value)):
+        raise Pruned(f"step {step}: {value:g}")
+
+
+@contextmanager
+def gathering_steps(worse: IsWorse | None) -> Iterator[ReportedSteps]:
+    """Gather the steps that are reported inside."""
+    heard = ReportedSteps(worse)
+    token = _heard.set(heard)
+    try:
+        yield heard
+    finally:
+        _heard.reset(token)

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import copy
 import tempfile
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from contextlib import contextmanager
 from dataclasses import dataclass, field, fields, replace
 from functools import cached_property
 from pathlib import Path
@@ -27,8 +28,7 @@ from neuro.model.language.sources import gather
 from neuro.model.network import Network
 from neuro.model.parts import Population, Projection
 from neuro.program.backend import find_backend
-from neuro.sweeps.metrics import check_metrics, measured
-from neuro.sweeps.steps import report_step
+from neuro.sweeps.metrics import check_metrics, measured, report_step
 
 if TYPE_CHECKING:
     from neuro.run.simulation import Simulation
@@ -72,16 +72,16 @@ class NetworkRun:
         words = {"duration": self.duration, "backend": _content(self.backend), "set": dict(self.set)}
         return {"network": hashes, **words, "metrics": list(self.metrics), "keep": self.keep}
 
-    def told(self) -> dict[str, Any]:
-        """All of it as plain data, from which `of` makes it."""
+    def as_dict(self) -> dict[str, Any]:
+        """All of it as plain data, from which `from_dict` makes it."""
         files = {"file": str(self.file), "files": dict(self.files)}
         words = {"duration": self.duration, "backend": self.backend, "threads": self.threads, "set": dict(self.set)}
         words |= {"at": list(self.at), "reports": self.reports} if self.at else {}
         return {"kind": "network", **files, **words, "metrics": list(self.metrics), "keep": self.keep}
 
     @classmethod
-    def of(cls, told: Mapping[str, Any]) -> NetworkRun:
-        """What `told` has written."""
+    def from_dict(cls, told: Mapping[str, Any]) -> NetworkRun:
+        """What `as_dict` has written."""
         words = {name: value for name, value in told.items() if name != "kind"}
         lists = {name: tuple(words.get(name, ())) for name in ("metrics", "at")}
         return cls(**{**words, **lists, "file": Path(words["file"])})
@@ -97,8 +97,8 @@ class NetworkRun:
                 what = "was edited since the sweep began" if now else "cannot be read"
                 raise ModelError(f"{name}: {what}: expected the file that it was", hint="a new folder is a new sweep")
 
-    def check(self, point: Mapping[str, Any]) -> None:
-        """Refuse names and values of a point before anything runs.
+    def check(self, point: Mapping[str, Any], seeded: bool) -> None:
+        """Refuse names and values of a point before anything runs; networks run with and without seeds.
 
         Raises:
             ModelError: a parameter or a metric is unknown, or the network cannot be so.
@@ -164,32 +164,25 @@ def network_run(file: Path, **words: Any) -> NetworkRun:
     return NetworkRun(made.file, {name: digest_of(name) for name in read}, **words)
 
 
-class _table:
+@contextmanager
+def _table(backend: str, figures: Mapping[str, Any]) -> Iterator[str]:
     """The backend, or where figures of its chip are changed a table that is like it, for as long as it is needed."""
-
-    def __init__(self, backend: str, figures: Mapping[str, Any]) -> None:
-        self.backend, self.figures = backend, figures
-
-    def __enter__(self) -> str:
-        if not self.figures:
-            return self.backend
-        table: dict[str, Any] = {"like": str(Path(self.backend).absolute()) if "." in self.backend else self.backend}
-        table["name"] = f"{Path(self.backend).stem}-swept"
-        for name, value in self.figures.items():
-            section, _, word = name.partition(".")
-            figure = {"value": value, "source": "this sweep"}
-            if word:
-                table.setdefault(section, {})[word] = figure
-            else:
-                table[section] = figure
-        self._folder = tempfile.TemporaryDirectory()
-        path = Path(self._folder.name) / "chip.yaml"
+    if not figures:
+        yield backend
+        return
+    table: dict[str, Any] = {"like": str(Path(backend).absolute()) if "." in backend else backend}
+    table["name"] = f"{Path(backend).stem}-swept"
+    for name, value in figures.items():
+        section, _, word = name.partition(".")
+        figure = {"value": value, "source": "this sweep"}
+        if word:
+            table.setdefault(section, {})[word] = figure
+        else:
+            table[section] = figure
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder) / "chip.yaml"
         path.write_text(yaml.safe_dump(table), "utf-8")
-        return str(path)
-
-    def __exit__(self, *error: object) -> None:
-        if self.figures:
-            self._folder.cleanup()
+        yield str(path)
 
 
 def _beside(path: Path, folder: Path) -> Path:
@@ -270,7 +263,8 @@ def _projection(net: Network, part: Projection, word: str, value: Any) -> Projec
         fresh = copy.copy(net)
         fresh.projections = {}
         fresh.place = part.origin
-        ends = [view if view is not None else net.populations[name] for name, view in _ends(part)]
+        views = ((part.source, part.source_view), (part.target, part.target_view))
+        ends = [net.populations[name] if view is None else view for name, view in views]
         words = {"weight": part.weight, "delay": part.delay, word: value}
         return fresh.connect(ends[0], ends[1], part.rule, part.synapse, name=part.name, **words)
     synapse, rule = _names(part.synapse), _names(part.rule)
@@ -279,10 +273,6 @@ def _projection(net: Network, part: Projection, word: str, value: Any) -> Projec
     if word in rule:
         return replace(part, rule=replace(part.rule, **{rule[word]: value}))
     raise unknown(f"parameter of '{part.name}'", word, ("weight", "delay", *synapse, *rule))
-
-
-def _ends(part: Projection) -> tuple[tuple[str, Any], tuple[str, Any]]:
-    return (part.source, part.source_view), (part.target, part.target_view)
 
 
 def _names(choice: Choice) -> dict[str, str]:

@@ -1,94 +1,138 @@
-"""The page of a sweep: it needs nothing else, and shows what is there when it is written."""
+"""The page of a sweep or of a search: it needs nothing else, and shows what is there when it is written."""
 
 from __future__ import annotations
 
 import shlex
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from neuro.core import html
+from neuro.core.english import some
 from neuro.core.errors import ModelError
 from neuro.core.html import Html, table, tag
 from neuro.core.outputs import output, sealed
 from neuro.core.provenance import differences
 from neuro.core.version import VERSION
 from neuro.sweeps.folder import Folder, RunOutcome
+from neuro.sweeps.plan import Floats, so_far
 from neuro.sweeps.plot_data import PlotData, is_log, ordered, places, plot_data, scaled, told
-from neuro.sweeps.rows import RunRows, text
-from neuro.sweeps.table import SweepTable, reasons
+from neuro.sweeps.table import RunRows, SweepTable, columns, reasons, text
+from neuro.sweeps.trials import FoundTrial, TuneTable
 
-PAGE = sealed("a page of 'neuro sweep'", '<meta name="generator" content="neuro sweep">', "<!-- digest {} -->")
+PAGES = {
+    name: sealed(f"a page of 'neuro {name}'", f'<meta name="generator" content="neuro {name}">', "<!-- digest {} -->")
+    for name in ("sweep", "tune")
+}
 
 MOST_ROWS = 500
 MOST_REASONS = 20
+MOST_BEST = 50
 WIDE, TALL, LEFT, TOP, BELOW = 400.0, 200.0, 58.0, 20.0, 40.0
 _AXIS = 105.0
 """Room for an axis of parallel coordinates."""
 _COLOURS = 8
+_LINE = "fill:none;stroke:var(--item{});stroke-width:1.6;stroke-linejoin:round"
 
 
-def write_page(found: SweepTable, path: Path | None = None) -> Path:
-    """Write the page; into the folder of the sweep if no file is given.
+def write_page(found: SweepTable | TuneTable, path: Path | None = None) -> Path:
+    """Write the page; into the folder of the sweep or the search if no file is given.
 
     Raises:
         Unwritable: it cannot be written, or something else stands there.
     """
-    path = found.path / "sweep.html" if path is None else path
-    with output(path, PAGE) as part:
-        part.write_text(PAGE.seal(page(found)), "utf-8")
+    command = "sweep" if isinstance(found, SweepTable) else "tune"
+    path = found.path / f"{command}.html" if path is None else path
+    with output(path, PAGES[command]) as part:
+        part.write_text(PAGES[command].seal(page(found)), "utf-8")
     return path
 
 
-def page(found: SweepTable) -> str:
+def page(found: SweepTable | TuneTable) -> str:
     """The page as HTML text."""
-    told = Folder(found.path).read()
-    outcomes, counts = found.outcomes(), found.counts()
-    parts = (
-        _head(found, told),
-        tag("div", *_cards(counts, outcomes), class_="cards"),
-        *_pictures(found),
-        *_failures(found, outcomes),
-        *rows_of(found),
-        *origin(told, outcomes),
-        *_next(found, counts),
-        tag("footer", f"Written by neuro {VERSION} (neuro sweep)."),
-    )
-    return html.page("neuro sweep", f"{found.name}: a sweep", parts)
+    folder = Folder(found.path)
+    said, holding = folder.read(), folder.holding
+    if isinstance(found, SweepTable):
+        outcomes = found.outcomes()
+        parts = [*_of_sweep(found, said, outcomes)]
+    else:
+        trials = found.trials()
+        outcomes = folder.outcomes({item.key: None for each in trials for item in each.items})
+        parts = [*_of_search(found, said, trials, outcomes)]
+    footer = tag("footer", f"Written by neuro {VERSION} (neuro {holding.command}).")
+    return html.page(f"neuro {holding.command}", f"{found.name}: a {holding.what}", [*parts, footer])
 
 
-def _head(found: SweepTable, told: Mapping[str, Any]) -> Html:
-    what = told["what"]
-    of = Path(what["file"]).name if what["kind"] == "network" else what["name"]
-    over = ", ".join(found.parameters) or "seeds"
+def _of_sweep(found: SweepTable, said: Mapping[str, Any], outcomes: Mapping[str, RunOutcome]) -> Iterator[Html]:
+    what, over = said["what"], ", ".join(found.parameters) or "seeds"
     on = f" on {what['backend']}" if what["kind"] == "network" else ""
-    lead = f"{of}{on} over {over}: {many(len(found), 'run')}."
-    return tag("header", tag("h1", found.name), tag("p", lead, class_="lead"))
+    yield _head(found, what, f"{on} over {over}: {some(len(found), 'run')}.")
+    yield tag("div", *_sweep_cards(found.counts(), outcomes), class_="cards")
+    yield from _metrics(found)
+    yield from _failures(found, outcomes, ())
+    yield from _rows(found)
+    yield from _origin(said, outcomes)
+    yield from _next(found, ("table", "plot", "status"))
+    if first := next(iter(found.keys), None):
+        yield tag("p", "Any run again, to the bit:")
+        yield tag("pre", f"neuro rerun {shlex.quote(str(found.path))}/runs/{first}")
 
 
-def _cards(counts: Mapping[str, int], outcomes: Mapping[str, RunOutcome]) -> Iterator[Html]:
-    total = counts["done"] + counts["failed"] + counts["left"]
+def _of_search(
+    found: TuneTable, said: Mapping[str, Any], trials: Sequence[FoundTrial], outcomes: Mapping[str, RunOutcome]
+) -> Iterator[Html]:
+    plan = found.plan
+    aims = ", ".join(f"{name} {direction}d" for name, direction in plan.objectives.items())
+    runs = "" if plan.runs == 1 else f", each the mean of {plan.runs} runs"
+    trials_by = f"{some(plan.most, 'trial')} by {plan.sampler}{runs}"
+    yield _head(found, said["what"], f": {aims}, over {', '.join(plan.names)}; {trials_by}.")
+    yield tag("div", *_search_cards(found, trials), class_="cards")
+    yield from _best(found)
+    yield from _objectives(found, trials)
+    yield from _failures(found, outcomes, [trial for trial in trials if trial.has_no_value and trial.error])
+    yield from _rows(found)
+    yield from _origin(said, outcomes)
+    yield from _next(found, ("table", "plot", "status", *(("test",) if plan.folds else ())))
+    if best := found.best():
+        yield tag("p", "A run of the best again, to the bit:")
+        yield tag("pre", f"neuro rerun {shlex.quote(str(found.path))}/runs/{best[0].items[0].key}")
+
+
+def _head(found: SweepTable | TuneTable, what: Mapping[str, Any], rest: str) -> Html:
+    of = Path(what["file"]).name if what["kind"] == "network" else what["name"]
+    return tag("header", tag("h1", found.name), tag("p", f"{of}{rest}", class_="lead"))
+
+
+def _sweep_cards(counts: Mapping[str, int], outcomes: Mapping[str, RunOutcome]) -> Iterator[Html]:
     seconds = [each.seconds for each in outcomes.values()]
-    yield card("done", f"{counts['done']:,}", f"of {many(total, 'run')}")
-    yield card("failed", f"{counts['failed']:,}", "kept with their errors" if counts["failed"] else "none")
-    yield card("left", f"{counts['left']:,}", f"{counts['under way']:,} of them under way")
+    total = counts["done"] + counts["failed"] + counts["left"]
+    yield from _cards(counts, some(total, "run"), counts["under way"])
     if seconds:
-        yield card("a run took", f"{np.median(seconds):.3g} s", f"in the middle; {sum(seconds):,.3g} s all together")
+        yield _card("a run took", f"{np.median(seconds):.3g} s", f"in the middle; {sum(seconds):,.3g} s all together")
 
 
-def card(what: str, big: str, below: str) -> Html:
+def _search_cards(found: TuneTable, trials: Sequence[FoundTrial]) -> Iterator[Html]:
+    under_way = sum(each.outcome == "under way" for each in trials)
+    pruned = f"by {found.plan.prune['by']}" if found.plan.prune else ""
+    yield from _cards(found.counts(), some(found.plan.most, "trial"), under_way, pruned)
+
+
+def _cards(counts: Mapping[str, int], total: str, under_way: int, pruned: str = "") -> Iterator[Html]:
+    yield _card("done", f"{counts['done']:,}", f"of {total}")
+    yield _card("failed", f"{counts['failed']:,}", "kept with their errors" if counts["failed"] else "none")
+    if pruned:
+        yield _card("pruned", f"{counts['pruned']:,}", pruned)
+    yield _card("left", f"{counts['left']:,}", f"{under_way:,} of them under way")
+
+
+def _card(what: str, big: str, below: str) -> Html:
     """A figure, large, with what it is."""
     return tag("section", tag("h3", what), tag("p", big, class_="big"), tag("p", below), class_="card")
 
 
-def many(n: int, what: str) -> str:
-    """So many of something."""
-    return f"{n:,} {what}{'s' * (n != 1)}"
-
-
-def _pictures(found: SweepTable) -> Iterator[Html]:
+def _metrics(found: SweepTable) -> Iterator[Html]:
     try:
         drawn = plot_data(found, (), (), "auto")
     except ModelError as error:
@@ -100,7 +144,7 @@ def _pictures(found: SweepTable) -> Iterator[Html]:
         yield tag("div", *small, class_="grid")
     for each in drawn:
         if each.kind == "parallel":
-            yield parallel(each)
+            yield _parallel(each)
 
 
 def _lines(data: PlotData) -> Html:
@@ -109,8 +153,8 @@ def _lines(data: PlotData) -> Html:
     x = np.concatenate([line[1] for line in drawn])
     y = np.concatenate([np.concatenate([mean - sd, mean + sd]) for _, _, mean, sd in drawn])
     is_wide = is_log(data.axis(0))
-    along = scale(np.log10(x) if is_wide else x, LEFT + 6, WIDE - 18)
-    to_y = scale(y, TOP + TALL, TOP)
+    along = _scale(np.log10(x) if is_wide else x, LEFT + 6, WIDE - 18)
+    to_y = _scale(y, TOP + TALL, TOP)
 
     def to_x(value: float) -> float:
         return float(along(np.log10(value) if is_wide else value))
@@ -120,9 +164,9 @@ def _lines(data: PlotData) -> Html:
         band = [*zip(xs, mean + sd, strict=True), *zip(xs[::-1], (mean - sd)[::-1], strict=True)]
         if sd.any():
             parts.append(tag("path", d=f"{_path(band, to_x, to_y)}Z", class_=f"item{k}", fill_opacity=0.18))
-        style = f"fill:none;stroke:var(--item{k});stroke-width:1.6;stroke-linejoin:round"
-        parts.append(tag("path", d=_path(list(zip(xs, mean, strict=True)), to_x, to_y), style=style))
-        for a, b in zip(xs, mean, strict=True):
+        line = list(zip(xs, mean, strict=True))
+        parts.append(tag("path", d=_path(line, to_x, to_y), style=_LINE.format(k)))
+        for a, b in line:
             what = tag("title", f"{data.names[0]} = {told(a.item())}: {b:.6g}")
             parts.append(tag("circle", what, cx=to_x(a), cy=to_y(b), r=2.6, class_=f"item{k}"))
     words = html.legend(*((f"item{k}", line[0]) for k, line in enumerate(drawn) if line[0]))
@@ -156,7 +200,7 @@ def _map(data: PlotData) -> Html:
     return html.figure(html.svg(WIDE, floor + BELOW, *parts, label=label), caption, data.metric)
 
 
-def parallel(data: PlotData) -> Html:
+def _parallel(data: PlotData) -> Html:
     """All parameters and a metric, as parallel coordinates."""
     names = (*data.names, data.metric)
     metric = [float(np.mean(each)) for _, each in data.points]
@@ -167,7 +211,7 @@ def parallel(data: PlotData) -> Html:
     heights: list[list[float]] = []
     for k, values in enumerate(columns):
         every = ordered(values)
-        to_y = scale(scaled(every), TOP + TALL, TOP + 12)
+        to_y = _scale(scaled(every), TOP + TALL, TOP + 12)
         at = {repr(value): to_y(place) for value, place in zip(every, scaled(every), strict=True)}
         heights.append([at[repr(value)] for value in values])
         x = LEFT + k * gap
@@ -188,7 +232,7 @@ def parallel(data: PlotData) -> Html:
     return html.figure(html.svg(wide, TOP + TALL + BELOW, *lines, *parts, label=label), caption, data.metric)
 
 
-_DRAW = {"lines": _lines, "map": _map, "parallel": parallel}
+_DRAW = {"lines": _lines, "map": _map, "parallel": _parallel}
 
 
 def _frame(data: PlotData, to_x: Any, y: Any) -> Iterator[Html]:
@@ -200,10 +244,8 @@ def _frame(data: PlotData, to_x: Any, y: Any) -> Iterator[Html]:
         yield html.line(LEFT, at, WIDE - 12, at, "rule")
         yield html.text(LEFT - 6, at + 4, f"{low + share * (high - low):.3g}", "tick", "end")
     values = data.axis(0)
-
-    at_x = places(values)
     last = -1e9
-    for value, place in zip(values, at_x, strict=True):
+    for value, place in zip(values, places(values), strict=True):
         x = to_x(place)
         if x - last >= 52:
             yield html.text(x, floor + 16, told(value), "tick", "middle")
@@ -211,7 +253,7 @@ def _frame(data: PlotData, to_x: Any, y: Any) -> Iterator[Html]:
     yield html.text((LEFT + WIDE) / 2, floor + 34, data.names[0], "quiet", "middle")
 
 
-def scale(values: Any, begin: float, end: float) -> Any:
+def _scale(values: Any, begin: float, end: float) -> Any:
     """From values to places of the drawing."""
     low, high = float(np.min(values)), float(np.max(values))
     factor = (end - begin) / (high - low) if high > low else 0.0
@@ -223,24 +265,33 @@ def _path(points: Any, to_x: Any, to_y: Any) -> str:
     return "M" + "L".join(f"{to_x(a):.1f} {to_y(b):.1f}" for a, b in points)
 
 
-def _failures(found: SweepTable, outcomes: Mapping[str, RunOutcome]) -> Iterator[Html]:
+def _failures(
+    found: SweepTable | TuneTable, outcomes: Mapping[str, RunOutcome], judged: Sequence[FoundTrial]
+) -> Iterator[Html]:
+    """Why runs failed, and trials whose runs were done: `judged`."""
     failed = reasons(outcomes)
-    if not failed:
+    if not failed and not judged:
         return
     yield tag("h2", "What failed")
     rows = []
     for those in failed[:MOST_REASONS]:
-        point = ", ".join(f"{name} = {told(value)}" for name, value in those[0].point.items())
-        seed = "" if those[0].seed is None else f", seed {those[0].seed}"
-        rows.append((f"{len(those):,}", those[0].error, f"{point}{seed}".strip(", "), those[0].key[:10]))
-    yield table((">runs", "why, of the first", "its point", "run"), rows)
+        seed = {} if those[0].seed is None else {"seed": those[0].seed}
+        rows.append((f"{len(those):,}", those[0].error, _point(those[0].point | seed), those[0].key[:10]))
+    rows += [("1", trial.error, _point(trial.point), f"trial {trial.number}") for trial in judged]
+    yield table((">runs", "why, of the first", "its point", "run"), rows[:MOST_REASONS])
     if len(failed) > MOST_REASONS:
         yield tag("p", f"{len(failed) - MOST_REASONS} more reasons are in the table.")
-    yield tag("p", "They are not tried again, unless they are asked for:")
-    yield tag("pre", f"neuro sweep run SWEEP.yaml --out {shlex.quote(str(found.path))} --retry-failed")
+    if failed:
+        command, file = ("sweep", "SWEEP") if isinstance(found, SweepTable) else ("tune", "SEARCH")
+        yield tag("p", "What failed is not tried again, unless that is asked for:")
+        yield tag("pre", f"neuro {command} run {file}.yaml --out {shlex.quote(str(found.path))} --retry-failed")
 
 
-def rows_of(found: RunRows) -> Iterator[Html]:
+def _point(point: Mapping[str, Any]) -> str:
+    return ", ".join(f"{name} = {told(value)}" for name, value in point.items())
+
+
+def _rows(found: RunRows) -> Iterator[Html]:
     """The rows of a table, those first that are there."""
     rows = found.rows(times=True)
     there = [row for row in rows if row["outcome"] != "left"][:MOST_ROWS]
@@ -249,12 +300,11 @@ def rows_of(found: RunRows) -> Iterator[Html]:
     yield tag("h2", found.many.capitalize())
     left_out = {"attempts"} if any(row["error"] for row in there) else {"attempts", "error"}
     names = [name for name in there[0] if name not in left_out]
-    head = [name if name in ("run", "outcome", "error") else f">{name}" for name in names]
     body = [[text(row[name], name) for name in names] for row in there]
-    yield table(head, body, f"the first {MOST_ROWS} of {len(rows):,}" if len(rows) > MOST_ROWS else "")
+    yield table(columns(names), body, f"the first {MOST_ROWS} of {len(rows):,}" if len(rows) > MOST_ROWS else "")
 
 
-def origin(told: Mapping[str, Any], outcomes: Mapping[str, RunOutcome]) -> Iterator[Html]:
+def _origin(told: Mapping[str, Any], outcomes: Mapping[str, RunOutcome]) -> Iterator[Html]:
     """Where runs come from, and whether all are of the same versions and machine."""
     record = told["provenance"]
     yield tag("h2", "Where it comes from")
@@ -271,10 +321,79 @@ def origin(told: Mapping[str, Any], outcomes: Mapping[str, RunOutcome]) -> Itera
         yield tag("ul", *(tag("li", line) for line in sorted(others)[:MOST_REASONS]), class_="remarks")
 
 
-def _next(found: SweepTable, counts: Mapping[str, int]) -> Iterator[Html]:
-    name = shlex.quote(str(found.path))
+def _next(found: SweepTable | TuneTable, commands: Iterable[str]) -> Iterator[Html]:
+    name, words = shlex.quote(str(found.path)), {"table": " --out table.csv"}
+    command = "sweep" if isinstance(found, SweepTable) else "tune"
     yield tag("h2", "What next")
-    yield tag("pre", f"neuro sweep table {name} --out table.csv\nneuro sweep plot {name}\nneuro sweep status {name}")
-    if done := next(iter(found.keys), None):
-        yield tag("p", "Any run again, to the bit:")
-        yield tag("pre", f"neuro rerun {name}/runs/{done}")
+    yield tag("pre", "\n".join(f"neuro {command} {each} {name}{words.get(each, '')}" for each in commands))
+
+
+def _best(found: TuneTable) -> Iterator[Html]:
+    best = {each.number for each in found.best()}
+    rows = [row for row in found.rows() if row["trial"] in best]
+    if not rows:
+        return
+    names = [name for name in rows[0] if name not in ("outcome", "best", "error")]
+    first = next(iter(found.plan.objectives))
+    body = [[text(row[name], name) for name in names] for row in sorted(rows, key=lambda row: float(row[first]))]
+    yield tag("h2", "Best" if len(found.plan.objectives) == 1 else "No other trial beats these")
+    more = f"the first {MOST_BEST} of {len(body)}" if len(body) > MOST_BEST else ""
+    yield table([f">{name}" for name in names], body[:MOST_BEST], more)
+
+
+def _objectives(found: TuneTable, trials: Sequence[FoundTrial]) -> Iterator[Html]:
+    done = [trial for trial in trials if trial.values is not None]
+    if not done:
+        yield tag("p", "No trial is done yet.")
+        return
+    yield tag("h2", "Objectives")
+    values = np.array([trial.values for trial in done], float)
+    numbers = np.array([trial.number for trial in done], float)
+    small = []
+    if len(found.plan.objectives) > 1:
+        small.append(_front(found, values, numbers))
+    for k, (name, direction) in enumerate(found.plan.objectives.items()):
+        best = so_far(values[:, k], direction)
+        steps = list(zip(np.repeat(numbers, 2)[1:], np.repeat(best, 2)[:-1], strict=True))
+        caption = f"each trial, and the best so far ({direction}d)"
+        small.append(_points("trial", name, numbers, values[:, k], numbers, steps, caption))
+    yield tag("div", *small, class_="grid")
+    for each in plot_data(found.runs(), tuple(found.plan.objectives), found.plan.names, "parallel"):
+        yield _parallel(each)
+
+
+def _front(found: TuneTable, values: Floats, numbers: Floats) -> Html:
+    """The first two objectives; what is minimised, a cost, to the right."""
+    names = list(found.plan.objectives)
+    across, up = (1, 0) if found.plan.objectives[names[0]] == "maximise" else (0, 1)
+    best = np.array([trial.values for trial in found.best()], float)
+    order = np.argsort(best[:, across], kind="stable")
+    line = [(x, y) for x, y in best[order][:, [across, up]]] if len(names) == 2 else []
+    caption = "each trial; the line joins those that no other beats"
+    return _points(names[across], names[up], values[:, across], values[:, up], numbers, line, caption)
+
+
+def _points(
+    x_name: str, y_name: str, x: Floats, y: Floats, numbers: Floats, line: Sequence[tuple[float, float]], caption: str
+) -> Html:
+    floor = TOP + TALL
+    to_x, to_y = _scale(x, LEFT + 6, WIDE - 18), _scale(y, floor, TOP)
+    parts: list[Html] = [html.line(LEFT, floor, WIDE - 12, floor, "axis")]
+    for share in (0.0, 0.5, 1.0):
+        up, across = y.min() + share * (y.max() - y.min()), x.min() + share * (x.max() - x.min())
+        parts.append(html.line(LEFT, to_y(up), WIDE - 12, to_y(up), "rule"))
+        parts.append(html.text(LEFT - 6, to_y(up) + 4, f"{up:.3g}", "tick", "end"))
+        parts.append(html.text(to_x(across), floor + 16, _tick(across, x_name), "tick", "middle"))
+    if line:
+        parts.append(tag("path", d=_path(line, to_x, to_y), style=_LINE.format(0)))
+    for a, b, number in zip(x, y, numbers, strict=True):
+        where = "" if x_name == "trial" else f", {x_name} {told(float(a))}"
+        title = tag("title", f"trial {int(number)}: {y_name} {told(float(b))}{where}")
+        parts.append(tag("circle", title, cx=to_x(a), cy=to_y(b), r=3.0, class_="item2", fill_opacity=0.75))
+    parts.append(html.text((LEFT + WIDE) / 2, floor + 34, x_name, "quiet", "middle"))
+    picture = html.svg(WIDE, TOP + TALL + BELOW, *parts, label=f"{y_name} over {x_name}")
+    return html.figure(picture, caption, y_name)
+
+
+def _tick(value: float, name: str) -> str:
+    return f"{value:.0f}" if name == "trial" else f"{value:.3g}"

@@ -1,4 +1,7 @@
-"""Metrics of a sweep drawn over its parameters, as figures of matplotlib."""
+"""Sweeps and searches as figures of matplotlib.
+
+Of a sweep metrics over its parameters; of a search history, front, how much parameters matter, parallel coordinates.
+"""
 
 from __future__ import annotations
 
@@ -9,10 +12,19 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from neuro.core.checks import is_number
+from neuro.core.errors import ModelError, unknown
 from neuro.core.values import literal
-from neuro.plots._canvas import Picture, colours, tidy
+from neuro.plots._canvas import COLOURS, Picture, colours, tidy
+from neuro.sweeps.folder import TUNING, Folder
+from neuro.sweeps.journal import OPTUNAS, optuna, quietly, trials_of
+from neuro.sweeps.plan import MAXIMISE, so_far
 from neuro.sweeps.plot_data import PlotData, is_log, ordered, plot_data, scaled, told
-from neuro.sweeps.table import SweepTable
+from neuro.sweeps.table import RunRows, SweepTable
+from neuro.sweeps.trials import FoundTrial, TuneTable
+
+KINDS = ("history", "front", "importance", "parallel")
+ENOUGH = 8
+"""Trials from which on something can be said of how much a parameter matters."""
 
 
 def pictures(
@@ -28,17 +40,19 @@ def _in_a_name(metric: str) -> str:
     return metric.replace("/", "-").lstrip(".")
 
 
-def _figure(table: SweepTable, wide: float = 7.0) -> tuple[Figure, Any]:
-    figure = Picture(figsize=(wide, 4.4), layout="constrained", dpi=150)
+def _figure(table: RunRows, wide: float = 7.0, rows: int = 1) -> tuple[Figure, list[Any]]:
+    """A figure with panels below each other."""
+    figure = Picture(figsize=(wide, 4.4 if rows == 1 else 2.6 * rows), layout="constrained", dpi=150)
     figure.suptitle(literal(table.name), fontsize=12)
-    axis = figure.subplots()
-    tidy(axis)
-    return figure, axis
+    axes = list(figure.subplots(rows, sharex=rows > 1, squeeze=False)[:, 0])
+    for axis in axes:
+        tidy(axis)
+    return figure, axes
 
 
 def _lines(table: SweepTable, data: PlotData) -> Figure:
     """A line for each value of the second parameter, with a band of one standard deviation over what is left."""
-    figure, axis = _figure(table)
+    figure, (axis,) = _figure(table)
     lines = data.lines()
     for (name, x, mean, spread), colour in zip(lines, colours(), strict=False):
         axis.plot(x, mean, "o-", color=colour, label=literal(name), markersize=4, linewidth=1.3)
@@ -56,7 +70,7 @@ def _lines(table: SweepTable, data: PlotData) -> Figure:
 
 def _map(table: SweepTable, data: PlotData) -> Figure:
     """A field for each pair of values, by the mean over what is left."""
-    figure, axis = _figure(table)
+    figure, (axis,) = _figure(table)
     grid = data.grid()
     image = axis.imshow(grid, origin="lower", aspect="auto", cmap="cividis", interpolation="nearest")
     for side, values, name in ((axis.xaxis, data.axis(0), data.names[0]), (axis.yaxis, data.axis(1), data.names[1])):
@@ -82,7 +96,7 @@ def _parallel(table: SweepTable, data: PlotData) -> Figure:
     from matplotlib.collections import LineCollection
 
     names = (*data.names, data.metric)
-    figure, axis = _figure(table, max(7.0, 1.6 * len(names)))
+    figure, (axis,) = _figure(table, max(7.0, 1.6 * len(names)))
     axis.spines[["left", "bottom"]].set_visible(False)
     metric = np.array([np.mean(each) for _, each in data.points])
     columns = [[values[k] for values, _ in data.points] for k in range(len(data.names))] + [metric.tolist()]
@@ -114,3 +128,134 @@ def _named(side: Any, values: list[Any]) -> None:
 
 
 _DRAW = {"lines": _lines, "map": _map, "parallel": _parallel}
+
+
+def search_pictures(table: TuneTable, kinds: Sequence[str] = ()) -> dict[str, Figure]:
+    """Figures by the name of a file.
+
+    Args:
+        table: of the search.
+        kinds: some of `KINDS`; those that have something to show if none is given.
+
+    Raises:
+        ModelError: no trial is done yet, or a kind has nothing to show.
+    """
+    for kind in kinds:
+        if kind not in KINDS:
+            raise unknown("kind of picture", kind, KINDS)
+    done = [trial for trial in table.trials() if trial.values is not None]
+    if not done:
+        raise ModelError(f"{table.path}: no trial is done yet: nothing to draw")
+    several = len(table.plan.objectives) > 1
+    if "front" in kinds and not several:
+        raise ModelError(f"a front needs two objectives: found {next(iter(table.plan.objectives))} alone")
+    shows = {"front": several, "importance": len(done) >= ENOUGH and len(table.plan.names) > 1}
+    drawn: dict[str, Figure] = {}
+    for kind in kinds or [kind for kind in KINDS if shows.get(kind, True)]:
+        if kind == "parallel":
+            drawn |= pictures(table.runs(), tuple(table.plan.objectives), table.plan.names, "parallel")
+        else:
+            drawn[kind] = {"history": _history, "front": _front, "importance": _importance}[kind](table, done)
+    return drawn
+
+
+def _history(table: TuneTable, done: Sequence[FoundTrial]) -> Figure:
+    """Each trial's value, and the best so far."""
+    figure, axes = _figure(table, rows=len(table.plan.objectives))
+    numbers = [trial.number for trial in done]
+    for axis, (k, (name, direction)) in zip(axes, enumerate(table.plan.objectives.items()), strict=True):
+        values = _column(done, k)
+        axis.plot(numbers, values, "o", color="0.65", markersize=4, label="trials")
+        best = so_far(values, direction)
+        axis.step(numbers, best, where="post", color=COLOURS[0], linewidth=1.4, label="best so far")
+        axis.set_ylabel(literal(name))
+    axes[0].legend(frameon=False, fontsize="small")
+    axes[-1].set_xlabel("trial")
+    return figure
+
+
+def _front(table: TuneTable, done: Sequence[FoundTrial]) -> Figure:
+    """Two objectives against each other, and the trials that no other beats, joined in steps."""
+    figure, (axis,) = _figure(table)
+    (x_name, _), (y_name, y_way) = _pair(table)
+    at = list(table.plan.objectives)
+    x, y = (_column(done, at.index(name)) for name in (x_name, y_name))
+    best = table.best()
+    front_x, front_y = (_column(best, at.index(name)) for name in (x_name, y_name))
+    order = np.lexsort((front_y if y_way == MAXIMISE else -front_y, front_x))
+    axis.plot(x, y, "o", color="0.7", markersize=4, label="trials")
+    if len(at) == 2:
+        x_way = table.plan.objectives[x_name]
+        where = "post" if x_way != MAXIMISE else "pre"
+        axis.step(front_x[order], front_y[order], where=where, color=COLOURS[0], linewidth=1.2)
+    axis.plot(front_x, front_y, "o", color=COLOURS[0], markersize=6, label="no other beats these")
+    tests = _tests(table, x_name, y_name)
+    if tests:
+        axis.plot(*zip(*tests, strict=True), "x", color=COLOURS[1], markersize=7, label="the same, held out")
+    axis.set_xlabel(literal(f"{x_name} ({table.plan.objectives[x_name]})"))
+    axis.set_ylabel(literal(f"{y_name} ({table.plan.objectives[y_name]})"))
+    axis.legend(frameon=False, fontsize="small", loc="best")
+    return figure
+
+
+def _pair(table: TuneTable) -> list[tuple[str, str]]:
+    """The first two objectives; what is minimised, a cost, to the right."""
+    first, second = list(table.plan.objectives.items())[:2]
+    return [second, first] if first[1] == MAXIMISE else [first, second]
+
+
+def _tests(table: TuneTable, x_name: str, y_name: str) -> list[tuple[float, float]]:
+    found = [(row.get(f"test.{x_name}"), row.get(f"test.{y_name}")) for row in table.rows()]
+    return [(x, y) for x, y in found if x is not None and y is not None]
+
+
+def _importance(table: TuneTable, done: Sequence[FoundTrial]) -> Figure:
+    """A bar for each parameter and objective."""
+    figure, (axis,) = _figure(table)
+    found = {name: importance(table, name) for name in table.plan.objectives}
+    names = list(table.plan.names)[::-1]
+    tall = 0.8 / len(found)
+    for k, (objective, shares) in enumerate(found.items()):
+        places = np.arange(len(names)) + 0.4 - (k + 0.5) * tall
+        axis.barh(
+            places,
+            [shares[name] for name in names],
+            tall * 0.9,
+            color=COLOURS[k % len(COLOURS)],
+            label=literal(objective),
+        )
+    axis.set_yticks(range(len(names)), [literal(name) for name in names])
+    axis.set_xlim(0.0, 1.0)
+    axis.set_xlabel("share in what makes a trial one of the best tenth")
+    if len(found) > 1:
+        axis.legend(frameon=False, fontsize="small", loc="best")
+    return figure
+
+
+def _column(trials: Sequence[FoundTrial], k: int) -> Any:
+    return np.array([trial.values[k] for trial in trials if trial.values], float)
+
+
+def importance(table: TuneTable, objective: str) -> dict[str, float]:
+    """Shares of the parameters in what makes a trial good; together 1.
+
+    Args:
+        table: of the search.
+        objective: by name.
+
+    Raises:
+        ModelError: the journal is damaged, or Optuna is not installed.
+
+    Source: Watanabe et al., IJCAI 2023 (PED-ANOVA), as Optuna has it.
+    """
+    package = optuna()
+    k = list(table.plan.objectives).index(objective)
+    with quietly():
+        study = package.create_study(direction=OPTUNAS[table.plan.objectives[objective]])
+        for trial in trials_of(Folder(table.path, TUNING)):
+            if trial.state.name == "COMPLETE":
+                words = {"params": trial.params, "distributions": trial.distributions, "value": trial.values[k]}
+                study.add_trial(package.trial.create_trial(**words))
+        evaluator = package.importance.PedAnovaImportanceEvaluator()
+        found = package.importance.get_param_importances(study, evaluator=evaluator)
+    return {name: float(found.get(name, 0.0)) for name in table.plan.names}

@@ -1,7 +1,9 @@
-"""The points of a sweep: a grid, a list, drawn at random or as a Latin hypercube, each with some seeds."""
+"""The points of a sweep: a grid, a list, drawn at random or as a Latin hypercube, each with some seeds; their runs."""
 
 from __future__ import annotations
 
+import hashlib
+import json
 import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
@@ -21,6 +23,40 @@ MOST = 1_000_000
 
 Point = dict[str, Any]
 _RANGE = ("from", "to", "number", "scale", "whole")
+
+
+@dataclass(frozen=True, slots=True)
+class RunItem:
+    """One run to do.
+
+    Attributes:
+        key: hash of its inputs, its name in the folder.
+        point, seed: its inputs.
+        trial: of a tuning, where it may be pruned.
+    """
+
+    key: str
+    point: Point
+    seed: int | None
+    trial: int | None = None
+
+
+def key_of(before: str, point: Mapping[str, Any], seed: int | None) -> str:
+    """The hash of the inputs of a run, 32 hexadecimal digits.
+
+    Args:
+        before: what decides the outcome beside point and seed.
+        point: the values of the parameters.
+        seed: of the run.
+
+    Raises:
+        ModelError: a value of the point cannot be written as JSON.
+    """
+    try:
+        text = json.dumps([point, seed], sort_keys=True)
+    except TypeError as error:
+        raise ModelError(f"point {shown(dict(point))}: expected numbers, texts and lists: {error}") from None
+    return hashlib.sha256(f"{before}\n{text}".encode()).hexdigest()[:32]
 
 
 @dataclass(frozen=True, slots=True)

@@ -1,22 +1,172 @@
-"""What has come of a sweep so far: a row for each run, in the order of its space."""
+"""Tables of many runs: what they share, and that of a sweep, a row for each run in the order of its space."""
 
 from __future__ import annotations
 
+import csv
+import io
 import re
-from collections.abc import Iterator, Mapping
+from abc import ABC, abstractmethod
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from os import PathLike
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
-from neuro.core.errors import ModelError
+from neuro.core import tables
+from neuro.core.errors import ModelError, unknown
+from neuro.core.extras import needed
+from neuro.core.outputs import Kind, marked, output
 from neuro.core.paths import file_path
 from neuro.sweeps.claims import claimed
-from neuro.sweeps.folder import SWEEP, Folder, RunOutcome
-from neuro.sweeps.rows import RunRows
+from neuro.sweeps.folder import PRUNED, SWEEP, Folder, RunOutcome
+
+if TYPE_CHECKING:
+    from pandas import DataFrame
 
 LEFT = "left"
 _NUMBER = re.compile(r"-?\d+(?:\.\d+)?(?:e[-+]?\d+)?")
+
+
+_SHOWN = 20
+
+
+def _is_parquet(path: Path) -> bool:
+    with path.open("rb") as file:
+        head = file.read(4)
+        file.seek(-min(path.stat().st_size, 1 << 16), 2)
+        return head == b"PAR1" and b"neuro sweep" in file.read()
+
+
+PARQUET = Kind("a table of a sweep", _is_parquet)
+
+
+class RunRows(ABC):
+    """Base of these tables.
+
+    Class attributes:
+        kind: what a file of rows is, by its first names.
+        many: what rows are of.
+    """
+
+    __slots__ = ()
+    kind = marked("a table of a sweep", "run,outcome,")
+    many = "runs"
+    name: str
+
+    @abstractmethod
+    def rows(self, times: bool = False) -> list[dict[str, Any]]:
+        """A mapping for each row, all with the same names.
+
+        Args:
+            times: whether also how long it took.
+        """
+
+    @abstractmethod
+    def __len__(self) -> int:
+        """How many rows there are."""
+
+    def column(self, name: str) -> list[Any]:
+        """One column, an entry for each run; None where there is none yet.
+
+        Raises:
+            ModelError: there is no such column.
+        """
+        rows = self.rows()
+        if name not in (head := _head(rows)):
+            raise unknown("column", name, head)
+        return [row[name] for row in rows]
+
+    def __iter__(self) -> Iterator[dict[str, Any]]:
+        return iter(self.rows())
+
+    def __str__(self) -> str:
+        return tables.as_text(repr(self), [self._shown()])
+
+    def _repr_html_(self) -> str:
+        return tables.as_html(repr(self), [self._shown()])
+
+    def _shown(self) -> tables.Table:
+        rows = self.rows()
+        names = [name for name in _head(rows) if name not in ("run", "error") or any(row[name] for row in rows)]
+        more = f"the first {_SHOWN} of {len(rows):,} {self.many}" if len(rows) > _SHOWN else ""
+        body = tuple(tuple(text(row[name], name) for name in names) for row in rows[:_SHOWN])
+        return tables.Table(more, columns(names), body)
+
+    def to_pandas(self, times: bool = False) -> DataFrame:
+        """The rows as a data frame; needs the extra `pandas`.
+
+        Raises:
+            ModelError: the package pandas is not installed.
+        """
+        pandas = needed("pandas", "pandas", "to_pandas: the package pandas is not installed")
+        frame: DataFrame = pandas.DataFrame(self.rows(times))
+        return frame
+
+    def save(self, path: str | PathLike[str], times: bool = False) -> None:
+        """Write the rows to a file: CSV, or parquet where its name ends so, which needs the extra `parquet`.
+
+        Raises:
+            ModelError: it ends otherwise, cannot be written, or the package pyarrow is not installed.
+        """
+        file = file_path(path, "path")
+        if file.suffix == ".parquet":
+            self._save_parquet(file, times)
+        elif file.suffix == ".csv" or not file.suffix or (file.exists() and not file.is_file()):
+            with output(file, self.kind) as part, part.open("w", encoding="utf-8", newline="") as out:
+                out.write(self.csv(times))
+        else:
+            raise ModelError(f"{file}: expected a name that ends in .csv or .parquet")
+
+    def csv(self, times: bool = False) -> str:
+        """The rows as CSV: numbers with all their digits, nothing where there is none."""
+        rows = self.rows(times)
+        out = io.StringIO()
+        writer = csv.DictWriter(out, _head(rows), lineterminator="\n")
+        writer.writeheader()
+        writer.writerows(rows)
+        return out.getvalue()
+
+    def _save_parquet(self, file: Path, times: bool) -> None:
+        pyarrow, parquet = (
+            needed(name, "parquet", f"{file}: the package pyarrow is not installed")
+            for name in ("pyarrow", "pyarrow.parquet")
+        )
+        try:
+            frame = pyarrow.Table.from_pylist(self.rows(times), metadata={"neuro sweep": self.name})
+        except (pyarrow.ArrowInvalid, pyarrow.ArrowTypeError, OverflowError) as error:
+            kinds = "whole numbers of more than 64 bits" if isinstance(error, OverflowError) else "several kinds"
+            message = f"{file}: a column has values of {kinds}: {error}"
+            raise ModelError(message, hint="a CSV file takes them") from None
+        with output(file, PARQUET) as part:
+            parquet.write_table(frame, part)
+
+
+def _head(rows: list[dict[str, Any]]) -> list[str]:
+    return list(rows[0]) if rows else []
+
+
+def names_of(each: Iterable[Mapping[str, Any]]) -> list[str]:
+    """The names of some mappings, each once, in order."""
+    return list(dict.fromkeys(name for one in each for name in one))
+
+
+def columns(names: Iterable[str]) -> tuple[str, ...]:
+    """Names as the head of a table, numbers to the right."""
+    return tuple(name if name in ("run", "outcome", "error") else f">{name}" for name in names)
+
+
+def as_text(counts: Mapping[str, int]) -> str:
+    """How many runs or trials came to what, in words; those that were pruned only if there are some."""
+    return ", ".join(f"{n:,} {word}" for word, n in counts.items() if word != PRUNED or n)
+
+
+def text(value: Any, name: str = "") -> str:
+    """A value as tables for people show it."""
+    if value is None:
+        return "-"
+    if name == "run":
+        return str(value)[:10]
+    return f"{value:.6g}" if isinstance(value, float) else str(value)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -41,8 +191,7 @@ class SweepTable(RunRows):
 
     def outcomes(self) -> dict[str, RunOutcome]:
         """What has come of the runs that are there, by their hashes."""
-        found = Folder(self.path).outcomes(self.keys)
-        return found
+        return Folder(self.path).outcomes(self.keys)
 
     def counts(self) -> dict[str, int]:
         """How many runs are done, failed, under way and left, which has those under way."""
@@ -59,7 +208,7 @@ class SweepTable(RunRows):
 
     def metrics(self) -> tuple[str, ...]:
         """Names of the metrics, in the order in which runs have them."""
-        return tuple(dict.fromkeys(name for each in self.outcomes().values() for name in each.metrics))
+        return tuple(names_of(each.metrics for each in self.outcomes().values()))
 
     def rows(self, times: bool = False) -> list[dict[str, Any]]:
         """A mapping for each run: run, outcome, the parameters, seed, the metrics and error.
@@ -70,7 +219,7 @@ class SweepTable(RunRows):
         return list(self._rows(self.outcomes(), times))
 
     def _rows(self, found: Mapping[str, RunOutcome], times: bool) -> Iterator[dict[str, Any]]:
-        names = tuple(dict.fromkeys(name for each in found.values() for name in each.metrics))
+        names = names_of(each.metrics for each in found.values())
         for key, (point, seed) in zip(self.keys, self.points, strict=True):
             told = found.get(key)
             row: dict[str, Any] = {"run": key, "outcome": told.outcome if told else LEFT, **point}
@@ -87,8 +236,8 @@ class SweepTable(RunRows):
 
     def __repr__(self) -> str:
         counts = self.counts()
-        told = ", ".join(f"{counts[word]:,} {word}" for word in ("done", "failed", "left"))
-        return f"SweepTable({self.name!r}, {len(self):,} runs: {told})"
+        del counts["under way"]
+        return f"SweepTable({self.name!r}, {len(self):,} runs: {as_text(counts)})"
 
 
 def table_of(path: str | PathLike[str]) -> SweepTable:

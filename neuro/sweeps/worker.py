@@ -1,4 +1,4 @@
-"""One run of a sweep or a tuning after the other: claimed, within its limits, kept before it is told how it ended."""
+"""One run of a sweep or a tuning after the other: claimed, within its limits, kept before its outcome is reported."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ import traceback
 import warnings
 from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from neuro.core.errors import ModelError
 from neuro.core.extension import run_extensions
@@ -20,13 +20,12 @@ from neuro.core.inputs import digest_of
 from neuro.core.outputs import Unwritable
 from neuro.core.processes import Work
 from neuro.core.provenance import provenance
+from neuro.sweeps.asking import Pruner
 from neuro.sweeps.claims import Claims
-from neuro.sweeps.definition import Limits, Run, RunItem, run_of
+from neuro.sweeps.definition import Limits, Run, run_of
 from neuro.sweeps.folder import DONE, FAILED, PRUNED, Folder, RunOutcome
-from neuro.sweeps.steps import Pruned, Worse, hearing
-
-if TYPE_CHECKING:
-    from neuro.sweeps.tuning.pruning import Pruner
+from neuro.sweeps.metrics import IsWorse, Pruned, gathering_steps
+from neuro.sweeps.space import RunItem
 
 TAKEN, THERE, KEPT, LOST = "taken", "there", "kept", "unwritable"
 """How a run ended for the process that asked: another process works on it, it was there, it is kept, it cannot be."""
@@ -77,7 +76,7 @@ class Worker:
         error = trace = ""
         pruned = False
         worse = self._worse(item)
-        with _written_to(printed), hearing(worse) as heard, _memory(self._limits.bytes):
+        with _written_to(printed), gathering_steps(worse) as heard, _memory(self._limits.bytes):
             try:
                 found, fill, about = self._run(item.point, item.seed)
             except Pruned:
@@ -108,12 +107,10 @@ class Worker:
         self._folder.keep(outcome, _filling(fill, str(printed)))
         return outcome
 
-    def _worse(self, item: RunItem) -> Worse | None:
+    def _worse(self, item: RunItem) -> IsWorse | None:
         """What prunes a run of a tuning."""
         if item.trial is None:
             return None
-        from neuro.sweeps.tuning.pruning import Pruner
-
         if self._pruner is None:
             self._pruner = Pruner(self._folder)
         return self._pruner.of(item.trial)
@@ -148,7 +145,7 @@ class Printed(io.TextIOBase):
 
 @contextlib.contextmanager
 def _written_to(printed: Printed) -> Iterator[None]:
-    """Gather what is printed, and warnings, which are told here as often as they are given."""
+    """Gather what is printed, and all warnings, also repeated ones."""
 
     def tell(message: Warning | str, *place: Any, **words: Any) -> None:
         printed.write(f"warning: {message}\n")
@@ -214,8 +211,7 @@ def worker_of(folder: Folder, told: Mapping[str, Any]) -> Worker:
     run_extensions(tuple(told["with"]))
     run = run_of(told["what"])
     run.check_inputs()
-    limits = Limits(told["limits"]["seconds"], told["limits"]["bytes"])
-    return Worker(folder, run, limits, tuple(told["inputs"]))
+    return Worker(folder, run, Limits(**told["limits"]), tuple(told["inputs"]))
 
 
 def begin(folder: Path) -> Work:

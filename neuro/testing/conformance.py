@@ -15,8 +15,6 @@ from neuro.run.simulation import Simulation
 from neuro.testing import (  # noqa: F401
     connections,
     exact,
-    exact_neurons,
-    exact_trials,
     features,
     generators,
     laws,
@@ -106,7 +104,8 @@ def deviations(backend: Backend, name: str) -> list[str]:
         net.probes = {name: probe for name, probe in net.probes.items() if probe.record not in hidden}
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", ApproximationWarning)
-            return compile(net, backend, seed=seed, threads=threads, **options)
+            sim: Simulation = compile(net, backend, seed=seed, threads=threads, **options)
+            return sim
 
     try:
         found = case.run(start)

@@ -52,12 +52,6 @@ def rule_one_to_one(start: Start) -> Found:
 
 
 @case
-def rule_all_to_all(start: Start) -> Found:
-    """all_to_all with weights and delays of their own."""
-    return after(start, connected(all_to_all()))
-
-
-@case
 def rule_fixed_indegree(start: Start) -> Found:
     """fixed_indegree."""
     return after(start, connected(fixed_indegree(n=4)))

@@ -22,12 +22,10 @@ from neuro.model.neurons import (
 from neuro.model.parts import lateral_reset, winner_take_all
 from neuro.model.rules import (
     all_to_all,
-    fixed_indegree,
     grid,
     one_to_one,
 )
 from neuro.testing.case import Found, Start, after, case, integers_too, network, observe
-from neuro.testing.connections import connected
 
 INF = float("inf")
 
@@ -54,12 +52,6 @@ def driven(model: Model, n: int = 3, weight: float = 300.0) -> Network:
 def delta_neuron(start: Start) -> Found:
     """iaf_psc_delta, leaky, with a lower bound."""
     return after(start, driven(iaf_psc_delta(V_min=-75.0, I_e=120.0), weight=3.0))
-
-
-@case
-def delta_neuron_without_leak(start: Start) -> Found:
-    """iaf_psc_delta with an infinite tau_m."""
-    return after(start, driven(iaf_psc_delta(tau_m=INF, E_L=0.0, V_reset=0.0, V_th=9.0), weight=1.0))
 
 
 @case
@@ -228,17 +220,6 @@ def currents(start: Start) -> Found:
 # groups
 
 
-@case
-def best_of_each_step(start: Start) -> Found:
-    """winner_take_all without first_to_fire: the losers of a step are reset."""
-    net = network(1.0)
-    net.population("noise", 5, poisson_generator(rate=700.0))
-    net.population("cells", 5, iaf_psc_delta(tau_m=INF, E_L=0.0, V_reset=0.0, V_th=3.0, t_ref=0.0))
-    net.connect("noise", "cells", one_to_one(), weight=1.0)
-    net.group("choice", winner_take_all(of="cells", first_to_fire=False))
-    return after(start, net, 100.0)
-
-
 @integers_too
 @case
 def first_to_fire(start: Start) -> Found:
@@ -254,21 +235,6 @@ def first_to_fire(start: Start) -> Found:
     sim.reset()
     sim.run(10.0)
     return found | {f"after reset: {name}": values for name, values in observe(sim).items()}
-
-
-@case
-def first_along_an_axis(start: Start) -> Found:
-    """lateral_reset along each axis: a spike resets its rivals and holds them, also those that rest."""
-    found: Found = {}
-    for axis in range(3):
-        net = network(1.0)
-        net.population("noise", (3, 5, 7), poisson_generator(rate=160.0))
-        net.population("cells", (3, 5, 7), iaf_psc_delta(tau_m=50.0, E_L=0.0, V_reset=-1.0, V_th=3.0, t_ref=4.0))
-        net.connect("noise", "cells", one_to_one(), weight=1.0)
-        net.group("one", lateral_reset(of="cells", axis=axis))
-        net.probe("V_m", "cells", "V_m")
-        found |= {f"axis {axis}: {name}": values for name, values in after(start, net, 100.0).items()}
-    return found
 
 
 @case
@@ -332,15 +298,3 @@ def forgotten_spikes(start: Start) -> Found:
     sim.forget(before=20.0)
     times, ids = sim.spikes("cells", since=30.0)
     return observe(sim) | {"since": np.rint(times * 10).astype(int), "who": ids}
-
-
-@case
-def learnt_network_runs_alike(start: Start) -> Found:
-    """`network()` of a run, compiled again with another seed of its own."""
-    sim = start(connected(fixed_indegree(n=4)))
-    sim.run(5.0)
-    learnt = sim.network()
-    del sim  # a backend may run one simulation at a time
-    again = start(learnt, seed=1)
-    again.run(30.0)
-    return observe(again)

@@ -1,10 +1,13 @@
 """Random small networks, for hypothesis: several populations, models, rules, synapses and delays.
 
-Needs the package hypothesis, which only tests install.
+Those of `exact_networks` have values that are exact in floats and in integers: weights, thresholds and currents are
+whole numbers of mV, nothing leaks, and a neuron of a source spikes at most once in a step. Needs the package
+hypothesis, which only tests install.
 """
 
 from __future__ import annotations
 
+import math
 from typing import Any
 
 import numpy as np
@@ -14,35 +17,141 @@ from neuro.model.distributions import Distribution, lognormal, normal, uniform
 from neuro.model.network import Network
 from neuro.model.neurons import (
     Model,
-    Neuron,
-    aeif_cond_exp,
-    aeif_psc_exp,
     dc_generator,
-    hh_psc_alpha,
-    iaf_cond_alpha,
-    iaf_cond_exp,
     iaf_psc_alpha,
     iaf_psc_delta,
     iaf_psc_exp,
     izhikevich,
-    mat2_psc_exp,
     parrot_neuron,
     poisson_generator,
     spike_generator,
 )
-from neuro.model.parts import Population
+from neuro.model.parts import Population, lateral_reset, winner_take_all
 from neuro.model.rules import (
     Rule,
     all_to_all,
     fixed_indegree,
     fixed_outdegree,
+    grid,
     one_to_one,
     pairs,
     pairwise_bernoulli,
 )
 from neuro.model.synapses import Synapse, static, stdp, stdp_dopa
 from neuro.model.views import View
-from neuro.testing.exact_strategies import groups
+from neuro.testing.exact import cell
+
+LONGEST = 60
+"""Steps of the longest delay that is drawn."""
+
+
+@st.composite
+def exact_networks(draw: st.DrawFn, largest: int = 7) -> Network:
+    """A network of up to three populations of cells, with listed spikes, parrots, a grid and groups.
+
+    Args:
+        draw: given by hypothesis.
+        largest: neurons of a population.
+    """
+    net = Network("random", resolution=draw(st.sampled_from([0.1, 0.5, 1.0])))
+    n = draw(st.integers(1, largest))
+    net.population("source", n, spike_generator(spike_times=draw(_times(n, net.resolution))))
+    if draw(st.booleans()):
+        net.population("parrots", n, parrot_neuron())
+        net.connect("source", "parrots", one_to_one(), delay=draw(_delay(net, n)), name="copied")
+    sources = list(net.populations)
+    cells = [f"cells{k}" for k in range(draw(st.integers(1, 3)))]
+    for name in cells:
+        n = draw(st.integers(1, largest))
+        net.population(name, n, draw(_cells(net, draw(st.sampled_from([1, n])))))
+    for name in cells:
+        _connect_whole(draw, net, draw(st.sampled_from(sources)), name)
+    for _ in range(draw(st.integers(0, 5))):
+        _connect_whole(draw, net, draw(st.sampled_from([*sources, *cells])), draw(st.sampled_from(cells)))
+    if draw(st.booleans()):
+        _add_grid(draw, net)
+    if draw(st.booleans()):
+        net.group("choice", draw(groups(net, [*cells, *(["maps"] if "maps" in net.populations else [])])))
+    return net
+
+
+def groups(net: Network, names: list[str]) -> st.SearchStrategy[Any]:
+    """A group of any kind, of one of some populations."""
+    axes = [(name, axis) for name in names for axis in range(len(net.populations[name].shape))]
+    return st.one_of(
+        st.builds(winner_take_all, of=st.sampled_from(names), first_to_fire=st.booleans()),
+        st.sampled_from(axes).map(lambda one: lateral_reset(of=one[0], axis=one[1])),
+    )
+
+
+@st.composite
+def _times(draw: st.DrawFn, n: int, h: float) -> list[list[float]]:
+    steps = [draw(st.sets(st.integers(1, 80), max_size=30)) for _ in range(n)]
+    return [[step * h for step in sorted(row)] for row in steps]
+
+
+@st.composite
+def _cells(draw: st.DrawFn, net: Network, n: int = 1) -> Any:
+    rest = draw(st.sampled_from([0.0, -70.0]))
+    above = rest + np.array([draw(st.integers(3, 12)) for _ in range(n)], dtype=np.float64)
+    late = draw(st.integers(0, 5)) * net.resolution
+    return cell(V_th=above if n > 1 else float(above[0]), E_L=rest, V_reset=rest, C_m=net.resolution, t_ref=late)
+
+
+def _delay(net: Network, size: int) -> st.SearchStrategy[Any]:
+    """One delay, or one for each synapse."""
+    h = net.resolution
+    one = st.integers(1, LONGEST)
+    each = st.lists(one, min_size=size, max_size=size)
+    return st.one_of(one.map(lambda k: k * h), each.map(lambda ks: np.array(ks) * h))
+
+
+def _weight(size: int) -> st.SearchStrategy[Any]:
+    """One weight, or one for each synapse; more of them excite."""
+    each = st.lists(st.integers(-1, 4), min_size=size, max_size=size)
+    return st.one_of(st.integers(1, 5).map(float), st.just(-1.0), each.map(lambda ws: np.array(ws, dtype=np.float64)))
+
+
+def _connect_whole(draw: st.DrawFn, net: Network, pre: str, post: str) -> None:
+    n_pre, n_post = (int(net.populations[name].shape[0]) for name in (pre, post))
+    ids = st.tuples(st.integers(0, n_pre - 1), st.integers(0, n_post - 1))
+    listed = draw(st.lists(ids, min_size=1, max_size=12))
+    rules: list[tuple[Rule, int]] = [
+        (all_to_all(), n_pre * n_post),
+        (pairs(pre=[i for i, _ in listed], post=[j for _, j in listed]), len(listed)),
+        (fixed_indegree(n=draw(st.integers(1, 4))), 0),
+        (fixed_outdegree(n=draw(st.integers(1, 4))), 0),
+    ]
+    if n_pre == n_post:
+        rules.append((one_to_one(), n_pre))
+    rule, size = draw(st.sampled_from(rules))
+    if size:
+        weight, delay = draw(_weight(size)), draw(_delay(net, size))
+        if isinstance(rule, all_to_all):
+            weight, delay = (np.reshape(v, (n_pre, n_post)) if np.size(v) > 1 else v for v in (weight, delay))
+    else:
+        h = net.resolution
+        weight = draw(st.sampled_from([1.0, 2.0, 4.0, -1.0]))
+        delay = draw(st.one_of(st.integers(1, LONGEST).map(lambda k: k * h), st.just(uniform(low=h, high=9 * h))))
+    net.connect(pre, post, rule, weight=weight, delay=delay, name=f"wires{len(net.projections)}")
+
+
+def _add_grid(draw: st.DrawFn, net: Network) -> None:
+    """A sheet with listed spikes under a shared kernel."""
+    channels, height, width = draw(st.integers(1, 2)), draw(st.integers(3, 5)), draw(st.integers(3, 5))
+    n, h = channels * height * width, net.resolution
+    fired = np.random.default_rng(draw(st.integers(0, 99))).random((n, 60)) < 0.05
+    times = [((np.flatnonzero(row) + 1) * h).tolist() for row in fired]
+    net.population("sheet", (channels, height, width), spike_generator(spike_times=times))
+    net.population("maps", (2, "auto", "auto"), draw(_cells(net)))
+    size = (draw(st.integers(1, 3)), draw(st.integers(1, 3)))
+    padding = draw(st.one_of(st.integers(0, min(size) - 1), st.just("same")))
+    rule = grid(kernel=size, stride=draw(st.integers(1, 2)), padding=padding, depthwise=draw(st.booleans()))
+    shape = (2, 1 if rule.depthwise else channels, *size)
+    weight = draw(_weight(math.prod(shape)))
+    shaped = np.reshape(weight, shape) if np.size(weight) > 1 else weight
+    net.connect("sheet", "maps", rule, weight=shaped, delay=draw(st.integers(1, LONGEST)) * h, name="kernels")
+
 
 _WEIGHT = {"iaf_psc_delta": 4.0, "izhikevich": 6.0, "parrot_neuron": 1.0}
 _CURRENT = {"iaf_psc_delta": 500.0, "izhikevich": 8.0}
@@ -187,43 +296,3 @@ def _add_group(draw: st.DrawFn, net: Network, cells: list[str]) -> None:
     wanted = draw(st.booleans())
     if able and wanted:
         net.group("choice", draw(groups(net, able)))
-
-
-DRIVES: dict[type[Neuron], tuple[float, float, float]] = {
-    iaf_cond_exp: (150.0, 350.0, 12.0),
-    iaf_cond_alpha: (150.0, 350.0, 12.0),
-    aeif_cond_exp: (300.0, 900.0, 12.0),
-    aeif_psc_exp: (300.0, 900.0, 400.0),
-    hh_psc_alpha: (300.0, 900.0, 400.0),
-    mat2_psc_exp: (100.0, 500.0, 400.0),
-}
-"""Smallest and largest constant current in pA, and largest weight in nS or pA: from silence to a high rate."""
-
-DURATION = 100.0
-
-
-@st.composite
-def integrated_networks(draw: st.DrawFn, model: type[Neuron]) -> Network:
-    """Listed spikes onto up to 4 neurons of a model, which inhibit or excite one another; V_m is probed."""
-    lowest, highest, strongest = DRIVES[model]
-    net = Network("integrated", resolution=draw(st.sampled_from([0.05, 0.1, 0.2])))
-    times = [sorted(draw(st.sets(st.integers(1, 450), max_size=40))) for _ in range(3)]
-    net.population("source", 3, spike_generator(spike_times=[[0.2 * t for t in row] for row in times]))
-    n = draw(st.integers(1, 4))
-    current = np.array([draw(st.floats(lowest, highest)) for _ in range(n)])
-    net.population("cells", n, model(**(draw(_words(model)) | {"I_e": current})))
-    for source, size in (("source", 3), ("cells", n)):
-        weight = np.array([[draw(st.floats(-strongest, strongest)) for _ in range(n)] for _ in range(size)])
-        net.connect(source, "cells", all_to_all(), weight=weight, delay=draw(st.integers(1, 20)) * 0.2)
-    net.probe("V_m", "cells", "V_m")
-    return net
-
-
-@st.composite
-def _words(draw: st.DrawFn, model: type[Neuron]) -> dict[str, Any]:
-    words = {"tau_syn_ex": draw(st.floats(0.2, 4.5)), "tau_syn_in": draw(st.floats(0.5, 4.5))}  # NEST: not mat2's tau_m
-    words["t_ref"] = draw(st.integers(1 if model is mat2_psc_exp else 0, 15)) * 0.2
-    if model in (aeif_cond_exp, aeif_psc_exp):
-        words |= {"a": draw(st.floats(0.0, 10.0)), "b": draw(st.floats(0.0, 100.0))}
-        words["Delta_T"] = draw(st.sampled_from([0.0, 1.0, 2.0]))
-    return words

@@ -60,17 +60,6 @@ def test_every_weight_reads_as_what_a_spike_adds_and_can_be_written_back(mode, e
     assert sim.get("out", "u").tolist() == (64.0 * 2.0**exponent * acting).tolist()
 
 
-def test_what_is_set_reads_as_what_it_sends():
-    sim = neuro.compile(wired(128.0, sign_mode="excitatory", weight_exp=-4), backend="loihi")
-    sim.set_weights("p", [100.0])
-    assert sim.get("p", "weight").tolist() == [96.0]
-    assert sim.get("p", "weight", raw=True).tolist() == [100]
-    with pytest.raises(neuro.ModelError, match="a mantissa in sign mode excitatory is a whole number from 0 to 255"):
-        sim.set_weights("p", [256.0])
-    with pytest.raises(neuro.ModelError, match=r"weight\[0\] = 3.5: a mantissa in sign mode excitatory is a whole"):
-        sim.set_weights("p", [3.5])
-
-
 @pytest.mark.filterwarnings("ignore::neuro.ApproximationWarning")
 def test_a_weight_that_learns_reads_as_what_it_sends():
     net = neuro.Network("plastic", resolution=1.0)

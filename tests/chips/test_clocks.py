@@ -61,13 +61,6 @@ def test_a_chip_without_times_is_priced_in_real_time_only(run, tmp_path):
     assert "static power is in the sums in real time only: no time of a step is published" in bill.notes
 
 
-def test_given_steps_are_a_clock_of_their_own(run):
-    bill = price(*run, placed(), chip("loihi"), step_s=1e-4)
-    assert (bill.clock, bill.chip_time_s) == ("at the given steps", pytest.approx(REAL / 10))
-    assert bill.real_time.static_j == pytest.approx(10 * bill.static_j)
-    assert price(*run, placed(), chip("loihi"), step_s=1e-3).real_time.clock == "at the given steps"
-
-
 def test_all_that_is_told_has_both_with_their_range(run):
     whole = price(*run, placed(), chip("loihi"))
     bill = whole.per(4, "recording")

@@ -8,13 +8,10 @@ import numpy as np
 import pytest
 from hypothesis import given, settings, strategies as st
 
-from neuro.chips.loihi.learning import rule_of
-from neuro.chips.loihi.words import bounds, grain_of
+from neuro.chips.loihi.arithmetic import bounds, grain_of
 from neuro.core import keyed_random
-from neuro.model.synapses import stdp, stdp_dopa
-from neuro.model.synapses.loihi_learning import parse
+from neuro.model.synapses.loihi_learning import SIGN_MODES, parse
 from neuro.model.synapses.loihi_rule import FACTORS, MODULATORY, POST, PRE, WIDTHS, Factor, LearningRule, Term, Trace
-from neuro.model.synapses.loihi_static import SIGN_MODES
 from neuro_chip.plastic import Plastic
 
 NONE = np.zeros(0, dtype=np.int64)
@@ -163,45 +160,10 @@ def same_as_twin(rule, bits, mode, seed, *, steps=13, size=(2, 3), rewards=0):
     return plastic
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=25, deadline=None)
 @given(RULE, st.integers(3, 8), st.sampled_from(sorted(SIGN_MODES)), st.integers(0, 2**32), st.booleans())
 def test_kernel_equals_twin(rule, bits, mode, seed, rewarded):
     same_as_twin(rule, bits, mode, seed, rewards=5 if rewarded else 0)
-
-
-@pytest.mark.parametrize(
-    "synapse",
-    [
-        stdp(Wmax=200.0, lambda_=0.1),
-        stdp(Wmax=200.0, mu_plus=0.0, lambda_=0.1),
-        stdp_dopa(tau_c=60.0, tau_n=50.0, A_minus=0.4),
-        stdp_dopa(tau_c=60.0, tau_n=50.0, A_minus=-2.0, b=0.5),
-    ],
-    ids=["multiplicative", "additive", "dopamine", "baseline"],
-)
-def test_mapped_rules_equal_twin(synapse):
-    rule = rule_of(synapse, 1.0, 20.0, 1.0).rule
-    plastic = same_as_twin(rule, 8, "excitatory", 5, steps=80, size=(4, 5), rewards=11)
-    assert plastic.counts[1] > 20
-
-
-def test_dopamine_is_read_at_the_end_of_an_epoch():
-    traces = {"r1": Trace(0, 9, 10), "r2": Trace(0, 4, 5)}
-    rule = LearningRule(parse("2^-2*x0*r1 - 2^-3*y0*r2"), parse("2^-3*x0*r2"), traces, epoch=4)
-    plastic = same_as_twin(rule, 8, "mixed", 6, steps=60, rewards=3)
-    assert plastic.counts[1] > 20
-
-
-def test_tags_stop_at_nine_bits():
-    plastic = dense(LearningRule((), parse("-2^5*x0*y0 + 2^5*x0")), 1, 2, np.zeros((1, 2), dtype=np.int64))
-    for step in range(1, 20):
-        plastic.step(step, np.array([0]), np.array([0]))
-    assert plastic.tags.tolist() == [0, 255]
-    plastic = dense(LearningRule((), parse("-2^5*x0")), 1, 1, np.zeros((1, 1), dtype=np.int64))
-    for step in range(1, 11):
-        plastic.step(step, np.array([0]), NONE)
-    assert plastic.tags.tolist() == [-256]
-    assert plastic.counts[5] == 2
 
 
 @pytest.mark.parametrize(
@@ -228,66 +190,12 @@ def pairs_rule(**more):
     return LearningRule(parse("2^-3*x1*y0 - 2^-3*x0*y1"), (), {"x1": trace, "y1": trace}, **more)
 
 
-def test_copying_the_arrays_continues_the_run():
-    """A run that is cut in two ends with the same bits: nothing but the arrays and the step number matters."""
-    rng = np.random.default_rng(2)
-    weights = rng.integers(-50, 50, (20, 30)) * 2
-    events = [(spikes(rng, 20, 0.1), spikes(rng, 30, 0.1)) for _ in range(60)]
-    rule = pairs_rule(epoch=4)
-    whole, first, second = (dense(rule, 20, 30, weights) for _ in range(3))
-    for step, (pre, post) in enumerate(events, 1):
-        whole.step(step, pre, post)
-    for step, (pre, post) in enumerate(events[:22], 1):
-        first.step(step, pre, post)
-    for name in Plastic.kept:
-        getattr(second, name)[:] = getattr(first, name)
-    for step, (pre, post) in enumerate(events[22:], 23):
-        second.step(step, pre, post)
-    for name in Plastic.kept:
-        np.testing.assert_array_equal(getattr(second, name), getattr(whole, name))
-    assert np.any(whole.weights != weights.ravel())
-
-
-def test_seed_and_name_key_the_draws():
-    rng = np.random.default_rng(3)
-    weights = np.zeros((20, 30), dtype=np.int64)
-    events = [(spikes(rng, 20, 0.1), spikes(rng, 30, 0.1)) for _ in range(40)]
-
-    def after(**more):
-        plastic = dense(pairs_rule(), 20, 30, weights, **more)
-        for step, (pre, post) in enumerate(events, 1):
-            plastic.step(step, pre, post)
-        return plastic.weights
-
-    np.testing.assert_array_equal(after(), after())
-    assert np.any(after() != after(seed=2))
-    assert np.any(after() != after(name="q"))
-
-
 def test_only_synapses_of_spikes_are_visited():
     plastic = dense(pairs_rule(), 20, 30, np.zeros((20, 30), dtype=np.int64))
     plastic.step(1, NONE, NONE)
     assert plastic.counts[0] == 0
     plastic.step(2, np.array([3]), np.array([5, 7]))
     assert plastic.counts[0] == 30 + 2 * 20 - 2
-
-
-def test_sparse_rows_are_those_of_the_dense_ones():
-    """A projection with some synapses learns what those learn in the whole matrix, save for their draws."""
-    rng = np.random.default_rng(4)
-    trace = Trace(16, 1, 2)
-    rule = LearningRule(parse("x1*y0 - 2^1*x0*y1"), (), {"x1": trace, "y1": trace})
-    present = rng.random((10, 12)) < 0.4
-    row_ends = np.concatenate([[0], np.cumsum(present.sum(axis=1))])
-    targets = np.nonzero(present)[1].astype(np.int32)
-    sparse = Plastic("p", 1, rule, row_ends, targets, 12, np.zeros(targets.size, dtype=np.int64), 8, "mixed")
-    whole = dense(rule, 10, 12, np.zeros((10, 12), dtype=np.int64))
-    for step in range(1, 4):
-        pre, post = spikes(rng, 10), spikes(rng, 12)
-        sparse.step(step, pre, post)
-        whole.step(step, pre, post)
-    np.testing.assert_array_equal(sparse.weights, whole.weights.reshape(10, 12)[present])
-    assert np.any(sparse.weights != 0)
 
 
 def test_stochastic_rounding_is_unbiased():
@@ -313,15 +221,6 @@ def test_changes_below_the_accumulator_are_lost_and_large_ones_saturate():
     large.step(1, np.array([0]), NONE)
     assert large.weights[0] == 255
     assert large.counts.tolist() == [1, 1, 1, 0, 0, 2]
-
-
-def test_a_trace_saturates_and_says_so():
-    rule = LearningRule(parse("x1*y0"), (), {"x1": Trace(100, 1, 1)})
-    plastic = dense(rule, 1, 1, np.array([[0]]))
-    plastic.step(1, np.array([0]), NONE)
-    plastic.step(2, np.array([0]), NONE)
-    assert plastic.xs[0, 0, 0] == 127
-    assert plastic.saturated == 1
 
 
 def test_dopamine_spikes_add_up():

@@ -4,14 +4,14 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from hypothesis import given, strategies as st
+from hypothesis import given, settings, strategies as st
 
 import neuro
 from neuro.chips.loihi.learning import COARSE_UPDATE, SMALLEST_UPDATE, fading, nearest_fit, rule_of
 from neuro.core.errors import ModelError
 from neuro.model.synapses import r_stdp, stdp, stdp_dopa
 from neuro.model.synapses.loihi_learning import loihi_learning, parse
-from neuro.model.synapses.loihi_rule import FACTORS, WIDTHS, Factor, LearningRule, Term, Trace, text
+from neuro.model.synapses.loihi_rule import FACTORS, WIDTHS, Factor, Term, Trace, text
 from neuro_chip.plastic import Plastic
 
 TRACES = {"x1_impulse": 20, "x1_tau": 10, "y1_impulse": 20, "y1_tau": 10}
@@ -35,16 +35,10 @@ TERM = st.tuples(st.lists(PLAIN, max_size=4).map(tuple), st.sampled_from(["x0", 
 )
 
 
+@settings(max_examples=40)
 @given(st.lists(TERM, max_size=4).map(tuple))
 def test_text_reads_back(terms):
     assert parse(text(terms)) == terms
-
-
-def test_text_of_the_pairwise_rule():
-    (plus, minus) = parse("2^-2*x1*y0 - 2^-2*y1*x0")
-    assert plus == Term(1, -2, "y0", 0, (Factor("x1"),))
-    assert minus == Term(-1, -2, "x0", 0, (Factor("y1"),))
-    assert text((plus, minus)) == "2^-2*y0*x1 - 2^-2*x0*y1"
 
 
 @pytest.mark.parametrize(
@@ -130,21 +124,6 @@ def test_synapse_mistakes(words, message):
     assert message in str(caught.value)
 
 
-@pytest.mark.parametrize(
-    ("make", "message"),
-    [
-        (lambda: LearningRule((), epoch=0), "epoch = 0: expected 1 to 63 steps"),
-        (lambda: LearningRule((), rounding="up"), "rounding = 'up': expected stochastic or away"),
-        (lambda: Trace(128, 0, 1), "impulse 128: expected 0 to 127"),
-        (lambda: Trace(1, 2, 1), "decay 2/1: expected 0 to 1"),
-    ],
-)
-def test_rule_mistakes(make, message):
-    with pytest.raises(ModelError) as caught:
-        make()
-    assert message in str(caught.value)
-
-
 @given(st.floats(0.2, 200.0))
 def test_amplitudes_are_within_two_percent(change):
     assert nearest_fit(change, 11, "it").value == pytest.approx(change, rel=0.02)
@@ -176,12 +155,6 @@ def test_what_the_engine_cannot_do(synapse, scale, message):
     with pytest.raises(ModelError) as caught:
         rule_of(synapse, 1.0, 20.0, scale)
     assert message in str(caught.value)
-
-
-def test_a_rule_without_potentiation():
-    mapped = rule_of(stdp(lambda_=0.0), 1.0, 20.0, 1.0)
-    assert mapped.rule.dw == ()
-    assert rule_of(stdp(alpha=0.0), 1.0, 20.0, 1.0).rule.dw[0].gate == "y0"
 
 
 def test_what_is_approximated_is_said():
@@ -237,9 +210,7 @@ def float_and_chip(synapse, weight, *, signal=None, largest_n=1.0, n=30, repeats
     return np.ravel(sim.weights("plastic")[2]) - weight, np.mean(changes, axis=0)
 
 
-@pytest.mark.parametrize(
-    ("mu_plus", "mu_minus", "alpha"), [(0.0, 0.0, 0.5), (1.0, 1.0, 0.5), (0.0, 1.0, 0.5), (0, 0, 2.0)]
-)
+@pytest.mark.parametrize(("mu_plus", "mu_minus", "alpha"), [(0.0, 0.0, 0.5), (1.0, 1.0, 0.5)])
 def test_stdp_learns_what_the_float_rule_learns(mu_plus, mu_minus, alpha):
     synapse = stdp(mu_plus=mu_plus, mu_minus=mu_minus, alpha=alpha, lambda_=0.01, Wmax=255.0)
     wanted, found = float_and_chip(synapse, 128.0)
@@ -248,18 +219,10 @@ def test_stdp_learns_what_the_float_rule_learns(mu_plus, mu_minus, alpha):
     assert np.corrcoef(wanted, found)[0, 1] > 0.9
 
 
-SIGNALS = {
-    "steady": (lambda rng, n: np.full(n, 0.04), {"A_minus": 0.3}),
-    "negative": (lambda rng, n: np.full(n, -0.04), {"A_minus": 0.3}),
-    "both": (lambda rng, n: rng.normal(0.0, 0.03, n), {"A_minus": 0.3, "b": 0.006}),
-}
-
-
-@pytest.mark.parametrize("name", sorted(SIGNALS))
-def test_stdp_dopa_learns_what_the_float_rule_learns(name):
-    signal, words = SIGNALS[name]
-    synapse = stdp_dopa(Wmax=255.0, signal="reward", **words)
-    wanted, found = float_and_chip(synapse, 128.0, signal=signal, largest_n=0.1)
+def test_stdp_dopa_learns_what_the_float_rule_learns():
+    """Dopamine of both signs."""
+    synapse = stdp_dopa(Wmax=255.0, signal="reward", A_minus=0.3, b=0.006)
+    wanted, found = float_and_chip(synapse, 128.0, signal=lambda rng, n: rng.normal(0.0, 0.03, n), largest_n=0.1)
     assert found.mean() == pytest.approx(wanted.mean(), abs=0.1 * wanted.std())
     assert (wanted @ found) / (wanted @ wanted) == pytest.approx(1.0, abs=0.04)
     assert np.corrcoef(wanted, found)[0, 1] > 0.9

@@ -8,7 +8,6 @@ import pytest
 
 import neuro
 from neuro import ModelError
-from neuro.chips.placing.packing import synapse_bits
 from neuro.testing import observe
 from neuro.testing.case import differences
 from neuro_models import orders
@@ -120,11 +119,6 @@ def test_reward_orders_delays_as_on_event():
         assert (told.winner == labels[40:])[-60:].mean() >= 0.95
     assert np.array_equal(found[0][0], found[1][0])
     assert np.abs(found[0][1] - found[1][1]).max() < 0.05
-
-
-def test_a_synapse_has_room_for_the_longest_delay_and_the_tag():
-    program = neuro.compile(gathered(drawn_onsets(seed=2, cells=1), 1, d_max=60.0)).program
-    assert synapse_bits(program, 0) == 8 + 6 + 9
 
 
 def refusal(net, chip_name) -> str:

@@ -3,7 +3,6 @@
 import json
 import math
 from itertools import pairwise
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -174,21 +173,6 @@ def test_several_spikes_in_a_step_are_multiplied():
     assert report["neuron_ops"]["effective"] is None
 
 
-class Far:
-    """A placement in which the hidden neurons' spikes travel, also between chips, which are moves like others."""
-
-    def hops(self, index):
-        size = SIZES[index]
-        moves = {"local": 7, "east_west": 3 * index, "north_south": 2 * index, "chip": index}
-        return SimpleNamespace(**{name: np.full(size, n) for name, n in moves.items()})
-
-
-def test_hops_are_the_moves_between_tiles(run):
-    sim = run[2]
-    report = neurobench(sim.program, sim._engine.counts(), samples=SAMPLES, placement=Far())
-    assert report["hops"] == 5 * report["spikes"]["hidden"] > 0
-
-
 @pytest.mark.parametrize("padding", [0, 2])
 @pytest.mark.parametrize("stride", [1, 2])
 def test_a_grid_is_a_convolution(stride, padding):
@@ -216,19 +200,6 @@ def test_a_grid_is_a_convolution(stride, padding):
     assert report["connection_sparsity"] == round(float((kernels == 0).mean()), 4)
 
 
-def test_currents_are_no_layer():
-    net = neuro.Network("current", resolution=1.0)
-    net.population("dc", 1, neuro.dc_generator(amplitude=10.0))
-    net.population("out", 3, neuro.izhikevich())
-    net.connect("dc", "out", neuro.all_to_all(), weight=1.0, delay=1.0)
-    sim = neuro.compile(net, "reference")
-    sim.run(5.0)
-    report = neurobench(sim.program, sim._engine.counts())
-    assert report["synaptic_operations"]["dense"] == 0
-    assert report["connection_sparsity"] == 0.0
-    assert report["neuron_ops"] == {"effective": None, "dense": 0.0, "left_out": ["out"]}
-
-
 @pytest.mark.parametrize(
     ("words", "message"),
     [
@@ -250,47 +221,3 @@ def test_mistakes(run, words, message):
     with pytest.raises(ModelError) as caught:
         neurobench(sim.program, sim._engine.counts(), **words)
     assert str(caught.value) == message
-
-
-@pytest.mark.filterwarnings("default")
-def test_the_harness_itself(run, report):
-    """The same network in snnTorch, measured by NeuroBench."""
-    torch = pytest.importorskip("torch", reason="NeuroBench's harness needs torch")
-    snn = pytest.importorskip("snntorch", reason="NeuroBench's harness needs snntorch")
-    models = pytest.importorskip("neurobench.models", reason="NeuroBench is not installed")
-    from neurobench.metrics import static
-    from neurobench.metrics.workload.activation_sparsity import ActivationSparsity
-    from neurobench.metrics.workload.membrane_updates import MembraneUpdates
-    from neurobench.metrics.workload.neuron_operations import NeuronOperations
-    from neurobench.metrics.workload.synaptic_operations import SynapticOperations
-
-    w, x, _, _ = run
-    parts = []
-    for weight in w:
-        layer = torch.nn.Linear(*weight.shape, bias=False)
-        layer.weight.data = torch.tensor(weight.T, dtype=torch.float32)
-        last = len(parts) == 2
-        kind = {"init_hidden": True, "output": last, "reset_mechanism": "zero", "reset_delay": False}
-        parts += [layer, snn.Leaky(beta=BETA, threshold=THRESHOLD, **kind)]
-    model = models.SNNTorchModel(torch.nn.Sequential(*parts))
-    assert static.ParameterCount()(model) == report["parameter_count"]
-    assert static.ConnectionSparsity()(model) == report["connection_sparsity"]
-    buffers = sum(part.numel() * part.element_size() for part in model.net.buffers())
-    assert (
-        static.Footprint()(model) == 4 * report["parameter_count"] + buffers
-    )  # ours counts our own arrays, of 8 bytes
-    model.register_hooks()
-    data = torch.tensor(x, dtype=torch.float32)
-    with torch.no_grad():
-        told = model(data)
-    batch = (data, torch.zeros(SAMPLES))
-    ops = SynapticOperations()(model, told, batch)
-    assert {
-        name: ops[key]
-        for name, key in (("effective_acs", "Effective_ACs"), ("effective_macs", "Effective_MACs"), ("dense", "Dense"))
-    } == report["synaptic_operations"]
-    assert ActivationSparsity()(model, told, batch) == report["activation_sparsity"]
-    assert MembraneUpdates()(model, told, batch) == report["membrane_updates"]
-    neuron = NeuronOperations()(model, told, batch)
-    assert neuron["Effective Neuron Ops"] == report["neuron_ops"]["effective"]
-    assert neuron["Neuron Dense Ops"] == report["neuron_ops"]["dense"]

@@ -120,31 +120,6 @@ def test_sums_wrap_as_in_nengo_loihi_and_are_counted(case):
     assert sim.counts().native == native
 
 
-def test_a_sum_beyond_32_bits_is_counted_too():
-    net = neuro.Network("sum", resolution=1.0)
-    net.population("in", 2064, neuro.spike_generator(spike_times=[[1.0]] * 2064))
-    net.population("out", 1, neuro.loihi_lif(du=4095, dv=4095, vth=131071))
-    net.connect("in", "out", neuro.all_to_all(), neuro.loihi_static(weight_exp=7), weight=254.0, delay=1.0)
-    sim = neuro.compile(net, backend="loihi")
-    with pytest.warns(neuro.OverflowWarning, match="1 input wraps of out"):
-        sim.run(3.0)
-
-
-@pytest.mark.parametrize("weight", [0.3, 1.7, 8.0])
-def test_automatic_scales_leave_room_for_all_input_in_one_step(weight):
-    spikes = {}
-    for backend in ("event", "loihi"):
-        net = neuro.Network("volley", resolution=1.0)
-        net.population("in", 20, neuro.spike_generator(spike_times=[np.arange(5.0, 400.0, 10.0)] * 20))
-        net.population("out", 1, neuro.iaf_psc_delta(t_ref=2.0))
-        net.connect("in", "out", neuro.all_to_all(), weight=weight, delay=1.0)
-        sim = neuro.compile(net, backend=backend)
-        sim.run(400.0)
-        spikes[backend] = sim.counts().spikes
-        assert sim.counts().native == {}
-    assert spikes["loihi"] == spikes["event"]
-
-
 def test_a_conductance_of_spinnaker_that_wraps_is_counted():
     net = neuro.Network("g", resolution=1.0)
     net.population("in", 1, neuro.spike_generator(spike_times=[np.arange(1.0, 50.0)]))

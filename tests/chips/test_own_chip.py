@@ -8,24 +8,21 @@ import numpy as np
 import pytest
 
 import neuro
-from neuro.chips import chip, chips, place, quantise
+from neuro.chips import chip, chips, place
 from neuro.chips.arithmetics import ARITHMETICS
 from neuro.chips.arrival_rule import lag
 from neuro.chips.description import COSTS, LIMITS, Chip, Figure
 from neuro.chips.known import CHIPS
 from neuro.chips.loihi.arithmetic import LOIHI
-from neuro.chips.placing.capacity import too_late
 from neuro.chips.placing.packing import synapse_bits
-from neuro.compare import compare
+from neuro.chips.placing.place import too_late
 from neuro.core import registry
 from neuro.core.errors import ModelError
 from neuro.program.backend import find_backend
-from neuro.run.compiled import ApproximationWarning
 from neuro_chip.backend import ChipBackend
-from neuro_chip.families.every import FAMILIES
+from neuro_chip.families import FAMILIES
 
 LONG = "like: loihi\ntitle: Loihi with long delays\nlimits:\n  delay_max: {value: 200, source: my board}\n"
-SLOW = "like: spinnaker\nname: slow\n"
 NET = """\
 neuro: 1
 name: late
@@ -85,27 +82,11 @@ def test_the_limits_of_ours_stay(late):
     )
 
 
-def test_a_table_of_the_other_family(late):
-    Path("slow.yaml").write_text(SLOW + "limits: {delay_max: {value: 160, source: me}}\n")
-    with pytest.warns(ApproximationWarning, match="no released SpiNNaker binary has it"):
-        sim = neuro.compile(late, backend="slow.yaml")
-    sim.run(200.0)
-    assert (sim.backend, sim.spikes("out")[0].tolist()) == ("slow", [151.0])
-    assert find_backend("slow.yaml").unsupported == find_backend("spinnaker").unsupported
-
-
 def test_an_edited_table_is_read_anew(late):
     neuro.compile(late, backend="long.yaml")
     Path("long.yaml").write_text(LONG.replace("200", "100"))
     told = refusal(lambda: neuro.compile(late, backend="long.yaml"))
     assert "149 steps in the delay register, which holds at most 100 on long\n  hint: use at most 101 ms" in told
-
-
-def test_a_program_is_quantised_anew_for_an_edited_table(late):
-    program = neuro.compile(late, backend="reference").program
-    assert not quantise(program, chip("long.yaml")).problems
-    Path("long.yaml").write_text(LONG.replace("200", "100"))
-    assert [problem.refused for problem in quantise(program, chip("long.yaml")).problems] == [True]
 
 
 MISTAKES = {
@@ -126,18 +107,6 @@ def test_mistakes_in_a_table(late, what):
     text, message = MISTAKES[what]
     Path("my.yaml").write_text(text)
     assert refusal(lambda: neuro.compile(late, backend="my.yaml")) == message
-
-
-def test_a_table_that_is_not_there(late):
-    told = "lang.yaml: no such file\n  hint: did you mean 'long.yaml'?"
-    assert refusal(lambda: neuro.compile(late, backend="lang.yaml")) == told
-
-
-def test_names_of_chips_without_arithmetic_are_no_backends(late):
-    assert refusal(lambda: find_backend("loihi2")) == (
-        "chip 'loihi2' has no arithmetic here: expected one of loihi, spinnaker\n"
-        "  hint: its limits and costs serve placing and energy only"
-    )
 
 
 def test_a_registered_chip_is_known_by_name(late, registered):
@@ -205,22 +174,6 @@ def test_memory_and_limits_agree_on_the_delay_register(model, steps, folder):
     for most, problems in ((register, 0), (register - 1, 1)):
         small = Chip("small", "Small", "", {"delay_max": Figure(float(most), "here")})
         assert len(place(program, small).problems) == problems
-
-
-def test_energy_and_compare_take_a_table(late):
-    Path("cheap.yaml").write_text(LONG + "costs:\n  synaptic_op: {value: 1.0e-12, source: me}\n")
-    sim = neuro.compile(late, backend="cheap.yaml")
-    sim.run(200.0)
-    assert sim.energy("cheap.yaml").total_j < sim.energy("long.yaml").total_j
-    found = compare(late, ["reference", "cheap.yaml", "long.yaml"], 200.0)
-    assert [(run.backend, run.refused) for run in found.runs] == [
-        ("reference", ""),
-        ("cheap.yaml", ""),
-        ("long.yaml", ""),
-    ]
-    cheap, long = (run.own for run in found.runs[1:])
-    assert cheap.total_j < long.total_j
-    assert {run.placement.target for run in found.runs[1:]} == {"cheap", "long"}
 
 
 def test_a_third_family_is_an_object_and_an_entry(folder, monkeypatch):

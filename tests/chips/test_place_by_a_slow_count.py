@@ -88,7 +88,7 @@ def bytes_of(program, target, size, counts):
 MESHES = st.sampled_from([Mesh(2, 2, 2), Mesh(1, 1, 2), Mesh(3, 1, 1)])
 
 
-@settings(max_examples=200, deadline=None)
+@settings(max_examples=60, deadline=None)
 @given(
     programs(),
     st.fixed_dictionaries(SMALL),
@@ -171,7 +171,7 @@ def check_hops(program, placed, reached, multicast, mesh):
             assert values.tolist() == expected, (part.name, name)
 
 
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=15, deadline=None)
 @given(programs(), st.integers(1, 4))
 def test_connected_is_never_longer(program, most):
     target = limited(mesh=Mesh(3, 2, 1), cores_per_chip=6)

@@ -1,7 +1,6 @@
 """Where cores lie on the mesh: hops by hand, orders that keep what is connected close."""
 
 import math
-from dataclasses import replace
 from itertools import combinations, pairwise
 
 import numpy as np
@@ -14,39 +13,12 @@ from neuro.chips import place
 from neuro.chips.description import Mesh
 from neuro.chips.placing.mesh import exchange, lay_out
 from neuro.compiler import compile_network
-from to_place import LOIHI, SPINNAKER, limited, network, sources
+from to_place import LOIHI, limited, network, sources
 
 REMUS = neuro_models.path("remus")
 
 
 # hops
-
-
-def test_hops_by_hand():
-    """Tiles of one core: in -> a[0:2] at (0, 0), a[2:4] at (1, 0), a[4:6] at (0, 1), row by row."""
-    program = network(
-        sources(1), ("a", 6), connect=[("in", "a", neuro.all_to_all()), ("a", "a", neuro.pairs([5, 5, 0], [0, 3, 5]))]
-    )
-    placed = place(program, limited(mesh=Mesh(2, 2, 1), cores_per_chip=4), order="declared", neurons_per_core=2)
-    assert [(core.column, core.row) for core in placed.cores] == [(0, 0), (1, 0), (0, 1)]
-    host, own = placed.hops(0), placed.hops(1)
-    assert [x.tolist() for x in (host.cores, host.local, host.east_west, host.north_south, host.chip)] == [
-        [3], [1], [1], [1], [0]
-    ]  # fmt: skip
-    assert own.east_west.tolist() == [0, 0, 0, 0, 0, 1]
-    assert own.north_south.tolist() == [1, 0, 0, 0, 0, 2]
-    assert placed.total_hops == 6
-
-
-def test_multicast_shares_links_and_chips_are_crossed():
-    program = network(sources(1), ("a", 4), connect=[("in", "a", neuro.all_to_all())])
-    base = limited(SPINNAKER, mesh=Mesh(1, 1, 1), cores_per_chip=1)
-    placed = place(program, base, neurons_per_core=1, order="declared")
-    assert [(core.chip, core.column, core.row) for core in placed.cores] == [(0, 0, 0), (1, 1, 0), (2, 0, 1), (3, 1, 1)]
-    hops = placed.hops(0)
-    assert (hops.cores[0], hops.local[0], hops.east_west[0], hops.north_south[0], hops.chip[0]) == (4, 1, 1, 2, 3)
-    alone = place(program, replace(base, arithmetic="loihi"), neurons_per_core=1, order="declared").hops(0)
-    assert (alone.east_west[0], alone.north_south[0], alone.chip[0]) == (2, 2, 4)
 
 
 # close together
@@ -91,25 +63,12 @@ def test_connected_parts_lie_close_together(make, at_most):
     assert len(close.cores) <= len(declared.cores)
 
 
-def test_chain_on_spinnaker():
-    program = compile_network(chain(), 0)
-    close, declared = (place(program, SPINNAKER, order=order).total_hops for order in ("connected", "declared"))
-    assert 0 < close < 0.5 * declared
-
-
 def test_neurons_at_one_place_of_a_grid_share_a_core():
     program = compile_network(remus(), 0)
     core_of = place(program, LOIHI).core_of[1].reshape(20, 7, 7)
     assert (core_of == core_of[0]).mean() > 0.8
     declared = place(program, LOIHI, order="declared").core_of[1].reshape(20, 7, 7)
     assert (declared[0] == declared[0, 0, 0]).all()
-
-
-def test_the_same_again():
-    program = compile_network(chain(), 0)
-    once, again = (place(program, LOIHI) for _ in range(2))
-    assert str(once) == str(again)
-    assert once.as_dict() == again.as_dict()
 
 
 def test_unused_tiles_that_are_closer_are_taken():

@@ -91,14 +91,6 @@ def test_the_text_with_sources(run):
     ]
 
 
-def test_the_text_of_static_energy(run):
-    rows = str(price(*run, placed(), chip("spinnaker"))).splitlines()
-    assert rows[0] == "SpiNNaker 1 (spinnaker), energy per run: 1 chip, 10 steps, 10 ms of chip time"
-    assert [row.split()[:7] for row in rows if row.startswith("static_per_chip")] == [
-        ["static_per_chip", "spinnaker", "10", "ms", "360", "mW", "3.6"]
-    ]
-
-
 @pytest.mark.parametrize(
     ("value", "text"),
     [

@@ -102,20 +102,3 @@ def test_a_network_without_projections(name):
         sim = neuro.compile(net, name)
     sim.run(50.0)
     assert sim.spikes("out")[1].size > 0
-
-
-@pytest.mark.parametrize(
-    ("name", "model", "value", "limit"),
-    [
-        ("loihi", neuro.loihi_lif(), 2.0**23, 2**23 - 1),
-        ("loihi", neuro.loihi_lif(), 0.5, 2**23 - 1),
-        ("spinnaker", neuro.spinnaker_lif(), 2.0**33, 2**31 - 1),
-    ],
-)
-def test_an_initial_state_that_no_register_holds_is_refused(name, model, value, limit):
-    net = neuro.Network("begin", resolution=1.0)
-    net.population("out", 1, model, initial={"v": value})
-    told = f"population 'out': v = {value:.10g} at step 0: a state register holds whole numbers from -{limit} to "
-    with pytest.raises(neuro.ModelError) as refused:
-        neuro.compile(net, name)
-    assert f"{told}{limit}" in str(refused.value)

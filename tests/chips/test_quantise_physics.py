@@ -55,14 +55,6 @@ def test_a_postsynaptic_potential_has_its_shape(chip, weight, delay):
     assert np.flatnonzero(ours != ours[0])[0] == np.flatnonzero(theirs != theirs[0])[0]
 
 
-def test_spinnaker_has_a_time_constant_for_either_receptor():
-    model = lazy(tau_syn_ex=2.0, tau_syn_in=8.0)
-    ours, theirs = (trace(build(model, b, [300.0, -200.0], [[5.0], [5.0, 30.0]]), 90.0) for b in ("spinnaker", "event"))
-    assert theirs.max() > -70.0 + 0.15
-    assert theirs.min() < -70.0 - 1.0
-    assert np.abs(ours - theirs).max() < 0.02
-
-
 @pytest.mark.parametrize("chip", CHIPS)
 @pytest.mark.parametrize("tau_m", [math.inf, 10.0])
 def test_a_delta_synapse_jumps_at_once(chip, tau_m):
@@ -75,7 +67,7 @@ def test_a_delta_synapse_jumps_at_once(chip, tau_m):
 @pytest.mark.parametrize("chip", CHIPS)
 @pytest.mark.parametrize("model", [neuro.iaf_psc_exp, neuro.iaf_psc_delta])
 def test_rates_follow_the_current(chip, model):
-    for i_e in (300.0, 400.0, 700.0, 1500.0):
+    for i_e in (300.0, 400.0, 1500.0):
         cells = model(I_e=i_e, E_L=-70.0, V_reset=-70.0, t_ref=2.0)
         counts, first = {}, {}
         for backend in (chip, "event"):
@@ -90,7 +82,7 @@ def test_rates_follow_the_current(chip, model):
 
 
 @pytest.mark.parametrize("chip", CHIPS)
-@pytest.mark.parametrize("steps", [0, 1, 2, 5, 63])
+@pytest.mark.parametrize("steps", [0, 2, 63])
 def test_refractory_periods_are_exact(chip, steps):
     model = neuro.iaf_psc_delta(E_L=0.0, V_reset=0.0, V_th=4.0, tau_m=math.inf, t_ref=steps * H)
     found = {}
@@ -104,15 +96,6 @@ def test_refractory_periods_are_exact(chip, steps):
 
 
 @pytest.mark.parametrize("chip", CHIPS)
-def test_the_threshold_is_reached_not_passed(chip):
-    model = neuro.iaf_psc_delta(E_L=0.0, V_reset=0.0, V_th=12.0, tau_m=math.inf, t_ref=0.0)
-    for weights, fires in (((4.0, 8.0), True), ((4.0, 7.0), False), ((12.0,), True)):
-        sim = build(model, chip, weights, [[1.0]] * len(weights), H)
-        sim.run(5.0)
-        assert sim.spikes("out")[0].tolist() == ([1.0 + H] if fires else [])
-
-
-@pytest.mark.parametrize("chip", CHIPS)
 @pytest.mark.parametrize("model", [lazy(), neuro.iaf_psc_delta(E_L=-70.0, V_reset=-70.0, V_th=-20.0)])
 def test_a_current_switches_on_and_off(chip, model):
     current = neuro.dc_generator(amplitude=350.0, start=10.0, stop=50.0)
@@ -122,18 +105,6 @@ def test_a_current_switches_on_and_off(chip, model):
     assert np.abs(ours - theirs).max() < 0.01 * top
     assert np.argmax(ours > -69.999) == np.argmax(theirs > -69.999)
     assert np.argmax(ours) == np.argmax(theirs)
-
-
-@pytest.mark.parametrize("chip", CHIPS)
-def test_a_current_can_be_changed_up_to_the_described_one(chip):
-    sims = [build(lazy(), b, current=neuro.dc_generator(amplitude=400.0)) for b in (chip, "event")]
-    rows = []
-    for sim in sims:
-        for amplitude in (400.0, -200.0, 0.0):
-            sim.set("dc", amplitude=amplitude)
-            sim.run(30.0)
-        rows.append(sim.trace("v")[1][:, 0])
-    assert np.abs(rows[0] - rows[1]).max() < 0.01 * np.ptp(rows[1])
 
 
 @pytest.mark.parametrize("chip", CHIPS)
@@ -165,38 +136,6 @@ def test_currents_are_told_but_for_what_arrives_in_the_step(chip, name, weight):
 
 
 # changes while running
-
-CHANGES = [
-    {"V_th": -61.0},
-    {"I_e": 250.0},
-    {"tau_m": 20.0},
-    {"C_m": 500.0},
-    {"t_ref": 5.0},
-    {"V_th": -62.0, "t_ref": 1.0, "tau_m": 15.0},
-]
-
-
-@pytest.mark.parametrize("chip", CHIPS)
-@pytest.mark.parametrize("values", CHANGES, ids=lambda values: ",".join(values))
-def test_parameters_change_while_it_runs(chip, values):
-    model = neuro.iaf_psc_exp(E_L=-70.0, V_reset=-70.0, I_e=100.0)
-    rows, spikes = [], []
-    for backend in (chip, "event"):
-        sim = build(model, backend, [900.0], [np.arange(1.0, 200.0, 5.0)])
-        sim.run(60.0)
-        sim.set("out", **values)
-        for name, value in values.items():
-            assert sim.get("out", name)[0] == value
-        sim.run(140.0)
-        rows.append(sim.trace("v")[1][:, 0])
-        spikes.append(sim.spikes("out")[0])
-    ours, theirs = spikes
-    assert theirs.size > 2
-    assert abs(ours.size - theirs.size) <= 1
-    if ours.size == theirs.size:
-        assert np.abs(ours - theirs).max() <= 2 * H
-    quiet = slice(0, int(min(ours[0], theirs[0]) / H) - 1)
-    assert np.abs(rows[0] - rows[1])[quiet].max() < 0.15
 
 
 @pytest.mark.parametrize("chip", CHIPS)
@@ -244,19 +183,6 @@ def test_registers_follow_what_is_set(chip, name):
     assert value(sim)[0] / before == pytest.approx(FACTORS[chip][name], rel=2e-3)
 
 
-def test_raw_states_are_registers():
-    sim = build(lazy(), "loihi", [400.0], [[5.0]])
-    sim.run(8.0)
-    fixed = sim._engine.fixed.populations[0]
-    for name, register, unit in (("V_m", "v", fixed.volt), ("I_syn_ex", "u", fixed.ampere[0][0])):
-        raw = sim.get("out", name, raw=True)
-        assert raw.dtype == np.int64
-        np.testing.assert_array_equal(raw, sim.get("out", register, raw=True))
-        assert raw[0] / unit == pytest.approx(sim.get("out", name)[0] + (70.0 if name == "V_m" else 0.0))
-        assert raw[0] != 0
-    assert sim.get("p0", "weight", raw=True).tolist() == [sim._engine.fixed.projections[0].mantissas[0]]
-
-
 TOO_MUCH = [
     ({"V_th": 0.0}, "population 'out': V_th - E_L needs", "the 17-bit threshold register holds at most 131071"),
     (
@@ -298,46 +224,6 @@ def test_a_sign_mode_is_kept_while_weights_and_parameters_change():
     sim.set("out", tau_m=12.0)
     sim.set_weights("p", [100.0, -200.0])
     np.testing.assert_allclose(sim.weights("p")[2], [100.0, -200.0], rtol=0.02)
-
-
-@pytest.mark.parametrize("v_th", [-60.0, -40.0])
-def test_the_threshold_that_is_set_is_the_threshold_that_acts(v_th):
-    sim = build(neuro.iaf_psc_exp(E_L=-70.0, V_reset=-70.0, V_th=-30.0, I_e=1000.0), "loihi", [2000.0], [[5.0]])
-    sim.set("out", V_th=v_th, I_e=1000.0)
-    voltages = trace(sim, 100.0)
-    assert v_th - 2.0 < voltages.max() < v_th
-
-
-def test_networks_whose_values_are_exact_fire_at_the_same_steps_everywhere():
-    rng = np.random.default_rng(5)
-    net = neuro.Network("exact", resolution=1.0)
-    times = [sorted(rng.choice(np.arange(1.0, 250.0), 60, replace=False)) for _ in range(12)]
-    net.population("in", 12, neuro.spike_generator(spike_times=times))
-    cells = neuro.iaf_psc_delta(E_L=0.0, V_reset=0.0, V_th=16.0, tau_m=math.inf, t_ref=2.0)
-    net.population("a", 10, cells)
-    net.population("b", 6, cells)
-    for name, source, target, size in (("ia", "in", "a", 120), ("ab", "a", "b", 60), ("ba", "b", "a", 60)):
-        weight = rng.integers(-15, 63, size) * 2.0 if name != "ba" else rng.integers(-12, 8, size) * 1.0
-        delay = rng.integers(1, 9, size).astype(float)
-        net.connect(source, target, neuro.all_to_all(), weight=weight / 8, delay=delay, name=name)
-    found = {}
-    for backend in ("reference", "event", *CHIPS):
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore", ApproximationWarning)
-            sim = neuro.compile(net, backend)
-        sim.run(260.0)
-        found[backend] = [np.stack(sim.spikes(name)) for name in "ab"]
-    assert all(spikes.shape[1] > 30 for spikes in found["reference"])
-    for backend in ("event", *CHIPS):
-        for ours, theirs in zip(found[backend], found["reference"], strict=True):
-            np.testing.assert_array_equal(ours, theirs, err_msg=backend)
-
-
-@pytest.mark.parametrize("backend", ["reference", *CHIPS])
-def test_a_driven_neuron_fires_as_soon_as_it_is_no_longer_refractory(backend):
-    times = build(neuro.iaf_psc_exp(t_ref=2.0, I_e=100_000.0, tau_m=10.0), backend)
-    times.run(50.0)
-    assert set(np.diff(times.spikes("out")[0]).tolist()) == {2.0 + H}
 
 
 def test_currents_on_loihi_decay_by_their_time_constant():

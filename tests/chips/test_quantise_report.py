@@ -11,7 +11,7 @@ import pytest
 import neuro
 from neuro.chips import chip, quantise
 from neuro.chips.quantising.fixed_program import report
-from neuro.chips.quantising.losses import LIMITS
+from neuro.chips.quantising.quantise import LIMITS
 from neuro.compiler import compile_network
 from neuro.run.compiled import ApproximationWarning
 
@@ -123,27 +123,6 @@ def test_a_warning_just_above_its_limit_and_none_below(limit):
     assert text in told(above(), name, **options)
 
 
-def test_a_current_of_delta_neurons_on_spinnaker_is_told():
-    assert told(one(delta(I_e=1.0, C_m=3e4, tau_m=math.inf)), "spinnaker") == [
-        (
-            "population 'out': I_e = 1 becomes 0.915527 pA",
-            "8.4% is the error of the constant current",
-            "raise the current, or leave it out",
-        )
-    ]
-
-
-def test_a_neuron_that_the_machine_has_not_is_told():
-    problems = quantise(one(delta()), chip("spinnaker")).problems
-    assert [(p.refused, p.what, p.why) for p in problems] == [
-        (
-            False,
-            "population 'out': iaf_psc_delta",
-            "no released SpiNNaker binary has it: it is emulated in the same arithmetic, slots added to v",
-        )
-    ]
-
-
 RULE = """\
 backend 'loihi': {place}: projection 'in_out': stdp: the chip's learning engine runs it otherwise:
     - """
@@ -241,20 +220,6 @@ notes
 @pytest.mark.parametrize("name", REPORTS)
 def test_the_report(name):
     assert report(quantise(example(), chip(name))) + "\n" == REPORTS[name]
-
-
-def test_the_report_of_parts_in_registers():
-    text = report(quantise(one(neuro.loihi_lif(), weight=20.0, rule=neuro.loihi_static(weight_exp=3)), chip("loihi")))
-    assert text.splitlines()[2:] == [
-        "population  neurons  is a       units per mV  quantity  described  on the chip  error",
-        "out         1        loihi_lif  -             -         -          -            -",
-        "",
-        "projection  weights  bits  signs  scale       a step  delay   become 0  largest error  rms",
-        "in_out      1        8     mixed  exponent 3  1       1 as 0  0         0              0",
-        "",
-        "notes",
-        "  - the host sends the spikes of generators",
-    ]
 
 
 @pytest.mark.parametrize("name", REPORTS)

@@ -1,7 +1,6 @@
 """The search for scales: what a mantissa can hold becomes exact, nothing saturates, and what is set by hand holds."""
 
 import math
-import time
 
 import numpy as np
 import pytest
@@ -59,23 +58,11 @@ def representable(draw):
 
 
 @given(representable())
-@settings(deadline=None, max_examples=100)
+@settings(deadline=None, max_examples=40)
 def test_representable_weights_become_exact(weights):
     wires = on("loihi", network([weights])).projections[0]
     np.testing.assert_allclose(wires.weights(wires.mantissas), weights, rtol=1e-15, atol=0)
     assert (wires.rounding.saturated, wires.rounding.zeroed, wires.rounding.worst, wires.rounding.rms) == (0, 0, 0, 0)
-
-
-@given(representable(), representable(), st.integers(-3, 3))
-@settings(deadline=None, max_examples=100)
-def test_two_projections_whose_scales_differ_by_a_power_of_two_become_exact(one, two, apart):
-    peaks = [np.abs(w).max() or 1.0 for w in (one, two)]
-    two = two * 2.0 ** (np.round(np.log2(peaks[0] / peaks[1])) + apart)
-    if len({float(np.abs(w).max() / 2.0 ** np.floor(np.log2(np.abs(w).max() or 1.0))) for w in (one, two)}) > 1:
-        return  # the largest mantissas differ: a scale may fit one of them only
-    strong = neuro.iaf_psc_delta(E_L=0.0, V_reset=0.0, V_th=0.1 * (np.abs(one).max() or 1.0))  # exponents well above 0
-    for wires, weights in zip(on("loihi", network([one, two], strong)).projections, (one, two), strict=True):
-        np.testing.assert_allclose(wires.weights(wires.mantissas), weights, rtol=1e-15, atol=0)
 
 
 WEIGHTS = st.lists(st.floats(-1e3, 1e3).filter(lambda w: w == 0 or abs(w) > 1e-3), min_size=1, max_size=12)
@@ -83,7 +70,7 @@ PARTS = st.lists(st.tuples(WEIGHTS, st.floats(1e-2, 1e2)), min_size=1, max_size=
 
 
 @given(PARTS, st.floats(1.0, 1e3), st.floats(0.0, 1e3))
-@settings(deadline=None, max_examples=80)
+@settings(deadline=None, max_examples=40)
 def test_no_weight_is_off_by_more_than_half_a_grain(parts, v_th, i_e):
     weights = [np.array(values) * factor for values, factor in parts]
     program = network(weights, neuro.iaf_psc_exp(E_L=0.0, V_reset=0.0, V_th=v_th, I_e=i_e))
@@ -102,7 +89,7 @@ def test_no_weight_is_off_by_more_than_half_a_grain(parts, v_th, i_e):
 
 
 @given(PARTS)
-@settings(deadline=None, max_examples=100)
+@settings(deadline=None, max_examples=40)
 def test_words_of_spinnaker_are_off_by_at_most_half_a_unit(parts):
     weights = [np.array(values) * factor for values, factor in parts]
     program = network(weights, neuro.iaf_psc_exp(E_L=0.0, V_reset=0.0, V_th=15.0))
@@ -130,7 +117,7 @@ def test_the_largest_weight_keeps_256_steps_where_very_many_converge():
 
 
 @given(st.floats(1.0, 1e5), st.integers(-8, 7))
-@settings(deadline=None, max_examples=50)
+@settings(deadline=None, max_examples=20)
 def test_a_scale_and_an_exponent_by_hand_hold(scale, exponent):
     weight = 100.0 * 64.0 * 2.0**exponent / scale
     fixed = on("loihi", network([[weight]]), scales={"out": scale}, exponents={"p0": exponent})
@@ -148,14 +135,6 @@ def test_bits_that_a_negative_exponent_does_not_send_are_told():
     assert (wires.mantissas.tolist(), wires.words.tolist()) == ([7], [0])
     assert wires.rounding.zeroed == 1.0
     assert "100.0% of the weights other than 0 become 0" in [p.why for p in fixed.problems]
-
-
-def test_an_exponent_by_hand_is_that_of_its_projection_alone():
-    program = network([[1.0], [1.0]])
-    free = on("loihi", program)
-    held = on("loihi", program, exponents={"p1": free.projections[1].exponent + 1})
-    assert held.projections[0].exponent == free.projections[0].exponent
-    assert held.projections[1].mantissas[0] == round(free.projections[1].mantissas[0] / 2)
 
 
 @given(st.integers(0, 15), st.integers(0, 15))
@@ -177,7 +156,7 @@ DIFFERENT = st.lists(
 
 
 @given(DIFFERENT, st.floats(1.0, 500.0), st.booleans())
-@settings(deadline=None, max_examples=80)
+@settings(deadline=None, max_examples=40)
 def test_neurons_that_differ_have_each_their_registers_and_their_weights(neurons, peak, shared):
     tau_m, c_m, v_th, i_e = np.array(neurons).T
     n = len(neurons)
@@ -196,20 +175,8 @@ def test_neurons_that_differ_have_each_their_registers_and_their_weights(neurons
     np.testing.assert_array_equal(cells.registers["dv"], np.rint(-4096 * np.expm1(-1.0 / tau_m)))
 
 
-@given(st.integers(1, 4), st.lists(st.integers(-128, 127), min_size=16, max_size=16))
-@settings(deadline=None, max_examples=40)
-def test_kernels(maps, halves):
-    kernel = np.resize(np.array(halves) * 2.0, (maps, 1, 2, 2))
-    net = neuro.Network("grid", resolution=1.0)
-    net.population("in", (1, 5, 5), neuro.spike_generator())
-    net.population("out", (maps, 4, 4), neuro.iaf_psc_delta(E_L=0.0, V_reset=0.0, V_th=500.0))
-    net.connect("in", "out", neuro.grid((2, 2)), weight=kernel, delay=1.0, name="k")
-    wires = on("loihi", compile_network(net, 0)).projections[0]
-    np.testing.assert_allclose(wires.weights(wires.mantissas), kernel.ravel(), rtol=1e-15, atol=0)
-
-
 @given(st.floats(1e-3, 1e3), st.floats(0.0, 1.0))
-@settings(deadline=None, max_examples=50)
+@settings(deadline=None, max_examples=20)
 def test_plastic_weights_reach_the_largest_mantissa_at_their_bound(bound, share):
     rule = neuro.stdp(Wmax=bound, lambda_=0.1)
     wires = on("loihi", network([[bound * share] * 3], synapse=rule)).projections[0]
@@ -244,22 +211,6 @@ def test_a_weak_static_projection_beside_a_plastic_one_keeps_its_grain():
 # speed
 
 
-@pytest.mark.parametrize("layout", ["dense", "csr"])
-@pytest.mark.parametrize("name", ["loihi", "spinnaker"])
-def test_a_million_synapses_take_little_time(name, layout):
-    net = neuro.Network("large", resolution=1.0)
-    net.population("in", 1000, neuro.spike_generator())
-    net.population("out", 1000 if layout == "dense" else 10_000, neuro.iaf_psc_exp())
-    rule = neuro.all_to_all() if layout == "dense" else neuro.fixed_outdegree(1000)
-    net.connect("in", "out", rule, weight=neuro.normal(mean=100.0, std=30.0), delay=1.0)
-    program = compile_network(net, 0)
-    began = time.perf_counter()
-    fixed = quantise(program, chip(name))
-    took = time.perf_counter() - began
-    assert fixed.projections[0].mantissas.size == 1_000_000
-    assert took < 1.5, "0.03 to 0.1 s on a core of its own"
-
-
 # room for many spikes in one step
 
 
@@ -278,21 +229,6 @@ def test_room_for_many_spikes_costs_no_precision():
     assert many.projections[0].rounding.rms == few.projections[0].rounding.rms
     assert many.projections[0].exponent == 0 < few.projections[0].exponent
     assert many.populations[0].registers["vth"][0] >= 1023
-
-
-def test_room_for_many_spikes_keeps_the_threshold_fine():
-    cells = on("loihi", network([np.full(5000, 10.0)])).populations[0]
-    assert 1023 <= cells.registers["vth"][0] < 4096
-    leaky = neuro.iaf_psc_delta(E_L=0.0, V_reset=0.0, V_th=20.0, tau_m=2000.0)
-    cells = on("loihi", network([np.full(5000, 10.0)], leaky)).populations[0]
-    assert cells.volt * 20.0 >= 500 * 2000
-
-
-def test_room_for_many_spikes_is_not_taken_from_weak_weights():
-    weak = np.array([0.0011, 0.002, 0.0007])
-    alone, beside = (on("loihi", network([weak, strong])) for strong in ([2.0], np.full(5000, 2.0)))
-    assert beside.projections[0].rounding.rms == alone.projections[0].rounding.rms
-    assert alone.projections[0].rounding.rms > 0.0
 
 
 def test_a_bias_has_room_for_the_rounding_of_its_two_parts():

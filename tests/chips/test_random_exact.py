@@ -11,11 +11,11 @@ from neuro.program.backend import OverflowWarning
 from neuro.run.compiled import ApproximationWarning
 from neuro.testing import Found, observe
 from neuro.testing.case import differences
-from neuro.testing.exact_strategies import exact_networks
+from neuro.testing.strategies import exact_networks
 
 STEPS = 150
 SETTINGS = settings(
-    max_examples=60,
+    max_examples=15,
     deadline=None,
     derandomize=True,
     suppress_health_check=[HealthCheck.too_slow, HealthCheck.data_too_large],

@@ -5,12 +5,12 @@ from dataclasses import replace
 from pathlib import Path
 
 import pytest
-from hypothesis import given, strategies as st
+from hypothesis import given, settings, strategies as st
 
 import neuro
 from neuro.chips import chip, chips, place, price
 from neuro.chips.description import Figure
-from neuro.chips.pricing.duration import run_of
+from neuro.chips.pricing.price import run_of
 from neuro.core.errors import ModelError
 
 STEPS = 20
@@ -78,17 +78,7 @@ def test_by_hand(sim, table):
     assert str(energy).endswith(f"  > {energy.total_j:g} J ({energy.low_j:g} to {energy.high_j:g} J)")
 
 
-def test_static_energy_takes_both_ranges(sim, table):
-    text = (
-        "step_s: {value: 1.0e-3, low: 0.5e-3, high: 3.0e-3, source: x}\n"
-        "costs: {static_per_chip: {value: 2, low: 1, high: 5, source: x}}"
-    )
-    energy = sim.energy(table(text))
-    expected = (STEPS * 0.5e-3 * 1, STEPS * 1e-3 * 2, STEPS * 3e-3 * 5)
-    assert (energy.low_j, energy.static_j, energy.high_j) == pytest.approx(expected)
-    assert energy.chip_time_range_s == pytest.approx((STEPS * 0.5e-3, STEPS * 3e-3))
-
-
+@settings(max_examples=20, deadline=None)
 @given(low=st.floats(0, 1), high=st.floats(1, 1e6), n=st.integers(1, 100))
 def test_parts_keep_the_range(sim, low, high, n):
     found = chip("loihi")
@@ -117,11 +107,6 @@ def test_outside_of_what_a_figure_holds_for(sim, table):
     assert energy.as_dict()["extrapolated"] == [{"why": why, "costs": ["synaptic_op"]}]
 
 
-def test_what_is_extrapolated_in_any_run(sim, table):
-    energy = sim.energy(table("costs: {synaptic_op: {value: 2, source: x, guess: of a smaller chip}}"))
-    assert energy.extrapolated == {"of a smaller chip": ("synaptic_op",)}
-
-
 def test_our_marks(sim):
     assert sim.energy("loihi").extrapolated == {}
     assert sim.energy("truenorth").extrapolated == {}
@@ -137,7 +122,7 @@ def test_our_marks(sim):
 def test_hops_between_chips_are_extrapolated():
     net = neuro.Network("far", resolution=1.0)
     net.population("in", 1, neuro.spike_generator(spike_times=((1.0,),)))
-    net.population("out", 140_000, neuro.iaf_psc_delta())
+    net.population("out", 132_000, neuro.iaf_psc_delta())
     net.connect("in", "out", neuro.all_to_all(), weight=20.0, delay=1.0, name="w")
     sim = neuro.compile(net, "event")
     sim.run(5.0)
@@ -194,46 +179,6 @@ def test_a_machine_that_cannot_be(sim, words, told):
     with pytest.raises(ModelError) as caught:
         sim.energy("loihi", **words)
     assert str(caught.value) == told
-
-
-MISTAKES = {
-    "low above the value": (
-        "{value: 1, low: 2, source: x}",
-        "my.yaml:1:38: synaptic_op: low: expected low <= value <= high, found low = 2, value = 1",
-    ),
-    "high below the value": (
-        "{value: 3, high: 2, source: x}",
-        "my.yaml:1:39: synaptic_op: high: expected low <= value <= high, found value = 3, high = 2",
-    ),
-    "no number": (
-        "{value: 3, high: a, source: x}",
-        "my.yaml:1:39: synaptic_op: high: found 'a': expected a number >= 0 in J",
-    ),
-    "an unknown condition": (
-        "{value: 3, source: x, holds: {chip: [1, 2]}}",
-        "my.yaml:1:52: unknown condition 'chip'\n  hint: did you mean 'chips'?",
-    ),
-    "no range": (
-        "{value: 3, source: x, holds: {chips: 3}}",
-        "my.yaml:1:59: synaptic_op: holds: chips: found 3: expected two numbers >= 0, the smaller first",
-    ),
-    "a range from right to left": (
-        "{value: 3, source: x, beyond: [2, 1]}",
-        "my.yaml:1:52: synaptic_op: beyond: found [2, 1]: expected two numbers >= 0, the smaller first",
-    ),
-    "a guess without a reason": (
-        "{value: 3, source: x, guess: 3}",
-        "my.yaml:1:51: synaptic_op: guess: found 3: expected text",
-    ),
-}
-
-
-@pytest.mark.parametrize("case", MISTAKES)
-def test_mistakes(table, case):
-    figure, told = MISTAKES[case]
-    with pytest.raises(ModelError) as caught:
-        chip(table(f"costs: {{synaptic_op: {figure}}}"))
-    assert str(caught.value).startswith(told)
 
 
 def test_the_rate_of_a_run_is_in_hertz(sim):

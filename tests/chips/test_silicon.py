@@ -1,12 +1,13 @@
 """Bills beside what was measured on machines: `benchmarks/silicon.py`, and the page that has its table."""
 
-import importlib.util
 import json
 import re
 import sys
 from pathlib import Path
 
 import pytest
+
+from benchmark_scripts import script
 
 ROOT = Path(__file__).parents[2]
 PAGE = (ROOT / "docs" / "reference" / "silicon.md").read_text()
@@ -30,15 +31,7 @@ FACTORS = {
 """Predicted by measured. A table that changes by a tenth of a row moves it; what is drawn moves it by less."""
 
 
-def loaded():
-    spec = importlib.util.spec_from_file_location("silicon", ROOT / "benchmarks" / "silicon.py")
-    module = importlib.util.module_from_spec(spec)
-    sys.modules["silicon"] = module
-    spec.loader.exec_module(module)
-    return module
-
-
-silicon = loaded()
+silicon = script("silicon")
 
 
 @pytest.fixture(scope="module")

@@ -1,12 +1,25 @@
+import shutil
 from pathlib import Path
 
 import pytest
 from matplotlib.image import imread
 
+from small_networks import NETWORK
+
+
+@pytest.fixture(scope="module")
+def file(status_of, tmp_path_factory):
+    """The results of a run."""
+    folder = tmp_path_factory.mktemp("ran")
+    (folder / "net.yaml").write_text(NETWORK)
+    words = ("--backend", "reference", "--for", "20", "--out", folder / "out.h5")
+    assert status_of("run", folder / "net.yaml", *words) == 0
+    return folder / "out.h5"
+
 
 @pytest.fixture
-def ran(neuro, network):
-    neuro("run", network, "--backend", "reference", "--for", "20")
+def ran(file, network):
+    shutil.copy(file, "out.h5")
     return "out.h5"
 
 
@@ -21,7 +34,7 @@ def test_the_command(neuro, ran):
     assert not list(Path().rglob("*.part"))
 
 
-BEGIN = {"png": b"\x89PNG", "pdf": b"%PDF", "svg": b"<?xml"}
+BEGIN = {"pdf": b"%PDF", "svg": b"<?xml"}
 
 
 @pytest.mark.parametrize("form", BEGIN)
@@ -95,9 +108,8 @@ def test_views_that_are_none(neuro, ran, view, expected):
     assert (answer.status, answer.err) == (2, f"error: {expected}\n")
 
 
-def test_what_is_no_folder(neuro, network):
-    neuro("run", network, "--backend", "reference", "--for", "2")
-    for name in ("/dev/full", network):
+def test_what_is_no_folder(neuro, ran):
+    for name in ("/dev/full", "net.yaml"):
         answer = neuro("plot", "out.h5", "--out", name)
         expected = f"error: {name}: is no folder: expected the name of a folder, or a new name\n"
         assert (answer.status, answer.out, answer.err) == (2, "", expected)

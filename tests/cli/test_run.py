@@ -154,7 +154,7 @@ def test_an_interrupted_run_leaves_what_was_recorded(network):
     running = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
     while not any(name.endswith("out.h5.part") for name in os.listdir()) and running.poll() is None:
         time.sleep(0.05)
-    time.sleep(2.0)
+    time.sleep(1.0)
     running.send_signal(signal.SIGINT)
     out, err = running.communicate(timeout=60)
     results = read("out.h5.part")
@@ -206,16 +206,7 @@ def test_of_a_shared_run_one_tells(neuro, network, monkeypatch, rank, told):
     assert answer.err.partition("\n")[0] == told
 
 
-CLOSED = [
-    "--version >&-",
-    "show net.yaml >&-",
-    "models >&- 2>&-",
-    "run net.yaml --for 1 2>&-",
-    "check net.yaml <&- >&- 2>&-",
-]
-
-
-@pytest.mark.parametrize("words", CLOSED)
+@pytest.mark.parametrize("words", ["show net.yaml >&-", "run net.yaml --for 1 2>&-", "models <&- >&- 2>&-"])
 def test_a_closed_stream_is_no_error(network, words):
     main = f'"{sys.executable}" -c "from neuro.cli import main; main()" {words}'
     done = subprocess.run(["sh", "-c", main], capture_output=True, text=True, check=False)

@@ -13,11 +13,6 @@ from neuro.core.extras import install
 CHIPS = ["event", "loihi", "spinnaker"]
 
 
-@pytest.fixture
-def three(net):
-    return compare(net, CHIPS, 200.0, 1)
-
-
 @settings(max_examples=8, deadline=None)
 @given(st.integers(0, 2**31), st.integers(1, 12), st.floats(100.0, 900.0), st.booleans())
 def test_float_backends_are_equal(seed, neurons, weight, plastic):

@@ -1,7 +1,5 @@
-import json
 import re
 from dataclasses import replace
-from html.parser import HTMLParser
 
 import numpy as np
 import pytest
@@ -12,58 +10,16 @@ from neuro.compare import compare, report
 from neuro.compare.report import chip_map, page
 from neuro.core.html import Html, join, svg, table, tag
 from neuro.pages.raster import script
-from rasters import unpacked
-
-VOID = {"meta", "link"}
-
-
-class Tree(HTMLParser):
-    """Checks that elements close in order; keeps attributes, texts by class, and all text."""
-
-    def __init__(self, text):
-        super().__init__()
-        self.open, self.attributes, self.words, self.dots, self.json = [], [], [], {}, False
-        self.feed(text)
-        self.close()
-        assert self.open == []
-
-    def handle_starttag(self, name, attributes):
-        found = dict(attributes)
-        self.attributes += [(name, *pair) for pair in attributes]
-        self.json = name == "script" and found.get("type") == "application/json"
-        if name not in VOID:
-            self.open.append(name)
-
-    def handle_endtag(self, name):
-        self.json = False
-        assert self.open.pop() == name
-
-    def handle_data(self, text):
-        if not self.json:
-            self.words.append(text)
-            return
-        for strip in json.loads(text)["strips"]:
-            for kind, keys in strip["kinds"].items():
-                self.dots[kind] = self.dots.get(kind, 0) + len(unpacked(keys))
-
-    @property
-    def text(self):
-        return " ".join(" ".join(self.words).split())
-
-
-@pytest.fixture
-def three(net):
-    return compare(net, ["event", "loihi", "spinnaker"], 200.0, 1)
+from rasters import Page
 
 
 def test_the_page_needs_nothing_else(three):
     text = page(three)
-    tree = Tree(text)
+    tree = Page(text)
     assert text.startswith("<!doctype html>")
     assert not [part for part in tree.attributes if part[1].startswith("on")]
     assert text.count("<script>") == 1  # ours, which the page's policy names
-    links = [value for _, name, value in tree.attributes if name in ("src", "href", "srcset", "action", "data")]
-    assert links == ["data:,"]  # no icon, so that none is asked for
+    assert tree.links == ["data:,"]  # no icon, so that none is asked for
     assert "@import" not in text
     assert "url(" not in text
     assert "http" not in script()
@@ -71,7 +27,7 @@ def test_the_page_needs_nothing_else(three):
 
 
 def test_what_is_not_priced_is_told_in_the_words_of_energy(three):
-    told = Tree(page(three)).text
+    told = Page(page(three)).text
     cpu = next(bill.energy for bill in three.bills if bill.target == "cpu")
     *_, dynamic, static, total = cpu.sums()
     assert static == ("static", "not priced", "not priced")
@@ -80,7 +36,7 @@ def test_what_is_not_priced_is_told_in_the_words_of_energy(three):
 
 
 def test_the_page_tells_all(three):
-    told = Tree(page(three)).text
+    told = Page(page(three)).text
     for part in ("In numbers", "Spikes", "Weights", "Chips", "Energy", "Rounding", "Warnings and notes"):
         assert f" {part} " in told
     assert "relay 200 ms in steps of 1 ms, seed 1, on event, loihi and spinnaker, each compared with event." in told
@@ -96,7 +52,7 @@ def test_the_page_tells_all(three):
 
 
 def test_rasters_draw_every_spike_and_what_differs(three):
-    tree = Tree(report.rasters(three))
+    tree = Page(report.rasters(three))
     expected = {"same": 0, "missing": 0, "extra": 0}
     for run in three.ran:
         for name, its in run.trains.items():
@@ -117,7 +73,7 @@ def test_rasters_of_many_spikes_are_a_choice_and_say_so(monkeypatch, dots, rows,
     net.population("cells", 500, neuro.iaf_psc_exp(I_e=2000.0, t_ref=1.0))  # 250 Hz each
     found = compare(net, ["event", "reference"], 400.0)
     monkeypatch.setattr(report, "MOST_DOTS", dots)
-    tree = Tree(report.rasters(found))
+    tree = Page(report.rasters(found))
     assert found.first.populations["cells"].spikes == 50_000
     assert dots * 0.89 < tree.dots["same"] / 2 <= dots
     told = f"cells {rows} of 500 neurons, evenly chosen"
@@ -127,7 +83,7 @@ def test_rasters_of_many_spikes_are_a_choice_and_say_so(monkeypatch, dots, rows,
 def test_silent_populations_are_named():
     net = neuro.Network("quiet", resolution=1.0)
     net.population("cells", 3, neuro.iaf_psc_exp())
-    tree = Tree(page(compare(net, ["event", "reference"], 10.0)))
+    tree = Page(page(compare(net, ["event", "reference"], 10.0)))
     assert "Silent on every backend: cells." in tree.text
     assert tree.dots == {}
 
@@ -140,7 +96,7 @@ def test_a_refusal_is_told(net):
         reason="the <reason>",
         counts=None,
     )
-    told = Tree(page(replace(found, runs=(*found.runs[:2], refused)))).text
+    told = Page(page(replace(found, runs=(*found.runs[:2], refused)))).text
     assert "loihi refused the <reason>" in told
     assert "refused: the <reason>" in told
     assert "loihi refused: backend 'loihi' cannot run this the <reason> hint: do" in told
@@ -150,7 +106,7 @@ def test_a_missing_bill_is_told(net):
     found = compare(net, ["event", "reference"], 20.0)
     bills = tuple(replace(bill, energy=None, reason="no room") for bill in found.first.bills)
     first = replace(found.first, bills=bills)
-    told = Tree(page(replace(found, runs=(first, found.runs[1])))).text
+    told = Page(page(replace(found, runs=(first, found.runs[1])))).text
     assert "There is no bill." in told
     assert "no bill for loihi: no room" in told
 
@@ -160,7 +116,7 @@ def test_map_of_several_chips(net):
     placement = place(program, chip("spinnaker"), neurons_per_core=1)
     assert (len(placement.cores), placement.chips_used) == (30, 2)
     drawing = chip_map(placement, chip("spinnaker"))
-    tree = Tree(drawing)
+    tree = Page(drawing)
     rects = [value for name, key, value in tree.attributes if (name, key) == ("rect", "class")]
     assert rects.count("core") == 8 + 30  # the scale's and the map's
     assert rects.count("chip") == 2
@@ -201,6 +157,6 @@ def test_a_network_that_learns(tmp_path):
     assert lost.largest > 0.0
     assert not np.allclose(found.first.final["noise_cells"], 400.0)
     assert found.learnt[0].distinct["event"] > 1
-    told = Tree(page(found)).text
+    told = Page(page(found)).text
     assert "rules applied in noise_cells" in told
     assert "noise_cells 40 synapses, " in told  # its histogram at the end; at the start all weights are one

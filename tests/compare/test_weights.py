@@ -6,7 +6,7 @@ from neuro.chips import chip, quantise
 from neuro.compare.weights import difference, histograms, learnt, rounding
 
 
-@pytest.fixture
+@pytest.fixture(scope="module")
 def program(driven):
     return neuro.compile(driven, backend="reference", seed=3).program
 

@@ -1,8 +1,6 @@
 """The gymnasium environment."""
 
 import copy
-import subprocess
-import sys
 import warnings
 
 import gymnasium
@@ -11,17 +9,10 @@ import pytest
 from gymnasium.utils.env_checker import check_env
 
 import neuro_drone  # noqa: F401  (registers the environment)
-from neuro import ModelError
 from neuro_drone.env import ACTIONS, DroneEnv
 from neuro_drone.scenario import load
 
 KINDS = [(o, a) for o in ("counts", "binary", "frame", "normalised") for a in ("continuous", "discrete")]
-
-
-def told(make):
-    with pytest.raises(ModelError) as error:
-        make()
-    return str(error.value)
 
 
 def episode(env, actions, **reset):
@@ -50,7 +41,9 @@ def test_stable_baselines_finds_nothing_wrong(observation, actions):
     with warnings.catch_warnings():
         if observation != "normalised":
             warnings.filterwarnings("ignore", message=".*unconventional shape.*")  # 8 x 8 is neither picture nor vector
-        checker.check_env(DroneEnv("B60", observation=observation, actions=actions))
+        checker.check_env(
+            DroneEnv("line" if actions == "discrete" else "B60", observation=observation, actions=actions)
+        )
 
 
 def test_made_by_its_name_it_runs_without_a_warning():
@@ -64,11 +57,6 @@ def test_made_by_its_name_it_runs_without_a_warning():
         if terminated or truncated:
             env.reset()
     env.close()
-
-
-def test_importing_the_package_brings_no_numba():
-    code = "import neuro_drone, sys; assert 'numba' not in sys.modules and 'pybullet' not in sys.modules"
-    subprocess.run([sys.executable, "-c", code], check=True)
 
 
 @pytest.mark.parametrize("scenario", ["B60", "B60-shake", "B60-texture", "line"])
@@ -158,17 +146,13 @@ def test_actions_are_in_the_directions_of_the_picture():
             assert abs(last["error"][axis]) < 19.0
 
 
-def test_discrete_actions_are_those_of_the_list():
+def test_discrete_actions_are_those_of_the_list_and_those_beyond_one_are_one():
+    def last(actions, kind="continuous"):
+        return episode(DroneEnv("B60", actions=kind), actions * 3, seed=1)[-1][2]["error"]
+
     for number, pair in enumerate(ACTIONS):
-        discrete = episode(DroneEnv("B60", actions="discrete"), [number] * 3, seed=1)
-        continuous = episode(DroneEnv("B60"), [np.array(pair)] * 3, seed=1)
-        assert discrete[-1][2]["error"] == continuous[-1][2]["error"]
-
-
-def test_actions_beyond_one_are_taken_for_one():
-    far = episode(DroneEnv("B60"), [np.array([9.0, -9.0])] * 3, seed=1)
-    one = episode(DroneEnv("B60"), [[1.0, -1.0]] * 3, seed=1)
-    assert far[-1][2]["error"] == one[-1][2]["error"]
+        assert last([number], "discrete") == last([np.array(pair)])
+    assert last([np.array([9.0, -9.0])]) == last([[1.0, -1.0]])
 
 
 def test_the_reward_falls_with_the_error_and_a_lost_target_ends():
@@ -182,7 +166,6 @@ def test_the_reward_falls_with_the_error_and_a_lost_target_ends():
     for _, reward, info in rows[1:-1]:
         assert reward == pytest.approx(1.0 - info["error_px"] / np.hypot(64.5, 64.5)) == info["reward"]
         assert info["supervised_error"] == pytest.approx(np.array(info["error"]) / 64.0)
-    assert told(lambda: env.step(np.zeros(2))) == "step: no episode is under way: call reset first"
 
 
 def test_a_lap_truncates():
@@ -190,58 +173,17 @@ def test_a_lap_truncates():
     _, info = env.reset(options={"start": (0.0, 0.0)})
     terminated = truncated = False
     while not (terminated or truncated):
-        action = np.clip(8.0 * info["supervised_error"], -1.0, 1.0)
-        _, _, terminated, truncated, info = env.step(action)
-    assert truncated
-    assert not terminated
-    assert info["progress"] == 1.0
+        _, _, terminated, truncated, info = env.step(np.clip(8.0 * info["supervised_error"], -1.0, 1.0))
+    assert (terminated, truncated, info["progress"]) == (False, True, 1.0)
 
 
 def test_pictures():
     env = DroneEnv("B60", render_mode="rgb_array")
-    assert told(env.render) == "render: nothing was seen yet: call reset first"
     env.reset(options={"start": (0.0, 0.0)})
     picture = env.render()
     assert picture.shape == (128, 128, 3)
     assert picture[63, 63, 0] < picture[5, 5, 0]
     assert DroneEnv("B60").render() is None
-
-
-def test_mistakes():
-    env = DroneEnv("B60")
-    assert told(lambda: env.step(np.zeros(2))) == "step: no episode is under way: call reset first"
-    env.reset()
-    for bad, shown in (
-        ([np.nan, 0.0], "action [nan, 0]"),
-        ([np.inf, 0.0], "action [inf, 0]"),
-        (np.zeros(3), "action of shape [3]"),
-        (0.5, "action 0.5"),
-        (["a", 1], "action ['a', 1]"),
-    ):
-        assert told(lambda bad=bad: env.step(bad)) == f"{shown}: expected two numbers in [-1, 1]"
     discrete = DroneEnv("B60", actions="discrete")
     discrete.reset()
-    for bad, shown in ((9, "9"), (-1, "-1"), (0.5, "0.5"), (np.zeros(2), "of shape [2]")):
-        assert told(lambda bad=bad: discrete.step(bad)) == f"action {shown}: expected a whole number from 0 to 8"
     assert discrete.step(np.int64(8))
-    assert (
-        told(lambda: env.reset(options={"strat": (0, 0)}))
-        == "unknown option of reset 'strat'\n  hint: did you mean 'start'?"
-    )
-    assert (
-        told(lambda: env.reset(options={"direction": 1}))
-        == "unknown option of reset 'direction'\n  hint: known: path, start"
-    )
-    assert told(lambda: env.reset(options={"start": 3})) == (
-        "option start = 3: expected two numbers, the error on both axes"
-    )
-    assert (
-        told(lambda: env.reset(options={"path": "varied"}))
-        == "option path = 'varied': expected a neuro_drone.paths.Variation"
-    )
-    assert told(lambda: DroneEnv("line").reset(options={"direction": 2})) == "option direction = 2: expected 1, -1 or 0"
-    assert told(lambda: DroneEnv("B60", observation="count")) == (
-        "observation = 'count': expected counts or binary or frame or normalised"
-    )
-    assert told(lambda: DroneEnv("B60", actions="both")) == "actions = 'both': expected continuous or discrete"
-    assert told(lambda: DroneEnv("B60", render_mode="human")) == "render_mode = 'human': expected None or rgb_array"

@@ -5,12 +5,16 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from drones import SHORT
 from neuro_drone.evaluate import Start, try_out
 from neuro_drone.pictures import density, training, weight_maps, weights
 from neuro_drone.scenario import load
 from neuro_drone.train import train
 
-SHORT = load("A60", **{"task": {"ball": {"lap": 1.5, "speed": 0.15}}})  # a lap of 500 steps
+
+@pytest.fixture(scope="module")
+def lms():
+    return train(SHORT, "lms", steps=2100)
 
 
 def test_maps_are_where_the_fields_are():
@@ -22,11 +26,10 @@ def test_maps_are_where_the_fields_are():
     assert (maps["forward"] + maps["backwards"] == 3000.0).all()
 
 
-def test_maps_of_a_line_and_of_a_read_out():
+def test_maps_of_a_line_and_of_a_read_out(lms):
     maps = weight_maps(train("line", "static"))
     assert list(maps) == ["right", "left", "turn right", "turn left"]
     assert maps["turn right"][:4, 4:].min() > maps["turn right"][:4, :4].max()  # leans to the right: turn right
-    lms = train(SHORT, "lms", steps=600)
     maps = weight_maps(lms)
     assert list(maps) == ["right", "backwards"]
     assert maps["right"][:, 4:].mean() > maps["right"][:, :4].mean()
@@ -56,23 +59,18 @@ def test_the_line_has_an_angle():
     assert abs(1.5 * row - 90) < 15
 
 
-def test_training_shows_each_episode():
-    model = train(SHORT, "lms", steps=600)
-    above, below = training(model).axes
-    assert len(below.lines[0].get_xdata()) + len(below.lines[1].get_xdata()) == len(model.history["steps"])
+def test_training_shows_each_episode_and_the_error_of_frozen_weights(lms):
+    above, below = training(lms).axes
+    assert len(below.lines[0].get_xdata()) + len(below.lines[1].get_xdata()) == len(lms.history["steps"])
     assert above.get_ylabel() == "steps"
-    assert below.lines[2].get_ydata()[0] == model.history["error_px"][0]
+    assert below.lines[2].get_ydata()[0] == lms.history["error_px"][0]
+    [frozen] = [line for line in below.lines if line.get_label() == "weights frozen, short flights"]
+    assert frozen.get_ydata() == pytest.approx(lms.curve["error_px"])
+    ends = np.cumsum(lms.history["steps"])
+    assert [ends[int(k) - 1] for k in frozen.get_xdata()] == lms.curve["steps"].tolist()
 
 
-def test_training_shows_the_error_of_frozen_weights():
-    model = train(SHORT, "lms", steps=2100)
-    [frozen] = [line for line in training(model).axes[1].lines if line.get_label() == "weights frozen, short flights"]
-    assert frozen.get_ydata() == pytest.approx(model.curve["error_px"])
-    ends = np.cumsum(model.history["steps"])
-    assert [ends[int(k) - 1] for k in frozen.get_xdata()] == model.curve["steps"].tolist()
-
-
-def test_the_name_of_a_scenario_is_no_formula(tmp_path):
-    lms = train(replace(SHORT, name="$\\x_{^%$"), "lms", steps=600)
-    for picture in (density(lms, try_out(lms, starts=[Start((30.0, 0.0))])), training(lms), weights(lms)):
+def test_the_name_of_a_scenario_is_no_formula(lms, tmp_path):
+    odd = replace(lms, scenario=replace(SHORT, name="$\\x_{^%$"))
+    for picture in (density(odd, try_out(odd, starts=[Start((30.0, 0.0))])), training(odd), weights(odd)):
         picture.savefig(tmp_path / "a.png", dpi=20)

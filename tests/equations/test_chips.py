@@ -9,6 +9,7 @@ import yaml
 import neuro
 from neuro import ModelError
 from neuro.chips import chip, quantise
+from refusals import refusal, refusals
 
 MODELS = yaml.safe_load(Path(__file__).with_name("models.yaml").read_text())["models"]
 CHIPS = pytest.mark.parametrize("target", ["loihi", "spinnaker"])
@@ -132,72 +133,19 @@ LINEAR = {
 }
 
 
-@pytest.mark.parametrize(
-    ("words", "reason", "way"),
-    [
-        (MODELS["own_izhikevich"], "its equation of V_m is not linear, see 'V_m^2'", ""),
-        (
-            MODELS["own_aeif_cond_exp"],
-            "its equation of V_m is not linear, see 'exp((V_m - V_th)/Delta_T)'",
-            "",
-        ),
-        (MODELS["own_iaf_psc_alpha"], "I_syn_ex has an alpha kernel, which is two states", "use kernel exp"),
-        (
-            {
-                **LINEAR,
-                "equations": {
-                    "V_m": "(E_L - V_m)/tau_m + (I_syn + I - w)/C_m",
-                    "w": "(a*(V_m - E_L) - w)/tau_w",
-                },
-            },
-            "it has equations of w beside that of V_m",
-            "",
-        ),
-        (
-            {**LINEAR, "equations": {"V_m": "(E_L - V_m)/tau_m + (2*I_syn + I)/C_m"}},
-            "I and I_syn act on V_m by factors that differ",
-            "",
-        ),
-        (
-            {**LINEAR, "equations": {"V_m": "(I_syn + I)/C_m"}},
-            "V_m has no leak",
-            "add one, e.g. (E_L - V_m)/tau_m",
-        ),
-        ({**LINEAR, "threshold": "V_m > V_th"}, "its threshold is V_m > V_th", "write V_m >= V_th"),
-        (
-            {**LINEAR, "threshold": "V_m >= V_th + I_syn*tau_syn/C_m"},
-            "its threshold follows I_syn",
-            "use parameters alone",
-        ),
-        ({**LINEAR, "reset": {"V_m": "V_m - 15 mV"}}, "its reset of V_m follows V_m", "use parameters alone"),
-        ({**LINEAR, "reset": {"V_m": "E_L", "I_syn": "0"}}, "a spike resets V_m, I_syn", "reset V_m alone"),
-        (
-            {**LINEAR, "refractory": {"time": "t_ref"}},
-            "V_m is not held while it is refractory",
-            "write hold: [V_m]",
-        ),
-        (
-            {**LINEAR, "integrator": "euler"},
-            "its integrator is euler",
-            "leave out 'integrator': it is linear, and solved exactly",
-        ),
-        (
-            {**LINEAR, "receptors": {"I_syn": {"kernel": "exp", "tau": "tau_syn"}, "V_m": {"kernel": "delta"}}},
-            "it has receptors of kernels exp and delta",
-            "use one kernel for both",
-        ),
-    ],
-    ids=range(13),
-)
-def test_of_other_equations_it_says_why_not(words, reason, way):
+def on_loihi(**words):
     net = neuro.Network("other")
     net.population("cells", 2, neuro.equations("other", **words)())
-    with pytest.raises(ModelError) as raised:
+    try:
         neuro.compile(net, backend="loihi")
-    told = f"population 'cells': other: loihi takes equations of iaf_psc_exp, iaf_psc_delta only, and {reason}"
-    hint = way or "use iaf_psc_exp, iaf_psc_delta, or run on event"
-    [only] = raised.value.others
-    assert str(only).endswith(f"{told}\n  hint: {hint}")
+    except ModelError as error:
+        [only] = error.others
+        raise only from None
+
+
+@refusals("equations on chips")
+def test_of_other_equations_it_says_why_not(call: str, message: str):
+    assert refusal(call, globals()) == message
 
 
 def test_a_membrane_that_grows_is_refused():

@@ -53,7 +53,9 @@ def test_a_built_in_written_as_equations_gives_its_spikes_and_potential(name, ba
 
 
 def test_it_runs_as_any_part_does():
-    check_part(neuro.equations("own_iaf_psc_exp", **IAF_PSC_EXP)(t_ref=0.5, tau_m=neuro.uniform(low=5.0, high=20.0)))
+    check_part(
+        neuro.equations("own_iaf_psc_exp", **IAF_PSC_EXP)(t_ref=0.5, tau_m=neuro.uniform(low=5.0, high=20.0)), ms=15.0
+    )
 
 
 @pytest.mark.parametrize("h", [0.1, 1.0, 50.0])

@@ -4,6 +4,7 @@ import pytest
 
 import neuro
 from neuro import ModelError
+from refusals import refusal, refusals
 
 PARAMETERS = {"E_L": "-70 mV", "tau": "10 ms", "V_th": "-50 mV", "sigma": "2 mV"}
 LEAK = {"V_m": "(E_L - V_m)/tau"}
@@ -48,59 +49,9 @@ def test_an_expression(text, column, hint):
     assert error.hint == hint
 
 
-@pytest.mark.parametrize(
-    ("words", "message", "hint"),
-    [
-        (
-            {"equations": "dv/dt = (I - v)/tau : volt"},
-            "equations: found 'dv/dt = (I - v)/tau : volt': expected {name: expression}",
-            ALONE,
-        ),
-        (
-            {"equations": LEAK, "inline": {"I_syn": "w"}},
-            "unknown word of a model 'inline'",
-            "an abbreviation is a word of 'let', e.g. {I_syn: g*(E - V_m)}",
-        ),
-        (
-            {"equations": LEAK, "kernel": {"g": "exp(-t/tau)"}},
-            "unknown word of a model 'kernel'",
-            "spikes arrive in 'receptors', e.g. {g: {kernel: exp, tau: tau_syn}}",
-        ),
-        (
-            {"equations": LEAK, "method": "rk4"},
-            "unknown word of a model 'method'",
-            "the method is a word of 'integrator', e.g. {rk4: {substeps: 4}}",
-        ),
-        ({"on_pre": "v_post += w"}, "on_pre: found 'v_post += w': expected {name: expression}", ALONE),
-        (
-            {"traces": {"A": {"of": "pre", "tau": "10 ms"}}, "parameters": {}},
-            "traces.A: unknown parameter in ms '10 ms'",
-            "write tau: tau_plus, and tau_plus: 20 ms among the parameters",
-        ),
-    ],
-)
-def test_words(words, message, hint):
-    error = refused(**words)
-    assert error.message == f"model 'm': {message}"
-    assert error.hint == hint
-
-
 TRACES = {"K_plus": {"of": "pre", "tau": "tau_plus"}}
 OF_RULES = "doc, initial, on_post, on_pre, on_signal, parameters, source, states, traces"
 OF_NEURONS = "doc, equations, initial, integrator, let, parameters, receptors, refractory, reset, source, threshold"
-
-
-@pytest.mark.parametrize(
-    ("words", "message", "known"),
-    [
-        ({"on_pre": {"w": "w"}, "qwerty": 1}, "unknown word of a rule 'qwerty'", OF_RULES),
-        ({"equations": LEAK, "qwerty": 1}, "unknown word of a model 'qwerty'", OF_NEURONS),
-    ],
-)
-def test_the_words_of_a_rule_are_not_those_of_a_neuron(words, message, known):
-    error = refused(**words)
-    assert error.message == f"model 'm': {message}"
-    assert error.hint == f"known: {known}"
 
 
 @pytest.mark.parametrize("order", [("on_pre", "on_post"), ("on_post", "on_pre")])
@@ -112,33 +63,13 @@ def test_the_line_that_gives_the_weight_a_wrong_unit_is_named(order):
     )
 
 
-REFRACTORY = "write refractory: {time: t_ref, hold: [V_m]}"
+def model(**words):
+    neuro.equations("m", **{"parameters": PARAMETERS, **words})
 
 
-@pytest.mark.parametrize(
-    ("words", "message", "hint"),
-    [
-        (
-            {"parameters": PARAMETERS | {"tau": "10*ms"}},
-            "parameters.tau: found '10*ms': expected a number with its unit, e.g. 281 pF",
-            "write 10 ms",
-        ),
-        (
-            {"parameters": PARAMETERS | {"t_ref": "0.002 s"}, "refractory": {"time": "t_ref"}},
-            "refractory: t_ref is in 's': expected ms",
-            "write t_ref: 2 ms",
-        ),
-        (
-            {"refractory": "5*ms"},
-            "refractory: found '5*ms': expected the words of refractory: time, hold",
-            REFRACTORY,
-        ),
-    ],
-)
-def test_values(words, message, hint):
-    error = refused(equations=LEAK, threshold="V_m > V_th", **words)
-    assert error.message == f"model 'm': {message}"
-    assert error.hint == hint
+@refusals("habits")
+def test_words_and_values(call: str, message: str):
+    assert refusal(call, globals()) == message
 
 
 def test_none_is_as_left_out():

@@ -110,7 +110,7 @@ def test_they_run_alike_on_both_backends():
     words = {"threshold": "V_m >= V_th", "reset": {"V_m": "E_L"}, "refractory": {"time": "t_ref", "hold": ["V_m"]}}
     parameters = {**RELAXING["parameters"], "V_th": "-55 mV", "t_ref": "0.5 ms"}
     more = {"parameters": parameters, "integrator": "exponential_euler"}
-    check_part(neuro.equations("firing", **{**RELAXING, **words, **more})())
+    check_part(neuro.equations("firing", **{**RELAXING, **words, **more})(), ms=15.0)
 
 
 @pytest.mark.parametrize(

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 import neuro
-from neuro import ModelError
 from neuro.testing import check_part
+from refusals import refusal, refusals
 
 TRACES = {"K_plus": {"of": "pre", "tau": "tau_plus"}, "K_minus": {"of": "post", "tau": "tau_minus"}}
 MSTDPET = {
@@ -120,7 +120,7 @@ def test_a_state_may_last_no_time():
 
 
 def test_it_runs_as_any_part_does():
-    check_part(neuro.equations("own", **MSTDPET)())
+    check_part(neuro.equations("own", **MSTDPET)(), ms=15.0)
 
 
 def test_a_state_decays_without_a_signal():
@@ -142,40 +142,10 @@ def test_a_saved_network_has_its_rules(tmp_path):
     assert neuro.load(tmp_path / "net.yaml") == net
 
 
-@pytest.mark.parametrize(
-    ("words", "message"),
-    [
-        (
-            {"on_signal": {"w": "gamma*n*z*(Wmax - w)"}},
-            "on_signal.w, column 19: found 'w': expected a rate without w\n    gamma*n*z*(Wmax - w)\n"
-            "                      ^",
-        ),
-        (
-            {"on_signal": {"w": "gamma*n*exp(z*tau_z)/tau_z"}},
-            "on_signal.w, column 9: found 'exp(z*tau_z)': expected a sum of products of at most 4 of z, whose decay is "
-            "integrated exactly\n    gamma*n*exp(z*tau_z)/tau_z\n            ^",
-        ),
-        (
-            {"on_signal": {"w": "gamma*n*K_plus*z"}},
-            "on_signal.w, column 9: 'K_plus' is a trace, which is known at spikes only\n    gamma*n*K_plus*z\n"
-            "            ^",
-        ),
-        ({"on_signal": {"z": "n"}}, "unknown change by a signal 'z'"),
-        ({"on_signal": "n*z"}, "on_signal: found 'n*z': expected {name: expression}"),
-        (
-            {"on_pre": {"z": "z - n/tau_z"}},
-            "on_pre.z, column 5: 'n' is the signal, which acts between spikes\n    z - n/tau_z\n        ^",
-        ),
-        ({"states": {"z": {"tau": "tau"}}}, "states.z: unknown parameter in ms 'tau'"),
-        ({"states": {"K_plus": {}}}, "states.K_plus: 'K_plus' means something else, too: expected another name"),
-        ({"states": {"n": {}}}, "'n' is what the signal sets: expected another name"),
-        ({"states": {"z": {"tau": "tau_z", "unit": "ms"}}}, "states.z: unknown word of a state of a synapse 'unit'"),
-        ({"initial": {"z": "z"}}, "initial.z, column 1: unknown name 'z'\n    z\n    ^"),
-        ({"parameters": {**MSTDPET["parameters"], "Wmax": "0.1 nA"}}, "Wmax is in 'nA': expected pA, nS or mV"),
-        ({"parameters": {**MSTDPET["parameters"], "signal": 1}}, "parameters.signal: 'signal' has a meaning in every"),
-    ],
-)
-def test_mistakes(words, message):
-    with pytest.raises(ModelError) as raised:
-        neuro.equations("m", **{**MSTDPET, **words})
-    assert raised.value.message.startswith(f"model 'm': {message}")
+def rule(**words):
+    neuro.equations("m", **{**MSTDPET, **words})
+
+
+@refusals("modulated equations")
+def test_mistakes(call: str, message: str):
+    assert refusal(call, globals()) == message

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import neuro
-from neuro import ModelError
+from refusals import refusal, refusals
 
 STDP = {
     "traces": {"K_plus": {"of": "pre", "tau": "tau_plus"}, "K_minus": {"of": "post", "tau": "tau_minus"}},
@@ -74,31 +74,10 @@ def test_a_saved_network_has_its_rules(tmp_path):
     assert neuro.load(tmp_path / "net.yaml") == net
 
 
-@pytest.mark.parametrize(
-    ("words", "message"),
-    [
-        (
-            {"on_pre": {"w": "w - K"}},
-            "model 'm': on_pre.w, column 5: unknown name 'K'\n    w - K\n        ^",
-        ),
-        (
-            {"on_post": {"w": "w + Wmax + tau_plus*step"}},
-            "model 'm': on_post.w, column 10: 'w + Wmax' is without unit, 'tau_plus*step' in ms: expected the same "
-            "unit\n    w + Wmax + tau_plus*step\n             ^",
-        ),
-        (
-            {"traces": {"K": {"of": "pre", "tau": "tau"}}},
-            "model 'm': traces.K: unknown parameter in ms 'tau'",
-        ),
-        (
-            {"traces": {"K": {"of": "both", "tau": "tau_plus"}}},
-            "model 'm': traces.K: of = 'both': expected pre or post",
-        ),
-        ({"on_pre": {"c": "1"}}, "model 'm': unknown state of a synapse 'c'"),
-        ({"on_reward": {"w": "w"}}, "model 'm': unknown word of a rule 'on_reward'"),
-    ],
-)
-def test_mistakes(words, message):
-    with pytest.raises(ModelError) as raised:
-        neuro.equations("m", **{**STDP, **words})
-    assert raised.value.message == message
+def rule(**words):
+    neuro.equations("m", **{**STDP, **words})
+
+
+@refusals("rules in equations")
+def test_mistakes(call: str, message: str):
+    assert refusal(call, globals()) == message

@@ -4,29 +4,35 @@ import numpy as np
 import pytest
 
 import neuro
-from neuro import ModelError
+from event_tests import refusal
 from neuro.events import Events
 from seen import network, same_run
 
-
-def as_array(walk):
-    return walk.records()
-
-
-def as_iterator(walk):
-    return iter([walk[:10], walk[10:10], walk[10:]])
-
-
-def as_function(walk):
-    return lambda: iter([walk])
+PARTS = {
+    "array": lambda walk: walk.records(),
+    "parts": lambda walk: iter([walk[:10], walk[10:10], walk[10:]]),
+    "function": lambda walk: lambda: iter([walk]),
+}
+FORMS = PARTS | {"list of events": list, "iterator of events": iter}
 
 
-@pytest.mark.parametrize("form", [as_array, as_iterator, as_function])
+@pytest.mark.parametrize("form", PARTS)
 def test_events_in_any_form(walk, form):
-    sims = [neuro.compile(network(neuro.event_camera(events=e), (2, 9, 12))) for e in (walk, form(walk))]
+    sims = [neuro.compile(network(neuro.event_camera(events=e), (2, 9, 12))) for e in (walk, PARTS[form](walk))]
     for sim in sims:
         sim.run(70.0)
     same_run(*sims)
+
+
+@pytest.mark.parametrize("form", FORMS)
+def test_events_in_any_form_are_fed(walk, form):
+    few = walk[:300]
+    sims = [neuro.compile(network(neuro.event_camera(origin=int(few.t[0])), (2, 9, 12))) for _ in range(2)]
+    for sim, events in zip(sims, (few, FORMS[form](few)), strict=True):
+        sim.feed("camera", events)
+        sim.run(10.0)
+    same_run(*sims)
+    assert sims[0].spikes("camera")[0].size == 300
 
 
 def test_an_iterator_is_asked_when_its_events_are_due(walk):
@@ -42,9 +48,7 @@ def test_an_iterator_is_asked_when_its_events_are_due(walk):
     sim.run(10.0)
     assert asked[-2] <= 10_000
     assert len(asked) < 4
-    with pytest.raises(ModelError) as error:
-        sim.reset()
-    assert str(error.value) == (
+    assert refusal(sim.reset) == (
         "reset: 'camera' has played events of an iterator, which cannot be played again: expected events that can\n"
         "  hint: give it Events, a list of them, or a function that makes an iterator"
     )
@@ -61,39 +65,15 @@ def test_feeding_while_it_runs(walk):
     played = neuro.compile(network(neuro.event_camera(events=walk)))
     played.run(70.0)
     same_run(fed, played)
-    with pytest.raises(ModelError) as error:
-        fed.feed("camera", walk[-1:])
     late = (int(walk.t[-1]) - origin) // 100 * 0.1 + 0.1
-    assert str(error.value) == (
+    assert refusal(fed.feed, "camera", walk[-1:]) == (
         f"feed: an event of 'camera' in the step that ends at {late:g} ms: expected later than 70 ms, the present"
     )
-    with pytest.raises(ModelError) as error:
-        fed.feed("camera", Events([origin - 1], [0], [0], [1], (12, 9)))
-    assert str(error.value) == (
-        f"feed: 'camera': an event at {origin - 1} us: expected from {origin} us on, the beginning"
+    assert (
+        refusal(fed.feed, "camera", Events([origin - 1], [0], [0], [1], (12, 9)))
+        == f"feed: 'camera': an event at {origin - 1} us: expected from {origin} us on, the beginning"
     )
-    with pytest.raises(ModelError, match="feed: 'cells' is an iaf_psc_exp: expected an event_camera"):
-        fed.feed("cells", walk)
-
-
-def as_list_of_events(walk):
-    return list(walk)
-
-
-def as_iterator_of_events(walk):
-    return iter(walk)
-
-
-@pytest.mark.parametrize("form", [as_array, as_iterator, as_list_of_events, as_iterator_of_events, as_function])
-def test_events_in_any_form_are_fed(walk, form):
-    few = walk[:300]
-    origin = int(few.t[0])
-    sims = [neuro.compile(network(neuro.event_camera(origin=origin), (2, 9, 12))) for _ in range(2)]
-    for sim, events in zip(sims, (few, form(few)), strict=True):
-        sim.feed("camera", events)
-        sim.run(10.0)
-    same_run(*sims)
-    assert sims[0].spikes("camera")[0].size == 300
+    assert "feed: 'cells' is an iaf_psc_exp: expected an event_camera" in refusal(fed.feed, "cells", walk)
 
 
 NO_EVENTS = "expected Events, or an array with the fields t, x, y and p, or an iterator of such"
@@ -114,6 +94,4 @@ NO_EVENTS = "expected Events, or an array with the fields t, x, y and p, or an i
 )
 def test_what_cannot_be_fed(events, message):
     sim = neuro.compile(network(neuro.event_camera(), (2, 9, 12)))
-    with pytest.raises(ModelError) as error:
-        sim.feed("camera", events)
-    assert str(error.value) == f"feed: 'camera': {message}"
+    assert refusal(sim.feed, "camera", events) == f"feed: 'camera': {message}"

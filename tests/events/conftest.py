@@ -1,4 +1,4 @@
-"""A file of each format: of its own writer or, if it has none, the smallest of `../shared`, or one made here."""
+"""A file of each format: of its own writer, or made here."""
 
 import io
 import struct
@@ -8,12 +8,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from neuro.events import EventFileError, Events, save
+import bags
+from neuro.events import Events, save
 from neuro.events.formats import FORMATS
-from neuro.events.opening import find
-from neuro.events.source import Source
 
-SHARED = Path(__file__).resolve().parents[3] / "shared" / "data" / "formats"
 KNOWN = {f.name: f for f in FORMATS.values()}
 
 
@@ -77,40 +75,33 @@ def _rosbag2():
         return (Path(folder) / "bag" / "bag.mcap").read_bytes()
 
 
-MADE = {"aedat3": _aedat3, "aedat4": _aedat4, "evt21": _evt21, "mat": _mat, "raw": _raw, "rosbag2": _rosbag2}
+def _rosbag1():
+    rows = [[(20 * j + k, k % 30, 7 * k % 34, k % 2) for k in range(20)] for j in range(3)]
+    messages = (bags.message(bags.packet(bags.mono(some, 0), size=(34, 34))) for some in rows)
+    return bags.bag(bags.connection(bags.PACKET), *messages)
+
+
+MADE = {
+    "aedat3": _aedat3, "aedat4": _aedat4, "evt21": _evt21, "mat": _mat, "raw": _raw, "rosbag1": _rosbag1,
+    "rosbag2": _rosbag2,
+}  # fmt: skip
 _samples = {}
 
 
 def _sample(name):
     """The bytes of a file of a format."""
     if name not in _samples:
-        format = KNOWN[name]
-        _samples[name] = MADE[name]() if name in MADE else written(format) or recorded(format)
-    if _samples[name] is None:
-        pytest.skip(f"no file of {name} is here")
+        _samples[name] = MADE[name]() if name in MADE else written(KNOWN[name])
     return _samples[name]
 
 
 def written(format):
-    if format.write is None:
-        return None
     k = np.arange(60)
     events = Events(1000 * k, k % 30, (7 * k) % 34, k % 2, (34, 34))
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / f"a{format.suffixes[0]}"
         save(events, path, format=format.name)
         return path.read_bytes()
-
-
-def recorded(format):
-    paths = sorted(SHARED.iterdir(), key=lambda path: path.stat().st_size) if SHARED.is_dir() else []
-    for path in paths:
-        try:
-            if find(Source(path)) is format:
-                return path.read_bytes()
-        except EventFileError:
-            continue
-    return None
 
 
 @pytest.fixture(scope="session")

@@ -1,15 +1,12 @@
 """No file stays open after an error, or where not all of it was read: a good one in its place is then read right."""
 
 import os
-import warnings
-from pathlib import Path
 
 import h5py
 import numpy as np
 import pytest
 
-from neuro.core.hdf5 import FRONT
-from neuro.events import EventFileError, EventFileWarning, Events, load, save, stream
+from neuro.events import EventFileError, Events, load, save, stream
 from neuro.events.dataset import Dataset
 from neuro.events.formats import FORMATS
 from neuro.events.formats.event_stream import generic
@@ -39,9 +36,9 @@ def open_handles(path):
 
 def _damaged(whole):
     """Files that are cut, or of which bytes near the beginning, in the middle and at the end are other ones."""
-    for share in (0.2, 0.6, 0.95):
+    for share in (0.3, 0.9):
         yield whole[: int(share * len(whole))]
-    for at in [*range(9, min(len(whole), 400), 97), len(whole) // 2, len(whole) - 9]:
+    for at in (9, len(whole) // 2, len(whole) - 9):
         yield whole[:at] + bytes(byte ^ 0xFF for byte in whole[at : at + 8]) + whole[at + 8 :]
     yield whole + b"\x07"
 
@@ -62,25 +59,25 @@ READS = {
 }
 
 
-@pytest.mark.parametrize("read", READS)
+@pytest.mark.filterwarnings("ignore::neuro.events.EventFileWarning")
 @pytest.mark.parametrize("format", NAMES)
-def test_an_error_leaves_nothing_open(format, read, sample, tmp_path):
+def test_an_error_leaves_nothing_open(format, sample, tmp_path):
     """Errors are kept, as a debugger does, while the good file is written into the same place."""
-    path, kept = tmp_path / f"a{KNOWN[format].suffixes[0]}", []
-    other = tmp_path / "good"
+    path, other = tmp_path / f"a{KNOWN[format].suffixes[0]}", tmp_path / "good"
     save(GOOD, other, format="hdf5")
-    for data in _damaged(sample(format)):
-        path.write_bytes(data)
-        try:
-            with warnings.catch_warnings():
-                warnings.simplefilter("ignore", EventFileWarning)
-                READS[read](path, format=format)
-        except EventFileError as error:
-            kept.append(error)
-        assert open_handles(path) == []
-        path.write_bytes(other.read_bytes())
-        assert load(path, format="hdf5") == GOOD
-    assert kept or read in ("lenient", "info", "the first")
+    good = other.read_bytes()
+    for name, read in READS.items():
+        kept = []
+        for data in _damaged(sample(format)):
+            path.write_bytes(data)
+            try:
+                read(path, format=format)
+            except EventFileError as error:
+                kept.append(error)
+            assert open_handles(path) == []
+            path.write_bytes(good)
+            assert load(path, format="hdf5") == GOOD
+        assert kept or name in ("lenient", "info", "the first")
 
 
 @pytest.mark.parametrize("format", NAMES)
@@ -93,12 +90,6 @@ def test_what_was_read_is_closed(format, sample, tmp_path):
         except EventFileError:
             assert read is READS["small sensor"]
         assert open_handles(path) == []
-
-
-@pytest.mark.parametrize("format", NAMES)
-def test_a_stream_that_is_closed(format, sample, tmp_path):
-    path = tmp_path / f"a{KNOWN[format].suffixes[0]}"
-    path.write_bytes(sample(format))
     parts = stream(path, count=2, format=format)
     next(parts, None)
     parts.close()
@@ -141,21 +132,3 @@ def test_a_data_set(damage, tmp_path):
     found = Dataset(path)
     assert found[0][0].records().tolist() == GOOD.records().tolist()
     del error, found
-
-
-def test_a_damaged_sample_does_not_shut_the_data_set(tmp_path):
-    path = tmp_path / "a.h5"
-    for k in range(2):
-        (tmp_path / "data" / str(k)).mkdir(parents=True)
-        save(GOOD, tmp_path / "data" / str(k) / "a.bin")
-    Dataset(tmp_path / "data").to_hdf5(path, jobs=1)
-    path.write_bytes(path.read_bytes()[FRONT:])  # as another library writes it, without a digest
-    with h5py.File(path) as file:
-        at = file["0/a"].id.get_chunk_info(0).byte_offset
-    data = bytearray(path.read_bytes())
-    data[at : at + 8] = bytes(8)
-    Path(path).write_bytes(data)
-    found = Dataset(path)
-    with pytest.raises(EventFileError):
-        found[0]
-    assert found[1][0].records().tolist() == GOOD.records().tolist()

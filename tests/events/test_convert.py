@@ -9,42 +9,18 @@ import warnings
 import numpy as np
 import pytest
 
-from neuro.events import EventFileError, EventFileWarning, Events, load, save
+from event_tests import random_events, refusal
+from neuro.events import EventFileWarning, Events, load, save
 from neuro.events.convert import STREAMED, convert, read, write
 from neuro.events.formats import FORMATS
 
 
 @pytest.fixture
 def events():
-    rng = np.random.default_rng(1)
-    n = 3000
-    t = np.sort(rng.integers(0, 1 << 20, n))
-    return Events(t, rng.integers(0, 34, n), rng.integers(0, 34, n), rng.integers(0, 2, n), (34, 34))
+    return random_events(3000, length=1 << 20)
 
 
 WRITTEN = [f.name for f in FORMATS.values() if f.write]
-
-
-@pytest.mark.parametrize("name", WRITTEN)
-def test_to_every_format_that_is_written(name, events, tmp_path):
-    save(events, tmp_path / "in.npz")
-    seen = []
-    assert convert(tmp_path / "in.npz", tmp_path / "out", to_format=name, report=seen.append) == len(events)
-    assert seen[-1] == len(events)
-    again = load(tmp_path / "out", format=name, sensor_size=(128, 128) if name == "aedat2" else (34, 34))
-    assert np.array_equal(again.records(), events.records())
-
-
-PIPE = "import sys; from neuro.events.convert import convert; convert({!r}, '-', to_format={!r})"
-
-
-@pytest.mark.parametrize("name", ["csv", "hdf5", "bin"])
-def test_standard_output_has_the_bytes_of_a_file(name, events, tmp_path):
-    save(events, tmp_path / "in.npz")
-    code = PIPE.format(str(tmp_path / "in.npz"), name)
-    done = subprocess.run([sys.executable, "-c", code], capture_output=True, check=True)
-    (tmp_path / "got").write_bytes(done.stdout)
-    assert np.array_equal(load(tmp_path / "got", format=name).records(), events.records())
 
 
 class Pipe(io.RawIOBase):
@@ -61,10 +37,9 @@ class Pipe(io.RawIOBase):
         return len(self.taken[-1])
 
 
-@pytest.mark.parametrize("name", STREAMED)
+@pytest.mark.parametrize("name", WRITTEN)
 @pytest.mark.parametrize("parts", [1, 3])
 def test_a_pipe_takes_what_a_file_has_part_by_part(name, parts, events, tmp_path, monkeypatch):
-    save(events, tmp_path / "whole", format=name)
     pipe = Pipe()
     monkeypatch.setattr(sys, "stdout", io.TextIOWrapper(io.BufferedWriter(pipe, 1)))
     seen = []
@@ -75,8 +50,13 @@ def test_a_pipe_takes_what_a_file_has_part_by_part(name, parts, events, tmp_path
             yield events[k * len(events) // parts : (k + 1) * len(events) // parts]
 
     assert write(given(), "-", name) == len(events)
-    assert b"".join(pipe.taken) == (tmp_path / "whole").read_bytes()
-    assert sorted(set(seen)) == seen
+    taken = b"".join(pipe.taken)
+    (tmp_path / "got").write_bytes(taken)
+    assert np.array_equal(load(tmp_path / "got", format=name).records(), events.records())
+    if name in STREAMED:
+        save(events, tmp_path / "whole", format=name)
+        assert taken == (tmp_path / "whole").read_bytes()
+        assert sorted(set(seen)) == seen
 
 
 @pytest.mark.parametrize("name", ["csv", "npz"])
@@ -87,41 +67,36 @@ def test_full_standard_output(name, events, monkeypatch):
 
     out = io.TextIOWrapper(io.BufferedWriter(Full(), 1))
     monkeypatch.setattr(sys, "stdout", out)
-    with pytest.raises(EventFileError, match=r"^<standard output>: cannot write: No space left on device$"):
-        write([events], "-", name)
+    assert refusal(write, [events], "-", name) == "<standard output>: cannot write: No space left on device"
     monkeypatch.setattr(Full, "write", lambda self, data: len(data))  # for the end of the file
 
 
-def test_standard_input_without_events(monkeypatch):
-    monkeypatch.setattr(sys, "stdin", io.TextIOWrapper(io.BytesIO(b"# sensor 2x2\nt,x,y,p\n")))
-    with pytest.raises(EventFileError, match=r"^<standard input>: has no events$"):
-        list(read("-", format="csv"))
-
-
 def test_standard_input(events, tmp_path, monkeypatch):
+    monkeypatch.setattr(sys, "stdin", io.TextIOWrapper(io.BytesIO(b"# sensor 2x2\nt,x,y,p\n")))
+    assert refusal(lambda: list(read("-", format="csv"))) == "<standard input>: has no events"
     save(events, tmp_path / "in.csv")
     with (tmp_path / "in.csv").open() as file:
         monkeypatch.setattr(sys, "stdin", file)
-        assert convert("-", tmp_path / "out.h5") == len(events)
+        seen = []
+        assert convert("-", tmp_path / "out.h5", report=seen.append) == len(events) == seen[-1]
     assert load(tmp_path / "out.h5") == events
 
 
 def test_standard_output_needs_a_format(events, tmp_path):
     save(events, tmp_path / "in.npz")
-    with pytest.raises(EventFileError) as error:
-        convert(tmp_path / "in.npz", "-")
-    assert str(error.value) == f"<standard output>: cannot write to no format, expected one of {', '.join(WRITTEN)}"
-    with pytest.raises(EventFileError, match="cannot write as format 'rosbag1', expected one of "):
-        convert(tmp_path / "in.npz", "-", to_format="rosbag1")
+    assert (
+        refusal(convert, tmp_path / "in.npz", "-")
+        == f"<standard output>: cannot write to no format, expected one of {', '.join(WRITTEN)}"
+    )
+    told = refusal(convert, tmp_path / "in.npz", "-", to_format="rosbag1")
+    assert "cannot write as format 'rosbag1', expected one of " in told
 
 
 def test_what_a_format_cannot_hold_is_refused_on_both_ways(tmp_path):
     save(Events([5, 1 << 23], [1, 2], [3, 4], [0, 1], (34, 34)), tmp_path / "in.npz")
-    text = r"cannot hold event 1: t 8388608, x 2, y 4; expected t 0 to 8388607 us"
-    with pytest.raises(EventFileError, match=text):
-        convert(tmp_path / "in.npz", tmp_path / "out.bin")
-    with pytest.raises(EventFileError, match=f"^<standard output>: {text}"):
-        convert(tmp_path / "in.npz", "-", to_format="nmnist")
+    text = "cannot hold event 1: t 8388608, x 2, y 4; expected t 0 to 8388607 us"
+    assert text in refusal(convert, tmp_path / "in.npz", tmp_path / "out.bin")
+    assert f"<standard output>: {text}" in refusal(convert, tmp_path / "in.npz", "-", to_format="nmnist")
     assert [path.name for path in tmp_path.iterdir()] == ["in.npz"]
 
 
@@ -137,17 +112,13 @@ def test_what_a_format_cannot_hold_is_refused_on_both_ways(tmp_path):
 )
 def test_a_refusal_names_the_filter_that_solves_it(tmp_path, t, x, name, filter):
     save(Events([t], [x], [3], [0], (800, 34)), tmp_path / "in.npz")
-    with pytest.raises(EventFileError) as error:
-        convert(tmp_path / "in.npz", tmp_path / name)
-    assert error.value.hint.startswith(filter)
-    assert str(error.value).endswith(f"\n  hint: {error.value.hint}")
+    assert f"\n  hint: {filter}" in refusal(convert, tmp_path / "in.npz", tmp_path / name)
 
 
 def test_damage_stops_or_is_told(events, tmp_path):
     save(events, tmp_path / "in.bin")
     (tmp_path / "in.bin").write_bytes((tmp_path / "in.bin").read_bytes()[:-2])
-    with pytest.raises(EventFileError, match=r"byte 14995: 3 bytes left over"):
-        convert(tmp_path / "in.bin", tmp_path / "out.h5")
+    assert "byte 14995: 3 bytes left over" in refusal(convert, tmp_path / "in.bin", tmp_path / "out.h5")
     assert not (tmp_path / "out.h5").exists()
     with pytest.warns(EventFileWarning, match="what is before it was read"):
         assert convert(tmp_path / "in.bin", tmp_path / "out.h5", strict=False) == len(events) - 1
@@ -161,6 +132,7 @@ def test_a_recording_without_events_keeps_its_sensor(tmp_path):
     assert load(tmp_path / "out.h5").sensor_size == (12, 7)
 
 
+@pytest.mark.slow
 def test_a_large_file_needs_little_memory(tmp_path):
     n = 8_000_000
     rows = np.zeros((n, 5), np.uint8)

@@ -12,6 +12,7 @@ import pytest
 from hypothesis import HealthCheck, given, settings, strategies as st
 
 import neuro.events.files as files
+from event_tests import damaged
 from neuro.events import EVENT, EventFileError, EventFileWarning, Events, load, stream
 from neuro.events.formats import FORMATS, HEAD, Damage
 from neuro.events.opening import find
@@ -87,28 +88,11 @@ def block(request, monkeypatch):
     monkeypatch.setattr(files, "BLOCK", request.param)
 
 
-@st.composite
-def damaged(draw, data):
-    """A file, cut or with bytes flipped or inserted, more often near its beginning."""
-    for _ in range(draw(st.integers(1, 3))):
-        at = draw(st.one_of(st.integers(0, min(len(data), 300)), st.integers(0, len(data))))
-        how = draw(st.sampled_from(["cut", "flip", "insert"]))
-        if how == "cut":
-            data = data[:at]
-        elif how == "insert":
-            data = data[:at] + draw(st.binary(min_size=1, max_size=12)) + data[at:]
-        elif at < len(data):
-            data = data[:at] + bytes([data[at] ^ draw(st.integers(1, 255))]) + data[at + 1 :]
-    return data
-
-
-def given_examples(data, slow=5, fast=40):
-    return slow if len(data) > 20_000 else fast
-
-
 @pytest.mark.parametrize("format", NAMES)
-def test_whole(format, sample):
+def test_whole_and_empty(format, sample):
     assert check(sample(format), f"a{KNOWN[format].suffixes[0]}")
+    check(b"", f"a{KNOWN[format].suffixes[0]}")
+    check(b"", "a", format)
 
 
 @pytest.mark.parametrize("format", NAMES)
@@ -117,7 +101,7 @@ def test_damaged(format, sample):
     whole = sample(format)
 
     @given(st.data())
-    @settings(max_examples=given_examples(whole), deadline=None, suppress_health_check=list(HealthCheck))
+    @settings(max_examples=20, suppress_health_check=list(HealthCheck))
     def run(data):
         check(data.draw(damaged(whole)), f"a{KNOWN[format].suffixes[0]}")
 
@@ -129,18 +113,12 @@ def test_any_bytes(format, sample):
     head = sample(format)[:200]
 
     @given(st.integers(0, len(head)), st.binary(max_size=200))
-    @settings(max_examples=40, deadline=None)
+    @settings(max_examples=20)
     def run(kept, rest):
         check(head[:kept] + rest, f"a{KNOWN[format].suffixes[0]}")
         check(head[:kept] + rest, "a", format)
 
     run()
-
-
-@pytest.mark.parametrize("format", NAMES)
-def test_empty(format):
-    check(b"", f"a{KNOWN[format].suffixes[0]}")
-    check(b"", "a", format)
 
 
 @pytest.mark.parametrize("format", NAMES)

@@ -5,6 +5,7 @@ import numpy as np
 import pytest
 from hypothesis import given, strategies
 
+from event_tests import refusal
 from neuro.core.errors import ModelError
 from neuro.events import EVENT, Events
 
@@ -87,8 +88,7 @@ def test_sums_of_lists_and_arrays():
     for wrong in (np.zeros(3), np.zeros(2, [("t", int), ("x", int)])):
         with pytest.raises(ModelError, match=r"events \+ an array of .*: expected a structured array with t"):
             a + wrong
-        with pytest.raises(ModelError, match="expected a structured array"):
-            wrong + a
+        assert "expected a structured array" in refusal(lambda wrong=wrong: wrong + a)
     with pytest.raises(TypeError):
         a + 3
     with pytest.raises(TypeError):
@@ -96,9 +96,7 @@ def test_sums_of_lists_and_arrays():
 
 
 def test_a_sum_of_two_sensors_is_refused():
-    with pytest.raises(ModelError) as error:
-        make() + make(size=(4, 2))
-    assert str(error.value) == (
+    assert refusal(lambda: make() + make(size=(4, 2))) == (
         "events of a 3x2 sensor + events of 4x2: expected one size\n"
         "  hint: neuro.events.filters.Crop and Downsample change a sensor's size"
     )
@@ -115,13 +113,14 @@ def test_a_sum_of_two_sensors_is_refused():
         ({"t": (3, 2, 1), "x": (0, 0, 7)}, "event 1: time runs back from 3 to 2 us"),
         ({"y": (0, 1)}, "y has shape (2,), expected (3,) like t"),
         ({"t": (0.0, 0.5, 1.0)}, "t has type float64, expected integers"),
-        ({"size": (0, 2)}, "sensor_size = (0, 2): expected width and height of 1 to 65536 px"),
+        *(
+            ({"size": size}, f"sensor_size = {size!r}: expected width and height of 1 to 65536 px")
+            for size in ((0, 2), (3.5, 2), (3, 2, 2), 3, "32", None)
+        ),
     ],
 )
 def test_impossible_events(change, message):
-    with pytest.raises(ValueError) as error:  # noqa: PT011 (the text is compared below)
-        make(**change)
-    assert str(error.value) == message
+    assert refusal(make, **change) == message
 
 
 def test_import_is_light():
@@ -160,20 +159,11 @@ def test_times_beyond_int64_are_refused(t, message):
     assert Events(np.array([(1 << 63) - 1], np.uint64), [0], [0], [0], (3, 2)).t.tolist() == [(1 << 63) - 1]
 
 
-@pytest.mark.parametrize("size", [(3.5, 2), (3, 2, 2), 3, "32", None])
-def test_a_sensor_is_two_whole_numbers(size):
-    with pytest.raises(ModelError) as error:
-        make(size=size)
-    assert str(error.value) == f"sensor_size = {size!r}: expected width and height of 1 to 65536 px"
-    assert make(size=(np.int64(3), np.uint8(2))).sensor_size == (3, 2)
-
-
 @pytest.mark.parametrize("index", [1, np.int64(1), "t", None, [[0, 1]], [0.0, 1.0], (0, 1, slice(None))])
 def test_what_is_no_index(index):
-    with pytest.raises(ModelError) as error:
-        make()[index]
-    assert str(error.value) == (
-        f"events[{index!r}]: expected a slice, a mask or indices\n  hint: events.records()[k] is event k alone"
+    assert (
+        refusal(lambda: make()[index])
+        == f"events[{index!r}]: expected a slice, a mask or indices\n  hint: events.records()[k] is event k alone"
     )
     assert len(make()[[]]) == 0
     assert make()[[2]].t.tolist() == [3]
@@ -191,6 +181,4 @@ def test_between_any_whole_numbers():
         (f"stop_us = 2.5: {expected}", (0, 2.5)),
         (f"stop_us = .nan: {expected}", (0, float("nan"))),
     ):
-        with pytest.raises(ModelError) as error:
-            events.between(*times)
-        assert str(error.value) == message
+        assert refusal(events.between, *times) == message

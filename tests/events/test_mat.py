@@ -1,13 +1,12 @@
 import io
-import warnings
 
 import h5py
 import numpy as np
 import pytest
-from hypothesis import given, settings, strategies as st
 from scipy.io import savemat
 
-from neuro.events import EventFileError, EventFileWarning, Events, load
+from event_tests import damage_is_told, refusal
+from neuro.events import EventFileWarning, load
 from neuro.events.formats.mat import samples
 
 ROWS = [(70, 3, 2, 1), (1000, 3, 400, 0), (1070, 5, 0, 1), (1070, 600, 9, 0), (9000, 0, 0, 1)]
@@ -46,9 +45,7 @@ def test_dvs_barrel():
     for k in range(3):
         cells[0, k] = td(ts=T + 100.0 * k)
     data = mat({"ROI": cells})
-    with pytest.raises(EventFileError) as error:
-        load(data, name="f.mat")
-    assert str(error.value) == (
+    assert refusal(load, data, name="f.mat") == (
         "f.mat: has 3 recordings (ROI{1}, ROI{2}, ROI{3}), expected one; "
         "neuro.events.formats.mat.samples(path) gives all"
     )
@@ -107,14 +104,14 @@ def test_version_73():
 
 
 ERRORS = {
-    "f.mat: byte 0: is empty, expected a MAT file": b"",
-    "f.mat: has a, b; expected vectors t (or ts), x, y and p (or pol), also in a struct": mat({"a": T, "b": X}),
-    "f.mat: has nothing; expected vectors t (or ts), x, y and p (or pol), also in a struct": mat({}),
-    "f.mat: TD: lengths are t 5, x 5, y 4, p 5, expected equal ones": mat({"TD": td(y=Y[:4] + 1)}),
-    "f.mat: event 2: x is -1.0, expected a whole number from 0 to 65535": mat({"e": td(x=[0.0, 1, -1, 2, 3])}),
-    "f.mat: event 0: y is nan, expected a whole number from 0 to 65535": mat({"e": td(y=Y * np.nan)}),
-    "f.mat: event 1: p is 3.0, expected 1 for ON, and 0 or -1 for OFF": mat({"e": td(p=[0.0, 3, 0, 0, 0])}),
-    "f.mat: event 1: time runs back from 5 to 1 us; load(..., sort=True) sorts the events": mat(
+    "byte 0: is empty, expected a MAT file": b"",
+    "has a, b; expected vectors t (or ts), x, y and p (or pol), also in a struct": mat({"a": T, "b": X}),
+    "has nothing; expected vectors t (or ts), x, y and p (or pol), also in a struct": mat({}),
+    "TD: lengths are t 5, x 5, y 4, p 5, expected equal ones": mat({"TD": td(y=Y[:4] + 1)}),
+    "event 2: x is -1.0, expected a whole number from 0 to 65535": mat({"e": td(x=[0.0, 1, -1, 2, 3])}),
+    "event 0: y is nan, expected a whole number from 0 to 65535": mat({"e": td(y=Y * np.nan)}),
+    "event 1: p is 3.0, expected 1 for ON, and 0 or -1 for OFF": mat({"e": td(p=[0.0, 3, 0, 0, 0])}),
+    "event 1: time runs back from 5 to 1 us; load(..., sort=True) sorts the events": mat(
         {"e": td(ts=[5.0, 1, 1, 1, 1])}
     ),
 }
@@ -122,37 +119,20 @@ ERRORS = {
 
 @pytest.mark.parametrize("message", ERRORS)
 def test_messages(message):
-    with pytest.raises(EventFileError) as error:
-        load(ERRORS[message], name="f.mat")
-    assert str(error.value) == message
+    assert refusal(load, ERRORS[message], name="f.mat") == f"f.mat: {message}"
+
+
+@pytest.mark.filterwarnings("ignore")
+def test_damage_is_told():
+    damage_is_told([mat({"TD": td()}), mat({"a": {"b": td()}}, do_compression=True)], "mat")
 
 
 def test_what_is_whole():
     data = mat({"e": td(x=[1.0, 2, -1, 2, 3])})
     with pytest.warns(EventFileWarning, match=r"event 2: x is -1\.0"):
         assert len(load(data, strict=False)) == 2
-    with pytest.raises(EventFileError, match=r"<bytes>: event 2: x is -1\.0"):
-        samples(data)
+    assert "<bytes>: event 2: x is -1.0" in refusal(samples, data)
 
 
 def test_a_cut_file():
-    with pytest.raises(EventFileError, match=r"f\.mat: no whole MAT file: "):
-        load(mat({"TD": td()})[:-40], name="f.mat")
-
-
-@given(st.data())
-@settings(deadline=None, max_examples=200)
-def test_damage_is_told(data):
-    files = [mat({"TD": td()}), mat({"a": {"b": td()}}, do_compression=True)]
-    whole = bytearray(data.draw(st.sampled_from(files)))
-    for _ in range(data.draw(st.integers(1, 4))):
-        whole[data.draw(st.integers(0, len(whole) - 1))] = data.draw(st.integers(0, 255))
-    damaged = bytes(whole[: data.draw(st.integers(0, len(whole)) | st.just(len(whole)))])
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore")
-        for strict in (True, False):
-            try:
-                events = load(damaged, format="mat", strict=strict)
-            except EventFileError:
-                continue
-            assert isinstance(events, Events)
+    assert "f.mat: no whole MAT file: " in refusal(load, mat({"TD": td()})[:-40], name="f.mat")

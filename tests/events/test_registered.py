@@ -3,15 +3,18 @@
 import dataclasses
 import sys
 from dataclasses import dataclass
+from functools import partial
 from importlib.metadata import EntryPoint, EntryPoints
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
 import neuro
+from event_tests import refusal
 from neuro.coding import CODES, RATE_CODES
 from neuro.core import registry
-from neuro.events import EventFileError, Events, load, save, stream
+from neuro.events import Events, load, save, stream
 from neuro.events.dataset import Dataset
 from neuro.events.filters import FILTERS, Crop, Filter, Sieve, chain
 from neuro.events.formats import FORMATS, Damage, Format, Found, Piece
@@ -66,8 +69,7 @@ def test_a_format_is_known_by_name_ending_and_content(tmp_path, events):
 def test_damage_in_a_third_party_format_is_reported_like_any(tmp_path):
     neuro.register(mine())
     (tmp_path / "a.mine").write_bytes(MARK + b"\0" * 17)
-    with pytest.raises(EventFileError, match=r"a\.mine: byte 21: 1 bytes left over$"):
-        load(tmp_path / "a.mine")
+    assert refusal(load, tmp_path / "a.mine") == f"{tmp_path}/a.mine: byte 21: 1 bytes left over"
 
 
 def test_a_text_with_a_signature_is_not_taken_for_a_table(tmp_path):
@@ -107,17 +109,13 @@ def test_a_data_set_holds_files_of_a_third_party_format(tmp_path, events):
 )  # fmt: skip
 def test_a_format_that_cannot_be_used(changes, expected):
     neuro.register(mine(**changes))
-    with pytest.raises(neuro.ModelError) as caught:
-        load(b"nothing")
-    assert str(caught.value) == f"event format {expected}"
+    assert refusal(load, b"nothing") == f"event format {expected}"
 
 
 def test_a_format_is_registered_once():
     neuro.register(mine())
-    with pytest.raises(neuro.ModelError, match=r"'mine' is registered twice\n  hint: give it another name"):
-        neuro.register(mine())
-    with pytest.raises(neuro.ModelError, match="event format 'csv' is registered twice"):
-        neuro.register(mine(name="csv"))
+    assert "'mine' is registered twice\n  hint: give it another name" in refusal(neuro.register, mine())
+    assert "event format 'csv' is registered twice" in refusal(neuro.register, mine(name="csv"))
 
 
 def test_a_format_of_an_installed_package(tmp_path, monkeypatch, events):
@@ -191,17 +189,15 @@ def test_filters_that_cannot_be_made():
     class Idle(Filter):
         pass
 
-    with pytest.raises(neuro.ModelError, match=r"^filter 'Idle' has no method '_part'$"):
-        FILTERS["Idle"]
+    assert refusal(lambda: FILTERS["Idle"]) == "filter 'Idle' has no method '_part'"
 
     @neuro.register
     class Bare(EveryNth):
         m: int = 3
 
-    with pytest.raises(neuro.ModelError) as caught:
-        FILTERS["Bare"]
-    assert str(caught.value) == (
-        "filter 'Bare': 'm' is no parameter: expected @dataclass(frozen=True, eq=False) above the class"
+    assert (
+        refusal(lambda: FILTERS["Bare"])
+        == "filter 'Bare': 'm' is no parameter: expected @dataclass(frozen=True, eq=False) above the class"
     )
 
 
@@ -248,42 +244,34 @@ def test_what_is_of_no_kind_is_refused():
     assert told == sorted(told)
     assert set(KINDS.split(", ")) <= set(told), "apps that were imported have kinds of their own"
     assert str(caught.value).endswith("\n  hint: write neuro.register(kind=...) above a function")
-    with pytest.raises(neuro.ModelError, match=r"neuro\.register: found 3: expected a segmenter"):
-        neuro.register(3, kind="segmenter")
+    assert "neuro.register: found 3: expected a segmenter" in refusal(neuro.register, 3, kind="segmenter")
     with pytest.raises(neuro.ModelError, match=r"neuro\.register: kind = 'segmentr': expected one of these: backend, "):
         neuro.register(mine, kind="segmentr")
 
 
+def changed(source, **arrays):
+    return Found((34, 34), {}, (dataclasses.replace(opened(source).parts[0], **arrays),))
+
+
+def failing(source):
+    raise ValueError("buffer is too small")
+
+
 @pytest.mark.parametrize(
-    ("change", "message"),
+    ("read", "message"),
     [
-        ({"p": np.zeros(2, np.uint8)}, "its format gives p of shape [2] and type uint8: expected 3 of type uint8"),
-        ({"x": np.zeros(3)}, "its format gives x of shape [3] and type float64: expected 3 of type uint16"),
+        (partial(changed, p=np.zeros(2, np.uint8)), "gives p of shape [2] and type uint8: expected 3 of type uint8"),
+        (partial(changed, x=np.zeros(3)), "gives x of shape [3] and type float64: expected 3 of type uint16"),
+        (
+            lambda source: SimpleNamespace(sensor_size=(34, 34), metadata={}, pieces=failing),
+            "'mine' fails: ValueError: buffer is too small",
+        ),
     ],
 )
-def test_a_format_whose_arrays_do_not_fit_is_refused(tmp_path, events, change, message):
-    def crooked(source):
-        piece = opened(source).parts[0]
-        return Found((34, 34), {}, (dataclasses.replace(piece, **change),))
-
-    neuro.register(mine(open=crooked))
+def test_a_format_that_gives_no_events_is_told_with_the_file(tmp_path, events, read, message):
+    neuro.register(mine(open=read))
     save(events, tmp_path / "a.mine")
-    with pytest.raises(EventFileError) as told:
-        load(tmp_path / "a.mine")
-    assert message in str(told.value)
-
-
-def test_a_format_that_fails_is_told_with_the_file(tmp_path, events):
-    class Failing:
-        sensor_size, metadata = (34, 34), {}
-
-        def pieces(self, block):
-            raise ValueError("buffer is too small")
-
-    neuro.register(mine(open=lambda source: Failing()))
-    save(events, tmp_path / "a.mine")
-    with pytest.raises(EventFileError, match=r"a\.mine: its format 'mine' fails: ValueError: buffer is too small"):
-        load(tmp_path / "a.mine")
+    assert f"a.mine: its format {message}" in refusal(load, tmp_path / "a.mine")
 
 
 def test_a_parameter_of_a_filter_is_of_its_kind():
@@ -294,5 +282,4 @@ def test_a_parameter_of_a_filter_is_of_its_kind():
         def _keep(self, events, keep):
             keep[:] = events.p == self.n
 
-    with pytest.raises(neuro.ModelError, match="Only: n = 'hello': expected a whole number"):
-        Only((34, 34), "hello")
+    assert "Only: n = 'hello': expected a whole number" in refusal(Only, (34, 34), "hello")

@@ -85,7 +85,7 @@ STEPS = st.sampled_from([(0, 1, 30), (1,), (0, 0, 0, 5000), (100, 4096), (0, 1, 
 @pytest.mark.parametrize("name", NAMES)
 def test_the_same_as_to_leave_out(name):
     @given(st.integers(0, 99), st.integers(0, 1500), STEPS, st.floats(-0.1, 1.1), st.integers(-70, 70), st.booleans())
-    @settings(max_examples=25, deadline=None, suppress_health_check=list(HealthCheck))
+    @settings(max_examples=12, suppress_health_check=list(HealthCheck))
     @example(0, 1500, (0, 0, 0, 5000), 0.9, 1, False)
     def run(seed, n, steps, share, shift, exact):
         events = events_of(seed, n, steps)
@@ -169,7 +169,7 @@ def test_damage(name):
     whole = written(events_of(3, 1000, (0, 1, 30)), name)
 
     @given(st.data(), st.integers(0, 11_000))
-    @settings(max_examples=40, deadline=None, suppress_health_check=list(HealthCheck))
+    @settings(max_examples=20, suppress_health_check=list(HealthCheck))
     def run(data, start):
         at = data.draw(st.integers(0, len(whole) - 1))
         how = data.draw(st.sampled_from(["cut", "flip", "insert"]))

@@ -122,7 +122,7 @@ def test_the_rise_is_a_quarter_of_the_decay():
 
 @pytest.mark.parametrize("method", METHODS)
 @given(t=TIMES, data=st.data(), rest=st.booleans())
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=30)
 def test_any_cutting_into_parts_gives_the_same_segments(method, t, data, rest):
     fresh, at_once = METHODS[method]
     cuts = sorted(data.draw(st.lists(st.integers(0, len(t)), max_size=6)))
@@ -137,7 +137,7 @@ def test_any_cutting_into_parts_gives_the_same_segments(method, t, data, rest):
 
 @pytest.mark.parametrize("method", METHODS)
 @given(t=TIMES, shift=st.integers(-(2**60), 2**60))
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=25)
 def test_the_origin_of_time_does_not_matter(method, t, shift):
     _, at_once = METHODS[method]
     assert at_once(t + shift, False).tolist() == at_once(t, False).tolist()
@@ -157,39 +157,3 @@ def test_a_real_recording(shared):
     peaks = t[peak_segments(t, 50_000)[1:] - 1]
     assert len(peaks) == 3  # the camera moves three times, 100 ms each
     assert (peaks // 105_000).tolist() == [0, 1, 2]
-
-
-@pytest.mark.parametrize(
-    ("call", "message"),
-    [
-        (lambda t: msd_segments(t, tau=0.0), "tau = 0: expected a number > 0 s"),
-        (lambda t: msd_segments(t, threshold=-1.0), "threshold = -1: expected a number > 0 events"),
-        (lambda t: msd_segments(t / 2), "t is float64 of shape (3,), expected whole numbers (n,) of us"),
-        (lambda t: msd_segments(t[::-1]), "event 1: time runs back from 2 to 1 us"),
-        (lambda t: time_segments(t, 0), "window_us = 0: expected a whole number of us from 1 to 2^63 - 1"),
-        (lambda t: time_segments(t, 2.5), "window_us = 2.5: expected a whole number of us from 1 to 2^63 - 1"),
-        (
-            lambda t: time_segments(t, 5, start_us=0.5),
-            "start_us = 0.5: expected a whole number of us from -2^63 to 2^63 - 1",
-        ),
-        (lambda t: count_segments(t, True), "count = true: expected a whole number >= 1"),
-        (
-            lambda t: time_segments(t, 1, start_us=2),
-            "event 0 is at 0 us, before start_us = 2\n"
-            "  hint: leave earlier events out with events.between(start_us, stop_us)",
-        ),
-        (
-            lambda t: time_segments(t * 10**12, 10),
-            "window_us is 10: 200000000000 windows from 0 to 2000000000000 us, expected at most 100000000\n"
-            "  hint: is the window in us, and are the times those of one recording?",
-        ),
-        (lambda t: peak_segments(t, 0), "search_us = 0: expected a number > 0 us"),
-        (lambda t: peak_segments(t, 5, tau_us=-1), "tau_us = -1: expected a number > 0 us"),
-        (lambda t: peak_segments(t, 5, tau_us=9, rise_us=9), "rise_us is 9 us, expected 0 to below tau_us = 9"),
-        (lambda t: peak_segments(t, 5, threshold=-1), "threshold = -1: expected a number >= 0"),
-    ],
-)
-def test_messages(call, message):
-    with pytest.raises(ValueError) as error:  # noqa: PT011 (the text is compared below)
-        call(np.arange(3))
-    assert str(error.value) == message

@@ -19,15 +19,15 @@ from pathlib import Path
 import numpy as np
 
 import neuro
-from neuro.apps import Checkpoint
+from neuro.apps import Checkpoint, hdf5
 from neuro.core import growing
 from neuro.events import Dataset, Events, load, save
 from neuro.results import read as read_results
 from neuro_drone.model import Model as Drone
 from neuro_drone.train import train as train_drone
 from neuro_recognise import Recogniser
-from neuro_recognise.deciding import beginnings
-from neuro_recognise.kept import KeptAnswers, is_kept, keep
+from neuro_recognise.deciding import learn_early as early
+from neuro_recognise.observations import FORMAT, KeptAnswers, keep
 
 OUTCOMES = ("refused", "unchanged", "silent", "raw", "crash")
 LIMIT_S = 60
@@ -198,18 +198,18 @@ def evidence(folder):
 
 
 def read_of_evidence(path):
-    if not is_kept(path):
+    if not hdf5.is_whole(path, FORMAT):
         raise neuro.ModelError("made anew")
     return [dict(one) for one in KeptAnswers(path, 4)]
 
 
 def begun(folder):
-    beginnings._write(folder / "a.h5", [[one, one] for one in evidence_of()])
+    early._write(folder / "a.h5", [[one, one] for one in evidence_of()])
     return [folder / "a.h5"]
 
 
 def read_of_beginnings(path):
-    return [beginnings._read(path, moment) for moment in (0, 1)]
+    return [early._read(path, moment) for moment in (0, 1)]
 
 
 def recording(folder):

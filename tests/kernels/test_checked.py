@@ -4,8 +4,6 @@ import os
 import subprocess
 import sys
 
-import pytest
-
 CHECKED = "from neuro.kernels.numba_internals import check_bounds; check_bounds()\n"
 ARRAY = """
 import numpy as np
@@ -44,18 +42,17 @@ def look(item):
 OUTSIDE = "index is out of bounds\n"
 
 
-@pytest.mark.parametrize("code", [ARRAY, VIEW], ids=["array", "view by address"])
-def test_an_index_outside_is_found(code, tmp_path):
+def test_an_index_outside_of_an_array_is_found(tmp_path):
     """Beyond the end, below 0, and below 0 as a signed number."""
-    assert run(CHECKED + LOOK + code, tmp_path) == "2\n" + 3 * OUTSIDE
+    assert run(CHECKED + LOOK + ARRAY, tmp_path) == "2\n" + 3 * OUTSIDE
 
 
 def test_what_is_checked_and_what_is_not_are_kept_apart(tmp_path):
     """The machine code of one does not serve the other."""
     look = "def look(item):\n    print(item(np.uint64(3)))\n"
-    for _ in range(2):
-        assert run(look + VIEW, tmp_path) == "3\n"
-        assert run(CHECKED + LOOK + VIEW, tmp_path).endswith(OUTSIDE)
+    assert run(look + VIEW, tmp_path) == "3\n"
+    assert run(CHECKED + LOOK + VIEW, tmp_path) == "2\n" + 3 * OUTSIDE
+    assert run(look + VIEW, tmp_path) == "3\n"
 
 
 def run(code, folder):

@@ -64,14 +64,6 @@ def test_kernels_run_where_nothing_can_be_kept(places, tmp_path, capsys):
     )
 
 
-def test_no_temporary_folder_is_no_error(monkeypatch):
-    def nowhere():
-        raise FileNotFoundError("No usable temporary directory found")
-
-    monkeypatch.setattr(kept.tempfile, "gettempdir", nowhere)
-    assert len(list(kept._places())) == 1
-
-
 def test_a_link_to_a_folder_is_not_trusted(places, tmp_path):
     """Who made the link says what lies there, and what is removed."""
     (tmp_path / "theirs").mkdir(mode=0o700)
@@ -124,14 +116,11 @@ class Odd:
     "content",
     [
         pickle.dumps((1, 2)),
-        pickle.dumps(None),
-        pickle.dumps({}),
         pickle.dumps(Odd()),
         b"cno_such_module\nname\n.",
-        b"\x80\x63",
         b"",
     ],
-    ids=["short", "nothing", "dictionary", "raising", "module", "protocol", "empty"],
+    ids=["short", "raising", "module", "empty"],
 )
 def test_a_file_of_something_else_is_compiled_anew(content, places, tmp_path):
     from neuro.kernels.jit import kernel
@@ -174,7 +163,7 @@ def test_no_flipped_bit_is_run(file):
     content = kept._read(place)
     assert content is not None
     assert content in whole
-    for bit in range(0, 8 * len(whole), max(1, 8 * len(whole) // 2_000)):
+    for bit in range(0, 8 * len(whole), max(1, 8 * len(whole) // 500)):
         damaged = bytearray(whole)
         damaged[bit // 8] ^= 1 << bit % 8
         place.write_bytes(damaged)

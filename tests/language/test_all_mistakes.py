@@ -84,7 +84,7 @@ def test_nothing_is_wrong_with_what_is_right(folder):
 
 
 @given(st.sets(st.sampled_from(sorted(PLANTED)), min_size=2))
-@settings(max_examples=25, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@settings(max_examples=15, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
 def test_all_that_are_planted_are_told_as_if_alone(folder, alone, names):
     assert sorted(told(folder, tuple(names))) == sorted(alone[name] for name in names)
 
@@ -118,7 +118,7 @@ def first(path: str) -> list[str]:
 
 
 @given(st.lists(st.tuples(st.integers(0, len(PIECES) - 1), st.sampled_from(INSTEAD)), max_size=4))
-@settings(max_examples=80, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@settings(max_examples=50, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
 def test_of_any_text_the_first_is_among_them(folder, changes):
     """Where loading and compiling succeed nothing is told; else what they raise is; each mistake once."""
     pieces = list(PIECES)

@@ -10,7 +10,7 @@ import yaml
 from hypothesis import HealthCheck, example, given, settings, strategies as st
 
 import neuro
-from neuro.cli.check import check
+from neuro.cli.chips import check
 
 TEXT = """\
 neuro: 1
@@ -102,7 +102,7 @@ def answer(path, data):
     assert found is None or (found.message and found.where.file == str(path) and found.where.line > 0)
 
 
-@settings(max_examples=400, deadline=None, suppress_health_check=list(HealthCheck))
+@settings(max_examples=200, deadline=None, suppress_health_check=list(HealthCheck))
 @given(data=broken())
 @example(b"")
 @example(b"neuro: 1")
@@ -169,7 +169,7 @@ def beside(tmp_path_factory):
     return folder / "net.yaml"
 
 
-@settings(max_examples=100, deadline=None, suppress_health_check=list(HealthCheck))
+@settings(max_examples=60, deadline=None, suppress_health_check=list(HealthCheck))
 @given(place=st.sampled_from(PLACES), kind=st.sampled_from(KINDS))
 @example(place=(next(iter(RICH)), ("populations",)), kind=[1, 2])
 @example(place=(next(iter(RICH)), ("populations",)), kind="auto")

@@ -11,6 +11,7 @@ import neuro
 from neuro.core.errors import ModelError
 from neuro.files.results import write
 from neuro.run.collect import collect
+from refusals import refusal, refusals
 
 TIMES, IDS = np.array([0.5, 0.5, 2.0, 7.25]), np.array([1, 0, 1, 2])
 
@@ -78,31 +79,10 @@ def test_a_program_names_files_too(folder, words):
     assert neuro.load("saved.yaml") == net
 
 
-PROGRAMS = [
-    ({}, "spike_train: found neither 'spikes' nor 'file': expected one of them"),
-    ({"spikes": [], "file": "spikes.csv"}, "spike_train: found both 'spikes' and 'file': expected one of them"),
-    ({"key": "a"}, "spike_train: found 'key' without 'file': expected both"),
-    ({"file": "none.csv"}, "spike_train: none.csv: there is no such file"),
-    ({"file": "spikes.txt"}, "spike_train: file 'spikes.txt': expected a name ending in .h5, .hdf5, .npy, .csv"),
-    ({"file": "spikes.h5"}, "spike_train: file 'spikes.h5' needs 'key', the data set in it"),
-    (
-        {"file": "spikes.csv", "key": "a"},
-        "spike_train: a key for 'spikes.csv': expected none, a CSV file holds one table",
-    ),
-    (
-        {"file": "no.csv"},
-        "spike_train: file 'no.csv' has no column 'times': found 'time', 'ids': expected 'times' and 'ids'",
-    ),
-    ({"fil": "no.csv"}, "unknown parameter of spike_train 'fil'"),
-]
-
-
-@pytest.mark.parametrize(("words", "message"), PROGRAMS)
-def test_mistakes_of_programs_are_told(folder, words, message):
+@refusals("spike trains")
+def test_mistakes_of_programs_are_told(folder, call, message):
     written()
-    with pytest.raises(ModelError) as told:
-        neuro.spike_train(**words)
-    assert told.value.message == message
+    assert refusal(call, globals()) == message
 
 
 def test_spikes_of_a_run_are_emitted_again(folder):

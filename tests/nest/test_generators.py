@@ -49,8 +49,6 @@ def of_ours(model: Any, then: dict[str, Any], weight: float, delay: float, recep
     return sim.trace("V")[1].ravel(), sim.spikes("cell")[0]
 
 
-@pytest.mark.parametrize("receptor", [None, "ex"])
-@pytest.mark.parametrize("window", [{}, {"start": 4.2, "stop": 43.0}])
 @pytest.mark.parametrize(
     ("model", "words", "then"),
     [
@@ -61,7 +59,10 @@ def of_ours(model: Any, then: dict[str, Any], weight: float, delay: float, recep
         ("noise_generator", {"mean": 200.0}, {"mean": -50.0}),
     ],
 )
-@pytest.mark.parametrize(("weight", "delay"), [(1.2, 0.1), (-0.7, 2.3)])
+@pytest.mark.parametrize(
+    ("weight", "delay", "window", "receptor"),
+    [(1.2, 0.1, {}, None), (-0.7, 2.3, {"start": 4.2, "stop": 43.0}, "ex"), (-0.7, 0.1, {}, "ex")],
+)
 def test_v_is_that_of_nest(model, words, then, window, weight, delay, receptor):
     synapse = {"weight": weight, "delay": delay, "receptor_type": 0 if receptor is None else 1}
     expected, spiked = of_nest(model, words | window, then, synapse)

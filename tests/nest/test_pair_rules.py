@@ -14,7 +14,7 @@ from neuro.testing.scenarios import differences
 
 pytestmark = pytest.mark.usefixtures("nest")
 
-NETWORKS = 30
+NETWORKS = 10
 SETTINGS = settings(
     max_examples=NETWORKS,
     deadline=None,

@@ -102,12 +102,6 @@ def test_a_current_without_leak():
     )
 
 
-def test_a_current_without_leak_later():
-    sim = neuro.compile(driven(neuro.iaf_psc_exp(tau_m=float("inf"))), "nest")
-    with pytest.raises(ModelError, match="I_e of 'cells' cannot change: with an infinite tau_m"):
-        sim.set("cells", I_e=1.0)
-
-
 def test_an_initial_current():
     net = neuro.Network("net")
     net.place = Where("here")

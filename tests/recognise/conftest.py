@@ -1,9 +1,12 @@
+import shutil
 from functools import partial
 
 import numpy as np
 import pytest
 
+from flickering import drawn
 from neuro.events import Events, recordings, save
+from neuro_recognise import fit
 from neuro_recognise.methods.remus import Remus
 from neuro_recognise.recogniser import learn
 from neuro_recognise.shown import Features
@@ -44,6 +47,20 @@ def unseen(folder, learning):
 @pytest.fixture(autouse=True)
 def _own_cache(monkeypatch, tmp_path):
     monkeypatch.setattr("platformdirs.user_cache_path", lambda name: tmp_path / "cache")
+
+
+@pytest.fixture(scope="session")
+def of_hats(learning, tmp_path_factory):
+    """The file of a recogniser by HATS that learnt the bars."""
+    file = tmp_path_factory.mktemp("hats") / "m.h5"
+    fit(learning, "hats", out=file, cache=file.parent / "cache")
+    return file
+
+
+@pytest.fixture
+def model(of_hats, tmp_path):
+    """A copy of that file, `m.h5` in the folder of the test."""
+    return shutil.copy(of_hats, tmp_path / "m.h5")
 
 
 @pytest.fixture
@@ -97,3 +114,14 @@ def train():
         return learn(method, shown, "letters", **more)
 
     return taught
+
+
+@pytest.fixture(scope="session")
+def shapes_folder(tmp_path_factory):
+    """Recordings of crosses and rings, in classes of these names."""
+    path = tmp_path_factory.mktemp("shapes")
+    for name in ("cross", "ring"):
+        (path / name).mkdir()
+        for k in range(8):
+            save(drawn(name, k), path / name / f"{k}.npz")
+    return path

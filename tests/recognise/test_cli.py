@@ -1,10 +1,11 @@
 import json
+import pickle
 import re
 
 import pytest
 from matplotlib.image import imread
 
-from neuro.events import save
+from neuro.events import load, save
 from neuro_recognise.method import METHODS
 
 
@@ -41,15 +42,13 @@ def test_train_test_predict(neuro, folder, tmp_path):
     assert re.search(rf"{files[0].parent.name}\s+\d+ of \d+ ms", out.replace(str(files[0]), ""))
 
 
-@pytest.mark.parametrize("ending", ["aedat", "npz", "csv", "dat", "raw"])
-def test_files_of_any_format_are_predicted(neuro, folder, tmp_path, ending):
-    from neuro.events import load
-
-    neuro("train", "hats", "--data", folder, "--out", "m.h5")
-    file = next((folder / "Test" / "lying").glob("*.bin"))
-    save(load(file), tmp_path / f"one.{ending}")
-    code, out, _ = neuro("predict", "m.h5", f"one.{ending}", "--json")
-    assert (code, json.loads(out)[0]["class"]) == (0, "lying")
+def test_files_of_any_format_are_predicted(neuro, folder, model, tmp_path):
+    events = load(next((folder / "Test" / "lying").glob("*.bin")))
+    files = [f"one.{ending}" for ending in ("aedat", "npz", "csv", "dat", "raw")]
+    for file in files:
+        save(events, tmp_path / file)
+    code, out, _ = neuro("predict", "m.h5", *files, "--json")
+    assert (code, [one["class"] for one in json.loads(out)]) == (0, ["lying"] * 5)
 
 
 @pytest.mark.parametrize(
@@ -62,15 +61,36 @@ def test_files_of_any_format_are_predicted(neuro, folder, tmp_path, ending):
         (("predict", "nothing.h5", "one.bin"), "nothing.h5: no such file"),
     ],
 )
-def test_mistakes_are_told_in_one_message(neuro, folder, words, told):
+def test_mistakes_are_one_message(neuro, folder, words, told):
     code, out, err = neuro(*(word.format(folder=folder) for word in words))
     assert (code, out) == (2, "")
     assert err.startswith(f"error: {told}")
     assert "Traceback" not in err
 
 
-def test_compare_keeps_what_is_done(neuro, folder, tmp_path):
-    words = ("compare", "--data", folder, "--folds", 2, "--method", "hats", "--method", "boe:tar", "--out", "all")
+def test_compare_keeps_what_is_done(neuro, folder, tmp_path, monkeypatch):
+    """Folds and what comes of them go to other processes and back."""
+
+    def sent(run, jobs, processes, tell):
+        assert processes == 2
+        return [pickle.loads(pickle.dumps(run(pickle.loads(pickle.dumps(job)), tell))) for job in jobs]
+
+    monkeypatch.setattr("neuro_recognise.compare.side_by_side", sent)
+    words = (
+        "compare",
+        "--data",
+        folder,
+        "--folds",
+        2,
+        "--method",
+        "hats",
+        "--method",
+        "boe:tar",
+        "--out",
+        "all",
+        "--jobs",
+        2,
+    )
     code, out, _ = neuro(*words)
     assert code == 0
     assert out.splitlines()[-2:] == ["all/table.md", "all/compare.html"]

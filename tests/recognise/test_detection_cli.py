@@ -13,74 +13,34 @@ from neuro_recognise.detection.boxes import read_boxes
 
 
 @pytest.fixture(scope="module")
-def run(status_of):
-    """Run `neuro recognise ...`; return the exit status."""
-    return partial(status_of, "recognise")
-
-
-@pytest.fixture(scope="module", autouse=True)
-def cache(tmp_path_factory):
-    """What is computed of recordings is not kept among the user's."""
-    path = tmp_path_factory.mktemp("cache")
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("platformdirs.user_cache_path", lambda name: path)
-        yield
-
-
-@pytest.fixture(scope="module")
-def folder(tmp_path_factory):
-    """Recordings of crosses and rings, in classes of these names."""
-    path = tmp_path_factory.mktemp("shapes")
-    y, x = np.mgrid[:23, :23] - 11
-    for name, there in (("cross", (abs(x) < 4) | (abs(y) < 4)), ("ring", abs(np.hypot(x, y) - 9) < 3)):
-        (path / name).mkdir()
-        rows, columns = np.nonzero(there)
-        for k in range(6):
-            rng = np.random.default_rng([k, len(name)])
-            of, t = rng.integers(len(rows), size=3000), np.sort(rng.integers(300_000, size=3000))
-            events = Events(t, columns[of] + 5, rows[of] + 5, rng.integers(2, size=3000), (34, 34))
-            save(events, path / name / f"{k}.npz")
-    return path
-
-
-@pytest.fixture(scope="module")
-def made(folder, run, tmp_path_factory):
+def made(shapes_folder, status_of, tmp_path_factory):
     """A folder with scenes and a recogniser that learnt from crops out of others."""
     path = tmp_path_factory.mktemp("made")
-    halves = ["--data", str(folder), "--folds", "2", "--fold", "0"]
+    halves = ["--data", str(shapes_folder), "--folds", "2", "--fold", "0"]
     for words in (
         ["scenes", *halves, "--out", str(path / "learn"), "--count", "6", "--others"],
         ["crops", str(path / "learn"), "--out", str(path / "crops")],
         ["train", "hats", "--data", str(path / "crops"), "--out", str(path / "model.h5")],
         ["scenes", *halves, "--out", str(path / "scenes"), "--count", "3", "--noise", "2", "--set", "speed=5"],
     ):
-        assert run(*words) == 0
+        assert status_of("recognise", *words) == 0
     return path
 
 
 @pytest.fixture
-def neuro(run, monkeypatch, made, capsys):
+def neuro(answer, monkeypatch, made):
+    """Run `neuro recognise ...` in that folder; return exit status, stdout and stderr."""
     monkeypatch.chdir(made)
-
-    def told(*words):
-        capsys.readouterr()
-        code = run(*words)
-        out = capsys.readouterr()
-        return code, out.out, out.err
-
-    return told
+    return partial(answer, "recognise")
 
 
 def test_measured_on_scenes(neuro):
     code, out, _ = neuro("detect", "model.h5", "--data", "scenes", "--json")
     found = json.loads(out)
     assert code == 0
-    assert found["format"] == "neuro recognise detection 1"
-    assert found["method"] == "hats"
-    assert found["scenes"] == 3
-    assert found["map"] == found["box_ap"] == 1.0
     assert set(found["ap"]) == {"cross", "ring"}
-    assert found["missed"] == found["switches"] == 0
+    expected = {"format": "neuro recognise detection 1", "method": "hats", "scenes": 3, "map": 1.0, "box_ap": 1.0}
+    assert found == found | expected | {"missed": 0, "switches": 0}
     code, out, _ = neuro("detect", "model.h5", "--data", "scenes")
     assert code == 0
     assert "mAP at IoU 0.5" in out

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from hypothesis import given, strategies as st
+from hypothesis import given, settings, strategies as st
 
 from neuro_recognise.detection.boxes import Boxes, iou, suppressed
 from neuro_recognise.detection.measures import average_precision, identity_switches, precision
@@ -19,17 +19,12 @@ def pixels(box):
 
 
 @given(boxes, boxes)
+@settings(max_examples=20)
 def test_iou_counts_pixels(a, b):
     for i, j in np.ndindex(len(a), len(b)):
         one, other = pixels(a[i]), pixels(b[j])
         either = len(one | other)
         assert iou(a, b)[i, j] == pytest.approx(len(one & other) / either if either else 0.0)
-
-
-def test_iou_of_squares_that_are_moved():
-    moved = np.array([[shift, 0, shift + 10, 10] for shift in range(12)], float)
-    expected = [max(0, 10 - shift) / (20 - max(0, 10 - shift)) for shift in range(12)]
-    np.testing.assert_allclose(iou(moved[:1], moved)[0], expected)
 
 
 @given(boxes, st.floats(0.1, 0.9))
@@ -58,14 +53,11 @@ def test_average_precision_by_hand(right, true, expected):
     assert average_precision(np.array(right, bool), true) == pytest.approx(expected)
 
 
-def test_without_true_boxes_it_is_unknown():
-    assert np.isnan(average_precision(np.array([False]), 0))
-
-
 @given(st.lists(st.booleans(), max_size=30), st.integers(0, 5))
 def test_average_precision_is_the_area_under_the_best_precision(right, missed):
     true = sum(right) + missed
     if not true:
+        assert np.isnan(average_precision(np.array(right, bool), 0))
         return
     points = [(sum(right[: k + 1]) / true, sum(right[: k + 1]) / (k + 1)) for k in range(len(right))]
     area = sum(max((p for r, p in points if r >= (n + 1) / true - 1e-12), default=0.0) / true for n in range(true))

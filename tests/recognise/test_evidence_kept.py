@@ -7,16 +7,15 @@ import sys
 import numpy as np
 import pytest
 
-from neuro import ModelError
 from neuro.core.extension import run_extension
-from neuro_recognise import code, fit, kept
+from neuro_recognise import code, fit, observations
 from neuro_recognise.compare import MethodComparison, compare, contestants
-from neuro_recognise.kept import KeptAnswers, keep
 from neuro_recognise.method import METHODS
 from neuro_recognise.methods.hats import Hats
-from neuro_recognise.observations import observe
+from neuro_recognise.observations import KeptAnswers, keep, observe
 from neuro_recognise.parts.readouts import Ridge
 from neuro_recognise.recogniser import method_of, settled
+from refused import refused
 
 OWN = """
 from dataclasses import dataclass
@@ -102,13 +101,6 @@ def other_code(monkeypatch, tmp_path):
     code._ours.cache_clear()
 
 
-def test_edited_code_of_ours_looks_anew(learning, tmp_path, other_code):
-    for text in ("1", "1", "2"):
-        other_code(text)
-        fit(learning, "hats", cache=tmp_path / "cache")
-    assert len(list((tmp_path / "cache").iterdir())) == 2
-
-
 def test_our_digest_is_of_all_that_computes():
     names = {folder.name for folder in code._folders()}
     assert names == {"neuro", "neuro_event", "neuro_models", "neuro_recognise", "neuro_torch", "neuro_train"}
@@ -154,15 +146,17 @@ def test_a_file_that_lost_its_end_is_told(tmp_path):
     single = KeptAnswers(file, 1)
     assert len(single[0]["a"]) == 100
     os.truncate(file, file.stat().st_size - 8)
-    with pytest.raises(ModelError, match=r"some\.h5: damaged neuro recognise evidence 1: it ends too early"):
-        single[0]["a"]
+    told = f"{file}: damaged neuro recognise evidence 1: it ends too early"
+    assert refused(lambda: single[0]["a"]) == told
 
 
 def test_random_order_opens_a_file_once(learning, tmp_path, monkeypatch):
     monkeypatch.setattr("neuro_recognise.observations.AT_ONCE", 4)
     shown = observe(settled(method_of("hots"), learning), learning, cache=tmp_path)
     opened = []
-    monkeypatch.setattr("neuro_recognise.kept._File", lambda path, make=kept._File: opened.append(path) or make(path))
+    monkeypatch.setattr(
+        "neuro_recognise.observations._File", lambda path, make=observations._File: opened.append(path) or make(path)
+    )
     for k in np.random.default_rng(0).permutation(100) % len(learning):
         np.testing.assert_array_equal(shown.evidence[k]["x"], learning[int(k)].load().x)
     assert len(opened) == len(set(opened)) == 6
@@ -174,17 +168,17 @@ def test_recordings_are_fingerprinted_once(learning, tmp_path, monkeypatch):
     monkeypatch.setattr(type(learning), "fingerprint", lambda self: asked.append(1) or real(self))
     fit(learning, "hats", cache=tmp_path)
     assert len(asked) == 1
-    plan = MethodComparison(contestants(["hats", "tar_hats"]), 2, (0,), (), tmp_path / "compared")
-    compare(learning, plan, lambda progress: None)
+    plan = MethodComparison(contestants(["hats", "tar_hats"]), 2, (0,), (), tmp_path / "compared", jobs=1)
+    compare(learning.take(range(0, 24, 2)), plan, lambda progress: None)
     assert len(asked) == 2
 
 
-def test_a_finished_model_of_other_code_is_not_taken_for_the_same(learning, tmp_path, other_code):
-    out = tmp_path / "m.h5"
+def test_edited_code_of_ours_looks_anew_and_its_models_are_others(learning, tmp_path, other_code):
+    out, cache = tmp_path / "m.h5", tmp_path / "cache"
     for text in ("1", "1"):
         other_code(text)
-        fit(learning, "hats", out=out)
+        fit(learning, "hats", out=out, cache=cache)
     other_code("2")
-    with pytest.raises(ModelError, match=r"m\.h5: a recogniser that was trained with other code"):
-        fit(learning, "hats", out=out)
-    fit(learning, "hats", out=out, replace=True)
+    assert refused(fit, learning, "hats", out=out).startswith(f"{out}: a recogniser that was trained with other code")
+    fit(learning, "hats", out=out, replace=True, cache=cache)
+    assert len(list(cache.iterdir())) == 2

@@ -1,21 +1,29 @@
-"""HFirst: the network beside the authors' rules event by event, its templates, readings and settings."""
+"""HFirst: the network beside the rules of its authors event by event, its templates, readings, and the method."""
 
 from dataclasses import replace
+from functools import cache
 
 import numpy as np
 import pytest
 
 import neuro
 import neuro_models
+from neuro.chips import cells
 from neuro.events import Events, recordings
-from neuro_recognise.hfirst import (
+from neuro_recognise.compare import MethodComparison, compare, contestants
+from neuro_recognise.evaluate import evaluate
+from neuro_recognise.method import choose
+from neuro_recognise.methods.hfirst import (
+    READINGS,
     HFirstSettings,
     LayerResponse,
     LayerSpikes,
+    _without_noise,
     c1_alone,
     c1_counts,
     c1_spikes,
     decide,
+    decisive,
     network,
     s1_spikes,
     s2_alone,
@@ -25,7 +33,12 @@ from neuro_recognise.hfirst import (
     shown,
     templates,
 )
-from neuro_recognise.hfirst.s1 import _without_noise
+from neuro_recognise.recogniser import learn, method_of
+from neuro_recognise.shown import Features
+from neuro_recognise.telling import compare_report
+from neuro_recognise.telling.energy import bills, counted, show as show_energy
+from neuro_recognise.telling.tried import Tried
+from refused import refused
 
 SMALL = HFirstSettings(size=(14, 11))
 
@@ -95,9 +108,17 @@ def c1_by_events(settings, events):
     return np.array(times), np.array(ids)
 
 
+RESETS = replace(SMALL, c1_resets=True)
+
+
+@cache
+def compiled(settings, layer="whole"):
+    return neuro.compile(c1_alone(settings) if layer == "c1" else network(settings, 3))
+
+
 @pytest.fixture(scope="module")
 def sim():
-    return neuro.compile(network(SMALL, 3))
+    return compiled(SMALL)
 
 
 def whole(sim, settings, recording):
@@ -152,17 +173,16 @@ def test_a_recording_of_noise_has_no_spikes(sim):
     assert nothing.times.size == nothing.ids.size == 0
     s1 = s1_spikes(SMALL, shown(SMALL, bar(n=1)))
     assert [spikes.ids.size for spikes in s1.values()] == [0, 0]
-    assert c1_spikes(neuro.compile(c1_alone(SMALL)), SMALL, s1).ids.size == 0
+    assert c1_spikes(compiled(SMALL, "c1"), SMALL, s1).ids.size == 0
 
 
-@pytest.mark.parametrize("resets", [False, True])
+@pytest.mark.parametrize("settings", [SMALL, RESETS], ids=["", "resets"])
 @pytest.mark.parametrize("seed", range(3))
-def test_layer_by_layer_spikes_are_those_of_the_network(seed, resets):
+def test_layer_by_layer_spikes_are_those_of_the_network(seed, settings):
     """S1 event by event, C1 alone: all spikes at the steps of the whole network, also where C1 draws ties."""
-    settings = replace(SMALL, c1_resets=resets)
-    inputs, sim = shown(settings, bar(seed=seed)), neuro.compile(network(settings, 3))
+    inputs, sim = shown(settings, bar(seed=seed)), compiled(settings)
     s1 = s1_spikes(settings, inputs)
-    c1 = c1_spikes(neuro.compile(c1_alone(settings)), settings, s1)
+    c1 = c1_spikes(compiled(settings, "c1"), settings, s1)
     show(sim, settings, inputs)
     for name, (times, ids) in {**s1, "c1": c1}.items():
         expected = sim.spikes(name)
@@ -171,7 +191,7 @@ def test_layer_by_layer_spikes_are_those_of_the_network(seed, resets):
         assert ids.size > 20, name
 
 
-def test_layers_alone_are_told_by_their_places_in_the_file():
+def test_layers_alone_are_named_by_their_places_in_the_file():
     """A chip that refuses them names the network's file, not the code that took them out."""
     for net in (c1_alone(SMALL), s2_alone(SMALL, np.ones((3, np.prod(SMALL.shape))))):
         with pytest.raises(
@@ -181,14 +201,17 @@ def test_layers_alone_are_told_by_their_places_in_the_file():
 
 
 def test_an_event_outside_of_the_camera_is_refused():
-    with pytest.raises(neuro.ModelError) as error:
-        shown(SMALL, bar(settings=replace(SMALL, size=(30, 11))))
-    assert str(error.value).startswith("an event at (")
-    assert str(error.value).endswith("expected a sensor of at most 14 x 11 px\n  hint: set size")
+    message = refused(shown, SMALL, bar(settings=replace(SMALL, size=(30, 11))))
+    assert message.startswith("an event at (")
+    assert message.endswith("expected a sensor of at most 14 x 11 px\n  hint: set size")
 
 
-def test_s2_alone_is_the_s2_of_the_network(of_bars):
-    learnt = templates(SMALL, c1_counts(SMALL, of_bars), [0, 1, 2, 0], 3) + np.arange(3.0)[:, None]
+@pytest.fixture(scope="module")
+def learnt(of_bars):
+    return templates(SMALL, c1_counts(SMALL, of_bars), [0, 1, 2, 0], 3) + np.arange(3.0)[:, None]
+
+
+def test_s2_alone_is_the_s2_of_the_network(learnt):
     sim = neuro.compile(network(SMALL, 3, learnt))
     c1 = whole(sim, SMALL, bar())
     times, ids = sim.spikes("s2")
@@ -198,8 +221,7 @@ def test_s2_alone_is_the_s2_of_the_network(of_bars):
     np.testing.assert_allclose(heard.spikes.times, times, atol=1e-9)
 
 
-def test_s2_does_what_the_rules_say(of_bars):
-    learnt = templates(SMALL, c1_counts(SMALL, of_bars), [0, 1, 2, 0], 3) + np.arange(3.0)[:, None]
+def test_s2_does_what_the_rules_say(of_bars, learnt):
     heard = s2_heard(neuro.compile(s2_alone(SMALL, learnt)), SMALL, of_bars[1])
     place = Sheet((3, 1), SMALL.s2_threshold, SMALL.s2_leak, SMALL.t_ref)
     fired = []
@@ -213,12 +235,11 @@ def test_s2_does_what_the_rules_say(of_bars):
 
 
 def test_orientations_of_a_cell_may_reset_each_other(of_bars):
-    settings = replace(SMALL, c1_resets=True)
-    fewer = whole(neuro.compile(network(settings, 3)), settings, bar(seed=0))
+    fewer = whole(compiled(RESETS), RESETS, bar(seed=0))
     assert 0 < fewer.ids.size < of_bars[0].ids.size
-    cells = fewer.ids % np.prod(settings.shape[1:])
+    cells = fewer.ids % np.prod(RESETS.shape[1:])
     for cell in np.unique(cells):
-        assert np.all(np.diff(fewer.times[cells == cell]) > settings.t_ref)
+        assert np.all(np.diff(fewer.times[cells == cell]) > RESETS.t_ref)
 
 
 def test_templates_are_counts_at_a_norm_of_100():
@@ -242,14 +263,25 @@ def test_readings():
     assert [decide(even, reading) for reading in ("hard", "soft", "potentials")] == [2, 2, 1]
     silent = heard._replace(spikes=LayerSpikes(np.zeros(0), np.zeros(0, dtype=np.int64)))
     assert [decide(silent, reading) for reading in ("hard", "soft", "potentials")] == [1, 1, 1]
-    with pytest.raises(neuro.ModelError, match=r"^reading = 'loud': expected one of hard, soft, potentials$"):
-        decide(heard, "loud")
+    assert refused(decide, heard, "loud") == "reading = 'loud': expected one of hard, soft, potentials"
+
+
+def test_equal_spikes_are_decided_by_potentials_which_weigh_less_than_a_spike():
+    heard = LayerResponse(
+        LayerSpikes(np.arange(3.0), np.array([1, 2, 2])), np.array([[9.0, 1.0, 0.0], [0.0, 5.0, 2.0]])
+    )
+    np.testing.assert_allclose(decisive(heard, "hard"), [2 / 3, 1 + 1 / 3, 2.0])
+    np.testing.assert_allclose(decisive(heard, "soft"), [2 / 9, 4 / 9, 2 / 3])
+    np.testing.assert_array_equal(decisive(heard, "potentials"), [9.0, 6.0, 2.0])
+    without = heard._replace(spikes=LayerSpikes(np.zeros(0), np.zeros(0, np.int64)))
+    np.testing.assert_allclose(decisive(without, "soft"), [2 / 3, 1 / 3, 0.0])
 
 
 def test_s2_that_hears_nothing_is_silent():
     nothing = LayerSpikes(np.zeros(0), np.zeros(0, dtype=np.int64))
     heard = s2_heard(neuro.compile(s2_alone(SMALL, np.ones((3, np.prod(SMALL.shape))))), SMALL, nothing)
     assert heard.potentials.shape == (0, 3)
+    assert all(np.isnan(decisive(heard, reading)).all() for reading in READINGS)
     assert decide(heard, "potentials") == decide(heard) == -1
 
 
@@ -273,3 +305,93 @@ def test_pips_are_told_apart(shared):
     s2 = neuro.compile(s2_alone(settings, learnt))
     right = [decide(s2_heard(s2, settings, c1[k]), "potentials") == labels[k] for k in np.flatnonzero(~train)]
     assert np.mean(right) >= 0.75
+
+
+REFUSED = (
+    "population 's1_on': iaf_linear_leak: loihi has no such neuron: it has iaf_psc_exp, iaf_psc_delta and parrot_neuron"
+)
+
+
+def test_what_is_observed_does_not_depend_on_s2():
+    first = method_of("hfirst").observing()
+    assert method_of("hfirst", values={"s2_threshold": 90.0, "s2_leak": 2.0, "below": 0.5}).observing() == first
+    assert method_of("hfirst", values={"unseen": -2.0, "reading": "soft"}).observing() == first
+    assert method_of("hfirst", values={"s1_leak": 50.0}).observing() != first
+    assert method_of("hfirst", "poker").observing() != first
+
+
+def test_the_network_has_what_was_learnt():
+    learnt = {"templates": np.arange(3.0 * 2 * 2 * 2).reshape(3, -1)}
+    net = method_of("hfirst", values={"size": [8, 8], "orientations": 2}).network(learnt)
+    assert net.populations["s1_on"].shape == (2, "auto", "auto")
+    *_, weights = neuro.compile(net).weights("c1_s2")
+    np.testing.assert_array_equal(weights.reshape(8, 3), learnt["templates"].T)
+
+
+@pytest.fixture(scope="module")
+def bars():
+    """What upright and lying bars show."""
+    method = method_of("hfirst", values={"size": [12, 12], "orientations": 4})
+    events = []
+    for k in range(8):
+        rng = np.random.default_rng(k)
+        along, across = rng.integers(2, 11, 300), 3 + np.arange(300) // 50 + rng.integers(0, 2, 300)
+        x, y = (along, across) if k % 2 else (across, along)
+        events.append(Events(np.arange(300) * 60, x, y, rng.integers(0, 2, 300), (12, 12)))
+    labels = np.arange(8) % 2
+    shown = Features([method.observe(one) for one in events], labels, tuple("abcdefgh"), ("upright", "lying"))
+    return learn(method, shown, "bars"), shown
+
+
+def test_the_whole_network_decides_as_its_layers_do_on_each_backend(bars):
+    """The spikes of S2, of all recordings together, are those of the bill's run."""
+    model, shown = bars
+    assert (choose(model.method.answer(model.learnt, shown).scores) == shown.labels).all()
+    shown = shown.take([0, 1])
+    one, other = (model.method.answer(model.learnt, shown, backend) for backend in ("event", "reference"))
+    for vote, found in one.votes.items():
+        np.testing.assert_allclose(found, other.votes[vote], rtol=0, atol=1e-9)
+    (_, took), (sim, again) = one.run(), other.run()
+    assert sim.backend == "reference"
+    heard = sum(np.floor(one.votes["hard"] + 1e-9).sum(axis=1))
+    for taken in (took, again):
+        assert taken.counts.populations["s2"].spikes == heard > 0
+        assert taken.counts.populations["c1"].spikes == sum(len(part["ids"]) for part in shown.evidence)
+    assert took.counts == again.counts
+
+
+def test_its_bill_and_the_chips_that_refuse_it(bars, capsys):
+    model, shown = bars
+    answer = model.method.answer(model.learnt, shown)
+    tried = Tried(evaluate(choose(answer.scores), shown.labels, shown.classes), {}, answer)
+    told = bills(tried, ["loihi", "spinnaker", "spinnaker2", "cpu"])
+    assert list(told.bills) == ["spinnaker2", "cpu"]
+    assert told.refused == {"loihi": REFUSED, "spinnaker": REFUSED.replace("loihi", "spinnaker")}
+    counts = counted(told)
+    assert "frames" not in counts
+    macs = 2 * 4 * 72 * 72 + 2 * 4 * 9 * 16 + 4 * 9 * 2  # a field of 7 covers 7 * 12 - 12 places along a side of 12
+    assert counts["steps"] * 8 == told.run[1].counts.steps
+    per_mac = told.bills["cpu"].items[0].joules_each
+    assert told.bills["cpu"].total_j == pytest.approx(counts["steps"] * macs * per_mac)
+    show_energy(model, tried, told)
+    text = capsys.readouterr().out
+    assert f"- loihi refuses the network: {REFUSED}\n" in text
+    (row,) = [line for line in text.splitlines() if line.strip().startswith("loihi ")]
+    assert row.split() == ["loihi", "refused", *["-"] * 4]
+
+
+def test_a_comparison_says_who_refuses_it(capsys, learning, tmp_path):
+    """Trained on two folds, priced by the whole network."""
+    plan = MethodComparison(contestants(["hfirst"]), 2, (0,), ("loihi", "spinnaker2"), tmp_path, jobs=1)
+    found = compare(learning.take([0, 1, 2, 8, 9, 10]), plan, lambda progress: None)
+    compare_report.show([*found], plan)
+    lines = capsys.readouterr().out.splitlines()
+    assert lines[-1] == f"- loihi refuses hfirst: {REFUSED}"
+    (row,) = [line for line in lines if line.strip().startswith("hfirst") and "refused" in line]
+    assert row.split() == ["hfirst", "loihi", "refused", *["-"] * 4]
+    (row,) = [line for line in lines if line.strip().startswith("hfirst") and "spinnaker2" in line]
+    bill = found[0].bills["spinnaker2"]
+    dynamic, *_, time, _ = cells(bill)
+    assert row.split()[2:4] == dynamic.split()
+    assert " ".join(row.split()).endswith(f"{time} 1")
+    assert bill["late"], "steps of 0.1 ms"

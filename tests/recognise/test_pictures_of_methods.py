@@ -6,21 +6,10 @@ from scipy.ndimage import gaussian_filter
 
 from neuro.events import Events
 from neuro_recognise.detection.boxes import Boxes
-from neuro_recognise.detection.pictures import drawn
 from neuro_recognise.evaluate import Evaluation
-from neuro_recognise.method import METHODS
-from neuro_recognise.methods.framewise import Framewise
-from neuro_recognise.parts.gabor import gabor_bank
-from neuro_recognise.recogniser import fit, learn, method_of
-from neuro_recognise.telling.features import reconstructed
-from neuro_recognise.telling.pictures import accuracies, confusion, images, prototypes
-
-NETWORKS = {
-    "masquelier_thorpe": ({"field": 5, "theta": 8.0, "maps": 8, "epochs": 1}, "features", 8),
-    "mozafari": ({"field": 7, "theta": 16.0, "per_class": 2, "epochs": 1}, "prototypes", 6),
-    "must": ({"neurons": 30, "theta": 8.0, "rise": 1.0, "total": 100.0, "epochs": 1}, "features", 3 * 8),
-    "remus": ({"field": 7, "theta": 16.0, "per_class": 2, "epochs": 1}, "prototypes", 6),
-}
+from neuro_recognise.parts.banks import gabor_bank
+from neuro_recognise.recogniser import fit, method_of
+from neuro_recognise.telling.pictures import accuracies, boxes_on_frames, confusion, images, prototypes, reconstructed
 
 
 def test_a_weight_is_drawn_as_its_filter():
@@ -34,18 +23,6 @@ def test_a_weight_is_drawn_as_its_filter():
     alone[5 - 2 : 5 + 3, 7 - 2 : 7 + 3] = 0.5 * filters[1]
     np.testing.assert_allclose(found[0], gaussian_filter(np.maximum(alone, 0.0), 1.0, mode="constant"), atol=1e-12)
     assert not found[1].any()
-
-
-@pytest.mark.parametrize("name", NETWORKS)
-def test_networks_draw_a_picture_a_feature(name, letters):
-    values, drawn, n = NETWORKS[name]
-    made = learn(method_of(name, "", {"size": [16, 16], "window": 10.0, **values}), letters, "letters", seed=1)
-    figure = made.method.pictures(made.learnt, made.classes)[drawn]
-    assert len(figure.axes) == n
-
-
-def test_all_networks_are_drawn():
-    assert set(NETWORKS) | {"edhmax_tempotron"} == {n for n, m in METHODS.items() if issubclass(m, Framewise)}
 
 
 def images_of(figure):
@@ -96,6 +73,6 @@ def test_names_of_classes_are_no_formulas(tmp_path):
     for figure in (
         confusion(table, names[0]), accuracies([(names[0], [table]), (names[1], [table])]),
         prototypes(np.ones((2, 1, 3, 3)), names, [0.0]), images(np.ones((2, 3, 3)), names, *names),
-        drawn(events, box, names, names[0]),
+        boxes_on_frames(events, box, names, names[0]),
     ):  # fmt: skip
         figure.savefig(tmp_path / "a.png", dpi=20)

@@ -10,7 +10,6 @@ from hypothesis import given, settings
 
 import neuro
 from neuro.events import Events
-from neuro_recognise.methods.framewise import Framewise
 from neuro_recognise.methods.remus import Remus
 from neuro_recognise.observations import observed
 from neuro_recognise.parts.representations import Counts, Leaky, Surface
@@ -107,13 +106,3 @@ def test_what_can_be_changed_after_training(early):
         "method 'remus': 'layer' cannot be changed after training, which depends on it\n"
         "  hint: what can: segmenter, representation, vote; or train anew"
     )
-
-
-def test_a_bank_that_sees_each_event_by_itself():
-    with pytest.raises(neuro.ModelError) as error:
-        method_of("edhmax_tempotron", values={"representation": "leaky"})
-    assert str(error.value) == (
-        "method 'edhmax_tempotron': bank 'leaky_gabors' sees each event by itself: found representation 'leaky'\n"
-        "  hint: representation=counts, or bank=gabors"
-    )
-    assert issubclass(type(method_of("edhmax_tempotron", "remus_front_end", {"representation": "leaky"})), Framewise)

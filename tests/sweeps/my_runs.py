@@ -18,7 +18,7 @@ def noting(a, notes, pause=0.0, seed=0):
 
 
 def uneven(a):
-    """Every fifth raises, one never ends, one eats memory, one ends its process, one prints."""
+    """Every fifth raises, one never ends, one eats memory, one ends its process, one prints, two stop in other ways."""
     if a % 5 == 4:
         raise ZeroDivisionError(f"a = {a}")
     if a == 1:
@@ -29,11 +29,11 @@ def uneven(a):
         os.abort()
     if a == 5:
         print("of five")
+    if a == 6:
+        raise KeyboardInterrupt
+    if a == 7:
+        raise BaseException("enough")
     return a
-
-
-def wrong(a):
-    return [a]
 
 
 def forking(a, notes):
@@ -48,15 +48,6 @@ def forking(a, notes):
             os.abort()
     if a == 2 and not os.fork():
         raise RuntimeError("a child comes back")
-    return a
-
-
-def stopping(a):
-    """One stops as Ctrl-C does, one by an error that is none of `Exception`."""
-    if a == 1:
-        raise KeyboardInterrupt
-    if a == 2:
-        raise BaseException("enough")
     return a
 
 

@@ -57,15 +57,6 @@ def cluster(tmp_path):
     made.close()
 
 
-@pytest.fixture
-def runs(monkeypatch):
-    monkeypatch.syspath_prepend(FOLDER)
-    import my_runs
-
-    yield my_runs
-    sys.modules.pop("my_runs", None)
-
-
 def sweep(function, space, out, **words):
     return neuro.sweep(function, space, out=out, progress=False, **words)
 
@@ -73,7 +64,7 @@ def sweep(function, space, out, **words):
 def test_the_same_table_as_on_cores(runs, cluster, tmp_path):
     cluster.add()
     cluster.add()
-    space = {"a": list(range(30))}
+    space = {"a": list(range(12))}
     on_cluster = sweep(runs.add, space, tmp_path / "cluster", seeds=2, on=cluster.file)
     assert on_cluster.csv() == sweep(runs.add, space, tmp_path / "here", seeds=2, on="here").csv()
 
@@ -93,9 +84,7 @@ def test_limits_hold_on_a_cluster(runs, cluster, tmp_path):
 
 
 @pytest.mark.slow
-def test_a_killed_worker_loses_nothing(runs, cluster, tmp_path):
-    notes, out = tmp_path / "notes", tmp_path / "out"
-    notes.mkdir()
+def test_a_killed_worker_loses_nothing(runs, cluster, tmp_path, notes):
     cluster.add()
     cluster.add()
     killed = []
@@ -105,19 +94,17 @@ def test_a_killed_worker_loses_nothing(runs, cluster, tmp_path):
             killed.append(True)
             os.killpg(cluster.workers[0].pid, signal.SIGKILL)
 
-    words = {"set": {"notes": str(notes), "pause": 0.05}, "on": cluster.file, "each": kill}
-    table = sweep(runs.noting, {"a": list(range(60))}, out, **words)
+    words = {"set": {"notes": notes.path, "pause": 0.05}, "on": cluster.file, "each": kill}
+    table = sweep(runs.noting, {"a": list(range(60))}, tmp_path / "out", **words)
     assert killed
     assert table.column("value") == [2 * a for a in range(60)]
-    begun = [len(path.read_text().split()) for path in notes.iterdir()]
-    assert len(begun) == 60
-    assert sum(begun) <= 62
+    assert len(notes()) == 60
+    assert sum(notes().values()) <= 62
 
 
 @pytest.mark.slow
-def test_a_killed_scheduler_loses_nothing(runs, cluster, tmp_path):
-    notes, out = tmp_path / "notes", tmp_path / "out"
-    notes.mkdir()
+def test_a_killed_scheduler_loses_nothing(runs, cluster, tmp_path, notes):
+    out = tmp_path / "out"
     cluster.add()
     killed = []
 
@@ -126,7 +113,7 @@ def test_a_killed_scheduler_loses_nothing(runs, cluster, tmp_path):
             killed.append(True)
             os.killpg(cluster.scheduler.pid, signal.SIGKILL)
 
-    words = {"set": {"notes": str(notes), "pause": 0.02}}
+    words = {"set": {"notes": notes.path, "pause": 0.02}}
     with pytest.raises(neuro.ModelError) as told:
         sweep(runs.noting, {"a": list(range(400))}, out, **words, on=cluster.file, each=kill)
     assert str(told.value) == (
@@ -137,18 +124,18 @@ def test_a_killed_scheduler_loses_nothing(runs, cluster, tmp_path):
     cluster.close()
     table = sweep(runs.noting, {"a": list(range(400))}, out, **words, workers=2)
     assert table.column("value") == [2 * a for a in range(400)]
-    assert sum(len(path.read_text().split()) for path in notes.iterdir()) <= 402
+    assert sum(notes().values()) <= 402
 
 
 def test_a_cluster_without_workers(runs, cluster, tmp_path, monkeypatch):
-    monkeypatch.setattr("neuro.sweeps.cluster.CONNECT_S", 3.0)
+    monkeypatch.setattr("neuro.sweeps.cluster.CONNECT_S", 1.5)
     with pytest.raises(neuro.ModelError) as told:
         sweep(runs.add, {"a": [1]}, tmp_path / "out", on=cluster.file)
     assert str(told.value) == f"on = '{cluster.file}': the cluster has no worker"
 
 
 def test_no_scheduler(runs, tmp_path, monkeypatch):
-    monkeypatch.setattr("neuro.sweeps.cluster.CONNECT_S", 2.0)
+    monkeypatch.setattr("neuro.sweeps.cluster.CONNECT_S", 0.5)
     with pytest.raises(neuro.ModelError, match=r"on = 'tcp://127.0.0.1:9': no scheduler answers: "):
         sweep(runs.add, {"a": [1]}, tmp_path / "out", on="tcp://127.0.0.1:9")
 
@@ -182,15 +169,12 @@ def test_a_worker_without_this_package_is_told_before_the_first_run(runs, tmp_pa
     assert table_of(tmp_path / "out").counts()["left"] == 1
 
 
-def test_a_search_on_a_cluster(cluster, tmp_path, monkeypatch):
+def test_a_search_on_a_cluster(searches, cluster, tmp_path):
     """Runs are pruned on workers, too, which see the journal."""
     pytest.importorskip("optuna", reason="the extra tune is not installed")
-    monkeypatch.syspath_prepend(FOLDER)
-    import my_searches
-
     cluster.add()
     table = neuro.tune(
-        my_searches.stepping, {"x": {"from": 0.0, "to": 1.0}}, objectives={"value": "maximise"}, trials=15,
+        searches.stepping, {"x": {"from": 0.0, "to": 1.0}}, objectives={"value": "maximise"}, trials=15,
         out=tmp_path / "out", on=cluster.file, sampler="random", prune={"startup_trials": 2}, progress=False,
     )  # fmt: skip
     counts = table.counts()

@@ -11,6 +11,7 @@ import pytest
 import neuro
 from neuro.sweeps.claims import LEASE_S, Claims, alive, machine
 from neuro.sweeps.folder import Folder
+from neuro.sweeps.pictures import pictures, search_pictures
 from neuro.sweeps.table import table_of
 
 SWEEP = "study: twice\nparameters: {x: [1, 2, 3]}\nseeds: 1\n"
@@ -70,6 +71,7 @@ def claim(path, content, touched=0.0):
 
 HERE = {"machine": machine(), "process": 4_000_000, "began": "1"}
 ELSEWHERE = {"machine": "another 1 2", "process": 1, "began": "1"}
+OF_MACHINES = (("machine", "x"), ("machine", ""))
 NOBODYS = {
     "of a process that is dead": (HERE, 10.0),
     "of a number that another process has now": ({**HERE, "process": os.getpid()}, 0.0),
@@ -82,10 +84,6 @@ NOBODYS = {
     "empty, of the future": (b"", 3600.0),
     "binary": (b"\xff\0\1", -2.0),
     "too deep": (DEEP.encode(), -2.0),
-    **{f"process {value!r:.9}": ({**HERE, "process": value}, -2.0) for value in WRONG},
-    **{f"machine {value!r:.9}": ({**HERE, "machine": value}, -2.0) for value in WRONG if value != "x" and value != ""},
-    **{f"began {value!r:.9}": ({**HERE, "began": value}, -2.0) for value in WRONG},
-    **{f"without {word}": ({w: v for w, v in HERE.items() if w != word}, -2.0) for word in HERE},
     "with more": ({**HERE, "more": 1}, -2.0),
 }
 
@@ -100,8 +98,15 @@ def test_a_claim_of_nobody_is_taken_over(made, told, content, touched):
     assert not (made / "runs" / "claims" / key).exists()
 
 
-def test_a_claim_of_a_process_whose_number_another_has_is_nobodys(tmp_path):
-    (tmp_path / "claim").write_text(json.dumps({"machine": machine(), "process": os.getpid(), "began": "0"}))
+def test_a_claim_with_another_value_in_any_place_is_nobodys(tmp_path):
+    changed = [
+        {**HERE, word: value} for word in HERE for value in WRONG if not (word == "machine" and value in ("x", ""))
+    ]
+    for content in (*changed, *({w: v for w, v in HERE.items() if w != word} for word in HERE)):
+        claim(tmp_path / "claim", content, -2.0)
+        assert not alive(tmp_path / "claim")
+        assert Claims(tmp_path).take("claim")
+    claim(tmp_path / "claim", {"machine": machine(), "process": os.getpid(), "began": "0"})
     assert not alive(tmp_path / "claim")
 
 
@@ -176,11 +181,18 @@ def test_a_damaged_file_of_a_folder_is_told(made, told, command):
         pytest.importorskip("optuna", reason="the extra tune is not installed")
         told("tune", "run", "tune.yaml", "--on", "here", "--with", "my_study.py")
     out = {"sweep": "runs", "tune": "tuned"}[command]
-    path = made / out / f"{command}.json"
+    path, read = made / out / f"{command}.json", {"sweep": table_of, "tune": neuro.tuned}[command]
     for content in damages(path.read_bytes()):
         path.write_bytes(content)
-        assert told(command, "status", out, status=(2,)).startswith(f"error: {out}/{command}.json: ")
-    for words in ("table", out), ("page", out), ("plot", out), ("run", f"{command}.yaml", "--out", out):
+        with pytest.raises(neuro.ModelError, match=rf"^{out}/{command}\.json: "):
+            read(out)
+    for words in (
+        ("status", out),
+        ("table", out),
+        ("page", out),
+        ("plot", out),
+        ("run", f"{command}.yaml", "--out", out),
+    ):
         assert told(command, *words, status=(2,)).startswith(f"error: {out}/{command}.json: ")
 
 
@@ -226,26 +238,24 @@ FORMULA = "$\\x_{^%$"
 """A name that matplotlib cannot read as the formula that it looks like."""
 
 
-def test_names_are_no_formulas(made, told):
+def test_names_are_no_formulas(tmp_path):
     """Of metrics, parameters, values and of what is run: drawn letter by letter."""
-    study = f"""import neuro
-
-
-@neuro.register(kind="study")
-def formula(seed=0, **point):
-    return {{{FORMULA!r}: point["a"] + seed, "$${{": 1.0}}
-"""
-    (made / "my_formulas.py").write_text(study)
-    space = {FORMULA: [f"{FORMULA}1", f"{FORMULA}2"], "a": [1, 2, 3], "$b_{$": {"from": 0.0, "to": 1.0, "number": 2}}
-    sweep = {"name": FORMULA, "study": "formula", "seeds": 2}
-    for names, kind in ((["a", FORMULA], "map"), ([FORMULA, "a"], "lines"), ([*space], "parallel")):
-        said = {**sweep, "parameters": {"a": [1], **{name: space[name] for name in names}}}
-        (made / "sweep.yaml").write_text(json.dumps(said))
-        shutil.rmtree("formulas", ignore_errors=True)
-        told("sweep", "run", "sweep.yaml", "--on", "here", "--out", "formulas", "--with", "my_formulas.py", status=(0,))
-        told("sweep", "plot", "formulas", "--metric", FORMULA, "--as", kind, status=(0,))
     pytest.importorskip("optuna", reason="the extra tune is not installed")
-    search = {"parameters": space, "objectives": {FORMULA: "max", "$${": "min"}, "trials": 9, "sampler": "grid"}
-    (made / "tune.yaml").write_text(json.dumps({"name": FORMULA, "study": "formula", **search}))
-    told("tune", "run", "tune.yaml", "--on", "here", "--with", "my_formulas.py", status=(0,))
-    assert "importance.png" in told("tune", "plot", "tuned", status=(0,))
+
+    def formula(seed=0, **point):
+        return {FORMULA: point["a"] + seed, "$${": 1.0}
+
+    formula.__qualname__ = FORMULA
+    words = {"on": "here", "progress": False}
+    space = {FORMULA: [f"{FORMULA}1", f"{FORMULA}2"], "a": [1, 2, 3], "$b_{$": {"from": 0.0, "to": 1.0, "number": 2}}
+    drawn = {}
+    for names, kind in ((["a", FORMULA], "map"), ([FORMULA, "a"], "lines"), ([*space], "parallel")):
+        points = {"a": [1], **{name: space[name] for name in names}}
+        table = neuro.sweep(formula, points, seeds=2, out=tmp_path / kind, **words)
+        drawn |= {f"{kind} {name}": figure for name, figure in pictures(table, [FORMULA], (), kind).items()}
+    objectives = {FORMULA: "max", "$${": "min"}
+    table = neuro.tune(formula, space, objectives=objectives, trials=9, sampler="grid", out=tmp_path / "tuned", **words)
+    drawn |= search_pictures(table)
+    assert "importance" in drawn
+    for figure in drawn.values():
+        figure.savefig(tmp_path / "a.png", dpi=20)

@@ -19,18 +19,8 @@ from neuro.sweeps.table import table_of
 FOLDER = Path(__file__).parent
 
 
-@pytest.fixture
-def runs(monkeypatch):
-    """The functions that are run, as a module that other processes find."""
-    monkeypatch.syspath_prepend(FOLDER)
-    import my_runs
-
-    yield my_runs
-    sys.modules.pop("my_runs", None)
-
-
 def sweep(function, space, out, **words):
-    return neuro.sweep(function, space, out=out, **{"progress": False, "workers": 2, **words})
+    return neuro.sweep(function, space, out=out, **{"progress": False, "on": "here", **words})
 
 
 def test_a_table_has_a_row_for_each_run(runs, tmp_path):
@@ -50,20 +40,18 @@ def test_a_table_has_a_row_for_each_run(runs, tmp_path):
     assert os.listdir(tmp_path / "out" / "claims") == []
 
 
-def test_in_this_process_the_same(runs, tmp_path):
-    here = sweep(runs.add, {"a": [1, 2]}, tmp_path / "here", on="here")
-    cores = sweep(runs.add, {"a": [1, 2]}, tmp_path / "cores")
+def test_processes_do_the_same(runs, tmp_path):
+    here = sweep(runs.add, {"a": [1, 2]}, tmp_path / "here")
+    cores = sweep(runs.add, {"a": [1, 2]}, tmp_path / "cores", on="cores", workers=2)
     assert here.csv() == cores.csv()
-    local = sweep(lambda a: a + 1, {"a": [1]}, tmp_path / "local", on="here")
+    local = sweep(lambda a: a + 1, {"a": [1]}, tmp_path / "local")
     assert local.column("value") == [2]
 
 
-def test_what_is_done_is_not_done_again(runs, tmp_path):
-    notes = tmp_path / "notes"
-    notes.mkdir()
+def test_what_is_done_is_not_done_again(runs, tmp_path, notes):
     for _ in range(2):
-        sweep(runs.noting, {"a": [1, 2, 3]}, tmp_path / "out", set={"notes": str(notes)})
-    assert [len(path.read_text().split()) for path in notes.iterdir()] == [1, 1, 1]
+        sweep(runs.noting, {"a": [1, 2, 3]}, tmp_path / "out", set={"notes": notes.path})
+    assert notes() == {"1-0": 1, "2-0": 1, "3-0": 1}
 
 
 def test_names_of_runs_follow_from_their_inputs(runs, tmp_path):
@@ -76,47 +64,43 @@ def test_names_of_runs_follow_from_their_inputs(runs, tmp_path):
 
 
 def test_what_fails_is_kept_and_the_rest_goes_on(runs, tmp_path):
-    """Every fifth raises, one never ends, one eats memory, one ends its process."""
-    table = sweep(
-        runs.uneven, {"a": list(range(12))}, tmp_path / "out", time_limit="3 s", memory_limit="500 MB", workers=2
-    )
+    words = {"on": "cores", "workers": 2, "time_limit": "2 s", "memory_limit": "500 MB"}
+    table = sweep(runs.uneven, {"a": list(range(10))}, tmp_path / "out", **words)
     errors = {row["a"]: row["error"] for row in table if row["outcome"] == "failed"}
     assert errors == {
-        1: "time: takes longer than the limit of 3 s",
+        1: "time: takes longer than the limit of 2 s",
         2: "memory: needs more than the limit of 500 MB",
         3: "its process was ended by SIGABRT, 2 times",
         4: "ZeroDivisionError: a = 4",
+        6: "KeyboardInterrupt",
+        7: "BaseException: enough",
         9: "ZeroDivisionError: a = 9",
     }
-    assert [row["value"] for row in table if row["outcome"] == "done"] == [0, 5, 6, 7, 8, 10, 11]
-    assert table.counts() == {"done": 7, "failed": 5, "under way": 0, "left": 0}
+    assert [row["value"] for row in table if row["outcome"] == "done"] == [0, 5, 8]
+    assert table.counts() == {"done": 3, "failed": 7, "under way": 0, "left": 0}
     trace = Folder(tmp_path / "out").outcome(table.keys[4]).trace
     assert 'raise ZeroDivisionError(f"a = {a}")' in trace
     assert (tmp_path / "out" / "runs" / table.keys[5] / "output.txt").read_text() == "of five\n"
-    again = sweep(runs.uneven, {"a": list(range(12))}, tmp_path / "out", time_limit="3 s", memory_limit="500 MB")
-    assert again.csv() == table.csv()
-
-
-def test_a_run_that_stops_as_ctrl_c_does_fails_alone(runs, tmp_path):
-    table = sweep(runs.stopping, {"a": [1, 2, 3]}, tmp_path / "out", workers=1)
-    assert table.column("error") == ["KeyboardInterrupt", "BaseException: enough", ""]
+    assert sweep(runs.uneven, {"a": list(range(10))}, tmp_path / "out", **words).csv() == table.csv()
 
 
 def test_ctrl_c_in_this_process_is_no_failure_of_a_run(runs, tmp_path):
     with pytest.raises(KeyboardInterrupt):
-        sweep(runs.stopping, {"a": [3, 1]}, tmp_path / "out", on="here")
+        sweep(runs.uneven, {"a": [5, 6]}, tmp_path / "out")
     assert table_of(tmp_path / "out").counts() == {"done": 1, "failed": 0, "under way": 0, "left": 1}
 
 
 def test_what_a_run_forks_ends_with_its_process_and_is_not_waited_for(runs, tmp_path):
-    table = sweep(runs.forking, {"a": [1, 2, 3, 4]}, tmp_path / "out", set={"notes": str(tmp_path)}, workers=1)
+    table = sweep(
+        runs.forking, {"a": [1, 2, 3, 4]}, tmp_path / "out", set={"notes": str(tmp_path)}, on="cores", workers=1
+    )
     assert table.column("error") == ["", "", "its process was ended by SIGABRT, 2 times", ""]
     for a in (1, 3):
         assert began(int((tmp_path / f"child-{a}").read_text())) == ""
 
 
 def test_a_run_that_prints_much_needs_no_memory_for_it(runs, tmp_path):
-    table = sweep(runs.printing, {"a": [1]}, tmp_path / "out", memory_limit="100 MB", workers=1)
+    table = sweep(runs.printing, {"a": [1]}, tmp_path / "out", memory_limit="100 MB")
     assert table.column("error") == [""]
     printed = tmp_path / "out" / "runs" / table.keys[0] / "output.txt"
     assert printed.stat().st_size < 1_100_000
@@ -133,19 +117,17 @@ def test_failures_are_done_again_where_that_is_asked_for(runs, tmp_path):
     assert sweep(runs.noting, space, tmp_path / "out", **words, retry_failed=True).column("value") == [2, 4]
 
 
-def test_what_is_no_number_is_told(runs, tmp_path):
-    table = sweep(runs.wrong, {"a": [1]}, tmp_path / "out")
-    assert table.column("error") == ["metric 'value' = [1]: expected a number or a text"]
+def test_what_is_no_number_is_told(tmp_path):
+    assert sweep(lambda a: [a], {"a": [1]}, tmp_path / "out").column("error") == [
+        "metric 'value' = [1]: expected a number or a text"
+    ]
 
 
 def test_parts_make_the_whole(runs, tmp_path):
     whole = sweep(runs.add, {"a": list(range(10))}, tmp_path / "whole")
-    counts = []
-    for part in range(1, 5):
-        table = sweep(runs.add, {"a": list(range(10))}, tmp_path / "parts", part=f"{part}/4")
-        counts.append(table.counts()["done"])
-    assert counts == [3, 6, 8, 10]
-    assert table.csv() == whole.csv()
+    parts = [sweep(runs.add, {"a": list(range(10))}, tmp_path / "parts", part=f"{k}/4").counts() for k in range(1, 5)]
+    assert [counts["done"] for counts in parts] == [3, 6, 8, 10]
+    assert table_of(tmp_path / "parts").csv() == whole.csv()
 
 
 def test_a_table_fills(runs, tmp_path):
@@ -156,24 +138,27 @@ def test_a_table_fills(runs, tmp_path):
 
 
 SEVERAL = """
-import sys
+import os, sys, time
 sys.path.insert(0, {folder!r})
 import my_runs, neuro
 if __name__ == "__main__":
+    os.mkdir({ready!r} + str(os.getpid()))
+    while len(os.listdir(os.path.dirname({ready!r}))) < 3:
+        time.sleep(0.01)
     neuro.sweep(my_runs.noting, {{"a": list(range(40))}}, out={out!r}, set={{"notes": {notes!r}, "pause": 0.01}},
-                workers=1, progress=False, **{words!r})
+                progress=False, **{words!r})
 """
 
 
-def test_several_work_in_one_folder_and_nothing_is_done_twice(runs, tmp_path):
-    notes, out = tmp_path / "notes", tmp_path / "out"
-    notes.mkdir()
-    words = [{"part": f"{k}/4"} for k in range(4)] + [{}, {}]
-    script = [SEVERAL.format(folder=str(FOLDER), out=str(out), notes=str(notes), words=each) for each in words]
-    running = [subprocess.Popen([sys.executable, "-c", text]) for text in script]
-    assert [process.wait(120) for process in running] == [0] * 6
-    assert sorted(len(path.read_text().split()) for path in notes.iterdir()) == [1] * 40
-    assert table_of(out).column("value") == [2 * a for a in range(40)]
+def test_several_work_in_one_folder_and_nothing_is_done_twice(runs, tmp_path, notes):
+    places = {"folder": str(FOLDER), "out": str(tmp_path / "out"), "notes": notes.path, "ready": f"{tmp_path}/ready/"}
+    (tmp_path / "ready").mkdir()
+    words = [{"on": "here", "part": "1/2"}, {"on": "here"}, {"workers": 1}]
+    scripts = [SEVERAL.format(words=each, **places) for each in words]
+    running = [subprocess.Popen([sys.executable, "-c", text]) for text in scripts]
+    assert [process.wait(120) for process in running] == [0] * 3
+    assert sorted(notes().values()) == [1] * 40
+    assert table_of(tmp_path / "out").column("value") == [2 * a for a in range(40)]
 
 
 def test_a_folder_that_others_have_just_begun_is_gone_on_with(runs, tmp_path):
@@ -181,10 +166,10 @@ def test_a_folder_that_others_have_just_begun_is_gone_on_with(runs, tmp_path):
     (out / "runs").mkdir(parents=True)
     (out / "claims").mkdir()
     (out / ".sweep.json.host.1.0.part").touch()
-    assert sweep(runs.add, {"a": [1]}, out, on="here").column("sum") == [1]
+    assert sweep(runs.add, {"a": [1]}, out).column("sum") == [1]
     (tmp_path / "other" / "runs" / "mine").mkdir(parents=True)
     with pytest.raises(neuro.ModelError, match="other: is there and is no sweep: expected a new name"):
-        sweep(runs.add, {"a": [1]}, tmp_path / "other", on="here")
+        sweep(runs.add, {"a": [1]}, tmp_path / "other")
 
 
 def test_a_claim_is_of_one_and_of_nobody_when_its_process_has_ended(tmp_path):
@@ -222,32 +207,23 @@ def test_of_those_who_take_over_a_claim_one_gets_it(tmp_path):
         assert sum(got) == 1
 
 
-def test_what_a_loss_of_power_left_is_done_again(runs, tmp_path):
-    table = sweep(runs.add, {"a": [1, 2]}, tmp_path / "out")
-    before = table.csv()
-    broken = tmp_path / "out" / "runs" / table.keys[0] / "run.json"
-    broken.write_text(broken.read_text()[:50])
-    assert table.counts()["left"] == 1
-    assert sweep(runs.add, {"a": [1, 2]}, tmp_path / "out").csv() == before
-
-
 def test_a_flipped_bit_of_a_run_is_no_other_number(runs, tmp_path):
-    """Whichever bit: the run counts as not there, and is done again."""
-    table = sweep(runs.add, {"a": [1, 2]}, tmp_path / "out", on="here")
+    """Whichever bit: the run counts as not there, and is done again; so it does where a loss of power cut its file."""
+    table = sweep(runs.add, {"a": [1, 2]}, tmp_path / "out")
     before, file = table.csv(), tmp_path / "out" / "runs" / table.keys[0] / "run.json"
     whole = file.read_bytes()
     for place in range(0, len(whole), 7):
         file.write_bytes(flipped(whole, place))
         assert table.csv() == before or table.counts()["left"] == 1
-    at = whole.index(b'"sum": 1') + 7
-    file.write_bytes(flipped(whole, at))
-    assert table.counts()["left"] == 1
-    assert sweep(runs.add, {"a": [1, 2]}, tmp_path / "out", on="here").csv() == before
+    for damaged in (flipped(whole, whole.index(b'"sum": 1') + 7), whole[:50]):
+        file.write_bytes(damaged)
+        assert table.counts()["left"] == 1
+        assert sweep(runs.add, {"a": [1, 2]}, tmp_path / "out").csv() == before
 
 
 def test_a_flipped_bit_of_what_a_sweep_is_is_told(runs, tmp_path):
     out = tmp_path / "out"
-    before = sweep(runs.add, {"a": [1, 2]}, out, on="here").csv()
+    before = sweep(runs.add, {"a": [1, 2]}, out).csv()
     whole = (out / "sweep.json").read_bytes()
     for place in range(0, len(whole), 7):
         (out / "sweep.json").write_bytes(flipped(whole, place))
@@ -300,7 +276,7 @@ MISTAKES = [
 
 
 @pytest.mark.parametrize(("space", "words", "told"), MISTAKES, ids=[told[:30] for _, _, told in MISTAKES])
-def test_a_mistake_is_told_before_anything_runs(runs, space, words, told, tmp_path, monkeypatch):
+def test_a_mistake_is_told_before_anything_runs(runs, space, words, told, tmp_path):
     if "on" in words:
         pytest.importorskip("distributed", reason="the extra dask is not installed")
     with pytest.raises(neuro.ModelError) as error:
@@ -313,7 +289,7 @@ def test_a_function_that_other_processes_cannot_find(tmp_path):
         return a
 
     with pytest.raises(neuro.ModelError) as told:
-        sweep(inner, {"a": [1]}, tmp_path / "out")
+        sweep(inner, {"a": [1]}, tmp_path / "out", on="cores")
     assert str(told.value).startswith(f"{inner.__qualname__}: is defined inside another function, so other processes")
     with pytest.raises(neuro.ModelError, match="function = 3: expected a function"):
         sweep(3, {"a": [1]}, tmp_path / "out")
@@ -329,7 +305,7 @@ def test_dask_that_is_not_installed_is_told(runs, tmp_path, monkeypatch):
 
 def test_parquet_has_the_rows_of_the_table(runs, tmp_path):
     parquet = pytest.importorskip("pyarrow.parquet", reason="the extra parquet is not installed")
-    table = sweep(runs.uneven, {"a": [0, 4, 5]}, tmp_path / "out", on="here")
+    table = sweep(runs.uneven, {"a": [0, 4, 5]}, tmp_path / "out")
     for _ in range(2):
         table.save(tmp_path / "table.parquet")
     found = parquet.read_table(tmp_path / "table.parquet")
@@ -340,32 +316,28 @@ def test_parquet_has_the_rows_of_the_table(runs, tmp_path):
         table.save(tmp_path / "mine.parquet")
 
 
-def kinds(a):
-    return {"found": "none" if a else 1.5}
-
-
-def test_a_column_of_several_kinds_is_none_of_parquet(tmp_path):
+@pytest.mark.parametrize(
+    ("function", "values", "lack"),
+    [
+        (lambda a: {"found": "none" if a else 1.5}, [0, 1], r"several kinds: (?s:.)*a CSV file takes them"),
+        (lambda a: 10**a, [1, 400], "whole numbers of more than 64 bits: "),
+    ],
+)
+def test_columns_that_parquet_does_not_take(tmp_path, function, values, lack):
     pytest.importorskip("pyarrow", reason="the extra parquet is not installed")
-    table = sweep(kinds, {"a": [0, 1]}, tmp_path / "out", on="here")
-    with pytest.raises(neuro.ModelError, match=r"a column has values of several kinds: (?s:.)*a CSV file takes them"):
-        table.save(tmp_path / "table.parquet")
-
-
-def test_a_column_of_very_large_numbers_is_none_of_parquet(tmp_path):
-    pytest.importorskip("pyarrow", reason="the extra parquet is not installed")
-    table = sweep(lambda a: 10**a, {"a": [1, 400]}, tmp_path / "out", on="here")
-    with pytest.raises(neuro.ModelError, match="a column has values of whole numbers of more than 64 bits: "):
+    table = sweep(function, {"a": values}, tmp_path / "out")
+    with pytest.raises(neuro.ModelError, match=f"a column has values of {lack}"):
         table.save(tmp_path / "table.parquet")
     table.save(tmp_path / "table.csv")
 
 
 def test_pictures_of_metrics_named_like_paths_have_names_of_one_folder(tmp_path):
-    table = sweep(lambda a: {"val/loss": a, "../up": -a}, {"a": [1, 2]}, tmp_path / "out", on="here")
+    table = sweep(lambda a: {"val/loss": a, "../up": -a}, {"a": [1, 2]}, tmp_path / "out")
     assert list(pictures(table)) == ["val-loss-lines", "-up-lines"]
 
 
 def test_parquet_without_its_package_is_told(runs, tmp_path, monkeypatch):
-    table = sweep(runs.add, {"a": [1]}, tmp_path / "out", on="here")
+    table = sweep(runs.add, {"a": [1]}, tmp_path / "out")
     monkeypatch.setitem(sys.modules, "pyarrow", None)
     with pytest.raises(neuro.ModelError, match="the package pyarrow is not installed\n  hint: "):
         table.save(tmp_path / "table.parquet")
@@ -374,7 +346,7 @@ def test_parquet_without_its_package_is_told(runs, tmp_path, monkeypatch):
 
 
 def test_a_saved_table_is_replaced_and_what_is_not_ours_stays(runs, tmp_path):
-    table = sweep(runs.add, {"a": [1]}, tmp_path / "out", on="here")
+    table = sweep(runs.add, {"a": [1]}, tmp_path / "out")
     for _ in range(2):
         table.save(tmp_path / "table.csv")
     assert (tmp_path / "table.csv").read_text() == table.csv()
@@ -383,45 +355,30 @@ def test_a_saved_table_is_replaced_and_what_is_not_ours_stays(runs, tmp_path):
         table.save(tmp_path / "mine.csv")
 
 
-@pytest.fixture
-def little_room(tmp_path):
-    """A file system of a few hundred kB."""
-    if os.geteuid() or subprocess.run(["mount", "-t", "tmpfs", "-o", "size=200k", "tmpfs", tmp_path]).returncode:
-        pytest.skip("no file system can be mounted here")
-    yield tmp_path
-    subprocess.run(["umount", "-l", tmp_path], check=True)
-
-
 @pytest.mark.parametrize("on", ["here", "cores"])
-def test_a_full_disk(runs, little_room, on):
+def test_a_full_disk(runs, mounted, on):
     """It ends with one error, what is kept is whole, and once there is room the same call goes on."""
-    space = {"a": list(range(100))}
-    filler = little_room / "out" / "filler"
+    space, out = {"a": list(range(100))}, mounted("size=200k") / "out"
     with pytest.raises(neuro.ModelError) as told:
-        sweep(runs.add, space, little_room / "out", on=on)
+        sweep(runs.add, space, out, on=on)
     assert "cannot be written: No space left on device" in str(told.value)
     assert "what was done is kept: the same command goes on" in str(told.value)
-    assert not filler.exists()
-    there = [path for path in (little_room / "out" / "runs").iterdir() if not path.name.startswith(".")]
+    there = [path for path in (out / "runs").iterdir() if not path.name.startswith(".")]
     assert there
     assert all(json.loads((path / "run.json").read_text())["outcome"] == "done" for path in there)
-    subprocess.run(["mount", "-o", "remount,size=20m", little_room], check=True)
-    assert sweep(runs.add, space, little_room / "out", on=on).counts()["done"] == 100
+    mounted("remount,size=20m")
+    assert sweep(runs.add, space, out).counts()["done"] == 100
 
 
-def test_a_read_only_folder(runs, tmp_path):
-    if os.geteuid() or subprocess.run(["mount", "-t", "tmpfs", "-o", "ro", "tmpfs", tmp_path]).returncode:
-        pytest.skip("no file system can be mounted here")
-    try:
-        with pytest.raises(neuro.ModelError) as told:
-            sweep(runs.add, {"a": [1]}, tmp_path / "out")
-        assert str(told.value) == f"{tmp_path}/out: cannot be made: Read-only file system"
-    finally:
-        subprocess.run(["umount", tmp_path], check=True)
+def test_a_read_only_folder(runs, mounted):
+    out = mounted("ro") / "out"
+    with pytest.raises(neuro.ModelError) as told:
+        sweep(runs.add, {"a": [1]}, out)
+    assert str(told.value) == f"{out}: cannot be made: Read-only file system"
 
 
 def test_limits_of_this_process_stay(runs, tmp_path):
     before = resource.getrlimit(resource.RLIMIT_DATA)
-    table = sweep(runs.uneven, {"a": [2]}, tmp_path / "out", on="here", memory_limit="300 MB")
+    table = sweep(runs.uneven, {"a": [2]}, tmp_path / "out", memory_limit="300 MB")
     assert table.column("error") == ["memory: needs more than the limit of 300 MB"]
     assert resource.getrlimit(resource.RLIMIT_DATA) == before

@@ -1,10 +1,12 @@
 """Points of a sweep."""
 
 import math
+from pathlib import Path
 
 import numpy as np
 import pytest
-from hypothesis import given, strategies as st
+import yaml
+from hypothesis import given, settings, strategies as st
 
 from neuro import ModelError
 from neuro.sweeps.space import space_of
@@ -29,6 +31,7 @@ def test_ranges():
     assert [p["n"] for p, _ in points({"n": range(2)})] == [0, 1]
 
 
+@settings(max_examples=30)
 @given(
     st.lists(st.tuples(st.floats(-1e6, 1e6), st.floats(1e-3, 1e6)), min_size=1, max_size=4),
     st.integers(1, 40),
@@ -60,56 +63,12 @@ def test_choices_are_drawn_evenly():
     assert {point["b"] for point, _ in found} == {1, 2, 3, 4, 5, 6}
 
 
-MISTAKES = [
-    ({}, {}, "the space is empty: expected parameters with values, or seeds"),
-    ({"a": []}, {}, "a: found an empty list: expected one value or more"),
-    ([], {}, "the space is empty: expected one point or more"),
-    (
-        {"g": 5},
-        {},
-        "g = 5: expected a list of values, or {from: ..., to: ...}\n"
-        "  hint: write [5] for one value, or put it under 'set'",
-    ),
-    ({"g": [1, 2, 1]}, {}, "g[2] = 1: is there twice"),
-    (
-        {name: {"from": 0, "to": 1, "number": 1000} for name in "abc"},
-        {},
-        "the space has 1,000,000,000 runs: expected at most 1,000,000\n"
-        "  hint: a has 1,000, b has 1,000, c has 1,000; 'sampling: latin_hypercube' with 'runs: 1000' covers a large "
-        "space",
-    ),
-    ({"a": {"from": 0, "to": 1}}, {}, "a: a range of a grid needs 'number', how many values"),
-    (
-        {"a": {"from": 0, "to": 1, "step": 1}},
-        {},
-        "unknown word of the range of a 'step'\n  hint: known: from, number, ",
-    ),
-    ({"a": {"from": 2, "to": 1, "number": 3}}, {}, "a: from 2 to 1: expected from < to"),
-    (
-        {"a": {"from": 0, "to": 1, "number": 3, "scale": "log"}},
-        {},
-        "a.from = 0: expected a number > 0 on a log scale",
-    ),
-    ({"a": {"to": 1}}, {}, "a: a range needs 'from'"),
-    ({"a": {"from": math.nan, "to": 1}}, {}, "a.from = .nan: expected a finite number"),
-    ({"a": [1]}, {"sampling": "gird"}, "unknown sampling 'gird'\n  hint: did you mean 'grid'?"),
-    (
-        {"a": [1]},
-        {"sampling": "random"},
-        "runs: found nothing: expected how many points are drawn, a whole number >= 1",
-    ),
-    ({"a": [1]}, {"runs": 3}, "runs = 3: a grid has as many as it has points"),
-    ({"a": [1]}, {"seeds": [1, 1]}, "seeds = [1, 1]: one is there twice"),
-    ({"a": [1]}, {"seeds": -1}, "seeds = -1: expected a whole number from 1 to 1,000,000, or a list"),
-    ({"a": [1]}, {"seeds": [0.5]}, "seeds = [0.5]: expected how many, or a list of whole numbers >= 0"),
-    ([{"a": 1}, {"b": 2}], {}, "list[1]: has b: expected a as the first"),
-    ([{"a": 1}, 2], {}, "list[1] = 2: expected values by name, such as {g: 5}"),
-    (3, {}, "parameters = 3: expected values by name, such as {g: [4, 5, 6]}"),
-]
+MISTAKES = yaml.safe_load(Path(__file__).with_name("mistakes.yaml").read_text("utf-8"))["space"]
 
 
-@pytest.mark.parametrize(("space", "words", "told"), MISTAKES, ids=[told[:30] for _, _, told in MISTAKES])
-def test_a_mistake_is_told(space, words, told):
+@pytest.mark.parametrize("told", MISTAKES, ids=lambda told: told[:30])
+def test_a_mistake_is_told(told):
+    space, words = MISTAKES[told]
     with pytest.raises(ModelError) as error:
         space_of(space, **words)
     assert str(error.value).startswith(told)

@@ -7,7 +7,6 @@ import pytest
 
 import neuro
 from neuro import ModelError
-from neuro.chips import chip, place, price
 
 torch = pytest.importorskip("torch", reason="PyTorch is not installed")
 import neuro_torch  # noqa: E402
@@ -81,15 +80,6 @@ def test_what_a_module_counts_is_what_event_counts(ran):
             assert outcome.active[part.name].tolist() == [raw.active[index]] * 2
     for target in CHIPS:
         assert float(Bill(module, target)(outcome).detach()) == pytest.approx(ran.energy(target).total_j, rel=1e-12)
-
-
-def test_fewer_neurons_on_a_core(ran):
-    loihi = chip("loihi")
-    placement = place(ran.program, loihi, neurons_per_core=8)
-    energy = price(ran.program, ran.taken().raw_counts, placement, loihi)
-    bill = billed(ran, neurons_per_core=8)("loihi")
-    assert float(bill(outcome_of(ran))) == pytest.approx(energy.total_j, rel=1e-12)
-    assert energy.static_j < ran.energy("loihi").static_j
 
 
 @pytest.mark.parametrize("target", CHIPS)

@@ -78,26 +78,17 @@ def test_a_data_loader():
         (lambda: Events(2, 3, {"a": ([0, 2], [0, 0], [0, 0])}), "'a': spike 1: found recording 2: expected 0 to 1"),
         (lambda: Events(2, 3, {"a": ([0], [3], [0])}), "'a': spike 0: found step 3: expected 0 to 2"),
         (lambda: Events(2, 3, {"a": ([0], [1], [-1])}), "'a': spike 0: found neuron -1: expected at least 0"),
-        (
-            lambda: Events(2, 3, {"a": ([0], [1], [0.5])}),
-            "'a': found float64 of the shape (1,): expected whole numbers",
-        ),
+        (lambda: Events(2, 3, {"a": ([0], [1], [0.5])}), "'a': found float64 of the shape (1,): expected"),
         (lambda: Events(2, 3, {"a": ([0], [1, 2], [0])}), "'a': 1 recordings, 2 steps, 1 neurons"),
         (lambda: Events(2, 0, {}), "Events: steps = 0: expected a whole number >= 1"),
         (lambda: Events.of_dense({"a": np.full((1, 2, 2), 0.5)}), "'a': found values other than 0 and 1"),
-        (
-            lambda: Events.of_dense({"a": np.zeros((2, 2))}),
-            "'a': found the shape (2, 2): expected (batch, steps, neurons)",
-        ),
+        (lambda: Events.of_dense({"a": np.zeros((2, 2))}), "'a': found the shape (2, 2): expected (batch"),
         (lambda: Events.join([]), "Events.join: found no batch"),
         (
             lambda: Events.join([Events(1, 3, {"a": ([], [], [])}), Events(1, 4, {"a": ([], [], [])})]),
             "batch 1 has 4 steps of ['a']: expected 3 of ['a'], as the first",
         ),
-        (
-            lambda: Events.of_recordings([], "a", shape=(2, 2), step=5.0, duration=7.0),
-            "duration = 7 ms",
-        ),
+        (lambda: Events.of_recordings([], "a", shape=(2, 2), step=5.0, duration=7.0), "duration = 7 ms"),
         (lambda: Events.of_recordings([], "a", shape=(3, 2, 2), step=5.0, duration=5.0), "shape [3, 2, 2]"),
     ],
 )

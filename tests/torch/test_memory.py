@@ -14,7 +14,7 @@ from neuro import ModelError
 torch = pytest.importorskip("torch", reason="PyTorch is not installed")
 import neuro_torch  # noqa: E402
 from neuro_torch import memory  # noqa: E402
-from neuro_torch.scan.task import ScanTask  # noqa: E402
+from neuro_torch.scan.layers import ScanTask  # noqa: E402
 from neuro_torch.surrogates import FastSigmoid  # noqa: E402
 
 FACTOR = 2.5

@@ -1,7 +1,5 @@
 """Weights on a chip's grid while they learn, and fewer of them."""
 
-import copy
-
 import numpy as np
 import pytest
 
@@ -51,7 +49,7 @@ def spikes_on(net, events, backend):
 
 
 @pytest.mark.parametrize("dtype", [torch.float32, torch.float64])
-@pytest.mark.parametrize("bits", range(1, 9))
+@pytest.mark.parametrize("bits", [1, 4, 8])
 def test_what_was_rounded_loses_nothing_on_loihi(bits, dtype):
     module = neuro_torch.quantised(module_of(dtype=dtype), bits)
     net = module.network()
@@ -83,19 +81,19 @@ def moved(module, target):
     return max(wires.rounding.rms for wires in fixed.projections if wires.name in module.weights)
 
 
-@pytest.mark.parametrize("seed", range(12))
+@pytest.mark.parametrize("seed", range(6))
 def test_on_loihi_nothing_moves_where_all_weights_onto_a_population_learn(seed):
     module = several(seed, ["in", "beside", "round"])
     assert moved(neuro_torch.quantised(module, 1 + seed % 8), "loihi") < 1e-12
 
 
 def test_beside_weights_that_do_not_learn_little_moves_on_loihi():
-    found = [moved(neuro_torch.quantised(several(seed, ["in"]), 2 + seed % 3), "loihi") for seed in range(16)]
+    found = [moved(neuro_torch.quantised(several(seed, ["in"]), 2 + seed % 3), "loihi") for seed in range(8)]
     assert max(found) < 2e-3
     assert min(found) < 1e-12
 
 
-@pytest.mark.parametrize("seed", range(8))
+@pytest.mark.parametrize("seed", range(4))
 def test_on_spinnaker_the_words_are_those_of_the_training(seed):
     bits = 4 + seed % 5
     module = neuro_torch.quantised(several(seed, ["in", "round"]), bits)
@@ -119,13 +117,6 @@ def test_eight_bits_are_what_the_chip_rounds_to_by_itself():
     for wires, weight in zip(fixed.projections, module.weights.values(), strict=True):
         on_chip = wires.weights(wires.mantissas)
         np.testing.assert_allclose(weight.detach().numpy().ravel(), on_chip, rtol=1e-12)
-
-
-def test_its_spikes_are_those_of_event():
-    module = neuro_torch.quantised(module_of(), 4).eval()
-    found = module(batch()).spikes["out"].detach().numpy()
-    assert found.sum() > 10
-    np.testing.assert_array_equal(found, spikes_on(module.network(), batch(), "event"))
 
 
 def test_the_gradient_goes_straight_through():
@@ -168,15 +159,6 @@ def test_quantising_again_takes_the_place_of_what_was():
     assert len(again.eval()(batch()) and again.weights["in"].unique()) > 50
 
 
-def test_bits_that_are_refused_leave_a_quantised_module_as_it_was():
-    module = neuro_torch.quantised(module_of(), 3)
-    before = module.weights["in"].detach().clone()
-    with pytest.raises(ModelError, match="bits = 9"):
-        neuro_torch.quantised(module, 9)
-    module.eval()(batch())
-    assert torch.equal(module.weights["in"], before)
-
-
 def test_without_weights_that_learn_nothing_is_quantised():
     module = neuro_torch.Module(network(), {"hidden": "tau_m"})
     told = "quantised: no weights of the module learn: expected those of a projection at least"
@@ -208,15 +190,6 @@ def test_a_bill_of_another_network_is_refused():
     assert "expected that of the bill, which has 516" in str(caught.value)
     assert caught.value.hint == "neuro_torch.Bill(module) of the module that made the outcome"
     assert float(neuro_torch.Bill(pruned)(outcome).detach()) > 0.0
-
-
-def test_a_bill_goes_on_for_a_copy_and_for_what_was_learnt():
-    module = module_of()
-    bill = neuro_torch.Bill(module)
-    copied, learnt = copy.deepcopy(module), module.on(module.network())
-    expected = float(bill(module(batch())).detach())
-    for each in (copied, learnt):
-        assert float(bill(each(batch())).detach()) == expected
 
 
 def test_a_state_dict_brings_back_the_grid():
@@ -256,13 +229,6 @@ def test_pruned_synapses_are_gone_and_the_rest_is_as_it_was():
     assert bills[1] < bills[0]
     assert module.program.projections[0].layout == "dense"
     np.testing.assert_array_equal(outcome.spikes["out"].detach(), spikes_on(pruned.network(), batch(), "event"))
-
-
-def test_a_pruned_module_learns_on():
-    pruned = neuro_torch.prune(module_of(), 0.5)
-    neuro_torch.losses.count_cross_entropy(pruned(batch()).spikes["out"], torch.tensor([0, 1, 2, 0])).backward()
-    assert pruned.weights["in"].shape == (240,)
-    assert float(pruned.weights["in"].grad.abs().sum()) > 0.0
 
 
 @pytest.mark.parametrize(

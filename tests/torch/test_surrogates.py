@@ -76,14 +76,6 @@ def test_a_function_of_ones_own_keeps_types():
     assert repr(Own(gauss, slope=2.0)) == "Own(gauss, slope=2)"
 
 
-@pytest.mark.parametrize("kind", SURROGATES.values(), ids=SURROGATES)
-def test_one_at_the_threshold_and_less_on_both_sides(kind):
-    at = kind().derivative(torch.from_numpy(X)).numpy()
-    assert at[X.size // 2] == 1.0
-    np.testing.assert_allclose(at, at[::-1], rtol=1e-12, atol=1e-15)
-    assert np.all(np.diff(at[: X.size // 2 + 1]) >= 0.0)
-
-
 @pytest.mark.parametrize(
     ("surrogate", "integral"),
     [

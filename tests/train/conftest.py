@@ -49,3 +49,36 @@ def neuro(answer, monkeypatch, tmp_path):
     monkeypatch.setattr(commands, "apps", lambda: here)
 
     return partial(answer, "train")
+
+
+@pytest.fixture
+def interrupted(neuro, monkeypatch):
+    """Run `neuro train ...`, which is interrupted after so many epochs."""
+
+    def run(epochs, *words):
+        from neuro_train import trainer
+
+        def stop(self):
+            if self.done == epochs:
+                raise KeyboardInterrupt
+            whole(self)
+
+        whole = trainer._Training.epoch
+        with monkeypatch.context() as patch:
+            patch.setattr(trainer._Training, "epoch", stop)
+            status, _, err = neuro(*words)
+        assert (status, err.splitlines()[-1]) == (130, "interrupted: the same command goes on where it was")
+
+    return run
+
+
+@pytest.fixture
+def dense(folder):
+    """Words of `neuro train` for the dense network that ships, small."""
+    small = {"height": SIDE, "width": SIDE, "hidden": 8, "classes": 3, "in_std": 0.2, "out_std": 0.4}
+
+    def words(data=folder, **more):
+        set_ = [word for name, value in (small | more).items() for word in ("--set", f"{name}={value}")]
+        return [neuro_models.path("dense"), "--data", data, "--duration", 60, "--batch", 6, *set_]
+
+    return words

@@ -5,17 +5,15 @@ import signal
 import subprocess
 import sys
 import zipfile
+from dataclasses import replace
 
 import h5py
-import numpy as np
 import pytest
 
 import neuro as snn
-import neuro_models
 from neuro.events import Events, save
 
 torch = pytest.importorskip("torch", reason="PyTorch is not installed")
-from neuro_train import trainer  # noqa: E402
 
 QUICK = ("--duration", 60, "--epochs", 8, "--batch", 6)
 DELTA = snn.iaf_psc_delta(tau_m=20.0, t_ref=0.0, E_L=0.0, V_reset=0.0, V_th=1.0)
@@ -36,52 +34,93 @@ def network(cell=DELTA, synapse=None, connected=True):
     ("net", "messages"),
     [
         (network(connected=False), ["network 'poor': no projection carries spikes: expected one, whose weights learn"]),
-        (
-            network(synapse=snn.stdp()),
-            [
-                "network 'poor' cannot be trained by gradients (1 problem)\nnet.yaml:9:3: projection 'up': stdp: only "
-                "static synapses are here",
-                "use static",
-            ],
-        ),
-        (
-            network(snn.hh_psc_alpha(t_ref=5.0)),
-            [
-                "population 'out': hh_psc_alpha: its spikes have no gradient: a surrogate is told in units of V_th - ",
-                "hint: use iaf_psc_delta or iaf_psc_exp",
-            ],
-        ),
+        (network(synapse=snn.stdp()),
+         ["network 'poor' cannot be trained by gradients (1 problem)\nnet.yaml:9:3: projection 'up': stdp: only static "
+          "synapses are here", "use static"]),
+        (network(snn.hh_psc_alpha(t_ref=5.0)),
+         ["population 'out': hh_psc_alpha: its spikes have no gradient: a surrogate is told in units of V_th - ",
+          "hint: use iaf_psc_delta or iaf_psc_exp"]),
         (network(snn.srm0(t_ref=5.0)), ["population 'out': srm0: its spikes have no gradient: it fires at random"]),
     ],
     ids=["nothing learns", "a rule", "no V_reset", "at random"],
-)
+)  # fmt: skip
 def test_networks_that_cannot_learn(neuro, folder, tmp_path, net, messages):
     net.save("net.yaml")
     status, out, err = neuro("net.yaml", "--data", folder, *QUICK)
     assert (status, out) == (2, "")
-    for message in messages:
-        assert message in err
+    assert all(message in err for message in messages)
     assert not (tmp_path / "trained.yaml").exists()
 
 
-def test_recordings_to_test_on_of_another_sensor(neuro, folder, file, tmp_path):
+@pytest.mark.parametrize(
+    ("words", "message"),
+    [
+        (["--input", "pixls"], "unknown population for --input 'pixls'"),
+        (["--output", "ot"], "unknown population for --output 'ot'"),
+        (["--input", "hidden"], "--input hidden: found iaf_psc_delta: expected a spike_generator"),
+        (["--output", "hidden"], "--output hidden: 10 neurons for the 3 classes of"),
+        (["--scale", 2], "recordings of 12x12 px by 2 have 6 rows and 6 columns: expected the shape [2, 6, 6]"),
+        (["--augment", "shft=2"], "unknown augmentation 'shft'"),
+        (["--augment", "shift=two"], "--augment shift=two: expected a whole number of px >= 0"),
+        (["--cost", "loihi"], "--cost loihi: expected NAME=NUMBER"),
+        (["--cost", "lohi=1"], "unknown target 'lohi'"),
+        (["--loss", "counts"], "unknown loss 'counts'"),
+        (["--surrogate", "sigmoid"], "unknown surrogate 'sigmoid'"),
+        (["--epochs", -1], "epochs = -1: expected a whole number >= 0"),
+        (["--prune", 1], "prune = 1.0: expected a share, 0 to less than 1"),
+        (["--augment", "warp=a"], "--augment warp=a: expected a share, 0 to less than 1"),
+        (["--augment", "mirror=1"], "mirror = 1.0: expected a share, 0 to less than 1"),
+        (["--window", "middle"], "--window middle: expected 'centred', or column and row of its first pixel"),
+        (["--window", "-1,0"], "--window -1,0: expected 'centred'"),
+        (["--window", "9,9"], "events lie outside of the window of 12x12 px at 9,9: expected at most 5%"),
+        (["--augment", "shift=-1"], "shift = -1: expected a whole number >= 0"),
+        (["--bits", 9], "bits = 9: weights of loihi have 8: expected 1 to 8"),
+        (["--learn", "in_hiden"], "unknown projection 'in_hiden'"),
+        (["--learn", "hidden_out=weigt"], "error: unknown word of projection 'hidden_out' that learns 'weigt'"),
+        (["--device", "cuda:7"], "--device cuda:7: torch has no such device here: expected one of cpu"),
+        (["--device", "meta"], "--device meta: torch has no such device here: expected one of cpu"),
+        (["--without", "*"], "--without *: leaves none of the 24 recordings of"),
+        (["--duration", 61], "duration = 61 ms"),
+        (["--folds", 2, "--test", "Test"], "--folds and --test: expected one of them"),
+        (["--folds", 2, "--backends", "event,lohi"], "unknown backend 'lohi'"),
+        (["--prune", 0.999], "prune: projection 'hidden_out': none of its 30 synapses stays: expected some"),
+    ],
+    ids=lambda part: " ".join(map(str, part)) if isinstance(part, list) else "",
+)
+def test_options_that_cannot_be(neuro, folder, file, words, message, tmp_path):
+    status, out, err = neuro(file, "--data", folder, *QUICK, *words)
+    assert (status, out) == (2, "")
+    assert message in err
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_recordings_that_do_not_fit(neuro, folder, file, tmp_path):
+    """Of another sensor, of a class that is not learnt, of no class, in a damaged archive."""
     for k, name in enumerate(("upright", "lying", "oblique")):
         path = tmp_path / "wide" / "Test" / name / "0.npz"
         path.parent.mkdir(parents=True)
-        save(Events(np.arange(5) * 1000, [k] * 5, range(5), [0, 1, 0, 1, 0], (16, 14)), path)
-    status, out, err = neuro(file, "--data", folder, *QUICK, "--test", tmp_path / "wide")
-    assert (status, out) == (2, "")
-    told = "wide: --input pixels: shape [2, 12, 12]: recordings of 16x14 px have 14 rows and 16 columns"
-    assert f"{told}: expected the shape [2, 14, 16]\n  hint: test on recordings of the sensor of --data" in err
-    assert not (tmp_path / "trained.yaml").exists()
-
-
-def test_recordings_to_test_on_of_a_class_that_is_not_learnt(neuro, folder, file, tmp_path):
+        save(Events(range(0, 5000, 1000), [k] * 5, range(5), [0, 1, 0, 1, 0], (16, 14)), path)
     shutil.copytree(folder / "Test", tmp_path / "more" / "Test")
     (tmp_path / "more" / "Test" / "lying").rename(tmp_path / "more" / "Test" / "leaning")
-    status, out, err = neuro(file, "--data", folder, *QUICK, "--test", tmp_path / "more")
-    assert (status, out) == (2, "")
-    assert "leaning" in err
+    with zipfile.ZipFile(tmp_path / "Train.zip", "w") as packed:
+        for path in sorted((folder / "Train").rglob("*.npz")):
+            packed.write(path, path.relative_to(folder))
+    (tmp_path / "Train.zip").write_bytes((tmp_path / "Train.zip").read_bytes()[:-1000])
+    one = next((folder / "Train" / "lying").iterdir())
+    told = "wide: --input pixels: shape [2, 12, 12]: recordings of 16x14 px have 14 rows and 16 columns"
+    for words, message in (
+        (("--data", folder, "--test", tmp_path / "wide"),
+         f"{told}: expected the shape [2, 14, 16]\n  hint: test on recordings of the sensor of --data"),
+        (("--data", folder, "--test", tmp_path / "more"), "leaning"),
+        (("--data", one), f"{one.name}: its class is not known: expected recordings in folders of classes"),
+        (("--data", tmp_path / "Train.zip"), "Train.zip"),
+    ):  # fmt: skip
+        status, out, err = neuro(file, *QUICK, *words)
+        assert (status, out) == (2, "")
+        assert err.startswith("error: ")
+        assert message in err
+        assert not (tmp_path / "trained.yaml").exists()
+    assert signal.getsignal(signal.SIGINT) is signal.default_int_handler
 
 
 def test_a_batch_beyond_memory(neuro, folder, file, monkeypatch, tmp_path):
@@ -93,25 +132,19 @@ def test_a_batch_beyond_memory(neuro, folder, file, monkeypatch, tmp_path):
     assert list(tmp_path.iterdir()) == []
 
 
-def stopped_after(epochs, monkeypatch):
-    """A patch by which a training is interrupted."""
+def test_files_of_something_else_stay(neuro, folder, file, tmp_path):
+    (tmp_path / "trained.yaml").write_text("my notes")
+    (tmp_path / "other.yaml").mkdir()
+    for out, message in (
+        ("trained.yaml", "exists and is not a network that was saved: expected a new name"),
+        ("other.yaml", "is a folder, expected the name of a file"),
+    ):
+        status, _, err = neuro(file, "--data", folder, *QUICK, "--out", out)
+        assert (status, f"{out}: {message}" in err) == (2, True)
 
-    def stop(self):
-        if self.done == epochs:
-            raise KeyboardInterrupt
-        whole(self)
 
-    whole = trainer._Training.epoch
-    monkeypatch.setattr(trainer._Training, "epoch", stop)
-
-
-def test_an_interrupt_loses_no_whole_epoch(neuro, folder, file, monkeypatch):
-    with monkeypatch.context() as patch:
-        stopped_after(5, patch)
-        assert neuro(file, "--data", folder, *QUICK)[::2] == (
-            130,
-            "interrupted: the same command goes on where it was\n",
-        )
+def test_an_interrupt_loses_no_whole_epoch(neuro, interrupted, folder, file):
+    interrupted(5, file, "--data", folder, *QUICK)
     with h5py.File("trained.yaml.training") as kept:
         assert kept["progress"][0] == 5.0
     assert neuro(file, "--data", folder, *QUICK)[0] == 0
@@ -160,26 +193,38 @@ def own(folder, tmp_path):
     return shutil.copytree(folder, tmp_path / "own")
 
 
-@pytest.mark.parametrize("edited", ["other events", "one less", "another class"])
-def test_recordings_that_are_edited_between_two_runs_are_not_mixed(neuro, own, file, monkeypatch, edited):
-    with monkeypatch.context() as patch:
-        stopped_after(3, patch)
-        assert neuro(file, "--data", own, *QUICK)[0] == 130
-    one = own / "Train" / "lying" / "1.npz"
+def test_a_training_goes_on_with_what_it_began_with_alone(neuro, interrupted, own, file, tmp_path):
+    interrupted(3, file, "--data", own, *QUICK)
+
+    def refused(message, *words, network=file):
+        status, out, err = neuro(network, "--data", own, *QUICK, *words)
+        assert (status, out) == (2, "")
+        assert f"trained.yaml.training: {message}" in err
+        return err
+
+    refused("an unfinished training with rate = 0.01: found 0.02 now", "--rate", 0.02)
+    net = snn.load(file)
+    net.populations["out"] = replace(net.populations["out"], model=replace(net.populations["out"].model, tau_m=30.0))
+    net.save("slower.yaml")
+    refused("an unfinished training with network = ", network="slower.yaml")
+    one, other = own / "Train" / "lying" / "1.npz", own / "Train" / "upright" / "1.npz"
     whole = one.read_bytes()
-    if edited == "other events":
-        one.write_bytes((own / "Train" / "lying" / "4.npz").read_bytes())
-    elif edited == "one less":
-        one.unlink()
-    else:
-        one.rename(own / "Train" / "upright" / "1.npz")
-    status, out, err = neuro(file, "--data", own, *QUICK)
-    assert (status, out) == (2, "")
-    assert "trained.yaml.training: an unfinished training with data = " in err
-    way = "recordings are others, or were edited: give those that it began with to continue it, or delete the file"
-    assert f"hint: {way}" in err
-    (own / "Train" / "upright" / "1.npz").unlink(missing_ok=True)
+    for edit in (  # other events, another class, one less
+        lambda: one.write_bytes((own / "Train" / "lying" / "4.npz").read_bytes()),
+        lambda: one.rename(other),
+        lambda: other.unlink(),
+    ):
+        edit()
+        way = "recordings are others, or were edited: give those that it began with to continue it, or delete the file"
+        assert f"hint: {way}" in refused("an unfinished training with data = ")
     one.write_bytes(whole)
+    kept = tmp_path / "trained.yaml.training"
+    good = kept.read_bytes()
+    with h5py.File(kept) as opened:
+        at = good.index(opened["weights"]["weights.in_hidden"][()].tobytes()) + 7
+    kept.write_bytes(good[:at] + bytes([good[at] ^ 16]) + good[at + 1 :])
+    assert "hint: delete the file to begin anew" in refused("damaged neuro training by gradients 1: it is not ")
+    kept.write_bytes(good)
     own.rename(own.with_name("moved"))  # where they lie does not matter
     assert neuro(file, "--data", own.with_name("moved"), *QUICK)[0] == 0
 
@@ -191,74 +236,22 @@ def test_folds_of_recordings_that_are_edited_are_learnt_anew(neuro, own, file):
         (own / "Train" / "lying" / f"{k}.npz").write_bytes((own / "Train" / "upright" / f"{k + 2}.npz").read_bytes())
     status, out, _ = neuro(*words)
     assert status == 0
-    assert [line for line in out.splitlines() if "right" in line] != [
-        line for line in before.splitlines() if "right" in line
-    ]
-
-
-def search_words(own, more=()):
-    small = {"height": 12, "width": 12, "hidden": 8, "classes": 3, "in_std": 0.2, "out_std": 0.4, **dict(more)}
-    set_ = [word for name, value in small.items() for word in ("--set", f"{name}={value}")]
-    budget = ("--search", "hidden=4:8", "--budget", 2)
-    return [neuro_models.path("dense"), "--data", own, *QUICK, "--epochs", 1, *set_, *budget]
+    one, other = ([line for line in text.splitlines() if "right" in line] for text in (before, out))
+    assert one != other
 
 
 @pytest.mark.filterwarnings("ignore:backend 'loihi'")
-def test_a_search_does_not_go_on_with_other_recordings_or_another_network(neuro, own):
+def test_a_search_goes_on_with_what_it_began_with_alone(neuro, interrupted, own, dense):
     pytest.importorskip("optuna", reason="Optuna is not installed")
-    assert neuro(*search_words(own))[0] == 0
-    status, _, err = neuro(*search_words(own, {"tau": 10.0}))
-    assert status == 2
-    assert "trained: the folder of another tuning: set is " in err
-    (own / "Train" / "lying" / "1.npz").write_bytes((own / "Train" / "lying" / "4.npz").read_bytes())
-    status, _, err = neuro(*search_words(own))
-    assert status == 2
-    assert "trained: the folder of another tuning: set is " in err
-    assert '"recordings": ' in err
-    assert "hint: expected the same tuning, or the name of a new folder" in err
-
-
-@pytest.mark.filterwarnings("ignore:backend 'loihi'")
-def test_a_search_goes_on_in_the_process_that_was_interrupted(neuro, own, monkeypatch):
-    pytest.importorskip("optuna", reason="Optuna is not installed")
-    with monkeypatch.context() as patch:
-        stopped_after(0, patch)
-        assert neuro(*search_words(own))[0] == 130
-    status, out, err = neuro(*search_words(own))
+    search = ("--epochs", 1, "--search", "hidden=4:8", "--budget", 2)
+    interrupted(0, *dense(own), *search)
+    status, out, err = neuro(*dense(own), *search)
     assert status == 0, err
     assert "trained/front.csv: written" in out
-
-
-def test_a_damaged_checkpoint_is_told(neuro, folder, file, monkeypatch, tmp_path):
-    with monkeypatch.context() as patch:
-        stopped_after(3, patch)
-        assert neuro(file, "--data", folder, *QUICK)[0] == 130
-    kept = tmp_path / "trained.yaml.training"
-    whole = kept.read_bytes()
-    with h5py.File(kept) as opened:
-        at = whole.index(opened["weights"]["weights.in_hidden"][()].tobytes()) + 7
-    kept.write_bytes(whole[:at] + bytes([whole[at] ^ 16]) + whole[at + 1 :])
-    status, out, err = neuro(file, "--data", folder, *QUICK)
-    assert (status, out) == (2, "")
-    assert err.startswith("error: trained.yaml.training: damaged neuro training by gradients 1: it is not ")
-    assert "hint: delete the file to begin anew" in err
-
-
-def test_a_folder_that_is_named_as_the_network_is_told(neuro, folder, file, tmp_path):
-    (tmp_path / "trained.yaml").mkdir()
-    status, _, err = neuro(file, "--data", folder, *QUICK)
-    assert status == 2
-    assert "trained.yaml: is a folder, expected the name of a file" in err
-
-
-def test_a_damaged_archive_is_told(neuro, folder, file, tmp_path):
-    with zipfile.ZipFile(tmp_path / "Train.zip", "w") as packed:
-        for path in sorted((folder / "Train").rglob("*.npz")):
-            packed.write(path, path.relative_to(folder))
-    whole = (tmp_path / "Train.zip").read_bytes()
-    (tmp_path / "Train.zip").write_bytes(whole[: len(whole) // 2])
-    status, out, err = neuro(file, "--data", tmp_path / "Train.zip", *QUICK)
-    assert (status, out) == (2, "")
-    assert err.startswith("error: ")
-    assert "Train.zip" in err
-    assert signal.getsignal(signal.SIGINT) is signal.default_int_handler
+    status, _, err = neuro(*dense(own, tau=10.0), *search)
+    assert (status, "trained: the folder of another tuning: set is " in err) == (2, True)
+    (own / "Train" / "lying" / "1.npz").write_bytes((own / "Train" / "lying" / "4.npz").read_bytes())
+    status, _, err = neuro(*dense(own), *search)
+    assert (status, "trained: the folder of another tuning: set is " in err) == (2, True)
+    assert '"recordings": ' in err
+    assert "hint: expected the same tuning, or the name of a new folder" in err

@@ -12,29 +12,26 @@ pytest.importorskip("torch", reason="PyTorch is not installed")
 
 import neuro as snn
 import neuro_models
-from neuro import ModelError
 from neuro.events import recordings
 from neuro_train import trainer
 from neuro_train.front import FrontPlace, draw
 from neuro_train.plan import TrainingPlan
-from neuro_train.search import divided
-from neuro_train.space import parted, space
+from neuro_train.search import divided, parted, space
+from refused import refused
 
 pytestmark = [
     pytest.mark.filterwarnings("ignore:backend 'spinnaker'"),
     pytest.mark.filterwarnings("ignore:backend 'loihi'"),
 ]
-SMALL = {"height": 12, "width": 12, "hidden": 8, "classes": 3, "in_std": 0.2, "out_std": 0.4}
+STEP = {"resolution": 5.0}
 PLAN = TrainingPlan(input="pixels", output="out", duration=60.0)
 
 
 @pytest.fixture
-def words(folder):
+def words(dense):
     """Arguments of a small search."""
     pytest.importorskip("optuna", reason="Optuna is not installed")
-    set_ = [word for name, value in SMALL.items() for word in ("--set", f"{name}={value}")]
-    file = neuro_models.path("dense")
-    return [file, "--data", folder, "--duration", 60, "--epochs", 4, "--batch", 6, *set_, "--budget", 4]
+    return [*dense(), "--epochs", 4, "--budget", 4]
 
 
 def table(path):
@@ -146,44 +143,33 @@ def test_what_varies_if_no_values_are_given():
 
 
 @pytest.mark.parametrize(
-    ("text", "message"),
+    ("text", "given", "message"),
     [
-        ("hiden", "unknown parameter of --search 'hiden'"),
-        ("hidden=", "--search hidden=: expected NAME or NAME=VALUE:VALUE"),
-        ("hidden=4:many", "--search hidden=many: expected numbers with ':' between them"),
-        ("tau", "--search tau: expected its values"),
-        ("step=7", "a duration of 60 ms is no whole number of steps of 7 ms"),
+        ("hiden", STEP, "unknown parameter of --search 'hiden'"),
+        ("hidden=", STEP, "--search hidden=: expected NAME or NAME=VALUE:VALUE"),
+        ("hidden=4:many", STEP, "--search hidden=many: expected numbers with ':' between them"),
+        ("tau", STEP, "--search tau: expected its values"),
+        ("step=7", STEP, "a duration of 60 ms is no whole number of steps of 7 ms"),
+        ("step", {}, "--search step: the network's file has no parameter 'resolution'"),
     ],
 )
-def test_mistakes_in_what_varies(text, message):
+def test_mistakes_in_what_varies(text, given, message):
     net = snn.load(neuro_models.path("dense"))
-    with pytest.raises(ModelError) as caught:
-        space(text, net, PLAN, {"hidden": 8, "resolution": 5.0, "tau": 20.0})
-    assert message in str(caught.value)
+    assert message in refused(space, text, net, PLAN, {"hidden": 8, "tau": 20.0} | given)
 
 
-def test_a_network_without_a_step_to_vary_is_told():
-    net = snn.load(neuro_models.path("dense"))
-    with pytest.raises(ModelError, match="--search step: the network's file has no parameter 'resolution'"):
-        space("step", net, PLAN, {"hidden": 8})
-
-
-def test_without_optuna_one_error_tells_how_to_get_it(neuro, folder, monkeypatch, tmp_path):
+def test_without_optuna_one_error_says_how_to_get_it(neuro, dense, monkeypatch, tmp_path):
     found = importlib.util.find_spec
     monkeypatch.setattr("importlib.util.find_spec", lambda name, *a: None if name == "optuna" else found(name, *a))
-    small = [word for name, value in SMALL.items() for word in ("--set", f"{name}={value}")]
-    words = [neuro_models.path("dense"), "--data", folder, "--duration", 60, *small, "--search", "hidden"]
-    status, out, err = neuro(*words)
+    status, out, err = neuro(*dense(), "--search", "hidden")
     assert (status, out) == (2, "")
     assert "neuro train --search asks Optuna, which is not installed" in err
     assert "[tune]" in err
     assert list(tmp_path.iterdir()) == []
 
 
-def test_recordings_to_test_on_have_no_place_in_a_search(neuro, folder, tmp_path):
-    small = [word for name, value in SMALL.items() for word in ("--set", f"{name}={value}")]
-    words = [neuro_models.path("dense"), "--data", folder, "--duration", 60, *small, "--search", "hidden"]
-    status, _, err = neuro(*words, "--test", folder)
+def test_recordings_to_test_on_have_no_place_in_a_search(neuro, dense, folder, tmp_path):
+    status, _, err = neuro(*dense(), "--search", "hidden", "--test", folder)
     assert status == 2
     assert "--search with --test: a search tests on recordings of --data that it holds out" in err
     assert list(tmp_path.iterdir()) == []

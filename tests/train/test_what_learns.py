@@ -63,12 +63,11 @@ def sized(size):
 @pytest.mark.parametrize(
     ("size", "value", "told"),
     [
-        (2 * 12 * 12 * 10, float("nan"), "weights of 'in_hidden': found nan: expected numbers"),
         (2 * 12 * 12 * 10, float("inf"), "weights of 'in_hidden': found inf: expected numbers"),
         (1, float("nan"), "tau_m of 'hidden': found nan: expected numbers"),
     ],
 )
-def test_what_is_no_number_any_more_stops_at_once(neuro, folder, file, monkeypatch, size, value, told):
+def test_nan_and_infinity_stop_at_once(neuro, folder, file, monkeypatch, size, value, told):
     spoil(monkeypatch, sized(size), value, at=6)
     words = ("--learn", "in_hidden", "--learn", "hidden=tau_m")
     status, out, err = neuro(file, "--data", folder, *QUICK, *words)
@@ -78,7 +77,7 @@ def test_what_is_no_number_any_more_stops_at_once(neuro, folder, file, monkeypat
 
 
 @pytest.mark.parametrize(("value", "found"), [(float("nan"), "nan: expected numbers"), (1e20, "1e+20 ms: expected at")])
-def test_delays_that_are_no_times_any_more_stop_at_once(neuro, folder, late, monkeypatch, value, found):
+def test_delays_that_are_no_times_stop_at_once(neuro, folder, late, monkeypatch, value, found):
     delays = iter(range(100))
 
     def which(self):
@@ -91,12 +90,6 @@ def test_delays_that_are_no_times_any_more_stop_at_once(neuro, folder, late, mon
     assert (status, out) == (2, "")
     assert f"error: epoch 1, batch 2 of 4: delays of 'hidden_out': found {found}" in err
     assert "hint: a smaller --rate" in err
-
-
-def test_a_rate_beyond_reason_ends_with_an_error(neuro, folder, late):
-    status, out, err = neuro(late, "--data", folder, *QUICK, *DELAYS, "--rate", 1e20)
-    assert (status, out) == (2, "")
-    assert "error: epoch 1, batch 1 of 4: delays of 'hidden_out': found " in err
 
 
 @pytest.mark.parametrize("what", ["hidden_out=delay", "hidden=tau_m,V_th"])
@@ -119,7 +112,7 @@ def test_only_weights_decay(learn, what):
     ],
 )
 def test_neurons_learn_within_their_bounds(learn, words, rate, lowest):
-    trained = learn(trainable=words, rate=rate, epochs=12, decay=0.0)
+    trained = learn(trainable=words, rate=rate, epochs=8, decay=0.0)
     hidden = trained.net.populations["hidden"].model
     assert hidden.tau_m > 0.0
     assert hidden.V_th > hidden.V_reset
@@ -153,7 +146,7 @@ def test_weights_in_pa_learn_at_the_default_rate(learn):
     assert trained.rates == {"pixels_hidden": 10.0, "hidden_out": 10.0}
 
 
-@pytest.mark.parametrize("times", [1e-3, 1e3])
+@pytest.mark.parametrize("times", [1e3])
 def test_another_unit_changes_nothing_that_is_learnt(learn, times):
     plain, other = (learn(in_pa(each), epochs=4, decay=0.5) for each in (1.0, times))
     assert other.rates == {name: pytest.approx(times * rate) for name, rate in plain.rates.items()}
@@ -163,16 +156,13 @@ def test_another_unit_changes_nothing_that_is_learnt(learn, times):
 
 
 def test_the_networks_that_ship_learn_at_the_rate_as_it_is_said(late):
-    names = ["dense", "conv", "recurrent", "learnt_delays"]
-    for net in [snn.load(neuro_models.path(name)) for name in names]:
-        for seed in range(3):
-            module = trainer.module_of(net, TrainingPlan(input="pixels", output="out", seed=seed))
-            assert set(trainer.sizes(module).values()) == {1.0}
+    for name in ("dense", "conv", "recurrent", "learnt_delays"):
+        module = trainer.module_of(snn.load(neuro_models.path(name)), TrainingPlan(input="pixels", output="out"))
+        assert set(trainer.sizes(module).values()) == {1.0}
 
 
 @pytest.mark.parametrize(
-    ("weight", "size"),
-    [(0.0, 1.0), (0.05, 1.0), (-0.9, 1.0), (2.0, 10.0), (-400.0, 1000.0), (5e-3, 0.1)],
+    ("weight", "size"), [(0.0, 1.0), (0.05, 1.0), (-0.9, 1.0), (2.0, 10.0), (-400.0, 1000.0), (5e-3, 0.1)]
 )
 def test_sizes_are_powers_of_ten(weight, size):
     net = snn.Network("one", resolution=5.0)

@@ -9,9 +9,8 @@ import neuro as snn
 from neuro import ModelError
 from neuro.events import Events, recordings, save
 from neuro_models import path as path_of
-from neuro_train.data import moved, show
+from neuro_train.data import show, windowed
 from neuro_train.plan import TrainingPlan
-from neuro_train.window import windowed
 
 pytest.importorskip("torch", reason="PyTorch is not installed")
 SENSOR = (60, 40)
@@ -128,18 +127,3 @@ def test_recognisers_see_the_same_field(tmp_path, square):
     seen, train = method.observe(data[0].load()), shown.events.trains["pixels"]
     np.testing.assert_array_equal(seen["step"], train.step)
     np.testing.assert_array_equal(seen["neuron"], train.neuron)
-
-
-def test_every_second_recording_is_mirrored():
-    from neuro_torch import Events as Spikes
-
-    rng = np.random.default_rng(2)
-    dense = rng.random((60, 7, 2 * 6 * 4)) < 0.2
-    events = Spikes(60, 7, {"pixels": np.nonzero(dense)})
-    found = moved(events, "pixels", (2, 6, 4), 0, 0.0, np.random.default_rng(8), mirror=0.5)
-    found = found.dense("pixels", 48).reshape(60, 7, 2, 6, 4)
-    dense = dense.reshape(60, 7, 2, 6, 4)
-    mirrored = np.array([np.array_equal(one, other[..., ::-1]) for one, other in zip(found, dense, strict=True)])
-    same = np.array([np.array_equal(one, other) for one, other in zip(found, dense, strict=True)])
-    assert np.all(mirrored ^ same)
-    assert 15 < mirrored.sum() < 45

@@ -15,13 +15,20 @@ import numpy.typing as npt
 
 from neuro import ModelError
 from neuro.apps import unknown
-from neuro_drone.controllers.agents import DDPG, DQN, DDPGSettings, DQNSettings
-from neuro_drone.controllers.deep import Deep
-from neuro_drone.controllers.lms import LMS, LMSSettings
+from neuro_drone.controllers.deep import DDPG, DQN, DDPGSettings, Deep, DQNSettings
 from neuro_drone.controllers.ppo import PPO, PPOSettings
-from neuro_drone.controllers.search import RandomSearch, RandomSearchSettings
 from neuro_drone.controllers.settings import changed, plain
-from neuro_drone.controllers.simple import Centroid, Gain, Nothing, NothingSettings, Oracle
+from neuro_drone.controllers.simple import (
+    LMS,
+    Centroid,
+    Gain,
+    LMSSettings,
+    Nothing,
+    NothingSettings,
+    Oracle,
+    RandomSearch,
+    RandomSearchSettings,
+)
 from neuro_drone.controllers.spiking import Spiking, SpikingSettings
 from neuro_drone.parts import Line
 from neuro_drone.scenario import Scenario
@@ -40,7 +47,7 @@ class Controller(Protocol):
 
         Args:
             counts: (8, 8) events of the last step in each field of the picture.
-            info: what the environment told beside them; only the oracle looks at it.
+            info: what the environment gave beside them; only the oracle looks at it.
 
         Returns:
             (axes,) in [-1, 1]: to the right and down the picture, and up; of a line to the right and turn right.

@@ -1,4 +1,4 @@
-"""Deep reinforcement learning beside the spiking network: what DQN, DDPG and PPO have in common.
+"""Deep reinforcement learning beside the spiking network: what DQN, DDPG and PPO have in common, then DQN and DDPG.
 
 Networks, losses, optimisers and buffers are those of stable-baselines3. The steps of control are taken by the same loop
 as for every other controller, so that training, checkpoints, files and tests are the same, too.
@@ -24,16 +24,17 @@ from neuro.apps import install
 from neuro_drone.controllers.dense import Dense, Flier, Floats, Singles, observed
 from neuro_drone.controllers.settings import choice, number, share, whole
 from neuro_drone.controllers.simple import Fixed
+from neuro_drone.env import ACTIONS
 from neuro_drone.scenario import Scenario
 
-__all__ = ["Deep", "DeepSettings", "Spaces", "alone", "needed"]
+__all__ = ["DDPG", "DQN", "DDPGSettings", "DQNSettings", "Deep", "DeepSettings", "Spaces", "alone", "needed"]
 
 _POLICY, _KEPT = "policy.", "kept."
 
 
 @dataclass(frozen=True, slots=True)
 class DeepSettings:
-    """What all of them are told.
+    """Settings of all of them.
 
     Attributes:
         observation: binary (whether a field had events; thesis, section 7.2.1) or counts.
@@ -51,7 +52,7 @@ class DeepSettings:
 
 
 class Spaces(gymnasium.Env[Any, Any]):
-    """Tells stable-baselines3 what an agent sees and does, and no more."""
+    """The spaces of an agent's observations and actions, for stable-baselines3; it has no steps."""
 
     def __init__(self, actions: gymnasium.Space[Any]) -> None:
         self.observation_space = gymnasium.spaces.Box(0.0, 1.0, (64,), np.float32)
@@ -240,3 +241,151 @@ def needed(name: str) -> tuple[Any, Any]:
     except ImportError:
         raise ModelError(f"controller '{name}': stable-baselines3 is not installed", hint=install("rl")) from None
     return stable_baselines3, torch
+
+
+@dataclass(frozen=True, slots=True)
+class ReplayingSettings(DeepSettings):
+    """Settings of agents that learn from replay; the rest are in `DeepSettings`.
+
+    Attributes:
+        buffer: transitions kept for replay.
+        warm: steps before the first update.
+        every: steps from one update to the next.
+    """
+
+    buffer: int = whole(50_000)
+    warm: int = whole(1000)
+    every: int = whole(1)
+
+
+class Replaying(Deep):
+    """An agent that learns from transitions drawn from all that it keeps."""
+
+    kept = ("observations", "next_observations", "actions", "rewards", "dones")
+
+    @property
+    def buffer(self) -> Any:
+        """See `Deep`."""
+        return self.algorithm.replay_buffer
+
+    def keep(self, after: Singles, reward: float, lost: bool) -> None:
+        """See `Deep`."""
+        self.buffer.add(self._seen, after, np.asarray(self._chosen), reward, lost, [{}])
+
+    def update(self, after: Singles, lost: bool) -> None:
+        """Learn from a batch when it is time, see `ReplayingSettings`."""
+        s = self._settings
+        if self._steps > s.warm and self._steps % s.every == 0:
+            with alone(int(self._rng.integers(2**32))):
+                self.algorithm.train(1, s.batch)
+
+
+@dataclass(frozen=True, slots=True)
+class DQNSettings(ReplayingSettings):
+    """Settings of DQN; the rest are in `ReplayingSettings`.
+
+    Attributes:
+        rate: of learning. An action changes the value by less than a hundredth, so that a larger one stays noisy.
+        every: steps from one update to the next.
+        copy: steps from one copy of the network to its target to the next.
+        explore: steps in which the share of random actions falls from 1 to `random`.
+        random: share of random actions from then on.
+    """
+
+    rate: float = number(3e-4, above=0)
+    every: int = whole(4)
+    copy: int = whole(1000)
+    explore: int = whole(5000)
+    random: float = share(0.05)
+
+
+class DQN(Replaying):
+    """Values of the nine actions of `env.ACTIONS`, learnt from a copy of the network that lags behind.
+
+    Source: V. Mnih et al., "Human-level control through deep reinforcement learning", Nature 518, 2015; thesis,
+        section 4.6.5.
+    """
+
+    name = "dqn"
+    acts = ("q_net.q_net.0", "q_net.q_net.2", "q_net.q_net.4")
+
+    def build(self, package: Any, common: dict[str, Any]) -> Any:
+        """See `Deep`."""
+        spaces = Spaces(gymnasium.spaces.Discrete(len(ACTIONS)))
+        return package.DQN("MlpPolicy", spaces, buffer_size=self._settings.buffer, **common)
+
+    def explore(self, out: Singles, steps: int) -> Any:
+        """A random action now and then, see `DQNSettings`."""
+        s = self._settings
+        if self._rng.random() < max(s.random, 1.0 - steps / s.explore * (1.0 - s.random)):
+            return int(self._rng.integers(len(ACTIONS)))
+        return self.best(out)
+
+    @staticmethod
+    def best(out: Singles) -> Any:
+        """The action of the largest value."""
+        return int(np.argmax(out))
+
+    @staticmethod
+    def command(chosen: Any) -> Floats:
+        """The direction that an action stands for."""
+        return np.array(ACTIONS[chosen])
+
+    def optimizers(self) -> list[Any]:
+        """That of the values."""
+        return [self.algorithm.policy.optimizer]
+
+    def update(self, after: Singles, lost: bool) -> None:
+        """Learn, and copy the network to its target when it is time."""
+        super().update(after, lost)
+        if self._steps % self._settings.copy == 0:
+            self.algorithm.q_net_target.load_state_dict(self.algorithm.q_net.state_dict())
+
+
+@dataclass(frozen=True, slots=True)
+class DDPGSettings(ReplayingSettings):
+    """Settings of DDPG; the rest are in `ReplayingSettings`.
+
+    Attributes:
+        noise: standard deviation of what is added to an action while learning; the first `warm` ones are drawn.
+        tau: share of the networks that their targets take over in an update.
+    """
+
+    noise: float = number(0.2, at_least=0)
+    tau: float = share(0.005)
+
+
+class DDPG(Replaying):
+    """An actor whose output is the action, and a critic that tells it where better ones lie.
+
+    Source: T. P. Lillicrap et al., "Continuous control with deep reinforcement learning", ICLR 2016; thesis, section
+        4.7.3. Noise is independent from step to step.
+    """
+
+    name = "ddpg"
+    acts = ("actor.mu.0", "actor.mu.2", "actor.mu.4")
+
+    def build(self, package: Any, common: dict[str, Any]) -> Any:
+        """See `Deep`."""
+        s, spaces = self._settings, Spaces(gymnasium.spaces.Box(-1.0, 1.0, (2,), np.float32))
+        return package.DDPG("MlpPolicy", spaces, buffer_size=s.buffer, tau=s.tau, **common)
+
+    def explore(self, out: Singles, steps: int) -> Any:
+        """Noise on the action."""
+        if steps < self._settings.warm:
+            return self._rng.uniform(-1.0, 1.0, 2)
+        return np.clip(self.best(out) + self._rng.normal(0.0, self._settings.noise, 2), -1.0, 1.0)
+
+    @staticmethod
+    def best(out: Singles) -> Any:
+        """The actor's action."""
+        return np.tanh(out)
+
+    @staticmethod
+    def command(chosen: Any) -> Floats:
+        """The action itself."""
+        return np.asarray(chosen, np.float64)
+
+    def optimizers(self) -> list[Any]:
+        """Those of actor and critic."""
+        return [self.algorithm.actor.optimizer, self.algorithm.critic.optimizer]

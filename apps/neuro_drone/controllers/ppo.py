@@ -26,7 +26,7 @@ ADAM = {"fused": True, "eps": 1e-5}
 
 @dataclass(frozen=True, slots=True)
 class PPOSettings(DeepSettings):
-    """What PPO is told; the rest is in `DeepSettings`.
+    """Settings of PPO; the rest are in `DeepSettings`.
 
     Attributes:
         rate: of learning, for Adam.

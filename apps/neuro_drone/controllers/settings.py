@@ -11,16 +11,12 @@ import numpy.typing as npt
 
 from neuro import ModelError, Network
 from neuro.apps import Quantity, check, unknown
+from neuro_drone.parts import choice, number
 
 __all__ = ["changed", "choice", "each_axis", "number", "numbers", "plain", "share", "unknown", "whole"]
 
 REST = "parameters"
 """The field that takes up names that are no fields, where a dataclass has it."""
-
-
-def number(default: float, **bounds: Any) -> Any:
-    """A field for a number within bounds, those of `Quantity`."""
-    return field(default=default, metadata={"quantity": Quantity(**bounds)})
 
 
 def numbers(default: float, **bounds: Any) -> Any:
@@ -29,7 +25,7 @@ def numbers(default: float, **bounds: Any) -> Any:
 
 
 def each_axis(name: str, value: float | tuple[float, ...], axes: int) -> npt.NDArray[np.float64]:
-    """What `numbers` tells for each axis, (axes,).
+    """The value of a `numbers` setting for each axis, (axes,).
 
     Args:
         name: of the setting, for messages.
@@ -51,12 +47,7 @@ def share(default: float) -> Any:
 
 def whole(default: int) -> Any:
     """A field for a whole number of at least 1."""
-    return field(default=default, metadata={"quantity": Quantity(kind="integer", at_least=1)})
-
-
-def choice(default: str, *known: str) -> Any:
-    """A field for one of some words."""
-    return field(default=default, metadata={"quantity": Quantity(kind="word", words=known)})
+    return number(default, at_least=1)
 
 
 def changed(settings: Any, values: Mapping[str, Any], whose: str) -> Any:

@@ -29,7 +29,7 @@ SIDES = (1.0, -1.0)  # of each axis: the positive motor, the negative one
 
 @dataclass(frozen=True, slots=True)
 class SpikingSettings:
-    """What the controller is told; any other name is a parameter of its network.
+    """Settings of the controller; any other name is a parameter of its network.
 
     Attributes:
         network: one of `neuro_models`, a YAML file, or the network itself.
@@ -208,10 +208,12 @@ def _compile(net: neuro.Network, settings: SpikingSettings, seed: int) -> neuro.
     options, largest = dict(settings.options), abs(settings.eta)
     listening = [p.name for p in net.projections.values() if getattr(p.synapse, "signal", None)]
     if settings.backend != "loihi" or not listening or not largest:
-        return neuro.compile(net, backend=settings.backend, seed=seed, **options)
+        sim: neuro.Simulation = neuro.compile(net, backend=settings.backend, seed=seed, **options)
+        return sim
     options.setdefault("signals", dict.fromkeys(listening, largest))
     try:
-        return neuro.compile(net, backend="loihi", seed=seed, **options)
+        sim = neuro.compile(net, backend="loihi", seed=seed, **options)
+        return sim
     except neuro.ModelError as error:
         raise neuro.ModelError(f"learning with eta = {settings.eta:g}: {error}", hint=WAY) from None
 

@@ -1,29 +1,266 @@
 """Learning to decide while events arrive: held-out decisions moment by moment, and beginnings learnt apart.
 
-Every recording is decided on by what was learnt of the other folds, so that all of them count as held out.
+Every recording is decided on by what was learnt of the other folds, so that all of them count as held out. There are
+two ways of deciding on beginnings, in steps that are done one by one. What beginnings show is looked at once for all
+moments, and kept in files of a hundred recordings:
+
+```
+/                  attribute: format
+/K/NAME/values     an array of all recordings at moment K, one after the other
+/K/NAME/shape      (recordings, dimensions) of each
+```
 """
 
 from __future__ import annotations
 
 import tempfile
-from collections.abc import Iterator, Mapping
+from abc import ABC, abstractmethod
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import replace
+from dataclasses import dataclass, field, replace
+from functools import cached_property
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 from neuro import ModelError
-from neuro.apps import Checkpoint
+from neuro.apps import Checkpoint, hdf5, make_folder
 from neuro.events import Recordings
-from neuro_recognise.deciding.early import Early
-from neuro_recognise.deciding.held import Held, margins
-from neuro_recognise.deciding.held_out import Apart, HeldOut, Wholes
-from neuro_recognise.method import Learnt, Progress, choose
-from neuro_recognise.recogniser import Recogniser, Tell
-from neuro_recognise.shown import Array, Ints
+from neuro.events.dataset import Sample
+from neuro_recognise.deciding.held import Early, Held, margins
+from neuro_recognise.method import Course, Learnt, Method, Progress, choose
+from neuro_recognise.observations import observe, seen_of, write_evidence
+from neuro_recognise.recogniser import Ask, Recogniser, Tell, learn
+from neuro_recognise.shown import Array, Evidence, Features, Floats, Ints, unlabelled
 
-__all__ = ["learn_early", "moments"]
+BEGINNINGS = "neuro recognise beginnings 1"
+IN_FILE = 100
+"""Recordings in a file, all of whose moments are in memory while it is made."""
+
+
+def beginnings(method: Method, recording: Sample, times_us: Ints) -> list[Evidence]:
+    """What a recording shows until each time; errors as of `seen_of`."""
+    return seen_of(recording, lambda events: method.observe_until(events, times_us.tolist()))
+
+
+class Beginnings:
+    """What all recordings show, moment by moment.
+
+    Args:
+        method: its settings decide what is looked at.
+        data: labelled recordings.
+        times_us: how long the beginnings are.
+        folder: for the files; what is there already is not looked at again.
+    """
+
+    def __init__(self, method: Method, data: Recordings, times_us: Ints, folder: Path) -> None:
+        self._method, self._data, self._times = method, data, times_us
+        self._files = [folder / f"{first:08d}.h5" for first in range(0, len(data), IN_FILE)]
+        self._folder = folder
+
+    def look(self) -> Iterator[int]:
+        """Look at what is not there yet; gives the number of recordings that are done, after each hundred.
+
+        Raises:
+            EventFileError: a recording is damaged.
+            ModelError: one does not fit the method; it is named.
+            Unwritable: a file cannot be written.
+        """
+        make_folder(self._folder)
+        for k, file in enumerate(self._files):
+            part = self._data[IN_FILE * k : IN_FILE * (k + 1)]
+            if not hdf5.is_whole(file, BEGINNINGS):
+                _write(file, [beginnings(self._method, item, self._times) for item in part])
+            yield IN_FILE * k + len(part)
+
+    def at(self, moment: int) -> Features:
+        """What beginnings so long show, in memory."""
+        evidence = [one for file in self._files for one in _read(file, moment)]
+        return Features(evidence, self._data.labels, tuple(item.name for item in self._data), self._data.classes)
+
+    def remove(self) -> None:
+        """They are no longer needed."""
+        for file in self._files:
+            file.unlink(missing_ok=True)
+        if self._folder.exists():
+            self._folder.rmdir()
+
+
+def _write(file: Path, of_recordings: Sequence[Sequence[Evidence]]) -> None:
+    with hdf5.writing(file, BEGINNINGS, replace=True) as out:
+        for moment, evidence in enumerate(zip(*of_recordings, strict=True)):
+            write_evidence(out.create_group(str(moment)), evidence)
+
+
+def _read(file: Path, moment: int) -> list[Evidence]:
+    with hdf5.reading(file, BEGINNINGS) as kept:
+        arrays = {name: _apart(group["shape"][()], group["values"][()]) for name, group in kept[str(moment)].items()}
+    return [dict(zip(arrays, parts, strict=True)) for parts in zip(*arrays.values(), strict=True)]
+
+
+def _apart(shapes: Ints, values: Any) -> list[Any]:
+    """Arrays again, each of its shape."""
+    ends = np.cumsum(shapes.prod(axis=1))
+    return [part.reshape(shape) for part, shape in zip(np.split(values, ends[:-1]), shapes, strict=True)]
+
+
+AT_ONCE = 40
+"""Recordings whose beginnings are asked about together."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Decided:
+    """What came of a step.
+
+    Attributes:
+        where: which of (recordings, moments) were decided on.
+        scores: of these, and of all classes.
+        learnt: of beginnings so long, where they are learnt apart.
+    """
+
+    where: tuple[Any, Any]
+    scores: Floats
+    learnt: Learnt = field(default_factory=dict)
+
+
+@dataclass(frozen=True, eq=False)
+class HeldOut(ABC):
+    """What both ways need.
+
+    Attributes:
+        recogniser: what was learnt of whole recordings.
+        data: recordings to learn from and to decide on.
+        fingerprint: of their contents.
+        times: how long beginnings are, us.
+        folds: indices to learn from and to decide on, of each fold.
+        backend: runs networks that are asked; they are trained on that of the recogniser's training.
+        beside: files of what is under way have this name and an ending.
+        cache: folder for what is computed of recordings; None takes the user's.
+        report: called with the progress.
+    """
+
+    recogniser: Recogniser
+    data: Recordings
+    fingerprint: str
+    times: Ints
+    folds: list[tuple[Ints, Ints]]
+    backend: str
+    beside: Path
+    cache: Path | None
+    report: Callable[[Progress], None]
+
+    @property
+    @abstractmethod
+    def steps(self) -> int:
+        """How many."""
+
+    @abstractmethod
+    def step(self, k: int) -> Decided:
+        """Do one of them."""
+
+    @abstractmethod
+    def clear(self) -> None:
+        """Remove the files of what was under way."""
+
+    @property
+    def course(self) -> Course:
+        """As the recogniser was trained."""
+        training = self.recogniser.training
+        return Course(int(training.get("seed", 0)), str(training.get("backend", "event")), None, self.report)
+
+    def file(self, ending: str) -> Path:
+        """Of something under way."""
+        return self.beside.with_name(f"{self.beside.name}.{ending}")
+
+
+class Apart(HeldOut):
+    """A moment a step: learn beginnings so long, of the other folds for each fold, and then of all."""
+
+    @property
+    def steps(self) -> int:
+        """One a moment."""
+        return len(self.times)
+
+    def step(self, k: int) -> Decided:
+        """All recordings at a moment."""
+        method, shown, course = self.recogniser.method, self._beginnings.at(k), self.course
+        scores = np.full((len(shown), len(shown.classes)), np.nan)
+        for others, held in self.folds:
+            learnt = method.fit(shown.take(others), course)
+            scores[held] = method.answer(learnt, shown.take(held), self.backend).scores
+        return Decided((slice(None), k), scores, method.fit(shown, course))
+
+    def clear(self) -> None:
+        """What was seen of the beginnings."""
+        self._beginnings.remove()
+
+    @cached_property
+    def _beginnings(self) -> Beginnings:
+        found = Beginnings(self.recogniser.method, self.data, self.times, self.file("beginnings"))
+        for done in found.look():
+            self.report(Progress("looking at beginnings", done, len(self.data)))
+        return found
+
+
+class Wholes(HeldOut):
+    """Some recordings of a fold a step: ask what was learnt of the other folds' whole recordings about beginnings."""
+
+    @property
+    def steps(self) -> int:
+        """One for each 40 recordings of a fold."""
+        return len(self._plan)
+
+    def step(self, k: int) -> Decided:
+        """Some recordings at all moments."""
+        fold, rows = self._plan[k]
+        method, classes = self.recogniser.method, self.recogniser.classes
+        evidence = [one for row in rows.tolist() for one in beginnings(method, self.data[row], self.times)]
+        scores = self._asker(fold)(unlabelled(evidence, classes)).scores
+        if k + 1 == self.steps or self._plan[k + 1][0] != fold:
+            self._askers.clear()
+        return Decided((rows, slice(None)), scores.reshape(len(rows), len(self.times), len(classes)))
+
+    def clear(self) -> None:
+        """What was learnt for each fold."""
+        for fold in range(len(self.folds)):
+            self._file(fold).unlink(missing_ok=True)
+
+    @cached_property
+    def _plan(self) -> list[tuple[int, Ints]]:
+        """Fold and recordings of each step."""
+        return [
+            (fold, held[first : first + AT_ONCE])
+            for fold, (_, held) in enumerate(self.folds)
+            for first in range(0, len(held), AT_ONCE)
+        ]
+
+    @cached_property
+    def _askers(self) -> dict[int, Ask]:
+        return {}
+
+    def _asker(self, fold: int) -> Ask:
+        """Of what was learnt of the other folds: a recogniser with a file of its own, so that a kill costs little."""
+        if fold not in self._askers:
+            method, course = self.recogniser.method, self.course
+            message = f"{self.fingerprint} without fold {fold} of {len(self.folds)}"
+            shown, file = self._shown.take(self.folds[fold][0]), self._file(fold)
+            made = learn(
+                method, shown, message, seed=course.seed, backend=course.backend, out=file, report=course.report
+            )
+            self._askers[fold] = method.asker(made.learnt, self.backend)
+        return self._askers[fold]
+
+    def _file(self, fold: int) -> Path:
+        return self.file(f"fold{fold}")
+
+    @cached_property
+    def _shown(self) -> Features:
+        def tell(done: int, n: int) -> None:
+            self.report(Progress("looking at recordings", done, n))
+
+        return observe(self.recogniser.method, self.data, fingerprint=self.fingerprint, cache=self.cache, report=tell)
+
 
 MOST = 200
 """Moments; more would mean an interval far below what changes decisions."""
@@ -54,7 +291,7 @@ def learn_early(
         out: file for the recogniser, also the one it has. What is reached is kept beside it, and the same call goes on
             from there to the same bits.
         cache: folder for what is computed of the recordings; None takes the user's.
-        report: is told the progress.
+        report: called with the progress.
 
     Returns:
         The same with `early`.

@@ -1,7 +1,7 @@
 """Decisions while events arrive: parts of a stream go in, and what is decided at each moment that passed comes out.
 
 A session looks at one stretch of the stream after the other. A stretch begins at its first event, with nothing known of
-what was before. It ends after a window, after a pause without events, or when it is told to; the next event begins
+what was before. It ends after a window, after a pause without events, or when `end` is called; the next event begins
 another. So an endless stream takes no more memory and time than its window, and a decision is that of `scores_at` for
 the events of its stretch.
 """
@@ -17,11 +17,8 @@ from neuro import ModelError
 from neuro.events import Events
 from neuro_recognise.deciding.held import Held, margins
 from neuro_recognise.deciding.stopping import Rule
-from neuro_recognise.method import SILENT, choose
-from neuro_recognise.observers import Observer
+from neuro_recognise.method import SILENT, Observer, choose
 from neuro_recognise.shown import Evidence, Floats
-
-__all__ = ["WINDOW_MS", "Decision", "Session"]
 
 WINDOW_MS = 1000.0
 """How long a stretch is where nothing says how long recordings are."""

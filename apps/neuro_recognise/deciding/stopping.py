@@ -4,7 +4,7 @@ A session stops at the first moment at which the error of its margin (`Held.erro
 that never meet it are decided at their end. The level is the largest, so the soonest, for which it is assured that at
 most the allowed share of all recordings is decided wrongly.
 
-Held-out recordings are judged by what the others tell of margins, so no decision vouches for itself. Levels are tried
+Held-out recordings are judged by the margins of the others, so no decision vouches for itself. Levels are tried
 from the strictest on, and the first whose bound on the error exceeds what is allowed ends it: so trying many does not
 weaken the assurance (fixed sequence testing: Angelopoulos et al., Learn then Test, arXiv 2110.01052, 2021).
 
@@ -22,18 +22,6 @@ import numpy.typing as npt
 from neuro import ModelError
 from neuro_recognise.deciding.held import Held
 from neuro_recognise.shown import Floats, Ints
-
-__all__ = [
-    "ASSUMES",
-    "ASSURANCE",
-    "Outcome",
-    "Rule",
-    "least_allowed",
-    "outcome",
-    "stopped",
-    "stopping_rule",
-    "upper_bound",
-]
 
 ASSURANCE = 0.9
 """By default one rule in ten may be wrong more often than allowed."""

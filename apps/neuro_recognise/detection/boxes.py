@@ -23,13 +23,13 @@ from neuro import ModelError
 from neuro.apps import Kind, write_text
 from neuro_recognise.shown import Array, Floats, Ints
 
-__all__ = ["COLUMNS", "TABLE", "Boxes", "iou", "read_boxes", "suppressed", "write_boxes"]
-
 COLUMNS = ("start_us", "stop_us", "identity", "class", "score", "left", "top", "right", "bottom")
 """Of the file."""
 
 JUST = 0.1
 """Share of the shorter of two spans; what shares less time is of another span."""
+COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9")
+"""Of identities, in turn: Okabe and Ito's, which colour-blind readers tell apart."""
 UNKNOWN = -1
 """The label of a box for whose object nothing speaks for any class."""
 
@@ -148,7 +148,7 @@ def read_boxes(path: Path, classes: Sequence[str]) -> Boxes:
         classes: names, by which labels are counted.
 
     Raises:
-        ModelError: there is no such table, a class is unknown, or a number is none; the line is told.
+        ModelError: there is no such table, a class is unknown, or a number is none; the message has the line.
     """
     try:
         lines = list(csv.reader(path.read_text().splitlines()))

@@ -14,13 +14,10 @@ import numpy as np
 from neuro import ModelError
 from neuro.events import Events
 from neuro_recognise.detection.boxes import UNKNOWN, Boxes
-from neuro_recognise.detection.crops import crop
-from neuro_recognise.detection.following import Detecting, Finder, Piece, Seen, WindowView, pieces
+from neuro_recognise.detection.following import Detecting, Finder, Piece, Seen, WindowView, crop, pieces
 from neuro_recognise.detection.sliding import Sliding
 from neuro_recognise.recogniser import Recogniser
 from neuro_recognise.shown import Floats
-
-__all__ = ["WAYS", "Detecting", "Detector"]
 
 WAYS = ("proposals", "dense")
 """Of finding objects: places first and then what is there, or both at once by a network over the whole sensor."""
@@ -30,7 +27,7 @@ class Detector:
     """Finds objects that a recogniser knows.
 
     Args:
-        recogniser: tells what an object is; its field may be of another size than the sensor.
+        recogniser: names an object; its field may be of another size than the sensor.
         settings: how objects are found.
         backend: runs networks.
         way: see `WAYS`; `dense` takes a recogniser of the method `remus`.
@@ -40,11 +37,7 @@ class Detector:
     """
 
     def __init__(
-        self,
-        recogniser: Recogniser,
-        settings: Detecting | None = None,
-        backend: str = "event",
-        way: str = "proposals",
+        self, recogniser: Recogniser, settings: Detecting | None = None, backend: str = "event", way: str = "proposals"
     ) -> None:
         if way not in WAYS:
             raise ModelError(f"way = '{way}': expected one of {', '.join(WAYS)}")

@@ -1,4 +1,4 @@
-"""From events to objects that are followed, whatever they are: segments, regions, tracks, and pieces of these."""
+"""From events to objects that are followed, whatever they are: segments, regions, tracks, their pieces and crops."""
 
 from __future__ import annotations
 
@@ -16,9 +16,7 @@ from neuro_recognise.detection.proposals import CHOSEN, Proposals, Region
 from neuro_recognise.detection.sliding import Dense
 from neuro_recognise.parts.segmenters import Hes, Segmenter
 from neuro_recognise.settings import Part, Settings, part, setting
-from neuro_recognise.shown import Floats, Ints
-
-__all__ = ["Detecting", "Finder", "Piece", "Seen", "Track", "Tracking", "Tracks", "WindowView", "pieces"]
+from neuro_recognise.shown import Array, Floats, Ints
 
 
 @dataclass(frozen=True)
@@ -116,13 +114,11 @@ class Detecting(Settings):
         segmenter: cuts the events; objects are looked for in each segment.
         proposals: finds places of objects.
         dense: finds places and classes at once, where that way is taken.
-        tracking: tells which object is which from segment to segment.
+        tracking: finds which object is which from segment to segment.
     """
 
     segmenter: Segmenter = part(Segmenter, Hes(window=100.0))
-    leak: float = setting(
-        0.0, "ms", "decay of counts from segment to segment, for short ones; 0: none are left", CHOSEN, at_least=0
-    )
+    leak: float = setting(0.0, "ms", "decay of counts from segment to segment; 0: none are left", CHOSEN, at_least=0)
     proposals: Proposals = part(Proposals, Proposals())
     dense: Dense = part(Dense, Dense())
     overlap: float = setting(0.5, "", "largest IoU of two boxes of a segment", "usual", at_least=0, at_most=1)
@@ -173,7 +169,7 @@ class Piece:
 
 
 def pieces(events: Events, settings: Detecting, finder: Finder | None = None) -> list[Piece]:
-    """The objects of a whole recording, in pieces of at most `memory`; found by proposals if no other way is told."""
+    """The objects of a whole recording, in pieces of at most `memory`; found by proposals if no other way is given."""
     view, latest = WindowView(settings, events.sensor_size, finder), dict[int, Piece]()
     found: list[Piece] = []
     for segment in (*view.segments(events), *view.rest()):
@@ -246,3 +242,30 @@ class WindowView:
         regions = [regions[k] for k in suppressed(box, events, settings.overlap)]
         tracks = self._tracks.follow(regions, (start + stop) // 2)
         return [Seen(start, stop, track.number, region) for track, region in zip(tracks, regions, strict=True)]
+
+
+def crop(regions: Sequence[Region], size: tuple[int, int], scale: float = 1.0) -> Events:
+    """The events of an object in some segments, without those of others and moved into a field.
+
+    In each segment the mean of its events comes to the middle of the field, which takes the motion from segment to
+    segment out. So what is seen differs a little from a recording of an object that stays: a recogniser should learn
+    from crops, too (`neuro_recognise.detection.learning`).
+
+    Args:
+        regions: of the object, in the order of time.
+        size: width and height of the field, px; what lies outside is left out.
+        scale: how many px of the sensor become one; of larger objects one event in scale^2 stays.
+    """
+    middles = np.repeat([region.centre for region in regions], [len(region.events) for region in regions], axis=0)
+    parts = [region.events for region in regions]
+    t, x, y, p = (np.concatenate([getattr(part, name) for part in parts]) for name in "txyp")
+    x, y = _into(x - middles[:, 0], size[0], scale), _into(y - middles[:, 1], size[1], scale)
+    there = np.flatnonzero((x >= 0) & (x < size[0]) & (y >= 0) & (y < size[1]))
+    if scale > 1.0:
+        there = there[np.floor(np.arange(0.0, len(there), scale**2)).astype(np.int64)]
+    return Events(t[there], x[there], y[there], p[there], size)
+
+
+def _into(places: Array, side: int, scale: float) -> Array:
+    """Columns or rows, counted from the middle of a side of the field."""
+    return np.rint(places / scale + (side - 1) / 2.0).astype(np.int64)

@@ -15,13 +15,9 @@ import numpy as np
 from neuro.apps import make_folder
 from neuro.events import Events, save
 from neuro_recognise.detection.boxes import Boxes, iou
-from neuro_recognise.detection.composing import Scene
-from neuro_recognise.detection.crops import crop
-from neuro_recognise.detection.following import Detecting, Piece, pieces
+from neuro_recognise.detection.following import Detecting, Piece, crop, pieces
 from neuro_recognise.detection.measures import AT_LEAST
-from neuro_recognise.detection.scenes import Scenes
-
-__all__ = ["crops", "write_crops"]
+from neuro_recognise.detection.scenes import Scene, Scenes
 
 
 def crops(scene: Scene, settings: Detecting, size: tuple[int, int]) -> Iterator[tuple[int, Events]]:
@@ -53,7 +49,7 @@ def write_crops(
         scenes: with true boxes.
         settings: how objects are found.
         before: stands before the names of files, so that several data sets of scenes fit into one folder.
-        report: is told how many scenes are done, and of how many.
+        report: called with how many scenes are done, and of how many.
 
     Returns:
         How many there are.

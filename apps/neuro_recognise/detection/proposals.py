@@ -17,8 +17,6 @@ from neuro.events import Events
 from neuro_recognise.settings import Part, setting
 from neuro_recognise.shown import Array, Floats, Ints
 
-__all__ = ["Blob", "Cuts", "Proposals", "Region"]
-
 ANGLES = np.pi * np.arange(8) / 8
 """Directions across which cuts are tried."""
 CHOSEN = "chosen on scenes of one fold of N-MNIST"
@@ -34,7 +32,7 @@ class Region:
         events: those in it.
         box: (4,) of these, px.
         centre: (2,) their mean, px.
-        scores: (classes,) what speaks for each class, where the way of finding it tells; else None.
+        scores: (classes,) what speaks for each class, where the way of finding it gives that; else None.
     """
 
     events: Events
@@ -50,12 +48,8 @@ class Proposals(Part):
     kind = "proposals"
     source = "components of smoothed counts; cutting and joining by size is our own"
 
-    side: float = setting(
-        23.0, "px", "larger side of an object's box", "N-MNIST's training recordings: 21 to 25", above=0
-    )
-    scales: tuple[float, ...] = setting(
-        (1.0,), "", "sizes of objects, in units of the side", "thesis line 2543", above=0
-    )
+    side: float = setting(23.0, "px", "larger side of an object's box", "N-MNIST's, of training: 21 to 25", above=0)
+    scales: tuple[float, ...] = setting((1.0,), "", "sizes of objects, in units of side", "thesis line 2543", above=0)
     spread: float = setting(3.0, "px", "by which sides differ, of an object of scale 1", "N-MNIST's, twice", above=0)
     radius: int = setting(1, "px", "of the square that is averaged: the low pass", CHOSEN, at_least=0)
     contrast: float = setting(5.0, "", "by how many deviations a pixel stands out of the background", CHOSEN, above=0)

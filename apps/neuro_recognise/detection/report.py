@@ -1,9 +1,9 @@
-"""What `neuro recognise detect` tells and writes."""
+"""What `neuro recognise detect` prints and writes: tables, pictures, and the page of `neuro recognise watch`."""
 
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -12,15 +12,91 @@ import numpy as np
 from neuro import ModelError
 from neuro.apps import console, output, table, write_picture
 from neuro.events import Events
-from neuro_recognise.detection.boxes import UNKNOWN, Boxes, write_boxes
+from neuro_recognise.detection.boxes import COLOURS, UNKNOWN, Boxes, read_boxes, write_boxes
 from neuro_recognise.detection.detector import Detector
+from neuro_recognise.detection.measures import DetectionTrial
 from neuro_recognise.detection.scenes import Scenes
-from neuro_recognise.detection.trial import DetectionTrial
+from neuro_recognise.recogniser import Recogniser
+from neuro_recognise.telling.watch import PAGE, check_page, filled, shown, watchable
 
-__all__ = ["check_classes", "check_ending", "show_found", "show_tried", "write_found"]
+
+def watch_objects(
+    recogniser: Recogniser, recording: Path, out: Path, *, given: Path | None, find: bool, backend: str = "event"
+) -> str:
+    """Write the page of a recording of several objects.
+
+    Args:
+        recogniser: knows the classes.
+        recording: a file of any readable format.
+        out: the page.
+        given: a table of boxes, such as the true ones of a scene; drawn in dashes.
+        find: whether objects are looked for.
+        backend: runs networks.
+
+    Returns:
+        What came of it, in a few words.
+
+    Raises:
+        ModelError: the page is not called .html or cannot be written, there is no such table, or the recording is
+            empty.
+        EventFileError: the recording is damaged.
+    """
+    check_page(out)
+    with output(out, PAGE) as part:
+        events = watchable(recording)
+        there = Boxes.of([]) if given is None else read_boxes(given, recogniser.classes)
+        found = Detector(recogniser, backend=backend).detect(events) if find else Boxes.of([])
+        part.write_text(PAGE.seal(page(events, found, recogniser.classes, recording.name, there)), "utf-8")
+    return ", ".join(_told(found, there))
+
+
+def page(events: Events, found: Boxes, classes: Sequence[str], title: str, given: Boxes | None = None) -> str:
+    """The page as text; it needs nothing else.
+
+    Args:
+        events: of the recording.
+        found: boxes.
+        classes: names.
+        title: what to call the recording.
+        given: other boxes, drawn in dashes.
+    """
+    there = Boxes.of([]) if given is None else given
+    data, about = shown(events)
+    first = int(events.t[0]) if len(events) else 0
+    boxes = [*_rows(found, classes, first, ""), *_rows(there, classes, first, "given")]
+    return filled(title, [*_told(found, there), *about], {**data, "boxes": boxes, "colours": COLOURS})
+
+
+def _told(found: Boxes, given: Boxes) -> list[str]:
+    told = [_counted(found, "found")] if len(found) or not len(given) else []
+    return [*told, _counted(given, "given")] if len(given) else told
+
+
+def _counted(boxes: Boxes, how: str) -> str:
+    if not len(boxes):
+        return f"no objects {how}"
+    objects = len(np.unique(boxes.identity))
+    return f"{objects} {'object' if objects == 1 else 'objects'} in {len(boxes)} boxes {how}"
+
+
+def _rows(boxes: Boxes, classes: Sequence[str], first: int, kind: str) -> list[dict[str, Any]]:
+    """Times in ms from the first event on."""
+    return [
+        {
+            "start": (start - first) / 1000.0, "stop": (stop - first) / 1000.0, "id": identity, "kind": kind,
+            "name": "?" if label == UNKNOWN else classes[label], "score": round(score, 3),
+            "box": [round(side, 2) for side in box],
+        }
+        for start, stop, identity, label, score, box in zip(
+            boxes.start.tolist(), boxes.stop.tolist(), boxes.identity.tolist(), boxes.label.tolist(),
+            boxes.score.tolist(), boxes.box.tolist(), strict=True,
+        )
+    ]  # fmt: skip
+
 
 FORMAT = "neuro recognise detection 1"
-Writer = Callable[[Path, Events, Boxes, Sequence[str], str], None]
+ENDINGS = (".html", ".png", ".csv")
+"""What can be written of boxes: a page, a picture, a table."""
 
 
 def check_classes(known: tuple[str, ...], scenes: Scenes) -> None:
@@ -36,24 +112,33 @@ def check_classes(known: tuple[str, ...], scenes: Scenes) -> None:
 
 
 def check_ending(path: Path) -> None:
-    """Refuse a file whose ending does not tell what to write.
+    """Refuse a file whose ending does not say what to write.
 
     Raises:
         ModelError: it ends otherwise.
     """
-    if path.suffix.lower() not in WRITERS:
-        raise ModelError(f"{path}: expected a name that ends in {', '.join(WRITERS)}")
+    if path.suffix.lower() not in ENDINGS:
+        raise ModelError(f"{path}: expected a name that ends in {', '.join(ENDINGS)}")
 
 
 def write_found(path: Path, events: Events, boxes: Boxes, classes: Sequence[str], title: str) -> None:
-    """Write boxes as the name's ending tells.
+    """Write boxes in the format of the name's ending.
 
     Raises:
         ModelError: the ending is unknown.
         Unwritable: something else has this name, or it cannot be written.
     """
     check_ending(path)
-    WRITERS[path.suffix.lower()](path, events, boxes, classes, title)
+    ending = path.suffix.lower()
+    if ending == ".csv":
+        write_boxes(path, boxes, classes)
+    elif ending == ".png":
+        from neuro_recognise.telling.pictures import boxes_on_frames
+
+        write_picture(path, boxes_on_frames(events, boxes, classes, title))
+    else:
+        with output(path, PAGE) as part:
+            part.write_text(PAGE.seal(page(events, boxes, classes, title)), "utf-8")
 
 
 def show_found(boxes: Boxes, classes: Sequence[str], as_json: bool) -> None:
@@ -91,28 +176,6 @@ def show_tried(detector: Detector, tried: DetectionTrial, as_json: bool) -> None
     console().print(table(("of all scenes", ">"), rows, title=f"{tried.scenes} scenes"))
     of_class = [(name, "-" if np.isnan(ap) else f"{ap:.3f}") for name, ap in zip(classes, found.of_class, strict=True)]
     console().print(table(("class", ">AP"), of_class))
-
-
-def _page(path: Path, events: Events, boxes: Boxes, classes: Sequence[str], title: str) -> None:
-    from neuro_recognise.detection.watching import page
-    from neuro_recognise.telling.watch import PAGE
-
-    with output(path, PAGE) as part:
-        part.write_text(PAGE.seal(page(events, boxes, classes, title)), "utf-8")
-
-
-def _picture(path: Path, events: Events, boxes: Boxes, classes: Sequence[str], title: str) -> None:
-    from neuro_recognise.detection.pictures import drawn
-
-    write_picture(path, drawn(events, boxes, classes, title))
-
-
-def _table(path: Path, events: Events, boxes: Boxes, classes: Sequence[str], title: str) -> None:
-    write_boxes(path, boxes, classes)
-
-
-WRITERS: dict[str, Writer] = {".html": _page, ".png": _picture, ".csv": _table}
-"""By the ending of the file."""
 
 
 def _words(boxes: Boxes, k: int, classes: Sequence[str]) -> dict[str, Any]:

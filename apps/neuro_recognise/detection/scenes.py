@@ -1,4 +1,11 @@
-"""A folder of composed scenes: events and true boxes, which can be made in several goes and read as a data set.
+"""Scenes of several objects, composed from recordings of one object each, with the true boxes; folders of such scenes.
+
+The events of each recording, with all the noise that it has, are moved along a straight path on a larger sensor; a
+recording that is shorter than the scene begins again. A true box is measured on the events of its object alone, before
+those of others and of the background come to them: of the events that had a neighbour shortly before
+(`neuro.events.filters.BackgroundActivity`) in a slice of time it spans the given percentiles of columns and of rows.
+
+A folder of scenes can be made in several goes and is read as a data set:
 
 ```
 scenes.json     how they were made: settings, seed, recordings and a hash of these, names of the classes, number
@@ -12,20 +19,230 @@ Scene k depends on the settings, the recordings, the seed and k alone: a killed 
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import overload
 
 import numpy as np
 
 from neuro import ModelError
 from neuro.apps import Kind, make_folder, write_text
-from neuro.events import Recordings, load, save
-from neuro_recognise.detection.boxes import read_boxes, write_boxes
-from neuro_recognise.detection.composing import Scene, Scenery, compose
-from neuro_recognise.shown import Ints
+from neuro.events import Events, Recordings, filters, load, save
+from neuro_recognise.detection.boxes import Boxes, read_boxes, write_boxes
+from neuro_recognise.settings import Settings, setting
+from neuro_recognise.shown import Floats, Ints, Lazy
 
-__all__ = ["Scenes", "fold_of", "scene_of", "write_scenes"]
+TRIES = 2000
+"""Places and paths that are tried before a scene is said to have no room."""
+FEWEST = 20
+"""Events that an object must make in a slice to have a box in it."""
+
+
+@dataclass(frozen=True)
+class Scenery(Settings):
+    """What scenes are like."""
+
+    sensor: tuple[int, int] = setting((100, 80), "px", "width and height", "room for three digits of 23 px", at_least=1)
+    objects: tuple[int, int] = setting((2, 3), "", "fewest and most in a scene", "more would have no room", at_least=1)
+    touching: bool = setting(False, "", "whether they touch, and move as one", "the harder scenes")
+    gap: float = setting(
+        6.0, "px", "least distance of boxes; touching ones have none", "a quarter of a digit", at_least=0
+    )
+    speed: float = setting(10.0, "px/s", "of an object's path, in any direction", "a digit in about 2 s", at_least=0)
+    noise: float = setting(1.0, "Hz", "background events of a pixel", "a quiet sensor's", at_least=0)
+    length: float = setting(300.0, "ms", "of a scene", "that of a recording of N-MNIST", at_least=1)
+    slice: float = setting(100.0, "ms", "of time, with a box for each object", "a saccade of N-MNIST", at_least=1)
+    support: float = setting(
+        10.0, "ms", "longest time since a neighbour's event", "Delbruck's filter, its default", above=0
+    )
+    percentile: float = setting(
+        1.0,
+        "%",
+        "of events that a box leaves out at each side",
+        "what is left of noise; the full extent would follow it",
+        at_least=0,
+        below=50,
+    )
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        for name in ("sensor", "objects"):
+            if len(getattr(self, name)) != 2:
+                raise ModelError(f"scenery: {name} = {list(getattr(self, name))}: expected two numbers")
+        if self.objects[0] > self.objects[1]:
+            raise ModelError(f"scenery: objects = {list(self.objects)}: expected the fewest first")
+
+    @property
+    def length_us(self) -> int:
+        """The length of a scene, us."""
+        return round(1000.0 * self.length)
+
+    def slices(self) -> list[tuple[int, int]]:
+        """Start and stop of each slice, us; the last may be shorter."""
+        step = round(1000.0 * self.slice)
+        return [(start, min(start + step, self.length_us)) for start in range(0, self.length_us, step)]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Scene:
+    """Events of several objects, and where these are.
+
+    Attributes:
+        name: of the scene.
+        events: of all.
+        boxes: the true ones; identities count the objects.
+        slices: start and stop of the slices of time in which boxes are measured, us.
+    """
+
+    name: str
+    events: Events
+    boxes: Boxes
+    slices: Sequence[tuple[int, int]]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Object:
+    """A recording on its way.
+
+    Attributes:
+        events: of the recording.
+        box: of all of its supported events on its own sensor, px.
+        start: where the middle of the box is at first, px.
+        velocity: px/us.
+    """
+
+    events: Events
+    box: Floats
+    start: Floats
+    velocity: Floats
+
+    def boxes_at(self, t: Floats) -> Floats:
+        """(n, 4) the box at some times, us."""
+        middle = self.start + self.velocity * t[:, None]
+        half = (self.box[2:] - self.box[:2]) / 2.0
+        return np.concatenate([middle - half, middle + half], axis=1)
+
+
+def compose(
+    name: str, recordings: Sequence[Events], labels: Sequence[int], scenery: Scenery, rng: np.random.Generator
+) -> Scene:
+    """Make a scene.
+
+    Args:
+        name: of the scene.
+        recordings: one of each object.
+        labels: their classes.
+        scenery: what it is like.
+        rng: draws places, paths and noise.
+
+    Raises:
+        ModelError: a recording shows nothing, or there is no room for the objects.
+    """
+    boxes = [_box(_supported(events, scenery), scenery) for events in recordings]
+    for events, box in zip(recordings, boxes, strict=True):
+        if box is None:
+            raise ModelError(f"{name}: a recording of {len(events)} events shows nothing that a scene could have")
+    still = [_Object(e, b, np.zeros(2), np.zeros(2)) for e, b in zip(recordings, boxes, strict=True) if b is not None]
+    placed = _placed(name, still, scenery, rng)
+    moved = [_moved(one, scenery) for one in placed]
+    rows = [
+        (start, stop, who, label, 1.0, box.tolist())
+        for start, stop in scenery.slices()
+        for who, (events, label) in enumerate(zip(moved, labels, strict=True))
+        if (box := _box(_supported(events, scenery).between(start, stop), scenery)) is not None
+    ]
+    return Scene(name, _with_noise(_merged(moved, scenery), scenery, rng), Boxes.of(rows), scenery.slices())
+
+
+def _supported(events: Events, scenery: Scenery) -> Events:
+    sieve = filters.BackgroundActivity(events.sensor_size, dt_us=round(1000.0 * scenery.support))
+    return sieve.apply(events)
+
+
+def _box(events: Events, scenery: Scenery) -> Floats | None:
+    """The box of an object's events, None of too few."""
+    if len(events) < FEWEST:
+        return None
+    ends = scenery.percentile, 100.0 - scenery.percentile
+    (left, right), (top, bottom) = (np.percentile(values, ends) for values in (events.x, events.y))
+    return np.array([left, top, right + 1.0, bottom + 1.0])
+
+
+def _placed(name: str, objects: list[_Object], scenery: Scenery, rng: np.random.Generator) -> list[_Object]:
+    """The objects with places and paths that keep them inside and, as it is asked for, apart or touching."""
+    times = np.linspace(0, scenery.length_us, 20)
+    for _ in range(TRIES):
+        placed = _touching(objects, scenery, rng) if scenery.touching else _anywhere(objects, scenery, rng)
+        boxes = [one.boxes_at(times) for one in placed]
+        inside = all((box[:, :2] >= 0).all() and (box[:, 2:] <= scenery.sensor).all() for box in boxes)
+        gap = 0.0 if scenery.touching else scenery.gap
+        if inside and all(_gap(a, b) >= gap - 1e-9 for k, a in enumerate(boxes) for b in boxes[:k]):
+            return placed
+    width, height = scenery.sensor
+    raise ModelError(
+        f"{name}: {len(objects)} objects find no room on {width}x{height} px in {TRIES} tries",
+        hint="take a larger sensor, fewer objects, less speed or a smaller gap",
+    )
+
+
+def _anywhere(objects: list[_Object], scenery: Scenery, rng: np.random.Generator) -> list[_Object]:
+    starts = rng.uniform(0, scenery.sensor, (len(objects), 2))
+    return [
+        replace(one, start=start, velocity=_velocity(scenery, rng)) for one, start in zip(objects, starts, strict=True)
+    ]
+
+
+def _touching(objects: list[_Object], scenery: Scenery, rng: np.random.Generator) -> list[_Object]:
+    """Each object at the side of one before, in any direction, as near as its box can come."""
+    velocity = _velocity(scenery, rng)
+    placed = [replace(objects[0], start=rng.uniform(0, scenery.sensor), velocity=velocity)]
+    for one in objects[1:]:
+        beside = placed[rng.integers(len(placed))]
+        angle = rng.uniform(0, 2 * np.pi)
+        direction = np.array([np.cos(angle), np.sin(angle)])
+        apart = (one.box[2:] - one.box[:2] + beside.box[2:] - beside.box[:2]) / 2.0
+        far = np.min(apart / np.maximum(np.abs(direction), 1e-9))
+        placed.append(replace(one, start=beside.start + far * direction, velocity=velocity))
+    return placed
+
+
+def _velocity(scenery: Scenery, rng: np.random.Generator) -> Floats:
+    angle = rng.uniform(0, 2 * np.pi)
+    velocity: Floats = scenery.speed * 1e-6 * np.array([np.cos(angle), np.sin(angle)])
+    return velocity
+
+
+def _gap(a: Floats, b: Floats) -> float:
+    """Least distance of two boxes at the same times, px; of those that overlap negative."""
+    between = np.maximum(a[:, :2] - b[:, 2:], b[:, :2] - a[:, 2:])
+    return float(between.max(axis=1).min())
+
+
+def _moved(one: _Object, scenery: Scenery) -> Events:
+    """The object's events on the sensor of the scene, for all of its length."""
+    events, middle = one.events, (one.box[:2] + one.box[2:]) / 2.0
+    since = events.t - events.t[0]
+    rounds = -(-scenery.length_us // (int(since[-1]) + 1))
+    t = np.concatenate([since + k * (int(since[-1]) + 1) for k in range(rounds)])
+    shift = np.rint(one.start - middle + one.velocity * t[:, None]).astype(np.int64)
+    x, y = np.tile(events.x, rounds) + shift[:, 0], np.tile(events.y, rounds) + shift[:, 1]
+    width, height = scenery.sensor
+    there = (t < scenery.length_us) & (x >= 0) & (x < width) & (y >= 0) & (y < height)
+    return Events(t[there], x[there], y[there], np.tile(events.p, rounds)[there], scenery.sensor)
+
+
+def _merged(parts: Sequence[Events], scenery: Scenery) -> Events:
+    t, x, y, p = (np.concatenate([getattr(part, name) for part in parts]) for name in "txyp")
+    order = np.argsort(t, kind="stable")
+    return Events(t[order], x[order], y[order], p[order], scenery.sensor)
+
+
+def _with_noise(events: Events, scenery: Scenery, rng: np.random.Generator) -> Events:
+    if not scenery.noise:
+        return events
+    seed = int(rng.integers(1 << 62))
+    return filters.ShotNoise(events.sensor_size, rate_hz=scenery.noise, seed=seed).apply(events)
+
 
 FORMAT = "neuro recognise scenes 1"
 ABOUT = "scenes.json"
@@ -41,7 +258,7 @@ def _is_ours(path: Path) -> bool:
 ABOUT_KIND = Kind("a list of 'neuro recognise scenes'", _is_ours)
 
 
-class Scenes(Sequence[Scene]):
+class Scenes(Lazy[Scene]):
     """The scenes of a folder, each read when it is asked for.
 
     Args:
@@ -72,20 +289,11 @@ class Scenes(Sequence[Scene]):
     def __len__(self) -> int:
         return self._count
 
-    @overload
-    def __getitem__(self, index: int) -> Scene: ...
-    @overload
-    def __getitem__(self, index: slice) -> Sequence[Scene]: ...
-    def __getitem__(self, index: int | slice) -> Scene | Sequence[Scene]:
-        if isinstance(index, slice):
-            return [self[k] for k in range(*index.indices(len(self)))]
-        k = range(self._count)[index]
+    def item(self, k: int) -> Scene:
+        """Read one."""
         events = load(_events_of(self._folder, k))
         boxes = read_boxes(_boxes_of(self._folder, k), self.classes)
         return Scene(_name(k), events, boxes, self.scenery.slices())
-
-    def __iter__(self) -> Iterator[Scene]:
-        return (self[k] for k in range(self._count))
 
 
 def write_scenes(
@@ -107,7 +315,7 @@ def write_scenes(
         count: how many.
         seed: of everything random.
         chosen: indices of the recordings that are used; None for all.
-        report: is told how many are done, and of how many.
+        report: called with how many are done, and of how many.
 
     Raises:
         ModelError: the folder has scenes made otherwise, or a scene has no room for its objects.

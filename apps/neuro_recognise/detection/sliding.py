@@ -1,7 +1,7 @@
 """The dense way: the learnt layer slid over the whole sensor as one network, in which several neurons win.
 
-Each winner tells a class and a place, and keeps others around it from winning. The winners of a segment's frames that
-tell the same place are one object, and its box spans the events there.
+Each winner stands for a class and a place, and keeps others around it from winning. The winners of a segment's frames
+that stand for the same place are one object, and its box spans the events there.
 """
 
 from __future__ import annotations
@@ -22,8 +22,6 @@ from neuro_recognise.recogniser import Recogniser
 from neuro_recognise.settings import Part, setting
 from neuro_recognise.shown import Array, Floats
 
-__all__ = ["Dense", "Sliding"]
-
 LATE = 0.5
 """What a winner at the last tick weighs; one at the first weighs 1."""
 
@@ -39,14 +37,14 @@ class Dense(Part):
     frames: int = setting(3, "", "of equally many events, into which a segment is cut", CHOSEN, at_least=1)
     theta: float = setting(35.0, "mV", "threshold of a neuron", f"thesis section 6.2.7; {CHOSEN}", above=0)
     until: float = setting(
-        0.5625, "", "share of the code's window that is shown; weaker responses come later", CHOSEN, above=0, at_most=1
+        0.5625, "", "share of the code's window that is shown: strong responses", CHOSEN, above=0, at_most=1
     )
     around: int = setting(
         25, "cells", "side of the square in which the strongest response is the measure of others",
         "a little more than a field of 34 px, the whole of a recording of N-MNIST", at_least=1,
     )  # fmt: skip
     weakest: float = setting(
-        0.4, "", "share of a frame's strongest response that this measure is at least", CHOSEN, above=0, at_most=1
+        0.4, "", "least such measure, in strongest responses of a frame", CHOSEN, above=0, at_most=1
     )
     same: float = setting(8.0, "px", "by which winners of one object differ at most", CHOSEN, at_least=0)
     winners: float = setting(0.6, "", "of an object in a segment, late ones counted half", CHOSEN, at_least=0)
@@ -62,7 +60,7 @@ class Sliding:
     Args:
         recogniser: of the method `remus`.
         dense: how objects are found.
-        proposals: tell what stands out of the background, and which boxes are too small.
+        proposals: find what stands out of the background, and which boxes are too small.
         sensor: width and height, px.
         backend: runs the network.
 

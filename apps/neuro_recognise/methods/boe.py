@@ -1,4 +1,4 @@
-"""BOE, bag of events: each segment of a recording is told by the share of its events at each pixel."""
+"""BOE, bag of events: each segment of a recording is described by the share of its events at each pixel."""
 
 from __future__ import annotations
 
@@ -9,13 +9,12 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from neuro.events import Events
-from neuro_recognise.method import Answer, Course, Learnt, Method
+from neuro_recognise.method import Answer, Course, Learnt, Method, Pictures, View
 from neuro_recognise.parts.cleaners import Cleaner, Plain
 from neuro_recognise.parts.readouts import Readout, Svm
 from neuro_recognise.parts.segmenters import Msd, Segmenter
 from neuro_recognise.settings import part
 from neuro_recognise.shown import Evidence, Features, Floats, Ints
-from neuro_recognise.views import Pictures, View
 
 if TYPE_CHECKING:
     from scipy.sparse import csr_matrix

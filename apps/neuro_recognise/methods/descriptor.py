@@ -15,15 +15,13 @@ from neuro_recognise.parts.readouts import Readout, Svm
 from neuro_recognise.settings import part
 from neuro_recognise.shown import Evidence, Features, Floats
 
-__all__ = ["Descriptor"]
-
 
 @dataclass(frozen=True)
 class Descriptor(Method):
     """Base of these methods.
 
     Attributes:
-        readout: tells classes apart.
+        readout: separates classes.
     """
 
     needs = "recognise"

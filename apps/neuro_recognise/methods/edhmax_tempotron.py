@@ -9,13 +9,11 @@ from typing import Any
 import neuro
 from neuro_recognise.method import Learnt
 from neuro_recognise.methods.framewise import ORDERS, Framewise
-from neuro_recognise.parts.banks import Bank, LeakyGabors
+from neuro_recognise.parts.banks import Bank, LeakyGabors, LocalMaximum, Pool
 from neuro_recognise.parts.encoders import Encoder, Latency
-from neuro_recognise.parts.frames import Frames
+from neuro_recognise.parts.frames import Frames, votes
 from neuro_recognise.parts.layers import Inputs, Labelled, Layer, Shares
-from neuro_recognise.parts.pools import LocalMaximum, Pool
 from neuro_recognise.parts.segmenters import Segmenter, Ses
-from neuro_recognise.parts.votes import votes
 from neuro_recognise.settings import part, setting
 from neuro_recognise.shown import Features, Floats, Ints
 
@@ -74,6 +72,7 @@ Layer.known.add(TempotronLayer)
 class EdhmaxTempotron(Framewise):
     """Gabor filters that leak linearly, local maxima of them at peaks of the motion, and tempotrons."""
 
+    known_as = "edhmax_tempotron"
     title = "leaking filters at peaks of the motion, and tempotrons"
     source = "Zhao et al., IEEE TNNLS 26:1963, 2015; thesis 6.1.1, lines 2165-2176"
     presets = {
@@ -91,11 +90,6 @@ class EdhmaxTempotron(Framewise):
     layer: Layer = part(Layer, TempotronLayer())
     epochs: int = setting(10, "", "how often all recordings are shown", CODE, at_least=1)
     order: str = setting("frames", "", "what is shuffled in each epoch", CODE, words=ORDERS)
-
-    @classmethod
-    def called(cls) -> str:
-        """``edhmax_tempotron``."""
-        return "edhmax_tempotron"
 
     def votes(
         self, learnt: Learnt, results: neuro.TrialResults, frames: Frames, shown: Features

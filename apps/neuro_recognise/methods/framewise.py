@@ -11,30 +11,22 @@ from dataclasses import dataclass, replace
 from functools import reduce
 from operator import add
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Self
+from typing import Any, Self
 
 import numpy as np
 
 import neuro
 from neuro import ModelError
 from neuro.events import Events
-from neuro_recognise.method import Answer, Course, Learnt, Method, Progress
-from neuro_recognise.parts.banks import Bank, Gabors
+from neuro_recognise.method import Answer, Course, Drawings, Learnt, Method, Pictures, Progress, TrialView, View
+from neuro_recognise.parts.banks import Bank, Gabors, Max, Pool
 from neuro_recognise.parts.encoders import Encoder, LogLatency
-from neuro_recognise.parts.frames import Frames, ended_by
+from neuro_recognise.parts.frames import VOTES, Frames, ended_by, votes
 from neuro_recognise.parts.layers import FOLLOWS, Inputs, Layer, RemusLayer, Shares, from_text, taught, to_text
-from neuro_recognise.parts.pools import Max, Pool
 from neuro_recognise.parts.representations import Counts, Representation
 from neuro_recognise.parts.segmenters import Msd, Segmenter
-from neuro_recognise.parts.votes import VOTES, votes
 from neuro_recognise.settings import part, setting
 from neuro_recognise.shown import Array, Evidence, Features, Floats, Ints, unlabelled
-from neuro_recognise.views import Pictures, TrialView, View
-
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
-
-__all__ = ["Framewise", "restore", "shares_of", "state_of", "told_of"]
 
 ORDERS = ("recordings", "frames")
 DRAWN = 1
@@ -56,7 +48,7 @@ class Framewise(Method):
         layer: the network that is shown these and learns.
         epochs: how often all recordings are shown.
         order: what is shuffled in each epoch, whole recordings or all their frames.
-        vote: how the frames of a recording decide, see `neuro_recognise.parts.votes`.
+        vote: how the frames of a recording decide, see `neuro_recognise.parts.frames`.
     """
 
     spikes = True
@@ -272,17 +264,20 @@ class Framewise(Method):
 
     def drawn(self, kernels: Floats) -> Floats:
         """What weights (features, orientations, rows, columns) of cells look for, (features, height, width) in px."""
-        from neuro_recognise.telling.features import reconstructed
+        from neuro_recognise.telling.pictures import reconstructed
 
         return reconstructed(kernels, self.bank.filters[DRAWN % len(self.bank.sizes)], self.pool.side)
 
-    def pictures(self, learnt: Learnt, classes: Sequence[str]) -> Mapping[str, Figure]:
-        """How the learning went."""
-        from neuro_recognise.telling.pictures import history
+    def pictures(self, learnt: Learnt, classes: Sequence[str]) -> Drawings:
+        """Where classes have maps with kernels these, and how the learning went."""
+        from neuro_recognise.telling.pictures import history, prototypes
 
-        if not self.layer.supervised:
-            return {}
-        return {"learning": history(np.asarray(learnt["history"]), len(classes))}
+        drawn = {}
+        if self.layer.supervised:
+            if "c1_s2" in learnt:
+                drawn["prototypes"] = prototypes(np.asarray(learnt["c1_s2"]), classes, self.bank.orientations)
+            drawn["learning"] = history(np.asarray(learnt["history"]), len(classes))
+        return drawn
 
 
 def _batches(frames: Frames, recordings: int, order: str, size: int, rng: np.random.Generator) -> Iterator[Frames]:
@@ -299,10 +294,7 @@ def _batches(frames: Frames, recordings: int, order: str, size: int, rng: np.ran
 
 def told_of(shares: Sequence[Shares]) -> dict[str, Array]:
     """Shares of frames by epoch: ``history`` of right decisions, ``mistakes`` of wrong ones."""
-    return {
-        "history": np.array([one.right for one in shares]),
-        "mistakes": np.array([one.wrong for one in shares]),
-    }
+    return {"history": np.array([one.right for one in shares]), "mistakes": np.array([one.wrong for one in shares])}
 
 
 def shares_of(told: Mapping[str, Array]) -> list[Shares]:

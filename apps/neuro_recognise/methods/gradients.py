@@ -28,8 +28,6 @@ from neuro_torch import Events as Spikes
 from neuro_train.data import BatchData as Taught
 from neuro_train.plan import TrainingPlan
 
-__all__ = ["Conv", "Dense", "Gradients", "LearntDelays", "Recurrent"]
-
 INPUT, OUTPUT = "pixels", "out"
 ON_FOLDS = "folds of N-MNIST's training recordings, docs/how-to/train.md, which its accuracy is of, too"
 GUESS = "prototype, one fold of N-MNIST's training recordings"
@@ -244,6 +242,7 @@ class Recurrent(Gradients):
 class LearntDelays(Gradients):
     """A hidden layer that sees all pixels, whose spikes take times to the output that learn as weights do."""
 
+    known_as = "learnt_delays"
     title = "weights and delays of spikes, by surrogate gradients"
     source = "Shrestha and Orchard, NeurIPS 2018; Hammouamri et al., ICLR 2024 (the form)"
     file = "learnt_delays"
@@ -251,11 +250,6 @@ class LearntDelays(Gradients):
     learns = {"in_hidden": ("weight",), "hidden_out": ("weight", "delay")}
 
     hidden: int = setting(128, "", "neurons of the hidden layer", ON_FOLDS, at_least=1)
-
-    @classmethod
-    def called(cls) -> str:
-        """``learnt_delays``."""
-        return "learnt_delays"
 
 
 def _scores(times: Floats, ids: Iterable[int], classes: int, end: float) -> Floats:

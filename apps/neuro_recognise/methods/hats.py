@@ -2,23 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Self
+from typing import Self
 
 import numpy as np
 
 from neuro.events import Events, representations
-from neuro_recognise.method import Course, Learnt
+from neuro_recognise.method import Course, Drawings, Growing, Grows, Learnt, Observer, Pictures, View
 from neuro_recognise.methods.descriptor import Descriptor
-from neuro_recognise.observers import Growing, Grows, Observer
 from neuro_recognise.parts.readouts import Readout, Svm
 from neuro_recognise.settings import part, setting
 from neuro_recognise.shown import Array, Features, Floats
-from neuro_recognise.views import Pictures, View
-
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
 
 VIEW_US = 10_000
 """us; from picture to picture of what is seen."""
@@ -33,13 +28,9 @@ class Hats(Descriptor):
     presets = {"poker": {"size": [35, 35], "cell": 12, "tau": 10.0}}
     measured = {"N-MNIST": "95.1 %", "POKER-DVS": "94.6 %"}
 
-    cell: int = setting(
-        0, "px", "side of a cell; 0: a fifth of the larger side", "best of 5, 7, 9 on N-MNIST's 34 px", at_least=0
-    )
+    cell: int = setting(0, "px", "side of a cell; 0: a fifth of the field", "best of 5, 7, 9 on N-MNIST", at_least=0)
     radius: int = setting(3, "px", "of an event's surroundings", "the paper's for N-CARS", at_least=0)
-    tau: float = setting(
-        100.0, "ms", "decay of what is remembered, and how long it is", "the paper's for N-CARS", above=0
-    )
+    tau: float = setting(100.0, "ms", "decay and length of what is remembered", "the paper's for N-CARS", above=0)
 
     readout: Readout = part(Readout, Svm(C=10.0, scale="length"))
 
@@ -67,7 +58,7 @@ class Hats(Descriptor):
         counts = np.bincount(shown.labels, minlength=len(sums))[:, None]
         return {**super().fit(shown, course), "averages": sums / np.maximum(counts, 1)}
 
-    def pictures(self, learnt: Learnt, classes: Sequence[str]) -> Mapping[str, Figure]:
+    def pictures(self, learnt: Learnt, classes: Sequence[str]) -> Drawings:
         """The average of each class, both polarities together."""
         from neuro_recognise.telling.pictures import images
 

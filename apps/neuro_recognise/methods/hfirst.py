@@ -1,39 +1,400 @@
-"""HFirst: the first of oriented neurons to fire at a place silences the others; classes are counts of such spikes."""
+"""HFirst: the first of oriented neurons to fire at a place silences the others; classes are counts of such spikes.
+
+The network `hfirst`, whole and layer by layer, what turns a recording into its input, its templates and its decisions.
+S1 has nearly all neurons of the network: event by event it takes a tenth of what a backend takes that runs every step.
+"""
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
-from functools import lru_cache, partial, reduce
+from dataclasses import dataclass, replace
+from functools import cached_property, lru_cache, partial, reduce
 from operator import add
-from typing import TYPE_CHECKING, Any
+from typing import Any, NamedTuple
 
 import numpy as np
+import numpy.typing as npt
 
 import neuro
+import neuro_models
+from neuro import ModelError
+from neuro.apps import allocating
 from neuro.events import Events
-from neuro_recognise.hfirst import (
-    READINGS,
-    HFirstSettings,
-    LayerSpikes,
-    c1_alone,
-    c1_counts,
-    c1_spikes,
-    decisive,
-    network,
-    s1_spikes,
-    s2_alone,
-    s2_heard,
-    show,
-    shown,
-    templates,
-)
-from neuro_recognise.method import Answer, Course, Learnt, Method, Run
-from neuro_recognise.settings import setting
-from neuro_recognise.shown import Evidence, Features
+from neuro.events.filters import BackgroundActivity
+from neuro_recognise.method import Answer, Course, Drawings, Learnt, Method, Run
+from neuro_recognise.parts.banks import gabor_bank
+from neuro_recognise.settings import Settings, setting
+from neuro_recognise.shown import Evidence, Features, Floats, Ints
 
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
+CODE = "HFIRST.m of the authors' code"
+READINGS = ("hard", "soft", "potentials")
+
+
+@dataclass(frozen=True)
+class HFirstSettings(Settings):
+    """The numbers of HFirst.
+
+    Source: Orchard et al., IEEE TPAMI 37:2028, 2015, with the values of the authors' code, github.com/gorchard/HFIRST.
+    """
+
+    size: tuple[int, int] = setting((34, 34), "px", "width and height of the camera", "N-MNIST's", at_least=1)
+    noise_us: int = setting(10_000, "us", "longest time since a neighbour's event", "full_NMINST_example.m", above=0)
+    orientations: int = setting(12, "", "of the Gabor filters, from 0 degrees in equal steps", CODE, at_least=1)
+    field: int = setting(7, "px", "side of the Gabor filters, odd", CODE, at_least=1)
+    sigma: float = setting(2.8, "px", "their width", CODE, above=0)
+    wavelength: float = setting(5.0, "px", "of their cosine", CODE, above=0)
+    gamma: float = setting(0.3, "", "their aspect ratio", CODE, above=0)
+    norm: float = setting(100.0, "mV", "L2 norm of each filter, whose mean is 0, and of each template", CODE, above=0)
+    s1_threshold: float = setting(150.0, "mV", "threshold of S1", CODE, above=0)
+    s1_leak: float = setting(25.0, "mV/ms", "linear leak of S1", CODE, at_least=0)
+    pool: int = setting(4, "px", "side of a C1 cell", CODE, at_least=1)
+    c1_resets: bool = setting(False, "", "whether a C1 spike resets all orientations of its cell", "an option of ours")
+    s2_threshold: float = setting(150.0, "mV", "threshold of S2", CODE, above=0)
+    s2_leak: float = setting(1.0, "mV/ms", "linear leak of S2", CODE, at_least=0)
+    t_ref: float = setting(5.0, "ms", "refractory period of all layers", CODE, at_least=0)
+    below: float = setting(1.0, "mV", "template weights below it become `unseen`", CODE)
+    unseen: float = setting(-1.0, "mV", "weight of a C1 neuron that hardly spikes for a class", CODE)
+    resolution: float = setting(
+        0.1, "ms", "steps of the network", "ours; the authors' code rounds down to 1 ms", above=0
+    )
+
+    @property
+    def shape(self) -> tuple[int, int, int]:
+        """Orientations, rows and columns of C1; its neurons are counted in C order."""
+        width, height = self.size
+        return self.orientations, math.ceil(height / self.pool), math.ceil(width / self.pool)
+
+    @cached_property
+    def gabors(self) -> Floats:
+        """The filters, (orientations, field, field) in mV."""
+        degrees = [180.0 * k / self.orientations for k in range(self.orientations)]
+        bank = gabor_bank((self.field,), (self.sigma,), (self.wavelength,), self.gamma, degrees)
+        return np.asarray(self.norm * bank[0])
+
+    def parameters(self, classes: int, templates: Floats | None = None) -> dict[str, Any]:
+        """Those of the network `hfirst`; `templates` of (classes, C1 neurons) in mV, None before they are learnt."""
+        names = ("orientations", "field", "s1_threshold", "s1_leak", "pool", "s2_threshold", "s2_leak", "t_ref")
+        own = {name: getattr(self, name) for name in names}
+        width, height = self.size
+        sizes = {"height": height, "width": width, "classes": classes, "resolution": self.resolution}
+        return own | sizes | {"gabors": self.gabors, "templates": self.unseen if templates is None else templates.T}
+
+
+class LayerSpikes(NamedTuple):
+    """Spikes of one population in order of time: times in ms from the start of the network's time, and neurons."""
+
+    times: Floats
+    ids: Ints
+
+
+class LayerResponse(NamedTuple):
+    """What layer S2 did with the C1 spikes of a recording.
+
+    Attributes:
+        spikes: its spikes; neurons are classes.
+        potentials: (C1 spikes, classes) V_m after each C1 spike, mV.
+    """
+
+    spikes: LayerSpikes
+    potentials: Floats
+
+
+def shown(settings: HFirstSettings, events: Events) -> dict[str, LayerSpikes]:
+    """The spikes of the network's inputs.
+
+    Args:
+        settings: of the network.
+        events: the recording; those without a neighbour's event are left out, times are rounded to the nearest step
+            and count from the first event that is left.
+
+    Returns:
+        By the name of the population.
+
+    Raises:
+        ModelError: an event lies outside of the camera.
+    """
+    events = _without_noise(events, settings)
+    steps = 1 + np.rint((events.t - (events.t[0] if len(events) else 0)) / (1000.0 * settings.resolution))
+    places = events.y.astype(np.int64) * settings.size[0] + events.x
+    which = {"on_events": events.p == 1, "off_events": events.p == 0}
+    return {name: LayerSpikes(steps[some] * settings.resolution, places[some]) for name, some in which.items()}
+
+
+def s1_spikes(settings: HFirstSettings, inputs: dict[str, LayerSpikes]) -> dict[str, LayerSpikes]:
+    """The spikes of layer S1.
+
+    They are those of the network but where orientations are equal at threshold: here the first fires, there a drawn
+    one.
+
+    Args:
+        settings: of the network.
+        inputs: from `shown`.
+
+    Returns:
+        By the name of the population.
+    """
+    h, (width, height) = settings.resolution, settings.size
+    bank = np.ascontiguousarray(settings.gabors.transpose(1, 2, 0))
+    found = {}
+    for layer, source in (("s1_on", "on_events"), ("s1_off", "off_events")):
+        heard = inputs[source]
+        arrive = 1 + np.rint(heard.times / h).astype(np.int64)
+        rows, columns = np.divmod(heard.ids, width)
+        held = round(settings.t_ref / h)
+        told = (settings.s1_leak * h, settings.s1_threshold, held, height, width)
+        steps, ids = first_spikes(arrive, rows, columns, bank, *told)
+        found[layer] = LayerSpikes(steps * h, ids)
+    return found
+
+
+def _without_noise(events: Events, settings: HFirstSettings) -> Events:
+    width, height = settings.size
+    if len(events) and (events.x.max() >= width or events.y.max() >= height):
+        raise ModelError(
+            f"an event at ({events.x.max()}, {events.y.max()}): expected a sensor of at most {width} x {height} px",
+            hint="set size",
+        )
+    return BackgroundActivity(sensor_size=events.sensor_size, dt_us=settings.noise_us)(events)
+
+
+@allocating
+def first_spikes(
+    steps: Ints,
+    rows: Ints,
+    columns: Ints,
+    bank: Floats,
+    leak: float,
+    threshold: float,
+    held: int,
+    height: int,
+    width: int,
+) -> Ints:
+    """Spikes of layer S1: of the orientations at a place the first to reach threshold, which resets the others.
+
+    A place is brought up to date where an event reaches it. Of equal orientations the first fires.
+
+    steps: int64[n], ascending, in which events arrive; rows, columns: int64[n]; bank: float64[side, side,
+    orientations], mV; leak: mV a step; held: steps of rest after a spike. Returns int64[2, spikes]: steps and neurons,
+    (orientation, row, column) in C order.
+    """
+    side, orientations = bank.shape[0], bank.shape[2]
+    half = side // 2
+    v = np.zeros((height, width, orientations))
+    since = np.zeros((height, width), np.int64)
+    free = np.zeros((height, width), np.int64)
+    reached = np.empty((height * width, 2), np.int64)
+    found = np.empty((2, 256), np.int64)
+    n, k = 0, 0
+    while k < steps.size:
+        now, touched = steps[k], 0
+        while k < steps.size and steps[k] == now:
+            y, x = rows[k], columns[k]
+            for r in range(max(0, y - half), min(height, y + half + 1)):
+                for c in range(max(0, x - half), min(width, x + half + 1)):
+                    if now < free[r, c]:
+                        continue
+                    here, taps = v[r, c], bank[half + y - r, half + x - c]
+                    if since[r, c] != now:
+                        lost = leak * (now - since[r, c])
+                        for o in range(orientations):
+                            here[o] -= min(max(here[o], -lost), lost)
+                        since[r, c] = now
+                        reached[touched, 0], reached[touched, 1] = r, c
+                        touched += 1
+                    for o in range(orientations):
+                        here[o] += taps[o]
+            k += 1
+        for place in range(touched):
+            r, c = reached[place]
+            best = v[r, c].argmax()
+            if v[r, c, best] < threshold:
+                continue
+            if n == found.shape[1]:
+                more = np.empty((2, 2 * n), np.int64)
+                more[:, :n] = found
+                found = more
+            found[0, n], found[1, n] = now, (best * height + r) * width + c
+            n += 1
+            v[r, c] = 0.0
+            free[r, c] = now + held + 1
+    return found[:, :n].copy()
+
+
+def c1_counts(settings: HFirstSettings, recordings: Sequence[LayerSpikes]) -> Ints:
+    """Spikes of each C1 neuron in each recording, (recordings, C1 neurons)."""
+    size = int(np.prod(settings.shape))
+    return np.stack([np.bincount(spikes.ids, minlength=size) for spikes in recordings])
+
+
+def templates(settings: HFirstSettings, counts: Ints, labels: npt.ArrayLike, classes: int) -> Floats:
+    """The weights of S2, in mV.
+
+    A class has the sum of its counts, scaled to `settings.norm`; what is below `settings.below` becomes `unseen`.
+
+    Args:
+        settings: of the network.
+        counts: from `c1_counts`.
+        labels: class of each recording.
+        classes: how many there are; one without a recording is unseen all over.
+
+    Returns:
+        (classes, C1 neurons).
+
+    Source: `full_NMINST_example.m` and `HFIRST.m` of the authors' code.
+    """
+    sums = np.stack([counts[np.asarray(labels) == label].sum(axis=0) for label in range(classes)])
+    norms = np.linalg.norm(sums, axis=1, keepdims=True)
+    scaled = settings.norm * sums / np.where(norms > 0.0, norms, 1.0)
+    return np.where(scaled < settings.below, settings.unseen, scaled)
+
+
+def network(settings: HFirstSettings, classes: int, templates: Floats | None = None) -> neuro.Network:
+    """The network `hfirst` with some settings.
+
+    Args:
+        settings: of the network.
+        classes: how many there are.
+        templates: (classes, C1 neurons) weights of S2 in mV; None before they are learnt.
+
+    Raises:
+        ModelError: a setting is out of its bounds.
+    """
+    net = neuro.load(neuro_models.path("hfirst"), settings.parameters(classes, templates))
+    if settings.c1_resets:
+        net.group("first_in_cell", neuro.lateral_reset(of="c1"))
+    return net
+
+
+def c1_alone(settings: HFirstSettings) -> neuro.Network:
+    """Layer C1 of `hfirst` on spikes of S1 that are given.
+
+    Args:
+        settings: of the network.
+    """
+    width, height = settings.size
+    s1 = (settings.orientations, height, width)
+    return _behind(network(settings, 1), {"s1_on": s1, "s1_off": s1}, "c1")
+
+
+def s2_alone(settings: HFirstSettings, templates: Floats) -> neuro.Network:
+    """Layer S2 of `hfirst` on spikes of C1 that are given.
+
+    Args:
+        settings: of the network.
+        templates: (classes, C1 neurons) weights in mV.
+    """
+    return _behind(network(settings, len(templates), templates), {"c1": settings.shape}, "s2")
+
+
+def show(sim: neuro.Simulation, settings: HFirstSettings, inputs: Mapping[str, LayerSpikes]) -> None:
+    """Let a network hear the spikes of its inputs until the last spike that they cause; it starts anew.
+
+    Args:
+        sim: of any of these networks.
+        settings: those of the network.
+        inputs: by the name of the population.
+    """
+    sim.reset()
+    last = 0.0
+    for name, spikes in inputs.items():
+        sim.inject(name, spikes.times, spikes.ids)
+        last = max(last, spikes.times.max(initial=0.0))
+    layers = len(sim.network().populations)  # each hears the one before a step later
+    sim.run(last + layers * settings.resolution)
+
+
+def c1_spikes(sim: neuro.Simulation, settings: HFirstSettings, s1: Mapping[str, LayerSpikes]) -> LayerSpikes:
+    """The C1 spikes of one recording.
+
+    Args:
+        sim: of `c1_alone`.
+        settings: those of the network.
+        s1: from `s1_spikes`.
+    """
+    show(sim, settings, s1)
+    return LayerSpikes(*sim.spikes("c1"))
+
+
+def s2_heard(sim: neuro.Simulation, settings: HFirstSettings, spikes: LayerSpikes) -> LayerResponse:
+    """What S2 does with the C1 spikes of one recording.
+
+    Args:
+        sim: of `s2_alone`.
+        settings: those of the network.
+        spikes: from `c1_spikes`.
+    """
+    sim.reset()
+    sim.inject("c1", spikes.times, spikes.ids)
+    arrivals = 1 + np.rint(spikes.times / settings.resolution).astype(np.int64)
+    moments, moment_of = np.unique(arrivals, return_inverse=True)
+    potentials = np.empty((moments.size, sim.get("s2", "V_m").size))
+    for k, steps in enumerate(np.diff(moments, prepend=0)):
+        sim.run(float(steps) * settings.resolution)
+        potentials[k] = sim.get("s2", "V_m")
+    return LayerResponse(LayerSpikes(*sim.spikes("s2")), potentials[moment_of])
+
+
+def _behind(net: neuro.Network, given: Mapping[str, tuple[int, ...]], layer: str) -> neuro.Network:
+    """One layer of a network; populations that it hears, with their shapes, become generators."""
+    sources = {
+        name: replace(net.populations[name], model=neuro.spike_generator(), shape=shape)
+        for name, shape in given.items()
+    }
+    alone = neuro.Network(f"{net.name}_{layer}", resolution=net.resolution)
+    alone.populations.update({**sources, layer: net.populations[layer]})
+    alone.projections.update({name: one for name, one in net.projections.items() if one.target == layer})
+    alone.groups.update({name: one for name, one in net.groups.items() if one.choice.of == layer})
+    return alone
+
+
+def scores(heard: LayerResponse, reading: str = "hard") -> Floats:
+    """A number for each class, the larger the likelier.
+
+    Args:
+        heard: from `s2_heard`.
+        reading: "hard": spikes of the class; "soft": its share of all spikes; "potentials": V_m summed over the C1
+            spikes, mV.
+
+    Raises:
+        ModelError: there is no such reading.
+    """
+    if reading not in READINGS:
+        raise ModelError(f"reading = {reading!r}: expected one of {', '.join(READINGS)}")
+    if reading == "potentials":
+        return np.asarray(heard.potentials.sum(axis=0))
+    counts = np.bincount(heard.spikes.ids, minlength=heard.potentials.shape[1]).astype(np.float64)
+    return counts / max(1.0, counts.sum()) if reading == "soft" else counts
+
+
+def decisive(heard: LayerResponse, reading: str = "hard") -> Floats:
+    """The same, but of classes with equal spikes those with larger summed potentials have more, by less than a spike.
+
+    The authors' code takes the first of such classes. Where S2 heard nothing all are NaN.
+
+    Args:
+        heard: from `s2_heard`.
+        reading: see `scores`.
+    """
+    found = scores(heard, reading)
+    if not len(heard.potentials):
+        return np.full_like(found, np.nan)
+    if reading == "potentials":
+        return found
+    ranks = scores(heard, "potentials").argsort().argsort() / len(found)
+    return np.asarray(found + ranks / (1 if reading == "hard" else max(1, heard.spikes.ids.size)))
+
+
+def decide(heard: LayerResponse, reading: str = "hard") -> int:
+    """The class of a recording by `decisive`, -1 if S2 heard nothing.
+
+    Args:
+        heard: from `s2_heard`.
+        reading: see `scores`.
+    """
+    found = decisive(heard, reading)
+    return -1 if np.isnan(found).all() else int(found.argmax())
+
 
 OF_S2 = ("s2_threshold", "s2_leak", "below", "unseen", "reading")
 """Settings that what is observed, the spikes of C1, does not depend on."""
@@ -108,10 +469,9 @@ class HFirst(Method, HFirstSettings):
         known = np.asarray(learnt["templates"])
         return network(self, len(known), known)
 
-    def pictures(self, learnt: Learnt, classes: Sequence[str]) -> Mapping[str, Figure]:
+    def pictures(self, learnt: Learnt, classes: Sequence[str]) -> Drawings:
         """The template of each class."""
-        from neuro_recognise.telling.features import reconstructed
-        from neuro_recognise.telling.pictures import images
+        from neuro_recognise.telling.pictures import images, reconstructed
 
         known = np.asarray(learnt["templates"])
         drawn = reconstructed(known.reshape(len(known), *self.shape), self.gabors, self.pool)

@@ -1,22 +1,288 @@
-"""HOTS: histograms of time-surface prototypes that are learnt online, layer upon layer."""
+"""HOTS: a hierarchy of time surfaces whose prototypes are learnt online, layer upon layer, and their histograms.
+
+An event i sees in the neighbourhood of radius R round it, for each channel p and place u, how long ago the last event
+there was: ``S_i(u, p) = exp(-(t_i - T_i(u, p)) / tau)``, 0 where there was none. It is given to the
+closest of N prototypes, ``k_i``, and goes on to the next layer as an event of channel ``k_i``. Layer l + 1 has
+``R K_R``, ``tau K_tau`` and ``N K_N`` (eq. 119 of the thesis). A histogram counts the prototypes of the last layer,
+and `neuro_recognise.parts.readouts` has the paper's distances between histograms.
+
+Source: Lagorce et al., "HOTS: A Hierarchy of Event-Based Time-Surfaces for Pattern Recognition", IEEE TPAMI 39:1346,
+2017; thesis lines 2211-2280 with algorithm 13.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, overload
+from typing import Any, TypeAlias
 
 import numpy as np
+import numpy.typing as npt
 
+from neuro import ModelError
+from neuro.apps import Quantity, Registry, check
 from neuro.events import Events
-from neuro_recognise.hots.hierarchy import Hierarchy, Layers
-from neuro_recognise.method import Answer, Course, Learnt, Method, Progress
+from neuro_recognise.method import Answer, Course, Drawings, Learnt, Method, Progress
 from neuro_recognise.parts.readouts import Readout, Svm
-from neuro_recognise.settings import part, setting
-from neuro_recognise.shown import Evidence, Features, Floats
+from neuro_recognise.settings import Part, part, setting
+from neuro_recognise.shown import Evidence, Features, Floats, Ints, Lazy
 
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
+Report: TypeAlias = Callable[["Layers", int, int], None]
+
+
+CODE = "github SpikeAI/HOTS, which replicates the paper for letters and digits"
+RATE = "thesis algorithm 13"
+
+
+@dataclass(frozen=True)
+class Hierarchy(Part):
+    """Layers of time surfaces whose prototypes are learnt online."""
+
+    known_as = "time_surfaces"
+    kind = "hierarchy"
+    source = "Lagorce et al., IEEE TPAMI 39:1346, 2017; N 4, 8, 16, R 2, 4, 8, tau 10, 100, 1000 ms; thesis 2280"
+
+    layers: int = setting(3, "", "number of layers", CODE, at_least=1)
+    radius: int = setting(2, "px", "of the first layer's surroundings", CODE, at_least=1)
+    tau: float = setting(10.0, "ms", "time constant of the first layer", CODE, above=0)
+    centres: int = setting(4, "", "prototypes of the first layer", CODE, at_least=1)
+    radius_factor: int = setting(2, "", "radius from layer to layer", CODE, at_least=1)
+    tau_factor: float = setting(10.0, "", "time constant from layer to layer", CODE, above=0)
+    centres_factor: int = setting(2, "", "prototypes from layer to layer", CODE, at_least=1)
+    polarity: bool = setting(True, "", "whether ON and OFF are told apart", CODE)
+    first: str = setting(
+        "first", "", "prototypes begin as the first surfaces, or as ones drawn from up to 100 recordings", RATE,
+        words=("first", "drawn"),
+    )  # fmt: skip
+    rate: float = setting(0.01, "", "of learning before a prototype has won", RATE, above=0, below=1)
+    slow: float = setting(20000.0, "", "wins after which the rate is a half", RATE, above=0)
+
+    def radius_of(self, layer: int) -> int:
+        """Radius of a layer, px; layers count from 0."""
+        return int(self.radius * self.radius_factor**layer)
+
+    def tau_of(self, layer: int) -> float:
+        """Time constant of a layer, us."""
+        return 1000.0 * self.tau * self.tau_factor**layer
+
+    def centres_of(self, layer: int) -> int:
+        """Number of prototypes of a layer."""
+        return int(self.centres * self.centres_factor**layer)
+
+    def channels_of(self, layer: int) -> int:
+        """Channels of the events that a layer sees."""
+        return self.centres_of(layer - 1) if layer else 2 if self.polarity else 1
+
+
+Hierarchy.known = Registry("hierarchy", (Hierarchy,))
+
+WHOLE = Quantity(kind="integer", at_least=0)
+"""What a seed or a side may be."""
+SAMPLED = 100
+"""Recordings from which prototypes are drawn to begin with."""
+
+
+class Layers:
+    """The layers with what they have learnt.
+
+    Layers are learnt one after the other, each from all recordings in an order that the seed decides, while those
+    below it stay as they are. The same recordings, settings and seed give the same prototypes to the last bit, also
+    where the training went on from a `state`.
+
+    Args:
+        settings: of the hierarchy.
+        sensor_size: width and height of the field, px; events of recordings lie in it.
+        seed: of the order of recordings and of the first prototypes, >= 0.
+
+    Attributes:
+        centres: of each layer that was begun, (rows, columns, channels, prototypes) of the neighbourhood.
+        wins: of each layer that was begun, (prototypes,) int64, p_k.
+        learnt: layers that are learnt.
+        seen: recordings from which the layer that is being learnt has learnt.
+    """
+
+    def __init__(self, settings: Hierarchy, sensor_size: tuple[int, int], *, seed: int = 0) -> None:
+        self.settings = settings
+        self.sensor_size = sensor_size
+        self.seed = check(WHOLE, seed, "seed")
+        self.centres: list[Floats] = []
+        self.wins: list[Ints] = []
+        self.learnt = 0
+        self.seen = 0
+
+    def learn(self, recordings: Sequence[Events], report: Report | None = None) -> None:
+        """Learn what is not learnt yet.
+
+        Args:
+            recordings: the same ones in every call; a sequence that loads each when it is asked for will do.
+            report: called after each recording with the layers, whose `state` may be kept, the steps done and all
+                steps: layers times recordings.
+
+        Raises:
+            ModelError: there are too few events for the prototypes to begin with, or an event is off the field.
+        """
+        n = len(recordings)
+        while self.learnt < self.settings.layers:
+            layer = self.learnt
+            order = np.random.default_rng([self.seed, layer]).permutation(n).tolist()
+            if len(self.centres) == layer:
+                self._begin(recordings, order)
+            for k in order[self.seen :]:
+                self._teach(recordings[k])
+                self.seen += 1
+                if report:
+                    report(self, layer * n + self.seen, self.settings.layers * n)
+            self.learnt, self.seen = layer + 1, 0
+
+    def features(self, events: Events, *, cell: int = 0, layer: int | None = None) -> Ints:
+        """How often each prototype was the closest.
+
+        Args:
+            events: a recording.
+            cell: side of the squares of the field that are counted each by itself, px; 0: the whole field, as in the
+                paper.
+            layer: whose prototypes, from 0; None: the last one's.
+
+        Returns:
+            (rows, columns, prototypes), of the whole field (1, 1, prototypes).
+
+        Raises:
+            ModelError: the layers are not learnt, an event is off the field, or `cell` is no whole number >= 0.
+        """
+        from neuro_recognise.methods._hots_kernels import count
+
+        last = self.settings.layers - 1 if layer is None else layer
+        side = check(WHOLE, cell, "cell") or max(self.sensor_size)
+        columns, rows = (-(-length // side) for length in self.sensor_size)
+        out = np.zeros((rows * columns, self.settings.centres_of(last)), np.int64)
+        count(events.x, events.y, self.assigned(events, last), side, columns, out)
+        return out.reshape(rows, columns, -1)
+
+    def assigned(self, events: Events, layer: int) -> Ints:
+        """The closest prototype for each event, (events,) int64.
+
+        Args:
+            events: a recording.
+            layer: whose prototypes, from 0.
+
+        Raises:
+            ModelError: the layer is not learnt, or an event is off the field.
+        """
+        if not 0 <= layer < self.learnt:
+            raise ModelError(f"layer {layer}: {self.learnt} of {self.settings.layers} layers are learnt")
+        return self._channels(events, layer + 1)
+
+    def state(self) -> dict[str, npt.NDArray[Any]]:
+        """What was learnt so far as arrays by name, for a file; settings and field are not among them."""
+        kept: dict[str, npt.NDArray[Any]] = {"place": np.array([self.learnt, self.seen, self.seed], np.int64)}
+        for k, (centres, wins) in enumerate(zip(self.centres, self.wins, strict=True)):
+            kept |= {f"centres_{k}": centres.copy(), f"wins_{k}": wins.copy()}
+        return kept
+
+    @classmethod
+    def from_state(
+        cls, settings: Hierarchy, sensor_size: tuple[int, int], state: Mapping[str, npt.NDArray[Any]]
+    ) -> Layers:
+        """The layers of a state; `learn` goes on with it to the same bits.
+
+        Args:
+            settings: with which the state was learnt.
+            sensor_size: likewise.
+            state: as `state` gave it.
+
+        Raises:
+            ModelError: the state is of other settings.
+        """
+        learnt, seen, seed = (int(number) for number in state["place"])
+        layers = cls(settings, sensor_size, seed=seed)
+        layers.learnt, layers.seen = learnt, seen
+        for k in range(sum(name.startswith("centres_") for name in state)):
+            centres = np.array(state[f"centres_{k}"], np.float64)
+            if centres.shape != layers._shape(k):
+                raise ModelError(f"prototypes of layer {k} are {centres.shape}, expected {layers._shape(k)}")
+            layers.centres.append(centres)
+            layers.wins.append(np.array(state[f"wins_{k}"], np.int64))
+        return layers
+
+    def _shape(self, layer: int) -> tuple[int, int, int, int]:
+        side = 2 * self.settings.radius_of(layer) + 1
+        return side, side, self.settings.channels_of(layer), self.settings.centres_of(layer)
+
+    def _map(self, layer: int) -> Floats:
+        """An empty map of the last events with a border as wide as the radius, flat."""
+        width, height = self.sensor_size
+        border = 2 * self.settings.radius_of(layer)
+        return np.zeros((height + border) * (width + border) * self.settings.channels_of(layer))
+
+    def _begin(self, recordings: Sequence[Events], order: Sequence[int]) -> None:
+        """Give the next layer its first prototypes: surfaces of events."""
+        layer, n = len(self.centres), self.settings.centres_of(len(self.centres))
+        looked = order[:SAMPLED] if self.settings.first == "drawn" else order
+        lengths: list[int] = []
+        for k in looked:
+            lengths.append(len(recordings[k]))
+            if self.settings.first == "first" and sum(lengths) >= n:
+                break
+        if sum(lengths) < n:
+            raise ModelError(f"{sum(lengths)} events for the {n} prototypes of layer {layer}, expected one for each")
+        chosen = np.arange(n)
+        if self.settings.first == "drawn":
+            rng = np.random.default_rng([self.seed, layer, 1])
+            chosen = np.sort(rng.choice(sum(lengths), n, replace=False))
+        found, before = [], 0
+        for k, length in zip(looked, lengths, strict=False):
+            mine = chosen[(chosen >= before) & (chosen < before + length)] - before
+            if mine.size:
+                found.append(self._surfaces(recordings[k], layer, mine))
+            before += length
+        self.centres.append(np.concatenate(found, axis=1).reshape(self._shape(layer)))
+        self.wins.append(np.ones(n, np.int64))
+
+    def _surfaces(self, events: Events, layer: int, wanted: Ints) -> Floats:
+        """(numbers of a surface, wanted events) of a layer."""
+        from neuro_recognise.methods._hots_kernels import surfaces
+
+        s, shape = self.settings, self._shape(layer)
+        out = np.empty((int(np.prod(shape[:3])), len(wanted)))
+        surfaces(
+            events.t, events.x, events.y, self._channels(events, layer), self._map(layer), self.sensor_size[0],
+            s.radius_of(layer), shape[2], s.tau_of(layer), wanted, out,
+        )  # fmt: skip
+        return out
+
+    def _teach(self, events: Events) -> None:
+        """Let the layer that is being learnt learn from a recording."""
+        from neuro_recognise.methods._hots_kernels import learn
+
+        s, layer = self.settings, self.learnt
+        centres = self.centres[layer].reshape(-1, s.centres_of(layer))
+        learn(
+            events.t, events.x, events.y, self._channels(events, layer), self._map(layer), self.sensor_size[0],
+            s.radius_of(layer), s.channels_of(layer), s.tau_of(layer), centres, (centres**2).sum(axis=0),
+            np.empty(s.centres_of(layer)), self.wins[layer], s.rate, s.slow,
+        )  # fmt: skip
+
+    def _channels(self, events: Events, layers: int) -> Ints:
+        """The channel of each event behind some layers that do not learn."""
+        from neuro_recognise.methods._hots_kernels import find
+
+        width, height = self.sensor_size
+        if len(events) and (int(events.x.max()) >= width or int(events.y.max()) >= height):
+            raise ModelError(f"{events!r}: an event is off the field of {width}x{height}, expected all inside")
+        s = self.settings
+        channel = events.p.astype(np.int64) if s.polarity else np.zeros(len(events), np.int64)
+        for layer in range(layers):
+            centres, border, out = self.centres[layer], 2 * s.radius_of(layer), np.empty(len(events), np.int64)
+            seen = np.zeros(height * width * s.channels_of(layer))
+            products = np.zeros((height + border) * (width + border) * s.centres_of(layer))
+            turned = np.ascontiguousarray(centres[::-1, ::-1].transpose(2, 0, 1, 3)).reshape(s.channels_of(layer), -1)
+            find(
+                events.t, events.x, events.y, channel, seen, products, width, s.radius_of(layer),
+                s.channels_of(layer), s.tau_of(layer), turned, (centres**2).sum(axis=(0, 1, 2)), out,
+            )  # fmt: skip
+            channel = out
+        return channel
+
 
 EVERY = 50
 """Recordings between two states that are kept."""
@@ -36,12 +302,8 @@ class Hots(Method):
     measured = {"N-MNIST": "72.6 %", "POKER-DVS": "97.3 %"}
 
     hierarchy: Hierarchy = part(Hierarchy, Hierarchy())
-    learn_from: int = setting(
-        0, "", "recordings to learn prototypes from, drawn; 0: all", "the paper's are few", at_least=0
-    )
-    cell: int = setting(
-        0, "px", "side of squares that are counted each by itself; 0: the whole field", "the paper", at_least=0
-    )
+    learn_from: int = setting(0, "", "recordings for prototypes, drawn; 0: all", "the paper's are few", at_least=0)
+    cell: int = setting(0, "px", "side of squares that are counted apart; 0: the whole field", "the paper", at_least=0)
     readout: Readout = part(Readout, Svm())
 
     def observing(self) -> Mapping[str, Any]:
@@ -65,7 +327,7 @@ class Hots(Method):
         x = self._histograms(Layers.from_state(self.hierarchy, self.size, kept), shown)
         return Answer(np.where(x.any(axis=1, keepdims=True), self.readout.scores(learnt, x), np.nan))
 
-    def pictures(self, learnt: Learnt, classes: Sequence[str]) -> Mapping[str, Figure]:
+    def pictures(self, learnt: Learnt, classes: Sequence[str]) -> Drawings:
         """The prototypes of each layer: what they see of the first one's polarities, and of all channels of others."""
         from neuro_recognise.telling.pictures import images
 
@@ -107,7 +369,7 @@ class Hots(Method):
         return shares
 
 
-class _Recordings(Sequence[Events]):
+class _Recordings(Lazy[Events]):
     """Evidence as events again, one recording at a time."""
 
     def __init__(self, method: Hots, shown: Features) -> None:
@@ -116,12 +378,7 @@ class _Recordings(Sequence[Events]):
     def __len__(self) -> int:
         return len(self._shown)
 
-    @overload
-    def __getitem__(self, index: int) -> Events: ...
-    @overload
-    def __getitem__(self, index: slice) -> Sequence[Events]: ...
-    def __getitem__(self, index: int | slice) -> Events | Sequence[Events]:
-        if isinstance(index, slice):
-            return [self[k] for k in range(*index.indices(len(self)))]
-        one = self._shown.evidence[index]
+    def item(self, k: int) -> Events:
+        """One of them."""
+        one = self._shown.evidence[k]
         return Events(one["t"], one["x"], one["y"], one["p"], self._size)

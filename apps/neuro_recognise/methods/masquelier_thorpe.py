@@ -4,21 +4,18 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
 import neuro
-from neuro_recognise.method import Course, Learnt
+from neuro_recognise.method import Course, Drawings, Learnt
 from neuro_recognise.methods.framewise import ORDERS, Framewise
 from neuro_recognise.parts.frames import Frames
 from neuro_recognise.parts.layers import Inputs, Layer
 from neuro_recognise.parts.readouts import Readout, Svm
 from neuro_recognise.settings import SPLITS, part, setting
 from neuro_recognise.shown import Features, Floats
-
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
 
 PAPER = "Masquelier and Thorpe 2007"
 
@@ -67,9 +64,10 @@ class MasquelierThorpe(Framewise):
     """Features that come often in frames of ReMuS's front end, and a linear support vector machine.
 
     Attributes:
-        readout: tells classes apart by the mean over a recording's frames of each map's largest potential.
+        readout: separates classes by the mean over a recording's frames of each map's largest potential.
     """
 
+    known_as = "masquelier_thorpe"
     title = "unsupervised STDP, read by a support vector machine"
     source = "Masquelier and Thorpe, PLoS Comput. Biol. 3:e31, 2007; there an RBF network reads"
     needs = "recognise"
@@ -86,11 +84,6 @@ class MasquelierThorpe(Framewise):
     )
     order: str = setting("frames", "", "what is shuffled in each epoch", "ours", words=ORDERS)
     vote: str = setting("features", "", "how frames decide: the readout sees their mean", "ours", words=("features",))
-
-    @classmethod
-    def called(cls) -> str:
-        """``masquelier_thorpe``."""
-        return "masquelier_thorpe"
 
     def afterwards(self, learnt: Learnt, shown: Features, course: Course) -> Learnt:
         """Teach the readout with what the maps answer to the same recordings."""
@@ -109,7 +102,7 @@ class MasquelierThorpe(Framewise):
         seen = np.isin(np.arange(len(shown)), frames.recording)
         return {"features": np.where(seen[:, None], scores, np.nan)}
 
-    def pictures(self, learnt: Learnt, classes: Sequence[str]) -> Mapping[str, Figure]:
+    def pictures(self, learnt: Learnt, classes: Sequence[str]) -> Drawings:
         """What each map looks for."""
         from neuro_recognise.telling.pictures import images
 

@@ -2,20 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
-
-import numpy as np
 
 import neuro
-from neuro_recognise.method import Learnt
 from neuro_recognise.methods.framewise import Framewise
 from neuro_recognise.parts.layers import Labelled, Layer, Shares
 from neuro_recognise.settings import SPLITS, part, setting
-
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
 
 PAPER = "SpykeTorch's MozafariShallow, NORB"
 
@@ -66,10 +58,3 @@ class Mozafari(Framewise):
     measured = {"N-MNIST": "88.9 %", "POKER-DVS": "95.0 %"}
 
     layer: Layer = part(Layer, MozafariLayer())
-
-    def pictures(self, learnt: Learnt, classes: Sequence[str]) -> Mapping[str, Figure]:
-        """The kernels, and how the learning went."""
-        from neuro_recognise.telling.pictures import prototypes
-
-        drawn = {"prototypes": prototypes(np.asarray(learnt["c1_s2"]), classes, self.bank.orientations)}
-        return {**drawn, **super().pictures(learnt, classes)}

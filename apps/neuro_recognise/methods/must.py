@@ -4,22 +4,18 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
 import neuro
-from neuro_recognise.method import Course, Learnt
+from neuro_recognise.method import Course, Drawings, Learnt
 from neuro_recognise.methods.framewise import ORDERS, Framewise
 from neuro_recognise.parts.encoders import Encoder, LogLatency
-from neuro_recognise.parts.frames import Frames
+from neuro_recognise.parts.frames import Frames, majority, potentials
 from neuro_recognise.parts.layers import Inputs, Layer
-from neuro_recognise.parts.votes import majority, potentials
 from neuro_recognise.settings import part, setting
 from neuro_recognise.shown import Array, Features, Floats
-
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
 
 OURS = "ours: the paper's numbers were not found"
 DRAWN = 8
@@ -70,7 +66,7 @@ class Must(Framewise):
     """The first 150 spikes of frames of ReMuS's front end, and neurons that are named after they have learnt."""
 
     title = "unsupervised STDP with homeostasis, neurons named afterwards"
-    source = "Liu et al., 2020, as the thesis tells, section 6.1.5; homeostasis of Diehl and Cook 2015"
+    source = "Liu et al., 2020, after the thesis, section 6.1.5; homeostasis of Diehl and Cook 2015"
     presets = {"poker": {"size": [34, 34]}}
     measured = {"N-MNIST": "80.9 %", "POKER-DVS": "92.3 %"}
 
@@ -107,7 +103,7 @@ class Must(Framewise):
         found = {"rate": np.where(wins.any(axis=1, keepdims=True), rate, np.nan)}
         return found | {"majority": majority(wins, sums), "potentials": potentials(sums)}
 
-    def pictures(self, learnt: Learnt, classes: Sequence[str]) -> Mapping[str, Figure]:
+    def pictures(self, learnt: Learnt, classes: Sequence[str]) -> Drawings:
         """What the neurons that win most look for, a row a class."""
         from neuro_recognise.telling.pictures import images
 

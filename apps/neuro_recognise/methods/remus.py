@@ -2,27 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
-import numpy as np
-
-from neuro_recognise.method import Learnt
 from neuro_recognise.methods.framewise import ORDERS, Framewise
 from neuro_recognise.settings import setting
 
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
-
-THESIS = {
-    "per_class": 2,
-    "rescue": False,
-    "dropout": 0.25,
-    "decay": 0.7,
-    "order": "recordings",
-    "vote": "majority",
-}
+THESIS = {"per_class": 2, "rescue": False, "dropout": 0.25, "decay": 0.7, "order": "recordings", "vote": "majority"}
 """Where the thesis differs: table 3, lines 2450-2463; majority is line 2431."""
 
 EARLY = {"representation": "leaky", "segmenter": "hes", "segmenter.window": 5.0}
@@ -39,12 +24,5 @@ class Remus(Framewise):
     measured = {"N-MNIST": "91.4 %", "POKER-DVS": "98.5 %"}
 
     order: str = setting(
-        "frames", "", "what is shuffled in each epoch", "benchmarks/remus_folds.py; thesis: recordings", words=ORDERS
+        "frames", "", "what is shuffled in each epoch", "benchmarks/recognisers.py; thesis: recordings", words=ORDERS
     )
-
-    def pictures(self, learnt: Learnt, classes: Sequence[str]) -> Mapping[str, Figure]:
-        """The kernels, and how the learning went."""
-        from neuro_recognise.telling.pictures import prototypes
-
-        drawn = {"prototypes": prototypes(np.asarray(learnt["c1_s2"]), classes, self.bank.orientations)}
-        return {**drawn, **super().pictures(learnt, classes)}

@@ -9,8 +9,8 @@ import numpy as np
 
 from neuro.apps import kernel
 from neuro.events import Events
+from neuro_recognise.method import Grows
 from neuro_recognise.methods.hats import Hats
-from neuro_recognise.observers import Grows
 from neuro_recognise.parts.cleaners import Cleaner, Tar
 from neuro_recognise.settings import part
 from neuro_recognise.shown import Array, Floats, Ints
@@ -23,16 +23,12 @@ NEVER = -(1 << 53)
 class TarHats(Hats):
     """Each event sees when the last event came at each pixel round it; what events see is averaged over cells."""
 
+    known_as = "tar_hats"
     title = "HATS without memory behind the filter TAR"
     source = "thesis B.4; Sironi et al., CVPR 2018; the thesis leaves open what is in place of the memory"
     measured = {"N-MNIST": "95.2 %", "POKER-DVS": "97.7 %"}
 
     cleaner: Cleaner = part(Cleaner, Tar())
-
-    @classmethod
-    def called(cls) -> str:
-        """``tar_hats``."""
-        return "tar_hats"
 
     def grown(self) -> Grows:
         """The histograms of all cells, (rows, columns, 2, side, side), of no events yet."""

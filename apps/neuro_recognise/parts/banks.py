@@ -1,23 +1,87 @@
-"""Layer S1: what oriented filters answer to the events of each frame."""
+"""Layers S1 and C1: what oriented filters answer to the events of each frame, and which responses are passed on."""
 
 from __future__ import annotations
 
 from abc import abstractmethod
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import ClassVar
 
 import numpy as np
+import numpy.typing as npt
 
 from neuro import ModelError
 from neuro.apps import Registry
 from neuro.events import Events
-from neuro_recognise.parts.gabor import gabor_bank
 from neuro_recognise.parts.representations import Counts, Representation
 from neuro_recognise.settings import SPLITS, Part, setting
 from neuro_recognise.shown import Floats, Ints
 
-__all__ = ["Bank", "Gabors", "LeakyGabors"]
+
+def gabor_bank(
+    sizes: Sequence[int],
+    sigmas: Sequence[float],
+    wavelengths: Sequence[float],
+    gamma: float,
+    orientations: Sequence[float],
+    *,
+    literal: bool = False,
+    circular: bool = False,
+    smooth: bool = False,
+) -> npt.NDArray[np.float64]:
+    """Make one filter per scale and orientation.
+
+    ``g = exp(-(x'^2 + gamma^2 y'^2) / (2 sigma^2)) cos(2 pi x' / wavelength)`` with x' and y' the
+    coordinates turned by the orientation; x to the right, y downwards. The bar that a filter
+    prefers runs along y', so orientation 0 is a vertical bar and 90 a horizontal one.
+
+    Args:
+        sizes: (scales,) odd side lengths, px.
+        sigmas: (scales,) widths of the Gaussian, px.
+        wavelengths: (scales,) of the cosine, px.
+        gamma: aspect ratio; less than 1 is longer along the bar.
+        orientations: degrees.
+        literal: keep the values of the formula; else each filter has zero mean and unit L2 norm, so
+            that an even area excites none and all scales answer alike.
+        circular: 0 where farther from the middle than half a side, before the mean is taken.
+        smooth: each filter blurred by a box of 3 x 3 px, as if the picture was.
+
+    Returns:
+        (scales, orientations, side, side) with side the largest size; smaller filters lie in the
+        middle of zeros.
+
+    Source: thesis eqs 122-124, lines 2342-2346.
+    """
+    side = max(sizes)
+    bank = np.zeros((len(sizes), len(orientations), side, side))
+    for s, (size, sigma, wavelength) in enumerate(zip(sizes, sigmas, wavelengths, strict=True)):
+        half = size // 2
+        y, x = np.mgrid[-half : half + 1, -half : half + 1].astype(np.float64)
+        margin = (side - size) // 2
+        inner = slice(margin, margin + size)
+        for o, angle in enumerate(np.deg2rad(orientations)):
+            across = x * np.cos(angle) + y * np.sin(angle)
+            along = -x * np.sin(angle) + y * np.cos(angle)
+            g = np.exp(-(across**2 + gamma**2 * along**2) / (2 * sigma**2))
+            g *= np.cos(2 * np.pi * across / wavelength)
+            if circular:
+                g[np.hypot(x, y) > size / 2] = 0.0
+            if not literal:
+                g -= g.mean()
+                g /= np.linalg.norm(g)
+            bank[s, o, inner, inner] = _blurred(g) if smooth else g
+    return bank
+
+
+def _blurred(filter: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
+    """The mean of each place and its eight neighbours, 0 outside."""
+    wide = np.pad(filter, 1)
+    rows, columns = filter.shape
+    near = [wide[i : i + rows, j : j + columns] for i in range(3) for j in range(3)]
+    found: npt.NDArray[np.float64] = np.mean(near, axis=0, dtype=np.float64)
+    return found
+
 
 TABLE_2 = "thesis table 2, line 2350"
 COUNTS = Counts()
@@ -74,7 +138,7 @@ class Gabors(Bank):
 
     gamma: float = setting(0.3, "", "aspect ratio; less than 1 is longer along the bar", TABLE_2, above=0)
     literal: bool = setting(
-        False, "", "eq. 122 as printed, not filters of zero mean and unit norm", "literal ones cost 2 points on N-MNIST"
+        False, "", "eq. 122 as printed, not of zero mean and unit norm", "2 points worse on N-MNIST"
     )
 
     @cached_property
@@ -99,17 +163,13 @@ class Gabors(Bank):
 class LeakyGabors(Bank):
     """Gabor filters that each event adds to, whose responses leak to 0 at a constant rate and are never reset."""
 
+    known_as = "leaky_gabors"
     shown = False
     source = "Zhao et al., IEEE TNNLS 26:1963, 2015, section III-A; MK-Tempotron, zb_filters2.m, conv_integNoFire.m"
 
     gamma: float = setting(0.3, "", "aspect ratio; less than 1 is longer along the bar", TABLE_2, above=0)
     leak: float = setting(0.01, "1/ms", "of a response", "MK-Tempotron: 1e-8/ns on N-MNIST", at_least=0)
     signed: bool = setting(False, "", "whether OFF events subtract", SPLITS)
-
-    @classmethod
-    def called(cls) -> str:
-        """``leaky_gabors``."""
-        return "leaky_gabors"
 
     @cached_property
     def filters(self) -> Floats:
@@ -131,3 +191,56 @@ class LeakyGabors(Bank):
 
 
 Bank.known = Registry("bank", (Gabors, LeakyGabors))
+
+
+@dataclass(frozen=True)
+class Pool(Part):
+    """Base of the pools. Of each cell of `side` x `side` px the bank gives the largest response."""
+
+    kind = "pool"
+
+    side: int = setting(2, "px", "of the cells", "thesis 6.2.2, line 2366", at_least=1)
+
+    @abstractmethod
+    def passed(self, responses: Floats, sizes: Sequence[int]) -> Floats:
+        """Responses that are passed on, the others 0.
+
+        Args:
+            responses: (frames, scales, orientations, rows, columns) of cells.
+            sizes: sides of the filters of each scale, px.
+        """
+
+
+@dataclass(frozen=True)
+class Max(Pool):
+    """The largest response of each cell."""
+
+    source = "thesis 6.2.2, lines 2363-2370"
+
+    def passed(self, responses: Floats, sizes: Sequence[int]) -> Floats:
+        """All of them."""
+        return responses
+
+
+@dataclass(frozen=True)
+class LocalMaximum(Pool):
+    """Responses that are the largest under their filter."""
+
+    known_as = "local_maximum"
+    source = "Zhao et al., IEEE TNNLS 26:1963, 2015, section III-A"
+
+    side: int = setting(1, "px", "of the cells", "none in the paper", at_least=1)
+    least: float = setting(0.2, "", "below which none is passed on", "MK-Tempotron, top_onN_MNIST.m", at_least=0)
+
+    def passed(self, responses: Floats, sizes: Sequence[int]) -> Floats:
+        """Those at least `least` that no other of their orientation and scale exceeds, half a filter around."""
+        from scipy.ndimage import maximum_filter
+
+        highest = np.empty_like(responses)
+        for scale, size in enumerate(sizes):
+            around = 2 * (size // 2 // self.side) + 1
+            highest[:, scale] = maximum_filter(responses[:, scale], (1, 1, around, around), mode="constant")
+        return np.where((responses >= self.least) & (responses == highest), responses, 0.0)
+
+
+Pool.known = Registry("pool", (Max, LocalMaximum))

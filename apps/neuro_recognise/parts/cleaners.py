@@ -10,8 +10,6 @@ from neuro.apps import Registry
 from neuro.events import Events, filters
 from neuro_recognise.settings import Part, setting
 
-__all__ = ["Cleaner", "Plain", "Tar"]
-
 
 @dataclass(frozen=True)
 class Cleaner(Part):

@@ -14,8 +14,6 @@ from neuro_recognise.method import Learnt
 from neuro_recognise.settings import Part, setting
 from neuro_recognise.shown import Array, Floats, Ints
 
-__all__ = ["Encoder", "Latency", "LogLatency"]
-
 CODE = "github BEJ97/MK-Tempotron, top_onN_MNIST.m"
 TICKS = "16, 32 or 64 ticks of a window decide equally well on N-MNIST: docs/how-to/remus.md"
 
@@ -73,6 +71,7 @@ class Encoder(Part):
 class LogLatency(Encoder):
     """A spike of each orientation and place, that of the strongest scale, by the logarithm of its response."""
 
+    known_as = "log_latency"
     source = "thesis 6.2.3, eq. 15, lines 2371-2395"
 
     min_response: float = setting(
@@ -80,11 +79,6 @@ class LogLatency(Encoder):
         above=0, below=1,
     )  # fmt: skip
     first: int = setting(0, "", "how many spikes of a frame are kept, the first ones; 0: all", "thesis", at_least=0)
-
-    @classmethod
-    def called(cls) -> str:
-        """``log_latency``."""
-        return "log_latency"
 
     def channels(self, scales: int, orientations: int) -> int:
         """The orientations."""
@@ -100,9 +94,7 @@ class LogLatency(Encoder):
         ticks = np.minimum(latency // self.resolution, self.last).astype(np.int64)
         order = np.argsort(frame * (self.last + 1) + ticks, kind="stable")
         lengths = np.bincount(frame, minlength=len(peak)).astype(np.int64)
-        if self.first:
-            order = order[_rank(lengths) < self.first]
-            lengths = np.minimum(lengths, self.first)
+        order, lengths = _first(order, lengths, self.first)
         return ticks[order].astype(np.uint16), ids[order].astype(np.int64), lengths
 
     def times(self, codes: Array, learnt: Learnt) -> Floats:
@@ -130,9 +122,7 @@ class Latency(Encoder):
         strength = flat[frame, ids]
         order = np.lexsort((ids, -strength, frame))
         lengths = np.bincount(frame, minlength=len(flat)).astype(np.int64)
-        if self.first:
-            order = order[_rank(lengths) < self.first]
-            lengths = np.minimum(lengths, self.first)
+        order, lengths = _first(order, lengths, self.first)
         return strength[order].astype(np.float32), ids[order].astype(np.int64), lengths
 
     def learn(self, codes: Array) -> dict[str, Array]:
@@ -146,10 +136,12 @@ class Latency(Encoder):
         return found
 
 
-def _rank(lengths: Ints) -> Ints:
-    """Of each spike: how many of its frame come before it."""
-    starts = np.cumsum(lengths) - lengths
-    return np.arange(int(lengths.sum())) - np.repeat(starts, lengths)
+def _first(order: Ints, lengths: Ints, n: int) -> tuple[Ints, Ints]:
+    """The first spikes of each frame, so many at most, and how many these are; all where n is 0."""
+    if not n:
+        return order, lengths
+    rank = np.arange(len(order)) - np.repeat(np.cumsum(lengths) - lengths, lengths)
+    return order[rank < n], np.minimum(lengths, n)
 
 
 Encoder.known = Registry("encoder", (LogLatency, Latency))

@@ -14,10 +14,8 @@ from neuro_recognise.method import Learnt
 from neuro_recognise.settings import Part, setting
 from neuro_recognise.shown import Ints
 
-__all__ = ["FOLLOWS", "Inputs", "Labelled", "Layer", "RemusLayer", "Shares", "from_text", "taught", "to_text"]
-
 TABLE_3 = "thesis table 3, lines 2450-2463"
-BEST = "benchmarks/remus_folds.py"
+BEST = "benchmarks/recognisers.py"
 FOLLOWS = {"maps": "the classes and per_class", "rows": "the field and the pool", "columns": "the field and the pool"}
 """Parameters of networks that cannot be set, and what they follow from."""
 
@@ -132,7 +130,7 @@ class Labelled(Layer):
 class RemusLayer(Labelled):
     """Grids of neurons without leak that share a kernel; the first to fire names the class and is rewarded for it."""
 
-    source = "thesis 6.2.4, table 3; what it leaves open is told in models/neuro_models/remus.yaml"
+    source = "thesis 6.2.4, table 3; what it leaves open stands in models/neuro_models/remus.yaml"
     file = "remus"
     teaching = ("rate_decay",)
 
@@ -152,9 +150,7 @@ class RemusLayer(Labelled):
     rescue: bool = setting(True, "", "whether a mistake rewards the best-excited grid of the right class", BEST)
     dropout: float = setting(0.5, "", "share of the grids that are silent in a recording", f"{BEST}; {TABLE_3}: 0.25")
     decay: float = setting(0.8, "", "factor on dropout from epoch to epoch", f"{BEST}; {TABLE_3}: 0.7")
-    rate_decay: float = setting(
-        1.0, "", "factor on rates from epoch to epoch", "none in the thesis", above=0, at_most=1
-    )
+    rate_decay: float = setting(1.0, "", "factor on rates, epoch by epoch", "none in the thesis", above=0, at_most=1)
 
     def begin(self, sim: neuro.Simulation, epoch: int, last: Shares | None) -> None:
         """Let the rates decay."""

@@ -19,8 +19,6 @@ from neuro_recognise.method import Course, Learnt
 from neuro_recognise.settings import Part, setting
 from neuro_recognise.shown import Array, Floats, Ints
 
-__all__ = ["DISTANCES", "Nearest", "Rbf", "Readout", "Ridge", "Svm", "bhattacharyya", "normalised", "standard"]
-
 
 def standard(x: Array, means: Array) -> Floats:
     """Euclidean distances of vectors (recordings, values) from those of classes, (recordings, classes)."""
@@ -172,7 +170,7 @@ class Ridge(Readout):
     source = "Rifkin and Klautau, JMLR 5:101, 2004, section 3.2 (regularised least squares classification)"
 
     penalty: float = setting(
-        1000.0, "", "weight of small weights against small errors", "best of 300, 1000, 3000 on N-MNIST", above=0
+        1000.0, "", "cost of weights against errors", "best of 300, 1000, 3000 on N-MNIST", above=0
     )
 
     def fit(self, x: Array, labels: Ints, classes: int, course: Course) -> Learnt:

@@ -13,8 +13,6 @@ from neuro.events import Events, representations
 from neuro_recognise.settings import Part, setting
 from neuro_recognise.shown import Array, Floats, Ints
 
-__all__ = ["Counts", "Leaky", "Pixels", "Representation", "Surface"]
-
 
 class Pixels(NamedTuple):
     """What pixels hold at the end of each segment; entries of the same pixel add up.

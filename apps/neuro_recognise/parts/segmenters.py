@@ -6,12 +6,12 @@ from abc import abstractmethod
 from dataclasses import dataclass
 from typing import ClassVar
 
+import numpy as np
+
 from neuro.apps import Registry
 from neuro.events import segmentation
 from neuro_recognise.settings import SPLITS, Part, setting
 from neuro_recognise.shown import Ints
-
-__all__ = ["Counts", "Hes", "Msd", "Segmenter", "Ses"]
 
 
 @dataclass(frozen=True)
@@ -25,9 +25,8 @@ class Segmenter(Part):
     kind = "segmenter"
     tentative: ClassVar[bool] = False
 
-    @abstractmethod
     def bounds(self, t: Ints) -> Ints:
-        """Where segments begin, and the end of the last.
+        """Where segments begin, and the end of the last; what comes after it belongs to none.
 
         Args:
             t: (n,) times, us, ascending.
@@ -35,10 +34,12 @@ class Segmenter(Part):
         Returns:
             (segments + 1,) segment i is ``[bounds[i], bounds[i + 1])``.
         """
+        cutter = self.cutter()
+        return np.concatenate([np.zeros(1, np.int64), cutter.cuts(t), cutter.end()])
 
     @abstractmethod
     def cutter(self) -> segmentation.Cutter:
-        """The same with a memory, for recordings that come in parts."""
+        """What cuts, also a recording that comes in parts."""
 
     def complete_at(self, t: Ints, bounds: Ints) -> Ints:
         """When each segment is known to be complete.
@@ -48,7 +49,7 @@ class Segmenter(Part):
             bounds: of the segments.
 
         Returns:
-            (segments,) us, the time of the event that tells it.
+            (segments,) us, the time of the event that shows it.
         """
         return t[bounds[1:] - 1]
 
@@ -62,10 +63,6 @@ class Msd(Segmenter):
     tau: float = setting(0.02, "s", "decay of the motion symbol detector", "thesis table 3 (printed as ms)", above=0)
     threshold: float = setting(150.0, "events", "potential that completes a segment", "thesis table 3", above=0)
 
-    def bounds(self, t: Ints) -> Ints:
-        """What comes after the last whole segment belongs to none."""
-        return segmentation.msd_segments(t, tau=self.tau, threshold=self.threshold)
-
     def cutter(self) -> segmentation.Cutter:
         """A detector of motion symbols."""
         return segmentation.MSD(self.tau, self.threshold)
@@ -77,13 +74,7 @@ class Hes(Segmenter):
 
     source = "thesis section 3.3, lines 875-890"
 
-    window: float = setting(
-        20.0, "ms", "length of a segment", "HFirst's saccade third is 100 ms; a fifth of it", above=0
-    )
-
-    def bounds(self, t: Ints) -> Ints:
-        """What comes after the last whole window belongs to none."""
-        return segmentation.time_segments(t, window_us=max(1, round(1000.0 * self.window)))
+    window: float = setting(20.0, "ms", "length of a segment", "a fifth of a saccade of N-MNIST", above=0)
 
     def cutter(self) -> segmentation.Cutter:
         """A clock."""
@@ -102,10 +93,6 @@ class Counts(Segmenter):
 
     count: int = setting(200, "events", "of a segment", "about that of MSD's on N-MNIST", at_least=1)
 
-    def bounds(self, t: Ints) -> Ints:
-        """What comes after the last whole segment belongs to none."""
-        return segmentation.count_segments(t, count=self.count)
-
     def cutter(self) -> segmentation.Cutter:
         """A counter."""
         return segmentation.Counts(self.count)
@@ -119,22 +106,14 @@ class Ses(Segmenter):
     source = "Zhao et al., IEEE TNNLS 26:1963, 2015; thesis section 6.1.1, lines 2165-2176"
 
     search: float = setting(15.0, "ms", "how far a peak is the highest on both sides", "MK-Tempotron's code", above=0)
-    tau: float = setting(
-        20.0, "ms", "decay of the potential; it rises four times as fast", "MK-Tempotron's code", above=0
-    )
+    tau: float = setting(20.0, "ms", "decay of the potential; 4 times its rise", "MK-Tempotron's code", above=0)
     threshold: float = setting(
         0.0, "", "a peak is above it; in potentials of single events",
         f"0: all; EDHMAX: 200, {SPLITS}; MK-Tempotron: 603", at_least=0,
     )  # fmt: skip
 
-    def bounds(self, t: Ints) -> Ints:
-        """From peak to peak; whether one is the highest is known `search` later only."""
-        return segmentation.peak_segments(
-            t, round(1000.0 * self.search), tau_us=1000.0 * self.tau, threshold=self.threshold
-        )
-
     def cutter(self) -> segmentation.Cutter:
-        """A finder of peaks."""
+        """A finder of peaks; whether one is the highest is known `search` later only."""
         return segmentation.Peaks(round(1000.0 * self.search), tau_us=1000.0 * self.tau, threshold=self.threshold)
 
 

@@ -14,8 +14,6 @@ from neuro_recognise.compare import Compared, MethodComparison
 from neuro_recognise.evaluate import wilson
 from neuro_recognise.telling.pictures import accuracies, confusion
 
-__all__ = ["show", "write"]
-
 PAGE = sealed(
     "a page of 'neuro recognise compare'",
     '<meta name="generator" content="neuro recognise compare">',

@@ -11,7 +11,7 @@ import neuro
 from neuro import ModelError
 from neuro.apps import console, number, quantity, table
 from neuro.chips import COLUMNS, footnotes
-from neuro_recognise.priced import Priced, price
+from neuro_recognise.evaluate import Priced, price
 from neuro_recognise.recogniser import Recogniser
 from neuro_recognise.telling.tried import Tried
 

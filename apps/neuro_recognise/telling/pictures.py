@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Protocol
+from typing import Any, Protocol
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -12,10 +12,36 @@ from matplotlib.colors import LinearSegmentedColormap, to_rgb
 from matplotlib.figure import Figure
 from matplotlib.patches import Rectangle
 from numpy.typing import NDArray
+from scipy.ndimage import gaussian_filter
+from scipy.signal import convolve
 
 from neuro.apps import literal
+from neuro.events import Events, representations
+from neuro_recognise.detection.boxes import COLOURS, UNKNOWN, Boxes
 from neuro_recognise.evaluate import Evaluation, wilson
 from neuro_recognise.shown import Floats
+
+
+def reconstructed(kernels: Floats, filters: Floats, side: int) -> Floats:
+    """The sum of all filters times their weights, as far as it is positive, smoothed by half a cell.
+
+    Args:
+        kernels: (features, orientations, rows, columns) weights of cells; negative ones are left out.
+        filters: (orientations, height, width) of the cells' filters, odd sides.
+        side: px, of a cell; its filter stands in its middle.
+
+    Returns:
+        (features, rows * side, columns * side).
+
+    Source: Masquelier and Thorpe, PLoS Comput. Biol. 3:e31, 2007, figure 3.
+    """
+    n, orientations, rows, columns = kernels.shape
+    placed = np.zeros((n, orientations, rows * side, columns * side))
+    placed[:, :, side // 2 :: side, side // 2 :: side] = np.maximum(kernels, 0.0)
+    drawn = sum(convolve(placed[:, k], filters[k][None], mode="same") for k in range(orientations))
+    smooth: Floats = gaussian_filter(np.maximum(np.asarray(drawn), 0.0), (0.0, side / 2, side / 2), mode="constant")
+    return smooth
+
 
 INK, PAPER, TILE, GREY, BLUE, ORANGE = "#17263c", "#ffffff", "#f6f7f9", "#8a94a3", "#0072B2", "#D55E00"
 BARS = ("#0072B2", "#009E73", "#D55E00", "#7B4FA3")
@@ -29,7 +55,7 @@ TILE_IN, HEAD_IN, HEADED_IN, LEAST_IN = 1.3, 0.95, 0.25, 4.4
 
 
 def confusion(evaluation: Evaluation, by: str = "") -> Figure:
-    """Recordings by class and decision; shades are shares of a class, and each cell tells its number."""
+    """Recordings by class and decision; shades are shares of a class, and each cell shows its number."""
     table = evaluation.confusion
     silence = bool(table[:, -1].any())
     table = table if silence else table[:, :-1]
@@ -202,3 +228,59 @@ def history(shares: Floats, classes: int) -> Figure:
     axis.tick_params(colors=INK)
     axis.grid(axis="y", color="#e9ecf1", linewidth=0.8)
     return figure
+
+
+MOST_FRAMES = 9
+"""Frames of a picture; of more an even choice is drawn."""
+GREYS = ("#dde3ea", "#b6c2cf", "#8fa0b3", "#66788e")
+"""Of pixels with 1, 2, 3 or more events."""
+
+
+def boxes_on_frames(events: Events, boxes: Boxes, classes: Sequence[str], title: str) -> Figure:
+    """Some frames with their boxes, in the order of time.
+
+    Args:
+        events: of the recording.
+        boxes: that were found.
+        classes: names.
+        title: of the picture.
+    """
+    spans = boxes.spans()
+    spans = spans[np.unique(np.linspace(0, len(spans) - 1, min(MOST_FRAMES, len(spans))).round().astype(int))]
+    columns = max(1, min(3, len(spans)))
+    rows = max(1, -(-len(spans) // columns))
+    width, height = events.sensor_size
+    figure = Figure(
+        figsize=(3.4 * columns, (3.4 * height / width + 0.35) * rows + 0.4), dpi=140, layout="constrained",
+        facecolor=PAPER,
+    )  # fmt: skip
+    figure.suptitle(literal(title), x=0.01, ha="left", fontsize=11, color=INK)
+    axes = figure.subplots(rows, columns, squeeze=False).ravel()
+    for axis in axes[len(spans) :]:
+        axis.set_visible(False)
+    for axis, (start, stop) in zip(axes, spans.tolist(), strict=False):
+        axis.imshow(_darkened(events.between(start, stop)), interpolation="nearest")
+        _draw_boxes(axis, boxes[(boxes.start == start) & (boxes.stop == stop)], classes)
+        axis.set_title(f"{start / 1000:.0f} to {stop / 1000:.0f} ms", loc="left", fontsize=8, color=INK)
+        axis.set_xticks([])
+        axis.set_yticks([])
+        axis.spines[:].set_color("#e4e8ee")
+    return figure
+
+
+def _darkened(events: Events) -> Any:
+    """(height, width, 3) the more events a pixel has, the darker."""
+    shades = np.array([to_rgb(colour) for colour in (PAPER, *GREYS)])
+    counts = np.asarray(representations.event_frame(events, polarity="ignored"))
+    return shades[np.minimum(counts, len(GREYS))]
+
+
+def _draw_boxes(axis: Any, boxes: Boxes, classes: Sequence[str]) -> None:
+    for k in range(len(boxes)):
+        left, top, right, bottom = boxes.box[k] - 0.5
+        colour = COLOURS[int(boxes.identity[k]) % len(COLOURS)]
+        axis.add_patch(Rectangle((left, top), right - left, bottom - top, fill=False, edgecolor=colour, linewidth=1.6))
+        name = "?" if boxes.label[k] == UNKNOWN else classes[boxes.label[k]]
+        above = top > 7
+        axis.text(left, top - 0.6 if above else bottom + 0.6, f"{literal(name)}  #{boxes.identity[k]}", color=colour,
+                  fontsize=8, fontweight="bold", va="bottom" if above else "top", clip_on=True)  # fmt: skip

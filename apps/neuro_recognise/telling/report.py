@@ -1,23 +1,49 @@
-"""What the commands tell: tables, JSON and pictures."""
+"""What the commands print and write: a bar, tables, JSON and pictures."""
 
 from __future__ import annotations
 
 import json
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from neuro.apps import console, install, number, table, write_picture
+from neuro.apps import Bar as Line, console, install, number, table, write_picture
 from neuro_recognise.deciding.stopping import ASSUMES, ASSURANCE, Outcome, least_allowed, outcome
 from neuro_recognise.evaluate import Evaluation
-from neuro_recognise.method import METHODS, SILENT
-from neuro_recognise.recogniser import Recogniser, method_of
-from neuro_recognise.telling.predicted import Predicted
-from neuro_recognise.telling.tried import Tried
+from neuro_recognise.method import METHODS, SILENT, Progress
+from neuro_recognise.methods import method_of
+from neuro_recognise.recogniser import Recogniser
+from neuro_recognise.telling.tried import Predicted, Tried
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
+
+
+class LearningBar:
+    """What is being done and how far it is, and a line that stays for each thing that is done and was decided on."""
+
+    def __enter__(self) -> LearningBar:
+        self._line = Line().__enter__()
+        self._line.say("preparing")
+        return self
+
+    def __exit__(self, *error: Any) -> None:
+        self._line.stop()
+
+    def show(self, progress: Progress) -> None:
+        """Show how far a training is."""
+        text = progress.what
+        if progress.right is not None:
+            text += f": {progress.right:.1%} right"
+        if progress.among is None:
+            self._line.show(progress.done, progress.total, text)
+        else:
+            done, total = progress.among
+            self._line.show(done, total, f"{done} of {total} done; {text}")
+        if progress.done == progress.total and progress.right is not None:
+            self._line.keep(text)
+
 
 FORMAT = "neuro recognise figures 1"
 ALLOWED = (0.01, 0.02, 0.05, 0.075, 0.1, 0.15, 0.2)

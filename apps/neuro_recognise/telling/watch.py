@@ -21,11 +21,8 @@ from neuro.apps import html, output, sealed
 from neuro.events import Events, load
 from neuro_recognise.deciding.session import Decision
 from neuro_recognise.deciding.stopping import ASSUMES, ASSURANCE
-from neuro_recognise.method import SILENT
+from neuro_recognise.method import SILENT, Pictures, View
 from neuro_recognise.recogniser import Recogniser
-from neuro_recognise.views import Pictures, TrialView, View
-
-__all__ = ["PAGE", "check_page", "decisions", "filled", "page", "shown", "watch", "watchable"]
 
 MOST = 1_000_000
 """Events, and spikes of a view, of a page; of more an even choice is shown."""
@@ -34,11 +31,7 @@ LONGEST_MS = 4000.0
 POINTS = 60
 """Moments of a page where nothing was learnt of moments."""
 
-PAGE = sealed(
-    "a page of 'neuro recognise'",
-    '<meta name="generator" content="neuro recognise">',
-    "<!-- digest {} -->",
-)
+PAGE = sealed("a page of 'neuro recognise'", '<meta name="generator" content="neuro recognise">', "<!-- digest {} -->")
 
 
 def watch(
@@ -55,7 +48,7 @@ def watch(
         recogniser: what was learnt.
         recording: a file of any readable format.
         out: the page.
-        allow: share of wrong decisions for which it is told when it could be stopped.
+        allow: share of wrong decisions for which the page says when it could be stopped.
         backend: runs networks.
         assurance: of an allowed error, see `Recogniser.session`.
 
@@ -152,7 +145,7 @@ def page(
 
 
 def shown(events: Events) -> tuple[dict[str, Any], list[str]]:
-    """The events of a page as data, and what is told of them; of many an even choice."""
+    """The events of a page as data, and a few words on them; of many an even choice."""
     every = max(1, -(-len(events) // MOST))
     width, height = events.sensor_size
     about = [f"{len(events):,} events, {width}×{height} px"]
@@ -196,21 +189,14 @@ def _said(recogniser: Recogniser, said: Sequence[Decision]) -> dict[str, Any]:
 def _view(view: View) -> dict[str, Any]:
     words = {"name": view.name, "at": _base64(view.at_ms, "<f4"), "told": list(view.told)}
     if isinstance(view, Pictures):
-        return words | _pictures(view)
-    return words | _trials(view)
-
-
-def _pictures(view: Pictures) -> dict[str, Any]:
-    most = float(view.images.max(initial=0.0)) or 1.0
-    shades = np.clip(np.rint(255.0 * view.images / most), 0, 255)
-    return {"rows": view.images.shape[1], "columns": view.images.shape[2], "images": _base64(shades, "u1")}
-
-
-def _trials(view: TrialView) -> dict[str, Any]:
+        most = float(view.images.max(initial=0.0)) or 1.0
+        shades = np.clip(np.rint(255.0 * view.images / most), 0, 255)
+        _, rows, columns = view.images.shape
+        return words | {"rows": rows, "columns": columns, "images": _base64(shades, "u1")}
     every = max(1, -(-len(view.times) // MOST))
     ends = -(-view.offsets // every)
     times, ids = _base64(view.times[::every], "<f4"), _base64(view.ids[::every], "<u4")
-    return {
+    return words | {
         "size": view.size, "bands": list(view.bands), "length": view.length_ms, "ends": _base64(ends, "<u4"),
         "times": times, "ids": ids,
     }  # fmt: skip

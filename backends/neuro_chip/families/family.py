@@ -12,9 +12,7 @@ from numpy.typing import NDArray
 from neuro.chips.arithmetic import Arithmetic
 from neuro.chips.quantising.fixed import FixedPopulation, FixedProjection, Words
 from neuro.program.program import Floats, Ints
-
-Arrays = dict[str, NDArray[Any]]
-"""All arrays that the loop reads and writes, by the names of `neuro_chip.net`."""
+from neuro_chip.tables import Arrays
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

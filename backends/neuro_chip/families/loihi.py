@@ -7,13 +7,13 @@ from collections.abc import Mapping
 import numpy as np
 from numpy.typing import NDArray
 
-from neuro.chips.loihi.arithmetic import LOIHI
-from neuro.chips.loihi.words import KIND, word
+from neuro.chips.loihi.arithmetic import KIND, LOIHI, word
 from neuro.chips.quantising.fixed import FixedPopulation, FixedProjection, Words
 from neuro.core.errors import ModelError
 from neuro.program.program import Floats, Ints
-from neuro_chip.families.family import Arrays, ChipFamily
+from neuro_chip.families.family import ChipFamily
 from neuro_chip.families.loihi_step import lif
+from neuro_chip.tables import Arrays
 
 
 def _write(a: Arrays, row: NDArray[np.int64], here: slice, r: Mapping[str, Ints]) -> None:

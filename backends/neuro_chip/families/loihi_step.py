@@ -4,7 +4,7 @@
 import numpy as np
 
 from neuro.kernels.jit import subkernel
-from neuro_chip.tables import BEGIN, CLIPS, DRIVE_WRAPS, END, INPUT_WRAPS, RING, SLOTS, WRAPS
+from neuro_chip import tables as t
 
 i32 = np.int32
 V_LIMIT = i32(2**23 - 1)
@@ -15,8 +15,8 @@ LOW, SIGN = i32(4095), i32(31)
 @subkernel
 def lif(net, pop, row, step):
     """Step a population; `fired` says which are above threshold."""
-    lo, hi = row[BEGIN], row[END]
-    begin = row[RING] + (step & (row[SLOTS] - 1)) * (hi - lo)
+    lo, hi = row[t.BEGIN], row[t.END]
+    begin = row[t.RING] + (step & (row[t.SLOTS] - 1)) * (hi - lo)
     inputs, currents, drives, clips = step_loihi(
         net.ring[begin : begin + hi - lo],
         net.v[lo:hi],
@@ -28,10 +28,10 @@ def lif(net, pop, row, step):
         net.bias[lo:hi],
         net.fired[lo:hi],
     )
-    net.native[pop, INPUT_WRAPS] += inputs
-    net.native[pop, WRAPS] += currents
-    net.native[pop, DRIVE_WRAPS] += drives
-    net.native[pop, CLIPS] += clips
+    net.native[pop, t.INPUT_WRAPS] += inputs
+    net.native[pop, t.WRAPS] += currents
+    net.native[pop, t.DRIVE_WRAPS] += drives
+    net.native[pop, t.CLIPS] += clips
 
 
 @subkernel

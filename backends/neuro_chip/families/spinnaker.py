@@ -8,13 +8,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from neuro.chips.quantising.fixed import FixedPopulation, FixedProjection, Words
-from neuro.chips.spinnaker.arithmetic import SPINNAKER
-from neuro.chips.spinnaker.neurons import DELTA, LARGEST, LARGEST_SHIFT, LIF
+from neuro.chips.spinnaker import DELTA, LARGEST, LARGEST_SHIFT, LIF, SPINNAKER
 from neuro.core.errors import ModelError
 from neuro.program.program import Floats, Ints
 from neuro_chip import tables as t
-from neuro_chip.families.family import Arrays, ChipFamily
+from neuro_chip.families.family import ChipFamily
 from neuro_chip.families.spinnaker_step import delta, lif
+from neuro_chip.tables import Arrays
 
 _SLOW_DECAYS = ("exc_decay", "exc_init", "inh_decay", "inh_init")
 

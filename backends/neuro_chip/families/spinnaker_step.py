@@ -4,7 +4,7 @@
 import numpy as np
 
 from neuro.kernels.jit import subkernel
-from neuro_chip.tables import BEGIN, END, EXC_SHIFT, INH_SHIFT, RING, SATURATIONS, SLOTS, WRAPS
+from neuro_chip import tables as t
 
 i32 = np.int32
 SLOT = i32(65535)
@@ -14,31 +14,31 @@ FIFTEEN, THIRTY_TWO = np.int64(15), np.int64(32)
 @subkernel
 def lif(net, pop, row, step):
     """Step a population of exponential neurons; `fired` says which reach threshold."""
-    lo, hi = row[BEGIN], row[END]
+    lo, hi = row[t.BEGIN], row[t.END]
     n = hi - lo
-    begin = row[RING] + (step & (row[SLOTS] - 1)) * n
-    below = begin + row[SLOTS] * n
+    begin = row[t.RING] + (step & (row[t.SLOTS] - 1)) * n
+    below = begin + row[t.SLOTS] * n
     exc, inh = net.ring[begin : begin + n], net.ring[below : below + n]
     v, hold, fired = net.v[lo:hi], net.hold[lo:hi], net.fired[lo:hi]
     saturated, wraps = step_spinnaker(
-        exc, inh, v, net.u[lo:hi], net.g_inh[lo:hi], hold, net, lo, row[EXC_SHIFT], row[INH_SHIFT], fired
+        exc, inh, v, net.u[lo:hi], net.g_inh[lo:hi], hold, net, lo, row[t.EXC_SHIFT], row[t.INH_SHIFT], fired
     )
-    net.native[pop, SATURATIONS] += saturated
-    net.native[pop, WRAPS] += wraps
+    net.native[pop, t.SATURATIONS] += saturated
+    net.native[pop, t.WRAPS] += wraps
 
 
 @subkernel
 def delta(net, pop, row, step):
     """Step a population with delta input; `fired` says which reach threshold."""
-    lo, hi = row[BEGIN], row[END]
+    lo, hi = row[t.BEGIN], row[t.END]
     n = hi - lo
-    begin = row[RING] + (step & (row[SLOTS] - 1)) * n
-    below = begin + row[SLOTS] * n
+    begin = row[t.RING] + (step & (row[t.SLOTS] - 1)) * n
+    below = begin + row[t.SLOTS] * n
     exc, inh = net.ring[begin : begin + n], net.ring[below : below + n]
     v, hold, fired = net.v[lo:hi], net.hold[lo:hi], net.fired[lo:hi]
-    saturated, wraps = step_delta(exc, inh, v, hold, net, lo, row[EXC_SHIFT], row[INH_SHIFT], fired)
-    net.native[pop, SATURATIONS] += saturated
-    net.native[pop, WRAPS] += wraps
+    saturated, wraps = step_delta(exc, inh, v, hold, net, lo, row[t.EXC_SHIFT], row[t.INH_SHIFT], fired)
+    net.native[pop, t.SATURATIONS] += saturated
+    net.native[pop, t.WRAPS] += wraps
 
 
 @subkernel

@@ -33,7 +33,6 @@ class EventArrays:
     net: dict[str, Any]
     plastic: dict[str, NDArray[Any]]
     longest_slice: int
-    longest_delay: int
     reach: int
     eager: bool = True
     moves_of: dict[int, int] = field(default_factory=dict)

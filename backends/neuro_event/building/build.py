@@ -42,7 +42,7 @@ def build(program: Program, threads: int, eager: bool = True, edges: Ints | None
         edges = thread_partition.thread_edges(program, where, thread_partition.parts(program, threads))
     net: dict[str, Any] = {"edges": edges, "stages": np.zeros(len(STAGES), dtype=np.int64)}
     arrays = EventArrays(
-        program, where, arranged, {q: k for k, q in enumerate(learning)}, net, {}, max(1, program.min_delay), longest, 0
+        program, where, arranged, {q: k for k, q in enumerate(learning)}, net, {}, max(1, program.min_delay), 0
     )
     arrays.eager = eager
     arrays.reach = longest + arrays.longest_slice + 1

@@ -12,7 +12,7 @@ from typing import Any
 
 from numpy.typing import NDArray
 
-from neuro.model.synapses.delays import DELAY, steps_of
+from neuro.model.synapses.base import DELAY, steps_of
 from neuro.program.program import Floats
 from neuro_event.building.arrays import EventArrays
 from neuro_event.loop import tables as t

@@ -12,8 +12,7 @@ from numpy.typing import NDArray
 
 from neuro.core import keyed_random
 from neuro.model.synapses import Trace
-from neuro.model.synapses.base import common
-from neuro.model.synapses.delays import DELAY
+from neuro.model.synapses.base import DELAY, common
 from neuro.program.program import Floats, Ints, Program, Projection, SynapseProbe
 from neuro_event.building import layout
 from neuro_event.building.arrays import EventArrays, aligned_table

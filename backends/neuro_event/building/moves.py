@@ -30,7 +30,8 @@ def add_moves(a: EventArrays) -> None:
         assert isinstance(rule, MoveRule)
         row[t.MOVE_SEEN] = states.index(rule.sees) if rule.sees else t.NONE
         a.net["pops"][p.target, t.GATHERS] = 1
-        a.ask(row, t.MOVE_ENTRY, partial(move_entry, type(rule)))
+        own: Any = type(rule)
+        a.ask(row, t.MOVE_ENTRY, partial(move_entry, own))
         n_synapses += p.size
         n_sources += program.populations[p.source].size
         n_targets += program.populations[p.target].size

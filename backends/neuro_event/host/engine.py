@@ -14,8 +14,8 @@ from neuro.core.english import a
 from neuro.core.errors import ModelError
 from neuro.program.backend import EngineCounts, Outcome, Sent, Spikes, Trial, Wins
 from neuro.program.currents import Currents
+from neuro.program.drives import Rates
 from neuro.program.program import Floats, Ints, Program, Trials
-from neuro.program.rates import Rates
 from neuro.program.together import Engines
 from neuro_event.building import (
     build,

@@ -15,7 +15,7 @@ from neuro.kernels.address import Entry
 from neuro.kernels.draws import step_word, uniform
 from neuro.kernels.instructions import address, prefetch
 from neuro.kernels.jit import compiled, inlined, kernel, subkernel
-from neuro.model.synapses.delays import DELAY as DELAY_ROW, steps_of
+from neuro.model.synapses.base import DELAY as DELAY_ROW, steps_of
 from neuro_event.loop import tables as t
 from neuro_event.loop.tables import RULE_TYPE, net_of, plastic_of, slot_mask
 

@@ -63,15 +63,14 @@ def target_of(net, row, source, s):
 
 @subkernel
 def place_of(net, row, source, first, end, target):
-    """The synapse of a row, first:end, onto a target, or -1; targets of a row ascend."""
-    last = end
+    """The first synapse of a row, first:end, onto a target or one behind it; targets of a row ascend."""
     while first < end:
         middle = (first + end) // 2
         if target_of(net, row, source, middle) < target:
             first = middle + 1
         else:
             end = middle
-    return first if first < last and target_of(net, row, source, first) == target else -1
+    return first
 
 
 @subkernel
@@ -142,16 +141,18 @@ def move_entry(model):
         to_target, to = p.move_table[k, t.MOVE_TARGET], p.move_table[k, t.MOVE_SYNAPSE]
         pre = traces(p, thread, (p.move_table[k, t.MOVE_SOURCE] + source) * t.MOVE_TRACES)
         first, end = row_of(net, row, source, thread)
-        lo, hi = targets_of(net, net.pops[row[t.TARGET]], thread)
-        whole = end - first == hi - lo
+        lo, _ = targets_of(net, net.pops[row[t.TARGET]], thread)
         for at in range(n):
             target = p.move_concerned[to_target + lo + at]
-            # Rows of all to all, nearly all there are, need no search.
-            s = first + target - lo if whole else place_of(net, row, source, first, end, target)
-            if s >= 0:
-                place = to_target + target
-                seen, gate = p.move_seen[place], p.move_gate[place]
-                gather(p.move_y, np.uint64(to + s), c, pre, p.move_spikes[place], seen, gate)
+            place = to_target + target
+            spikes, seen, gate = p.move_spikes[place], p.move_seen[place], p.move_gate[place]
+            if row[t.LAYOUT] == t.DENSE:  # all there are nearly always: no search
+                gather(p.move_y, np.uint64(to + first + target - lo), c, pre, spikes, seen, gate)
+                continue
+            for s in range(place_of(net, row, source, first, end, target), end):
+                if target_of(net, row, source, s) != target:
+                    break
+                gather(p.move_y, np.uint64(to + s), c, pre, spikes, seen, gate)
 
     @subkernel
     def gather_all(view, k, step, thread):
@@ -197,11 +198,11 @@ def move_entry(model):
         signals = np.uint64(p.move_table[k, t.MOVE_TARGET])
         if n == 0:
             return False
-        to = target_of(net, row, source, first)
-        if target_of(net, row, source, end - 1) - to == end - 1 - first:
-            # Onto neighbours, as in rows of all to all: signals lie side by side, and the loop takes several at once.
+        if row[t.LAYOUT] == t.DENSE:
+            # Signals lie side by side, and the loop takes several at once.
+            signals += np.uint64(target_of(net, row, source, first))
             for e in range(n):
-                teach(y, z + e, c, p.move_signal[signals + np.uint64(to) + e])
+                teach(y, z + e, c, p.move_signal[signals + e])
         else:
             for e in range(n):
                 target = target_of(net, row, source, first + np.int64(e))

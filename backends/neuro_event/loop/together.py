@@ -1,4 +1,7 @@
-"""What is done to many engines of one network in one call: a call of Python takes as long as a step of a small network."""
+"""What is done to many engines of one network in one call of Python.
+
+A call takes as long as a step of a small network, so a call for each engine would take most of the time.
+"""
 
 # mypy: ignore-errors
 from numba import types

@@ -11,7 +11,7 @@ import numpy as np
 
 from neuro.core.clock import NEVER
 from neuro.kernels.jit import compiled, kernel, subkernel
-from neuro.model.synapses.delays import steps_of
+from neuro.model.synapses.base import steps_of
 from neuro_event.loop import tables as t
 from neuro_event.loop.tables import net_of
 

@@ -11,17 +11,16 @@ from numpy.typing import NDArray
 from torch import Tensor
 
 from neuro_torch.events import Train
-from neuro_torch.scan import cells, travel
-from neuro_torch.scan.layers import Cells, Component, Synapses
-from neuro_torch.scan.once import once
-from neuro_torch.scan.task import ScanTask
+from neuro_torch.scan import kernels
+from neuro_torch.scan.gradients import once
+from neuro_torch.scan.layers import Cells, Component, ScanTask, Synapses
 from neuro_torch.surrogates import Surrogate
 
 Array = NDArray[Any]
 
 
 class Packed(NamedTuple):
-    """Spikes of all steps or of a stretch, as `neuro_torch.scan.travel` takes them."""
+    """Spikes of all steps or of a stretch, as `neuro_torch.scan.kernels` takes them."""
 
     ends: NDArray[np.int64]
     ids: NDArray[np.int32]
@@ -37,13 +36,13 @@ def listed(train: Train, task: ScanTask) -> Packed:
 def packed(spikes: Tensor) -> Packed:
     """The spikes of a dense tensor, (batch, steps, neurons)."""
     array = spikes.detach().contiguous().numpy()
-    return _pack(array, 0, array.shape[1], travel.number(array))
+    return _pack(array, 0, array.shape[1], kernels.number(array))
 
 
 def _pack(array: Array, first: int, width: int, room: int) -> Packed:
     ends = np.empty(array.shape[0] * width + 1, dtype=np.int64)
     found = Packed(ends, np.empty(room, dtype=np.int32), np.empty(room, dtype=array.dtype))
-    travel.pack(array, first, width, *found)
+    kernels.pack(array, first, width, *found)
     return found
 
 
@@ -90,9 +89,9 @@ def rows_of(part: Synapses, weight: Tensor) -> Array:
 
 def _push(part: Synapses, spikes: Packed, first: int, width: int, weight: Array, out: Array) -> None:
     if part.dense:
-        travel.push_dense(*spikes, first, width, weight, part.least, out)
+        kernels.push_dense(*spikes, first, width, weight, part.least, out)
     else:
-        travel.push_listed(*spikes, first, width, part.row_ends, part.targets, part.slot, part.delay, weight, out)
+        kernels.push_listed(*spikes, first, width, part.row_ends, part.targets, part.slot, part.delay, weight, out)
 
 
 def _pull(
@@ -115,7 +114,7 @@ def _pull_listed(part: Synapses, width: int, weight: Tensor, grad: Tensor) -> Te
     rows = grad.permute(2, 1, 0).reshape(part.sizes[1], -1).contiguous()
     back = torch.zeros(part.sizes[0], width * batch, dtype=grad.dtype)
     lists = (part.row_ends, part.targets, part.slot, part.delay)
-    travel.pull_listed(batch, part.least, *lists, rows_of(part, weight), rows.numpy(), back.numpy())
+    kernels.pull_listed(batch, part.least, *lists, rows_of(part, weight), rows.numpy(), back.numpy())
     return back.view(-1, width, batch).permute(2, 1, 0)
 
 
@@ -125,10 +124,10 @@ def teach(part: Synapses, spikes: Packed, weight: Tensor, grad: Tensor) -> Tenso
     if not part.dense:
         out = torch.zeros(weight.numel(), dtype=weight.dtype)
         lists = (part.row_ends, part.targets, part.slot, part.delay)
-        travel.teach_listed(*spikes, 0, steps, *lists, array, out.numpy())
+        kernels.teach_listed(*spikes, 0, steps, *lists, array, out.numpy())
         return out.reshape(weight.shape)
     out = torch.zeros(part.sizes, dtype=weight.dtype)
-    travel.teach_dense(*spikes, 0, steps, array, part.least, out.numpy())
+    kernels.teach_dense(*spikes, 0, steps, array, part.least, out.numpy())
     return out if weight.numel() > 1 or weight.shape == part.sizes else out.sum().reshape(weight.shape)
 
 
@@ -169,10 +168,10 @@ class _Population:
         """Through a stretch."""
         out = (self.potential.numpy(), self.spikes.numpy(), self.fate)
         if self.part.model == "iaf_psc_delta":
-            cells.delta(self.drive, self.push, first, last, self.c, self.v, self.held, self.keep, *out)
+            kernels.delta(self.drive, self.push, first, last, self.c, self.v, self.held, self.keep, *out)
         else:
             states = (self.v, self.current, self.held)
-            cells.exp(self.drive, self.push, first, last, self.c, *states, self.keep, *out)
+            kernels.exp(self.drive, self.push, first, last, self.c, *states, self.keep, *out)
 
 
 class _Adjoint:
@@ -192,12 +191,12 @@ class _Adjoint:
         """Through a stretch, from its last step to its first."""
         potential, spikes, fate = self.saved
         grad, slope = self.grad.numpy(), self.c.dtype.type(surrogate.slope)
-        cells.through_spikes(surrogate.at)(first, last, self.c, potential, slope, self.to_spikes.numpy(), grad)
+        kernels.through_spikes(surrogate.at)(first, last, self.c, potential, slope, self.to_spikes.numpy(), grad)
         known = (first, last, self.c, spikes, fate, self.to_potential, self.carry)
         if self.part.model == "iaf_psc_delta":
-            cells.delta_adjoint(*known, grad)
+            kernels.delta_adjoint(*known, grad)
         else:
-            cells.exp_adjoint(*known, self.carry_current, grad)
+            kernels.exp_adjoint(*known, self.carry_current, grad)
 
 
 class _Scan(torch.autograd.Function):

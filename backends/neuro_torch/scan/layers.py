@@ -1,7 +1,11 @@
-"""What a scan needs of a program: cells with their constants, synapses in one of two layouts, and their order."""
+"""What a scan needs: of a program cells with their constants, synapses in one of two layouts, and their order; a task.
+
+A `Plan` says which part of a network runs by what: scans where they fit, else step by step.
+"""
 
 from __future__ import annotations
 
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
 from graphlib import TopologicalSorter
 from typing import Any
@@ -12,10 +16,12 @@ from numpy.typing import NDArray
 from torch import Tensor
 
 from neuro.core.clock import NEVER
+from neuro.core.english import some
 from neuro.model.neurons import Neuron
 from neuro.program.currents import Currents, driven
 from neuro.program.program import Floats, Population, Program, Projection
-from neuro_torch.scan import cells as rows
+from neuro_torch.scan import kernels as rows
+from neuro_torch.surrogates import Surrogate
 
 CELLS = ("iaf_psc_delta", "iaf_psc_exp")
 """Models that are scanned."""
@@ -29,7 +35,7 @@ class Cells:
         population: its index.
         size: neurons.
         model: a name of `CELLS`.
-        constants: see `neuro_torch.scan.cells`, (constants, size).
+        constants: see `neuro_torch.scan.kernels`, (constants, size).
         per_pa: mV that a current of 1 pA adds in a step, (size,).
         constant: pA that always flow, (size,).
         v, current: at step 0, (size,).
@@ -242,3 +248,72 @@ def component(part: Component, inside: list[Way]) -> Component:
     """A component with these synapses among its own populations."""
     least = min((synapses.least for synapses, _ in inside), default=0)
     return replace(part, inside=tuple(synapses for synapses, _ in inside), stretch=least)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ScanTask:
+    """What one forward pass is about.
+
+    Attributes:
+        batch, steps: of it.
+        dtype, device: of all numbers.
+        surrogate: stands in for the derivative of a spike.
+        damping: of gradients each time they go along a synapse of a circle.
+        push: what currents add, by population, see `neuro_torch.scan.kernels`.
+        wanted: populations whose potentials are asked for.
+    """
+
+    batch: int
+    steps: int
+    dtype: torch.dtype
+    device: torch.device
+    surrogate: Surrogate
+    damping: float
+    push: Mapping[int, Floats]
+    wanted: frozenset[int]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Plan:
+    """How a network runs; `str` tells it.
+
+    Attributes:
+        parts: what is scanned, in order; none where everything is stepped.
+        by: "kernels" (compiled, on the CPU), "torch" (torch's operations, on any device) or "steps".
+        why: the reasons for steps.
+    """
+
+    program: Program
+    parts: tuple[Component, ...]
+    by: str
+    why: tuple[str, ...]
+
+    def __str__(self) -> str:
+        if not self.parts:
+            return "\n".join(["all populations: step by step, since", *(f"  {why}" for why in self.why)])
+        how = {"kernels": "by compiled kernels", "torch": "by torch's operations"}[self.by]
+        return "\n".join(f"{self._named(part)}: {self._told(part)} {how}" for part in self.parts)
+
+    def _named(self, part: Component) -> str:
+        return ", ".join(f"'{self.program.populations[k].name}'" for k in part.cells)
+
+    def _told(self, part: Component) -> str:
+        if not part.inside:
+            return "one scan over all steps"
+        return f"a recurrent scan, {some(part.stretch, 'step')} at once"
+
+
+def plan_of(program: Program, by: str | None, learning: Iterable[str]) -> Plan:
+    """How a program runs.
+
+    Args:
+        program: the network.
+        by: what is asked for, None for what is fastest on a CPU.
+        learning: populations with parameters that learn.
+    """
+    why = [*unfit(program), *(f"population '{name}': its parameters learn" for name in learning)]
+    if by == "steps":
+        why.append("it is asked for")
+    if why:
+        return Plan(program, (), "steps", tuple(why))
+    return Plan(program, tuple(components(program)), by or "kernels", ())

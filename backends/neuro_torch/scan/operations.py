@@ -12,10 +12,9 @@ import torch
 from torch import Tensor
 
 from neuro_torch.events import Train
-from neuro_torch.scan import cells as rows
-from neuro_torch.scan.joined import joined
-from neuro_torch.scan.layers import Cells, Component, Synapses
-from neuro_torch.scan.task import ScanTask
+from neuro_torch.scan import kernels as rows
+from neuro_torch.scan.gradients import joined
+from neuro_torch.scan.layers import Cells, Component, ScanTask, Synapses
 
 Fire = Callable[[Tensor, ScanTask], Tensor]
 """Spikes from x = (V_m - V_th) / (V_th - V_reset)."""

@@ -21,44 +21,372 @@ Source: Davies et al., IEEE Micro 38(1):82, 2018; traces of lava 0.10, nengo-loi
 these differ: each weight is shifted, not the sum of a step, and mantissas lose their lowest bits towards 0 (as in
 Brian2Loihi, which reports a match with the chip); the sum of a step wraps as a two's complement of 22 bits, u and
 u + bias as one of 24, and v is clipped (as in nengo-loihi, whose sums are held to the chip by its own tests).
+
+The registers' limits, weight words and parts that are described in registers come first. Their source is the same.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterator
+from dataclasses import dataclass, replace
 
 import numpy as np
 
-from neuro.chips.arithmetic import Arithmetic, Option
-from neuro.chips.loihi import words
+from neuro.chips.arithmetic import Arithmetic, Option, is_positive, is_whole
+from neuro.chips.arrival_rule import register
 from neuro.chips.loihi.learning import give_rules
-from neuro.chips.loihi.words import (
-    BIAS_EXPONENT,
-    BIAS_LARGEST,
-    BIAS_MANTISSA,
-    DECAY_STEPS,
-    KIND,
-    REFRACTORY_LIMIT,
-    U_LIMIT,
-    V_LIMIT,
-    VTH_LIMIT,
-    Described,
-    bounds,
-    choose_scale,
-    described,
-    exponent_of,
-    fixed_projection,
-    gained,
-    receives,
-    word,
-)
 from neuro.chips.quantising import rounding
-from neuro.chips.quantising.fixed import FixedPopulation, FixedProjection, Rounding
-from neuro.chips.quantising.inputs import Inputs, Options, one_kernel, refused, too_long, too_short, value_at
-from neuro.chips.quantising.options import is_positive, is_whole
+from neuro.chips.quantising.fixed import FixedPopulation, FixedProjection, Rounding, WeightRounding, Words
+from neuro.chips.quantising.inputs import (
+    Inputs,
+    Options,
+    constants_of,
+    converging,
+    one_kernel,
+    refused,
+    too_long,
+    too_short,
+    value_at,
+)
 from neuro.model.neurons import iaf_psc_delta, iaf_psc_exp
 from neuro.program.backend import Problem
 from neuro.program.program import Floats, Ints, Population
+
+KIND = "loihi_lif"
+"""The step that compartments take, see `FixedPopulation.kind`."""
+
+REGISTER_OF_ONE = 0
+"""What the delay register holds of a spike that acts in the step after its emission."""
+
+V_LIMIT = 2**23 - 1
+"""The largest v, and the largest initial u, in registers."""
+
+U_LIMIT = 2**23
+INPUT_LIMIT = 2**21
+"""What arrives in one step wraps as a two's complement of 22 bits (nengo-loihi 1.1)."""
+
+VTH_LIMIT = 2**17 - 1
+BIAS_MANTISSA = 4095
+BIAS_EXPONENT = 7
+WORD_LIMIT = 2**15 - 1
+"""A spike adds at most 64 times this, 2^21 - 64."""
+
+WEIGHT_EXPONENTS = range(-8, 8)
+REFRACTORY_LIMIT = 64
+DECAY_STEPS = 4096
+LOSSLESS = WeightRounding(0.0, 0.0, 0.0, 0.0)
+
+
+def word(mantissas: Words, exponent: int, bits: int, mixed: bool) -> Words:
+    """What a spike adds, in units of 64: floor(m 2^exponent), clipped, after the lowest bits of m are dropped."""
+    kept = dropped(mantissas, bits, mixed)
+    shifted = kept << exponent if exponent >= 0 else kept >> -exponent
+    clipped: Words = np.clip(shifted, -WORD_LIMIT, WORD_LIMIT).astype(np.int32)
+    return clipped
+
+
+def dropped(mantissas: Words, bits: int, mixed: bool) -> Words:
+    """Mantissas without the bits that the weight memory does not keep."""
+    grain = grain_of(bits, mixed)
+    kept: Words = np.sign(mantissas) * (np.abs(mantissas) // grain * grain)
+    return kept
+
+
+def grain_of(bits: int, mixed: bool) -> int:
+    """The step between two mantissas."""
+    return 1 << (8 - bits + mixed)
+
+
+def bounds(sign_mode: str, bits: int = 8) -> tuple[int, int, int]:
+    """The smallest and the largest mantissa of a sign mode, and the step between two."""
+    grain = grain_of(bits, sign_mode == "mixed")
+    low, high = {"mixed": (-256, 254), "excitatory": (0, 255), "inhibitory": (-255, 0)}[sign_mode]
+    return -(-low // grain) * grain if low > -256 else -256, high // grain * grain, grain
+
+
+def native(part: Population) -> FixedPopulation:
+    """A `loihi_lif`: its parameters are the registers."""
+    registers = {name: values.astype(np.int64) for name, values in part.parameters.items() if name != "tau_minus"}
+    initial = {name: values.astype(np.int64) for name, values in part.initial.items()}
+    return FixedPopulation(part.name, KIND, registers, initial)
+
+
+def native_projection(inputs: Inputs, index: int) -> tuple[FixedProjection, list[Problem]]:
+    """A projection onto a `loihi_lif`: its weights are mantissas."""
+    part = inputs.program.projections[index]
+    told = part.synapse.parameters()
+    exponent, bits, mode = (
+        told.get("weight_exp", 0),
+        told.get("num_weight_bits", 8),
+        told.get("sign_mode", "mixed"),
+    )
+    low, high, _ = bounds(mode, bits)
+    first, last, _ = bounds(mode)
+    problems = []
+    bad = np.flatnonzero((part.weight != np.rint(part.weight)) | (part.weight < first) | (part.weight > last))
+    if bad.size:
+        value = part.weight[bad[0]]
+        why = f"a mantissa in sign mode {mode} is a whole number from {first} to {last}"
+        problems.append(refused(part, f"weight = {value:g}", why, "raise weight_exp and lower the mantissas"))
+    asked: Words = np.clip(np.rint(part.weight), first, last).astype(np.int32)
+    sent: Floats = word(asked, exponent, bits, mode == "mixed") * 2.0**-exponent
+    found = rounding.judged(asked.astype(np.float64), sent, 1.0, low, high)
+    fixed = fixed_projection(part.name, asked, exponent, mode, bits, np.ones(1), inputs.lag(index), found)
+    return replace(fixed, low=first, high=last, grain=1, native=True), problems
+
+
+def fixed_projection(
+    name: str,
+    mantissas: Words,
+    exponent: int,
+    mode: str,
+    bits: int,
+    step: Floats,
+    lag: Words,
+    rounding: WeightRounding,
+) -> FixedProjection:
+    """A projection by its mantissas and the steps after which its spikes act."""
+    low, high, grain = bounds(mode, bits)
+    return FixedProjection(
+        name=name,
+        mantissas=mantissas,
+        words=word(mantissas, exponent, bits, mode == "mixed"),
+        low=low,
+        high=high,
+        grain=grain,
+        exponent=exponent,
+        sign_mode=mode,
+        bits=bits,
+        step=step,
+        step_below=step,
+        lag=lag,
+        delay=register(lag, REGISTER_OF_ONE),
+        rounding=rounding,
+    )
+
+
+def relay_projection(inputs: Inputs, index: int) -> FixedProjection:
+    """A projection onto parrots: every spike counts, whatever its weight."""
+    part = inputs.program.projections[index]
+    ones: Words = np.ones(1, dtype=np.int32)
+    return fixed_projection(part.name, ones, 0, "excitatory", 8, part.weight.copy(), inputs.lag(index), LOSSLESS)
+
+
+def lossless(fixed: FixedProjection) -> str:
+    """How mantissas that are set by hand lose nothing to the shift of the exponent and to the bits of the memory."""
+    grain = max(grain_of(fixed.bits, fixed.sign_mode == "mixed"), 2 ** max(0, -fixed.exponent))
+    ways = [f"use mantissas that are multiples of {grain}"] if grain <= fixed.high else []
+    ways += ["use a larger weight_exp"] if fixed.exponent < 0 else []
+    return ", or ".join(ways)
+
+
+COMFORT = 2.0**21
+"""The threshold that automatic scales stay below: a step's input may be as large, and u four times so."""
+
+FINE = 2.0**17
+"""Units that a scale with room keeps for the threshold; half as many, the power of two below, are 1024 steps of 64."""
+
+BIAS_LARGEST = BIAS_MANTISSA << BIAS_EXPONENT
+SPARE = 1.0 - 2.0**-7
+"""Room for the rounding of mantissas: of the largest word, and of a bias that is the sum of two."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Described:
+    """What a population of `iaf_psc_delta` or `iaf_psc_exp` is, before its scale is chosen; one entry or one a neuron.
+
+    Attributes:
+        gain: mV in the step of arrival per unit of weight.
+        distance: V_th - E_L in mV.
+        leak: share of V - E_L left after a step.
+        fade: share of the current left after a step; 0 for delta input.
+        drive: mV in a step by the constant current, and by the largest that generators add.
+        drift: mV in a step per pA of constant current.
+        bias: mV in a step by the constant current.
+        start: V_m - E_L in mV at step 0.
+        current: mV in a step by the synaptic current at step 0, taken one step back.
+        tau: the parameter that `fade` follows from, "" for delta input.
+    """
+
+    gain: Floats
+    distance: Floats
+    leak: Floats
+    fade: Floats
+    drive: Floats
+    drift: Floats
+    bias: Floats
+    start: Floats
+    current: Floats
+    tau: str
+
+
+def described(inputs: Inputs) -> Described:
+    """Constants of the exact integration, and the states at step 0."""
+    part, p = inputs.part, inputs.part.parameters
+    c = constants_of(part, inputs.program.resolution)
+    tau = ""
+    if isinstance(part.model, iaf_psc_delta):
+        from neuro.model.neurons.iaf_psc_delta import I_E, P30, P33
+
+        gain, fade, current = np.ones(1), np.zeros(1), np.zeros(1)
+    else:
+        from neuro.model.neurons.iaf_psc_exp import I_E, P11_EX, P11_IN, P30, P32_EX, P32_IN, P33
+
+        tau = "tau_syn_in" if only_inhibitory(inputs) else "tau_syn_ex"
+        gain, fade = (c[:, P32_IN], c[:, P11_IN]) if tau == "tau_syn_in" else (c[:, P32_EX], c[:, P11_EX])
+        gain = np.where(np.isfinite(gain) & (gain > 0.0), gain, 1.0)  # always so where the time constants are accepted
+        current = (part.initial["I_syn_ex"] + part.initial["I_syn_in"]) * gain / fade
+    drift = c[:, P30]
+    bias = np.unique(c[:, I_E] * drift)
+    drive = np.abs(c[:, I_E] * drift) + inputs.current * np.abs(drift)
+    start = part.initial["V_m"] - p["E_L"]
+    return Described(gain, p["V_th"] - p["E_L"], c[:, P33], fade, drive, drift, bias, start, current, tau)
+
+
+def receives(inputs: Inputs) -> tuple[bool, bool]:
+    """Whether an excitatory and an inhibitory current flow, from spikes or at step 0."""
+    initial = inputs.part.initial
+    return (
+        inputs.high > 0.0 or bool(np.any(initial.get("I_syn_ex", 0.0))),
+        inputs.low < 0.0 or bool(np.any(initial.get("I_syn_in", 0.0))),
+    )
+
+
+def only_inhibitory(inputs: Inputs) -> bool:
+    """Whether the one current of a compartment is the inhibitory one."""
+    return receives(inputs) == (False, True)
+
+
+def ceilings(d: Described) -> tuple[float, float]:
+    """The largest scale that is comfortable, and the largest that all registers but those of weights allow."""
+    limits = ((BIAS_LARGEST * SPARE, d.drive), (V_LIMIT, d.start), (U_LIMIT - 1, d.current))
+    others = min(limit / _largest(values) for limit, values in limits)
+    distance = _largest(d.distance)
+    return min(COMFORT / distance, others), min(64.0 * VTH_LIMIT / distance, others)
+
+
+def calm(inputs: Inputs, d: Described) -> tuple[float, float]:
+    """The scale at which all synapses of a neuron may be active in every step and neither their sum nor u wraps.
+
+    Returns:
+        it, and the same made so large that the threshold and the truncation of decays are off by no more than 0.1 %.
+    """
+    total = 0.0
+    for sign in (1.0, -1.0):
+        arriving = np.zeros(inputs.part.size)
+        for index in inputs.spikes:
+            low, high = inputs.bounds(index)
+            extreme = np.full(1, high if sign > 0.0 else low)
+            arriving += converging(inputs, index, sign, extreme if inputs.learns(index) else None)
+        total = max(total, _largest(arriving) * float(d.gain.max()))
+    summed = total / (1.0 - float(min(d.fade.max(), 1.0 - 2.0**-12)))
+    room = min((INPUT_LIMIT - 1) / total, (U_LIMIT - 1) / summed) * SPARE
+    lost = 1.0 - np.concatenate((d.leak, d.fade))
+    fine = max(FINE, 1000.0 / float(lost[lost > 0.0].min(initial=1.0)))
+    return room, max(room, fine / _largest(d.distance))
+
+
+def _largest(values: Floats) -> float:
+    """The largest magnitude; a tiny one in place of 0, so that it bounds nothing."""
+    return max(float(np.abs(values).max(initial=0.0)), 1e-200)
+
+
+def choose_scale(inputs: Inputs, d: Described) -> float:
+    """Units per mV: the scale that loses least of the weights, as large as threshold, bias and weights allow.
+
+    Candidates let the largest weight of the strongest projection have the mantissas 129..256; powers of two change no
+    mantissa, so the largest allowed one is taken. Where weights learn in pairs, the largest that they may reach is the
+    largest mantissa, at which the chip stops, too. Of two that lose the same, the one that keeps sums from wrapping.
+    """
+    cap, hard = ceilings(d)
+    values = [(index, rounding.sample(gained(inputs, index, d, few=True))) for index in inputs.spikes]
+    values = [(index, v) for index, v in values if np.any(v)]
+    if not values:
+        return float(2.0 ** np.floor(np.log2(cap)))
+    strongest = max(_largest(v) for _, v in values)
+    word_cap = 64.0 * WORD_LIMIT / strongest * SPARE
+    cap, hard = min(cap, word_cap), min(hard, word_cap)
+    largest, lost = _search(inputs, d, values, cap, hard, np.inf)
+    room, quiet = calm(inputs, d)
+    if quiet < cap:
+        smaller, lost_too = _search(inputs, d, values, quiet, hard, room)
+        if lost_too <= lost * (1.0 + 1e-9):
+            return smaller
+    return largest
+
+
+def _search(
+    inputs: Inputs, d: Described, values: list[tuple[int, Floats]], cap: float, hard: float, room: float
+) -> tuple[float, float]:
+    """The largest of the scales up to `cap` that lose least, at most `hard`; and what it loses.
+
+    Of those that lose the same of the weights the ones that lose least of the constant drive and the threshold; where
+    all of these are above `room`, the smallest.
+    """
+    pairs = [inputs.program.projections[index].synapse.learns == "pairs" for index, _ in values]
+    plastic = [each for each, learns in zip(values, pairs, strict=True) if learns and inputs.learns(each[0])]
+    peak = max(_largest(v) for _, v in plastic or values)
+    mantissas = np.array([255.0]) if plastic else np.arange(256.0, 128.0, -1.0)
+    base = 64.0 * mantissas / peak  # scale at exponent 0
+    wanted = np.where(base > cap, np.minimum(base, hard), cap)
+    tried = base * 2.0 ** np.floor(np.log2(wanted / base) + 1e-12)
+    tried = tried[tried <= hard * (1.0 + 1e-12)]
+    lost = np.zeros(tried.size)
+    for index, v in values:
+        low, high, grain = bounds(inputs.sign_mode(index))
+        steps = np.array([64.0 * 2.0 ** exponent_of(v, s, low, high, inputs.learns(index)) / s for s in tried])
+        lost += rounding.errors(v, steps, low, high, grain)
+    least = float(lost.min())
+    equal = tried[lost <= least * (1.0 + 1e-9)]
+    rest = _misfit(equal, d)
+    best = equal[rest <= rest.min()]
+    roomy = best[best <= room]
+    return float(roomy.max() if roomy.size else best.min()), least
+
+
+def _misfit(volts: Floats, d: Described) -> Floats:
+    """What the constant drive and the threshold lose at some scales, relative to them.
+
+    It matters where nothing leaks and so nothing else is rounded; elsewhere all scales are alike.
+    """
+    if np.any(d.leak < 1.0):
+        return np.zeros(volts.size)
+    drive = volts[:, None] * d.bias[None, :]
+    largest = np.maximum(np.abs(drive).max(axis=1, keepdims=True, initial=0.0), 1.0)
+    grain = 2.0 ** np.maximum(0.0, np.ceil(np.log2(largest / BIAS_MANTISSA)))
+    lost: Floats = np.abs(np.rint(drive / grain) * grain - drive).max(axis=1, initial=0.0) / largest[:, 0]
+    steps = volts[:, None] * d.distance[None, :] / 64.0
+    lost += (np.abs(np.rint(steps) - steps) / np.maximum(steps, 1.0)).max(axis=1)
+    lost[lost < 1e-12] = 0.0
+    return lost
+
+
+def gained(inputs: Inputs, index: int, d: Described, few: bool = False) -> Floats:
+    """What a spike along each synapse does to V_m in mV; of plastic synapses also what it may come to do.
+
+    Args:
+        inputs: the population.
+        index: of the projection.
+        d: what the population is.
+        few: of many synapses the largest, the smallest and others evenly between are enough.
+    """
+    weight, part = inputs.range_of(index), inputs.program.projections[index]
+    thin = rounding.thinned if few else np.asarray
+    if d.gain.size == 1:
+        return thin(weight) * float(d.gain[0])
+    if part.weight.size == 1 or part.grid is not None:
+        return thin(np.concatenate((weight * d.gain.min(), weight * d.gain.max())))
+    own = part.weight * d.gain[inputs.targets(index)]
+    return thin(np.concatenate((own, weight[part.weight.size :] * d.gain.max())))
+
+
+def exponent_of(values: Floats, scale: float, low: int, high: int, plastic: bool) -> int:
+    """The smallest exponent with which all values fit; below 0 only where learning needs finer steps."""
+    up = float(values.max(initial=0.0)) * scale / 64.0 / max(high, 1)
+    down = float(-values.min(initial=0.0)) * scale / 64.0 / max(-low, 1)
+    need = max(up, down)
+    exponent = int(np.ceil(np.log2(need) - 1e-9)) if need > 0.0 else 0
+    return int(np.clip(exponent, WEIGHT_EXPONENTS[0] if plastic else 0, WEIGHT_EXPONENTS[-1]))
 
 
 def population(inputs: Inputs, options: Options) -> tuple[FixedPopulation, dict[int, FixedProjection], list[Problem]]:
@@ -167,8 +495,8 @@ def projection(
         limit = low if beyond.weight < 0.0 else high
         problems.append(
             refused(
-                part.origin,
-                f"projection '{part.name}': weight = {beyond.weight:g}",
+                part,
+                f"weight = {beyond.weight:g}",
                 f"a mantissa in sign mode {mode} holds at most {limit}, which is {limit * beyond.step:.6g} "
                 f"at exponent {exponent} and {volt:.6g} units per mV",
                 "use a larger exponent or a smaller scale, or leave them to be chosen",
@@ -198,8 +526,8 @@ def _times(inputs: Inputs) -> Iterator[Problem]:
     steps = round(value_at(part, "t_ref", at) / h)
     if steps + 1 > REFRACTORY_LIMIT:
         yield refused(
-            part.origin,
-            f"population '{part.name}': t_ref = {value_at(part, 't_ref', at):g} ms",
+            part,
+            f"t_ref = {value_at(part, 't_ref', at):g} ms",
             f"it is {steps} steps, and the refractory register holds at most {REFRACTORY_LIMIT - 1}",
             f"use at most {(REFRACTORY_LIMIT - 1) * h:g} ms, or a coarser resolution",
         )
@@ -208,13 +536,12 @@ def _times(inputs: Inputs) -> Iterator[Problem]:
 def _potentials(inputs: Inputs) -> Iterator[Problem]:
     """Potentials that a compartment cannot tell apart, or has not."""
     part, p = inputs.part, inputs.part.parameters
-    message = f"population '{part.name}'"
     off = np.flatnonzero(np.broadcast_to(p["V_reset"] != p["E_L"], part.size))
     if off.size:
         v_reset, e_l = value_at(part, "V_reset", off[0]), value_at(part, "E_L", off[0])
         yield refused(
-            part.origin,
-            f"{message}: V_reset = {v_reset:g} mV",
+            part,
+            f"V_reset = {v_reset:g} mV",
             f"a spike sets the voltage register to 0, which is E_L = {e_l:g} mV",
             f"set V_reset to {e_l:g}, or run on spinnaker",
         )
@@ -222,31 +549,29 @@ def _potentials(inputs: Inputs) -> Iterator[Problem]:
     if below.size:
         v_th, e_l = value_at(part, "V_th", below[0]), value_at(part, "E_L", below[0])
         yield refused(
-            part.origin,
-            f"{message}: V_th = {v_th:g} mV",
+            part,
+            f"V_th = {v_th:g} mV",
             f"the threshold register is unsigned, so V_th must be above E_L = {e_l:g} mV",
             "raise V_th or lower E_L, or run on spinnaker",
         )
     if "V_min" in p and np.isfinite(p["V_min"]).any():
-        what = f"{message}: V_min = {p['V_min'].max():g} mV"
-        yield refused(part.origin, what, "a compartment has no lowest potential", "leave V_min out")
+        what = f"V_min = {p['V_min'].max():g} mV"
+        yield refused(part, what, "a compartment has no lowest potential", "leave V_min out")
 
 
 def _input(inputs: Inputs) -> Iterator[Problem]:
     """Input that a compartment does not keep apart, or not keep."""
     part, p = inputs.part, inputs.part.parameters
-    message = f"population '{part.name}'"
     if p.get("refractory_input", np.zeros(1)).any():
-        what = f"{message}: refractory_input"
-        yield refused(part.origin, what, "a compartment loses input while it is refractory", "leave it out")
+        yield refused(part, "refractory_input", "a compartment loses input while it is refractory", "leave it out")
     if "tau_syn_ex" not in p or not all(receives(inputs)):
         return
     apart = np.flatnonzero(np.broadcast_to(p["tau_syn_ex"] != p["tau_syn_in"], part.size))
     if apart.size:
         ex, inh = value_at(part, "tau_syn_ex", apart[0]), value_at(part, "tau_syn_in", apart[0])
         yield refused(
-            part.origin,
-            f"{message}: tau_syn_ex = {ex:g} ms and tau_syn_in = {inh:g} ms",
+            part,
+            f"tau_syn_ex = {ex:g} ms and tau_syn_in = {inh:g} ms",
             "a compartment has one current and so one synaptic time constant",
             "use one time constant for both, or run on spinnaker",
         )
@@ -263,8 +588,8 @@ def overflows(part: Population, d: Described, volt: float) -> Iterator[Problem]:
         need = volt * largest
         if need > limit * (1.0 + GENTLE):
             yield refused(
-                part.origin,
-                f"population '{part.name}': {what} needs {need:.6g} at {volt:.6g} units per mV",
+                part,
+                f"{what} needs {need:.6g} at {volt:.6g} units per mV",
                 f"{name} holds at most {limit}",
                 f"set its scale to at most {volt * limit / need:.6g}",
             )
@@ -275,7 +600,7 @@ _OPTIONS = (
     Option(
         "exponents",
         "projections",
-        lambda value: is_whole(value, words.WEIGHT_EXPONENTS),
+        lambda value: is_whole(value, WEIGHT_EXPONENTS),
         "a weight exponent, a whole number from -8 to 7",
     ),
     Option("signals", "projections", is_positive, "the largest dopamine that the signal sets in 1/ms, a number > 0"),
@@ -295,10 +620,10 @@ def _filled(cells: FixedPopulation, arriving: Floats) -> float:
     if "du" not in cells.registers:
         return 0.0
     keep = (4095 - cells.registers["du"]) / 4096
-    u, most = np.zeros(arriving[:, 0].shape), 64.0 * float(np.abs(arriving).max(initial=0.0)) / words.INPUT_LIMIT
+    u, most = np.zeros(arriving[:, 0].shape), 64.0 * float(np.abs(arriving).max(initial=0.0)) / INPUT_LIMIT
     for step in range(arriving.shape[1]):
         u = keep * u + 64.0 * arriving[:, step]
-        most = max(most, float(np.abs(u).max(initial=0.0)) / words.U_LIMIT)
+        most = max(most, float(np.abs(u).max(initial=0.0)) / U_LIMIT)
     return most
 
 
@@ -307,19 +632,19 @@ LOIHI = Arithmetic(
     title="Loihi",
     models=(iaf_psc_exp, iaf_psc_delta),
     options=_OPTIONS,
-    state_limit=words.V_LIMIT,
-    register_of_one=words.REGISTER_OF_ONE,
+    state_limit=V_LIMIT,
+    register_of_one=REGISTER_OF_ONE,
     one_bit=True,
     in_rows=False,
     multicast=False,
     population=population,
-    native=words.native,
-    native_projection=words.native_projection,
-    relay_projection=words.relay_projection,
+    native=native,
+    native_projection=native_projection,
+    relay_projection=relay_projection,
     give_rules=give_rules,
     kept_options=_kept_options,
     filled=_filled,
     told_scale=_told_scale,
-    lossless=words.lossless,
+    lossless=lossless,
     notes=lambda program: iter(()),
 )

@@ -17,8 +17,7 @@ from dataclasses import dataclass, replace
 
 from neuro.chips.description import Chip
 from neuro.chips.quantising.fixed import FixedProjection
-from neuro.chips.quantising.inputs import Options, approximated, refused
-from neuro.chips.quantising.losses import LEARN_ELSEWHERE, foreign
+from neuro.chips.quantising.inputs import LEARN_ELSEWHERE, Options, approximated, foreign, refused
 from neuro.core.errors import ModelError
 from neuro.model.neurons import parrot_neuron
 from neuro.model.synapses import Synapse, loihi_learning, stdp, stdp_dopa
@@ -337,7 +336,7 @@ def give_rules(program: Program, chip: Chip, wires: dict[int, FixedProjection], 
         options: largest dopamine by projection.
     """
     for index, part in enumerate(program.projections):
-        synapse, told = part.synapse, f"projection '{part.name}': {part.synapse.name}"
+        synapse = part.synapse
         if (problem := foreign(program, chip, index) or _no_rule(program, index)) is not None:
             yield problem
         elif isinstance(synapse, loihi_learning) and index in wires:
@@ -348,40 +347,36 @@ def give_rules(program: Program, chip: Chip, wires: dict[int, FixedProjection], 
             try:
                 mapped = _mapped(program, index, wires[index], options)
             except ModelError as error:
-                yield refused(part.origin, told, error.message, error.hint)
+                yield refused(part, synapse.name, error.message, error.hint)
                 continue
             wires[index] = replace(wires[index], rule=mapped.rule, n_scale=mapped.n_scale)
             differs = "".join(f"\n    - {text}" for text in mapped.approximations)
-            yield approximated(part.origin, told, f"the chip's learning engine runs it otherwise:{differs}")
+            yield approximated(part, synapse.name, f"the chip's learning engine runs it otherwise:{differs}")
             if mapped.update < COARSE_UPDATE:
                 why = (
                     f"a change is {mapped.update:.2g} of a weight step: below {COARSE_UPDATE:g} much of it is cut away"
                 )
-                yield approximated(part.origin, told, why, "learn faster, or lower Wmax, which sets the weight step")
+                yield approximated(part, synapse.name, why, "learn faster, or lower Wmax, which sets the weight step")
 
 
 def _delays(program: Program, index: int) -> Problem:
     """What a rule for delays becomes on the chip; a synapse that has other traces than times cannot be there."""
     part = program.projections[index]
-    message = f"projection '{part.name}': {part.synapse.name}"
     traces = (*part.synapse.pre, *part.synapse.post) if part.synapse.learns == "pairs" else ()
     if any(trace.tau for trace in traces) or len(traces) > 2:
-        return refused(part.origin, message, "of spikes the host knows when the last ones were", LEARN_ELSEWHERE)
+        return refused(part, part.synapse.name, "of spikes the host knows when the last ones were", LEARN_ELSEWHERE)
     when = "times of spikes, which its learning engine has not" if traces else "the ends of trials"
     kept = f"delays are whole steps in the register and 1/{FRACTIONS} of a step in the tag"
-    return approximated(part.origin, message, f"{kept}; the host changes them by {when}")
+    return approximated(part, part.synapse.name, f"{kept}; the host changes them by {when}")
 
 
 def _no_rule(program: Program, index: int) -> Problem | None:
     """Why a synapse model cannot be onto these neurons; None if it can."""
     part = program.projections[index]
     synapse, target = part.synapse, program.populations[part.target].model
-    message = f"projection '{part.name}': {synapse.name}"
     if isinstance(target, parrot_neuron) and synapse.learns in ("pairs", "chip"):
-        why, way = (
-            "the host relays the spikes of parrots, so there is no weight to learn",
-            "learn at the next projection",
-        )
+        why = "the host relays the spikes of parrots, so there is no weight to learn"
+        way = "learn at the next projection"
     elif synapse.chip and not target.chip and not isinstance(target, parrot_neuron):
         why, way = f"its weights are mantissas, but {target.name} has mV and pA", "use static or stdp, or a loihi_lif"
     elif words := synapse.of_each():
@@ -391,7 +386,7 @@ def _no_rule(program: Program, index: int) -> Problem | None:
         why, way = f"its weights are in mV or pA, but {target.name} has registers", "use loihi_learning"
     else:
         return None
-    return refused(part.origin, message, why, way)
+    return refused(part, synapse.name, why, way)
 
 
 def _mapped(program: Program, index: int, wires: FixedProjection, options: Options) -> Mapped:

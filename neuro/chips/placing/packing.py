@@ -24,7 +24,7 @@ from typing import Any
 
 from neuro.chips.arrival_rule import longest_lag, register
 from neuro.chips.description import Chip
-from neuro.chips.loihi.words import REGISTER_OF_ONE
+from neuro.chips.loihi.arithmetic import REGISTER_OF_ONE
 from neuro.program.program import Program
 
 BLOCK = 64

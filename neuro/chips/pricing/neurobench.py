@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from neuro.chips.placing.fan_out import dense_size, fan_out, spiking
+from neuro.chips.placing.incoming import dense_size, fan_out, spiking
 from neuro.chips.pricing.energy import STATIC, Energy, sourced
 from neuro.core.errors import ModelError
 from neuro.program.backend import EngineCounts

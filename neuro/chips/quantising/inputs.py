@@ -10,13 +10,13 @@ from typing import Any
 import numpy as np
 
 from neuro.chips.arrival_rule import lag, longest_lag
-from neuro.chips.quantising.fixed import Words
+from neuro.chips.description import Chip
+from neuro.chips.quantising.fixed import FixedProjection, Words
 from neuro.chips.quantising.rounding import arriving
-from neuro.core.errors import Where
 from neuro.model.neurons import Neuron
 from neuro.program.backend import Problem
 from neuro.program.currents import generator_of
-from neuro.program.program import Floats, Ints, Population, Program
+from neuro.program.program import Floats, Ints, Population, Program, Projection
 
 
 @dataclass(frozen=True, slots=True)
@@ -155,8 +155,8 @@ def too_short(part: Population, name: str, resolution: float) -> Iterator[Proble
     shortest = float(part.parameters[name].min())
     if shortest < resolution:
         yield refused(
-            part.origin,
-            f"population '{part.name}': {name} = {shortest:g} ms",
+            part,
+            f"{name} = {shortest:g} ms",
             f"it is below a step of {resolution:g} ms",
             "use a finer resolution or a longer time constant",
         )
@@ -171,8 +171,8 @@ def too_long(
     if longest > limit * (1.0 + 1e-9):
         way = f"use at most {limit:.6g} ms, a coarser resolution" + (", or .inf for no leak" if infinite else "")
         yield refused(
-            part.origin,
-            f"population '{part.name}': {name} = {longest:g} ms",
+            part,
+            f"{name} = {longest:g} ms",
             f"{register} holds at most {limit:.6g} ms at a resolution of {resolution:g} ms",
             way if infinite else way.replace(", a ", " or a "),
         )
@@ -183,8 +183,8 @@ def one_kernel(inputs: Inputs, index: int, gains: int) -> list[Problem]:
     part = inputs.program.projections[index]
     if part.grid is None or gains == 1:
         return []
-    message = f"projection '{part.name}': a shared kernel onto neurons that differ"
-    return [refused(part.origin, message, "a kernel has one scale", "give the neurons the same time constants and C_m")]
+    message, way = "a shared kernel onto neurons that differ", "give the neurons the same time constants and C_m"
+    return [refused(part, message, "a kernel has one scale", way)]
 
 
 def converging(inputs: Inputs, index: int, sign: float, weight: Floats | None = None) -> Floats:
@@ -219,11 +219,51 @@ def converging(inputs: Inputs, index: int, sign: float, weight: Floats | None = 
     return counted.astype(np.float64)
 
 
-def refused(origin: Where | None, what: str, why: str, way_out: str) -> Problem:
-    """A problem that keeps a program from running."""
-    return Problem(True, what, why, way_out, origin)
+def refused(part: Population | Projection, what: str, why: str, way_out: str) -> Problem:
+    """A problem of a part that keeps a program from running."""
+    return Problem(True, f"{_named(part)}: {what}", why, way_out, part.origin)
 
 
-def approximated(origin: Where | None, what: str, why: str, way_out: str = "") -> Problem:
-    """A problem that changes what a program does."""
-    return Problem(False, what, why, way_out, origin)
+def approximated(part: Population | Projection, what: str, why: str, way_out: str = "") -> Problem:
+    """A problem of a part, or of a property of it, that changes what a program does."""
+    return Problem(False, f"{_named(part)}: {what}" if what else _named(part), why, way_out, part.origin)
+
+
+def _named(part: Population | Projection) -> str:
+    return f"{'population' if isinstance(part, Population) else 'projection'} '{part.name}'"
+
+
+LEARN_ELSEWHERE = "learn on event, then give the delays of sim.network() to static synapses"
+"""The way out for delays that a chip cannot learn."""
+
+
+def foreign(program: Program, chip: Chip, index: int) -> Problem | None:
+    """Why a synapse model cannot be on a chip: it is in the registers of another family; or None."""
+    part = program.projections[index]
+    other = part.synapse.chip
+    if not other or other == chip.arithmetic:
+        return None
+    return refused(part, part.synapse.name, f"its parameters are registers of {other}", f"backend '{other}' runs it")
+
+
+def refuse_rules(
+    program: Program, chip: Chip, wires: dict[int, FixedProjection], options: Options
+) -> Iterator[Problem]:
+    """Rules for a family whose learning is not emulated: every projection that learns on the chip is refused."""
+    for index, part in enumerate(program.projections):
+        if (problem := foreign(program, chip, index)) is not None:
+            yield problem
+        elif part.synapse.delays:
+            yield refused(
+                part,
+                part.synapse.name,
+                f"delays do not change while {chip.name} runs",
+                LEARN_ELSEWHERE,
+            )
+        elif part.synapse.learns in ("pairs", "chip"):
+            yield refused(
+                part,
+                part.synapse.name,
+                f"pairwise learning is not emulated on {chip.name}",
+                "run it on loihi or event, or send static weights: sim.network() has what was learnt",
+            )

@@ -6,22 +6,20 @@ rounding is told where it exceeds a limit below. All problems of a program are f
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
-from dataclasses import replace
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
 from typing import Any
 from weakref import WeakKeyDictionary
 
 import numpy as np
 
-from neuro.chips.arithmetic import Arithmetic
+from neuro.chips.arithmetic import Arithmetic, options_of
 from neuro.chips.arithmetics import arithmetic_of
 from neuro.chips.description import Chip
 from neuro.chips.quantising import rounding
 from neuro.chips.quantising.fixed import FixedPopulation, FixedProjection, Rounding
 from neuro.chips.quantising.fixed_program import FixedProgram
-from neuro.chips.quantising.inputs import Inputs, Options, refused
-from neuro.chips.quantising.losses import LIMITS, losses, merged
-from neuro.chips.quantising.options import options_of
+from neuro.chips.quantising.inputs import Inputs, Options, approximated, refused
 from neuro.core.checks import check
 from neuro.core.errors import ModelError
 from neuro.model.equations import EquationNeuron
@@ -148,17 +146,17 @@ def _lacking(inputs: Inputs, chip: Chip, arithmetic: Arithmetic) -> Problem:
     if (error := why_not(model)) is not None:
         why = f"{chip.name} takes equations of {known} only, and {error.message}"
         way = error.hint or f"use {known}, or run on event"
-        return refused(inputs.part.origin, f"population '{inputs.part.name}': {model.name}", why, way)
+        return refused(inputs.part, model.name, why, way)
     way = f"backend '{model.chip}' runs it" if model.chip else "use iaf_psc_exp, or run on event"
     if isinstance(model, iaf_psc_exp_adaptive_threshold):
         way = "adapt on event, then give iaf_psc_exp the V_th of each neuron that is V_th + theta there"
-    return refused(inputs.part.origin, f"population '{inputs.part.name}': {model.name}", why, way)
+    return refused(inputs.part, model.name, why, way)
 
 
 def _too_many_receptors(inputs: Inputs, chip: Chip, model: Neuron) -> Problem:
-    what = f"population '{inputs.part.name}': {model.name} with {model.receptors} receptors"
+    what = f"{model.name} with {model.receptors} receptors"
     why = f"neurons of {chip.name} have {RECEPTORS}: for excitation and for inhibition"
-    return refused(inputs.part.origin, what, why, "run on event")
+    return refused(inputs.part, what, why, "run on event")
 
 
 def _unbounded(program: Program) -> Iterator[Problem]:
@@ -168,8 +166,8 @@ def _unbounded(program: Program) -> Iterator[Problem]:
         ends = [word for word in ("Wmin", "Wmax") if not np.all(np.isfinite(bounds.get(word, np.inf)))]
         if part.synapse.learns == "trials" and not part.synapse.delays and ends:
             yield refused(
-                part.origin,
-                f"projection '{part.name}': {part.synapse.name} without a finite {' and '.join(ends)}",
+                part,
+                f"{part.synapse.name} without a finite {' and '.join(ends)}",
                 "a weight's word holds no more than its scale, which follows from the bounds",
                 "give it Wmin and Wmax, or run it on event",
             )
@@ -178,7 +176,7 @@ def _unbounded(program: Program) -> Iterator[Problem]:
 def _no_current(inputs: Inputs) -> list[Problem]:
     found = [inputs.program.projections[index] for index in inputs.currents]
     why = "neurons described in registers take no current in pA"
-    return [refused(p.origin, f"projection '{p.name}': a current", why, "set a bias or offset register") for p in found]
+    return [refused(p, "a current", why, "set a bias or offset register") for p in found]
 
 
 def _no_register(part: Population, limit: int) -> Iterator[Problem]:
@@ -186,9 +184,9 @@ def _no_register(part: Population, limit: int) -> Iterator[Problem]:
     for name, values in part.initial.items():
         bad = np.flatnonzero((values != np.rint(values)) | (np.abs(values) > limit))
         if bad.size:
-            what = f"population '{part.name}': {name} = {values[bad[0]]:.10g} at step 0"
+            what = f"{name} = {values[bad[0]]:.10g} at step 0"
             why = f"a state register holds whole numbers from -{limit} to {limit}"
-            yield refused(part.origin, what, why, "begin with one of these")
+            yield refused(part, what, why, "begin with one of these")
 
 
 def _delays(program: Program, chip: Chip, wires: tuple[FixedProjection | None, ...]) -> Iterator[Problem]:
@@ -202,8 +200,8 @@ def _delays(program: Program, chip: Chip, wires: tuple[FixedProjection | None, .
         if steps <= longest:
             continue
         yield refused(
-            part.origin,
-            f"projection '{part.name}': a delay of {most * program.resolution:g} ms",
+            part,
+            f"a delay of {most * program.resolution:g} ms",
             f"{steps} steps in the delay register, which holds at most {longest} on {chip.name}",
             f"use at most {(longest - extra) * program.resolution:g} ms, a coarser resolution, or a chain of parrots",
         )
@@ -313,3 +311,88 @@ def _stands_for(part: Population) -> Population:
     for own, names in found.states.items():
         initial |= zip(names, shares(part.initial[own], names), strict=True)
     return replace(part, model=model, parameters=parameters, initial=initial)
+
+
+@dataclass(frozen=True, slots=True)
+class Limit:
+    """Above which share an error is told.
+
+    Attributes:
+        share: the largest error without a warning.
+        text: what the error is of.
+        way_out: what makes it smaller.
+    """
+
+    share: float
+    text: str
+    way_out: str
+
+
+_WEIGHTS = "raise the small weights, or lower the largest one, which sets the scale"
+_DECAY = "use a coarser resolution: a decay register has few steps where little decays in a step"
+_SCALE = "choose a larger scale; the largest V_th - E_L, current, V_m and weight of its population bound it"
+
+HOPELESS = 10.0
+"""Error of the threshold, relative to V_th - E_L, above which a network is refused."""
+
+LIMITS = {
+    "zeroed": Limit(0.01, "of the weights other than 0 become 0", _WEIGHTS),
+    "rms": Limit(0.02, "is the rms error of the weights", _WEIGHTS),
+    "tau_m": Limit(0.02, "is the error of the membrane time constant", _DECAY),
+    "tau_syn_ex": Limit(0.02, "is the error of the synaptic time constant", _DECAY),
+    "tau_syn_in": Limit(0.02, "is the error of the synaptic time constant", _DECAY),
+    "V_th": Limit(0.001, "of the distance from E_L to V_th is the error of the threshold", _SCALE),
+    "V_reset": Limit(0.001, "of the distance from E_L to V_th is the error of V_reset", "scale the potentials up"),
+    "C_m": Limit(0.02, "is the error of the membrane capacity", "lower C_m, and weights and currents with it"),
+    "I_e": Limit(0.02, "is the error of the constant current", "raise the current, or leave it out"),
+    "dc": Limit(0.02, "is the error of the current of generators", "raise its amplitude, or leave it out"),
+    "merged": Limit(
+        0.01,
+        "of the generator's spikes share a step with another of the same neuron and become one",
+        "use a finer resolution or several generators of a lower rate",
+    ),
+}
+"""Errors above which rounding is told as an approximation: of weights, time constants, potentials and spikes."""
+
+
+def losses(
+    program: Program,
+    arithmetic: Arithmetic,
+    populations: Sequence[FixedPopulation],
+    wires: Sequence[FixedProjection | None],
+) -> Iterator[Problem]:
+    """Roundings beyond the limits."""
+    for part, cells in zip(program.populations, populations, strict=True):
+        for r in cells.rounding:
+            limit = LIMITS.get(r.quantity)
+            if r.quantity == "V_th" and abs(r.error) > HOPELESS:
+                what = f"V_th = {r.wanted:g} becomes {r.got:.6g} {r.unit}"
+                why = f"{cells.volt:.3g} units per mV leave no threshold: its largest weight or current takes all bits"
+                yield refused(part, what, why, "lower what is far above V_th - E_L, or set another scale")
+            elif limit is not None and abs(r.error) > limit.share:
+                what = f"{r.quantity} = {r.wanted:g} becomes {r.got:.6g} {r.unit}"
+                yield approximated(part, what, f"{abs(r.error):.1%} {limit.text}", limit.way_out)
+    for projection, fixed in zip(program.projections, wires, strict=True):
+        if fixed is None:
+            continue
+        for name in ("zeroed", "rms"):
+            value, limit = getattr(fixed.rounding, name), LIMITS[name]
+            if value > limit.share:
+                way_out = arithmetic.lossless(fixed) if fixed.native else limit.way_out
+                yield approximated(projection, "", f"{value:.1%} {limit.text}", way_out)
+
+
+def merged(program: Program, arithmetic: Arithmetic) -> Iterator[Problem]:
+    """Poisson generators whose multiple spikes in a step become one where a spike is one bit."""
+    if not arithmetic.one_bit:
+        return
+    limit = LIMITS["merged"]
+    for part in program.populations:
+        if part.kind != "poisson":
+            continue
+        mean = part.largest("rate") * program.resolution / 1000.0
+        share = 1.0 - -np.expm1(-mean) / mean if mean > 0.0 else 0.0
+        if share > limit.share:
+            why = f"{share:.1%} {limit.text}, since a spike on {arithmetic.title} is one bit"
+            why += "; counts().native tells how many"
+            yield approximated(part, part.model.name, why, limit.way_out)

@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-import inspect
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from itertools import pairwise
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -18,19 +17,20 @@ from neuro.cli.events.options import (
     Out,
     Sensor,
     To,
+    chosen,
     count,
     events_so_far,
     going,
+    list_parts,
     microseconds,
     named,
-    named_part,
     spare,
 )
 from neuro.cli.options import milliseconds
 
 if TYPE_CHECKING:
     from neuro.events import Events
-    from neuro.events.filters import Chain
+    from neuro.events.filters import Chain, Filter
 
 
 def convert(
@@ -78,14 +78,14 @@ def filter(
     from neuro.events.files import RECORDING
 
     spare(source, target, RECORDING, force)
-    chosen = [_parsed(text) for text in filters]
+    parts = [_parsed(text) for text in filters]
     seen = 0
 
     def through() -> Iterator[Events]:
         nonlocal seen
         made: Chain | None = None
         for part in read(source, from_format, sensor, not lenient):
-            made = made or _chain(part.sensor_size, chosen)
+            made = made or _chain(part.sensor_size, parts)
             seen += len(part)
             yield made(part)
         if made is not None:
@@ -96,56 +96,33 @@ def filter(
     typer.echo(f"{target}: {done:,} of {seen:,} events", err=target == "-")
 
 
-def _parsed(text: str) -> tuple[str, dict[str, Any]]:
-    """Name and parameters of a filter, written as any choice in a network is."""
-    from neuro.core.errors import ModelError, unknown
+def _parsed(text: str) -> tuple[type[Filter], dict[str, Any]]:
+    """A filter and its parameters, written as any choice in a network is."""
+    from neuro.core.errors import ModelError
     from neuro.events.filters import FILTERS
 
-    name, values = named_part(text, FILTERS, "filter", "FILTER")
-    if name == "hot" and not values.get("pixels"):
+    kind, values = chosen(text, FILTERS, "filter", "FILTER")
+    if kind is FILTERS["hot"] and not values.get("pixels"):
         example = "such as 'hot: {pixels: [[8, 1], [205, 59]]}'"
         raise ModelError("filter 'hot': expected pixels", hint=f"{example}; 'neuro events info' lists the hot ones")
-    known = _parameters(FILTERS[name])
-    for key in values:
-        if key not in known:
-            raise unknown(f"parameter of filter '{name}'", str(key), known)
-    if any(told.split()[0] == key and key not in values for key, told in known.items()):
-        raise ModelError(f"filter '{name}': expected all of {', '.join(known)}")
-    return name, values
+    return kind, values
 
 
-def _parameters(kind: Any) -> dict[str, str]:
-    """Each parameter of a filter with what it is if not given, and its unit where its name does not tell it."""
-    from dataclasses import MISSING, fields
-
-    own = [f for f in fields(kind) if f.init and f.name != "sensor_size"]
-    told = {f.name: f.name if f.default is MISSING else f"{f.name}={f.default}" for f in own}
-    units = {f.name: f.metadata["quantity"].unit for f in own if "quantity" in f.metadata} | dict(kind.units)
-    return {name: f"{text} {units.get(name, '')}".rstrip() for name, text in told.items()}
-
-
-def _chain(size: tuple[int, int], chosen: Sequence[tuple[str, dict[str, Any]]]) -> Chain:
-    from neuro.events.filters import FILTERS, Filter, chain
+def _chain(size: tuple[int, int], parts: Sequence[tuple[type[Filter], dict[str, Any]]]) -> Chain:
+    from neuro.events.filters import chain
 
     made: list[Filter] = []
-    for name, values in chosen:
-        made.append(FILTERS[name](size, **values))
+    for kind, values in parts:
+        made.append(kind(size, **values))
         size = made[-1].out_size
     return chain(*made)
 
 
 def _list_filters(given: bool) -> None:
-    if not given:
-        return
-    from neuro.core.tables import console, table
-    from neuro.events.filters import FILTERS
+    if given:
+        from neuro.events.filters import FILTERS
 
-    rows = [
-        (name, ", ".join(_parameters(kind).values()), (kind.__doc__ or "").partition("\n")[0])
-        for name, kind in FILTERS.items()
-    ]
-    console().print(table(("filter", "parameters", "what it does"), rows))
-    raise typer.Exit
+        list_parts(filter=FILTERS)
 
 
 Every = Annotated[Any, typer.Option("--every", metavar="MS", parser=milliseconds, help="Cut after so many ms.")]
@@ -247,8 +224,8 @@ def frames(
     from neuro.events.representations import REPRESENTATIONS
     from neuro.events.segmentation import SEGMENTERS
 
-    make, values = _chosen(representation, REPRESENTATIONS, "representation", "--as")
-    cutter = None if cut is None else _chosen(cut, SEGMENTERS, "segmenter", "--cut")
+    make, values = chosen(representation, REPRESENTATIONS, "representation", "--as")
+    cutter = None if cut is None else chosen(cut, SEGMENTERS, "segmenter", "--cut")
     if target.suffix != ".npz":
         raise typer.BadParameter(f"'{target}': expected a name that ends in .npz", param_hint="OUT.npz")
     spare(source, target, _arrays_kind(), force)
@@ -268,47 +245,12 @@ def _arrays_kind() -> Any:
     return Kind("arrays of frames", ask="--force")
 
 
-def _chosen(
-    text: str, registry: Mapping[str, Any], what: str, option: str
-) -> tuple[Callable[..., Any], dict[str, Any]]:
-    """A function of a registry and the values of its parameters, which it has."""
-    from neuro.core.errors import unknown
-
-    name, values = named_part(text, registry, what, option)
-    known = _arguments_of(registry[name])
-    for key in values:
-        if key not in known:
-            raise unknown(f"parameter of {what} '{name}'", str(key), known)
-    for key, shown in known.items():
-        if shown == key and key not in values:
-            raise typer.BadParameter(f"'{text}': expected all of {', '.join(known.values())}", param_hint=f"'{option}'")
-    return registry[name], values
-
-
-def _arguments_of(function: Callable[..., Any]) -> dict[str, str]:
-    """Each parameter behind the first, with its default; not those that only programs have a use for."""
-    _, *others = inspect.signature(function).parameters.values()
-    return {
-        p.name: p.name if p.default is p.empty else f"{p.name}={p.default}"
-        for p in others
-        if p.name not in ("segments", "as_torch", "dtype")
-    }
-
-
 def _list_arrays(given: bool) -> None:
-    if not given:
-        return
-    from neuro.core.tables import console, table
-    from neuro.events.representations import REPRESENTATIONS
-    from neuro.events.segmentation import SEGMENTERS
+    if given:
+        from neuro.events.representations import REPRESENTATIONS
+        from neuro.events.segmentation import SEGMENTERS
 
-    for what, registry in (("representation", REPRESENTATIONS), ("segmenter", SEGMENTERS)):
-        rows = [
-            (name, ", ".join(_arguments_of(each).values()), (each.__doc__ or "").partition("\n")[0])
-            for name, each in registry.items()
-        ]
-        console().print(table((what, "parameters", "what it does"), rows))
-    raise typer.Exit
+        list_parts(representation=REPRESENTATIONS, segmenter=SEGMENTERS)
 
 
 DataFolder = Annotated[Path, typer.Option("--folder", "-f", metavar="FOLDER", help="Recordings, a folder or zip.")]
@@ -343,7 +285,11 @@ def tohdf5(
     choice = "stop" if strict else "mend" if lenient else "skip"
     data = Dataset(folder, part=part, layout=layout, ending=ending, sensor_size=sensor)
     with going("the same command goes on where it was") as bar:
-        done = data.to_hdf5(out, jobs=jobs, damaged=choice, report=bar.count)
+
+        def report(what: str, done: int, total: int) -> None:
+            bar.show(done, total, f"{what}: {done:,} of {total:,}")
+
+        done = data.to_hdf5(out, jobs=jobs, damaged=choice, report=report)
     typer.echo(f"{out}: {done.samples:,} recordings of {len(data.classes)} classes")
     if done.damaged:
         files = f"{len(done.damaged):,} damaged file{'s' if len(done.damaged) > 1 else ''}"

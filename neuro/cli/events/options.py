@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import inspect
 import os
 import re
 from collections.abc import Callable, Iterable, Iterator, Mapping
@@ -11,7 +12,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from neuro.cli.options import whole
+from neuro.cli.options import stoppable, whole
 from neuro.core.progress import Bar
 
 if TYPE_CHECKING:
@@ -69,8 +70,8 @@ def spare(source: str | Path, target: str | Path, kind: Kind, force: bool) -> No
     check_output(path, replace(kind, ask="--force"), force)
 
 
-def named_part(text: str, registry: Mapping[str, Any], what: str, hint: str) -> tuple[str, dict[str, Any]]:
-    """Name and parameters of a part, written as any choice in a network is.
+def chosen(text: str, registry: Mapping[str, Any], what: str, hint: str) -> tuple[Any, dict[str, Any]]:
+    """A part of a registry and values of its parameters, written as any choice in a network is.
 
     Args:
         text: what was given.
@@ -94,7 +95,42 @@ def named_part(text: str, registry: Mapping[str, Any], what: str, hint: str) -> 
     name, values = next(iter(given.items()))
     if name not in registry:
         raise unknown(what, str(name), registry)
-    return name, {key: number(value) for key, value in values.items()}
+    known = parameters_of(registry[name])
+    for key in values:
+        if key not in known:
+            raise unknown(f"parameter of {what} '{name}'", str(key), known)
+    if any(told.split()[0] == key and key not in values for key, told in known.items()):
+        raise typer.BadParameter(f"'{text}': expected all of {', '.join(known.values())}", param_hint=hint)
+    return registry[name], {key: number(value) for key, value in values.items()}
+
+
+def parameters_of(part: Any) -> dict[str, str]:
+    """Each parameter behind the first, with its default, and its unit where its name does not tell it."""
+    from dataclasses import fields, is_dataclass
+
+    own = fields(part) if is_dataclass(part) else ()
+    units = {f.name: f.metadata["quantity"].unit for f in own if "quantity" in f.metadata}
+    units |= dict(getattr(part, "units", {}))
+    _, *others = inspect.signature(part).parameters.values()
+    told = {p.name: p.name if p.default is p.empty else f"{p.name}={p.default}" for p in others}
+    return {name: f"{text} {units.get(name, '')}".rstrip() for name, text in told.items() if name not in _OF_PROGRAMS}
+
+
+_OF_PROGRAMS = ("segments", "as_torch", "dtype")
+"""Parameters that only programs have a use for."""
+
+
+def list_parts(**registries: Mapping[str, Any]) -> None:
+    """Print all parts of some kinds with their parameters, and leave."""
+    from neuro.core.tables import console, table
+
+    for what, registry in registries.items():
+        rows = [
+            (name, ", ".join(parameters_of(part).values()), (part.__doc__ or "").partition("\n")[0])
+            for name, part in registry.items()
+        ]
+        console().print(table((what, "parameters", "what it does"), rows))
+    raise typer.Exit
 
 
 def named(source: str) -> str:
@@ -102,38 +138,24 @@ def named(source: str) -> str:
     return "events" if source == "-" else Path(source).name
 
 
-class Counter(Bar):
-    """A bar that also counts."""
-
-    def count(self, what: str, done: int, total: int) -> None:
-        """Show how many of how many are done."""
-        self.show(done, total, f"{what}: {done:,} of {total:,}")
-
-
 @contextmanager
-def going(left: str) -> Iterator[Counter]:
+def going(left: str) -> Iterator[Bar]:
     """A bar; Ctrl-C takes it away and says what is left.
 
     Args:
         left: what to say.
     """
-    bar = Counter()
-    with bar:
-        try:
-            bar.say("reading")
-            yield bar
-        except KeyboardInterrupt:
-            bar.stop()
-            typer.echo(f"interrupted: {left}", err=True)
-            raise typer.Exit(130) from None
+    with stoppable(left) as bar:
+        bar.say("reading")
+        yield bar
 
 
-def events_so_far(bar: Counter) -> Callable[[int], None]:
+def events_so_far(bar: Bar) -> Callable[[int], None]:
     """A report that shows how many events are done."""
     return lambda done: bar.say(f"{done:,} events")
 
 
-def watched(parts: Iterable[Events], bar: Counter) -> Iterator[Events]:
+def watched(parts: Iterable[Events], bar: Bar) -> Iterator[Events]:
     """Parts of a recording, with the bar showing how many events were taken."""
     done = 0
     for part in parts:

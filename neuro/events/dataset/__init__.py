@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 from neuro.events.dataset._dataset import Dataset
-from neuro.events.dataset._find import recordings
 from neuro.events.dataset._layouts import LAYOUTS, Layout
-from neuro.events.dataset._recordings import UNKNOWN, Recording, Recordings, Sample
+from neuro.events.dataset._recordings import UNKNOWN, Recording, Recordings, Sample, recordings
 from neuro.events.dataset._store import StoredDataSet
 
 __all__ = [

@@ -14,9 +14,8 @@ import numpy as np
 from neuro.core.errors import ModelError, unknown
 from neuro.core.paths import file_path
 from neuro.events._events import Events
-from neuro.events.dataset._files import is_hdf5
-from neuro.events.dataset._find import labelled
-from neuro.events.dataset._recordings import Kept, Sample
+from neuro.events.dataset._layouts import is_hdf5
+from neuro.events.dataset._recordings import Sample, labelled
 from neuro.events.dataset._store import Report, StoredDataSet, store
 from neuro.events.dataset._stored import stored_samples
 
@@ -72,6 +71,7 @@ class Dataset(Sequence[tuple[Any, int]]):
         self.path = os.fspath(path)
         self._size = sensor_size
         self._transform: Callable[[Events], Any] | None = None
+        self._kept: dict[Sample, Events] | None = None
         self.samples: tuple[Sample, ...]
         if is_hdf5(self.path):
             for name, value in (("part", part), ("layout", layout), ("ending", ending)):
@@ -100,7 +100,7 @@ class Dataset(Sequence[tuple[Any, int]]):
             return self._with(samples=self.samples[index])
         if np.ndim(index) == 0:
             sample = self.samples[operator.index(index)]  # type: ignore[arg-type]
-            events = sample.load(sensor_size=self._size)
+            events = self._loaded(sample)
             return (events if self._transform is None else self._transform(events)), sample.label
         chosen = np.asarray(index)
         if chosen.dtype == bool:
@@ -108,6 +108,14 @@ class Dataset(Sequence[tuple[Any, int]]):
                 raise ModelError(f"mask of length {len(chosen)}: expected {len(self)}, one for each sample")
             chosen = np.flatnonzero(chosen)
         return self._with(samples=tuple(self.samples[k] for k in chosen.tolist()))
+
+    def _loaded(self, sample: Sample) -> Events:
+        """The events of a sample, which are kept if they are to be; views of a data set share what is kept."""
+        if self._kept is None:
+            return sample.load(sensor_size=self._size)
+        if sample not in self._kept:
+            self._kept[sample] = sample.load(sensor_size=self._size)
+        return self._kept[sample]
 
     def __iter__(self) -> Iterator[tuple[Any, int]]:
         return (self[k] for k in range(len(self)))
@@ -216,7 +224,7 @@ class Dataset(Sequence[tuple[Any, int]]):
             EventFileError: a sample is damaged, or the file is of other samples.
         """
         if path is None:
-            return self._with(samples=tuple(Kept(sample) for sample in self.samples))
+            return self._with(_kept={})
         self.to_hdf5(path, jobs=jobs, damaged="stop")
         _, samples = stored_samples(os.fspath(path), self.classes)
         in_order = {sample.number: sample for sample in samples}

@@ -20,15 +20,115 @@ from __future__ import annotations
 
 import csv
 import io
+import os
 import re
-from collections.abc import Callable, Sequence
+import zipfile
+import zlib
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from pathlib import PurePosixPath
+from pathlib import Path, PurePosixPath
 
+from neuro.core import hdf5
 from neuro.core.errors import unknown
-from neuro.events.dataset._files import ARCHIVES, Files, natural
 from neuro.events.errors import EventFileError
 from neuro.events.formats import FORMATS
+
+Files = Mapping[str, Callable[[], bytes]]
+"""Path inside the folder or zip, with ``/``, to what gives the bytes."""
+
+ARCHIVES = (".tar", ".gz", ".tgz", ".bz2", ".xz", ".7z", ".rar")
+"""Endings of archives that have to be unpacked first."""
+
+
+def is_hdf5(path: str) -> bool:
+    """Whether there is an HDF5 file of this name."""
+    try:
+        with Path(path).open("rb") if Path(path).is_file() else io.BytesIO() as file:
+            return hdf5.is_hdf5(file.read(hdf5.FRONT))
+    except OSError:
+        return False
+
+
+def files_of(where: str) -> Files:
+    """All files but hidden ones.
+
+    Args:
+        where: the folder or zip.
+
+    Raises:
+        EventFileError: there is none, or it is another kind of file.
+    """
+    path = Path(where)
+    if path.is_dir():
+        inside = (Path(folder, f) for folder, _, names in os.walk(path) for f in names)
+        found = {f.relative_to(path).as_posix(): f.read_bytes for f in inside}
+        return {name: read for name, read in found.items() if not _hidden(name)}
+    if not path.exists():
+        raise EventFileError(where, "no such folder, zip or HDF5 file")
+    if not path.is_file():
+        raise EventFileError(where, "is neither file nor folder, expected a folder, zip or HDF5 file")
+    try:
+        archive = _Zip(where)
+        return {name: archive.reader(name) for name in archive.names() if not _hidden(name)}
+    except zipfile.BadZipFile:
+        text = "is no folder, zip or HDF5 file, expected one with recordings"
+        hint = "; unpack it first" if where.lower().endswith(ARCHIVES) else ""
+        raise EventFileError(where, f"{text}{hint}") from None
+
+
+class _Zip:
+    """A zip that is open while it is used and can be sent to another process.
+
+    A forked process opens it anew: the place in an open file is one for all processes that have inherited it.
+    """
+
+    def __init__(self, path: str) -> None:
+        self.path = path
+        self._open: zipfile.ZipFile | None = None
+        self._process = 0
+
+    def __getstate__(self) -> str:
+        return self.path
+
+    def __setstate__(self, path: str) -> None:
+        self.__init__(path)  # type: ignore[misc]
+
+    def _zip(self) -> zipfile.ZipFile:
+        if self._open is None or self._process != os.getpid():
+            self._open, self._process = zipfile.ZipFile(self.path), os.getpid()
+        return self._open
+
+    def names(self) -> list[str]:
+        return [info.filename for info in self._zip().infolist() if not info.is_dir()]
+
+    def reader(self, name: str) -> Callable[[], bytes]:
+        return _Member(self, name)
+
+    def read(self, name: str) -> bytes:
+        try:
+            return self._zip().read(name)
+        except (zipfile.BadZipFile, zlib.error, EOFError, NotImplementedError, RuntimeError) as error:
+            raise EventFileError(f"{self.path}/{name}", f"damaged in the zip: {error}") from None
+
+
+@dataclass(frozen=True, slots=True)
+class _Member:
+    archive: _Zip
+    name: str
+
+    def __call__(self) -> bytes:
+        return self.archive.read(self.name)
+
+
+def _hidden(name: str) -> bool:
+    return any(part.startswith((".", "__MACOSX")) for part in name.split("/"))
+
+
+def natural(name: str) -> tuple[tuple[int, int, str], ...]:
+    """A key that sorts names with their numbers by value."""
+    pieces = re.split(r"(\d+)", name)
+    return tuple((0, int(s), s) if s.isascii() and s.isdigit() else (1, 0, s) for s in pieces if s)
+
 
 LABELS = "_labels.csv"
 COLUMNS = ("class", "startTime_usec", "endTime_usec")
@@ -49,7 +149,6 @@ _POKER = re.compile(r"x?(club|diamond|heart|spade)\d+i?\.aedat")
 _POKER_ES = re.compile(r"(tr|ts)(cl|di|he|sp)\d+\.es")
 _SUITS = {"cl": "club", "di": "diamond", "he": "heart", "sp": "spade"}
 _NCALTECH = re.compile(r"image_\d{4}\.bin")
-_NCARS = {"background", "cars"}
 
 
 def is_part(folder: str, part: str) -> bool:
@@ -60,10 +159,6 @@ def is_part(folder: str, part: str) -> bool:
 def _by_folder(item: LayoutItem, part: str) -> bool:
     """Whether a folder above the class folder is that of a part."""
     return any(is_part(folder, part) for folder in item.file.split("/")[:-2])
-
-
-def _by_item(item: LayoutItem, part: str) -> bool:
-    return item.part == part
 
 
 @dataclass(frozen=True, slots=True)
@@ -172,20 +267,14 @@ def _poker_es(where: str, files: Files) -> list[LayoutItem]:
     return _in_order(found)
 
 
-def _classes(files: Files, ending: str) -> tuple[set[str], bool]:
-    """The folders of all event files, and whether all have an ending."""
-    events = recordings_in(files)
-    return {PurePosixPath(name).parent.name for name in events}, all(e.lower().endswith(ending) for e in events)
+def _in_folders(ending: str, folders: set[str]) -> Callable[[Files], bool]:
+    """Whether there are recordings, and all have an ending and lie in some folders."""
 
+    def fits(files: Files) -> bool:
+        events = [PurePosixPath(name) for name in recordings_in(files)]
+        return bool(events) and all(e.parent.name in folders and e.name.lower().endswith(ending) for e in events)
 
-def _is_nmnist(files: Files) -> bool:
-    classes, same = _classes(files, ".bin")
-    return bool(classes) and same and classes <= set("0123456789")
-
-
-def _is_ncars(files: Files) -> bool:
-    classes, same = _classes(files, "_td.dat")
-    return bool(classes) and same and classes <= _NCARS
+    return fits
 
 
 def _named(pattern: re.Pattern[str]) -> Callable[[Files], bool]:
@@ -201,10 +290,6 @@ def _named(pattern: re.Pattern[str]) -> Callable[[Files], bool]:
 def _images(files: Files) -> Files:
     """Without annotations."""
     return {name: read for name, read in files.items() if "annotation" not in name.lower()}
-
-
-def _is_ncaltech(files: Files) -> bool:
-    return _named(_NCALTECH)(_images(files))
 
 
 def is_gestures(files: Files) -> bool:
@@ -272,13 +357,20 @@ def _parts(files: Files) -> dict[str, str]:
 
 
 LAYOUTS: Sequence[Layout] = (
-    Layout("dvs_gesture", "DVS Gesture", is_gestures, gestures, _by_item),
+    Layout("dvs_gesture", "DVS Gesture", is_gestures, gestures, lambda item, part: item.part == part),
     Layout("manifest", f"files listed in {MANIFEST}", _has_manifest, _listed),
-    Layout("nmnist", "N-MNIST", _is_nmnist, _folders),
-    Layout("ncaltech101", "N-Caltech101", _is_ncaltech, lambda where, files: _folders(where, _images(files))),
-    Layout("ncars", "N-CARS", _is_ncars, _folders),
+    Layout("nmnist", "N-MNIST", _in_folders(".bin", set("0123456789")), _folders),
+    Layout(
+        "ncaltech101",
+        "N-Caltech101",
+        lambda files: _named(_NCALTECH)(_images(files)),
+        lambda where, files: _folders(where, _images(files)),
+    ),
+    Layout("ncars", "N-CARS", _in_folders("_td.dat", {"background", "cars"}), _folders),
     Layout("poker_dvs", "POKER-DVS", _named(_POKER), _poker, sensor_size=(35, 35)),
-    Layout("poker_dvs_es", "POKER-DVS as Event Stream", _named(_POKER_ES), _poker_es, _by_item),
+    Layout(
+        "poker_dvs_es", "POKER-DVS as Event Stream", _named(_POKER_ES), _poker_es, lambda item, part: item.part == part
+    ),
     Layout("folders", "a folder for each class", lambda files: True, _folders),
 )
 """In the order in which they are tried."""

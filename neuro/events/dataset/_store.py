@@ -258,8 +258,6 @@ def pack(job: ConversionJob, numbers: Sequence[int]) -> int:
     Raises:
         EventFileError: one is damaged, and that is to stop.
     """
-    from neuro.core.hdf5 import new_file
-    from neuro.core.outputs import Kind, output
     from neuro.events.formats.hdf5 import write_sample
 
     path = Path(job.folder) / f"{numbers[0]:08d}.h5"
@@ -274,7 +272,7 @@ def pack(job: ConversionJob, numbers: Sequence[int]) -> int:
                 damaged[str(number)] = fault
             if events is not None:
                 write_sample(file, str(number), events)
-        file.attrs["damaged"] = json.dumps(damaged)
+        file.attrs[DAMAGED] = json.dumps(damaged)
     return len(numbers)
 
 

@@ -12,7 +12,7 @@ from typing import Any
 from neuro.core.errors import ModelError
 from neuro.core.hdf5 import check, has_format
 from neuro.events._events import Events
-from neuro.events.dataset._files import natural
+from neuro.events.dataset._layouts import natural
 from neuro.events.errors import EventFileError
 from neuro.events.formats._format import Damage
 from neuro.events.formats._hdf5_chunks import FAILURES, one_line
@@ -143,14 +143,8 @@ def stored_samples(path: str, classes: Sequence[str] | None = None) -> tuple[tup
         EventFileError: it has no samples, or a class that ``classes`` lacks.
     """
     holder = _File(path)
-    try:
+    with _damage_told(holder):
         return _listed(holder, path, classes)
-    except EventFileError:
-        holder.close()
-        raise
-    except FAILURES as error:
-        holder.close()
-        raise _told(path, error) from None
 
 
 def holds_samples(path: str) -> bool:
@@ -162,19 +156,23 @@ def holds_samples(path: str) -> bool:
     if has_format(Path(path), FORMAT):
         return True
     holder = _File(path)
+    with _damage_told(holder):
+        found = any(True for _ in _names(holder.file))
+    holder.close()
+    return found
+
+
+@contextmanager
+def _damage_told(holder: _File) -> Iterator[None]:
+    """Report what is wrong with a file as an `EventFileError` that names it; the file is closed then."""
     try:
-        return any(True for _ in _names(holder.file))
-    except EventFileError:
-        raise
+        yield
     except FAILURES as error:
-        raise _told(path, error) from None
-    finally:
         holder.close()
-
-
-def _told(path: str, error: BaseException) -> EventFileError:
-    what = error.what if isinstance(error, Damage) else f"no whole HDF5: {one_line(error)}"
-    return EventFileError(path, what)
+        if isinstance(error, EventFileError):
+            raise
+        what = error.what if isinstance(error, Damage) else f"no whole HDF5: {one_line(error)}"
+        raise EventFileError(holder.path, what) from None
 
 
 def _names(file: Any) -> Iterator[tuple[str, str]]:

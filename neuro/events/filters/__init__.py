@@ -9,31 +9,24 @@ from __future__ import annotations
 
 from neuro.core.registry import Registry
 from neuro.events.filters._filter import Chain, Filter, FilterError, Sieve, chain, complete
-from neuro.events.filters.noise import BackgroundActivity, HotPixels, Polarity, Refractory, ShotNoise, hot_pixels
-from neuro.events.filters.places import Crop, Downsample, Flip, Rotate90, Transpose
-from neuro.events.filters.tar import TAR, TARSurfaces
-from neuro.events.filters.times import Jitter, Reverse, Scale, Shift
+from neuro.events.filters.noise import (
+    TAR,
+    BackgroundActivity,
+    HotPixels,
+    Polarity,
+    Refractory,
+    ShotNoise,
+    TARSurfaces,
+    hot_pixels,
+)
+from neuro.events.filters.places import Crop, Downsample, Flip, Jitter, Reverse, Rotate90, Scale, Shift, Transpose
+
+NOISE = (BackgroundActivity, HotPixels, Polarity, Refractory, ShotNoise, TAR, TARSurfaces)
+MOVES = (Crop, Downsample, Flip, Jitter, Reverse, Rotate90, Scale, Shift, Transpose)
 
 FILTERS: Registry[type[Filter]] = Registry(
     "filter",
-    (
-        BackgroundActivity,
-        Crop,
-        Downsample,
-        Flip,
-        HotPixels,
-        Jitter,
-        ShotNoise,
-        Polarity,
-        Refractory,
-        Reverse,
-        Rotate90,
-        Scale,
-        Shift,
-        TAR,
-        TARSurfaces,
-        Transpose,
-    ),
+    tuple(sorted((*NOISE, *MOVES), key=lambda kind: kind.called())),
     takes=lambda part: isinstance(part, type) and issubclass(part, Filter),
     group="neuro.filters",
     complete=complete,

@@ -14,7 +14,7 @@ import numpy.typing as npt
 from neuro.core.checks import check
 from neuro.core.errors import ModelError
 from neuro.core.quantities import Quantity
-from neuro.events._events import Events, checked_size
+from neuro.events._events import Events, checked_size, empty_columns
 from neuro.events.parts import together
 
 Size = tuple[int, int]
@@ -161,8 +161,7 @@ class Filter(ABC):
 
     def _rest(self) -> Events:
         """What is held back."""
-        pixels = np.zeros(0, np.uint16)
-        return Events._trusted(np.zeros(0, np.int64), pixels, pixels, np.zeros(0, np.uint8), self.out_size, {})
+        return Events._trusted(*empty_columns(0), self.out_size, {})
 
     def _hold(self, *state: Any) -> None:
         object.__setattr__(self, "_state", state)
@@ -218,13 +217,13 @@ def kept(events: Events, keep: npt.NDArray[np.bool_]) -> tuple[npt.NDArray[Any],
         events: from which to take.
         keep: (n,) whether to.
     """
-    from neuro.events._kernels import compact
+    from neuro.events.filters._kernels import compact
 
     columns = (events.t, events.x, events.y, events.p)
     n = int(np.count_nonzero(keep))
     if n == len(events):
         return columns
-    out = tuple(np.empty(n + 1, column.dtype) for column in columns)
+    out = empty_columns(n + 1)
     for column, to in zip(columns, out, strict=True):
         compact(keep, column, to)
     return tuple(to[:n] for to in out)

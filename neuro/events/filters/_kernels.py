@@ -12,6 +12,15 @@ from neuro.kernels.jit import kernel, subkernel
 
 
 @kernel
+def compact(keep, values, out):
+    """keep: bool[n]; values: [n]; out: at least one longer than what is kept, since every value is written first."""
+    j = 0
+    for k in range(keep.shape[0]):
+        out[j] = values[k]
+        j += keep[k]
+
+
+@kernel
 def supported(t, x, y, dt_us, last, keep):
     """last: int64[height + 2, width + 2], time of each pixel's last event, us; keep: bool[n]."""
     for k in range(t.shape[0]):

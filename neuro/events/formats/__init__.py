@@ -31,30 +31,13 @@ from neuro.events.formats.npz import NPZ
 from neuro.events.formats.rosbag import ROS1, ROS2
 from neuro.events.formats.table import TABLE, TXT
 
-OURS = (
-    ROS1,
-    ROS2,
-    MAT,
-    HDF5,
-    NPZ,
-    AEDAT4,
-    AEDAT2,
-    AEDAT3,
-    EVENT_STREAM,
-    DAT,
-    RAW,
-    EVT3,
-    EVT2,
-    EVT21,
-    NMNIST,
-    TABLE,
-    TXT,
-)
-"""Those with a signature in the file first."""
+SIGNED = (ROS1, ROS2, MAT, HDF5, NPZ, AEDAT4, AEDAT2, AEDAT3, EVENT_STREAM, DAT)
+"""Formats with a signature in the file, which are asked first."""
+OTHERS = (RAW, EVT3, EVT2, EVT21, NMNIST, TABLE, TXT)
 
 FORMATS: Registry[Format] = Registry(
     "event format",
-    OURS,
+    (*SIGNED, *OTHERS),
     takes=lambda part: isinstance(part, Format),
     group="neuro.formats",
     name=lambda part: str(part.name),

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from functools import partial
 from struct import Struct, error
 from typing import Any
 
@@ -21,7 +22,7 @@ _SWELL = 4
 
 
 class Packets:
-    """Finds the events of packets, and learns how these begin, by which `_aedat4_kernel` knows those that are alike.
+    """Finds the events of packets, and learns how these begin, by which `_aedat4_kernels` knows those that are alike.
 
     Args:
         packed: "none", "LZ4" or "Zstandard".
@@ -84,10 +85,10 @@ def _unpacker(packed: str) -> Callable[[Bytes, int], bytes]:
         return lambda data, place: data.tobytes()
     if packed == "LZ4":
         lz4 = extra("lz4.frame", "AEDAT 4 with LZ4 packets")
-        plain, failure = _lz4(lz4), RuntimeError
+        plain, failure = partial(_lz4, lz4, lz4.create_decompression_context()), RuntimeError
     else:
         zstandard = extra("zstandard", "AEDAT 4 with Zstandard packets")
-        plain, failure = _zstandard(zstandard), zstandard.ZstdError
+        plain, failure = partial(_zstandard, zstandard), zstandard.ZstdError
 
     def unpack(data: Bytes, place: int) -> bytes:
         try:
@@ -99,43 +100,34 @@ def _unpacker(packed: str) -> Callable[[Bytes, int], bytes]:
     return unpack
 
 
-def _lz4(module: Any) -> Callable[[Bytes], bytes]:
+def _lz4(module: Any, context: Any, data: Bytes) -> bytes:
     """Unpacks a frame; with enough room at once this takes half the time of the package's own function."""
-    context = module.create_decompression_context()
-
-    def plain(data: Bytes) -> bytes:
-        room, used = _SWELL * data.size, 0
-        parts = []
-        ended = False
-        try:
-            while not ended:
-                part, taken, ended = module.decompress_chunk(context, data[used:], max_length=room)
-                if not (ended or part or taken):
-                    raise EOFError
-                parts.append(part)
-                used, room = used + taken, 2 * room
-                if sum(map(len, parts)) > LIMIT:
-                    raise ValueError
-        finally:
-            if not ended:
-                module.reset_decompression_context(context)
-        return parts[0] if len(parts) == 1 else b"".join(parts)
-
-    return plain
-
-
-def _zstandard(module: Any) -> Callable[[Bytes], bytes]:
-    """Unpacks a frame, which need not tell its length, and not without limit."""
-
-    def plain(data: Bytes) -> bytes:
-        reader, parts = module.ZstdDecompressor().stream_reader(data), []
-        while part := reader.read(1 << 20):
+    room, used = _SWELL * data.size, 0
+    parts = []
+    ended = False
+    try:
+        while not ended:
+            part, taken, ended = module.decompress_chunk(context, data[used:], max_length=room)
+            if not (ended or part or taken):
+                raise EOFError
             parts.append(part)
-            if len(parts) << 20 > LIMIT:
+            used, room = used + taken, 2 * room
+            if sum(map(len, parts)) > LIMIT:
                 raise ValueError
-        return b"".join(parts)
+    finally:
+        if not ended:
+            module.reset_decompression_context(context)
+    return parts[0] if len(parts) == 1 else b"".join(parts)
 
-    return plain
+
+def _zstandard(module: Any, data: Bytes) -> bytes:
+    """Unpacks a frame, which need not tell its length, and not without limit."""
+    reader, parts = module.ZstdDecompressor().stream_reader(data), []
+    while part := reader.read(1 << 20):
+        parts.append(part)
+        if len(parts) << 20 > LIMIT:
+            raise ValueError
+    return b"".join(parts)
 
 
 I32 = Struct("<i")

@@ -46,7 +46,8 @@ class Unsavable(ValueError):
         self.hint = hint
 
 
-def _no_place(event: int) -> int | None:
+def no_place(event: int) -> int | None:
+    """None: no byte or line is known for an event."""
     return None
 
 
@@ -70,8 +71,8 @@ class Piece:
     p: npt.NDArray[np.uint8]
     highest: tuple[int, int] | None = None
     ordered: bool | None = None
-    place: Callable[[int], int | None] = _no_place
-    line: Callable[[int], int | None] = _no_place
+    place: Callable[[int], int | None] = no_place
+    line: Callable[[int], int | None] = no_place
 
 
 class Reader(Protocol):
@@ -176,15 +177,18 @@ HEAD = 4096
 
 @dataclass(slots=True)
 class Found:
-    """A reader made of a list of pieces, for formats that are read at once."""
+    """A reader made of a list of pieces, for formats that are read at once; `damage` is what lies behind them."""
 
     sensor_size: Size | None
     metadata: Mapping[str, Any] = field(default_factory=dict)
     parts: tuple[Piece, ...] = ()
+    damage: Damage | None = None
 
     def pieces(self, block: int) -> Iterator[Piece]:
-        """The pieces as they are."""
+        """The pieces as they are, then the damage."""
         yield from self.parts
+        if self.damage is not None:
+            raise self.damage
 
 
 EXTRA = "events"

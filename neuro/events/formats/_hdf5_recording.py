@@ -151,7 +151,7 @@ def of_table(dataset: Any, order: str = "") -> OpenRecording:
     """A dataset of rows without names.
 
     Args:
-        dataset: one that `_hdf5_table.is_table`.
+        dataset: one that `is_table`.
         order: of its columns, such as "txyp"; "" finds it.
 
     Raises:

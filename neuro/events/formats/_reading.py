@@ -2,15 +2,56 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
+from pathlib import Path
 from typing import TypeVar
 
 import numpy as np
 import numpy.typing as npt
 
-from neuro.events.formats._format import Piece
+from neuro.events._events import Columns, Events, empty_columns
+from neuro.events.formats._format import Piece, Size, in_order
 from neuro.events.source import Bytes, Source
+
+
+def decoded(
+    room: Columns, n: int, highest: tuple[int, int], ordered: bool, place: Callable[[int], int | None]
+) -> Piece:
+    """The first n events of what a kernel filled.
+
+    Args:
+        room: the columns.
+        n: how many events there are.
+        highest: largest x and y, as the kernel has them.
+        ordered: whether time does not run back.
+        place: gives the byte at which an event begins.
+    """
+    t, x, y, p = room
+    largest = (int(highest[0]), int(highest[1])) if n else (-1, -1)
+    return Piece(t[:n], x[:n], y[:n], p[:n], largest, bool(ordered), place)
+
+
+def write_words(
+    parts: Iterator[Events], path: Path, header: Callable[[Size | None], bytes], words: Callable[[int, Events], bytes]
+) -> None:
+    """Write a recording as a header and words.
+
+    Args:
+        parts: of the recording, in order.
+        path: where to.
+        header: of a sensor's width and height, None where there is no part.
+        words: of a part, and the number of events before it; raises `Unsavable`.
+    """
+    with path.open("wb") as file:
+        begun = False
+        for done, events in in_order(parts):
+            if not begun:
+                file.write(header(events.sensor_size))
+            begun = True
+            file.write(words(done, events))
+        if not begun:
+            file.write(header(None))
 
 
 class Cursor:
@@ -79,8 +120,7 @@ class GrowingArray:
         self._reset(0)
 
     def _reset(self, room: int) -> None:
-        self.t, self.p = np.empty(room, np.int64), np.empty(room, np.uint8)
-        self.x, self.y = np.empty(room, np.uint16), np.empty(room, np.uint16)
+        self.t, self.x, self.y, self.p = empty_columns(room)
         self.used = 0
         self._highest = (-1, -1)
         self._ordered = True

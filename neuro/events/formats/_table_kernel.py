@@ -1,5 +1,5 @@
 # mypy: ignore-errors
-"""Events from and to lines of text."""
+"""Events from and to lines of text, and what the columns of any events reach."""
 
 import numpy as np
 
@@ -85,10 +85,7 @@ def rows(data, wanted, begin):
     line = 0
     while at < data.size:
         first = _blanks(data, at)
-        event = (
-            first < data.size and data[first] != 10 and data[first] != 13 and data[first] != 35 and data[first] != 37
-        )
-        if event:
+        if first < data.size and not _no_event(data[first]):
             begin[0] = at
             begin[1] = line
             if wanted == 0:
@@ -256,3 +253,17 @@ def _digits(value, between, out, at):
         value //= ten
     out[at + length] = between
     return at + length + 1
+
+
+@kernel
+def survey(t, x, y):
+    """Largest x and y, and whether time does not run back."""
+    x_max = np.uint16(0)
+    y_max = np.uint16(0)
+    back = False
+    for k in range(t.size):
+        x_max = max(x_max, x[k])
+        y_max = max(y_max, y[k])
+    for k in range(1, t.size):
+        back |= t[k] < t[k - 1]
+    return x_max, y_max, not back

@@ -11,9 +11,9 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from neuro.events._events import Events
-from neuro.events.formats._format import Damage, Format, Piece, Size, in_order, refuse
-from neuro.events.formats._reading import Begin, begin
+from neuro.events._events import Events, empty_columns
+from neuro.events.formats._format import Damage, Format, Piece, Size, refuse
+from neuro.events.formats._reading import Begin, begin, decoded, write_words
 from neuro.events.source import Bytes, Source, step
 
 MAGIC_2 = b"#!AER-DAT2.0"
@@ -115,15 +115,14 @@ class Aedat2:
                 yield place, int.from_bytes(data[at + 4 : at + 8].tobytes(), "big")
 
     def _pieces(self, block: int, at: Begin) -> Iterator[Piece]:
-        from neuro.events.formats._aedat_kernels import decode_aedat2
+        from neuro.events.formats._byte_kernels import decode_aedat2
 
         chip, layout = self._chip, self._chip.layout()
         clock, skipped = np.array([-1 if at.clock is None else at.clock, at.added]), np.zeros(2, np.int64)
         for place, data in self._source.blocks(at.place, block, WORD):
             n = data.size // WORD
-            t, x, y = np.empty(n, np.int64), np.empty(n, np.uint16), np.empty(n, np.uint16)
-            p = np.empty(n, np.uint8)
-            found, done, x_max, y_max, ordered = decode_aedat2(data, layout, clock, skipped, t, x, y, p)
+            room = empty_columns(n)
+            found, done, x_max, y_max, ordered = decode_aedat2(data, layout, clock, skipped, *room)
             self.metadata |= {"other_words": int(skipped[0]), "external_events": int(skipped[1])}
             other = 0 if found == done else chip.sample | chip.external
 
@@ -132,8 +131,7 @@ class Aedat2:
                     return place + WORD * event
                 return place + WORD * int(np.flatnonzero((_addresses(data) & np.uint32(other)) == 0)[event])
 
-            highest = (int(x_max), int(y_max)) if found else (-1, -1)
-            yield Piece(t[:found], x[:found], y[:found], p[:found], highest, bool(ordered), byte)
+            yield decoded(room, found, (x_max, y_max), ordered, byte)
             end = place + WORD * done
             if done < n:
                 raise Damage(f"address 0x{_addresses(data)[done]:08x} is none of a {chip.name}", end)
@@ -171,28 +169,30 @@ def _size(lines: bytes) -> Size | None:
 
 def write(parts: Iterator[Events], path: Path) -> None:
     """Encode as AEDAT 2.0 of the smallest camera that has the sensor's size, which a line of the header keeps."""
-    chip = _DVS128
-    with path.open("wb") as file:
-        for done, events in in_order(parts):
-            if not file.tell():
-                width, height = events.sensor_size
-                fits = [c for c in _CHIPS if width <= c.size[0] and height <= c.size[1]]
-                chip = fits[0] if fits else _CHIPS[-1]
-                file.write(_new_header(chip, f"# Sensor size: {width}x{height}\r\n"))
-            columns, rows = chip.size
-            outside = (events.x >= columns) | (events.y >= rows)
-            limits = f"t 0 to {T_LIMIT - 1} us, x 0 to {columns - 1}, y 0 to {rows - 1}"
-            refuse(events, (events.t < 0) | (events.t >= T_LIMIT) | outside, done, limits, outside)
-            words = np.empty((len(events), 2), ">u4")
-            address = (events.p == chip.on).astype(np.uint32) << chip.polarity
-            address |= events.x.astype(np.uint32) << chip.x[0] | events.y.astype(np.uint32) << chip.y[0]
-            words[:, 0], words[:, 1] = address, events.t
-            file.write(words.tobytes())
-        if not file.tell():
-            file.write(_new_header(chip, ""))
+    write_words(parts, path, _new_header, _words)
 
 
-def _new_header(chip: _Chip, size: str) -> bytes:
+def _smallest(size: Size) -> _Chip:
+    """The chip of the smallest camera that has a sensor's size, else the largest."""
+    return next((chip for chip in _CHIPS if size[0] <= chip.size[0] and size[1] <= chip.size[1]), _CHIPS[-1])
+
+
+def _words(done: int, events: Events) -> bytes:
+    chip = _smallest(events.sensor_size)
+    columns, rows = chip.size
+    outside = (events.x >= columns) | (events.y >= rows)
+    limits = f"t 0 to {T_LIMIT - 1} us, x 0 to {columns - 1}, y 0 to {rows - 1}"
+    refuse(events, (events.t < 0) | (events.t >= T_LIMIT) | outside, done, limits, outside)
+    words = np.empty((len(events), 2), ">u4")
+    address = (events.p == chip.on).astype(np.uint32) << chip.polarity
+    address |= events.x.astype(np.uint32) << chip.x[0] | events.y.astype(np.uint32) << chip.y[0]
+    words[:, 0], words[:, 1] = address, events.t
+    return words.tobytes()
+
+
+def _new_header(sensor: Size | None) -> bytes:
+    chip = _DVS128 if sensor is None else _smallest(sensor)
+    size = "" if sensor is None else f"# Sensor size: {sensor[0]}x{sensor[1]}\r\n"
     text = (
         "#!AER-DAT2.0\r\n"
         "# This is a raw AE data file - do not edit\r\n"
@@ -261,23 +261,20 @@ class Aedat3:
 
     def pieces(self, block: int) -> Iterator[Piece]:
         """The events; see `Reader`."""
-        from neuro.events.formats._aedat_kernels import decode_aedat3
+        from neuro.events.formats._byte_kernels import decode_aedat3
 
         state, left_out = np.zeros(3, np.int64), np.zeros(2, np.int64)
         held, end = np.zeros(0, np.uint8), self._start
         for place, more in self._source.blocks(self._start, block):
             data = np.concatenate((held, more)) if held.size else more
-            begin, before, n = place - held.size, state.copy(), data.size // EVENT
-            t, x, y = np.empty(n, np.int64), np.empty(n, np.uint16), np.empty(n, np.uint16)
-            p = np.empty(n, np.uint8)
-            found, used, x_max, y_max, ordered, broken = decode_aedat3(data, self._camera, state, left_out, t, x, y, p)
+            begin, before, room = place - held.size, state.copy(), empty_columns(data.size // EVENT)
+            found, used, x_max, y_max, ordered, broken = decode_aedat3(data, self._camera, state, left_out, *room)
             self.metadata |= {"other_events": int(left_out[0]), "invalid_events": int(left_out[1])}
 
             def byte(event: int, begin: int = begin, data: Bytes = data, state: State = before) -> int:
                 return begin + _begins(data, self._camera, state, event)
 
-            highest = (int(x_max), int(y_max)) if found else (-1, -1)
-            yield Piece(t[:found], x[:found], y[:found], p[:found], highest, bool(ordered), byte)
+            yield decoded(room, found, (x_max, y_max), ordered, byte)
             if broken:
                 raise Damage("expected the header of a packet", begin + used)
             held, end = data[used:], begin + used
@@ -289,13 +286,12 @@ class Aedat3:
 
 def _begins(data: Bytes, camera: int, state: State, event: int) -> int:
     """The byte at which an event begins: 8 before the end of the shortest beginning of the data that has it."""
-    from neuro.events.formats._aedat_kernels import decode_aedat3
+    from neuro.events.formats._byte_kernels import decode_aedat3
 
     low, high = 0, data.size
     while low < high:
         middle = (low + high) // 2
-        n = middle // EVENT
-        room = np.empty(n, np.int64), np.empty(n, np.uint16), np.empty(n, np.uint16), np.empty(n, np.uint8)
+        room = empty_columns(middle // EVENT)
         found = decode_aedat3(data[:middle], camera, state.copy(), np.zeros(2, np.int64), *room)[0]
         low, high = (low, middle) if found > event else (middle + 1, high)
     return low - EVENT

@@ -54,7 +54,7 @@ class Aedat4:
     """
 
     def __init__(self, source: Source) -> None:
-        from neuro.events.formats._aedat_kernels import split, walk
+        from neuro.events.formats._aedat4_kernels import split, walk
 
         self._source = source
         lead = source.head(len(MAGIC) + 4)

@@ -22,9 +22,10 @@ from typing import Any
 
 import numpy as np
 
-from neuro.events._events import Events
+from neuro.events._events import Events, empty_columns
 from neuro.events.errors import EventFileError, EventFileWarning
-from neuro.events.formats._format import SMALLER, Damage, Format, Piece, Size, Unsavable, in_order, refuse
+from neuro.events.formats._format import SMALLER, Damage, Format, Piece, Size, Unsavable, refuse
+from neuro.events.formats._reading import decoded, write_words
 from neuro.events.source import Bytes, Given, Source, opened_source
 
 MAGIC = b"Event Stream"
@@ -68,17 +69,14 @@ class EventStream:
         now, held = 0, np.zeros(0, np.uint8)
         for place, more in self._source.blocks(START, block):
             data = np.concatenate((held, more)) if held.size else more
-            begin, n = place - held.size, data.size // EVENT
-            t, x, y = np.empty(n, np.int64), np.empty(n, np.uint16), np.empty(n, np.uint16)
-            p = np.empty(n, np.uint8)
-            found, used, x_max, y_max, now = decode_event_stream(data, now, t, x, y, p)
+            begin, room = place - held.size, empty_columns(data.size // EVENT)
+            found, used, x_max, y_max, now = decode_event_stream(data, now, *room)
             held = data[used:]
 
             def byte(event: int, begin: int = begin, data: Bytes = data) -> int:
                 return begin + int(begins(data, event))
 
-            highest = (int(x_max), int(y_max)) if found else (-1, -1)
-            yield Piece(t[:found], x[:found], y[:found], p[:found], highest, True, byte)
+            yield decoded(room, found, (x_max, y_max), True, byte)
         if held.size:
             raise Damage(f"the last event is cut after {held.size} of {EVENT} bytes", begin + used)
 
@@ -169,24 +167,24 @@ def write(parts: Iterator[Events], path: Path) -> None:
     from neuro.events.formats._byte_kernels import encode_event_stream
 
     now = 0
-    with path.open("wb") as file:
-        for done, events in in_order(parts):
-            if not file.tell():
-                file.write(_new_header(events.sensor_size))
-            gaps = np.diff(events.t, prepend=now)
-            limits = f"t from 0 us on, and at most {LONGEST_GAP} us after the event before or 0"
-            bad = (gaps < 0) | (gaps > LONGEST_GAP)
-            late = not done and bad[:1].any()  # where the recording begins, which a filter can move; no gap within it
-            refuse(events, bad, done, limits, np.zeros(len(events), np.bool_) if late else None)
-            out = np.empty(EVENT * len(events) + int((gaps // OVERFLOW_US).sum()), np.uint8)
-            encode_event_stream(events.t, events.x, events.y, events.p, now, out)
-            file.write(out.tobytes())
-            now = int(events.t[-1]) if len(events) else now
-        if not file.tell():
-            file.write(_new_header((1, 1)))
+
+    def encoded(done: int, events: Events) -> bytes:
+        nonlocal now
+        gaps = np.diff(events.t, prepend=now)
+        limits = f"t from 0 us on, and at most {LONGEST_GAP} us after the event before or 0"
+        bad = (gaps < 0) | (gaps > LONGEST_GAP)
+        late = not done and bad[:1].any()  # where the recording begins, which a filter can move; no gap within it
+        refuse(events, bad, done, limits, np.zeros(len(events), np.bool_) if late else None)
+        out = np.empty(EVENT * len(events) + int((gaps // OVERFLOW_US).sum()), np.uint8)
+        encode_event_stream(events.t, events.x, events.y, events.p, now, out)
+        now = int(events.t[-1]) if len(events) else now
+        return out.tobytes()
+
+    write_words(parts, path, _new_header, encoded)
 
 
-def _new_header(size: Size) -> bytes:
+def _new_header(sensor: Size | None) -> bytes:
+    size = sensor or (1, 1)
     if max(size) > 0xFFFF:
         raise Unsavable(f"its sensor is {size[0]}x{size[1]}, expected at most 65535x65535", 0, SMALLER)
     return MAGIC + bytes(VERSION) + bytes([DVS]) + np.array(size, "<u2").tobytes()

@@ -5,16 +5,17 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 from typing import Any, ClassVar
 
 import numpy as np
 import numpy.typing as npt
 
-from neuro.events._events import Events
-from neuro.events.formats._format import HEAD, Damage, Format, Piece, in_order
-from neuro.events.formats._prophesee import GEN3, GEN4, check_room, parse, raw_text, read_header
-from neuro.events.formats._reading import begin
+from neuro.events._events import Events, empty_columns
+from neuro.events.formats._format import HEAD, Damage, Format, Piece, no_place
+from neuro.events.formats._reading import begin, decoded, write_words
+from neuro.events.formats.dat import GEN3, GEN4, check_room, parse, raw_text, read_header
 from neuro.events.source import WHOLE, Bytes, Source, step
 
 Words = npt.NDArray[Any]
@@ -47,16 +48,12 @@ class Decoder:
     decode: Callable[..., tuple[int, int, int, bool]]
     order: Callable[[Words], Words] = _same
 
-    def piece(self, data: Bytes, place: Callable[[int], int | None] | None = None) -> Piece:
+    def piece(self, data: Bytes, place: Callable[[int], int | None] = no_place) -> Piece:
         """The events of whole words."""
         words = self.order(data.view(self.dtype))
-        n = self.room(words)
-        t, x, y = np.empty(n, np.int64), np.empty(n, np.uint16), np.empty(n, np.uint16)
-        p = np.empty(n, np.uint8)
-        found, x_max, y_max, ordered = self.decode(words, self.state, t, x, y, p)
-        highest = (int(x_max), int(y_max)) if found else (-1, -1)
-        piece = Piece(t[:found], x[:found], y[:found], p[:found], highest, bool(ordered))
-        return replace(piece, place=place) if place else piece
+        room = empty_columns(self.room(words))
+        found, x_max, y_max, ordered = self.decode(words, self.state, *room)
+        return decoded(room, found, (x_max, y_max), ordered, place)
 
     def count(self, data: Bytes) -> int:
         """Number of events of whole words; the state stays as it is."""
@@ -168,7 +165,7 @@ ROOM_2 = (1 << 34, 1 << 11)
 class Evt2(Evt):
     """An open EVT 2.0 file; see `Evt`.
 
-    A header (see `_prophesee`), then little-endian uint32 words; the kind is in bits 28-31.
+    A header (see `dat`), then little-endian uint32 words; the kind is in bits 28-31.
     0 and 1: an event of this polarity (1 = ON), low bits of its time in bits 22-27, x in bits 11-21, y in bits 0-10.
     8, TIME_HIGH: bits 6-33 of the time of what follows, in bits 0-27.
     10, 14, 15 and other kinds (triggers, the vendor's own) are no events of pixels and are left out, as are events
@@ -186,13 +183,13 @@ class Evt2(Evt):
 
     def decoder(self) -> Decoder:
         """See `Evt`."""
-        from neuro.events.formats import _evt2_kernels as kernel
+        from neuro.events.formats import _evt_kernels as kernel
 
-        return Decoder("<u4", np.zeros(kernel.STATES, np.int64), len, kernel.decode)
+        return Decoder("<u4", np.zeros(kernel.STATES_2, np.int64), len, kernel.decode2)
 
     def sought(self, decoder: Decoder, step: int, start_us: int) -> int:
         """See `Evt`."""
-        from neuro.events.formats import _evt2_kernels as kernel
+        from neuro.events.formats import _evt_kernels as kernel
 
         samples = self.source.samples(self.header.length, step, min(step, HIGH_LOOK))
         at = begin(self.header.length, self._highs(decoder, samples), start_us >> LOW_BITS, PERIOD)
@@ -215,15 +212,14 @@ class Evt2(Evt):
 def write_evt2(parts: Iterator[Events], path: Path) -> None:
     """Encode, with the sensor in the header; metadata are not kept."""
     high = -1
-    with path.open("wb") as file:
-        for done, events in in_order(parts):
-            if file.tell() == 0:
-                file.write(raw_text("2.0", events.sensor_size))
-            check_room(events, done, *ROOM_2)
-            words, high = _words_2(events, high)
-            file.write(words.tobytes())
-        if file.tell() == 0:
-            file.write(raw_text("2.0", None))
+
+    def encoded(done: int, events: Events) -> bytes:
+        nonlocal high
+        check_room(events, done, *ROOM_2)
+        words, high = _words_2(events, high)
+        return words.tobytes()
+
+    write_words(parts, path, partial(raw_text, "2.0"), encoded)
 
 
 def _words_2(events: Events, high: int) -> tuple[npt.NDArray[np.uint32], int]:
@@ -249,7 +245,7 @@ EVT2 = Format(
 class Evt21(Evt2):
     """An open EVT 2.1 file; see `Evt`.
 
-    A header (see `_prophesee`), then little-endian uint64 words; the kind is in bits 60-63.
+    A header (see `dat`), then little-endian uint64 words; the kind is in bits 60-63.
     0 and 1: events of this polarity (1 = ON), low bits of their time in bits 54-59, x of the first pixel in bits 43-53,
     y in bits 32-42; bit i of bits 0-31 tells whether pixel x + i has one.
     8, TIME_HIGH: bits 6-33 of the time of what follows, in bits 32-59. What is said of other words and of wraps in
@@ -269,7 +265,7 @@ class Evt21(Evt2):
 
     def decoder(self) -> Decoder:
         """See `Evt`."""
-        from neuro.events.formats import _evt2_kernels as kernel
+        from neuro.events.formats import _evt_kernels as kernel
 
         order = self.header.options.get("endianness")
         legacy = order == "legacy" if order else self._upper_first()
@@ -277,7 +273,7 @@ class Evt21(Evt2):
         def halves(words: npt.NDArray[Any]) -> npt.NDArray[Any]:
             return words.reshape(-1, 2)[:, ::-1].reshape(-1) if legacy else words
 
-        return Decoder("<u4", np.zeros(kernel.STATES, np.int64), kernel.room21, kernel.decode21, halves)
+        return Decoder("<u4", np.zeros(kernel.STATES_2, np.int64), kernel.room21, kernel.decode21, halves)
 
     def upper(self, words: npt.NDArray[np.uint32]) -> npt.NDArray[np.uint32]:
         """See `Evt2`."""
@@ -317,10 +313,19 @@ SLICE = 1 << 16
 """Events encoded at a time."""
 
 
+def evt3_decoder() -> Decoder:
+    """A new decoder of EVT 3.0."""
+    from neuro.events.formats import _evt_kernels as kernel
+
+    state = np.zeros(kernel.STATES_3, np.int64)
+    state[kernel.ROW] = state[kernel.BASE] = -1
+    return Decoder("<u2", state, kernel.room3, kernel.decode3)
+
+
 class Evt3(Evt):
     """An open EVT 3.0 file; see `Evt`.
 
-    A header (see `_prophesee`), then little-endian uint16 words; the kind is in bits 12-15. Time, row and the base of
+    A header (see `dat`), then little-endian uint16 words; the kind is in bits 12-15. Time, row and the base of
     vectors hold until the next word that changes them.
     0: row in bits 0-10. 2: an event at the column in bits 0-10, polarity in bit 11 (1 = ON).
     3: base column and polarity of vectors. 4 and 5: events at base + i for each bit i of 12 or 8; the base advances as
@@ -343,16 +348,11 @@ class Evt3(Evt):
 
     def decoder(self) -> Decoder:
         """See `Evt`."""
-        from neuro.events.formats import _evt3_kernels as kernel
-
-        state = np.zeros(kernel.STATES, np.int64)
-        state[kernel.ROW] = state[kernel.BASE] = -1
-        return Decoder("<u2", state, kernel.room, kernel.decode)
+        return evt3_decoder()
 
     def sought(self, decoder: Decoder, step: int, start_us: int) -> int:
         """See `Evt`. The clock wraps so soon that all TIME_HIGH before are looked at, and nothing else."""
-        from neuro.events.formats import _evt3_kernels as kernel
-        from neuro.events.formats._evt3_kernels import track
+        from neuro.events.formats import _evt_kernels as kernel
 
         begin = self.header.length
         high, kinds, margin = -1, 0, (begin, -1)
@@ -360,7 +360,7 @@ class Evt3(Evt):
         for place, data in self.source.blocks(begin, step, self.word):
             words = data[: data.size // self.word * self.word].view("<u2")
             at_begin, kinds_before = high, kinds
-            high, kinds, most = track(words, high, kinds)
+            high, kinds, most = kernel.track3(words, high, kinds)
             if most >= start_us >> 12:
                 if margin[1] < 0 or not _settled(before, bool(kinds_before >> VECT_BASE_X & 1)):
                     return begin
@@ -385,22 +385,20 @@ def _settled(words: npt.NDArray[np.uint16], vectors: bool) -> bool:
 
 def write_evt3(parts: Iterator[Events], path: Path) -> None:
     """Encode, with the sensor in the header; metadata are not kept."""
-    from neuro.events.formats._evt3_kernels import encode
+    from neuro.events.formats._evt_kernels import encode3
 
     state = np.array([-1, -1], np.int64)
-    with path.open("wb") as file:
-        for done, events in in_order(parts):
-            if file.tell() == 0:
-                file.write(raw_text("3.0", events.sensor_size))
-            check_room(events, done, *ROOM_3)
-            for first in range(0, len(events), SLICE):
-                part = events[first : first + SLICE]
-                wraps = (int(part.t[-1]) >> 24) - (max(int(state[0]), 0) >> 24)
-                words = np.empty(4 * len(part) + 2 * wraps + 1, "<u2")
-                count = encode(part.t, part.x, part.y, part.p, state, words)
-                file.write(words[:count].tobytes())
-        if file.tell() == 0:
-            file.write(raw_text("3.0", None))
+
+    def encoded(done: int, events: Events) -> bytes:
+        check_room(events, done, *ROOM_3)
+        return b"".join(map(sliced, (events[first : first + SLICE] for first in range(0, len(events), SLICE))))
+
+    def sliced(part: Events) -> bytes:
+        wraps = (int(part.t[-1]) >> 24) - (max(int(state[0]), 0) >> 24)
+        words = np.empty(4 * len(part) + 2 * wraps + 1, "<u2")
+        return words[: encode3(part.t, part.x, part.y, part.p, state, words)].tobytes()
+
+    write_words(parts, path, partial(raw_text, "3.0"), encoded)
 
 
 EVT3 = Format(
@@ -443,14 +441,9 @@ def _fits21(data: bytes) -> bool:
     return any(_likely(strange(half), half, 28) for half in (halves[:, 1], halves[:, 0]))
 
 
-def _fits3(data: bytes) -> bool:
-    words = _words(data, "<u2", 2)
-    return _likely(~np.isin(words >> 12, KINDS_3), words, 12)
-
-
-def _fits2(data: bytes) -> bool:
-    words = _words(data, "<u4", 4)
-    return _likely(~np.isin(words >> 28, KINDS_2), words, 28)
+def _fits(dtype: str, size: int, kind_at: int, kinds: tuple[int, ...], data: bytes) -> bool:
+    words = _words(data, dtype, size)
+    return _likely(~np.isin(words >> kind_at, kinds), words, kind_at)
 
 
 def _words(data: bytes, dtype: str, size: int) -> Words:
@@ -465,7 +458,11 @@ def _likely(odd: npt.NDArray[np.bool_], words: Words, kind_at: int) -> bool:
     return bool(high.size and 64 * odd.sum() <= words.size and not falls.any())
 
 
-_GUESSES: tuple[tuple[Reads, Callable[[bytes], bool]], ...] = ((Evt21, _fits21), (Evt3, _fits3), (Evt2, _fits2))
+_GUESSES: tuple[tuple[Reads, Callable[[bytes], bool]], ...] = (
+    (Evt21, _fits21),
+    (Evt3, partial(_fits, "<u2", 2, 12, KINDS_3)),
+    (Evt2, partial(_fits, "<u4", 4, 28, KINDS_2)),
+)
 
 
 def _knows(head: bytes) -> bool:

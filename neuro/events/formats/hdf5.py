@@ -45,7 +45,7 @@ class Hdf5:
 
     Args:
         source: the file.
-        where: the group or dataset of the recording, "" where there is only one; see `_hdf5_find.find`.
+        where: the group or dataset of the recording, "" where there is only one; see `_hdf5_recording.find`.
 
     Attributes:
         metadata: made of the attributes; ``columns`` is the order of those that have no names.
@@ -344,5 +344,3 @@ def _extend_index(index: Any, t: npt.NDArray[np.int64], done: int) -> None:
 
 HDF5 = Format("hdf5", "HDF5", (".h5", ".hdf5"), is_hdf5, Hdf5, write, inside=Hdf5)
 """Read and written."""
-
-__all__ = ["HDF5", "Hdf5", "read_sample", "sample_size", "write", "write_sample"]

@@ -32,7 +32,7 @@ import numpy.typing as npt
 from neuro.events._events import Events
 from neuro.events.errors import EventFileError
 from neuro.events.formats._columns import Names, find_names, to_piece, unit_of
-from neuro.events.formats._format import Damage, Format, Found, Piece
+from neuro.events.formats._format import Damage, Format, Found
 from neuro.events.formats._hdf5_chunks import FAILURES, believable
 from neuro.events.source import WHOLE, Given, Source
 
@@ -79,9 +79,7 @@ def samples(given: Given) -> dict[str, Events]:
 
 
 def _events(found: Found) -> Events:
-    piece = next(found.pieces(WHOLE))
-    if isinstance(found, _Part):
-        raise Damage(found.fault, None)
+    (piece,) = found.pieces(WHOLE)
     size = int(piece.x.max(initial=0)) + 1, int(piece.y.max(initial=0)) + 1
     return Events(piece.t, piece.x, piece.y, piece.p, size, {"format": "mat", **found.metadata})
 
@@ -118,20 +116,7 @@ def _recording(variable: str, columns: Columns, names: Names) -> Found:
     unit = unit_of(vectors["t"]) if names.unit is None else names.unit
     piece, fault = to_piece(vectors, unit, 0, None)
     metadata = {"variable": variable, "counted_from": base} if variable else {"counted_from": base}
-    return _Part(None, metadata, (piece,), fault) if fault else Found(None, metadata, (piece,))
-
-
-class _Part(Found):
-    """A recording that is right up to an event."""
-
-    def __init__(self, size: None, metadata: Mapping[str, Any], parts: tuple[Piece, ...], fault: str) -> None:
-        super().__init__(size, metadata, parts)
-        self.fault = fault
-
-    def pieces(self, block: int) -> Iterator[Piece]:
-        """What is right, then the damage."""
-        yield from self.parts
-        raise Damage(self.fault, None)
+    return Found(None, metadata, (piece,), Damage(fault, None) if fault else None)
 
 
 def _from_one(vectors: Columns) -> bool:

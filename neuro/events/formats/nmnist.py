@@ -15,8 +15,9 @@ from typing import Any
 
 import numpy as np
 
-from neuro.events._events import Events
-from neuro.events.formats._format import Damage, Format, Piece, Size, in_order, refuse
+from neuro.events._events import Events, empty_columns
+from neuro.events.formats._format import Damage, Format, Piece, Size, refuse
+from neuro.events.formats._reading import decoded, write_words
 from neuro.events.source import Source
 
 SENSOR_SIZE = (34, 34)
@@ -44,33 +45,32 @@ class Bin:
         begin = 0
         for place, data in self._source.blocks(0, block, WORD):
             n = data.size // WORD
-            t, x, y = np.empty(n, np.int64), np.empty(n, np.uint16), np.empty(n, np.uint16)
-            p = np.empty(n, np.uint8)
-            found, x_max, y_max, ordered, after = decode_nmnist(data, begin, t, x, y, p)
+            room = empty_columns(n)
+            found, x_max, y_max, ordered, begin = decode_nmnist(data, begin, *room)
             whole = found == n
 
             def byte(event: int, place: int = place, data: Any = data, whole: bool = whole) -> int:
                 return place + WORD * (event if whole else int(np.flatnonzero(data[1::WORD] != OVERFLOW_ROW)[event]))
 
-            highest = (int(x_max), int(y_max)) if found else (-1, -1)
-            yield Piece(t[:found], x[:found], y[:found], p[:found], highest, bool(ordered), byte)
-            begin = after
+            yield decoded(room, found, (x_max, y_max), ordered, byte)
             if rest := data.size % WORD:
                 raise Damage(f"{rest} bytes left over after {place // WORD + n} events of 5 bytes", place + n * WORD)
 
 
 def write(parts: Iterator[Events], path: Path) -> None:
     """Encode as ``.bin``; the sensor size and the metadata are not kept."""
+    write_words(parts, path, lambda size: b"", _words)
+
+
+def _words(done: int, events: Events) -> bytes:
+    outside = (events.x > 255) | (events.y > 255) | (events.y == OVERFLOW_ROW)
     limits = f"t 0 to {T_LIMIT - 1} us, x and y 0 to 255, y not {OVERFLOW_ROW}"
-    with path.open("wb") as file:
-        for done, events in in_order(parts):
-            outside = (events.x > 255) | (events.y > 255) | (events.y == OVERFLOW_ROW)
-            refuse(events, (events.t < 0) | (events.t >= T_LIMIT) | outside, done, limits, outside)
-            words = np.empty((len(events), WORD), np.uint8)
-            words[:, 0], words[:, 1] = events.x, events.y
-            words[:, 2] = events.p << 7 | (events.t >> 16).astype(np.uint8)
-            words[:, 3], words[:, 4] = events.t >> 8 & 0xFF, events.t & 0xFF
-            file.write(words.tobytes())
+    refuse(events, (events.t < 0) | (events.t >= T_LIMIT) | outside, done, limits, outside)
+    words = np.empty((len(events), WORD), np.uint8)
+    words[:, 0], words[:, 1] = events.x, events.y
+    words[:, 2] = events.p << 7 | (events.t >> 16).astype(np.uint8)
+    words[:, 3], words[:, 4] = events.t >> 8 & 0xFF, events.t & 0xFF
+    return words.tobytes()
 
 
 NMNIST = Format("nmnist", "N-MNIST .bin", (".bin",), lambda head: False, Bin, write, usual=SENSOR_SIZE)

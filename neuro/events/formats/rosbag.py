@@ -25,7 +25,7 @@ import numpy as np
 
 from neuro.events.formats._format import Damage, Format, Piece, Size, extra
 from neuro.events.formats._reading import Cursor, GrowingArray
-from neuro.events.formats.evt import Decoder
+from neuro.events.formats.evt import Decoder, evt3_decoder
 from neuro.events.source import Bytes, Source
 
 MAGIC = b"#ROSBAG V2.0\n"
@@ -369,16 +369,8 @@ class Unpacker:
         data = np.ascontiguousarray(data).reshape(-1)
         if content.encoding == "mono":
             return _mono(data.view("<u8"), content.base)
-        self._evt3 = self._evt3 or _evt3()
+        self._evt3 = self._evt3 or evt3_decoder()
         return self._evt3.piece(data)
-
-
-def _evt3() -> Decoder:
-    from neuro.events.formats import _evt3_kernels as kernel
-
-    state = np.zeros(kernel.STATES, np.int64)
-    state[kernel.ROW] = state[kernel.BASE] = -1
-    return Decoder("<u2", state, kernel.room, kernel.decode)
 
 
 def _mono(words: Any, base: int) -> Piece:

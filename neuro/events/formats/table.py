@@ -23,7 +23,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from neuro.events._events import Events
+from neuro.events._events import Events, empty_columns
 from neuro.events.formats._columns import find_names, order_of, unit_of
 from neuro.events.formats._format import Damage, Format, Piece, Size
 from neuro.events.source import Bytes, Source
@@ -86,7 +86,7 @@ class Table:
 
         layout = self._layout
         room = int(np.count_nonzero(data == ord("\n"))) + 1
-        t, x, y, p = np.empty(room, np.int64), *(np.empty(room, np.uint16) for _ in "xy"), np.empty(room, np.uint8)
+        t, x, y, p = empty_columns(room)
         where = np.array([layout.where[name] for name in "txyp"], np.int64)
         n, end, lines, wrong, column = parse(data, layout.columns, where, layout.unit, t, x, y, p)
 

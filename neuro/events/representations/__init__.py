@@ -23,8 +23,7 @@ from typing import Any
 
 from neuro.core.registry import Registry
 from neuro.events.representations.frames import binary_frame, event_frame, event_spike_tensor, voxel_grid
-from neuro.events.representations.hats import Hats, hats
-from neuro.events.representations.surfaces import LeakySurface, TimeSurface, leaky_surface, time_surface
+from neuro.events.representations.surfaces import Hats, LeakySurface, TimeSurface, hats, leaky_surface, time_surface
 
 REPRESENTATIONS: Registry[Callable[..., Any]] = Registry(
     "representation",

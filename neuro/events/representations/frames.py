@@ -9,8 +9,49 @@ import numpy.typing as npt
 
 from neuro.core.checks import argument
 from neuro.core.errors import ModelError
+from neuro.core.extras import needed
 from neuro.events._events import Events
-from neuro.events.representations._common import Polarity, Representation, given, real, span
+
+Polarity = Literal["separate", "signed", "ignored"]
+Representation = npt.NDArray[Any] | Any
+"""An array, or a torch tensor where it was asked for."""
+
+
+def given(array: npt.NDArray[Any], as_torch: bool) -> Representation:
+    """The array, or a tensor that shares its memory.
+
+    Raises:
+        ModelError: torch is asked for and missing.
+    """
+    if not as_torch:
+        return array
+    return needed("torch", "torch", "as_torch=True: torch is not installed").from_numpy(array)
+
+
+def real(dtype: npt.DTypeLike) -> np.dtype[Any]:
+    """float32 or float64.
+
+    Raises:
+        ModelError: it is another type.
+    """
+    kind = np.dtype(dtype)
+    if kind not in (np.dtype(np.float32), np.dtype(np.float64)):
+        raise ModelError(f"dtype is {kind}, expected float32 or float64")
+    return kind
+
+
+def span(events: Events, start_us: int | None, stop_us: int | None) -> tuple[int, int]:
+    """The first and last time that are looked at: those given, else of the first and last event.
+
+    Raises:
+        ModelError: the last is before the first.
+    """
+    first, last = (int(events.t[0]), int(events.t[-1])) if len(events) else (0, 0)
+    start = first if start_us is None else argument("start_us", start_us, kind="microseconds")
+    stop = max(start, last) if stop_us is None else argument("stop_us", stop_us, kind="microseconds")
+    if stop < start:
+        raise ModelError(f"stop_us is {stop} us, expected at least {start}, the start")
+    return start, stop
 
 
 def event_frame(

@@ -1,8 +1,8 @@
-"""How long ago each pixel had its last event."""
+"""How long ago events were: time surfaces, leaky surfaces, and their averages over cells (HATS)."""
 
 from __future__ import annotations
 
-from typing import Literal
+from typing import Literal, Protocol
 
 import numpy as np
 import numpy.typing as npt
@@ -10,7 +10,8 @@ import numpy.typing as npt
 from neuro.core.checks import argument
 from neuro.core.errors import ModelError
 from neuro.events._events import Events
-from neuro.events.representations._common import Representation, given, read, real
+from neuro.events.parts import together
+from neuro.events.representations.frames import Representation, given, real
 
 Decay = Literal["exponential", "linear"]
 Which = Literal["separate", "ignored"]
@@ -18,7 +19,83 @@ NEVER = np.iinfo(np.int64).min
 """The time of a pixel's last event before it had one."""
 
 
-class TimeSurface:
+def moments(at_us: int | npt.ArrayLike) -> npt.NDArray[np.int64]:
+    """Times at which a surface is read.
+
+    Raises:
+        ModelError: they are not whole, or run back.
+    """
+    at = np.atleast_1d(np.asarray(at_us))
+    if at.ndim != 1 or (at.size and at.dtype.kind not in "iu"):
+        raise ModelError(f"at_us is {at.dtype} of shape {at.shape}, expected a whole number of us, or (n,) of them")
+    if np.any(at[1:] < at[:-1]):
+        k = int((at[1:] < at[:-1]).argmax()) + 1
+        raise ModelError(f"at_us runs back from {at[k - 1]} to {at[k]} us, expected an order of time")
+    return at.astype(np.int64)
+
+
+class Surface(Protocol):
+    """What takes events in and can be read at a time."""
+
+    def add(self, events: Events) -> None:
+        """Take in the next events."""
+        ...
+
+    def at(self, t_us: int, dtype: npt.DTypeLike = ...) -> npt.NDArray[np.floating]:
+        """The surface at a time."""
+        ...
+
+
+def read(
+    surface: Surface, events: Events, at_us: int | npt.ArrayLike | None, inclusive: bool, dtype: npt.DTypeLike
+) -> npt.NDArray[np.floating]:
+    """The surface at each time, in one pass over the events.
+
+    Args:
+        surface: a fresh one.
+        events: the recording.
+        at_us: one time, (n,) times, or None for the last event's.
+        inclusive: whether events at the very time count.
+        dtype: float32 or float64.
+
+    Returns:
+        one surface, or (n, ...) of them.
+
+    Raises:
+        ModelError: times or type are wrong.
+    """
+    if at_us is None:
+        at_us = int(events.t[-1]) if len(events) else 0
+    times = moments(at_us)
+    stops = np.searchsorted(events.t, times, side="right" if inclusive else "left")
+    found, begin = [], 0
+    for when, stop in zip(times.tolist(), stops.tolist(), strict=True):
+        surface.add(events[begin:stop])
+        found.append(surface.at(when, dtype))
+        begin = stop
+    if np.ndim(at_us) == 0:
+        return found[0]
+    return np.stack(found) if found else np.zeros((0, *surface.at(0).shape), real(dtype))
+
+
+class _Decaying:
+    """What surfaces share: how they decay, and from when on they can be read."""
+
+    def __init__(self, tau_us: float, decay: Decay, polarity: Which) -> None:
+        self._tau = argument("tau_us", tau_us, unit="us", above=0, infinite=True)
+        self._linear = argument("decay", decay, words=("exponential", "linear")) == "linear"
+        self._separate = argument("polarity", polarity, words=("separate", "ignored")) == "separate"
+        self._newest: int | None = None
+
+    def _when(self, t_us: int) -> int:
+        """A time at which the surface can be read."""
+        when: int = argument("t_us", t_us, kind="microseconds")
+        if self._newest is not None and when < self._newest:
+            raise ModelError(f"at {when} us: events up to {self._newest} us are already in the surface")
+        return when
+
+
+class TimeSurface(_Decaying):
     """The times of the last events, read as a surface whenever wanted; for recordings that come in parts.
 
     Args:
@@ -35,11 +112,8 @@ class TimeSurface:
         self, sensor_size: tuple[int, int], *, tau_us: float, decay: Decay = "exponential", polarity: Which = "separate"
     ) -> None:
         width, height = sensor_size
-        self._tau = argument("tau_us", tau_us, unit="us", above=0, infinite=True)
-        self._linear = argument("decay", decay, words=("exponential", "linear")) == "linear"
-        self._separate = argument("polarity", polarity, words=("separate", "ignored")) == "separate"
+        super().__init__(tau_us, decay, polarity)
         self._last = np.full((1 + self._separate, height, width), NEVER)
-        self._newest: int | None = None
 
     def add(self, events: Events) -> None:
         """Take in the next events."""
@@ -64,9 +138,7 @@ class TimeSurface:
         """
         from neuro.events.representations._kernels import ages
 
-        when = argument("t_us", t_us, kind="microseconds")
-        if self._newest is not None and when < self._newest:
-            raise ModelError(f"at {when} us: events up to {self._newest} us are already in the surface")
+        when = self._when(t_us)
         out = np.empty(self._last.shape, real(dtype))
         ages(self._last.ravel(), when, self._tau, self._linear, out.ravel())
         return out if self._separate else out[0]
@@ -117,7 +189,7 @@ def time_surface(
 Order = Literal["decay_first", "increment_first"]
 
 
-class LeakySurface:
+class LeakySurface(_Decaying):
     """Leaky pixels, read as a surface whenever wanted; for recordings that come in parts.
 
     Each pixel is caught up when it has an event or is read, which is the same as decaying all at every event.
@@ -145,14 +217,11 @@ class LeakySurface:
         order: Order = "decay_first",
     ) -> None:
         width, height = sensor_size
-        self._tau = argument("tau_us", tau_us, unit="us", above=0, infinite=True)
-        self._linear = argument("decay", decay, words=("exponential", "linear")) == "linear"
-        self._separate = argument("polarity", polarity, words=("separate", "ignored")) == "separate"
+        super().__init__(tau_us, decay, polarity)
         self._late = argument("order", order, words=("decay_first", "increment_first")) == "increment_first"
         self._increment = argument("increment", increment, above=0, infinite=True)
         self._value = np.zeros((1 + self._separate, height, width))
         self._since = np.zeros(self._value.shape, np.int64)
-        self._newest: int | None = None
 
     def add(self, events: Events) -> None:
         """Take in the next events."""
@@ -181,9 +250,7 @@ class LeakySurface:
         """
         from neuro.events.representations._kernels import leaked
 
-        when = argument("t_us", t_us, kind="microseconds")
-        if self._newest is not None and when < self._newest:
-            raise ModelError(f"at {when} us: events up to {self._newest} us are already in the surface")
+        when = self._when(t_us)
         out = np.empty(self._value.shape, real(dtype))
         leaked(self._value.ravel(), self._since.ravel(), when, self._tau, self._linear, out.ravel())
         return out if self._separate else out[0]
@@ -237,3 +304,138 @@ def leaky_surface(
         events.sensor_size, tau_us=tau_us, decay=decay, polarity=polarity, increment=increment, order=order
     )
     return given(read(surface, events, at_us, inclusive, dtype), as_torch)
+
+
+Normalise = Literal["cell", "polarity", "none"]
+
+
+class Hats:
+    """Averaged time surfaces that grow event by event, in bounded memory; for recordings that come in parts.
+
+    Parts, cut anywhere, give to the bit what the whole gives.
+
+    Args:
+        sensor_size: width and height, px.
+        cell, radius, window_us, tau_us, itself, normalise: see `hats`.
+
+    Raises:
+        ModelError: an argument is wrong; the message says which.
+    """
+
+    def __init__(
+        self,
+        sensor_size: tuple[int, int],
+        *,
+        cell: int = 10,
+        radius: int = 3,
+        window_us: int = 100_000,
+        tau_us: float = 1e9,
+        itself: bool = False,
+        normalise: Normalise = "cell",
+    ) -> None:
+        cell = argument("cell", cell, kind="integer", at_least=1)
+        radius = argument("radius", radius, kind="integer", at_least=0)
+        window_us = argument("window_us", window_us, kind="microseconds", at_least=1)
+        tau_us = argument("tau_us", tau_us, unit="us", above=0, infinite=True)
+        self._by = argument("normalise", normalise, words=("cell", "polarity", "none"))
+        self._constants = (cell, radius, window_us, tau_us, 1.0 if itself else 0.0)
+        width, height = sensor_size
+        rows, columns, size = -(-height // cell), -(-width // cell), 2 * radius + 1
+        padded = cell + 2 * radius
+        self._sums = np.zeros((rows, columns, 2, size, size))
+        self._counts = np.zeros((rows, columns, 2), np.int64)
+        self._memory = np.zeros((rows, columns, 2, padded, padded))
+        self._inside = np.zeros(self._memory.shape, np.int32)
+        self._queues = np.full((3, rows, columns, 2), -1, np.int64)  # oldest and newest event, reference time
+        self._held: Events | None = None  # those of the window, whose numbers the queues tell
+        self._following = np.empty(0, np.int64)
+
+    def add(self, events: Events) -> None:
+        """Take in the next events."""
+        from neuro.events.representations._kernels import histograms
+
+        if not len(events):
+            return
+        old = self._forget() if self._held is not None else 0
+        seen = together([self._held, events]) if self._held is not None else events
+        following = np.concatenate([self._following, np.empty(len(events), np.int64)])
+        state = (self._memory, self._inside, self._queues, following, self._sums, self._counts)
+        histograms(seen.t, seen.x, seen.y, seen.p, old, self._constants, *state)
+        self._held, self._following = seen, following
+
+    def _forget(self) -> int:
+        """Drop what has left the window; returns how many events are still held."""
+        from neuro.events.representations._kernels import forget
+
+        assert self._held is not None
+        held = self._held
+        state = (self._memory, self._inside, self._queues, self._following)
+        first = forget(held.t, held.x, held.y, self._constants, *state)
+        self._held, self._following = held[first:], self._following[first:]
+        return len(self._following)
+
+    def histograms(self, dtype: npt.DTypeLike = np.float32) -> npt.NDArray[np.floating]:
+        """What `hats` gives of all events so far.
+
+        Args:
+            dtype: float32 or float64.
+        """
+        counts = self._counts
+        by = {"cell": counts.sum(2, keepdims=True), "polarity": counts, "none": np.ones_like(counts)}[self._by]
+        out: npt.NDArray[np.floating] = self._sums / np.maximum(by, 1)[..., None, None]
+        return out.astype(real(dtype))
+
+
+def hats(
+    events: Events,
+    *,
+    cell: int = 10,
+    radius: int = 3,
+    window_us: int = 100_000,
+    tau_us: float = 1e9,
+    itself: bool = False,
+    normalise: Normalise = "cell",
+    dtype: npt.DTypeLike = np.float32,
+    as_torch: bool = False,
+) -> Representation:
+    """Average the surroundings of events over cells of the sensor.
+
+    The local memory time surface of event i is T_i[dy, dx], the sum of exp(-(t_i - t_j) / tau) over the events j that
+    came before it, at most `window_us` ago, with its polarity, in its cell, and at (x_i + dx, y_i + dy). A cell's
+    histogram is the sum of T_i over its events, by polarity, divided by the number of its events.
+    Events of one time count as having come in their order.
+
+    tonic's ``ToAveragedTimesurface(decay="exp")`` is this with ``itself=True, normalise="polarity"``, its first axis
+    being our first two.
+
+    Args:
+        events: the recording, or the part of one that is to be classified.
+        cell: side of a cell, px; cells at the right and at the bottom may be smaller.
+        radius: of the surroundings, px; rho of the paper.
+        window_us: how long an event is remembered, us; the paper's Delta t.
+        tau_us: time constant, us.
+        itself: whether an event is part of its own surroundings, which adds 1 in the middle.
+        normalise: by the events of the ``"cell"`` as in the paper, of the cell and ``"polarity"``, or ``"none"``.
+        dtype: float32 or float64.
+        as_torch: give a torch tensor.
+
+    Returns:
+        (rows, columns, 2, 2 radius + 1, 2 radius + 1), rows = ceil(height / cell) and columns likewise; the last axes
+        are polarity, dy and dx. 0 for a cell without events.
+
+    Raises:
+        ModelError: an argument is wrong, or torch is missing; the message says which.
+
+    Source: Sironi et al., HATS, CVPR 2018, section 4 and algorithm 1; the defaults are theirs for N-CARS.
+    """
+    grown = Hats(
+        events.sensor_size,
+        cell=cell,
+        radius=radius,
+        window_us=window_us,
+        tau_us=tau_us,
+        itself=itself,
+        normalise=normalise,
+    )
+    grown.add(events)
+    return given(grown.histograms(dtype), as_torch)

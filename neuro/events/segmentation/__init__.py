@@ -18,15 +18,17 @@ from __future__ import annotations
 from collections.abc import Callable
 
 from neuro.core.registry import Registry
-from neuro.events.segmentation._cutter import Cutter, Times, segmented
 from neuro.events.segmentation.cutters import (
     MSD,
     Counts,
+    Cutter,
     Peaks,
+    Times,
     TimeWindows,
     count_segments,
     msd_segments,
     peak_segments,
+    segmented,
     time_segments,
 )
 

@@ -1,21 +1,116 @@
-"""Segments of fixed time or fixed count, whatever happens in them."""
+"""Where segments end: cutters see the times of events as they come; functions cut a whole recording at once."""
 
 from __future__ import annotations
 
+from collections.abc import Iterable, Iterator
 from math import exp, log
+from typing import Any, Protocol
 
 import numpy as np
 import numpy.typing as npt
 
 from neuro.core.checks import argument
 from neuro.core.errors import ModelError
-from neuro.events.segmentation._cutter import NONE, Times, bounds
+from neuro.events._events import Events
+from neuro.events.parts import together
+
+Times = npt.NDArray[np.int64]
+NONE = np.zeros(0, np.int64)
+"""No cuts."""
+
+
+class Cutter(Protocol):
+    """Says where segments end, while the events come in."""
+
+    def cuts(self, t: Times) -> Times:
+        """See the next events.
+
+        Args:
+            t: (n,) int64, us, non-decreasing, not before the events seen so far.
+
+        Returns:
+            (cuts,) int64, non-decreasing: how many events of the recording, from its very first, lie before the
+            end of each segment that is now known to be complete.
+        """
+        ...
+
+    def end(self) -> Times:
+        """The cuts that are known once no more events come; as `cuts`. None where what is not complete is left over."""
+        return NONE
+
+
+def bounds(cutter: Cutter, t: npt.NDArray[Any], rest: bool) -> Times:
+    """All bounds of one recording.
+
+    Args:
+        cutter: a fresh one.
+        t: (n,) times, us.
+        rest: whether events after the last complete segment are one more.
+
+    Returns:
+        (segments + 1,) int64, from 0.
+
+    Raises:
+        ModelError: `t` is not (n,) whole numbers in order.
+    """
+    times = _checked(t)
+    found = np.concatenate([np.zeros(1, np.int64), cutter.cuts(times), cutter.end()])
+    return np.append(found, times.size) if rest and found[-1] < times.size else found
+
+
+def segmented(parts: Events | Iterable[Events], cutter: Cutter, *, rest: bool = False) -> Iterator[Events]:
+    """Cut a recording that comes in parts; only the segment that is under way is held.
+
+    Args:
+        parts: one recording, whole or in parts as `neuro.events.stream` gives them.
+        cutter: a fresh `TimeWindows`, `Counts`, `MSD` or `Peaks`.
+        rest: whether events after the last complete segment are one more.
+
+    Yields:
+        the segments, the same for any cutting into parts.
+    """
+    held: list[Events] = []
+    begin = 0
+    for part in [parts] if isinstance(parts, Events) else parts:
+        held.append(part)
+        cuts = cutter.cuts(part.t)
+        if cuts.size:
+            whole = together(held)
+            yield from _between(whole, begin, cuts)
+            held, begin = [whole[int(cuts[-1]) - begin :]], int(cuts[-1])
+    if not held:
+        return
+    whole, cuts = together(held), cutter.end()
+    yield from _between(whole, begin, cuts)
+    left = whole[int(cuts[-1]) - begin :] if cuts.size else whole
+    if rest and len(left):
+        yield left
+
+
+def _between(whole: Events, begin: int, cuts: Times) -> Iterator[Events]:
+    first = 0
+    for cut in cuts.tolist():
+        yield whole[first : cut - begin]
+        first = cut - begin
+
+
+def _checked(t: npt.NDArray[Any]) -> Times:
+    given = np.asarray(t)
+    if given.ndim != 1 or (given.size and given.dtype.kind not in "iu"):
+        raise ModelError(f"t is {given.dtype} of shape {given.shape}, expected whole numbers (n,) of us")
+    times = np.ascontiguousarray(given, np.int64)
+    back = times[1:] < times[:-1]
+    if back.any():
+        k = int(back.argmax()) + 1
+        raise ModelError(f"event {k}: time runs back from {times[k - 1]} to {times[k]} us")
+    return times
+
 
 MOST = 10**8
 """More windows at once than this are a mistake in the unit or in a time: their bounds alone would take 1 GB."""
 
 
-class TimeWindows:
+class TimeWindows(Cutter):
     """Segments of equal length, each with its first us and without its last; one without events is empty.
 
     A window is complete when an event at or after its end is seen.
@@ -58,12 +153,8 @@ class TimeWindows:
         self._seen += t.size
         return found
 
-    def end(self) -> Times:
-        """None: an incomplete window is left over."""
-        return NONE
 
-
-class Counts:
+class Counts(Cutter):
     """Segments of equally many events.
 
     The thesis' remark holds: this is a leaky neuron without leak.
@@ -84,10 +175,6 @@ class Counts:
         first = (self._seen // self._count + 1) * self._count
         self._seen += t.size
         return np.arange(first, self._seen + 1, self._count, dtype=np.int64)
-
-    def end(self) -> Times:
-        """None: a shorter segment is left over."""
-        return NONE
 
 
 def time_segments(
@@ -128,7 +215,7 @@ def count_segments(t: npt.NDArray[np.integer], count: int, *, rest: bool = False
     return bounds(Counts(count), t, rest)
 
 
-class MSD:
+class MSD(Cutter):
     """A motion symbol detector: a leaky integrate-and-fire neuron that all events reach.
 
     It adds 1 at every event and decays exponentially in between. When it reaches the threshold, the events since
@@ -158,10 +245,6 @@ class MSD:
         self._seen += t.size
         return found[:n] + (self._seen - t.size)
 
-    def end(self) -> Times:
-        """None: what is below the threshold is left over."""
-        return NONE
-
 
 def msd_segments(
     t: npt.NDArray[np.integer], *, tau: float = 0.02, threshold: float = 150.0, rest: bool = False
@@ -190,7 +273,7 @@ def msd_segments(
     return bounds(MSD(tau, threshold), t, rest)
 
 
-class Peaks:
+class Peaks(Cutter):
     """Segments that end at the peaks of a leaky integration neuron, which is never reset.
 
     Every event adds a postsynaptic potential K(s) = v0 (exp(-s / tau) - exp(-s / rise)), whose maximum is 1; with
@@ -233,7 +316,7 @@ class Peaks:
         from neuro.events.segmentation._kernels import peaks
 
         if not t.size:
-            return np.zeros(0, np.int64)
+            return NONE
         last = self._last if self._seen else int(t[0])
         held = self._recent[0].size
         queue_t = np.concatenate([self._recent[0], np.empty(t.size, np.int64)])

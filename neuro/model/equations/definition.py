@@ -1,4 +1,4 @@
-"""A neuron as its author says it, read from plain words into trees; what is unknown or does not fit is told."""
+"""A neuron as its author says it, read from plain words into trees; what is unknown or does not fit is refused."""
 
 from __future__ import annotations
 

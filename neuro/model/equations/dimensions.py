@@ -366,9 +366,6 @@ def _bracketed(tree: Tree, binding: int) -> str:
 
 def unit_unknown(name: str) -> ModelError:
     """The error for a state of which nothing tells the unit."""
-    return ModelError(
-        f"nothing tells the unit of '{name}'",
-        hint=f"write it in 'initial', e.g. {{{name}: 0 mV}}",
-        path=(name,),
-        about=("initial", name),
-    )
+    message = f"nothing tells the unit of '{name}'"
+    hint = f"write it in 'initial', e.g. {{{name}: 0 mV}}"
+    return ModelError(message, hint=hint, path=(name,), about=("initial", name))

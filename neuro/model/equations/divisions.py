@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Callable, Iterable, Iterator, Mapping
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 
@@ -71,7 +72,7 @@ class Divisions:
         """What is wrong with some values of parameters.
 
         Args:
-            values: by name, in the unit of each; what is not given is not looked at.
+            values: by name, in the unit of each; what is not given is not checked.
         """
         if not self.risky & set(values) and len(values) < len(self.parameters):
             return
@@ -157,3 +158,20 @@ class _Look:
         if holds is None or not np.any(holds):
             found = self.at(second)
         return found if holds is not None and (np.all(holds) or not np.any(holds)) else None
+
+
+class InEquations:
+    """What the classes of models in equations share.
+
+    Class attributes:
+        definition: the words that define it, as they were given.
+        divisions: finds parameters with which a constant of it is not finite.
+    """
+
+    definition: ClassVar[Mapping[str, Any]] = {}
+    divisions: ClassVar[Divisions]
+
+    @classmethod
+    def identity(cls) -> str:
+        """All words that decide what it does."""
+        return json.dumps({k: v for k, v in cls.definition.items() if k not in ("doc", "source")}, default=repr)

@@ -65,7 +65,7 @@ _HINTS = Hints(SIGNS, "give parts of it a name in 'let'")
 
 
 def parse(text: object) -> Expression:
-    """Read an expression of a model; what other languages say otherwise is told how it is said here.
+    """Read an expression of a model; for the syntax of other languages the hint gives ours.
 
     Raises:
         ModelError: as `neuro.core.grammar.parse`.

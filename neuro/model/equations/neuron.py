@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 from collections.abc import Mapping
 from dataclasses import field, make_dataclass
-from typing import Any, ClassVar
+from typing import Any
 
 import numpy as np
 
@@ -16,12 +16,11 @@ from neuro.core.units import TIME, times, unit_of
 from neuro.model.equations import steps
 from neuro.model.equations.definition import CURRENT_NAME, HELD, Definition, read
 from neuro.model.equations.dimensions import refuse
-from neuro.model.equations.divisions import Divisions, Words
+from neuro.model.equations.divisions import Divisions, InEquations, Words
 from neuro.model.equations.exact import matrix_lines, quiet_lines, room, slope_of, system
 from neuro.model.equations.functions import PUBLIC
-from neuro.model.equations.generated import module
 from neuro.model.equations.twin import Twin, twin
-from neuro.model.equations.writing import Constants, function
+from neuro.model.equations.writing import Constants, function, module
 from neuro.model.neurons.base import Neuron, State
 
 _CLASSES: dict[str, type[EquationNeuron]] = {}
@@ -33,21 +32,8 @@ from neuro.model.equations.functions import {", ".join(PUBLIC)}
 """
 
 
-class EquationNeuron(Neuron):
-    """Base of the neurons in equations.
-
-    Class attributes:
-        definition: the words that define it, as they were given.
-        divisions: finds parameters with which a constant of it is not finite.
-    """
-
-    definition: ClassVar[Mapping[str, Any]] = {}
-    divisions: ClassVar[Divisions]
-
-    @classmethod
-    def identity(cls) -> str:
-        """All words that decide what it does."""
-        return json.dumps({k: v for k, v in cls.definition.items() if k not in ("doc", "source")}, default=repr)
+class EquationNeuron(InEquations, Neuron):
+    """Base of the neurons in equations."""
 
     @classmethod
     def twin(cls) -> Twin:

@@ -1,4 +1,4 @@
-"""A rule of spike pairs as its author says it, read from plain words into trees; what does not fit is told."""
+"""A rule of spike pairs as its author says it, read from plain words into trees; what does not fit is refused."""
 
 from __future__ import annotations
 
@@ -15,8 +15,7 @@ from neuro.model.equations.definition import at, check_name, expressions, mappin
 from neuro.model.equations.dimensions import Dimensions
 from neuro.model.equations.functions import ARGUMENTS
 from neuro.model.equations.parameters import Parameter, read_parameters
-from neuro.model.synapses.base import Synapse, Trace
-from neuro.model.synapses.modulated import Modulated
+from neuro.model.synapses.base import Modulated, Synapse, Trace
 
 WORDS = ("traces", "states", "on_pre", "on_post", "on_signal", "initial", "parameters", "doc", "source")
 SPIKES = ("on_pre", "on_post")

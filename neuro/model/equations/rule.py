@@ -9,7 +9,7 @@ from __future__ import annotations
 import json
 from collections.abc import Collection, Mapping
 from dataclasses import field, make_dataclass
-from typing import Any, ClassVar
+from typing import Any
 
 from neuro.core.errors import ModelError, here
 from neuro.core.grammar import Expression, Name, Tree
@@ -17,30 +17,20 @@ from neuro.core.units import unit_of
 from neuro.model.equations.algebra import culprit, names, polynomial
 from neuro.model.equations.definition import at
 from neuro.model.equations.dimensions import refuse, text_of
-from neuro.model.equations.divisions import Divisions, Words
+from neuro.model.equations.divisions import Divisions, InEquations, Words
 from neuro.model.equations.functions import PUBLIC
-from neuro.model.equations.generated import module
 from neuro.model.equations.pairs import DECAY_OF_SIGNAL, SIGNAL, SPIKES, WEIGHT, Pairs, read
-from neuro.model.equations.writing import Constants, function, local, written
+from neuro.model.equations.writing import Constants, function, local, module, written
 from neuro.model.neurons.base import State
-from neuro.model.synapses.base import Synapse
-from neuro.model.synapses.modulated import Modulated
+from neuro.model.synapses.base import Modulated, Synapse
 
 _CLASSES: dict[str, type[EquationSynapse]] = {}
 _HEAD = f"from neuro.model.equations.functions import {', '.join(PUBLIC)}\n"
 _OF_RULES = ("traces", "states", *SPIKES, "on_signal")
 
 
-class EquationSynapse(Synapse):
-    """Base of the rules in equations.
-
-    Class attributes:
-        definition: the words that define it, as they were given.
-        divisions: finds parameters with which a constant of it is not finite.
-    """
-
-    definition: ClassVar[Mapping[str, Any]] = {}
-    divisions: ClassVar[Divisions]
+class EquationSynapse(InEquations, Synapse):
+    """Base of the rules in equations."""
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -48,11 +38,6 @@ class EquationSynapse(Synapse):
             refuse(self.divisions.mistakes({word: getattr(self, word) for word in self.numbers()}))
         except ModelError as error:
             raise error.at(here(), self.name) from None
-
-    @classmethod
-    def identity(cls) -> str:
-        """All words that decide what it does."""
-        return json.dumps({k: v for k, v in cls.definition.items() if k not in ("doc", "source")}, default=repr)
 
     @classmethod
     def initial(cls, parameters: Mapping[str, Any]) -> dict[str, float]:

@@ -161,12 +161,9 @@ def _relaxing(neuron: NeuronSteps, name: str, tree: Tree, variables: dict[str, s
     """A state that goes exactly towards where the others, held at their values, would keep it."""
     row = algebra.affine(neuron.definition.full(tree), {name})
     if row is None:
-        raise ModelError(
-            f"equations.{name}: not linear in {name}, as exponential_euler needs",
-            hint="write integrator: {rkf45: {tolerance: 1e-6}}, or {rk4: {substeps: 4}}",
-            path=("integrator",),
-            about=("integrator", name),
-        )
+        message = f"equations.{name}: not linear in {name}, as exponential_euler needs"
+        hint = "write integrator: {rkf45: {tolerance: 1e-6}}, or {rk4: {substeps: 4}}"
+        raise ModelError(message, hint=hint, path=("integrator",), about=("integrator", name))
     h = Name("h", 0)
     exponent = algebra.multiplied(row.get(name, algebra.ZERO), h)
     spelled = {**variables, "h": neuron.constants.place_of("h")}

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from types import ModuleType
 
@@ -10,22 +10,20 @@ import numpy as np
 from numpy.typing import NDArray
 
 from neuro.core.errors import ModelError
-from neuro.core.grammar import Binary, Name, Tree
+from neuro.core.grammar import Binary, Call, Name, Negative, Number, Tree
 from neuro.core.units import UNITS
 from neuro.model.equations import algebra
+from neuro.model.equations.algebra import ONE, ZERO, added, divided, multiplied
 from neuro.model.equations.definition import CURRENT_NAME, Definition, Receptor
 from neuro.model.equations.dimensions import text_of
 from neuro.model.equations.exact import REST, System, system
 from neuro.model.equations.functions import PUBLIC
-from neuro.model.equations.generated import module
-from neuro.model.equations.products import Product, products, ratio, same
-from neuro.model.equations.writing import Constants, function
+from neuro.model.equations.writing import Constants, function, module
 from neuro.model.neurons.base import Neuron
 from neuro.model.neurons.iaf_psc_delta import iaf_psc_delta
 from neuro.model.neurons.iaf_psc_exp import iaf_psc_exp
 
 _HEAD = f"from neuro.model.equations.functions import {', '.join(PUBLIC)}\n"
-ONE = Product(1.0, {}, {})
 _CURRENTS = ("I_syn_ex", "I_syn_in")
 _TAUS = ("tau_syn_ex", "tau_syn_in")
 
@@ -129,14 +127,14 @@ def _membrane(
     currents = [CURRENT_NAME, *(receptor.name for receptor in receptors if receptor.kernel == "exp")]
     gains = {name: products(row[name], d.parameters) for name in currents if name in row}
     constant: list[Product] = []
-    trees = {"tau_m": ratio([ONE], leak)}
+    trees = {"tau_m": ratio([UNITY], leak)}
     if gains:
         (first, gain), *others = gains.items()
         for name, other in others:
             if not same(gain, other):
                 raise ModelError(f"{first} and {name} act on {potential} by factors that differ")
         constant = [term for term in rest if _is_current(term, leak, gain)]
-        trees |= {"C_m": ratio([ONE], gain), "I_e": ratio(constant, gain)}
+        trees |= {"C_m": ratio([UNITY], gain), "I_e": ratio(constant, gain)}
     return {**trees, "E_L": ratio([term for term in rest if term not in constant], leak)}
 
 
@@ -168,3 +166,107 @@ def _spike(d: Definition, potential: str) -> dict[str, Tree]:
         raise ModelError(f"{potential} is not held while it is refractory", hint=f"write hold: [{potential}]")
     period = Name("t_ref", 0) if d.hold is not None else algebra.ZERO
     return {"V_th": limit, "V_reset": reset[potential], "t_ref": period}
+
+
+MOST = 64
+"""Products of one sum; a longer one stays as it is, a factor."""
+
+
+@dataclass(frozen=True)
+class Product:
+    """A number times powers of factors, each a name or a part that is no product, by its text."""
+
+    number: float
+    powers: Mapping[str, int]
+    factors: Mapping[str, Tree]
+
+    def times(self, other: Product, power: int = 1) -> Product:
+        """The product with a power of another."""
+        powers = {text: self.powers.get(text, 0) + power * other.powers.get(text, 0) for text in _texts(self, other)}
+        kept = {text: power for text, power in powers.items() if power}
+        return Product(self.number * other.number**power, kept, {**self.factors, **other.factors})
+
+    def tree(self) -> Tree:
+        """It as a tree."""
+        over: Tree = ONE if self.number == 1.0 else Number(self.number, "", 0)
+        under: Tree = ONE
+        for text, power in self.powers.items():
+            for _ in range(abs(power)):
+                if power > 0:
+                    over = multiplied(over, self.factors[text])
+                else:
+                    under = multiplied(under, self.factors[text])
+        return over if under == ONE else divided(over, under)
+
+
+UNITY = Product(1.0, {}, {})
+
+
+def products(tree: Tree, parameters: Iterable[str]) -> list[Product]:
+    """The products of which a tree is the sum; what is no parameter is a unit."""
+    known = set(parameters)
+    return _products(tree, known)
+
+
+def ratio(found: list[Product], by: list[Product]) -> Tree:
+    """The sum of products divided by the sum of others, as a tree; common factors are left out if that is one."""
+    if len(by) == 1:
+        return _summed(x.times(by[0], -1) for x in found)
+    return divided(_summed(found), _summed(by))
+
+
+def same(a: list[Product], b: list[Product]) -> bool:
+    """Whether two sums are the same, term by term."""
+    return {(x.number, frozenset(x.powers.items())) for x in a} == {(x.number, frozenset(x.powers.items())) for x in b}
+
+
+def _summed(found: Iterable[Product]) -> Tree:
+    whole: Tree = ZERO
+    for product in found:
+        whole = added(whole, product.tree())
+    return whole
+
+
+def _products(tree: Tree, known: set[str]) -> list[Product]:
+    match tree:
+        case Number(value, unit):
+            return [Product(value * UNITS[unit][0] if unit else value, {}, {})] if value else []
+        case Name(name) if name not in known:
+            return [Product(UNITS[name][0], {}, {})]
+        case Negative(of):
+            return _negative(_products(of, known))
+        case Binary("+" | "-" as sign, left, right):
+            others = _products(right, known)
+            found = [*_products(left, known), *(others if sign == "+" else _negative(others))]
+        case Binary("*", left, right):
+            a, b = _products(left, known), _products(right, known)
+            found = [x.times(y) for x in a for y in b] if len(a) * len(b) <= MOST else [_factor(tree)]
+        case Binary("/", left, right):
+            by = _products(right, known)
+            found = [x.times(by[0] if len(by) == 1 else _factor(right), -1) for x in _products(left, known)]
+        case Name() | Call() | Binary():
+            found = [_factor(tree)]
+    return _merged(found)
+
+
+def _factor(tree: Tree) -> Product:
+    text = text_of(tree)
+    return Product(1.0, {text: 1}, {text: tree})
+
+
+def _texts(a: Product, b: Product) -> list[str]:
+    return list(dict.fromkeys((*a.powers, *b.powers)))
+
+
+def _negative(found: list[Product]) -> list[Product]:
+    return [Product(-x.number, x.powers, x.factors) for x in found]
+
+
+def _merged(found: list[Product]) -> list[Product]:
+    """Products of the same powers as one, without those that are 0."""
+    by_powers: dict[frozenset[tuple[str, int]], Product] = {}
+    for x in found:
+        key = frozenset(x.powers.items())
+        before = by_powers[key].number if key in by_powers else 0.0
+        by_powers[key] = Product(before + x.number, x.powers, x.factors)
+    return [x for x in by_powers.values() if x.number != 0.0]

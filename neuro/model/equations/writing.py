@@ -1,9 +1,13 @@
-"""Trees as lines of Python, for modules that are generated. Only names and numbers of checked trees get into a line."""
+"""Trees as lines of Python, and these as modules. Only names and numbers of checked trees get into a line."""
 
 from __future__ import annotations
 
+import hashlib
+import linecache
 import re
+import sys
 from collections.abc import Callable, Collection, Iterator, Mapping
+from types import ModuleType
 
 from neuro.core.grammar import COMPARISONS, Binary, Call, Name, Negative, Number, Tree
 from neuro.core.units import UNITS
@@ -159,3 +163,29 @@ def function(head: str, doc: str, body: list[str]) -> str:
 def indented(lines: list[str], levels: int = 1) -> list[str]:
     """Lines further right."""
     return [f"{'    ' * levels}{line}" for line in lines]
+
+
+NAMES = "neuro_equations_"
+"""How the names of generated modules begin."""
+
+
+def module(text: str) -> ModuleType:
+    """The module of a text; one text has one module.
+
+    Args:
+        text: of a generated module: it was written here from checked trees, never by users.
+    """
+    name = NAMES + hashlib.sha256(text.encode()).hexdigest()[:16]
+    if name not in sys.modules:
+        file = f"<{name}>"
+        made = ModuleType(name)
+        made.__file__ = file
+        linecache.cache[file] = (len(text), None, text.splitlines(keepends=True), file)
+        exec(compile(text, file, "exec"), made.__dict__)
+        sys.modules[name] = made
+    return sys.modules[name]
+
+
+def text_of(module: ModuleType) -> str:
+    """The text of a generated module."""
+    return "".join(linecache.cache[module.__file__ or ""][2])  # type: ignore[misc]

@@ -7,6 +7,7 @@ from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from contextvars import ContextVar
 from functools import lru_cache
+from importlib.util import find_spec
 from pathlib import Path, PurePosixPath, PureWindowsPath
 from typing import Any
 
@@ -14,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from neuro.core import hdf5 as hdf5_file
-from neuro.core.errors import ModelError, nearest
+from neuro.core.errors import ModelError, Where, nearest
 from neuro.core.hints import near
 from neuro.core.inputs import record_input
 from neuro.core.values import FromFile, shown
@@ -204,3 +205,21 @@ def check_numbers(data: Any, node: Node, what: str) -> None:
         raise mistake(node, f"{what} holds {found}: expected an array of numbers")
     if data.size > MAX_ELEMENTS:
         raise mistake(node, f"{what} holds {data.size} numbers: expected at most {MAX_ELEMENTS}")
+
+
+def published() -> dict[str, Path]:
+    """Their files; none where they are not installed."""
+    found = find_spec("neuro_models")
+    folders = (found and found.submodule_search_locations) or ()
+    return {file.stem: file for folder in folders for file in sorted(Path(folder).glob("*.yaml"))}
+
+
+def refuse_name(path: Path) -> None:
+    """Refuse a name of one where a file is expected, and there is none of that name.
+
+    Raises:
+        ModelError: it says how the published network is read.
+    """
+    if path == Path(path.name) and path.suffix in ("", ".yaml") and path.stem in published() and not path.exists():
+        hint = f"the published network is neuro.load(neuro_models.path('{path.stem}'))"
+        raise ModelError("no such file", where=Where(str(path)), hint=hint)

@@ -20,18 +20,16 @@ from neuro.core.quantities import Quantity
 from neuro.core.values import FromFile
 from neuro.model.equations import made
 from neuro.model.language.choices import choice, part, value, with_parameters
-from neuro.model.language.files import array
+from neuro.model.language.files import array, refuse_name
 from neuro.model.language.nodes import about, follow, found, mistake, plain, put_at, within, words
 from neuro.model.language.parameters import resolve
-from neuro.model.language.published import refuse_name
 from neuro.model.language.reader import Node
 from neuro.model.language.sources import gather
 from neuro.model.network import Network, check_name
 from neuro.model.neurons import Model
 from neuro.model.parts import CHOSEN, DELAY, EXTENT, POSITIONS, WEIGHT, Population, Trials
 from neuro.model.synapses import static
-from neuro.model.views import view
-from neuro.model.written_views import indices
+from neuro.model.views import indices, view
 
 VALUES = {"weight": WEIGHT, "delay": DELAY}
 PLACES = {"positions": POSITIONS, "extent": EXTENT}

@@ -1,4 +1,4 @@
-"""The `$names` of a description, put in place before anything else is looked at."""
+"""The `$names` of a description, resolved before anything else is checked."""
 
 from __future__ import annotations
 
@@ -43,11 +43,9 @@ def resolve(sections: Mapping[str, Node], overrides: Mapping[str, Any], where: W
     names = _Names(given)
     for name, node in given.items():
         if not _NAME.fullmatch(name):
-            raise ModelError(
-                f"parameter name {shown(name)}: expected letters, digits and '_', not a digit first",
-                where=node.label,
-                hint=f"write {name[1:]}; the $ stands where it is used" if name[:1] == "$" else "",
-            )
+            message = f"parameter name {shown(name)}: expected letters, digits and '_', not a digit first"
+            hint = f"write {name[1:]}; the $ stands where it is used" if name[:1] == "$" else ""
+            raise ModelError(message, where=node.label, hint=hint)
         if node.value is None and name not in overrides:
             raise mistake(node, f"parameter '{name}' has no value")
         source = f"${name} is set at {node.label}"
@@ -58,10 +56,8 @@ def resolve(sections: Mapping[str, Node], overrides: Mapping[str, Any], where: W
     out = {section: names.put(node) for section, node in sections.items() if section != "parameters"}
     for name in overrides:
         if name not in names.used:
-            raise ModelError(
-                f"the override of '{name}' has no effect: nothing uses ${name}",
-                where=given[name].label,
-            )
+            message = f"the override of '{name}' has no effect: nothing uses ${name}"
+            raise ModelError(message, where=given[name].label)
     return out
 
 

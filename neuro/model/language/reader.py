@@ -99,11 +99,9 @@ def _kind(data: bytes) -> str:
 def _text(path: Path) -> str:
     data = _bytes(path)
     if len(data) > MAX_BYTES:
-        raise ModelError(
-            f"found more than {MAX_BYTES // 2**20} MiB: expected a shorter description",
-            where=Where(str(path)),
-            hint="put large arrays into an HDF5 file: {file: w.h5, key: name}",
-        )
+        message = f"found more than {MAX_BYTES // 2**20} MiB: expected a shorter description"
+        hint = "put large arrays into an HDF5 file: {file: w.h5, key: name}"
+        raise ModelError(message, where=Where(str(path)), hint=hint)
     try:
         text = data.decode("utf-8-sig")
     except UnicodeDecodeError as error:
@@ -143,12 +141,8 @@ class _Reader:
     def one_document(self, expected: str, begin: str) -> Node:
         self.next()
         if isinstance(self.next(), yaml.StreamEndEvent):
-            raise ModelError(
-                f"the file is empty: expected {expected}",
-                where=Where(self.file, 1, 1),
-                hint=f"begin: {begin}",
-                kind="empty",
-            )
+            message = f"the file is empty: expected {expected}"
+            raise ModelError(message, where=Where(self.file, 1, 1), hint=f"begin: {begin}", kind="empty")
         root = self.node(self.next(), 0)
         self.next()
         after = self.next()
@@ -224,11 +218,9 @@ class _Reader:
         if "cannot start any token" in problem:
             return ModelError(f"found '{found}': expected a value", where=where, hint="text with it needs quotes")
         if "mapping values are not allowed" in problem:
-            return ModelError(
-                "found ':' where no word can stand before it",
-                where=where,
-                hint="is a ':' missing on the line above, or the indentation different?",
-            )
+            message = "found ':' where no word can stand before it"
+            hint = "is a ':' missing on the line above, or the indentation different?"
+            return ModelError(message, where=where, hint=hint)
         if "could not find expected ':'" in problem:
             return ModelError("expected ':' after the word on the line above", where=where)
         if "expected ',' or" in problem:
@@ -268,10 +260,7 @@ def scalar(text: str, where: Where) -> bool | int | float | str | None:
     if _NUMBER.fullmatch(text):
         number = float(text)
         if math.isinf(number):
-            raise ModelError(
-                f"found {text if len(text) < 40 else text[:37] + '...'}: expected a number below 1.8e308",
-                where=where,
-                hint="infinity is .inf",
-            )
+            message = f"found {text if len(text) < 40 else text[:37] + '...'}: expected a number below 1.8e308"
+            raise ModelError(message, where=where, hint="infinity is .inf")
         return number
     return text

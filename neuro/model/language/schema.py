@@ -41,7 +41,7 @@ from neuro.model.parts import (
     Trials,
 )
 from neuro.model.synapses import SYNAPSES
-from neuro.model.written_views import AXIS
+from neuro.model.views import AXIS
 
 Schema = dict[str, Any]
 _NAME = r"^[\w.-]+$"

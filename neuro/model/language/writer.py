@@ -253,11 +253,8 @@ def _models(net: Description) -> dict[str, Any]:
     parts += [(p, type(p.synapse)) for p in net.projections.values()]
     for part, model in parts:
         if issubclass(model, EquationNeuron | EquationSynapse) and found.setdefault(model.called(), model) is not model:
-            raise ModelError(
-                f"{part.word} '{part.name}': another model of the network is called '{model.called()}', too",
-                where=part.origin,
-                hint="give one of them another name",
-            )
+            message = f"{part.word} '{part.name}': another model of the network is called '{model.called()}', too"
+            raise ModelError(message, where=part.origin, hint="give one of them another name")
     return {name: plain_words(model.definition) for name, model in found.items()}
 
 

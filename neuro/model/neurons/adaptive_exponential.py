@@ -7,20 +7,26 @@ Source: NEST 3.10, `aeif_cond_exp` and `aeif_psc_exp`.
 """
 
 # mypy: disable-error-code="no-untyped-def,no-untyped-call"
-import math
+from __future__ import annotations
 
-from neuro.model.neurons.base import State
+import math
+from dataclasses import dataclass
+from typing import ClassVar
+
+from neuro.core.quantities import Value, quantity
+from neuro.model.neurons.base import Resting, State
 from neuro.model.neurons.integrators import (
     MOST_STEPS,
     advance,
+    are_at_rest,
     fehlberg,
     finite_exp,
-    is_still,
     rows,
     runge_kutta,
     step_whole,
 )
 
+SHOWN = (State("V_m", "mV", "membrane potential"), State("w", "pA", "adaptation current"))
 HIDDEN = (
     State("refractory", "steps", "steps left to hold V_m", hidden=True),
     State("size", "ms", "adaptive step, 0 for a whole step of the grid", hidden=True),
@@ -34,6 +40,26 @@ rk4, (take, put) = runge_kutta(4, 2), rows(4)
 
 MOST = 255
 """Spikes of a neuron in a step of the grid."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class AdaptiveExponential(Resting):
+    """The first parameters of the adaptive exponential neurons."""
+
+    receptors: ClassVar[int] = 2
+    resets_in_step: ClassVar[bool] = True
+
+    C_m: Value = quantity(281.0, "pF", "membrane capacity", above=0, arrays=True)
+    g_L: Value = quantity(30.0, "nS", "leak conductance", at_least=0, arrays=True)
+    t_ref: Value = quantity(0.0, "ms", "refractory period", at_least=0, arrays=True)
+    E_L: Value = quantity(-70.6, "mV", "leak reversal potential", arrays=True)
+    V_reset: Value = quantity(-60.0, "mV", "potential after a spike", arrays=True)
+    V_th: Value = quantity(-50.4, "mV", "potential where the upswing begins", arrays=True)
+    V_peak: Value = quantity(0.0, "mV", "threshold", arrays=True)
+    Delta_T: Value = quantity(2.0, "mV", "width of the upswing", at_least=0, arrays=True)
+    a: Value = quantity(4.0, "nS", "adaptation to V_m", arrays=True)
+    b: Value = quantity(80.5, "pA", "adaptation to a spike", arrays=True)
+    tau_w: Value = quantity(144.0, "ms", "time constant of adaptation", above=0, arrays=True)
 
 
 def membrane(p, h, c):
@@ -101,6 +127,10 @@ def step_evenly(rates, system, s, c, i_0, lo, hi, fired):
             fired[i] = min(fired[i] + reset(s, c, i), MOST)
 
 
+def fire(s, c, i):
+    """Nothing is left to reset: `step` has done it."""
+
+
 def reset(s, c, i):
     """Hold V while it is refractory, reset it at V_peak; return whether it was there."""
     v, w, left = s[V_M, i], s[W, i], s[REFRACTORY, i]
@@ -116,9 +146,5 @@ def reset(s, c, i):
 
 def is_quiet(rates, system, s, c, i_0, lo, hi):
     """At rest: a step without input leaves every bit where it is."""
-    for i in range(lo, hi):
-        if s[REFRACTORY, i] != 0.0 or s[SIZE, i] != 0.0 or s[V_M, i] >= c[V_FIRE]:
-            return False
-        if not is_still(rkf45, rk4, take, rates, system, s, c, i_0, i, c[H], c[SUBSTEPS]):
-            return False
-    return True
+    h, substeps = c[H], c[SUBSTEPS]
+    return are_at_rest(rkf45, rk4, take, rates, system, s, c, i_0, lo, hi, h, substeps, REFRACTORY, SIZE, c[V_FIRE])

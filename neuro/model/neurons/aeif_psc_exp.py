@@ -3,29 +3,31 @@
 # mypy: disable-error-code="no-untyped-def,no-untyped-call"
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any, ClassVar
+from typing import ClassVar
 
 from neuro.core.quantities import Value, quantity
 from neuro.model.neurons.adaptive_exponential import (
     HIDDEN,
     REFRACTORY,
+    SHOWN,
     SUBSTEPS,
     TOLERANCE,
     V_PEAK,
     V_RESET,
+    AdaptiveExponential,
+    fire as fire,
     flowing,
     is_quiet,
     membrane,
     of_membrane,
     step_and_reset,
 )
-from neuro.model.neurons.base import Neuron, State
+from neuro.model.neurons.base import State
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class aeif_psc_exp(Neuron):
+class aeif_psc_exp(AdaptiveExponential):
     """Adaptive exponential neuron; a spike adds its weight in pA to a current that decays exponentially.
 
     Positive weights go to the excitatory current, negative ones to the inhibitory. Integrated by NEST's adaptive RKF45,
@@ -44,26 +46,12 @@ class aeif_psc_exp(Neuron):
     source: ClassVar[str] = "NEST 3.10 aeif_psc_exp; Brette & Gerstner, J. Neurophysiol. 94:3637, 2005"
     weight_unit: ClassVar[str] = "pA"
     states: ClassVar[tuple[State, ...]] = (
-        State("V_m", "mV", "membrane potential"),
-        State("w", "pA", "adaptation current"),
+        *SHOWN,
         State("I_syn_ex", "pA", "excitatory synaptic current"),
         State("I_syn_in", "pA", "inhibitory synaptic current"),
         *HIDDEN,
     )
-    receptors: ClassVar[int] = 2
-    resets_in_step: ClassVar[bool] = True
 
-    C_m: Value = quantity(281.0, "pF", "membrane capacity", above=0, arrays=True)
-    g_L: Value = quantity(30.0, "nS", "leak conductance", at_least=0, arrays=True)
-    t_ref: Value = quantity(0.0, "ms", "refractory period", at_least=0, arrays=True)
-    E_L: Value = quantity(-70.6, "mV", "leak reversal potential", arrays=True)
-    V_reset: Value = quantity(-60.0, "mV", "potential after a spike", arrays=True)
-    V_th: Value = quantity(-50.4, "mV", "potential where the upswing begins", arrays=True)
-    V_peak: Value = quantity(0.0, "mV", "threshold", arrays=True)
-    Delta_T: Value = quantity(2.0, "mV", "width of the upswing", at_least=0, arrays=True)
-    a: Value = quantity(4.0, "nS", "adaptation to V_m", arrays=True)
-    b: Value = quantity(80.5, "pA", "adaptation to a spike", arrays=True)
-    tau_w: Value = quantity(144.0, "ms", "time constant of adaptation", above=0, arrays=True)
     tau_syn_ex: Value = quantity(0.2, "ms", "decay of the excitatory current", above=0, arrays=True)
     tau_syn_in: Value = quantity(2.0, "ms", "decay of the inhibitory current", above=0, arrays=True)
     I_e: Value = quantity(0.0, "pA", "constant current", arrays=True)
@@ -71,11 +59,6 @@ class aeif_psc_exp(Neuron):
         1e-6, "", "error of a step of RKF45, absolute and relative to slope", above=0, arrays=True
     )
     rk4_substeps: int = quantity(0, "", "steps of RK4 in a step of the grid, 0: RKF45", kind="integer", at_least=0)
-
-    @staticmethod
-    def initial(parameters: Mapping[str, Any]) -> dict[str, Any]:
-        """V_m starts at E_L."""
-        return {"V_m": parameters["E_L"]}
 
 
 V_M, W, I_EX, I_IN = range(4)
@@ -110,10 +93,6 @@ def step(s, c, x, i_0, lo, hi, fired):
     for i in range(lo, hi):
         s[I_EX, i] += x[0, i]
         s[I_IN, i] += x[1, i]
-
-
-def fire(s, c, i):
-    """Nothing is left to reset."""
 
 
 def quiet(s, c, i_0, lo, hi):

@@ -211,6 +211,16 @@ class Neuron(Model):
         """
 
 
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Resting(Neuron):
+    """Base of the neurons whose V_m starts at their parameter E_L."""
+
+    @staticmethod
+    def initial(parameters: Mapping[str, Any]) -> dict[str, Any]:
+        """V_m starts at E_L."""
+        return {"V_m": parameters["E_L"]}
+
+
 def complete(model: type[Model]) -> type[Model]:
     """Return a model if it has all that backends rely on.
 

@@ -12,7 +12,7 @@ import numpy as np
 
 from neuro.core.quantities import Value, quantity
 from neuro.model.neurons.base import Generator, State
-from neuro.model.neurons.counts import binomial
+from neuro.model.neurons.generators import binomial
 
 LARGEST_SHAPE = 10
 

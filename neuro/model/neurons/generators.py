@@ -1,5 +1,6 @@
-"""Sources of spikes whose moments are listed, or follow from a rate."""
+"""Sources of spikes whose moments are listed, or follow from a rate or from values, and the numbers that they draw."""
 
+# mypy: disable-error-code="no-untyped-def,no-untyped-call"
 from __future__ import annotations
 
 import math
@@ -7,9 +8,15 @@ from dataclasses import dataclass
 from os import PathLike
 from typing import Any, ClassVar, Self
 
+import numpy as np
+
+from neuro.coding.codes import chain
+from neuro.coding.encoders import Floats
+from neuro.core.choice import Choice
 from neuro.core.errors import ModelError, Where, here
 from neuro.core.paths import file_path
 from neuro.core.quantities import Value, quantity
+from neuro.core.values import FromFile, shown
 from neuro.model.neurons.base import Generator
 
 _OF_FILE = ("file", "key")
@@ -105,3 +112,95 @@ class inhomogeneous_poisson_generator(Generator):
     rate_values: Any = quantity(unit="Hz", doc="the rate from each of these times on", kind="series", at_least=0)
     start: float = quantity(0.0, "ms", "emits after this time", at_least=0)
     stop: float = quantity(math.inf, "ms", "and up to this one", at_least=0, infinite=True)
+
+
+def poisson(u, mean, nothing):
+    """The Poisson number of a uniform number; `nothing` is exp(-mean), and `mean` not above 500."""
+    number, term, total = 0, nothing, nothing
+    while u >= total:
+        number += 1
+        term = term * (mean / number)
+        if total + term == total and number > mean:
+            break
+        total += term
+    return number
+
+
+def binomial(u, trials, chance):
+    """How many of some trials succeed, and a uniform number independent of it: where `u` lay in its interval."""
+    if trials == 0 or chance == 0.0:
+        return 0, u
+    if chance >= 1.0:
+        return trials, u
+    below, odds = 0.0, chance / (1.0 - chance)
+    number, term = 0, math.exp(trials * math.log1p(-chance))
+    while u >= below + term and number < trials:
+        below += term
+        term = term * (odds * (trials - number) / (number + 1))
+        number += 1
+    return number, min(max((u - below) / term, 0.0), 1.0 - 2.0**-53) if term > 0.0 else 0.5
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class encode(Generator):
+    """Emits what a code makes of values; while running it is a `spike_generator`, or a `poisson_generator` of rates.
+
+    A spike that the code puts at t is emitted in the step of `start` + t: with t = 0 in the first one after `start`.
+    What a code draws follows from the network's seed and the population's name. In YAML `{file: ..., key: ...}` may
+    stand for `values`.
+    """
+
+    equation: ClassVar[str] = "spikes = code(values)"
+    source: ClassVar[str] = "thesis section 2.3, line 666"
+    role: ClassVar[str] = "encoded"
+    file_of: ClassVar[str] = "values"
+
+    values: Value = quantity(doc="what is encoded", arrays=True)
+    code: Any = quantity(
+        doc="a code of `neuro.coding`, or a list of which each takes what the one before gives", kind="codes"
+    )
+    start: float = quantity(0.0, "ms", "emits after this time", at_least=0)
+    stop: float = quantity(math.inf, "ms", "and up to this one", at_least=0, infinite=True)
+
+    def __post_init__(self) -> None:
+        try:
+            object.__setattr__(self, "code", chain(self.code))
+        except ModelError as error:
+            raise error.at(here(), self.name) from None
+        super().__post_init__()
+        if isinstance(self.values, Choice):
+            message = f"{self.name}.values = {shown(self.values)}: expected numbers"
+            raise ModelError(message, where=here(), path=("values",))
+        try:
+            self.spikes(0)
+        except ModelError as error:
+            raise error.at(here()) from None
+
+    @property
+    def gives_rates(self) -> bool:
+        """Whether the spikes are Poisson, at the rates of the last code."""
+        return bool(self.code[-1].rates)
+
+    def spikes(self, seed: int) -> Floats:
+        """What the codes give.
+
+        Args:
+            seed: of codes that draw.
+
+        Returns:
+            Times in ms after `start`, an axis of spikes last, NaN where there is none; or rates in Hz.
+
+        Raises:
+            ModelError: a code refuses the values or its parameters; the path leads to what it refuses.
+        """
+        found = np.atleast_1d(self.values.values if isinstance(self.values, FromFile) else np.asarray(self.values))
+        for k, code in enumerate(self.code):
+            place = ("code", *((str(k),) if len(self.code) > 1 else ()), code.name)
+            if k + 1 < len(self.code) and not code.rates:
+                raise ModelError(f"{self.name}.code: {code.name} gives spike times: expected it last", path=place)
+            try:
+                found = code(found, seed)
+            except ModelError as error:
+                path = ("values",) if k == 0 and error.path == (code.values,) else (*place, *error.path)
+                raise error.but(message=f"{code.name}: {error.message}", path=path) from None
+        return found

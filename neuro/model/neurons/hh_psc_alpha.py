@@ -12,9 +12,9 @@ from neuro.core.errors import ModelError
 from neuro.core.quantities import Value, quantity
 from neuro.model.neurons.base import Neuron, State
 from neuro.model.neurons.integrators import (
+    are_at_rest,
     fehlberg,
     finite_exp,
-    is_still,
     rows,
     runge_kutta,
     step_adaptively,
@@ -174,9 +174,5 @@ def fire(s, c, i):
 
 def quiet(s, c, i_0, lo, hi):
     """At rest."""
-    for i in range(lo, hi):
-        if s[REFRACTORY, i] != 0.0 or s[SIZE, i] != 0.0 or s[V_M, i] >= 0.0:
-            return False
-        if not is_still(rkf45, rk4, take, rates, system, s, c, i_0, i, c[H], c[SUBSTEPS]):
-            return False
-    return True
+    h, substeps = c[H], c[SUBSTEPS]
+    return are_at_rest(rkf45, rk4, take, rates, system, s, c, i_0, lo, hi, h, substeps, REFRACTORY, SIZE, 0.0)

@@ -4,17 +4,16 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any, ClassVar
+from typing import ClassVar
 
-from neuro.core.quantities import Value, quantity
-from neuro.model.neurons.base import Neuron, State
-from neuro.model.neurons.integrators import fehlberg, is_still, rows, runge_kutta, step_adaptively, step_evenly
+from neuro.model.neurons.base import State
+from neuro.model.neurons.iaf_cond_exp import TOLERANCE, constants as constants_of_exp, hold_or_fire, iaf_cond_exp
+from neuro.model.neurons.integrators import are_at_rest, fehlberg, rows, runge_kutta, step_adaptively, step_evenly
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class iaf_cond_alpha(Neuron):
+class iaf_cond_alpha(iaf_cond_exp):
     """Leaky integrate-and-fire neuron; a spike opens an alpha-shaped conductance that peaks at its weight in nS.
 
     Positive weights open the excitatory conductance, negative ones the inhibitory, by their absolute value. Integrated
@@ -29,53 +28,24 @@ class iaf_cond_alpha(Neuron):
         "g = sum |w| e t/tau_syn exp(-t/tau_syn); spike at V_m >= V_th"
     )
     source: ClassVar[str] = "NEST 3.10 iaf_cond_alpha; Meffin et al., J. Comput. Neurosci. 16:159, 2004"
-    weight_unit: ClassVar[str] = "nS"
     states: ClassVar[tuple[State, ...]] = (
-        State("V_m", "mV", "membrane potential"),
-        State("g_ex", "nS", "excitatory conductance", at_least=0.0),
-        State("g_in", "nS", "inhibitory conductance", at_least=0.0),
+        *iaf_cond_exp.states[:3],
         State("dg_ex", "nS/ms", "slope of the excitatory conductance"),
         State("dg_in", "nS/ms", "slope of the inhibitory conductance"),
-        State("refractory", "steps", "steps left to hold V_m", hidden=True),
-        State("size", "ms", "adaptive step, 0 for a whole step of the grid", hidden=True),
+        *iaf_cond_exp.states[3:],
     )
-    receptors: ClassVar[int] = 2
-    conductances: ClassVar[tuple[str, ...]] = ("ex", "in")
-
-    C_m: Value = quantity(250.0, "pF", "membrane capacity", above=0, arrays=True)
-    g_L: Value = quantity(16.6667, "nS", "leak conductance", at_least=0, arrays=True)
-    t_ref: Value = quantity(2.0, "ms", "refractory period", at_least=0, arrays=True)
-    E_L: Value = quantity(-70.0, "mV", "leak reversal potential", arrays=True)
-    E_ex: Value = quantity(0.0, "mV", "excitatory reversal potential", arrays=True)
-    E_in: Value = quantity(-85.0, "mV", "inhibitory reversal potential", arrays=True)
-    V_reset: Value = quantity(-60.0, "mV", "potential after a spike", arrays=True)
-    V_th: Value = quantity(-55.0, "mV", "threshold", arrays=True)
-    tau_syn_ex: Value = quantity(0.2, "ms", "time constant of the excitatory conductance", above=0, arrays=True)
-    tau_syn_in: Value = quantity(2.0, "ms", "time constant of the inhibitory conductance", above=0, arrays=True)
-    I_e: Value = quantity(0.0, "pA", "constant current", arrays=True)
-    rk4_substeps: int = quantity(0, "", "steps of RK4 in a step of the grid, 0: RKF45", kind="integer", at_least=0)
-
-    @staticmethod
-    def initial(parameters: Mapping[str, Any]) -> dict[str, Any]:
-        """V_m starts at E_L."""
-        return {"V_m": parameters["E_L"]}
 
 
 V_M, G_EX, G_IN, D_EX, D_IN, REFRACTORY, SIZE = range(7)
 V_TH, V_RESET, G_L, E_L, E_EX, E_IN, RATE_EX, RATE_IN, I_E, BY_C, R, H, SUBSTEPS, JUMP_EX, JUMP_IN = range(15)
-TOLERANCE = 1e-3
 
 rkf45, rk4, (take, put) = fehlberg(5), runge_kutta(5), rows(5)
 
 
 def constants(p, h, c):
     """Fill `c` for a step of h ms; `p` is tau_minus, then the parameters above in order."""
-    c[BY_C], c[G_L], c[R] = 1.0 / p[1], p[2], round(p[3] / h)
-    c[E_L], c[E_EX], c[E_IN], c[V_RESET], c[V_TH] = p[4], p[5], p[6], p[7], p[8]
-    c[RATE_EX], c[RATE_IN], c[I_E] = -1.0 / p[9], -1.0 / p[10], p[11]
+    constants_of_exp(p, h, c)
     c[JUMP_EX], c[JUMP_IN] = math.e / p[9], math.e / p[10]
-    c[SUBSTEPS] = p[12]
-    c[H] = h
 
 
 def rates(y, p):
@@ -100,16 +70,11 @@ def step(s, c, x, i_0, lo, hi, fired):
         step_adaptively(rkf45, take, put, rates, system, s, c, i_0, lo, hi, c[H], SIZE, TOLERANCE, fired)
     else:
         step_evenly(rk4, take, put, rates, system, s, c, i_0, lo, hi, c[H], c[SUBSTEPS])
-    v_th, v_reset, jump_ex, jump_in = c[V_TH], c[V_RESET], c[JUMP_EX], c[JUMP_IN]
+    jump_ex, jump_in = c[JUMP_EX], c[JUMP_IN]
     for i in range(lo, hi):
         s[D_EX, i] += jump_ex * x[0, i]
         s[D_IN, i] -= jump_in * x[1, i]
-    for i in range(lo, hi):
-        v, left = s[V_M, i], s[REFRACTORY, i]
-        held = left != 0.0
-        s[V_M, i] = v_reset if held else v
-        s[REFRACTORY, i] = left - 1.0 if held else 0.0
-        fired[i] = v >= v_th and not held
+    hold_or_fire(s, c, lo, hi, REFRACTORY, fired)
 
 
 def fire(s, c, i):
@@ -120,9 +85,5 @@ def fire(s, c, i):
 
 def quiet(s, c, i_0, lo, hi):
     """At rest."""
-    for i in range(lo, hi):
-        if s[REFRACTORY, i] != 0.0 or s[SIZE, i] != 0.0 or s[V_M, i] >= c[V_TH]:
-            return False
-        if not is_still(rkf45, rk4, take, rates, system, s, c, i_0, i, c[H], c[SUBSTEPS]):
-            return False
-    return True
+    h, substeps = c[H], c[SUBSTEPS]
+    return are_at_rest(rkf45, rk4, take, rates, system, s, c, i_0, lo, hi, h, substeps, REFRACTORY, SIZE, c[V_TH])

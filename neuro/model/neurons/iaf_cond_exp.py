@@ -3,17 +3,16 @@
 # mypy: disable-error-code="no-untyped-def,no-untyped-call"
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any, ClassVar
+from typing import ClassVar
 
 from neuro.core.quantities import Value, quantity
-from neuro.model.neurons.base import Neuron, State
-from neuro.model.neurons.integrators import fehlberg, is_still, rows, runge_kutta, step_adaptively, step_evenly
+from neuro.model.neurons.base import Resting, State
+from neuro.model.neurons.integrators import are_at_rest, fehlberg, rows, runge_kutta, step_adaptively, step_evenly
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class iaf_cond_exp(Neuron):
+class iaf_cond_exp(Resting):
     """Leaky integrate-and-fire neuron; a spike adds its weight in nS to a conductance that decays exponentially.
 
     Positive weights open the excitatory conductance, negative ones the inhibitory, by their absolute value. Integrated
@@ -51,11 +50,6 @@ class iaf_cond_exp(Neuron):
     tau_syn_in: Value = quantity(2.0, "ms", "decay of the inhibitory conductance", above=0, arrays=True)
     I_e: Value = quantity(0.0, "pA", "constant current", arrays=True)
     rk4_substeps: int = quantity(0, "", "steps of RK4 in a step of the grid, 0: RKF45", kind="integer", at_least=0)
-
-    @staticmethod
-    def initial(parameters: Mapping[str, Any]) -> dict[str, Any]:
-        """V_m starts at E_L."""
-        return {"V_m": parameters["E_L"]}
 
 
 V_M, G_EX, G_IN, REFRACTORY, SIZE = range(5)
@@ -99,12 +93,17 @@ def step(s, c, x, i_0, lo, hi, fired):
     for i in range(lo, hi):
         s[G_EX, i] += x[0, i]
         s[G_IN, i] -= x[1, i]
+    hold_or_fire(s, c, lo, hi, REFRACTORY, fired)
+
+
+def hold_or_fire(s, c, lo, hi, refractory, fired):
+    """Keep V at V_reset where a neuron is refractory, by the row that counts it, and test the threshold elsewhere."""
     v_th, v_reset = c[V_TH], c[V_RESET]
     for i in range(lo, hi):
-        v, left = s[V_M, i], s[REFRACTORY, i]
+        v, left = s[V_M, i], s[refractory, i]
         held = left != 0.0
         s[V_M, i] = v_reset if held else v
-        s[REFRACTORY, i] = left - 1.0 if held else 0.0
+        s[refractory, i] = left - 1.0 if held else 0.0
         fired[i] = v >= v_th and not held
 
 
@@ -116,9 +115,5 @@ def fire(s, c, i):
 
 def quiet(s, c, i_0, lo, hi):
     """At rest."""
-    for i in range(lo, hi):
-        if s[REFRACTORY, i] != 0.0 or s[SIZE, i] != 0.0 or s[V_M, i] >= c[V_TH]:
-            return False
-        if not is_still(rkf45, rk4, take, rates, system, s, c, i_0, i, c[H], c[SUBSTEPS]):
-            return False
-    return True
+    h, substeps = c[H], c[SUBSTEPS]
+    return are_at_rest(rkf45, rk4, take, rates, system, s, c, i_0, lo, hi, h, substeps, REFRACTORY, SIZE, c[V_TH])

@@ -3,16 +3,15 @@
 # mypy: disable-error-code="no-untyped-def,no-untyped-call"
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any, ClassVar
+from typing import ClassVar
 
 from neuro.core.quantities import Value, quantity
-from neuro.model.neurons.base import Neuron, State
+from neuro.model.neurons.base import Resting, State
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class iaf_linear_leak(Neuron):
+class iaf_linear_leak(Resting):
     """Integrate-and-fire neuron that leaks at a constant rate; input makes V_m jump by its weight in mV.
 
     V_m goes towards E_L by `leak` mV each ms, from above and from below, and stays there: a current moves it away only
@@ -38,11 +37,6 @@ class iaf_linear_leak(Neuron):
     V_reset: Value = quantity(-70.0, "mV", "potential after a spike", arrays=True)
     V_th: Value = quantity(-55.0, "mV", "threshold; .inf: it only integrates", infinite=True, arrays=True)
     I_e: Value = quantity(0.0, "pA", "constant current", arrays=True)
-
-    @staticmethod
-    def initial(parameters: Mapping[str, Any]) -> dict[str, Any]:
-        """V_m starts at E_L."""
-        return {"V_m": parameters["E_L"]}
 
 
 V_M, REFRACTORY = range(2)

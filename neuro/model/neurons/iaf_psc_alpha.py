@@ -4,17 +4,16 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any, ClassVar
+from typing import ClassVar
 
 from neuro.core.quantities import Value, quantity
-from neuro.model.neurons.base import Neuron, State
-from neuro.model.neurons.propagators import from_alpha, from_constant, from_exponential, leak
+from neuro.model.neurons.base import State
+from neuro.model.neurons.propagators import Leaky, from_alpha, from_constant, from_exponential, highest, leak
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class iaf_psc_alpha(Neuron):
+class iaf_psc_alpha(Leaky):
     """Leaky integrate-and-fire neuron; a spike starts an alpha-shaped current that peaks at its weight in pA.
 
     Positive weights go to the excitatory current, negative ones to the inhibitory.
@@ -38,21 +37,10 @@ class iaf_psc_alpha(Neuron):
     receptors: ClassVar[int] = 2
     linear: ClassVar[bool] = True
 
-    tau_m: Value = quantity(10.0, "ms", "membrane time constant", above=0, infinite=True, arrays=True)
-    C_m: Value = quantity(250.0, "pF", "membrane capacity", above=0, arrays=True)
-    t_ref: Value = quantity(2.0, "ms", "refractory period", at_least=0, arrays=True)
-    E_L: Value = quantity(-70.0, "mV", "resting potential", arrays=True)
-    V_reset: Value = quantity(-70.0, "mV", "potential after a spike", arrays=True)
-    V_th: Value = quantity(-55.0, "mV", "threshold", arrays=True)
     V_min: Value = quantity(-math.inf, "mV", "lowest potential", infinite=True, arrays=True)
     I_e: Value = quantity(0.0, "pA", "constant current", arrays=True)
     tau_syn_ex: Value = quantity(2.0, "ms", "time constant of the excitatory current", above=0, arrays=True)
     tau_syn_in: Value = quantity(2.0, "ms", "time constant of the inhibitory current", above=0, arrays=True)
-
-    @staticmethod
-    def initial(parameters: Mapping[str, Any]) -> dict[str, Any]:
-        """V_m starts at E_L."""
-        return {"V_m": parameters["E_L"]}
 
 
 V_M, I_EX, I_IN, D_EX, D_IN, REFRACTORY = range(6)
@@ -111,12 +99,8 @@ def quiet(s, c, i_0, lo, hi):
     """V stays below its relaxation plus all the charge that the positive currents still carry, and V_min is not met."""
     for i in range(lo, hi):
         drive = c[I_E] + i_0[i]
-        if math.isinf(c[GAIN]):
-            top = s[V_M, i] if drive <= 0.0 else math.inf
-            bottom = s[V_M, i] if drive >= 0.0 else -math.inf
-        else:
-            top = max(s[V_M, i], c[E_L] + c[GAIN] * drive)
-            bottom = min(s[V_M, i], c[E_L] + c[GAIN] * drive)
+        top = highest(s[V_M, i], c[E_L], c[GAIN], drive)
+        bottom = -highest(-s[V_M, i], -c[E_L], c[GAIN], -drive)
         tau = c[TAU_EX]
         top += (max(s[I_EX, i], 0.0) * tau + max(s[D_EX, i], 0.0) * tau * tau) / c[C_M]
         bottom += (min(s[I_EX, i], 0.0) * tau + min(s[D_EX, i], 0.0) * tau * tau) / c[C_M]

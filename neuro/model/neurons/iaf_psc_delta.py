@@ -4,17 +4,16 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any, ClassVar
+from typing import ClassVar
 
 from neuro.core.quantities import Value, quantity
-from neuro.model.neurons.base import Neuron, State
-from neuro.model.neurons.propagators import from_constant, leak
+from neuro.model.neurons.base import State
+from neuro.model.neurons.propagators import Leaky, from_constant, highest, leak
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class iaf_psc_delta(Neuron):
+class iaf_psc_delta(Leaky):
     """Leaky integrate-and-fire neuron whose input makes V_m jump by its weight in mV.
 
     An infinite `tau_m` removes the leak. Source: NEST 3.10, `iaf_psc_delta`; Rotter & Diesmann 1999.
@@ -30,20 +29,9 @@ class iaf_psc_delta(Neuron):
     )
     linear: ClassVar[bool] = True
 
-    tau_m: Value = quantity(10.0, "ms", "membrane time constant", above=0, infinite=True, arrays=True)
-    C_m: Value = quantity(250.0, "pF", "membrane capacity", above=0, arrays=True)
-    t_ref: Value = quantity(2.0, "ms", "refractory period", at_least=0, arrays=True)
-    E_L: Value = quantity(-70.0, "mV", "resting potential", arrays=True)
-    V_reset: Value = quantity(-70.0, "mV", "potential after a spike", arrays=True)
-    V_th: Value = quantity(-55.0, "mV", "threshold", arrays=True)
     V_min: Value = quantity(-math.inf, "mV", "lowest potential", infinite=True, arrays=True)
     I_e: Value = quantity(0.0, "pA", "constant current", arrays=True)
     refractory_input: bool = quantity(False, "", "keep input that arrives while refractory", kind="boolean")
-
-    @staticmethod
-    def initial(parameters: Mapping[str, Any]) -> dict[str, Any]:
-        """V_m starts at E_L."""
-        return {"V_m": parameters["E_L"]}
 
 
 V_M, REFRACTORY, HELD = range(3)
@@ -96,11 +84,7 @@ def fire(s, c, i):
 def quiet(s, c, i_0, lo, hi):
     """Without input V goes from where it is towards E_L + tau_m I / C_m and not beyond."""
     for i in range(lo, hi):
-        drive = c[I_E] + i_0[i]
-        if math.isinf(c[GAIN]):
-            top = s[V_M, i] if drive <= 0.0 else math.inf
-        else:
-            top = max(s[V_M, i], c[E_L] + c[GAIN] * drive)
+        top = highest(s[V_M, i], c[E_L], c[GAIN], c[I_E] + i_0[i])
         if s[REFRACTORY, i] != 0.0 or s[HELD, i] != 0.0 or not top < c[V_TH]:
             return False
     return True

@@ -6,15 +6,14 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any, ClassVar
+from typing import ClassVar
 
-from neuro.core.quantities import Value, quantity
-from neuro.model.neurons.base import Neuron, State
-from neuro.model.neurons.propagators import from_constant, from_exponential, leak
+from neuro.model.neurons.base import State
+from neuro.model.neurons.propagators import LeakyWithCurrents, from_constant, from_exponential, highest, leak
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class iaf_psc_exp(Neuron):
+class iaf_psc_exp(LeakyWithCurrents):
     """Leaky integrate-and-fire neuron; a spike adds its weight in pA to a current that decays exponentially.
 
     Positive weights go to the excitatory current, negative ones to the inhibitory.
@@ -25,35 +24,17 @@ class iaf_psc_exp(Neuron):
         "C_m V_m' = -C_m (V_m - E_L)/tau_m + I_syn_ex + I_syn_in + I; I_syn' = -I_syn/tau_syn; spike at V_m >= V_th"
     )
     source: ClassVar[str] = "NEST 3.10 iaf_psc_exp; Tsodyks et al., J. Neurosci. 20:RC50, 2000"
-    weight_unit: ClassVar[str] = "pA"
     states: ClassVar[tuple[State, ...]] = (
         State("V_m", "mV", "membrane potential"),
         State("I_syn_ex", "pA", "excitatory synaptic current"),
         State("I_syn_in", "pA", "inhibitory synaptic current"),
         State("refractory", "steps", "steps left to hold", hidden=True),
     )
-    receptors: ClassVar[int] = 2
     filters: ClassVar[Mapping[str, tuple[str, str]]] = {
         "ex": ("I_syn_ex", "tau_syn_ex"),
         "in": ("I_syn_in", "tau_syn_in"),
     }
     collects: ClassVar[tuple[str, ...]] = ("I_syn_ex", "I_syn_in")
-    linear: ClassVar[bool] = True
-
-    tau_m: Value = quantity(10.0, "ms", "membrane time constant", above=0, infinite=True, arrays=True)
-    C_m: Value = quantity(250.0, "pF", "membrane capacity", above=0, arrays=True)
-    t_ref: Value = quantity(2.0, "ms", "refractory period", at_least=0, arrays=True)
-    E_L: Value = quantity(-70.0, "mV", "resting potential", arrays=True)
-    V_reset: Value = quantity(-70.0, "mV", "potential after a spike", arrays=True)
-    V_th: Value = quantity(-55.0, "mV", "threshold", arrays=True)
-    I_e: Value = quantity(0.0, "pA", "constant current", arrays=True)
-    tau_syn_ex: Value = quantity(2.0, "ms", "decay of the excitatory current", above=0, arrays=True)
-    tau_syn_in: Value = quantity(2.0, "ms", "decay of the inhibitory current", above=0, arrays=True)
-
-    @staticmethod
-    def initial(parameters: Mapping[str, Any]) -> dict[str, Any]:
-        """V_m starts at E_L."""
-        return {"V_m": parameters["E_L"]}
 
 
 V_M, I_EX, I_IN, REFRACTORY = range(4)
@@ -103,11 +84,7 @@ def fire(s, c, i):
 def quiet(s, c, i_0, lo, hi):
     """V stays below its relaxation plus all the charge that the positive currents still carry."""
     for i in range(lo, hi):
-        drive = c[I_E] + i_0[i]
-        if math.isinf(c[GAIN]):
-            top = s[V_M, i] if drive <= 0.0 else math.inf
-        else:
-            top = max(s[V_M, i], c[E_L] + c[GAIN] * drive)
+        top = highest(s[V_M, i], c[E_L], c[GAIN], c[I_E] + i_0[i])
         top += max(s[I_EX, i], 0.0) * c[CHARGE_EX] + max(s[I_IN, i], 0.0) * c[CHARGE_IN]
         if s[REFRACTORY, i] != 0.0 or not top < c[V_TH]:
             return False

@@ -4,17 +4,17 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any, ClassVar
+from typing import ClassVar
 
 from neuro.core.quantities import Value, quantity
-from neuro.model.neurons.base import Neuron, State
-from neuro.model.neurons.propagators import from_constant, from_exponential, leak
+from neuro.model.neurons.base import State
+from neuro.model.neurons.iaf_psc_exp import constants as constants_without_theta, iaf_psc_exp
+from neuro.model.neurons.propagators import LeakyWithCurrents, highest
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class iaf_psc_exp_adaptive_threshold(Neuron):
+class iaf_psc_exp_adaptive_threshold(LeakyWithCurrents):
     """Leaky integrate-and-fire neuron; a spike adds its weight in pA to a current that decays exponentially.
 
     Positive weights go to the excitatory current, negative ones to the inhibitory. Each spike raises the threshold
@@ -29,34 +29,14 @@ class iaf_psc_exp_adaptive_threshold(Neuron):
         "theta' = -theta/tau_theta; at V_m >= V_th + theta: V_m = V_reset, theta += theta_plus"
     )
     source: ClassVar[str] = "Diehl & Cook, Front. Comput. Neurosci. 9:99, 2015"
-    weight_unit: ClassVar[str] = "pA"
     states: ClassVar[tuple[State, ...]] = (
-        State("V_m", "mV", "membrane potential"),
-        State("I_syn_ex", "pA", "excitatory synaptic current"),
-        State("I_syn_in", "pA", "inhibitory synaptic current"),
+        *iaf_psc_exp.states[:3],
         State("theta", "mV", "rise of the threshold"),
-        State("refractory", "steps", "steps left to hold", hidden=True),
+        *iaf_psc_exp.states[3:],
     )
-    receptors: ClassVar[int] = 2
-    linear: ClassVar[bool] = True
-
-    tau_m: Value = quantity(10.0, "ms", "membrane time constant", above=0, infinite=True, arrays=True)
-    C_m: Value = quantity(250.0, "pF", "membrane capacity", above=0, arrays=True)
-    t_ref: Value = quantity(2.0, "ms", "refractory period", at_least=0, arrays=True)
-    E_L: Value = quantity(-70.0, "mV", "resting potential", arrays=True)
-    V_reset: Value = quantity(-70.0, "mV", "potential after a spike", arrays=True)
-    V_th: Value = quantity(-55.0, "mV", "threshold", arrays=True)
-    I_e: Value = quantity(0.0, "pA", "constant current", arrays=True)
-    tau_syn_ex: Value = quantity(2.0, "ms", "decay of the excitatory current", above=0, arrays=True)
-    tau_syn_in: Value = quantity(2.0, "ms", "decay of the inhibitory current", above=0, arrays=True)
 
     theta_plus: Value = quantity(0.05, "mV", "rise of the threshold at a spike", arrays=True)
     tau_theta: Value = quantity(1e7, "ms", "decay of the threshold's rise", above=0, arrays=True)
-
-    @staticmethod
-    def initial(parameters: Mapping[str, Any]) -> dict[str, Any]:
-        """V_m starts at E_L."""
-        return {"V_m": parameters["E_L"]}
 
 
 V_M, I_EX, I_IN, THETA, REFRACTORY = range(5)
@@ -66,19 +46,7 @@ THETA_PLUS, FADE = range(14, 16)
 
 def constants(p, h, c):
     """Fill `c` for a step of h ms; `p` is tau_minus, then the parameters above in order."""
-    tau_m, c_m, tau_ex, tau_in = p[1], p[2], p[8], p[9]
-    c[V_TH], c[V_RESET], c[E_L] = p[6], p[5], p[4]
-    c[P33] = leak(tau_m, h)
-    c[P30] = from_constant(tau_m, c_m, h)
-    c[I_E] = p[7]
-    c[R] = round(p[3] / h)
-    c[GAIN] = tau_m / c_m
-    c[P32_EX] = from_exponential(tau_m, tau_ex, c_m, h)
-    c[P32_IN] = from_exponential(tau_m, tau_in, c_m, h)
-    c[P11_EX] = math.exp(-h / tau_ex)
-    c[P11_IN] = math.exp(-h / tau_in)
-    c[CHARGE_EX] = tau_ex / c_m
-    c[CHARGE_IN] = tau_in / c_m
+    constants_without_theta(p, h, c)
     c[THETA_PLUS], c[FADE] = p[10], math.exp(-h / p[11])
 
 
@@ -111,11 +79,7 @@ def fire(s, c, i):
 def quiet(s, c, i_0, lo, hi):
     """V stays below its relaxation plus all the charge that the positive currents still carry; theta only nears 0."""
     for i in range(lo, hi):
-        drive = c[I_E] + i_0[i]
-        if math.isinf(c[GAIN]):
-            top = s[V_M, i] if drive <= 0.0 else math.inf
-        else:
-            top = max(s[V_M, i], c[E_L] + c[GAIN] * drive)
+        top = highest(s[V_M, i], c[E_L], c[GAIN], c[I_E] + i_0[i])
         top += max(s[I_EX, i], 0.0) * c[CHARGE_EX] + max(s[I_IN, i], 0.0) * c[CHARGE_IN]
         if s[REFRACTORY, i] != 0.0 or not top < c[V_TH] + min(s[THETA, i], 0.0):
             return False

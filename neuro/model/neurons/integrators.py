@@ -33,8 +33,8 @@ ACCEPTED = 1.1
 """A step is accepted with an error up to so many times the tolerance."""
 
 MOST_STEPS = 1_000_000
-"""Adaptive steps within one of the grid after which a neuron is given up: its variables become no numbers, which is
-told as a numerical instability. A conductance that has run away would take for ever."""
+"""Adaptive steps within one of the grid after which a neuron is given up: its variables become NaN, which is
+reported as a numerical instability. A conductance that has run away would take for ever."""
 
 TINY = 1e-300
 """What an error of 0 counts as."""
@@ -146,6 +146,19 @@ def is_still(rkf45, rk4, take, rates, system, s, c, i_0, i, h, substeps):
     return new == y
 
 
+def are_at_rest(rkf45, rk4, take, rates, system, s, c, i_0, lo, hi, h, substeps, refractory, size, v_top):
+    """Whether neurons stay as they are in a step without input; `refractory` and `size` are rows of hidden states.
+
+    None may be refractory, amid a step of the grid, or have its first variable, V_m, at `v_top` or above.
+    """
+    for i in range(lo, hi):
+        if s[refractory, i] != 0.0 or s[size, i] != 0.0 or s[0, i] >= v_top:
+            return False
+        if not is_still(rkf45, rk4, take, rates, system, s, c, i_0, i, h, substeps):
+            return False
+    return True
+
+
 def advance(attempt, rates, y, p, t, h, size, tolerance):
     """One accepted step on the way from 0 to h; return the new `y`, the time and the size of the next step.
 
@@ -215,7 +228,7 @@ def _written(tableau: Tableau, variables: int, decaying: int, by_slope: bool) ->
 
 
 def _function(head: str, lines: list[str]) -> FunctionType:
-    """A function of written lines, whose text can be looked at as that of any other."""
+    """A function of generated lines, whose source `inspect` finds as that of any other."""
     text, scope = "\n    ".join([f"def {head}:", *lines]), dict[str, FunctionType]()
     file = f"<neuro {hashlib.sha256(text.encode()).hexdigest()[:16]}>"
     linecache.cache[file] = (len(text), None, text.splitlines(keepends=True), file)

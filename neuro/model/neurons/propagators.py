@@ -10,13 +10,45 @@ divides 0 by 0, not even on a way that is not taken: where tensors are neurons, 
 """
 
 # mypy: disable-error-code="no-untyped-def,no-untyped-call"
+from __future__ import annotations
+
 import math
+from dataclasses import dataclass
+from typing import ClassVar
+
+from neuro.core.quantities import Value, quantity
+from neuro.model.neurons.base import Resting
 
 NEARLY_0 = 1e-100
 """So small that e^z - 1 is z in a double."""
 
 SERIES_TERMS = 15
 """Enough for the last term to vanish in a double where |z| is at most 1/2."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Leaky(Resting):
+    """The first parameters of neurons with a leaky membrane, which is reset and held after a spike."""
+
+    tau_m: Value = quantity(10.0, "ms", "membrane time constant", above=0, infinite=True, arrays=True)
+    C_m: Value = quantity(250.0, "pF", "membrane capacity", above=0, arrays=True)
+    t_ref: Value = quantity(2.0, "ms", "refractory period", at_least=0, arrays=True)
+    E_L: Value = quantity(-70.0, "mV", "resting potential", arrays=True)
+    V_reset: Value = quantity(-70.0, "mV", "potential after a spike", arrays=True)
+    V_th: Value = quantity(-55.0, "mV", "threshold", arrays=True)
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class LeakyWithCurrents(Leaky):
+    """The parameters of those whose input goes into two currents that decay exponentially."""
+
+    weight_unit: ClassVar[str] = "pA"
+    receptors: ClassVar[int] = 2
+    linear: ClassVar[bool] = True
+
+    I_e: Value = quantity(0.0, "pA", "constant current", arrays=True)
+    tau_syn_ex: Value = quantity(2.0, "ms", "decay of the excitatory current", above=0, arrays=True)
+    tau_syn_in: Value = quantity(2.0, "ms", "decay of the inhibitory current", above=0, arrays=True)
 
 
 def leak(tau_m, h):
@@ -69,3 +101,13 @@ def mean_decay_weighted_early(z):
         term *= z / k
         total += term
     return total
+
+
+def highest(v, e_l, gain, drive):
+    """A bound of V_m in mV while no input arrives: from `v` it goes towards e_l + gain drive, and not beyond.
+
+    `gain` is tau_m / C_m in mV/pA, infinite without a leak, `drive` a constant current in pA.
+    """
+    if math.isinf(gain):
+        return v if drive <= 0.0 else math.inf
+    return max(v, e_l + gain * drive)

@@ -9,7 +9,7 @@ from typing import ClassVar
 
 from neuro.core.quantities import Value, quantity
 from neuro.model.neurons.base import Generator
-from neuro.model.neurons.counts import poisson
+from neuro.model.neurons.generators import poisson
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

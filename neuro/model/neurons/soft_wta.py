@@ -95,7 +95,7 @@ def fire(s, c, i):
 
 def quiet(s, c, i_0, lo, hi):
     """Nobody spikes who is not asked, and asking is input; a probability is still to be cleared."""
+    some = False
     for i in range(lo, hi):
-        if s[P, i] != 0.0:
-            return False
-    return True
+        some |= s[P, i] != 0.0
+    return not some

@@ -11,12 +11,12 @@ from typing import Any, ClassVar
 import numpy as np
 
 from neuro.core.quantities import Value, quantity
-from neuro.model.neurons.base import Neuron, State
+from neuro.model.neurons.base import Resting, State
 from neuro.model.neurons.propagators import from_constant, from_exponential, leak
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class srm0(Neuron):
+class srm0(Resting):
     """Spike response model: V_m is the sum of the responses to spikes received and of the after-potential.
 
     A spike received adds its weight in pA to a current that decays exponentially: the excitatory, or the inhibitory
@@ -57,11 +57,6 @@ class srm0(Neuron):
     tau_syn_in: Value = quantity(2.0, "ms", "decay of the inhibitory current", above=0, arrays=True)
     lambda_0: Value = quantity(0.0, "Hz", "rate of spikes at V_th; 0: a sharp threshold", at_least=0, arrays=True)
     Delta_V: Value = quantity(2.0, "mV", "rise of V_m that makes the rate e-fold", above=0, arrays=True)
-
-    @staticmethod
-    def initial(parameters: Mapping[str, Any]) -> dict[str, Any]:
-        """V_m starts at E_L."""
-        return {"V_m": parameters["E_L"]}
 
     @staticmethod
     def caution(parameters: Mapping[str, Any], resolution: float) -> str:

@@ -4,37 +4,21 @@ import numpy as np
 
 from neuro.core.registry import Registry
 from neuro.model.arithmetic import check_functions, fill
-from neuro.model.synapses.base import FUNCTIONS, K_MINUS, K_PLUS, MORE_TEACHING, TEACHING, Synapse, Trace
-from neuro.model.synapses.delays import DelayRule
-from neuro.model.synapses.first_spike_stdp import first_spike_stdp
-from neuro.model.synapses.hedonistic import hedonistic
-from neuro.model.synapses.lessons import Growth, Lesson, TrialEnd
-from neuro.model.synapses.loihi_learning import loihi_learning
-from neuro.model.synapses.loihi_static import loihi_static
-from neuro.model.synapses.modulated import Modulated
-from neuro.model.synapses.moves import GATHERING, MoveRule
-from neuro.model.synapses.mozafari import mozafari
-from neuro.model.synapses.mstdpet import mstdpet
-from neuro.model.synapses.normalised_stdp import normalised_stdp
-from neuro.model.synapses.r_stddp import r_stddp
-from neuro.model.synapses.r_stdp import r_stdp
-from neuro.model.synapses.reinforce import reinforce
-from neuro.model.synapses.static import static
-from neuro.model.synapses.stddp import stddp
-from neuro.model.synapses.stdp import stdp
-from neuro.model.synapses.stdp_dopa import stdp_dopa
-from neuro.model.synapses.stdp_literal import stdp_literal
-from neuro.model.synapses.stdp_nn_pre_centered import stdp_nn_pre_centered
-from neuro.model.synapses.stdp_nn_restr import stdp_nn_restr
-from neuro.model.synapses.stdp_nn_symm import stdp_nn_symm
-from neuro.model.synapses.stdp_pl_hom import stdp_pl_hom
-from neuro.model.synapses.stdp_triplet import stdp_triplet
-from neuro.model.synapses.td_lambda import td_lambda
-from neuro.model.synapses.td_ltp import td_ltp
-from neuro.model.synapses.td_moves import td_moves
-from neuro.model.synapses.tempotron import tempotron
-from neuro.model.synapses.tsodyks2 import tsodyks2
-from neuro.model.synapses.vogels_sprekeler import vogels_sprekeler
+from neuro.model.synapses import builtin
+from neuro.model.synapses.base import (
+    FUNCTIONS,
+    K_MINUS as K_MINUS,
+    K_PLUS as K_PLUS,
+    MORE_TEACHING,
+    TEACHING,
+    DelayRule as DelayRule,
+    Modulated as Modulated,
+    Synapse as Synapse,
+    Trace as Trace,
+)
+from neuro.model.synapses.builtin import *  # noqa: F403
+from neuro.model.synapses.lessons import Growth as Growth, Lesson as Lesson, TrialEnd as TrialEnd
+from neuro.model.synapses.moves import GATHERING, MoveRule as MoveRule
 
 
 def complete(model: type[Synapse]) -> type[Synapse]:
@@ -120,55 +104,9 @@ def _check_of_each(told: str, model: type[Synapse]) -> None:
 
 SYNAPSES: Registry[type[Synapse]] = Registry(
     "synapse",
-    (
-        *(static, tsodyks2),
-        *(stdp, stdp_nn_symm, stdp_nn_restr, stdp_nn_pre_centered, stdp_literal, stdp_pl_hom, stdp_triplet),
-        *(vogels_sprekeler, stdp_dopa, mstdpet, td_ltp, td_moves, td_lambda, reinforce, hedonistic, stddp),
-        *(r_stdp, r_stddp, mozafari, first_spike_stdp, normalised_stdp, tempotron),
-        *(loihi_static, loihi_learning),
-    ),
+    (each for each in vars(builtin).values() if isinstance(each, type)),
     takes=lambda part: isinstance(part, type) and issubclass(part, Synapse),
     group="neuro.synapses",
     complete=complete,
 )
 """All synapse models by name."""
-
-__all__ = [
-    "K_MINUS",
-    "K_PLUS",
-    "SYNAPSES",
-    "DelayRule",
-    "Growth",
-    "Lesson",
-    "Modulated",
-    "MoveRule",
-    "Synapse",
-    "Trace",
-    "TrialEnd",
-    "first_spike_stdp",
-    "hedonistic",
-    "loihi_learning",
-    "loihi_static",
-    "mozafari",
-    "mstdpet",
-    "normalised_stdp",
-    "r_stddp",
-    "r_stdp",
-    "reinforce",
-    "static",
-    "stddp",
-    "stdp",
-    "stdp_dopa",
-    "stdp_literal",
-    "stdp_nn_pre_centered",
-    "stdp_nn_restr",
-    "stdp_nn_symm",
-    "stdp_pl_hom",
-    "stdp_triplet",
-    "td_lambda",
-    "td_ltp",
-    "td_moves",
-    "tempotron",
-    "tsodyks2",
-    "vogels_sprekeler",
-]

@@ -40,6 +40,7 @@ from numpy.typing import NDArray
 from neuro.core.checks import is_number
 from neuro.core.choice import Choice
 from neuro.core.errors import ModelError
+from neuro.core.quantities import quantity
 from neuro.model.arithmetic import OfModule
 from neuro.model.neurons.base import State
 from neuro.model.synapses.lessons import Growth, Lesson, TrialEnd
@@ -92,11 +93,12 @@ class Synapse(Choice):
         pre, post: the traces that a pairwise rule reads.
         modulated: whether a dopamine concentration acts on it.
         draws: whether `on_pre` takes a random number, another for each synapse and pre spike.
-        delays: whether it changes delays, see `neuro.model.synapses.delays`.
+        delays: whether it changes delays, see `neuro.model.synapses.base`.
         supervised: whether a rule for trials needs labels.
         peaks: whether a rule for trials asks for the largest V_m of each neuron up to the decision.
         states: the states of a synapse beside its weight.
         width: how many constants `constants` fills; tables of decays may be among them.
+        ordered: pairs of parameters of which the first is less than the second.
         arithmetic: the module with the functions above: that of the class.
     """
 
@@ -114,6 +116,7 @@ class Synapse(Choice):
     peaks: ClassVar[bool] = False
     states: ClassVar[tuple[State, ...]] = ()
     width: ClassVar[int] = 20
+    ordered: ClassVar[tuple[tuple[str, str], ...]] = ()
     arithmetic: ClassVar[OfModule] = OfModule(("on_post", "on_pre", "advance", "teach", "settle", "encourage"))
 
     def __post_init__(self) -> None:
@@ -126,6 +129,17 @@ class Synapse(Choice):
             ):
                 error.hint = error.hint or "a trace belongs to a neuron, so all its synapses have one time constant"
             raise
+        for low, high in self.ordered:
+            self._check_below(low, high)
+
+    def _check_below(self, low: str, high: str) -> None:
+        """Refuse a rule of which one parameter is not less than another of the same unit, once it is known."""
+        small, large, unit = getattr(self, low), getattr(self, high), self.quantities()[low].unit
+        if not (isinstance(small, str) or isinstance(large, str) or small < large):
+            of_unit = f" {unit}" if unit else ""
+            raise ModelError(
+                f"{self.name}.{low} = {small:g}{of_unit}: expected less than {high} = {large:g}{of_unit}", path=(low,)
+            )
 
     @classmethod
     def identity(cls) -> str:
@@ -215,15 +229,85 @@ def _columns(values: Sequence[Any]) -> NDArray[np.float64]:
     return table
 
 
-def check_below(rule: Synapse, low: str, high: str) -> None:
-    """Refuse a rule of which one parameter is not less than another of the same unit, once it is known.
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Modulated(Synapse):
+    """Base of rules of spike pairs that are modulated by n of their post neuron: dopamine, reward, an error.
 
-    Raises:
-        ModelError: it says which.
+    n is 0 until a signal sets it (`signal`), or the spikes of a population raise it (`dopamine`; each adds 1/tau_n to n
+    of every post neuron, or of its own with `dopamine_rule` one_to_one). With a parameter `tau_n` n decays; without it
+    n stays as it was set, so only a signal can say it.
     """
-    small, large, unit = getattr(rule, low), getattr(rule, high), rule.quantities()[low].unit
-    if not (isinstance(small, str) or isinstance(large, str) or small < large):
-        of_unit = f" {unit}" if unit else ""
-        raise ModelError(
-            f"{rule.name}.{low} = {small:g}{of_unit}: expected less than {high} = {large:g}{of_unit}", path=(low,)
-        )
+
+    learns: ClassVar[str] = "pairs"
+    modulated: ClassVar[bool] = True
+
+    signal: str | None = quantity(None, "", "the signal that sets n", kind="name")
+    dopamine: str | None = quantity(None, "", "the population whose spikes release dopamine", kind="name")
+    dopamine_rule: str = quantity(
+        "all_to_all",
+        "",
+        "which post neurons a spike reaches",
+        kind="word",
+        words=("all_to_all", "one_to_one"),
+    )
+    dopamine_delay: float | None = quantity(None, "ms", "delay of dopamine; the resolution if not given", kind="delay")
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if self.signal is not None and self.dopamine is not None:
+            message = f"{self.name} has both 'signal' and 'dopamine': expected one source of dopamine"
+            raise ModelError(message, path=("dopamine",))
+        if self.dopamine is not None and "tau_n" not in self.numbers():
+            message = f"{self.name}.dopamine = '{self.dopamine}': {self.name} has no tau_n, so n would never fall"
+            raise ModelError(message, hint="name a signal instead", path=("dopamine",))
+
+
+DELAY = 1
+"""The row of `y` that is the delay."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class DelayRule(Synapse):
+    """Base of the rules that change delays within [d_min, d_max].
+
+    A delay is a number of ms, which begins at the delay of the projection. A spike reads it when it sets out, takes as
+    many steps as are nearest, at least one, and keeps them whatever becomes of the delay.
+    """
+
+    delays: ClassVar[bool] = True
+    states: ClassVar[tuple[State, ...]] = (State("delay", "ms", "how long a spike takes that sets out now"),)
+
+    d_min: float = quantity(0.1, "ms", "shortest delay", above=0)
+    d_max: float = quantity(50.0, "ms", "longest delay; fixed, as it says how much may be under way", above=0)
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if self.d_min > self.d_max:
+            raise ModelError(
+                f"{self.name}.d_min = {self.d_min:g}: expected at most d_max = {self.d_max:g}", path=("d_min",)
+            )
+
+    def delay_range(self, h: float) -> tuple[int, int]:
+        """The fewest and the most steps of `h` ms that a spike may take."""
+        return max(1, math.floor(self.d_min / h + 0.5)), max(1, math.floor(self.d_max / h + 0.5))
+
+
+def steps_of(delay: float, h: float, fewest: int, most: int) -> int:
+    """How many steps a spike takes that sets out now."""
+    return math.floor(max(fewest, min(most, delay / h)) + 0.5)
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class static(Synapse):
+    """Sends its weight after its delay. Source: NEST 3.10, `static_synapse`.
+
+    With `receptor` all spikes go to the receptor of that name, whatever the sign of their weight: a current takes the
+    weight as it is, a conductance grows by it, so it is not negative.
+    """
+
+    equation: ClassVar[str] = "sends w"
+    source: ClassVar[str] = "NEST 3.10 static_synapse"
+
+    receptor: str | None = quantity(
+        None, "", "the target's receptor that spikes go to; by the sign of the weight if not said", kind="receptor"
+    )

@@ -7,9 +7,9 @@ from dataclasses import dataclass
 from typing import ClassVar
 
 from neuro.core.quantities import quantity
-from neuro.model.synapses.base import Synapse, check_below
+from neuro.model.synapses.base import Synapse
+from neuro.model.synapses.bounds import softly
 from neuro.model.synapses.lessons import Lesson, TrialEnd
-from neuro.model.synapses.soft_bounds import softly
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -26,16 +26,13 @@ class first_spike_stdp(Synapse):
     equation: ClassVar[str] = "dw = A w (1 - w), A by whether the input came before the decision"
     source: ClassVar[str] = "Masquelier & Thorpe, PLoS Comput. Biol. 3:e31, 2007"
     learns: ClassVar[str] = "trials"
+    ordered: ClassVar[tuple[tuple[str, str], ...]] = (("Wmin", "Wmax"),)
     supervised: ClassVar[bool] = False
 
     A_plus: float = quantity(0.004, "", "rate where the input came before the decision")
     A_minus: float = quantity(-0.003, "", "rate elsewhere")
     Wmin: float = quantity(0.0, "", "smallest weight, in the unit of the weight", of_value=True)
     Wmax: float = quantity(1.0, "", "largest weight, in the unit of the weight", of_value=True)
-
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        check_below(self, "Wmin", "Wmax")
 
     def lessons(self, end: TrialEnd) -> tuple[Lesson, ...]:
         """The neuron that decided."""

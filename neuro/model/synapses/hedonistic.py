@@ -9,8 +9,7 @@ from typing import ClassVar
 
 from neuro.core.quantities import quantity
 from neuro.model.neurons.base import State
-from neuro.model.synapses.base import Trace
-from neuro.model.synapses.modulated import Modulated
+from neuro.model.synapses.base import Modulated, Trace
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

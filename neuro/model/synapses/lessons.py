@@ -19,7 +19,7 @@ class Lesson(NamedTuple):
     Attributes:
         neuron: its id.
         tick: the moment from which arrivals are counted, ticks of the trial.
-        lesson: what `teach` is told, > 0 a reward and < 0 a punishment.
+        lesson: the argument of `teach`, > 0 a reward and < 0 a punishment.
     """
 
     neuron: int

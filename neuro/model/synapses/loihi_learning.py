@@ -1,4 +1,4 @@
-"""A synapse of Loihi 1 that learns by the chip's own rules, in its own registers."""
+"""Synapses of Loihi 1 in its own registers: one that keeps its weight, and one that learns by the chip's rules."""
 
 from __future__ import annotations
 
@@ -26,10 +26,31 @@ from neuro.model.synapses.loihi_rule import (
     Trace,
     text,
 )
-from neuro.model.synapses.loihi_static import SIGN_MODES
 
+SIGN_MODES = ("mixed", "excitatory", "inhibitory")
 SHAPES = ("first_order", "exponential")
 ROUNDINGS = ("stochastic", "away")
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class loihi_static(Synapse):
+    """Adds 64 floor(m 2^weight_exp) to the current register; the weight of the projection is the mantissa m.
+
+    Mixed: m from -256 to 254 in steps of 2; excitatory: 0 to 255; inhibitory: -255 to 0. With fewer weight bits the
+    lowest are dropped (towards 0), one more in mixed mode. What is added is clipped to +-(2^21 - 64). The weight that
+    is read back, what is added / (64 2^weight_exp), has lost these bits; the mantissa is its register.
+
+    Source: Michaelis et al., Front. Neuroinform. 16:1015624, 2022, which shifts each weight and reports a match with
+    the chip.
+    """
+
+    equation: ClassVar[str] = "sends 64 floor(m 2^weight_exp)"
+    source: ClassVar[str] = "Davies et al., IEEE Micro 38(1):82, 2018; Michaelis et al., Front. Neuroinform. 16, 2022"
+    chip: ClassVar[str] = "loihi"
+
+    weight_exp: int = quantity(0, "", "weight exponent", kind="integer", at_least=-8, at_most=7)
+    num_weight_bits: int = quantity(8, "", "bits of a weight", kind="integer", at_least=1, at_most=8)
+    sign_mode: str = quantity("mixed", "", "which signs the weights have", kind="word", words=SIGN_MODES)
 
 
 def _impulse(trace: str) -> Any:
@@ -91,11 +112,8 @@ class loihi_learning(Synapse):
         for term in terms:
             for factor in term.factors:
                 if factor.name in ("r1", "r2"):
-                    raise ModelError(
-                        f"{word} reads {factor.name}, which nothing sets here",
-                        hint="stdp_dopa has a signal or dopamine",
-                        path=(word,),
-                    )
+                    message = f"{word} reads {factor.name}, which nothing sets here"
+                    raise ModelError(message, hint="stdp_dopa has a signal or dopamine", path=(word,))
         return terms
 
     def rule(self) -> LearningRule:

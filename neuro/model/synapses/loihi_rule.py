@@ -75,10 +75,8 @@ class Term:
 
     def __post_init__(self) -> None:
         if not -8 <= self.mantissa <= 7:
-            raise ModelError(
-                f"'{self}': scale {self.mantissa} x 2^{self.exponent}: expected -8 to 7 times a power of 2",
-                hint="write it as two products",
-            )
+            message = f"'{self}': scale {self.mantissa} x 2^{self.exponent}: expected -8 to 7 times a power of 2"
+            raise ModelError(message, hint="write it as two products")
         lowest = -FRACTION_BITS - max(0, self.bits - PRODUCT_BITS)
         if not lowest <= self.exponent <= LARGEST_EXPONENT:
             raise ModelError(
@@ -162,10 +160,8 @@ class LearningRule:
         for term in (*self.dw, *self.dt):
             for factor in term.factors:
                 if factor.name in TRACES and factor.name not in self.traces:
-                    raise ModelError(
-                        f"'{term}' reads {factor.name}, which never rises",
-                        hint=f"give {factor.name}_impulse and {factor.name}_tau",
-                    )
+                    message = f"'{term}' reads {factor.name}, which never rises"
+                    raise ModelError(message, hint=f"give {factor.name}_impulse and {factor.name}_tau")
 
     def __str__(self) -> str:
         lines = [f"{word} = {text(terms)}" for word, terms in (("dw", self.dw), ("dt", self.dt)) if terms]

@@ -7,8 +7,8 @@ from dataclasses import dataclass
 from typing import ClassVar
 
 from neuro.core.quantities import quantity
-from neuro.model.synapses.base import Synapse, check_below
-from neuro.model.synapses.soft_bounds import softly
+from neuro.model.synapses.base import Synapse
+from neuro.model.synapses.bounds import softly
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -27,6 +27,7 @@ class mozafari(Synapse):
     equation: ClassVar[str] = "dw = s A w (1 - w), s = N_miss/N on reward, N_hit/N on punishment"
     source: ClassVar[str] = "Mozafari et al., IEEE TNNLS 29:6178, 2018"
     learns: ClassVar[str] = "trials"
+    ordered: ClassVar[tuple[tuple[str, str], ...]] = (("Wmin", "Wmax"),)
 
     Ar_plus: float = quantity(0.004, "", "rate on reward, input before the decision")
     Ar_minus: float = quantity(-0.003, "", "rate on reward, other inputs")
@@ -36,10 +37,6 @@ class mozafari(Synapse):
     hits: float = quantity(1.0, "", "share of right decisions in the last batch", at_least=0, at_most=1)
     Wmin: float = quantity(0.0, "", "smallest weight, in the unit of the weight", of_value=True)
     Wmax: float = quantity(1.0, "", "largest weight, in the unit of the weight", of_value=True)
-
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        check_below(self, "Wmin", "Wmax")
 
 
 AR_PLUS, AR_MINUS, AP_PLUS, AP_MINUS, MISSES, HITS, W_MIN, W_MAX = range(8)

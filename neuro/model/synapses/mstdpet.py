@@ -9,8 +9,8 @@ from typing import ClassVar
 
 from neuro.core.quantities import quantity
 from neuro.model.neurons.base import State
-from neuro.model.synapses.modulated import Modulated
-from neuro.model.synapses.within import within
+from neuro.model.synapses.base import Modulated
+from neuro.model.synapses.bounds import within
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from typing import ClassVar
 
 from neuro.core.quantities import quantity
-from neuro.model.synapses.base import Synapse, check_below
+from neuro.model.synapses.base import Synapse
 from neuro.model.synapses.lessons import Lesson, TrialEnd
 
 
@@ -29,6 +29,7 @@ class normalised_stdp(Synapse):
         "Rubin et al., Phys. Rev. Lett. 86:364, 2001; Diehl & Cook, Front. Comput. Neurosci. 9:99, 2015"
     )
     learns: ClassVar[str] = "trials"
+    ordered: ClassVar[tuple[tuple[str, str], ...]] = (("Wmin", "Wmax"),)
     supervised: ClassVar[bool] = False
 
     A_plus: float = quantity(0.05, "", "rate where the input came before the decision", at_least=0, at_most=1)
@@ -38,10 +39,6 @@ class normalised_stdp(Synapse):
     )
     Wmin: float = quantity(0.0, "", "smallest weight, in the unit of the weight", at_least=0, of_value=True)
     Wmax: float = quantity(1.0, "", "largest weight, in the unit of the weight", of_value=True)
-
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        check_below(self, "Wmin", "Wmax")
 
     def lessons(self, end: TrialEnd) -> tuple[Lesson, ...]:
         """The neuron that decided."""

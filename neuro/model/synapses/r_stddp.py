@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from typing import ClassVar
 
 from neuro.core.quantities import quantity
-from neuro.model.synapses.delays import DelayRule
+from neuro.model.synapses.base import DelayRule
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

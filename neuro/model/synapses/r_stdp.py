@@ -7,9 +7,9 @@ from dataclasses import dataclass
 from typing import ClassVar
 
 from neuro.core.quantities import quantity
-from neuro.model.synapses.base import Synapse, check_below
+from neuro.model.synapses.base import Synapse
+from neuro.model.synapses.bounds import softly
 from neuro.model.synapses.lessons import Growth, Lesson, TrialEnd
-from neuro.model.synapses.soft_bounds import softly
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -28,6 +28,7 @@ class r_stdp(Synapse):
     equation: ClassVar[str] = "dw = A w (1 - w), A by outcome and by whether the input came before the decision"
     source: ClassVar[str] = "Mosca, MSc thesis, 2020, eqs 126-128; Mozafari et al., IEEE TNNLS 29:6178, 2018"
     learns: ClassVar[str] = "trials"
+    ordered: ClassVar[tuple[tuple[str, str], ...]] = (("Wmin", "Wmax"),)
 
     Ar_plus: float = quantity(0.075, "", "rate on reward, input before the decision")
     Ar_minus: float = quantity(-0.025, "", "rate on reward, other inputs")
@@ -37,10 +38,6 @@ class r_stdp(Synapse):
     rescue: bool = quantity(False, "", "reward the right label's best-excited neuron instead", kind="boolean")
     Wmin: float = quantity(0.0, "", "smallest weight, in the unit of the weight", of_value=True)
     Wmax: float = quantity(1.0, "", "largest weight, in the unit of the weight", of_value=True)
-
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        check_below(self, "Wmin", "Wmax")
 
     def lessons(self, end: TrialEnd) -> list[Lesson | Growth]:
         """The neuron that decided; after a mistake or silence also the right label's maps."""

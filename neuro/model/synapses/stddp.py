@@ -8,8 +8,7 @@ from dataclasses import dataclass
 from typing import ClassVar
 
 from neuro.core.quantities import quantity
-from neuro.model.synapses.base import Trace
-from neuro.model.synapses.delays import DELAY, DelayRule
+from neuro.model.synapses.base import DELAY, DelayRule, Trace
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

@@ -6,7 +6,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import ClassVar
 
-from neuro.model.synapses.weight_dependence import WeightDependent, depressed, potentiated
+from neuro.model.synapses.bounds import WeightDependent, constants as constants, depressed, potentiated
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -24,11 +24,6 @@ class stdp(WeightDependent):
     )
     source: ClassVar[str] = "NEST 3.10 stdp_synapse; Guetig et al., J. Neurosci. 23:3697, 2003"
     learns: ClassVar[str] = "pairs"
-
-
-def constants(p, h, c):
-    """The constants are the parameters."""
-    c[:6] = p[:6]
 
 
 def on_post(y, e, c, pre, post):

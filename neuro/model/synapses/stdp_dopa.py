@@ -10,7 +10,7 @@ from typing import ClassVar
 from neuro.core.errors import ModelError
 from neuro.core.quantities import quantity
 from neuro.model.neurons.base import State
-from neuro.model.synapses.modulated import Modulated
+from neuro.model.synapses.base import Modulated
 
 TABLE = 1024
 """Steps over which the decays of c and n are kept in a table; beyond it they are computed."""

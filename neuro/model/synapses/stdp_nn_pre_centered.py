@@ -8,7 +8,7 @@ from typing import ClassVar
 
 from neuro.model.neurons.base import State
 from neuro.model.synapses.base import Trace
-from neuro.model.synapses.weight_dependence import WeightDependent, depressed, potentiated
+from neuro.model.synapses.bounds import WeightDependent, constants as constants, depressed, potentiated
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -31,11 +31,6 @@ class stdp_nn_pre_centered(WeightDependent):
     states: ClassVar[tuple[State, ...]] = (
         State("unanswered", "", "K+ just after the last pre spike, of those since the last post spike", hidden=True),
     )
-
-
-def constants(p, h, c):
-    """The constants are the parameters."""
-    c[:6] = p[:6]
 
 
 def on_post(y, e, c, pre, post):

@@ -9,7 +9,7 @@ from typing import ClassVar
 from neuro.core.quantities import quantity
 from neuro.model.neurons.base import State
 from neuro.model.synapses.base import Trace
-from neuro.model.synapses.weight_dependence import WeightDependent, depressed, potentiated
+from neuro.model.synapses.bounds import WeightDependent, constants as constants, depressed, potentiated
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -35,11 +35,6 @@ class stdp_nn_restr(WeightDependent):
     )
 
     pre_at_start: bool = quantity(False, "", "begin as if a pre spike had come at time 0", kind="boolean")
-
-
-def constants(p, h, c):
-    """The constants are the parameters."""
-    c[:6] = p[:6]
 
 
 def on_post(y, e, c, pre, post):

@@ -8,7 +8,7 @@ from typing import ClassVar
 
 from neuro.core.quantities import quantity
 from neuro.model.synapses.base import Trace
-from neuro.model.synapses.weight_dependence import WeightDependent, depressed, potentiated
+from neuro.model.synapses.bounds import WeightDependent, constants as constants, depressed, potentiated
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -29,11 +29,6 @@ class stdp_nn_symm(WeightDependent):
     post: ClassVar[tuple[Trace, ...]] = (Trace("tau_minus", nearest=True),)
 
     pre_at_start: bool = quantity(False, "", "begin as if a pre spike had come at time 0", kind="boolean")
-
-
-def constants(p, h, c):
-    """The constants are the parameters."""
-    c[:6] = p[:6]
 
 
 def on_post(y, e, c, pre, post):

@@ -9,7 +9,7 @@ from typing import ClassVar
 
 from neuro.core.quantities import Value, quantity
 from neuro.model.synapses.base import K_MINUS, K_PLUS, OF_EACH, Synapse, Trace
-from neuro.model.synapses.within import within
+from neuro.model.synapses.bounds import within
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

@@ -8,7 +8,7 @@ from typing import ClassVar
 
 from neuro.core.quantities import quantity
 from neuro.model.neurons.base import State
-from neuro.model.synapses.base import Trace, check_below
+from neuro.model.synapses.base import Trace
 from neuro.model.synapses.moves import MoveRule
 
 
@@ -28,6 +28,7 @@ class td_lambda(MoveRule):
     equation: ClassVar[str] = "e += x at post spikes; at a signal n: w += eta n z, z = decay z + e, e = 0"
     source: ClassVar[str] = "Sutton & Barto 2018, section 12.2; Fremaux et al., PLoS Comput. Biol. 9:e1003024, 2013"
     pre: ClassVar[tuple[Trace, ...]] = (Trace("tau"),)
+    ordered: ClassVar[tuple[tuple[str, str], ...]] = (("Wmin", "Wmax"),)
     states: ClassVar[tuple[State, ...]] = (
         State("e", "", "eligibility gathered in the present move"),
         State("z", "", "eligibility of the moves before, which a signal teaches"),
@@ -38,10 +39,6 @@ class td_lambda(MoveRule):
     decay: float = quantity(0.9, "", "what is left of z from one move to the next", at_least=0, at_most=1)
     Wmin: float = quantity(-100.0, "", "smallest weight, in the unit of the weight", of_value=True)
     Wmax: float = quantity(100.0, "", "largest weight, in the unit of the weight", of_value=True)
-
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        check_below(self, "Wmin", "Wmax")
 
 
 ETA, DECAY, W_MIN, W_MAX = range(4)

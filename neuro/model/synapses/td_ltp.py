@@ -9,8 +9,7 @@ from typing import ClassVar
 
 from neuro.core.quantities import quantity
 from neuro.model.neurons.base import State
-from neuro.model.synapses.base import Trace, check_below
-from neuro.model.synapses.modulated import Modulated
+from neuro.model.synapses.base import Modulated, Trace
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -34,6 +33,7 @@ class td_ltp(Modulated):
     source: ClassVar[str] = "Fremaux, Sprekeler & Gerstner, PLoS Comput. Biol. 9:e1003024, 2013"
     pre: ClassVar[tuple[Trace, ...]] = (Trace("tau_m"), Trace("tau_s"))
     post: ClassVar[tuple[Trace, ...]] = (Trace(""),)
+    ordered: ClassVar[tuple[tuple[str, str], ...]] = (("tau_s", "tau_m"), ("tau_rise", "tau_kappa"), ("Wmin", "Wmax"))
     states: ClassVar[tuple[State, ...]] = (
         State("z", "1/ms", "eligibility trace"),
         State("rise", "1/ms", "the part of kappa that fades with tau_rise", hidden=True),
@@ -48,11 +48,6 @@ class td_ltp(Modulated):
     eta: float = quantity(1.0, "", "learning rate, in the unit of the weight", at_least=0, of_value=True)
     Wmin: float = quantity(0.0, "", "smallest weight, in the unit of the weight", of_value=True)
     Wmax: float = quantity(100.0, "", "largest weight, in the unit of the weight", of_value=True)
-
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        for low, high in (("tau_s", "tau_m"), ("tau_rise", "tau_kappa"), ("Wmin", "Wmax")):
-            check_below(self, low, high)
 
 
 TAU_M, TAU_S, TAU_KAPPA, TAU_RISE, ETA, W_MIN, W_MAX, H = range(8)

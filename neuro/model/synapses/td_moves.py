@@ -8,8 +8,7 @@ from typing import ClassVar
 
 from neuro.core.quantities import quantity
 from neuro.model.neurons.base import State
-from neuro.model.synapses.base import Trace, check_below
-from neuro.model.synapses.modulated import Modulated
+from neuro.model.synapses.base import Modulated, Trace
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -33,6 +32,7 @@ class td_moves(Modulated):
     source: ClassVar[str] = "after Fremaux, Sprekeler & Gerstner, PLoS Comput. Biol. 9:e1003024, 2013"
     pre: ClassVar[tuple[Trace, ...]] = (Trace("tau_m"), Trace("tau_s"))
     post: ClassVar[tuple[Trace, ...]] = ()
+    ordered: ClassVar[tuple[tuple[str, str], ...]] = (("tau_s", "tau_m"), ("Wmin", "Wmax"))
     states: ClassVar[tuple[State, ...]] = (
         State("e", "", "eligibility of the present move"),
         State("e_last", "", "that of the last move"),
@@ -45,11 +45,6 @@ class td_moves(Modulated):
     eta: float = quantity(0.01, "", "learning rate, in the unit of the weight", at_least=0, of_value=True)
     Wmin: float = quantity(0.0, "", "smallest weight, in the unit of the weight", of_value=True)
     Wmax: float = quantity(100.0, "", "largest weight, in the unit of the weight", of_value=True)
-
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        for low, high in (("tau_s", "tau_m"), ("Wmin", "Wmax")):
-            check_below(self, low, high)
 
 
 MOVE, RATE, W_MIN, W_MAX = range(4)

@@ -10,7 +10,7 @@ from typing import ClassVar
 import numpy as np
 
 from neuro.core.quantities import quantity
-from neuro.model.synapses.base import Synapse, check_below
+from neuro.model.synapses.base import Synapse
 from neuro.model.synapses.lessons import Lesson, TrialEnd
 
 INF = math.inf
@@ -39,6 +39,7 @@ class tempotron(Synapse):
     source: ClassVar[str] = "Guetig & Sompolinsky, Nat. Neurosci. 9:420, 2006"
     learns: ClassVar[str] = "trials"
     peaks: ClassVar[bool] = True
+    ordered: ClassVar[tuple[tuple[str, str], ...]] = (("tau_s", "tau_m"), ("Wmin", "Wmax"))
 
     lambda_: float = quantity(0.01, "", "step size, in the unit of the weight", at_least=0, of_value=True)
     tau_m: float = quantity(15.0, "ms", "time constant of the membrane", above=0, infinite=True)
@@ -46,11 +47,6 @@ class tempotron(Synapse):
     Wmin: float = quantity(-INF, "", "smallest weight, in the unit of the weight", infinite=True, of_value=True)
     Wmax: float = quantity(INF, "", "largest weight, in the unit of the weight", infinite=True, of_value=True)
     alone: float = quantity(INF, "mV", "V_m that each neuron is taught by itself to reach, or not", infinite=True)
-
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        check_below(self, "tau_s", "tau_m")
-        check_below(self, "Wmin", "Wmax")
 
     def lessons(self, end: TrialEnd) -> list[Lesson]:
         """After a mistake the neuron that decided, and the one that should have."""

@@ -1,4 +1,4 @@
-"""Run the network for a second and say how it fires. Next: python -m pytest."""
+"""Run the network for a second and print its firing. Next: python -m pytest."""
 
 from pathlib import Path
 
@@ -10,7 +10,7 @@ NETWORK = Path(__file__).with_name("network.yaml")
 
 
 def firing(seed=1, **parameters):
-    """The rate of the excitatory neurons (Hz), and how irregular the times between their spikes are.
+    """The rate of the excitatory neurons (Hz), and the irregularity of their interspike intervals.
 
     The coefficient of variation is 0 for a clock and 1 for a Poisson process.
     """

@@ -1,4 +1,4 @@
-"""Run me with python -m pytest; then change network.yaml, and say here what must stay true."""
+"""Run with python -m pytest. Then change network.yaml, and state here what must stay true."""
 
 from run import firing
 

@@ -8,11 +8,11 @@ import neuro
 
 NETWORK = Path(__file__).with_name("network.yaml")
 COLUMNS = np.arange(8) - 3.5  # of the camera's cells, px from the middle
-SIDES = np.array([-1, 1, -1, 1])  # where each motor turns
+SIDES = np.array([-1, 1, -1, 1])  # direction in which each motor turns
 
 
 def follow(steps=1000, dopamine=0.002, seed=1):
-    """How far the light was from the middle of the picture in each step, px: (steps,)."""
+    """The distance of the light from the middle of the picture in each step, px: (steps,)."""
     sim = neuro.compile(neuro.load(NETWORK), seed=seed)
     heading, errors = 0.0, np.zeros(steps)
     for step in range(steps):
@@ -20,7 +20,7 @@ def follow(steps=1000, dopamine=0.002, seed=1):
         errors[step] = abs(light - heading)
         offset = np.clip(light - heading, -3.5, 3.5)
         sim.set("cells", rate=np.tile(60.0 * np.exp(-0.5 * (COLUMNS - offset) ** 2), 8))  # Hz
-        sim.signal("reward", dopamine * offset * SIDES)  # good is what turns towards the light
+        sim.signal("reward", dopamine * offset * SIDES)  # a motor that turns towards the light is rewarded
         begin = sim.time
         sim.run(50.0)  # ms
         _, motors = sim.spikes("motors", since=begin)

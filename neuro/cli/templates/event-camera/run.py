@@ -1,4 +1,4 @@
-"""Show the recording to the network and say which neurons fired. Next: python -m pytest."""
+"""Show the recording to the network and print which neurons fired. Next: python -m pytest."""
 
 from pathlib import Path
 
@@ -10,7 +10,7 @@ NETWORK = Path(__file__).with_name("network.yaml")
 
 
 def seen(duration=1000.0, seed=1, **parameters):
-    """How many spikes each neuron of the grid fired in so many ms: (rows, columns)."""
+    """The number of spikes of each neuron of the grid within `duration` ms: (rows, columns)."""
     sim = neuro.compile(neuro.load(NETWORK, params=parameters), seed=seed)
     sim.run(duration)  # the recording is read while the network runs
     _, ids = sim.spikes("grid")

@@ -1,4 +1,4 @@
-"""Run me with python -m pytest; then change network.yaml, and say here what must stay true."""
+"""Run with python -m pytest. Then change network.yaml, and state here what must stay true."""
 
 from run import seen
 
@@ -6,7 +6,7 @@ from run import seen
 def test_the_grid_sees_who_walks():
     spikes = seen()
     assert spikes[2:5].sum() > 50
-    assert spikes[0].sum() == 0  # nobody is up there
+    assert spikes[0].sum() == 0  # no events in the top row
 
 
 def test_stronger_synapses_more_spikes():

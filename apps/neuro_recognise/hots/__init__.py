@@ -1,1 +1,0 @@
-"""HOTS: layers of time surfaces that learn what surfaces there are."""

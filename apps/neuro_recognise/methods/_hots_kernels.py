@@ -1,0 +1,176 @@
+# mypy: ignore-errors
+"""Compiled loops of `neuro_recognise.methods.hots`: one layer shown one recording.
+
+A map holds, for each pixel and channel, exp((T - begin) / tau) of the last event there at T; divided by
+exp((t - begin) / tau) it is the time surface at t. So one exponential an event is enough. Before its numbers leave
+double precision the map is counted from a later moment on.
+
+A layer that learns compares the surface of an event with its centres. In a layer that does not, an event changes one
+number of the map, so the inner products of all surfaces round it with the centres change by a multiple of the centres:
+they are kept for all pixels, and an event costs as many operations as the neighbourhood has pixels, whatever the number
+of channels. All terms are positive, so the sums stay exact to a few last bits.
+"""
+
+from math import exp, sqrt
+
+from neuro.apps import kernel, subkernel
+
+LONGEST = 30.0
+"""Time constants after which a map is counted from now on again."""
+NOTHING = 1e-200
+"""What is smaller is 0: numbers below 1e-308 would be slow."""
+
+
+@subkernel
+def shrink(numbers, factor):
+    """Multiply numbers >= 0, in place."""
+    for i in range(numbers.size):
+        value = numbers[i] * factor
+        numbers[i] = value if value > NOTHING else 0.0
+
+
+@subkernel
+def add(row, taps, change):
+    """Add a multiple of taps to a row of the same length; by slices, which numba turns into vector instructions."""
+    for j in range(taps.size):
+        row[j] += change * taps[j]
+
+
+@subkernel
+def closest(products, first, scale, squares):
+    """The centre k with the smallest ``|C_k|^2 - 2 S C_k``, the first of equal ones: the closest to a surface S.
+
+    products: float64[...], of S and centre k at first + k, to be multiplied by scale; squares: float64[centres].
+    """
+    best, least = 0, squares[0] - 2.0 * scale * products[first]
+    for k in range(1, squares.size):
+        distance = squares[k] - 2.0 * scale * products[first + k]
+        if distance < least:
+            best, least = k, distance
+    return best
+
+
+@kernel
+def find(t, x, y, channel, seen, products, width, radius, channels, tau, turned, squares, out):
+    """Find the centre closest to the time surface of each event.
+
+    t: int64[n], us; x, y: uint16[n], px; channel: int64[n], polarity or centre of the layer before; seen:
+    float64[height * width * channels], 0 at the beginning; products: float64[(height + 2 radius) * (width + 2 radius) *
+    centres], 0 at the beginning; tau: us; turned: float64[channels, rows * columns * centres], centres turned by half a
+    turn; squares: float64[centres], the squared lengths of centres; out: int64[n], the centre of each event.
+    """
+    n, side = squares.size, 2 * radius + 1
+    stride, span = (width + 2 * radius) * n, side * n
+    begin = float(t[0]) if t.size else 0.0
+    for e in range(t.size):
+        now = float(t[e])
+        if now - begin > LONGEST * tau:
+            factor = exp((begin - now) / tau)
+            shrink(seen, factor)
+            shrink(products, factor)
+            begin = now
+        grown = exp((now - begin) / tau)
+        place = (y[e] * width + x[e]) * channels + channel[e]
+        change = grown - seen[place]
+        seen[place] = grown
+        corner = y[e] * stride + x[e] * n
+        taps = turned[channel[e]]
+        for i in range(side):
+            add(products[corner + i * stride : corner + i * stride + span], taps[i * span : (i + 1) * span], change)
+        out[e] = closest(products, corner + radius * (stride + n), 1.0 / grown, squares)
+
+
+@subkernel
+def counted_from(begin, now, tau, seen):
+    """From when on the map is counted: from now on, and shrunk to the present, where it has grown for too long."""
+    if now - begin > LONGEST * tau:
+        shrink(seen, exp((begin - now) / tau))
+        return now
+    return begin
+
+
+@subkernel
+def compared(seen, corner, stride, span, side, scale, centres, products):
+    """The inner product of the time surface with each centre; gives the surface's squared length.
+
+    seen: float64[...], the map, flat; corner: where the neighbourhood begins; stride: from a row to the next; span:
+    numbers in a row of the neighbourhood; scale: 1 / exp((t - begin) / tau); products: float64[centres], written.
+    """
+    products[:] = 0.0
+    square = 0.0
+    for i in range(side):
+        row = seen[corner + i * stride : corner + i * stride + span]
+        for j in range(span):
+            if row[j] != 0.0:
+                value = row[j] * scale
+                square += value * value
+                add(products, centres[i * span + j], value)
+    return square
+
+
+@subkernel
+def moved(seen, corner, stride, span, side, scale, centres, k, keep, alpha):
+    """Move centre k: ``C = keep C + alpha S``; gives its squared length."""
+    square = 0.0
+    for i in range(side):
+        first = corner + i * stride
+        for j in range(span):
+            value = keep * centres[i * span + j, k] + alpha * scale * seen[first + j]
+            centres[i * span + j, k] = value
+            square += value * value
+    return square
+
+
+@kernel
+def learn(t, x, y, channel, seen, width, radius, channels, tau, centres, squares, products, wins, rate, slow):
+    """Move the centre closest to the time surface of each event towards it; algorithm 13 of the thesis.
+
+    As `find`, but seen: float64[(height + 2 radius) * (width + 2 radius) * channels]; centres: float64[rows * columns *
+    channels, centres], changed; squares, changed; products: float64[centres], scratch; wins: int64[centres], p_k,
+    changed; rate, slow: of alpha = rate / (1 + p_k / slow).
+    """
+    side = 2 * radius + 1
+    stride, span = (width + 2 * radius) * channels, side * channels
+    begin = float(t[0]) if t.size else 0.0
+    for e in range(t.size):
+        now = float(t[e])
+        begin = counted_from(begin, now, tau, seen)
+        grown = exp((now - begin) / tau)
+        corner = y[e] * stride + x[e] * channels
+        seen[corner + radius * (stride + channels) + channel[e]] = grown
+        scale = 1.0 / grown
+        square = compared(seen, corner, stride, span, side, scale, centres, products)
+        k = closest(products, 0, 1.0, squares)
+        alpha = rate / (1.0 + wins[k] / slow)
+        beta = products[k] / sqrt(squares[k] * square) if squares[k] > 0.0 else 0.0
+        squares[k] = moved(seen, corner, stride, span, side, scale, centres, k, 1.0 - alpha * beta, alpha)
+        wins[k] += 1
+
+
+@kernel
+def surfaces(t, x, y, channel, seen, width, radius, channels, tau, wanted, out):
+    """The time surfaces of some events, to begin centres with.
+
+    As `learn`; wanted: int64[k], ascending numbers of events; out: float64[rows * columns * channels, k].
+    """
+    side = 2 * radius + 1
+    stride, span = (width + 2 * radius) * channels, side * channels
+    begin, found = float(t[0]) if t.size else 0.0, 0
+    for e in range(t.size):
+        now = float(t[e])
+        begin = counted_from(begin, now, tau, seen)
+        grown = exp((now - begin) / tau)
+        corner = y[e] * stride + x[e] * channels
+        seen[corner + radius * (stride + channels) + channel[e]] = grown
+        if found < wanted.size and wanted[found] == e:
+            for i in range(side):
+                for j in range(span):
+                    out[i * span + j, found] = seen[corner + i * stride + j] / grown
+            found += 1
+
+
+@kernel
+def count(x, y, centre, cell, columns, out):
+    """Count centres by cell: out, int64[cells, centres], at (y // cell) * columns + x // cell."""
+    for e in range(centre.size):
+        out[(y[e] // cell) * columns + x[e] // cell, centre[e]] += 1

@@ -1,1 +1,0 @@
-"""SpiNNaker 1's arithmetic: s16.15 neurons and 16-bit weight slots."""

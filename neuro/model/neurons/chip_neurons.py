@@ -1,0 +1,97 @@
+"""Neurons in the registers of a chip; a chip's backend has their arithmetic, in integers."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any, ClassVar
+
+from neuro.core.quantities import Value, quantity
+from neuro.model.neurons.base import Neuron, State
+
+LARGEST = 2**31 - 1
+FRACTION = 2**32 - 1
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class loihi_lif(Neuron):
+    """A compartment of Loihi 1; every parameter is a register.
+
+    Each step, in this order, all in integers and truncated towards 0:
+    x <- sum of the arriving weights, 22-bit two's complement;
+    u <- u (4096 - (du + 1)) / 4096 + x, 24-bit two's complement;
+    v <- v (4096 - dv) / 4096 + (u + bias_mant 2^bias_exp, 24-bit two's complement), clipped to +-(2^23 - 1);
+    a spike where v > 64 vth, then v is 0 and stays so for refractory - 1 steps while u goes on.
+    A spike emitted in step k over a delay of D steps changes u in step k + D: the delay register holds D - 1.
+
+    Source: Davies et al., IEEE Micro 38(1):82, 2018; Michaelis et al., Front. Neuroinform. 16:1015624, 2022.
+    """
+
+    equation: ClassVar[str] = (
+        "u' = u (4095 - du)/4096 + sum W; v' = v (4096 - dv)/4096 + u' + bias; spike at v > 64 vth"
+    )
+    source: ClassVar[str] = "Davies et al., IEEE Micro 38(1):82, 2018; traces of lava, nengo-loihi and Brian2Loihi"
+    states: ClassVar[tuple[State, ...]] = (
+        State("v", "", "voltage register"),
+        State("u", "", "current register"),
+    )
+    chip: ClassVar[str] = "loihi"
+
+    du: Value = quantity(409, "", "decay of the current", whole=True, at_least=0, at_most=4095, arrays=True)
+    dv: Value = quantity(409, "", "decay of the voltage", whole=True, at_least=0, at_most=4095, arrays=True)
+    vth: Value = quantity(100, "", "threshold mantissa", whole=True, at_least=0, at_most=131071, arrays=True)
+    bias_mant: Value = quantity(0, "", "bias mantissa", whole=True, at_least=-4096, at_most=4095, arrays=True)
+    bias_exp: Value = quantity(0, "", "bias exponent", whole=True, at_least=0, at_most=7, arrays=True)
+    refractory: Value = quantity(1, "", "refractory period", whole=True, at_least=1, at_most=64, arrays=True)
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class spinnaker_lif(Neuron):
+    """A neuron of SpiNNaker in s16.15 (value x 32768) and unsigned 0.32 decays; every parameter is a register.
+
+    Each tick: g <- g decay + (slot << shift) init for either receptor, slots saturating at 65535;
+    alpha = (g_exc - g_inh + i_offset) r_m + v_rest; outside refractoriness v <- alpha - exp_tc (alpha - v);
+    a spike where v >= v_thresh, then v is v_reset for t_refract ticks.
+    Weights are the 16-bit words of the ring buffer, negative ones for the inhibitory receptor. A spike emitted in
+    tick t over a delay of d ticks lands in the slot of tick t + d.
+
+    Source: the sources of sPyNNaker and spinn_common (Rhodes et al., Front. Neurosci. 12:816, 2018).
+    """
+
+    equation: ClassVar[str] = "v' = alpha - exp_tc (alpha - v), alpha = (g_exc - g_inh + i_offset) r_m + v_rest"
+    source: ClassVar[str] = "sPyNNaker, neuron core; Rhodes et al., Front. Neurosci. 12:816, 2018"
+    states: ClassVar[tuple[State, ...]] = (
+        State("v", "", "voltage register, s16.15 mV"),
+        State("g_exc", "", "excitatory input of the tick, s16.15 nA"),
+        State("g_inh", "", "inhibitory input of the tick, s16.15 nA"),
+    )
+    receptors: ClassVar[int] = 2
+    chip: ClassVar[str] = "spinnaker"
+
+    v_rest: Value = quantity(
+        -2129920, "", "resting potential", whole=True, at_least=-LARGEST, at_most=LARGEST, arrays=True
+    )
+    v_reset: Value = quantity(
+        -2129920, "", "after a spike", whole=True, at_least=-LARGEST, at_most=LARGEST, arrays=True
+    )
+    v_thresh: Value = quantity(-1638400, "", "threshold", whole=True, at_least=-LARGEST, at_most=LARGEST, arrays=True)
+    v_init: Value = quantity(-2129920, "", "v at tick 0", whole=True, at_least=-LARGEST, at_most=LARGEST, arrays=True)
+    i_offset: Value = quantity(0, "", "constant current", whole=True, at_least=-LARGEST, at_most=LARGEST, arrays=True)
+    r_m: Value = quantity(655360, "", "membrane resistance", whole=True, at_least=0, at_most=LARGEST, arrays=True)
+    exp_tc: Value = quantity(31170, "", "decay of v in a tick", whole=True, at_least=0, at_most=32768, arrays=True)
+    t_refract: Value = quantity(2, "", "refractory ticks", whole=True, at_least=0, at_most=LARGEST, arrays=True)
+    exc_decay: Value = quantity(3516421808, "", "decay of g_exc", whole=True, at_least=0, at_most=FRACTION, arrays=True)
+    exc_init: Value = quantity(
+        3892727436, "", "share of a slot that counts", whole=True, at_least=0, at_most=FRACTION, arrays=True
+    )
+    inh_decay: Value = quantity(3516421808, "", "decay of g_inh", whole=True, at_least=0, at_most=FRACTION, arrays=True)
+    inh_init: Value = quantity(
+        3892727436, "", "share of a slot that counts", whole=True, at_least=0, at_most=FRACTION, arrays=True
+    )
+    exc_shift: int = quantity(3, "", "left shift of excitatory slots", kind="integer", at_least=0, at_most=15)
+    inh_shift: int = quantity(3, "", "left shift of inhibitory slots", kind="integer", at_least=0, at_most=15)
+
+    @staticmethod
+    def initial(parameters: Mapping[str, Any]) -> dict[str, Any]:
+        """V starts at v_init."""
+        return {"v": parameters["v_init"]}

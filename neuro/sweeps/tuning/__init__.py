@@ -1,1 +1,0 @@
-"""The best point of a space looked for: Optuna asks, runs are those of sweeps."""

@@ -1,0 +1,216 @@
+"""AEDAT 2.0 and 3.1."""
+
+import io
+import struct
+import zipfile
+
+import numpy as np
+import pytest
+from hypothesis import given, strategies as st
+
+from event_tests import read_pieces, refusal, rows
+from neuro.events import EventFileWarning, Events, load, save, stream
+from neuro.events.formats.aedat import AEDAT3, Aedat2, Aedat3
+from neuro.events.source import Source
+
+HEADER = b"#!AER-DAT2.0\r\n# made for a test\r\n"
+DAVIS = HEADER + b"# AEChip: eu.seebetter.ini.chips.davis.DAVIS240C\r\n#End of Preferences for this AEChip\r\n"
+LINES = b"#!AER-DAT3.1\r\n#Format: RAW\r\n#Source 0: DVS128\r\n#Start-Time: 2016-09-21 14:40:38 (TZ+0000)\r\n"
+HEADER3 = LINES + b"#!END-HEADER\r\n"
+POLARITY, SPECIAL = 1, 0
+
+
+def words(*pairs):
+    return b"".join(struct.pack(">II", address, time) for address, time in pairs)
+
+
+def packet(events, kind=POLARITY, camera=0, overflow=0, size=8, **other):
+    """A packet of the specification: the header and events, each the bytes of one."""
+    n = other.get("number", len(events))
+    counts = (other.get("capacity", n), n, other.get("valid", n))
+    return struct.pack("<hhiiiiii", kind, camera, size, 4, overflow, *counts) + b"".join(events)
+
+
+def event(t, x, y, p=1, valid=1):
+    return struct.pack("<Ii", x << 17 | y << 2 | p << 1 | valid, t)
+
+
+def test_poker_dvs_is_as_published(shared):
+    folder = shared / "data" / "poker_dvs"
+    arrays = np.load(folder / "poker_dvs_shared.npz")
+    with zipfile.ZipFile(folder / "poker_dvs_shared_aedat2.zip") as files:
+        known = {name: k for k, name in enumerate(arrays["names"]) if f"{name}.aedat" in files.namelist()}
+        assert len(known) >= 60
+        columns = {key: arrays[key] for key in "xyp"}
+        for name, k in list(known.items())[::4]:
+            events = load(files.read(f"{name}.aedat"), name=f"{name}.aedat")
+            part = slice(arrays["offsets"][k], arrays["offsets"][k + 1])
+            assert all(np.array_equal(columns[key][part], getattr(events, key)) for key in "xyp"), name
+
+
+def test_fields():
+    events = load(HEADER + words((5 << 8 | 9 << 1, 7), (1 << 15, 8), (5 << 8 | 9 << 1 | 1, 9)))
+    assert rows(events) == [(7, 9, 5, 1), (9, 9, 5, 0)]
+    assert events.metadata == {"format": "aedat2", "t0": 7, "chip": "DVS128", "other_words": 0, "external_events": 1}
+    davis = load(DAVIS + words((5 << 22 | 9 << 12 | 1 << 11, 7), (1 << 31, 8), (1 << 10, 8), (140 << 22, 9)))
+    assert rows(davis) == [(7, 9, 5, 1), (9, 0, 140, 0)]
+    assert davis.metadata == {"format": "aedat2", "t0": 7, "chip": "DAVIS240", "other_words": 1, "external_events": 1}
+
+
+@pytest.mark.parametrize(
+    ("header", "size"),
+    [
+        (HEADER + b"# AEChip: ch.unizh.ini.jaer.chip.retina.DVS128\r\n", (128, 128)),
+        (HEADER + b"# AEChip: eu.seebetter.ini.chips.davis.DAVIS240A\r\n", (240, 180)),
+        (HEADER + b"# AEChip: eu.seebetter.ini.chips.davis.Davis346blue\r\n", (346, 260)),
+        (HEADER + b"# AEChip: eu.seebetter.ini.chips.davis.DAVIS346cBSI\r\n", (346, 260)),
+        (HEADER + b"# AEChip: eu.seebetter.ini.chips.davis.Davis640\r\n", (640, 480)),
+        (HEADER3, (128, 128)),
+        (HEADER3.replace(b"DVS128", b"DAVIS240C"), (240, 180)),
+        (HEADER3.replace(b"DVS128", b"DAVIS346B"), (346, 260)),
+        (HEADER3.replace(b"DVS128", b"Davis640"), (640, 480)),
+    ],
+)
+def test_cameras(header, size):
+    assert load(header).sensor_size == size
+
+
+def test_where_the_header_ends():
+    first = 140 << 22  # its first byte is that of '#'
+    assert words((first, 1))[:1] == b"#"
+    assert load(DAVIS + words((first, 1), (0, 13 << 8 | 10))).t.tolist() == [1, 13 << 8 | 10]
+    text = b"#ab !cd\r\n#efghi\n"  # two words that are lines of text as well
+    assert Aedat2(Source(DAVIS + b"#End Of ASCII Header\r\n" + text))._start == len(DAVIS) + 22
+    long = HEADER + b"".join(b"#<entry key=%d/>\r\n" % k for k in range(20_000)) + words((2, 5))
+    for given_as in (long, io.BytesIO(long)):
+        assert rows(load(given_as, name="a.aedat")) == [(5, 1, 0, 1)]
+    assert [part.t.tolist() for part in stream(io.BytesIO(long))] == [[5]]
+
+
+def test_clock_wraps():
+    assert load(HEADER + words((0, 2**32 - 5), (0, 3))).t.tolist() == [2**32 - 5, 2**32 + 3]
+    late = HEADER + words((0, 2**32 - 5), (2, 3), (4, 2**32 - 1), (6, 4))
+    assert load(late, sort=True).t.tolist() == [2**32 - 5, 2**32 - 1, 2**32 + 3, 2**32 + 4]
+    assert load(late, sort=True).x.tolist() == [0, 2, 1, 3]
+
+
+ADDRESSES = st.sampled_from([0, 1 << 31, 1 << 10, 1 << 11, 7 << 22 | 5 << 12])
+
+
+@given(st.lists(st.tuples(ADDRESSES, st.integers(0, 2**32 - 1)), min_size=1, max_size=30), st.integers(1, 100))
+def test_any_block_gives_the_same(pairs, block):
+    whole, parts = (Aedat2(Source(DAVIS + words(*pairs))) for _ in range(2))
+    found = read_pieces(whole)
+    assert read_pieces(parts, block) == found
+    assert parts.metadata == whole.metadata
+    events = [k for k, (address, _) in enumerate(pairs) if not address & (1 << 31 | 1 << 10)]
+    assert found[1] == [len(DAVIS) + 8 * k for k in events]
+
+
+def test_smallest_camera_is_written(tmp_path):
+    one = np.array([1])
+    for size, chip in [
+        ((128, 128), "DVS128"), ((129, 2), "DAVIS240"), ((346, 260), "DAVIS346"), ((2, 900), "DAVIS640"),
+    ]:  # fmt: skip
+        save(Events(one, one, one, one, size), tmp_path / "a.aedat", replace=True)
+        events = load(tmp_path / "a.aedat")
+        assert (events.metadata["chip"], events.sensor_size) == (chip, size)
+
+
+def test_fields_of_aedat3():
+    data = HEADER3 + packet([event(5, 127, 2), event(6, 3, 127, p=0), event(7, 9, 9, valid=0)])
+    data += packet([bytes(8)] * 2, kind=SPECIAL) + packet([bytes(36)], kind=3, size=36) + packet([])
+    data += packet([event(2, 1, 2)], overflow=1)
+    events = load(data)
+    assert rows(events) == [(5, 127, 2, 1), (6, 3, 127, 0), (2**31 + 2, 1, 2, 1)]
+    assert events.metadata == {
+        "format": "aedat3", "t0": 5, "camera": "DVS128", "start": "2016-09-21 14:40:38 (TZ+0000)",
+        "other_events": 3, "invalid_events": 1,
+    }  # fmt: skip
+    assert AEDAT3.untested
+    header = HEADER3.replace(b"DVS128", b"something else")
+    events = load(header + packet([event(2**31 - 1, 32767, 32766)], overflow=2**31 - 1))
+    assert rows(events) == [(2**62 - 1, 32767, 32766, 1)]
+    assert events.sensor_size == (32768, 32767)
+
+
+def test_first_of_several_cameras():
+    two = LINES.replace(b"#Source 0: DVS128\r\n", b"#Source 3: DVS128\r\n#Source 4: DAVIS240C\r\n#-Source 0: eDVS\r\n")
+    data = two + b"#!END-HEADER\r\n" + packet([event(1, 2, 3)], camera=4) + packet([event(4, 5, 6)], camera=3)
+    events = load(data)
+    assert rows(events) == [(4, 5, 6, 1)]
+    assert (events.sensor_size, events.metadata["other_events"]) == ((128, 128), 1)
+    one = HEADER3 + packet([event(1, 2, 3)], camera=7)  # the only camera, whatever its number
+    assert rows(load(one)) == [(1, 2, 3, 1)]
+
+
+EVENTS = st.builds(event, st.integers(0, 2**31 - 1), st.integers(0, 200), st.integers(0, 200), valid=st.integers(0, 1))
+PACKETS = st.one_of(
+    st.builds(packet, st.lists(EVENTS, max_size=5), overflow=st.integers(0, 3)),
+    st.builds(packet, st.lists(st.just(bytes(8)), max_size=3), kind=st.just(SPECIAL)),
+    st.builds(packet, st.lists(st.just(bytes(36)), max_size=2), kind=st.just(3), size=st.just(36)),
+)
+
+
+@given(st.lists(PACKETS, max_size=8), st.integers(1, 120), st.integers(0, 7))
+def test_any_block_of_aedat3_gives_the_same(packets, block, cut):
+    data = HEADER3 + b"".join(packets)
+    data = data[: len(data) - min(cut, len(data) - len(HEADER3))]
+    whole, parts = (Aedat3(Source(data)) for _ in range(2))
+    found, places, damage = read_pieces(whole)
+    assert read_pieces(parts, block) == (found, places, damage)
+    assert parts.metadata == whole.metadata
+    for (t, x, y, _), place in zip(found, places, strict=True):
+        word, time = struct.unpack("<II", data[place : place + 8])
+        assert (word >> 17, word >> 2 & 0x7FFF, time) == (x, y, t & 0x7FFFFFFF)
+
+
+ONE = HEADER3 + packet([event(1, 2, 3)])
+END = len(ONE)
+ERRORS = {
+    "byte 0: begins with b'#!AER-DAT1.0', expected the line #!AER-DAT2.0": b"#!AER-DAT1.0\r\n",
+    "byte 0: begins with b'', expected the line #!AER-DAT2.0": b"",
+    "byte 12: the first line does not end": b"#!AER-DAT2.0\0",
+    "byte 41: 3 bytes left over after 1 words of 8 bytes": HEADER + words((0, 1)) + b"abc",
+    "byte 41: address 0x00010000 is none of a DVS128": HEADER + words((0, 1), (1 << 16, 1)),
+    "byte 43: chip x.Cochlea is not known, expected one of DVS128, DAVIS240, DAVIS346, DAVIS640": (
+        HEADER + b"# AEChip: x.Cochlea\r\n"
+    ),
+    "byte 48: sensor size 0x5, expected 1x1 to 65536x65536": HEADER + b"# Sensor size: 0x5\r\n",
+    f"byte {len(LINES)}: the header does not end, expected a line #!END-HEADER": LINES + bytes(28),
+    "byte 23: packets are stored as SerializedTS, expected RAW": HEADER3.replace(b"RAW", b"SerializedTS"),
+    f"byte {END}: 3 bytes left over after the last packet": ONE + b"abc",
+    f"byte {END + 36}: the last packet is cut, 13 bytes are missing": ONE + packet([event(1, 2, 3)] * 3)[:39],
+    f"byte {END + 33}: the last packet is cut, 7 bytes are missing": ONE + packet([b"abcde"], 3, size=12),
+    f"byte {END}: expected the header of a packet": ONE + packet([bytes(8)] * 4, size=0),
+    f"byte {END + 28}: event 1: x is 128, expected 0 to 127 (sensor 128x128)": ONE + packet([event(1, 128, 3)]),
+    f"byte {END + 36}: event 1: time runs back from 1 to 0 us; load(..., sort=True) sorts the events": (
+        ONE + packet([event(9, 2, 3, valid=0), event(0, 2, 3)])
+    ),
+}
+
+
+@pytest.mark.parametrize("message", ERRORS)
+def test_messages(message):
+    assert refusal(load, ERRORS[message], name="a.aedat") == f"a.aedat: {message}"
+
+
+@pytest.mark.parametrize(
+    "wrong",
+    [{"size": -8}, {"size": 4}, {"size": 16}, {"overflow": -1}, {"number": -1}, {"capacity": 1}, {"valid": 3}],
+)
+def test_wrong_packets(wrong):
+    data = ONE + packet([event(1, 2, 3)] * 2, **wrong)
+    assert refusal(load, data, name="a.aedat") == f"a.aedat: byte {END}: expected the header of a packet"
+    with pytest.warns(EventFileWarning, match="what is before it was read"):
+        assert len(load(data, name="a.aedat", strict=False)) == 1
+
+
+def test_what_is_whole_is_kept():
+    for rest, what in (
+        (b"ab", "2 bytes left over after 1 words of 8 bytes"),
+        (words((1 << 16, 1), (0, 2)), "address 0x00010000 is none of a DVS128"),
+    ):
+        with pytest.warns(EventFileWarning) as told:
+            assert load(HEADER + words((0, 1)) + rest, name="a.aedat", strict=False).t.tolist() == [1]
+        assert [str(warning.message) for warning in told] == [f"a.aedat: byte 41: {what}; what is before it was read"]

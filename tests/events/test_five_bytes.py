@@ -1,0 +1,174 @@
+"""Formats of five bytes an event: the ``.bin`` of N-MNIST, and Event Stream."""
+
+import json
+
+import numpy as np
+import pytest
+from hypothesis import given, strategies as st
+
+from event_tests import read_pieces, refusal, rows
+from neuro.events import EventFileError, EventFileWarning, Events, load, save
+from neuro.events.formats.event_stream import LONGEST_GAP, EventStream, generic
+from neuro.events.formats.nmnist import Bin
+from neuro.events.source import Source
+
+GENERIC = b"Event Stream\x02\x00\x00\x00"
+DVS = b"Event Stream\x02\x00\x00\x01" + bytes([30, 0, 44, 1])
+OVERFLOW, RESET = b"\xff", b"\xfe"
+
+
+def word(x, y, t, p=1):
+    """An event of N-MNIST."""
+    return bytes([x, y, p << 7 | t >> 16, t >> 8 & 255, t & 255])
+
+
+def event(gap, x, y, p=1):
+    """An event of Event Stream."""
+    return bytes([gap << 1 | p, x & 255, x >> 8, y & 255, y >> 8])
+
+
+def test_an_overflow_of_nmnist():
+    events = load(word(1, 2, 10) + word(0, 240, 0) + word(3, 4, 20), format="nmnist")
+    assert rows(events) == [(10, 1, 2, 1), (20 + 8192, 3, 4, 1)]
+
+
+def test_a_sensor_that_is_given(shared):
+    path = shared / "data" / "formats" / "ncaltech101_faces_easy_0001.bin"
+    assert load(path, sensor_size=(240, 180)).sensor_size == (240, 180)
+
+
+@given(st.lists(st.sampled_from([word(1, 2, 3), word(9, 8, 7, 0), word(5, 240, 0)]), max_size=30), st.integers(1, 60))
+def test_any_block_of_nmnist(words, block):
+    data = b"".join(words)
+    found = read_pieces(Bin(Source(data)), block)
+    assert found == read_pieces(Bin(Source(data)))
+    assert found[1] == [5 * k for k, each in enumerate(words) if each[1] != 240]
+
+
+BYTES = st.sampled_from([OVERFLOW, RESET, event(0, 1, 2), event(126, 254, 255, 0), event(9, 255, 254)])
+
+
+@given(st.lists(BYTES, max_size=30), st.integers(1, 60))
+def test_any_block_of_event_stream(parts, block):
+    data = DVS + b"".join(parts)
+    found = read_pieces(EventStream(Source(data)), block)
+    assert found == read_pieces(EventStream(Source(data)))
+    begins = np.cumsum([len(DVS), *(len(part) for part in parts)])[:-1]
+    assert found[1] == [begin for begin, part in zip(begins, parts, strict=True) if len(part) == 5]
+
+
+def test_fields_of_event_stream():
+    data = DVS + OVERFLOW + RESET + event(3, 29, 299, 0) + event(0, 1, 254) + OVERFLOW * 2 + event(126, 254, 2)
+    assert rows(load(data, sensor_size=(300, 300))) == [(130, 29, 299, 0), (130, 1, 254, 1), (510, 254, 2, 1)]
+    assert load(data[:32]).sensor_size == (30, 300)
+    assert load(data[:32]).metadata == {"format": "event_stream", "t0": 130, "version": "2.0.0"}
+
+
+@pytest.mark.parametrize("gap", [126, 127, 128, 254])
+def test_gaps_of_whole_overflows(tmp_path, gap):
+    events = Events([0, gap], [1, 2], [3, 4], [1, 1], (30, 30))
+    save(events, tmp_path / "a.es")
+    assert load(tmp_path / "a.es") == events
+
+
+def test_rows_are_those_of_the_same_recording_in_other_files(shared):
+    club = load(shared / "data" / "formats" / "es_poker_club_trcl0.es")
+    arrays = np.load(shared / "data" / "poker_dvs" / "poker_dvs_shared.npz")
+    k = arrays["names"].tolist().index("xclub04")
+    part = slice(arrays["offsets"][k], arrays["offsets"][k + 1])
+    assert part.stop - part.start == len(club)
+    for name in "xyp":
+        assert np.unique(arrays[name][part].astype(int) - getattr(club, name)).size == 1, name
+
+
+def test_generic_events(shared):
+    folder = shared / "data" / "formats"
+    truth = json.loads((folder / "truth.json").read_text())["es_generic.es"]
+    events = generic(folder / "es_generic.es")
+    assert len(events) == truth["n_events"]
+    assert [events[0][0], events[0][1].decode()] == truth["first"]
+    assert (events[-1][0], len(events[-1][1])) == (truth["last_t"], truth["last_len"])
+    long = bytes(range(200))
+    data = b"\x05\x06abc" + OVERFLOW + RESET + b"\x00\x01\x00\xfd" + bytes([(200 & 127) << 1 | 1, 2]) + long
+    assert generic(GENERIC + data) == [(5, b"abc"), (259, b""), (512, long)]
+    assert generic(GENERIC) == []
+
+
+def test_saving_a_file_gives_the_file(shared, tmp_path):
+    path = shared / "data" / "formats" / "es_poker_club_trcl0.es"
+    save(load(path), tmp_path / "a.es")
+    assert (tmp_path / "a.es").read_bytes() == path.read_bytes()
+
+
+def test_what_event_stream_cannot_hold(tmp_path):
+    def of(*t, size=(10, 10)):
+        zero = np.zeros(len(t), int)
+        return Events(np.array(t), zero, zero, zero, size)
+
+    limits = f"expected t from 0 us on, and at most {LONGEST_GAP} us after the event before or 0"
+    for parts, what in (
+        ([of(1), of(1, LONGEST_GAP + 2)], f"event 2: t {LONGEST_GAP + 2}, x 0, y 0; {limits}"),
+        ([of(-3, 5)], f"event 0: t -3, x 0, y 0; {limits}"),
+        ([of(1, size=(65536, 2))], "event 0: its sensor is 65536x2, expected at most 65535x65535"),
+    ):
+        message, _, hint = refusal(save, iter(parts), tmp_path / "a.es").partition("\n")
+        assert message == f"{tmp_path / 'a.es'}: cannot hold {what}"
+        assert bool(hint) == what.startswith("event 0")  # no filter closes a gap
+    assert not list(tmp_path.iterdir())
+
+
+ERRORS = {
+    "byte 0: begins with b'', expected b'Event Stream'": b"",
+    "byte 14: the header has 14 bytes, expected 16": DVS[:14],
+    "byte 18: the header has 18 bytes, expected 20": DVS[:18],
+    "byte 12: version 1.0.0, expected 2": b"Event Stream\x01\x00\x00\x01",
+    "byte 15: type 7, expected 0 to 4": b"Event Stream\x02\x00\x00\x07",
+    "byte 15: has ATIS events, expected DVS events": b"Event Stream\x02\x00\x00\x02",
+    "byte 15: has generic events, which neuro.events.formats.event_stream.generic reads": GENERIC,
+    "byte 16: sensor size 0x5, expected at least 1x1": DVS[:16] + b"\0\0\x05\0",
+    "byte 26: the last event is cut after 3 of 5 bytes": DVS + event(1, 2, 3) + OVERFLOW + b"abc",
+    "byte 26: event 1: x is 30, expected 0 to 29 (sensor 30x300)": DVS + event(1, 2, 3) + RESET + event(1, 30, 3),
+}
+GENERIC_ERRORS = {
+    "byte 0: begins with b'abc', expected b'Event Stream'": b"abc",
+    "byte 15: has DVS events, expected generic events": DVS,
+    "byte 21: the last event is cut after 1 bytes": GENERIC + b"\x05\x06abc\x01",
+    "byte 21: the last event is cut after 3 bytes": GENERIC + b"\x05\x06abc\x01\x03\x03",
+    "byte 21: an event has 4 bytes, but only 2 are left": GENERIC + b"\x05\x06abc\x01\x08ab",
+    f"byte 16: the last event is cut after {100_001} bytes": GENERIC + b"\x05" + b"\xff" * 100_000,
+    f"byte 16: the last event is cut after {90_001} bytes": GENERIC + b"\x05" + b"\x01" * 90_000,
+}
+
+
+@pytest.mark.parametrize(
+    ("read", "data", "message"),
+    [
+        (read, data, message)
+        for read, some in ((load, ERRORS), (generic, GENERIC_ERRORS))
+        for message, data in some.items()
+    ],
+)
+def test_messages(read, data, message):
+    assert refusal(read, data, name="a.es") == f"a.es: {message}"
+
+
+@pytest.mark.parametrize(
+    ("read", "data", "name", "message", "count"),
+    [
+        (load, DVS + event(1, 2, 3) + b"ab", "a.es", "byte 25: the last event is cut after 2 of 5 bytes", 1),
+        (generic, GENERIC + b"\x05\x06abc\x01", "a.es", "byte 21: the last event is cut after 1 bytes", 1),
+        (
+            load,
+            word(1, 2, 3) + word(0, 240, 0) + b"ab",
+            "a.bin",
+            "byte 10: 2 bytes left over after 2 events of 5 bytes",
+            1,
+        ),
+    ],
+)
+def test_what_is_whole_is_kept(read, data, name, message, count):
+    with pytest.raises(EventFileError, match=message):
+        read(data, name=name)
+    with pytest.warns(EventFileWarning) as told:
+        assert len(read(data, name=name, strict=False)) == count
+    assert [str(warning.message) for warning in told] == [f"{name}: {message}; what is before it was read"]

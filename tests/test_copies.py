@@ -1,0 +1,146 @@
+"""Copies of a network, run and steered in one call, beside simulations of their own: the same bits."""
+
+import numpy as np
+import pytest
+
+import neuro
+from neuro import ModelError
+
+N = 3
+
+
+def loop(noisy=True):
+    """Sensors that drive motors over synapses that learn by dopamine, with noise of their own."""
+    net = neuro.Network("loop", resolution=1.0)
+    sensors = net.population("sensors", 20, neuro.poisson_generator(rate=30.0))
+    motors = net.population("motors", (2, 3), neuro.iaf_psc_exp(tau_m=10.0))
+    net.signal("reward", to=motors)
+    rule = neuro.stdp_dopa(signal="reward", Wmax=1200.0)
+    weight = neuro.uniform(low=300.0, high=900.0)
+    net.connect(sensors, motors, neuro.pairwise_bernoulli(0.7), rule, weight=weight, delay=1.0, name="learnt")
+    if noisy:
+        net.connect(net.population("noise", 6, neuro.poisson_generator(rate=200.0)), motors, neuro.one_to_one(),
+                    weight=200.0, delay=2.0)  # fmt: skip
+    return net
+
+
+def agent():
+    net = neuro.Network("agent", resolution=1.0)
+    places = net.population("places", 8, neuro.spike_generator())
+    actor = net.population("actor", 2, neuro.pp_psc_delta(c_2=100.0))
+    net.signal("error", to=actor)
+    rule = neuro.reinforce(signal="error", eta=1.0)
+    net.connect(places, actor, neuro.all_to_all(), rule, weight=0.5, delay=1.0, name="policy")
+    return net
+
+
+@pytest.mark.parametrize("backend", ["event", "reference"])
+def test_copies_are_simulations_of_their_seeds(backend):
+    copies = neuro.compile(loop(), backend, seed=5, copies=N)
+    alone = [neuro.compile(loop(), backend, seed=5 + k) for k in range(N)]
+    rate, counts, reward = copies.port("sensors", "rate"), copies.port("motors", "counts"), copies.port("reward")
+    ports = [(sim.port("sensors", "rate"), sim.port("motors", "counts"), sim.port("reward")) for sim in alone]
+    rng = np.random.default_rng(1)
+    for _ in range(6):
+        rates, rewards = rng.uniform(0.0, 80.0, (N, 20)), rng.normal(0.0, 1e-3, (N, 6))
+        rate.set(rates)
+        copies.run(20.0)
+        reward.set(rewards)
+        found = counts.get()
+        for k, (sim, (own_rate, own_counts, own_reward)) in enumerate(zip(alone, ports, strict=True)):
+            own_rate.set(rates[k])
+            sim.run(20.0)
+            own_reward.set(rewards[k])
+            np.testing.assert_array_equal(found[k], own_counts.get())
+    for copy, sim in zip(copies, alone, strict=True):
+        np.testing.assert_array_equal(copy.weights("learnt")[2], sim.weights("learnt")[2])
+        np.testing.assert_array_equal(copy.spikes("motors"), sim.spikes("motors"))
+    assert copies.time == 120.0
+    assert len({tuple(sim.weights("learnt")[2][:4]) for sim in copies}) == N
+
+
+@pytest.mark.parametrize("backend", ["event", "reference"])
+def test_control_steps_are_inject_run_and_counts(backend):
+    copies = neuro.compile(agent(), backend, seed=2, copies=N)
+    alone = [neuro.compile(agent(), backend, seed=2 + k) for k in range(N)]
+    step = copies.stepper(10.0, emit=["places"], count=["actor"])
+    rng = np.random.default_rng(3)
+    for move in range(40):
+        lists = [np.unravel_index(np.sort(rng.choice(80, rng.integers(1, 60), False)), (10, 8)) for _ in range(N)]
+        offsets = np.concatenate([[0], np.cumsum([len(ticks) for ticks, _ in lists])])
+        (counts,) = step.step(
+            (offsets, np.concatenate([t for t, _ in lists]) + 1, np.concatenate([i for _, i in lists]))
+        )
+        errors = rng.normal(size=(N, 1))
+        copies.signal("error", errors)
+        if move % 5 == 4:
+            copies.clear("policy", [True, False, True])
+        for k, sim in enumerate(alone):
+            begin = sim.time
+            sim.inject("places", begin + 1.0 + lists[k][0], lists[k][1])
+            sim.run(10.0)
+            np.testing.assert_array_equal(counts[k], np.bincount(sim.spikes("actor", since=begin)[1], minlength=2))
+            sim.signal("error", errors[k, 0])
+            if move % 5 == 4 and k != 1:
+                sim.set("policy", e=0.0, z=0.0)
+    for copy, sim in zip(copies, alone, strict=True):
+        np.testing.assert_array_equal(copy.get("policy", "weight"), sim.get("policy", "weight"))
+
+
+def test_a_step_takes_what_was_injected_before(tmp_path):
+    one, other = neuro.compile(agent(), seed=1), neuro.compile(agent(), seed=1)
+    step = one.stepper(10.0, emit=["places"], count=["actor"])
+    for sim in (one, other):
+        sim.inject("places", [3.0, 14.0], [1, 2])
+    other.inject("places", [5.0], [7])
+    step.step(([5], [7]))
+    step.step(([], []))
+    other.run(20.0)
+    np.testing.assert_array_equal(one.get("policy", "e"), other.get("policy", "e"))
+    assert one.get("policy", "e").any()
+    one.save(tmp_path / "one.h5")
+    again = neuro.compile(agent(), seed=1)
+    again.restore(tmp_path / "one.h5")
+    assert again.time == 20.0
+
+
+def test_spikes_of_steps_are_not_kept():
+    sim = neuro.compile(agent(), seed=1)
+    step = sim.stepper(10.0, emit=["places"], count=["actor"])
+    ticks = np.repeat(np.arange(1, 11), 8), np.tile(np.arange(8), 10)
+    before = sum(sim.memory().values())
+    for _ in range(300):
+        step.step(ticks)
+    assert sum(sim.memory().values()) < 1.1 * before + 1e5
+    assert sim.counts().populations["places"].spikes == 300 * 80
+
+
+@pytest.mark.parametrize(
+    ("call", "expected"),
+    [
+        (lambda sim, step: step.step(([11], [0])), "ticks 11 to 11: expected 1 to 10"),
+        (lambda sim, step: step.step(([1], [8])), "ids 8 to 8: expected 0 to 7"),
+        (lambda sim, step: step.step(([1, 2], [0])), "expected as many ticks as ids"),
+        (lambda sim, step: step.step(), "spikes of 0 populations: expected 1"),
+        (lambda sim, step: sim.stepper(10.0, emit=["actor"]), "'actor' is a pp_psc_delta: expected a spike_generator"),
+        (lambda sim, step: sim.stepper(0.5), "run = 0.5 ms"),
+        (lambda sim, step: neuro.compile(agent(), copies=0), "copies = 0"),
+    ],
+)
+def test_what_a_step_cannot_take_is_refused(call, expected):
+    sim = neuro.compile(agent(), seed=1)
+    step = sim.stepper(10.0, emit=["places"], count=["actor"])
+    with pytest.raises(ModelError) as caught:
+        call(sim, step)
+    assert expected in str(caught.value)
+
+
+def test_values_of_copies_come_copies_first():
+    copies = neuro.compile(agent(), copies=2)
+    for wrong in (np.zeros(2), np.zeros((3, 2)), np.full((2, 1), np.nan)):
+        with pytest.raises(ModelError, match="signal 'error'"):
+            copies.signal("error", wrong)
+    copies[0].run(5.0)
+    with pytest.raises(ModelError, match="stand at 5, 0"):
+        copies.run(5.0)
+    assert copies.port("policy", "weight").get().shape == (2, 16)
