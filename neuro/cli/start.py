@@ -31,9 +31,10 @@ def by_name(folder: Traversable) -> dict[str, Traversable]:
     return {entry.name: entry for entry in entries if entry.name != "__pycache__"}
 
 
-def about(network: Traversable) -> str:
-    """What a network says of itself in its first line, a comment."""
-    return network.read_text("utf-8").partition("\n")[0].removeprefix("# ").removesuffix(".")
+def about(file: Traversable) -> str:
+    """What a network says of itself in its first line, a comment, or a script in its docstring."""
+    first = file.read_text("utf-8").partition("\n")[0]
+    return first.removeprefix("# ").removeprefix('"""').partition(". ")[0].removesuffix(".")
 
 
 RECORDINGS = {
@@ -85,13 +86,23 @@ def check_free(path: Path, content: bytes) -> None:
 
 
 NETWORK = "network.yaml"
-NEXT = """\
+NEXT = {
+    NETWORK: """\
 next:
   cd {}
   python run.py
   python -m pytest     # needs pytest: pip install pytest
   neuro run network.yaml --out out.h5
-"""
+""",
+    "train.py": """\
+next:
+  cd {}
+  python train.py
+  python -m pytest     # needs pytest: pip install pytest
+  neuro agent watch agent.h5 world:Room --out episode.html
+""",
+}
+"""What to do with a template, by the file that says what it is."""
 _FIRST = "balanced-network"
 _RECORDINGS = {"event-camera": "walk.dat"}
 """The example that a template needs beside its own files."""
@@ -109,7 +120,7 @@ def new(name: Folder = None, template: Template = _FIRST, list_all: ListTemplate
 
     known = shipped("templates")
     if list_all:
-        rows = [(word, about(folder / NETWORK)) for word, folder in known.items()]
+        rows = [(word, about(folder / _head(folder))) for word, folder in known.items()]
         console().print(table(("template", "is"), rows))
         return
     if name is None:
@@ -124,7 +135,12 @@ def new(name: Folder = None, template: Template = _FIRST, list_all: ListTemplate
         for file, content in contents.items():
             (part / file).write_bytes(content.read_bytes())
     typer.echo(f"{name}: {', '.join(contents)}")
-    typer.echo(NEXT.format(shlex.quote(str(name))), nl=False)
+    typer.echo(NEXT[_head(known[template])].format(shlex.quote(str(name))), nl=False)
+
+
+def _head(template: Traversable) -> str:
+    """The file that says what a template is."""
+    return next(name for name in NEXT if (template / name).is_file())
 
 
 def check_name(path: Path) -> None:

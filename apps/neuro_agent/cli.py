@@ -1,0 +1,187 @@
+"""Teach an agent of spiking neurons by reward, in any Gymnasium environment."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+
+from neuro.apps import Backend, Seed, Set, assignments, whole
+
+app = typer.Typer(
+    name="agent", help=__doc__, no_args_is_help=True, add_completion=False, pretty_exceptions_enable=False
+)
+
+
+def count(text: str) -> int:
+    """A whole number >= 1."""
+    return whole(text, 1)
+
+
+def seeds_of(text: str) -> tuple[int, ...]:
+    """Whole numbers >= 0 with commas between them."""
+    return tuple(whole(part, 0) for part in text.split(","))
+
+
+Environment = Annotated[
+    str,
+    typer.Argument(metavar="ENV", help="An id of gymnasium, module:Id-v0, or module:Class of a file of yours."),
+]
+MaybeEnvironment = Annotated[
+    str | None,
+    typer.Argument(metavar="[ENV]", help="Another than that in which it was trained.", show_default=False),
+]
+AgentFile = Annotated[Path, typer.Argument(metavar="FILE", help="An agent, as 'train' writes it.")]
+Episodes = Annotated[int, typer.Option("--episodes", metavar="N", parser=count, help="Episodes of each test.")]
+Steps = Annotated[int, typer.Option("--steps", metavar="N", parser=count, help="Control steps of each training.")]
+Json = Annotated[bool, typer.Option("--json", help="Print the figures as JSON.")]
+
+
+@app.command()
+def train(
+    environment: Environment,
+    out: Annotated[Path, typer.Option("--out", metavar="FILE", help="The agent to write.")],
+    until: Annotated[
+        float | None,
+        typer.Option(metavar="R", help="Mean return of 100 episodes to stop at.", show_default="what ENV asks for"),
+    ] = None,
+    steps: Annotated[
+        int | None, typer.Option("--steps", metavar="N", parser=count, help="Control steps at most.")
+    ] = None,
+    episodes: Annotated[
+        int | None, typer.Option("--episodes", metavar="N", parser=count, help="Episodes at most.")
+    ] = None,
+    seed: Seed = 0,
+    envs: Annotated[
+        int,
+        typer.Option("--envs", metavar="N", parser=count, help="Environments side by side, each with a copy."),
+    ] = 1,
+    set: Set = [],  # noqa: B006
+) -> None:
+    """Train an agent and write it to a file; after a kill the same command goes on where it was.
+
+    --set changes a setting: --set fields=8 --set decay=0.8.
+    """
+    from neuro_agent import ActorCritic, worlds
+
+    settings = assignments(set)
+    bar = worlds.bar_of(environment) if until is None else until
+    if bar is None and steps is None and episodes is None:
+        message = f"'{environment}' names no return to reach: expected --until, --steps or --episodes"
+        raise typer.BadParameter(message, param_hint="'--until'")
+    env = worlds.make_many(environment, envs)
+    one: Any = env if envs == 1 else worlds.make(environment)
+    agent = ActorCritic(one.observation_space, one.action_space, seed=seed, **settings)
+    try:
+        log = agent.train(env, bar, steps=steps, episodes=episodes, progress=True, out=out)
+    except KeyboardInterrupt:
+        typer.echo("interrupted: the same command goes on where it was", err=True)
+        raise typer.Exit(130) from None
+    worlds.remember(out, environment)
+    typer.echo(f"{out}: {str(log).removeprefix('Log(').removesuffix(')')}")
+
+
+@app.command("test")
+def try_agent(
+    file: AgentFile,
+    environment: MaybeEnvironment = None,
+    episodes: Episodes = 100,
+    seed: Seed = 0,
+    backend: Backend = "event",
+    json: Json = False,
+) -> None:
+    """Test an agent with frozen weights in episodes that it has not seen."""
+    from neuro_agent import ActorCritic, report, worlds
+
+    agent = ActorCritic.load(file)
+    name = _environment(file, environment)
+    tried = agent.test(worlds.make(name), episodes, seed=seed, backend=backend)
+    bar = worlds.bar_of(name)
+    if json:
+        typer.echo(report.as_json(tried, {"environment": name, "seed": seed, "backend": backend, "bar": bar}))
+    else:
+        typer.echo(f"{name}: {report.told(tried)}" + ("" if bar is None else f"; it counts as solved at {bar:g}"))
+
+
+@app.command()
+def controls(
+    environment: Environment,
+    steps: Steps = 20_000,
+    episodes: Episodes = 100,
+    seed: Seed = 0,
+    set: Set = [],  # noqa: B006
+) -> None:
+    """Train the agent, and agents that are kept from learning, which must fail; print the table."""
+    from neuro_agent import ActorCritic, report, worlds
+
+    env = worlds.make(environment)
+    agent = ActorCritic(env.observation_space, env.action_space, seed=seed, **assignments(set))
+    agent.train(env, steps=steps, progress=True)
+    found = {"agent": agent.test(env, episodes)} | agent.controls(env, steps=steps, episodes=episodes)
+    report.show_controls(found, f"{environment}, {steps:,} steps each, seed {seed}")
+
+
+@app.command()
+def watch(
+    file: AgentFile,
+    environment: MaybeEnvironment = None,
+    out: Annotated[Path, typer.Option("--out", metavar="FILE", help="The page to write.")] = Path("episode.html"),
+    seed: Seed = 0,
+    learning: Annotated[bool, typer.Option("--learning", help="Go on learning in this episode.")] = False,
+) -> None:
+    """Write an episode as one page for a browser: frames, spikes, value, error, return and weights."""
+    from neuro_agent import ActorCritic, worlds
+    from neuro_agent.watch import watch as write
+
+    agent = ActorCritic.load(file)
+    env = worlds.make(_environment(file, environment), frames=True)
+    typer.echo(f"{out}: {write(agent, env, out, seed, learning=learning)}")
+
+
+@app.command()
+def compare(
+    environment: Environment,
+    steps: Steps,
+    seeds: Annotated[
+        Any, typer.Option("--seeds", metavar="N,N,...", parser=seeds_of, help="Of the trainings of each.")
+    ] = "1,2,3",
+    episodes: Episodes = 100,
+    out: Annotated[Path | None, typer.Option("--out", metavar="FILE", help="All figures as JSON.")] = None,
+    only: Annotated[
+        list[str], typer.Option("--only", metavar="NAME", help="Only this one, say agent; may be repeated.")
+    ] = [],  # noqa: B006
+    set: Set = [],  # noqa: B006
+) -> None:
+    """Train the agent, its linear twin, PPO and DQN for the same steps, test them frozen, and print who wins.
+
+    --set changes the agent's settings; PPO and DQN, of stable-baselines3, have their defaults.
+    """
+    from neuro.apps import Bar
+    from neuro_agent import compare as comparing, report
+
+    plan = comparing.Plan(environment, steps, seeds, episodes, assignments(set), tuple(only))
+    if out is not None:
+        report.check_table(out)
+    with Bar() as bar:
+        done: list[str] = []
+
+        def tell(text: str) -> None:
+            done.append(text)
+            bar.show(len(done), len(plan.trials), text)
+
+        found = comparing.run(plan, tell)
+    if out is not None:
+        report.write_table(found, out)
+    report.show_comparison(found)
+
+
+def _environment(file: Path, chosen: str | None) -> str:
+    """The environment that the user names, or that in which an agent was trained."""
+    from neuro import ModelError
+    from neuro_agent import worlds
+
+    name = chosen or worlds.remembered(file)
+    if not name:
+        raise ModelError(f"{file}: does not say in which environment it was trained: expected ENV behind the file")
+    return name

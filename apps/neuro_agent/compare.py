@@ -1,0 +1,229 @@
+"""An agent beside others on the same control steps and seeds, each tested frozen in the same new episodes."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from importlib.util import find_spec
+from typing import Any
+
+import gymnasium
+import numpy as np
+from gymnasium import spaces
+
+from neuro import ModelError
+from neuro.apps import install, side_by_side, unknown
+from neuro_agent import worlds
+from neuro_agent.agent import ActorCritic
+from neuro_agent.log import Test
+from neuro_agent.training import TESTS, episode_seed
+
+__all__ = ["NAMES", "Found", "Plan", "Trial", "run"]
+
+NAMES = {
+    "agent": "spiking agent",
+    "twin": "its linear twin, without spikes",
+    "ppo": "PPO of stable-baselines3, defaults",
+    "dqn": "DQN of stable-baselines3, defaults",
+    "random": "random actions",
+}
+
+Act = Callable[[Any], Any]
+
+
+@dataclass(frozen=True, slots=True)
+class Trial:
+    """A training and its test.
+
+    Attributes:
+        name: who, see `NAMES`.
+        environment: its name.
+        steps: control steps of the training.
+        seed: of the training.
+        episodes: of the test.
+        settings: of the agent and its twin.
+    """
+
+    name: str
+    environment: str
+    steps: int
+    seed: int
+    episodes: int
+    settings: Mapping[str, Any]
+
+    def run(self, report: Callable[[str], None]) -> dict[str, Any]:
+        """Train and test; the figures as plain data."""
+        env = worlds.make(self.environment)
+        began = time.perf_counter()
+        steps, test = _TRAINED[self.name](self, env)
+        told = {
+            "name": self.name,
+            "seed": self.seed,
+            "steps": steps,
+            "seconds": round(time.perf_counter() - began, 2),
+            "returns": test.returns.tolist(),
+        }
+        report(f"{self.name}, seed {self.seed}: mean return {test.mean:g}")
+        return told
+
+
+@dataclass(frozen=True, slots=True)
+class Plan:
+    """What is to be compared.
+
+    Attributes:
+        environment, steps, episodes, settings: as of `Trial`.
+        seeds: of the trainings.
+        only: names of those that are wanted; all that can be if none are given.
+
+    Raises:
+        ModelError: a name is unknown, or one that is asked for cannot be.
+    """
+
+    environment: str
+    steps: int
+    seeds: tuple[int, ...]
+    episodes: int = 100
+    settings: Mapping[str, Any] = field(default_factory=dict)
+    only: tuple[str, ...] = ()
+
+    def __post_init__(self) -> None:
+        for name in self.only:
+            if name not in NAMES:
+                raise unknown("contestant", name, NAMES)
+            if name in self.left_out:
+                raise ModelError(f"'{name}' cannot be compared: {self.left_out[name]}")
+        env = worlds.make(self.environment)
+        ActorCritic(env.observation_space, env.action_space, **self.settings)
+
+    @property
+    def left_out(self) -> dict[str, str]:
+        """Who cannot take part, and why."""
+        env = worlds.make(self.environment)
+        found = {} if find_spec("neuro_agent.twin") else {"twin": "this version has none"}
+        if find_spec("stable_baselines3") is None:
+            reason = f"stable-baselines3 is not installed: {install('rl')}"
+            return {**found, "ppo": reason, "dqn": reason}
+        if isinstance(env.observation_space, spaces.Tuple):
+            found |= dict.fromkeys(("ppo", "dqn"), "it takes no Tuple of observations")
+        if not isinstance(env.action_space, spaces.Discrete):
+            found["dqn"] = "it takes Discrete actions only"
+        return found
+
+    @property
+    def trials(self) -> list[Trial]:
+        """All trainings and tests."""
+        left = self.left_out
+        names = [name for name in NAMES if name in self.only or not (self.only or name in left)]
+        each = (self.episodes, self.settings)
+        return [Trial(name, self.environment, self.steps, seed, *each) for name in names for seed in self.seeds]
+
+
+@dataclass(frozen=True, slots=True)
+class Found:
+    """What came of a comparison.
+
+    Attributes:
+        plan: what was compared.
+        each: figures of each trial.
+    """
+
+    plan: Plan
+    each: tuple[Mapping[str, Any], ...]
+
+    @property
+    def names(self) -> list[str]:
+        """Who took part, the best first."""
+        there = dict.fromkeys(one["name"] for one in self.each)
+        return sorted(there, key=lambda name: -self.mean(name))
+
+    def means(self, name: str) -> list[float]:
+        """The mean return of each seed."""
+        return [float(np.mean(one["returns"])) for one in self.each if one["name"] == name]
+
+    def mean(self, name: str) -> float:
+        """The mean over the seeds."""
+        return float(np.mean(self.means(name)))
+
+    @property
+    def winner(self) -> str:
+        """Who wins, in a line."""
+        first, *others = self.names
+        if not others:
+            return f"{first}: mean return {self.mean(first):.5g}; nobody else took part"
+        second = others[0]
+        here, there = self.means(first), self.means(second)
+        if self.mean(first) == self.mean(second):
+            level = [name for name in self.names if self.mean(name) == self.mean(first)]
+            return f"nobody wins: {', '.join(level)} have the mean return {self.mean(first):.5g}"
+        better = sum(a > b for a, b in zip(here, there, strict=True))
+        return (
+            f"{first} wins: mean return {self.mean(first):.5g}, then {second} {self.mean(second):.5g}; "
+            f"it is better with {better} of {len(here)} seeds"
+        )
+
+
+def run(plan: Plan, report: Callable[[str], None] | None = None) -> Found:
+    """Train and test all, on all cores.
+
+    Args:
+        plan: what to compare.
+        report: is told of each trial that is done.
+
+    Raises:
+        ModelError: of the first trial that raises one.
+    """
+    return Found(plan, tuple(side_by_side(Trial.run, plan.trials, report=report)))
+
+
+def _agent(trial: Trial, env: gymnasium.Env[Any, Any]) -> tuple[int, Test]:
+    agent = ActorCritic(env.observation_space, env.action_space, seed=trial.seed, **trial.settings)
+    agent.train(env, steps=trial.steps)
+    return trial.steps, agent.test(env, trial.episodes)
+
+
+def _twin(trial: Trial, env: gymnasium.Env[Any, Any]) -> tuple[int, Test]:
+    from neuro_agent import twin  # type: ignore[attr-defined,unused-ignore]
+
+    agent = twin.LinearTwin(env.observation_space, env.action_space, seed=trial.seed, **trial.settings)
+    agent.train(env, steps=trial.steps)
+    return trial.steps, agent.test(env, trial.episodes)
+
+
+def _random(trial: Trial, env: gymnasium.Env[Any, Any]) -> tuple[int, Test]:
+    env.action_space.seed(trial.seed)
+    return 0, _tested(trial, env, lambda seen: env.action_space.sample())
+
+
+def _baseline(trial: Trial, env: gymnasium.Env[Any, Any]) -> tuple[int, Test]:
+    import stable_baselines3
+    import torch
+
+    torch.set_num_threads(1)
+    policy = "MultiInputPolicy" if isinstance(env.observation_space, spaces.Dict) else "MlpPolicy"
+    model = getattr(stable_baselines3, trial.name.upper())(policy, env, seed=trial.seed, device="cpu")
+    model.learn(trial.steps)
+
+    def act(seen: Any) -> Any:
+        action = model.predict(seen, deterministic=True)[0]
+        return action.item() if isinstance(env.action_space, spaces.Discrete) else action
+
+    return int(model.num_timesteps), _tested(trial, env, act)
+
+
+def _tested(trial: Trial, env: gymnasium.Env[Any, Any], act: Act) -> Test:
+    """The episodes that `ActorCritic.test` has."""
+    returns, lengths = np.zeros(trial.episodes), np.zeros(trial.episodes, dtype=np.int64)
+    for k in range(trial.episodes):
+        seen, _ = env.reset(seed=episode_seed(0, TESTS + k))
+        over = False
+        while not over:
+            seen, reward, ended, cut, _ = env.step(act(seen))
+            returns[k] += float(reward)
+            lengths[k] += 1
+            over = bool(ended or cut)
+    return Test(returns, lengths)
+
+
+_TRAINED = {"agent": _agent, "twin": _twin, "ppo": _baseline, "dqn": _baseline, "random": _random}

@@ -1,0 +1,154 @@
+"""Environments by name, and which of them an agent's file was trained in."""
+
+from __future__ import annotations
+
+import importlib
+import json
+import os
+import re
+import shutil
+import sys
+import warnings
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import gymnasium
+from gymnasium.vector import SyncVectorEnv, VectorEnv
+
+from neuro import ModelError
+from neuro.apps import hdf5, output, record_input, unknown
+from neuro_agent.files import FORMAT
+
+__all__ = ["bar_of", "make", "make_many", "remember", "remembered", "why"]
+
+for _name, _value in (("PYGAME_HIDE_SUPPORT_PROMPT", "1"), ("SDL_VIDEODRIVER", "dummy"), ("SDL_AUDIODRIVER", "dummy")):
+    os.environ.setdefault(_name, _value)  # pygame greets on standard output, and looks for a screen that nobody needs
+
+ATTRIBUTE = "environment"
+_EXTRA = re.compile(r"gymnasium\[[\w-]+\]")
+
+
+def make(name: str, frames: bool = False) -> gymnasium.Env[Any, Any]:
+    """An environment.
+
+    Args:
+        name: the id of a registered one, "CartPole-v1"; "module:Id-v0" of one that a module registers when it is
+            imported; or "module:Class", a class of a module. Modules of the current folder are found.
+        frames: whether it is to render pictures, if it says that it can.
+
+    Raises:
+        ModelError: there is none of that name, it needs a package that is not installed, or it cannot be made.
+    """
+    found = _find(name)
+    with _told(name):
+        if not isinstance(found, str):
+            env = found(render_mode="rgb_array") if frames and _renders(found) else found()
+            if not isinstance(env, gymnasium.Env):
+                raise ModelError(f"environment '{name}': made {type(env).__name__}: expected a gymnasium.Env")
+            return env
+        env = gymnasium.make(found)
+        return gymnasium.make(found, render_mode="rgb_array") if frames and _renders(env) else env
+
+
+def make_many(name: str, n: int) -> gymnasium.Env[Any, Any] | VectorEnv[Any, Any, Any]:
+    """An environment, or a vector of n of them.
+
+    Raises:
+        ModelError: as of `make`.
+    """
+    return make(name) if n == 1 else SyncVectorEnv([lambda: make(name)] * n)
+
+
+def bar_of(name: str) -> float | None:
+    """The mean return at which an environment counts as solved; None where it says none."""
+    found = _find(name)
+    return gymnasium.spec(found).reward_threshold if isinstance(found, str) else None
+
+
+def _renders(kind: Any) -> bool:
+    return "rgb_array" in getattr(kind, "metadata", {}).get("render_modes", ())
+
+
+def _find(name: str) -> Any:
+    """The id of a registered environment, or the class that "module:Class" names."""
+    module, colon, inner = name.rpartition(":")
+    own = vars(_imported(module, name)) if colon else {}
+    classes = {key: kind for key, kind in own.items() if isinstance(kind, type) and issubclass(kind, gymnasium.Env)}
+    if inner in classes:
+        return classes[inner]
+    if inner not in gymnasium.registry:
+        raise unknown("environment", inner, [*classes, *gymnasium.registry])
+    return inner
+
+
+def _imported(module: str, name: str) -> Any:
+    here = str(Path.cwd())
+    if here not in sys.path:
+        sys.path.append(here)  # the user's own files are found, and hide nothing
+    try:
+        found = importlib.import_module(module)
+        file = getattr(found, "__file__", None) or ""
+        if file and str(Path(file).parent) == here:  # `neuro rerun` takes it along
+            record_input(file)
+        return found
+    except ModuleNotFoundError as error:
+        if error.name != module.partition(".")[0]:
+            raise ModelError(
+                f"environment '{name}': module '{module}' needs '{error.name}', which is not here"
+            ) from None
+        raise ModelError(
+            f"environment '{name}': there is no module '{module}': expected one of the current folder or a package"
+        ) from None
+    except Exception as error:
+        raise ModelError(f"environment '{name}': module '{module}' raised {_line(error)}") from error
+
+
+@contextmanager
+def _told(name: str) -> Iterator[None]:
+    """Errors of making an environment in one line; gymnasium's warnings are of its own names and tell users nothing."""
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")
+            yield
+    except ModelError:
+        raise
+    except Exception as error:
+        raise ModelError(f"environment '{name}': {why(error)}") from error
+
+
+def why(error: BaseException) -> str:
+    """An error of an environment in one line; what is not installed with the command that installs it."""
+    extra = _EXTRA.search(str(error))
+    return _line(error) if extra is None else f"it needs {extra[0]}: pip install '{extra[0]}'"
+
+
+def _line(error: BaseException) -> str:
+    first = (str(error).splitlines() or [""])[0]
+    return f"{type(error).__name__}: {first}" if first else type(error).__name__
+
+
+def remember(path: Path, name: str) -> None:
+    """Write into an agent's file in which environment it was trained.
+
+    Raises:
+        ModelError: it cannot be written.
+    """
+    import h5py
+
+    with output(path, hdf5.kind(FORMAT)) as part:
+        shutil.copyfile(path, part)
+        with h5py.File(part, "r+") as file:
+            file.attrs[ATTRIBUTE] = json.dumps(name)
+        hdf5.seal(part)
+
+
+def remembered(path: Path) -> str:
+    """The environment in which an agent's file was trained, "" where it does not say.
+
+    Raises:
+        ModelError: there is no such file, it is something else, or damaged.
+    """
+    with hdf5.reading(path, FORMAT) as file:
+        return str(json.loads(file.attrs[ATTRIBUTE])) if ATTRIBUTE in file.attrs else ""

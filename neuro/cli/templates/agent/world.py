@@ -1,0 +1,43 @@
+"""A room with a heater, as an environment of gymnasium: keep it at 20 degrees, whatever the weather."""
+
+import gymnasium
+import numpy as np
+from gymnasium import spaces
+
+AIM = 20.0  # degrees
+
+
+class Room(gymnasium.Env):
+    """Each step the room loses 5 % of its difference to the weather and gains what the heater gives."""
+
+    metadata = {"render_modes": ["rgb_array"], "render_fps": 10}
+    observation_space = spaces.Box(np.array([10.0, 0.0], np.float32), np.array([30.0, 10.0], np.float32))
+    action_space = spaces.Discrete(3)  # off, half, full
+
+    def __init__(self, render_mode=None):
+        self.render_mode = render_mode
+
+    def reset(self, *, seed=None, options=None):
+        """Begin an episode."""
+        super().reset(seed=seed)  # seeds self.np_random
+        self.room, self.weather = self.np_random.uniform(12.0, 28.0), self.np_random.uniform(0.0, 10.0)
+        self.steps = 0
+        return self._seen(), {}
+
+    def step(self, action):
+        """Heat for a step; what is seen then, the reward, whether it has ended, whether it is cut off."""
+        self.room += 0.05 * (self.weather - self.room) + 0.8 * action + self.np_random.normal(0.0, 0.1)
+        self.steps += 1
+        reward = float(abs(self.room - AIM) < 1.0)
+        return self._seen(), reward, False, self.steps == 100, {}
+
+    def _seen(self):
+        seen = np.array([self.room, self.weather], np.float32)
+        return np.clip(seen, self.observation_space.low, self.observation_space.high)
+
+    def render(self):
+        """A thermometer of 10 to 30 degrees, with a line at what is wanted."""
+        picture = np.full((100, 60, 3), 245, np.uint8)
+        picture[99 - round(np.clip(5 * (self.room - 10.0), 0, 99)) :, 20:40] = (208, 52, 44)
+        picture[99 - round(5 * (AIM - 10.0)), 10:50] = 0
+        return picture

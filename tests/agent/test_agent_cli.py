@@ -1,0 +1,238 @@
+"""The commands: what they write and print, and what they tell of mistakes."""
+
+import json
+from importlib.util import find_spec
+from pathlib import Path
+
+import pytest
+
+import neuro_agent
+from neuro_agent import compare, worlds
+
+WALK = """\
+import gymnasium
+import numpy as np
+from gymnasium import spaces
+
+
+class Walk(gymnasium.Env):
+    observation_space = spaces.Discrete(4)
+    action_space = spaces.Discrete(2)
+
+    def reset(self, *, seed=None, options=None):
+        super().reset(seed=seed)
+        self.at, self.steps = 1, 0
+        return self.at, {}
+
+    def step(self, action):
+        self.at, self.steps = min(3, max(0, self.at + 2 * int(action) - 1)), self.steps + 1
+        return self.at, float(self.at == 3), self.at == 3, self.steps == 20, {}
+
+
+gymnasium.register("Walk-v0", Walk, reward_threshold=0.9)
+"""
+
+
+@pytest.fixture
+def walk(neuro, tmp_path, registries):
+    """A world of the user's own, in a file of the folder."""
+    (tmp_path / "my_walk.py").write_text(WALK)
+    yield
+    import gymnasium
+
+    gymnasium.registry.pop("Walk-v0", None)
+
+
+def test_a_world_of_the_users_own_is_trained_tested_and_watched(neuro, walk):
+    small = ("--set", "critics=10", "--set", "explore=50")
+    code, out, err = neuro("train", "my_walk:Walk-v0", "--out", "walk.h5", "--seed", 1, *small)
+    assert (code, err) == (0, "")
+    assert out.startswith("walk.h5: ")
+    assert out.endswith(", solved\n")
+    assert [path.name for path in Path().glob("*.h5*")] == ["walk.h5"]
+    agent = neuro_agent.ActorCritic.load("walk.h5")
+    assert (agent.seed, agent.settings.critics, agent.log.solved) == (1, 10, True)
+    assert worlds.remembered(Path("walk.h5")) == "my_walk:Walk-v0"
+    code, out, _ = neuro("test", "walk.h5", "--episodes", 5)
+    assert (code, out) == (0, "my_walk:Walk-v0: 5 episodes, mean return 1, 95 % 1 to 1; it counts as solved at 0.9\n")
+    told = json.loads(neuro("test", "walk.h5", "my_walk:Walk", "--episodes", 3, "--seed", 7, "--json")[1])
+    assert (told["environment"], told["seed"], told["mean"], told["bar"]) == ("my_walk:Walk", 7, 1.0, None)
+    assert told["returns"] == [1.0] * 3
+    code, out, _ = neuro("watch", "walk.h5", "--out", "page.html", "--learning")
+    assert code == 0
+    assert out.startswith("page.html: ")
+    assert out.endswith(" steps, return 1, terminated; no frames, the environment renders no rgb_array\n")
+    assert "learning goes on" in Path("page.html").read_text()
+
+
+def test_an_interruption_is_told(neuro, walk):
+    with Path("my_walk.py").open("a") as file:
+        file.write(
+            "class Left(Walk):\n    def step(self, action):\n        raise KeyboardInterrupt\n"
+            "class Fails(Walk):\n    def step(self, action):\n        raise OSError('no camera')\n"
+        )
+    answer = neuro("train", "my_walk:Left", "--steps", 100, "--out", "walk.h5")
+    assert answer == (130, "", "interrupted: the same command goes on where it was\n")
+    answer = neuro("train", "my_walk:Fails", "--steps", 100, "--out", "walk.h5")
+    assert answer == (2, "", "error: env.step raised OSError: no camera\n")
+    assert not list(Path().glob("*.h5*"))
+
+
+@pytest.mark.slow
+def test_agents_and_pages_are_made_again_to_the_bit(neuro, answer, walk):
+    words = ("--steps", 300, "--set", "critics=5", "--set", "explore=30")
+    assert neuro("train", "my_walk:Walk", "--out", "walk.h5", *words).status == 0
+    assert neuro("watch", "walk.h5", "--out", "page.html").status == 0
+    for name in ("walk.h5", "page.html"):
+        assert answer("rerun", name).out == f"{name}: the same bits\n"
+
+
+def test_side_by_side_and_the_end_by_episodes(neuro, walk):
+    words = ("--envs", 3, "--episodes", 6, "--until", 2, "--set", "critics=5", "--set", "explore=30")
+    code, out, _ = neuro("train", "my_walk:Walk", "--out", "walk.h5", *words)
+    assert code == 0
+    assert " episodes, " in out
+    assert out.endswith(", not solved\n")
+    assert len(neuro_agent.ActorCritic.load("walk.h5").log) >= 6
+
+
+def test_controls(neuro, walk):
+    words = ("--steps", 200, "--episodes", 2, "--set", "critics=5", "--set", "explore=30")
+    code, out, _ = neuro("controls", "my_walk:Walk", *words)
+    assert code == 0
+    rows = [line.split() for line in out.splitlines() if line.strip()]
+    assert [row[0] for row in rows[3:]] == ["agent", "shuffled", "frozen", "random", "scrambled"]
+
+
+def test_compare(neuro, walk):
+    words = ("compare", "my_walk:Walk", "--steps", 200, "--seeds", "1,2", "--episodes", 3)
+    words = (*words, "--only", "agent", "--only", "random", "--set", "critics=5", "--set", "explore=30")
+    code, out, _ = neuro(*words, "--out", "table.json")
+    assert code == 0
+    told = json.loads(Path("table.json").read_text())
+    assert out.splitlines()[0] == told["winner"]
+    assert "mean return" in told["winner"]
+    assert [(one["name"], one["seed"], one["steps"]) for one in told["each"]] == [
+        ("agent", 1, 200), ("agent", 2, 200), ("random", 1, 0), ("random", 2, 0)
+    ]  # fmt: skip
+    assert neuro(*words, "--out", "table.json")[0] == 0
+    Path("table.json").write_text(Path("table.json").read_text().replace("wins", "loses"))
+    assert neuro(*words, "--out", "table.json")[2].startswith("error: table.json: exists and ")
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("observations", ["Discrete", "Dict"])
+def test_compare_with_stable_baselines(walk, monkeypatch, observations):
+    if find_spec("stable_baselines3") is None:
+        pytest.skip("stable-baselines3 is not installed: pip install stable-baselines3")
+    if observations == "Dict":
+        with Path("my_walk.py").open("a") as file:
+            file.write(
+                "class Named(gymnasium.ObservationWrapper):\n"
+                "    def __init__(self):\n        super().__init__(Walk())\n"
+                "        self.observation_space = spaces.Dict({'at': spaces.Box(0, 3, (1,))})\n"
+                "    def observation(self, seen):\n        return {'at': np.array([seen], np.float32)}\n"
+            )
+    name = "my_walk:Named" if observations == "Dict" else "my_walk:Walk"
+    plan = compare.Plan(name, 300, (1,), 2, {"critics": 5, "explore": 30}, ("agent", "ppo", "dqn"))
+    told = []
+    found = compare.run(plan, told.append)
+    assert [(one["name"], one["steps"], len(one["returns"])) for one in found.each] == [
+        ("agent", 300, 2), ("ppo", 2048, 2), ("dqn", 300, 2)
+    ]  # fmt: skip
+    assert len(told) == 3
+
+
+def test_who_wins():
+    def found(**returns):
+        plan = compare.Plan("FrozenLake-v1", 10, (1, 2))
+        each = [{"name": n, "seed": k, "returns": [r]} for n, pair in returns.items() for k, r in enumerate(pair)]
+        return compare.Found(plan, tuple(each)).winner
+
+    told = "agent wins: mean return 15, then ppo 12; it is better with 1 of 2 seeds"
+    assert found(random=(1, 2), ppo=(12, 12), agent=(20, 10)) == told
+    assert found(ppo=(3, 3), agent=(2, 4), random=(0, 0)) == "nobody wins: ppo, agent have the mean return 3"
+    assert found(agent=(1, 2)) == "agent: mean return 1.5; nobody else took part"
+
+
+def test_who_cannot_take_part(monkeypatch):
+    assert compare.Plan("Pendulum-v1", 10, (1,)).left_out["dqn"]
+    monkeypatch.setattr(compare, "find_spec", lambda name: None)
+    plan = compare.Plan("CartPole-v1", 10, (1,))
+    assert list(plan.left_out) == ["twin", "ppo", "dqn"]
+    assert plan.left_out["ppo"].startswith("stable-baselines3 is not installed: pip install ")
+    assert [trial.name for trial in plan.trials] == ["agent", "random"]
+
+
+@pytest.mark.parametrize(
+    ("words", "message"),
+    [
+        (
+            ("train", "CartPol-v1", "--out", "a.h5"),
+            "unknown environment 'CartPol-v1'\n  hint: did you mean 'CartPole-v1'?",
+        ),
+        (
+            ("train", "CartPole-v1", "--out", "a.h5", "--set", "feilds=3"),
+            "unknown setting of an agent 'feilds'\n  hint: did you mean 'fields'?",
+        ),
+        (
+            ("train", "my_walk:Wlak", "--out", "a.h5"),
+            "unknown environment 'Wlak'\n  hint: did you mean 'Walk'?",
+        ),
+        (
+            ("train", "nowhere:Walk-v0", "--out", "a.h5"),
+            "environment 'nowhere:Walk-v0': there is no module 'nowhere': "
+            "expected one of the current folder or a package",
+        ),
+        (
+            ("train", "my_walk:Walk", "--out", "a.h5"),
+            "Invalid value for '--until': 'my_walk:Walk' names no return to reach: "
+            "expected --until, --steps or --episodes\n  hint: see 'neuro agent train --help'",
+        ),
+        (("test", "none.h5"), "none.h5: no such file: expected a neuro agent 1"),
+        (("test", "my_walk.py"), "my_walk.py: not a neuro agent 1"),
+        (
+            ("compare", "CartPole-v1", "--steps", "9", "--only", "pop"),
+            "unknown contestant 'pop'\n  hint: did you mean 'ppo'?",
+        ),
+    ],
+)
+def test_mistakes(neuro, walk, words, message):
+    answer = neuro(*words)
+    assert (answer.status, answer.out) == (2, "")
+    assert answer.err == f"error: {message}\n"
+    assert not list(Path().glob("*.h5"))
+
+
+def test_an_agent_for_another_environment(neuro, lake):
+    lake.save("lake.h5")
+    answer = neuro("test", "lake.h5")
+    assert (
+        answer.err == "error: lake.h5: does not say in which environment it was trained: expected ENV behind the file\n"
+    )
+    answer = neuro("test", "lake.h5", "CartPole-v1")
+    assert answer.status == 2
+    assert answer.err.endswith("expected Discrete(16), for which the agent was made\n")
+    assert neuro("watch", "lake.h5", "Taxi-v4", "--out", "page.html").status == 2
+    assert not Path("page.html").exists()
+
+
+def test_what_an_environment_needs_is_named(neuro, monkeypatch):
+    import gymnasium
+
+    def make(*words, **named):
+        raise gymnasium.error.DependencyNotInstalled('Box2D is missing, run `pip install "gymnasium[box2d]"`')
+
+    monkeypatch.setattr(gymnasium, "make", make)
+    answer = neuro("train", "LunarLander-v3", "--out", "a.h5")
+    told = "environment 'LunarLander-v3': it needs gymnasium[box2d]: pip install 'gymnasium[box2d]'"
+    assert answer.err == f"error: {told}\n"
+
+
+def test_a_module_that_raises(neuro, tmp_path, registries):
+    (tmp_path / "my_fault.py").write_text("1 / 0")
+    (tmp_path / "my_need.py").write_text("import not_there")
+    told = "environment 'my_fault:A': module 'my_fault' raised ZeroDivisionError: division by zero"
+    assert neuro("train", "my_fault:A", "--out", "a.h5").err == f"error: {told}\n"
+    told = "environment 'my_need:A': module 'my_need' needs 'not_there', which is not here"
+    assert neuro("train", "my_need:A", "--out", "a.h5").err == f"error: {told}\n"
