@@ -269,7 +269,9 @@ def _complete_numbers(prefix: str, model: type[Model]) -> NDArray[np.float64] | 
     if other := [word for word, kind in kinds.items() if kind not in ("number", "integer", "boolean")]:
         raise TypeError(f"{prefix}: parameter '{other[0]}' is a {kinds[other[0]]}: expected a number or a boolean")
     if len(kinds) > model.width:
-        raise TypeError(f"{prefix} has {len(kinds)} parameters with tau_minus: expected at most {model.width}, its width")
+        raise TypeError(
+            f"{prefix} has {len(kinds)} parameters with tau_minus: expected at most {model.width}, its width"
+        )
     defaults = model.defaults()
     if not all(np.isscalar(defaults.get(word)) for word in kinds):
         return None
