@@ -199,7 +199,7 @@ def test_a_third_party_rule_sees_the_potential():
         ),
         ({"rule": neuro.td_lambda(signal="judge"), "weight": 500.0}, "weight = 500: expected -100 to 100"),
         ({"rule": neuro.reinforce(signal="judge")}, "an iaf_psc_exp: expected neurons with a state 'p'"),
-        ({"rule": neuro.td_lambda(signal="judge", receptor="ask")}, "unknown receptor"),
+        ({"rule": neuro.td_lambda(signal="judge", receptor="ask")}, "has no receptor 'ask'"),
     ],
 )
 def test_what_cannot_learn_so_is_refused(change, expected):
@@ -229,7 +229,7 @@ def test_weights_without_a_receptor_are_refused_where_signs_choose_none():
     net.population("pre", 2, neuro.spike_generator())
     net.population("choice", 2, neuro.soft_wta())
     net.connect("pre", "choice", neuro.all_to_all(), weight=1.0, delay=1.0)
-    with pytest.raises(ModelError, match="has 2 receptors: expected a synapse that names one"):
+    with pytest.raises(ModelError, match="has 2 receptors: the synapse must name one"):
         neuro.compile(net)
 
 

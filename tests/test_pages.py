@@ -384,3 +384,18 @@ def wrong_commands(page):
                 continue
             known = {"--help", *(option for part in command.params for option in part.opts)}
             yield from (f"{place} has no {word}" for word in rest if word.startswith("--") and word not in known)
+
+
+def test_lines_of_markdown_are_at_most_160_characters():
+    assert [place for page in {*PAGES, *ROOT.glob("*.md")} for place in long_lines(page)] == []
+
+
+def long_lines(page: Path) -> list[str]:
+    """Places outside of tables and blocks of code."""
+    found, code = [], False
+    for number, line in enumerate(page.read_text(encoding="utf-8").splitlines(), start=1):
+        if line.lstrip().startswith("```"):
+            code = not code
+        elif not code and not line.lstrip().startswith("|") and len(line) > 160:
+            found.append(f"{page.relative_to(ROOT)}:{number}")
+    return found

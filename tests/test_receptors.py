@@ -151,7 +151,7 @@ def onto(cell, synapse, weight=1.0, source=None) -> neuro.Simulation:
 
 
 @refusals("receptors")
-def test_mistakes_are_told(call: str, message: str):
+def test_messages_of_refused_receptors(call: str, message: str):
     assert refusal(call, globals()) == message
 
 
@@ -216,3 +216,19 @@ def test_a_receptor_that_a_backend_has_not_is_refused_not_dropped(backend, why):
     net.connect("input", "cells", neuro.all_to_all(), static(receptor="slow"), weight=900.0)
     with pytest.raises(ModelError, match=why):
         neuro.compile(net, backend)
+
+
+def test_an_unknown_receptor_hides_no_other_mistake(answer, tmp_path):
+    file = tmp_path / "net.yaml"
+    file.write_text(
+        "populations: {a: {shape: 2, model: parrot_neuron}, b: {shape: 2, model: iaf_psc_exp}}\n"
+        "projections:\n"
+        "  a_b: {from: a, to: b, rule: one_to_one, synapse: {static: {receptor: inhib}}}\n"
+        "probes: {p: {of: a_b, record: K_minus}}\n"
+    )
+    assert answer("check", file).err == (
+        f"error: {file}:3:3: projection 'a_b': 'b' (iaf_psc_exp) has no receptor 'inhib'\n  hint: known: ex, in\n"
+        f"error: {file}:4:10: probe 'p': the synapses of 'a_b', static, have no state 'K_minus'\n"
+        "  hint: known: weight\n"
+        f"{file}: 2 mistakes\n"
+    )

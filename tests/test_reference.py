@@ -2,6 +2,7 @@
 
 import inspect
 import re
+import textwrap
 from pathlib import Path
 
 import neuro
@@ -28,11 +29,21 @@ def page() -> str:
     for title, section in {**catalogue(), "The section `trials`": {"trials": Trials}}.items():
         lines.append(f"## {title}\n")
         for name, choice in section.items():
-            lines += [f"### {name}", body(choice).replace("\n\n", "\n"), ""]
-            lines += [f"- {word}: `{getattr(choice, word)}`" for word in ("equation",) if getattr(choice, word, "")]
-            lines += [f"- source: {getattr(choice, word)}" for word in ("source",) if getattr(choice, word, "")]
+            lines += [f"### {name}", *map(wrapped, body(choice).replace("\n\n", "\n").split("\n")), ""]
+            if getattr(choice, "equation", ""):
+                lines.append(wrapped(f"- equation: `{choice.equation}`"))
+            if getattr(choice, "source", ""):
+                lines.append(wrapped(f"- source: {choice.source}"))
             lines += ["", *parameters(choice), *states(choice)]
     return re.sub(r"\n{3,}", "\n\n", "\n".join(lines)).rstrip() + "\n"
+
+
+def wrapped(line: str) -> str:
+    """The same in lines of at most 128; none begins with a sign, which would make it an item of a list."""
+    glued = re.sub(r" (?=[-+*>#])", "\0", line)
+    later = "  " if line.startswith("- ") else ""
+    lines = textwrap.fill(glued, 128, subsequent_indent=later, break_long_words=False, break_on_hyphens=False)
+    return lines.replace("\0", " ")
 
 
 def parameters(choice) -> list[str]:

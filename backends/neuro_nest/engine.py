@@ -12,7 +12,7 @@ from neuro.core.errors import ModelError
 from neuro.program.backend import EngineCounts, Outcome, Spikes, Trial
 from neuro.program.program import Floats, Ints, Program
 from neuro_nest import kernel
-from neuro_nest.kernel import told
+from neuro_nest.kernel import nest_errors
 from neuro_nest.network import NestNetwork
 from neuro_nest.problems import BY_SIGN, ELSEWHERE, FINITE, NO_LEAK, RKF45_ONLY, has_new_current
 from neuro_nest.projections import NestProjection
@@ -66,7 +66,7 @@ class NestEngine:
     def get(self, population: int, name: str, ids: Ints | None = None) -> Floats:
         """A state or parameter of every neuron, or of some."""
         self._check_shown(population, name)
-        with told():
+        with nest_errors():
             return self.net.cells[population].get(name, ids)
 
     def set(self, population: int, values: Mapping[str, Floats]) -> None:
@@ -89,7 +89,7 @@ class NestEngine:
             return np.broadcast_to(wires.weights, wires.part.size).copy()
         if wires.part.synapse.modulated:
             self._check_moment(wires, f"'{name}' of '{wires.part.name}'")
-        with told():
+        with nest_errors():
             values = wires.read(self._nest, self.net.ends(wires), _WORDS.get(name, name), self.net.ranks)
         if name == "K_plus" and not wires.part.synapse.modulated:
             return self._faded(wires, values)
@@ -108,7 +108,7 @@ class NestEngine:
         self.net.rules[projection] = parameters.copy()
         words = self.net.words(wires)
         wires.changed()
-        with told():
+        with nest_errors():
             if wires.part.synapse.modulated or wires.part.synapse.name in SHARED:
                 for name in wires.models():
                     self._nest.SetDefaults(name, words)
@@ -129,7 +129,7 @@ class NestEngine:
         self._write(wires, "weight", wires.part.arriving(weights)[wires.slot])
 
     def _write(self, wires: NestProjection, word: str, values: Floats) -> None:
-        with told():
+        with nest_errors():
             wires.write(self._nest, self.net.ends(wires), word, values)
 
     def _check_shown(self, population: int, name: str) -> None:
@@ -193,7 +193,7 @@ class NestEngine:
         """Back to step 0: NEST is built anew."""
         kept = [self.get_synapses(i, "weight") for i in range(len(self.net.wires))]
         first = [p.weight for p in self.program.projections]
-        with told():
+        with nest_errors():
             self._nest.ResetKernel()
         self.net = self._build([c.parameters for c in self.net.cells], first if weights else kept, self.net.rules)
 

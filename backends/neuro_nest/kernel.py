@@ -107,8 +107,8 @@ def _alive(holder: Any) -> Any:
 
 
 @contextmanager
-def told() -> Iterator[None]:
-    """Tell NEST's errors as ours, in its words; under MPI they end all processes."""
+def nest_errors() -> Iterator[None]:
+    """Raise NEST's errors as `ModelError` with NEST's message; under MPI end all processes."""
     nest = load()
     try:
         yield

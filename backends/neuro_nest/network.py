@@ -11,11 +11,11 @@ from neuro.core.clock import NEVER, Clock
 from neuro.model.synapses.base import common
 from neuro.program.currents import Currents
 from neuro.program.program import Floats, Ints, Population, Program, Projection, Schedule
-from neuro_nest.kernel import Ranks, set_nodes, sign, told
+from neuro_nest.kernel import Ranks, nest_errors, set_nodes, sign
 from neuro_nest.projections import NestProjection
 from neuro_nest.record import Activity, NestRecord
 from neuro_nest.sources import NONE, InjectedTrain, Noise, TrainSource, is_noise, nodes_of, train
-from neuro_nest.tables import ALWAYS, DEVICE, ENDLESS, NODES, OF_TARGET, RK4, UNREADABLE
+from neuro_nest.tables import DEVICE, ENDLESS, FIXED_TRUE, NODES, OF_TARGET, RK4, UNREADABLE
 
 LONGEST = 10_000
 """Steps of a stretch: what injectors hold and the recorder gathers."""
@@ -49,7 +49,7 @@ class NestNetwork:
         self.clock = Clock(program.resolution)
         self.rules = rules
         sent_at_once = {p.source for p in program.projections if self._is_at_once(p)}
-        with told():
+        with nest_errors():
             nest.local_num_threads = threads
             nest.set(resolution=program.resolution)
             self.ranks = Ranks(nest.num_processes, nest.Rank())
@@ -86,9 +86,9 @@ class NestNetwork:
         trains = [InjectedTrain(NONE, NONE, NONE)] * len(self.cells)
         for index, source in self.sources.items():
             trains[index] = source.emit(self.step, to)
-            with told():
+            with nest_errors():
                 self.cells[index].emit(trains[index])
-        with told():
+        with nest_errors():
             for index, noise in self.noise.items():
                 noise.emit(self.nest, self.cells[index].nodes, self.step, to)
             self.nest.Simulate(self.clock.ms(to - self.step))
@@ -156,7 +156,7 @@ class NestNetwork:
 
         Each is of all synapses, or has a value for each.
         """
-        elsewhere = {"deliver_interval", *OF_TARGET, *ALWAYS}
+        elsewhere = {"deliver_interval", *OF_TARGET, *FIXED_TRUE}
         numbers = self._numbers(wires)
         return {w: value for w, value in numbers.items() if w not in elsewhere} | wires.part.synapse.initial(numbers)
 
@@ -267,8 +267,11 @@ class NestPopulation:
         """A state of the neurons of all processes."""
         mine = (self._ranks.rank - self.first) % self._ranks.size  # NEST deals its nodes out in turn
         here = self.nodes[mine :: self._ranks.size] if mine < self.part.size else ()
-        told = here.get(["global_id", name]) if here else {"global_id": [], name: []}
-        ids, values = np.atleast_1d(told["global_id"]).astype(np.int64), np.atleast_1d(told[name]).astype(np.float64)
+        nest_errors = here.get(["global_id", name]) if here else {"global_id": [], name: []}
+        ids, values = (
+            np.atleast_1d(nest_errors["global_id"]).astype(np.int64),
+            np.atleast_1d(nest_errors[name]).astype(np.float64),
+        )
         found: Floats = np.empty(self.part.size)
         found[self._ranks.gather(ids) - self.first] = self._ranks.gather(values)
         return found
@@ -294,7 +297,7 @@ class NestPopulation:
         own = {name: each for name, each in words.items() if len(each) > 1}
         shared = {name: each[0] for name, each in words.items() if name not in own}
         neurons = [shared | {name: own[name][i] for name in own} for i in range(self.part.size)] if own else [shared]
-        with told():
+        with nest_errors():
             set_nodes(self._nest, self.nodes, neurons)
 
     def _in_words_of_nest(self, name: str, values: Floats) -> list[Any]:

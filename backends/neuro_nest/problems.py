@@ -11,7 +11,7 @@ from neuro.model.neurons import CurrentGenerator
 from neuro.program.backend import Problem, floats_only, unnoted
 from neuro.program.program import Floats, Population, Program, Projection
 from neuro_nest.tables import (
-    ALWAYS,
+    FIXED_TRUE,
     NODES,
     OF_TARGET,
     RECEPTORS_OF_CURRENTS,
@@ -102,7 +102,7 @@ def _of_projection(program: Program, part: Projection) -> Iterator[Problem]:
         yield from _of_current(program, part)
     elif part.receptor is not None and not part.as_by_sign(part.weight):
         yield _refused(f"{message}: receptor '{part.receptor.name}' by name", BY_SIGN, ELSEWHERE, part)
-    for word in ALWAYS & set(part.synapse.numbers()):
+    for word in FIXED_TRUE & set(part.synapse.numbers()):
         if not part.synapse.parameters()[word]:
             what = f"{message}: {part.synapse.name}.{word} = false"
             yield _refused(what, "NEST acts as if it were true", f"set {word}: true, or {ELSEWHERE}", part)

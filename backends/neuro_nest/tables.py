@@ -58,19 +58,19 @@ STATES = {
 """What of their synapses can be read, in NEST's words."""
 
 SHARED = frozenset({"stdp_pl_hom"})
-"""Rules whose numbers belong to NEST's synapse model, so that each projection has a copy of it."""
+"""Rules whose parameters NEST keeps in its synapse model, not in synapses: each projection has a copy of the model."""
 
-ALWAYS = frozenset({"pre_at_start"})
-"""Choices of rules that NEST does not leave: there they are always true."""
+FIXED_TRUE = frozenset({"pre_at_start"})
+"""Boolean parameters of rules that NEST lacks; it behaves as if they were true."""
 
 OF_TARGET = frozenset({"tau_minus_triplet"})
-"""Numbers of rules that are the post neuron's in NEST."""
+"""Parameters of rules that NEST keeps in the postsynaptic neuron."""
 
 UNREADABLE = frozenset({"I_syn_ex", "I_syn_in", "dI_syn_ex", "dI_syn_in"})
 """States that NEST neither shows nor sets between two steps: currents it records, a step late, slopes not at all."""
 
 RK4 = "rk4_substeps"
-"""Our parameter that NEST has not: what it integrates, it integrates by RKF45."""
+"""A parameter that NEST lacks and is not passed: it always integrates by RKF45."""
 
 TICKS_PER_MS = 1000
 """NEST's clock ticks in microseconds."""

@@ -13,7 +13,7 @@ from neuro.core import keyed_random
 from neuro.model.neurons import Neuron
 from neuro.model.parts import lateral_reset, local_winners, winner_take_all
 from neuro.program.backend import Sent, Spikes
-from neuro.program.drives import charges
+from neuro.program.drives import filtered_current
 from neuro.program.program import Floats, Ints, Program
 from neuro_reference.decisions import LocalWinners
 from neuro_reference.moves import MoveLearning
@@ -31,8 +31,8 @@ class ReferenceNetwork:
 
     Attributes:
         step: the last finished step.
-        ids, multiplicity: what each population emitted in that step. It teaches and sets out when the next begins; what
-            generators send along synapses that do not learn sets out at once.
+        ids, multiplicity: the spikes of each population in that step. They update plastic synapses and are sent when
+            the next step begins; those of generators along synapses that do not learn are sent at once.
         potentials: the first state of each population in that step, before spikes reset it.
         closed: whether no neuron of each group may fire any more.
         won: neurons of each group that fired in that step, the best first.
@@ -127,7 +127,7 @@ class ReferenceNetwork:
         """A current to a receptor adds to the state in which the receptor keeps its own."""
         if wires.part.receptor is not None:
             cells = self.cells[wires.part.target]
-            state, share = charges(self.program, wires.part, cells.parameters)
+            state, share = filtered_current(self.program, wires.part, cells.parameters)
             cells.states[state] += share * wires.arrive(step)[0][0]
 
     def _sent_by(self, wires: ReferenceProjection) -> Mapping[str, Floats]:

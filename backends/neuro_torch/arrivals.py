@@ -13,7 +13,7 @@ import torch
 from torch import Tensor
 
 from neuro_torch.scan.gradients import once
-from neuro_torch.wires import Emitted, Sent, Wires, added
+from neuro_torch.wires import Emitted, Sent, TorchProjection, added
 
 
 class Learnt:
@@ -70,7 +70,7 @@ class Arrivals(torch.autograd.Function):
     @staticmethod
     @once
     def backward(ctx, g):
-        """Of the weights: what their synapses brought; of a spike: what all its synapses would have brought."""
+        """Gradient of a weight: the sum over the spikes it delivered. Of a spike: the sum over all its synapses."""
         (weights,) = ctx.saved_tensors
         wires, g = ctx.wires, g.contiguous()
         asked = zip(ctx.needs_input_grad[5:], ctx.sent, strict=True)
@@ -81,7 +81,7 @@ class Arrivals(torch.autograd.Function):
         return None, None, token, None, None, *of_spikes
 
 
-def _gather(wires: Wires, weights: Tensor, g: Tensor, sent: Sent, into: Tensor) -> None:
+def _gather(wires: TorchProjection, weights: Tensor, g: Tensor, sent: Sent, into: Tensor) -> None:
     """Add the gradients of the weights along which spikes arrived."""
     if wires.by_rows(weights):
         for _, each in sent:
@@ -96,7 +96,7 @@ def _gather(wires: Wires, weights: Tensor, g: Tensor, sent: Sent, into: Tensor) 
         added(into.view(-1), wires.slot[synapses], shares)
 
 
-def _shares(wires: Wires, weights: Tensor, g: Tensor, emitted: Emitted) -> Tensor:
+def _shares(wires: TorchProjection, weights: Tensor, g: Tensor, emitted: Emitted) -> Tensor:
     b, m = emitted.recording, emitted.multiplicity[:, None]
     if wires.part.receptor is not None:
         return wires.arriving(g[wires.part.receptor.index][b] * m)
@@ -105,7 +105,7 @@ def _shares(wires: Wires, weights: Tensor, g: Tensor, emitted: Emitted) -> Tenso
     return g[0][b] * m
 
 
-def _of_spikes(wires: Wires, weights: Tensor, g: Tensor, d: int) -> Tensor:
+def _of_spikes(wires: TorchProjection, weights: Tensor, g: Tensor, d: int) -> Tensor:
     if wires.by_rows(weights):
         w = wires.arriving(wires.rows(weights)).T
         if wires.part.receptor is not None:

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 import torch
 
-from neuro.program.drives import Emission, charges
+from neuro.program.drives import Emission, filtered_current
 from neuro.program.program import Floats, Program
 
 if TYPE_CHECKING:
@@ -68,5 +68,5 @@ class Flow:
     def charge(self, cells: TensorCells, step: int) -> None:
         """A current to a receptor adds to the state in which the receptor keeps its own."""
         if self.part.receptor is not None:
-            state, share = charges(self._program, self.part, cells.parameters)
+            state, share = filtered_current(self._program, self.part, cells.parameters)
             cells.states[state] = cells.states[state] + torch.from_numpy(share * self.arrive(step)).to(cells.device)

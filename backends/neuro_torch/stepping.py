@@ -24,7 +24,7 @@ from neuro_torch.problems import problems, without_gradient
 from neuro_torch.scan.gradients import joined
 from neuro_torch.scan.layers import ScanTask
 from neuro_torch.sources import TensorSource
-from neuro_torch.wires import Emitted, Wires
+from neuro_torch.wires import Emitted, TorchProjection
 
 if TYPE_CHECKING:
     from neuro_torch.surrogates import Surrogate
@@ -71,7 +71,7 @@ def _check_shape(what: str, values: Tensor, size: int) -> None:
 
 def between_steps(
     program: Program, index: int, device: torch.device, delays: Tensor, weights: Tensor
-) -> list[tuple[Wires, Tensor]]:
+) -> list[tuple[TorchProjection, Tensor]]:
     """A projection whose delays lie between two steps: wires for the later and for the earlier, with their weights.
 
     A spike arrives in both, in shares that say how near the delay is to each, so that a gradient moves it.
@@ -91,7 +91,7 @@ def between_steps(
     late = steps - whole
     earlier = whole.cpu().numpy().astype(np.int64)
     shares = ((earlier + 1, weights * late), (earlier, weights * (1.0 - late)))
-    return [(Wires(program, index, device, delay), share) for delay, share in shares]
+    return [(TorchProjection(program, index, device, delay), share) for delay, share in shares]
 
 
 class Stepper:
@@ -155,7 +155,7 @@ class Stepper:
             if part.kind in ("listed", "poisson", "generator")
         }
         carrying = [(k, part.carries == "spikes") for k, part in enumerate(program.projections)]
-        self.wires = {k: Wires(program, k, self.device) for k, spikes in carrying if spikes}
+        self.wires = {k: TorchProjection(program, k, self.device) for k, spikes in carrying if spikes}
         self.emitters = {
             k: {word: values.copy() for word, values in part.parameters.items()}
             for k, part in enumerate(program.populations)
@@ -185,7 +185,7 @@ class Stepper:
             if isinstance(part.model, Neuron)
         }
         self.versions: dict[int, Versions] = {}
-        self._between: dict[int, list[tuple[Wires, Tensor]]] = {}
+        self._between: dict[int, list[tuple[TorchProjection, Tensor]]] = {}
         for k, part in enumerate(program.projections):
             if k in self.wires:
                 own = named[part.name] if part.name in named else torch.tensor(part.weight, device=self.device)
@@ -199,7 +199,7 @@ class Stepper:
     def start_anew(self) -> None:
         """Back to step 0; weights and parameters stay."""
         self.now = 0
-        self._learnt: dict[Wires, Learnt] = {}
+        self._learnt: dict[TorchProjection, Learnt] = {}
         parts: list[TensorCells | TensorSource | Flow] = [
             *self.cells.values(),
             *self.sources.values(),
@@ -319,13 +319,13 @@ class Stepper:
                 current = current + torch.from_numpy(flow.arrive(step)).to(self.device)
         return x, current
 
-    def _ways(self, q: int) -> list[tuple[Wires, Versions]]:
+    def _ways(self, q: int) -> list[tuple[TorchProjection, Versions]]:
         """The wires of a projection with their weights: one, or two where delays are learnt."""
         if q in self._between:
             return [(wires, [(0, weights)]) for wires, weights in self._between[q]]
         return [(self.wires[q], self.versions[q])]
 
-    def _added(self, x: Tensor, heard: Tensor | None, wires: Wires, versions: Versions, step: int) -> Tensor:
+    def _added(self, x: Tensor, heard: Tensor | None, wires: TorchProjection, versions: Versions, step: int) -> Tensor:
         """Input with what arrives along wires, by weights of one time after the other."""
         emitted = dict(self.sent[wires.part.source])
         sent = [(d, emitted[step - delay]) for d, delay in enumerate(wires.delays) if step - delay in emitted]

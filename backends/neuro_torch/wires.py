@@ -37,10 +37,10 @@ class Emitted:
 
 
 Sent = Sequence[tuple[int, Emitted]]
-"""What was emitted so many steps ago as a delay has, by the place of that delay in `Wires.delays`, the oldest first."""
+"""Spikes emitted one delay ago, for each delay by its place in `TorchProjection.delays`, the oldest first."""
 
 
-class Wires:
+class TorchProjection:
     """A projection that carries spikes, with its synapses by delay (the longest first), then source.
 
     Attributes:
@@ -90,11 +90,11 @@ class Wires:
         return self.arriving(weights.expand(len(places)) if weights.numel() == 1 else weights[places])
 
     def arriving(self, weights: Tensor) -> Tensor:
-        """What arrives at a receptor of some weights."""
+        """Weights as delivered to the receptor."""
         return 0.0 - weights if self.negated else weights
 
     def receptor(self, amounts: Tensor) -> Tensor | int:
-        """To which of its target's receptors some amounts go; none of a weight below 0 goes where that does."""
+        """The receptor of each amount. A -0.0, which comes from a negative weight, counts as negative."""
         if self.part.receptor is not None:
             return self.part.receptor.index
         return torch.signbit(amounts).to(torch.int64) if self.receptors == 2 else 0

@@ -1,4 +1,4 @@
-"""When a spike acts: the one rule behind delay registers, their memory, and the delays that are refused.
+"""The effective delay of a spike on a chip: one rule for delay registers, their memory, and refused delays.
 
 Input of most neurons acts in the step in which it arrives: a spike over a delay of D steps acts after D. NEST's
 synaptic currents (`I_syn_ex`, `I_syn_in`) move the potential a step after they arrive, so there it acts after D + 1. A

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from neuro.compiler.check import telling
+from neuro.compiler.check import naming_the_part
 from neuro.core.clock import NEVER, Clock
 from neuro.core.errors import ModelError
 from neuro.model.network import Network
@@ -35,7 +35,7 @@ def cameras_of(net: Network, clock: Clock) -> dict[str, CameraInput]:
     made = {}
     for part in net.populations.values():
         if isinstance(part.model, event_camera):
-            with telling(part):
+            with naming_the_part(part):
                 made[part.name] = CameraInput(part, part.model, clock)
                 made[part.name].check_events()
                 if net.trials_section is not None:
@@ -129,12 +129,12 @@ class CameraInput:
         return self._model.polarity == "split"
 
     def _sides(self, width: int, height: int) -> tuple[tuple[int, int], tuple[int, int]]:
-        with telling(self._part):
+        with naming_the_part(self._part):
             return self._model.sides(width, height)
 
     def after(self, step: int) -> Iterator[Stretch]:
         """All spikes of later steps. The last step of what has been read is held back: more may come in it."""
-        with telling(self._part):
+        with naming_the_part(self._part):
             steps = ids = _NONE
             for events in self._read(step):
                 found = self._spikes(events, step)

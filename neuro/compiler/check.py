@@ -66,8 +66,8 @@ def recordable(population: Population) -> list[str]:
 
 
 @contextmanager
-def telling(part: AnyPart, *path: str) -> Iterator[None]:
-    """Tell an error that is raised inside with the part's name and place, and `path` before its own."""
+def naming_the_part(part: AnyPart, *path: str) -> Iterator[None]:
+    """Give errors that are raised inside the part's name and place, and `path` in front of their own path."""
     try:
         yield
     except ModelError as error:
@@ -125,7 +125,7 @@ def check_values(model: Model, parameters: Mapping[str, Floats], clock: Clock) -
 
 def _check_views(part: Projection, shapes: Mapping[str, Shape]) -> None:
     for role, name, view in (("from", part.source, part.source_view), ("to", part.target, part.target_view)):
-        with telling(part, role, name):
+        with naming_the_part(part, role, name):
             seen = end_of(view, shapes[name])
         if isinstance(part.rule, grid) and seen.ids is not None:
             message = f"a grid {role} {view}: expected the whole population"

@@ -8,7 +8,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from neuro.compiler.check import telling
+from neuro.compiler.check import naming_the_part
 from neuro.compiler.shapes import Shape, size
 from neuro.core.clock import Clock
 from neuro.core.errors import ModelError
@@ -46,7 +46,7 @@ def with_generators(net: Network, shapes: Mapping[str, Shape], clock: Clock, see
 def _generator(part: Population, model: encode | event_camera, shape: Shape, clock: Clock, seed: int) -> Generator:
     if isinstance(model, event_camera):
         return spike_generator()
-    with telling(part):
+    with naming_the_part(part):
         found = model.spikes(key(seed, "encode", part.name))
         neurons = found.shape if model.gives_rates else found.shape[:-1]
         if neurons not in (shape, (size(shape),)):

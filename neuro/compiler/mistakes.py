@@ -1,8 +1,8 @@
 """All mistakes of a file: its first, then the first of what is left without it, until nothing is wrong.
 
 So each is reported as if it were alone. What is mistaken is left out, or something stands in for it where the rest
-cannot do without. All is done twice, each time with other stand-ins: a mistake that depends on what should stand there
-is not told twice alike, and is not told. Of what is left out some is known to decide more than itself (`follows`).
+cannot do without. All is done twice, with different stand-ins: only errors with the same text both times are reported,
+since others depend on a stand-in. Of what is left out some is known to decide more than itself (`follows`).
 """
 
 from __future__ import annotations
@@ -244,13 +244,14 @@ class _Search:
 
     def follows(self, root: Node, path: Words, error: ModelError, compiled: bool = False) -> bool:
         """Whether a mistake may only be there since something was mended."""
-        itself = error.kind.startswith("unknown") and not error.kind.endswith(" of") and error.found == path[-1]
-        if path in self.mended or (not itself and any(mended[: len(path)] == path for mended in self.mended)):
+        # "unknown X of" is about a word inside a part, "unknown X" about a part itself.
+        names_a_part = error.kind.startswith("unknown") and not error.kind.endswith(" of") and error.found == path[-1]
+        if path in self.mended or (not names_a_part and any(mended[: len(path)] == path for mended in self.mended)):
             return True
         if self.partial and error.kind in _NAMES:
             return True
         there = next(path[:n] for n in range(len(path), 0, -1) if has(root, path[:n]))
-        named = set(() if itself else names(at(root, there))) | set(path[2:] if self.resolved else ())
+        named = set(() if names_a_part else names(at(root, there))) | set(path[2:] if self.resolved else ())
         if named & self.failed or self.depends(root, path, error):
             return True
         if path[0] == "parameters" and path[-1] in self.params:

@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from neuro.compiler.check import recordable, refuse, telling
+from neuro.compiler.check import naming_the_part, recordable, refuse
 from neuro.compiler.shapes import Shape, size
 from neuro.compiler.views import end_of
 from neuro.core.clock import Clock
@@ -38,13 +38,13 @@ def check_probes(net: Network, shapes: Mapping[str, Shape], clock: Clock) -> Non
             if (other := names.setdefault(name, part.name)) != part.name:
                 refuse(part, f"probe '{other}' has a trace of the name '{name}', too: expected another name")
         if part.every is not None:
-            with telling(part):
+            with naming_the_part(part):
                 every = clock.step(part.every, "every")
             if every < 1:
                 message = f"every = {part.every:g} ms: expected at least the resolution, {clock.resolution:g} ms"
                 refuse(part, message, word="every", kind="resolution")
         if part.of in net.populations:
-            with telling(part, "of", part.of):
+            with naming_the_part(part, "of", part.of):
                 end_of(part.view, shapes[part.of])
             _check_neurons(part, net.populations[part.of])
 
@@ -168,7 +168,7 @@ def _between(part: Probe, net: Network, projection: Projection, shapes: Mapping[
     views = {"pre": part.pre, "post": part.post}
     for (word, view), ids in zip(views.items(), connections_of(projection, pre, post), strict=True):
         if view is not None:
-            with telling(part, word, view.population.name):
+            with naming_the_part(part, word, view.population.name):
                 kept &= np.isin(ids, view.within(shapes[view.population.name])[0])
     if not kept.any():
         asked = " ".join(f"{word} {view}" for word, view in (("from", part.pre), ("to", part.post)) if view is not None)

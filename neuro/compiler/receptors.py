@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
+
 import numpy as np
 
-from neuro.core.english import a
 from neuro.core.errors import ModelError, unknown
 from neuro.model.neurons import Neuron
 from neuro.model.parts import Population
@@ -13,7 +14,7 @@ from neuro.program.program import Floats, Receptor
 
 
 def receptor_of(synapse: Synapse, target: Population) -> Receptor | None:
-    """The receptor that a synapse names; None where weights go by their sign.
+    """The receptor that a synapse names; None if weights are routed by sign.
 
     Args:
         synapse: the model of the synapse.
@@ -24,57 +25,63 @@ def receptor_of(synapse: Synapse, target: Population) -> Receptor | None:
     """
     model = target.model
     assert isinstance(model, Neuron)
-    names = model.named_receptors()
-    named = synapse.receptor if isinstance(synapse, (static, MoveRule)) else None
-    if named is None:
-        if len(names) > 2 or not model.signed:
-            one, rule = ", ".join(names), synapse.name if isinstance(synapse, MoveRule) else "static"
-            message = f"'{target.name}', {a(model.name)}, has {len(names)} receptors: expected a synapse that names one"
-            raise ModelError(message, hint=f"write {rule} with 'receptor', one of {one}")
+    known = model.named_receptors()
+    name = synapse.receptor if isinstance(synapse, (static, MoveRule)) else None
+    if name is None:
+        if len(known) > 2 or not model.signed:
+            rule = synapse.name if isinstance(synapse, MoveRule) else "static"
+            message = f"{_shown(target)} has {len(known)} receptors: the synapse must name one"
+            raise ModelError(message, hint=f"write {rule} with 'receptor', one of {', '.join(known)}")
         return None
-    if not names:
-        found = f"{synapse.name}.receptor = '{named}': '{target.name}', {a(model.name)}, sums all input"
+    if not known:
+        found = f"{synapse.name}.receptor = '{name}': {_shown(target)} has one input without a name"
         raise ModelError(f"{found}: expected no receptor", hint="leave it out", path=(synapse.name, "receptor"))
-    if named not in names:
-        raise unknown(f"receptor of '{target.name}', {a(model.name)},", named, names, path=("synapse", "receptor"))
-    index, conductance = names.index(named), named in model.conductances
-    return Receptor(named, index, conductance, conductance and len(names) == 2 and index == 1)
+    if name not in known:
+        raise _unknown(synapse, target, name, known)
+    index, conductance = known.index(name), name in model.conductances
+    # Models with two conductances expect negative numbers at the second, as they get them by sign.
+    return Receptor(name, index, conductance, negated=conductance and len(known) == 2 and index == 1)
 
 
 def receptor_of_current(synapse: Synapse, target: Population, source: str) -> Receptor | None:
-    """The receptor that a current is sent to, which filters it; None where it acts on V_m as it is.
+    """The receptor whose filter a current passes; None if the current acts on V_m directly.
 
     Raises:
         ModelError: the neurons have no such receptor.
     """
     model = target.model
     assert isinstance(model, Neuron)
-    named = synapse.receptor if isinstance(synapse, static) else None
-    if named is None:
+    name = synapse.receptor if isinstance(synapse, static) else None
+    if name is None:
         return None
-    message = f"static.receptor = '{named}' of a current from '{source}'"
     if not model.filters:
-        told = f"{message}, which goes to no receptor of {a(model.name)}: expected none"
-        raise ModelError(told, hint="leave it out", path=("static", "receptor"))
-    if named not in model.filters:
-        raise unknown(
-            f"receptor of '{target.name}', {a(model.name)},", named, list(model.filters), path=("synapse", "receptor")
-        )
-    return Receptor(named, model.named_receptors().index(named), False, False)
+        found = f"static.receptor = '{name}' of a current from '{source}': {_shown(target)} takes currents at V_m alone"
+        raise ModelError(f"{found}: expected no receptor", hint="leave it out", path=("static", "receptor"))
+    if name not in model.filters:
+        raise _unknown(synapse, target, name, model.filters)
+    return Receptor(name, model.named_receptors().index(name), conductance=False, negated=False)
+
+
+def _shown(target: Population) -> str:
+    return f"'{target.name}' ({target.model.name})"
+
+
+def _unknown(synapse: Synapse, target: Population, name: str, known: Iterable[str]) -> ModelError:
+    error = unknown("receptor of", name, known, path=(synapse.name, "receptor"))
+    return error.but(message=f"{_shown(target)} has no receptor '{name}'")
 
 
 def check_conductance(receptor: Receptor | None, weight: Floats) -> None:
-    """Weights onto a conductance that is named are not negative.
+    """Refuse negative weights to a conductance that is named.
 
     Raises:
-        ModelError: one is; it names the first.
+        ModelError: for the first one.
     """
     if receptor is None or not receptor.conductance:
         return
     bad = np.flatnonzero(weight < 0.0)
     if bad.size:
-        message = (
-            f"weight[{bad[0]}] = {weight[bad[0]]:g} onto receptor '{receptor.name}', a conductance, which grows by it: "
-            "expected at least 0"
-        )
-        raise ModelError(message, hint="leave out the sign, or the receptor", path=("weight",), about=("receptor",))
+        first = weight[bad[0]]
+        message = f"weight[{bad[0]}] = {first:g} to receptor '{receptor.name}', a conductance: expected at least 0"
+        hint = f"write {-first:g}, or leave out 'receptor', so that the sign chooses"
+        raise ModelError(message, hint=hint, path=("weight",), about=("receptor",))

@@ -11,7 +11,7 @@ import numpy as np
 
 from neuro.coding.codes import CODES, RATE_CODES
 from neuro.compiler.cameras import cameras_of
-from neuro.compiler.check import check_network, check_values, refuse, telling
+from neuro.compiler.check import check_network, check_values, naming_the_part, refuse
 from neuro.compiler.check_trials import resolve_trials
 from neuro.compiler.connect import Apart, Connections, connect
 from neuro.compiler.drawn import MANY
@@ -175,9 +175,9 @@ def _worked_out(part: Population, shape: Shape, clock: Clock, seed: int) -> dict
         if quantity.kind not in ("number", "integer", "boolean") or (timed and word in ("start", "stop")):
             continue
         key = (seed, "parameter", f"{part.name}.{word}")
-        with telling(part):
+        with naming_the_part(part):
             parameters[word] = per_neuron(values[word], shape, f"{model.name}.{word}", key)
-    with telling(part):
+    with naming_the_part(part):
         check_values(model, parameters, clock)
         if timed:
             start, stop = (clock.step(getattr(model, word), f"{model.name}.{word}") for word in ("start", "stop"))
@@ -212,11 +212,11 @@ def _initial(part: Population, shape: Shape, parameters: Mapping[str, Floats], s
             start[name] = np.asarray(value, dtype=np.float64).reshape(-1) + 0.0
     for name, value in part.initial.items():
         key = (seed, "initial", f"{part.name}.{name}")
-        with telling(part):
+        with naming_the_part(part):
             if any(state.follows for state in part.model.states if state.name == name):
                 raise ModelError(f"initial.{name} follows from the other states: set those", path=("initial", name))
             start[name] = per_neuron(value, shape, f"initial.{name}", key)
-    with telling(part):
+    with naming_the_part(part):
         for state in part.model.states:
             if state.at_least is not None or state.at_most is not None:
                 first = start[state.name]
@@ -274,7 +274,7 @@ def _projection(
     def apart() -> Between:
         return between(net.populations[part.source], net.populations[part.target], shapes)
 
-    with telling(part):
+    with naming_the_part(part):
         key = (seed, "connect", part.name)
         seen = cache(lambda: apart().among(source.ids, target.ids))
         to = None if room is None else room.targets
@@ -295,7 +295,7 @@ def _projection(
     check_stdp_weights(part, rule, weight)
     _check_delays(part, delay, clock)
     carries = "current" if net.populations[part.source].model.role == "current" else "spikes"
-    with telling(part):
+    with naming_the_part(part):
         onto = net.populations[part.target]
         current = carries == "current"
         receptor = receptor_of_current(part.synapse, onto, part.source) if current else receptor_of(part.synapse, onto)
@@ -310,7 +310,7 @@ def _projection(
         dopamine = -1 if rule.dopamine is None else names[rule.dopamine]
         one_to_one = rule.dopamine_rule == "one_to_one"
         if rule.dopamine_delay is not None:
-            with telling(part):
+            with naming_the_part(part):
                 later = int(one_delay(rule.dopamine_delay, clock, f"{rule.name}.dopamine_delay")[0])
     return resolved.Projection(
         name=part.name,
@@ -398,7 +398,7 @@ def _check_delays(part: Projection, delay: Steps, clock: Clock) -> None:
         raise ModelError(message, where=part.origin, hint="a parrot_neuron may delay the input", path=("delay",))
     if not isinstance(rule, DelayRule):
         return
-    with telling(part):
+    with naming_the_part(part):
         _, most = rule.delay_range(clock.resolution)
         if most > LONGEST_DELAY:
             raise too_late(f"{rule.name}.d_max", most, clock)

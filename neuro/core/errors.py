@@ -36,7 +36,7 @@ class Where(NamedTuple):
 
 
 class ModelError(ValueError):
-    """A mistake in a description or a call, told so that its author can mend it.
+    """A mistake in a description or a call, with what its author needs to correct it.
 
     Attributes:
         message: what was found and what was expected, one sentence.
@@ -44,14 +44,13 @@ class ModelError(ValueError):
         hint: the nearest right name or the way out, if there is one.
         path: the words (and positions in lists) that lead to the value inside the part,
             e.g. `("initial", "V_m", "3")`.
-        kind: what programs tell it by, as `"unit"`, `"unknown population"`, `"unknown word of"`; "" if none needs to.
-        found: the name that nothing bears, or that has no value; "" if it is about no name.
-        expected: the names that are known, in order.
+        kind: a code for programs, as `"unit"`, `"unknown population"`, `"unknown word of"`; "" if none needs it.
+        found: the unknown name, or the one that has no value; "" if none.
+        expected: the known names, sorted.
         suggestion: the nearest of them; "" if none is near.
-        missing: the word that has to be there and is not.
-        about: other words of the part that it depends on.
-        others: mistakes that were found with it, as all those of units in the equations of one model, or all that a
-            backend refuses.
+        missing: a required word that is not there.
+        about: other words of the part on which the mistake depends.
+        others: mistakes found with it, as all those of units in one model, or all that a backend refuses.
 
     No program reads the text of a message: what it needs to know of a mistake is an attribute.
     """
@@ -82,18 +81,18 @@ class ModelError(ValueError):
         return "\n".join([own, *map(str, self.others)])
 
     def at(self, where: Where | None, context: str = "") -> ModelError:
-        """The same error with a place, and with `context` before the message, where it had none."""
+        """A copy with `where`, if it has none, and `context: ` before a message that does not begin with it."""
         fresh = context and not self.message.startswith(context)
         message = f"{context}: {self.message}" if fresh else self.message
         others = tuple(other.at(where, context) for other in self.others)
         return self.but(message=message, where=self.where or where, others=others)
 
     def alone(self) -> str:
-        """Place and message in a line, without the way out and the others."""
+        """Place and message in a line, without the hint and the others."""
         return str(self.but(hint="", others=()))
 
     def but(self, **changes: Any) -> ModelError:
-        """The same error, of its class, with other attributes."""
+        """A copy, of the same class, with other attributes."""
         other = type(self).__new__(type(self))
         vars(other).update(vars(self) | changes)
         other.args = (str(other),)
@@ -101,12 +100,12 @@ class ModelError(ValueError):
 
 
 def unknown(
-    kind: str, name: object, known: Iterable[str], where: Where | None = None, path: tuple[str, ...] = ()
+    what: str, name: object, known: Iterable[str], where: Where | None = None, path: tuple[str, ...] = ()
 ) -> ModelError:
-    """The error for a name that nothing bears; its kind is "unknown" and `kind` up to an "of"."""
-    names, (head, of, _) = tuple(sorted(known)), kind.partition(" of ")
+    """The error for an unknown name; its `kind` is "unknown " and `what`, up to and with an " of"."""
+    names, (head, of, _) = tuple(sorted(known)), what.partition(" of ")
     return ModelError(
-        f"unknown {kind} '{name}'",
+        f"unknown {what} '{name}'",
         where=where,
         hint=nearest(str(name), names),
         path=path,

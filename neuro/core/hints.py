@@ -1,4 +1,4 @@
-"""Ways out of common mistakes: names used elsewhere in the field, and values in another notation."""
+"""Hints for common mistakes: names used elsewhere in the field, and values in another notation."""
 
 from __future__ import annotations
 

@@ -120,8 +120,8 @@ def _at(history: History, step: int) -> Floats:
     return values[:1] if np.all(values == values[:1]) else values
 
 
-def charges(program: Program, part: Projection, parameters: Mapping[str, Floats]) -> tuple[int, Floats]:
-    """The state of its target that a current to a receptor charges, and how much of the current a step adds to it.
+def filtered_current(program: Program, part: Projection, parameters: Mapping[str, Floats]) -> tuple[int, Floats]:
+    """The state that filters a current to a receptor, and the fraction of the current that a step adds to it.
 
     A current I through the filter exp(-t / tau) / tau of a synaptic current adds (1 - exp(-h / tau)) I a step.
 

@@ -139,8 +139,9 @@ class Receptor:
 
     Attributes:
         index: which input of the neurons it is.
-        conductance: whether it grows by its weights, which are not negative then.
-        negated: whether -w arrives for a weight w: neurons that tell a conductance by its sign expect it so.
+        conductance: whether it is a conductance, whose weights must be >= 0.
+        negated: whether a weight is delivered with a minus sign, as models whose two conductances are chosen by sign
+            expect it at the second.
     """
 
     name: str
@@ -210,11 +211,11 @@ class Projection:
         return self.delay_span
 
     def arriving(self, weights: Floats) -> Floats:
-        """What arrives at the receptors of some weights; of what arrives, the weights."""
+        """Weights as delivered: negated if the receptor is `negated`. Applied twice it gives the weights back."""
         return 0.0 - weights if self.receptor is not None and self.receptor.negated else weights
 
     def as_by_sign(self, weights: Floats) -> bool:
-        """Whether the signs of what arrives send it where a receptor that is named would; so they do if none is."""
+        """Whether routing by sign would deliver every weight to the named receptor; true if none is named."""
         if self.receptor is None:
             return True
         if self.receptor.index > 1:

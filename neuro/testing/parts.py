@@ -32,7 +32,7 @@ from neuro.program.program import Floats
 from neuro.run.compiled import compile
 from neuro.run.simulation import Simulation
 from neuro.testing.case import Found, differences, observe
-from neuro.testing.trials import batch, told
+from neuro.testing.trials import batch, trial_results
 
 Part = Model | Synapse | Rule
 
@@ -64,8 +64,10 @@ def check_part(part: str | Part, backend: str | Backend = "event", *, ms: float 
         expected = _found(compile(net, "reference", seed=1), chosen, ms)
         for threads in (1, 2):
             found = _found(compile(net, backend, seed=1, threads=threads), chosen, ms)
-            told = differences(expected, found, exact=False)
-            assert not told, f"{chosen.name} in '{net.name}', {threads} threads\n  " + "\n  ".join(told)
+            trial_results = differences(expected, found, exact=False)
+            assert not trial_results, f"{chosen.name} in '{net.name}', {threads} threads\n  " + "\n  ".join(
+                trial_results
+            )
 
 
 def _made(name: str) -> Part:
@@ -92,8 +94,8 @@ def _found(sim: Simulation, part: Part, ms: float) -> Found:
     sim.run(0.3 * ms)
     middle = observe(sim)
     sim.run(0.7 * ms)
-    told = differences(first, observe(sim), exact=True)
-    assert not told, f"{sim.program.name}: a run that is cut differs\n  " + "\n  ".join(told)
+    trial_results = differences(first, observe(sim), exact=True)
+    assert not trial_results, f"{sim.program.name}: a run that is cut differs\n  " + "\n  ".join(trial_results)
     _change(sim, part)
     _signal(sim, -_LEVELS)
     sim.run(ms)
@@ -253,11 +255,11 @@ def _usual_weights(rule: Synapse) -> tuple[float, float]:
 def _found_in_trials(sim: Simulation) -> Found:
     """What a batch teaches, and the same batch in two from the same beginning."""
     times, ids, offsets, labels = batch(_TRIALS)
-    whole = told(sim.trials(times, ids, offsets, labels, learn=True)) | observe(sim)
+    whole = trial_results(sim.trials(times, ids, offsets, labels, learn=True)) | observe(sim)
     sim.reset(weights=True)
     cut, at = _TRIALS // 3, int(offsets[_TRIALS // 3])
     sim.trials(times[:at], ids[:at], offsets[: cut + 1], labels[:cut], learn=True)
     sim.trials(times[at:], ids[at:], offsets[cut:] - at, labels[cut:], learn=True)
     cuts = differences({name: whole[name] for name in observe(sim)}, observe(sim), exact=True)
     assert not cuts, f"{sim.program.name}: a batch that is cut differs\n  " + "\n  ".join(cuts)
-    return whole | told(sim.trials(times, ids, offsets), "test")
+    return whole | trial_results(sim.trials(times, ids, offsets), "test")

@@ -497,8 +497,8 @@ def _connect(draw: st.DrawFn, net: Network, names: list[str], shortest: int, int
     """One more projection onto cells: fixed, of spike pairs, or under dopamine of a signal or of spikes."""
     post, h = draw(st.sampled_from(names)), net.resolution
     parrots = [name for name, part in net.populations.items() if part.model.name == "parrot_neuron"]
-    deaf = ["current", *(parrots if post in parrots else [])]
-    pre = draw(st.sampled_from([name for name in net.populations if name not in deaf]))
+    excluded = ["current", *(parrots if post in parrots else [])]
+    pre = draw(st.sampled_from([name for name in net.populations if name not in excluded]))
     synapse = draw(synapses(net, (pre, post), shortest, interval))
     unit = 0.5 * kick(net, post)
     weight: Any = draw(st.sampled_from([unit, -unit, 0.0, uniform(low=-unit, high=unit)]))

@@ -287,8 +287,8 @@ def _connect(draw: st.DrawFn, net: Network, pre: str, post: str, synapse: Synaps
 def _partners(net: Network, post: str) -> list[str]:
     """Populations whose spikes may reach another; parrots that hear each other would multiply spikes without end."""
     parrots = [name for name, part in net.populations.items() if part.model.name == "parrot_neuron"]
-    deaf = ["current", *(parrots if post in parrots else [])]
-    return [name for name in net.populations if name not in deaf]
+    excluded = ["current", *(parrots if post in parrots else [])]
+    return [name for name in net.populations if name not in excluded]
 
 
 def _add_group(draw: st.DrawFn, net: Network, cells: list[str]) -> None:

@@ -30,8 +30,8 @@ def recogniser(synapse: Synapse | None = None, rule: Rule | None = None, **words
     weight = normal(mean=0.5, std=0.1, low=0.0, high=1.0)
     net.connect("sheet", "maps", rule or grid(kernel=(4, 4)), synapse or r_stdp(), weight=weight, delay=2.0, name="s2")
     net.group("choice", winner_take_all(of="maps"))
-    told = {"labels": {"of": "maps", "maps_per_label": 2}, "reset": ["V_m"], "duration": 20.0}
-    net.trials(input="sheet", **(told | words))
+    trial_results = {"labels": {"of": "maps", "maps_per_label": 2}, "reset": ["V_m"], "duration": 20.0}
+    net.trials(input="sheet", **(trial_results | words))
     return net
 
 
@@ -43,8 +43,8 @@ def batch(n: int, spikes: int = 24) -> tuple[Any, Any, Any, Any]:
     return times, ids, np.arange(n + 1) * spikes, rng.integers(0, 3, n)
 
 
-def told(results: TrialResults, name: str = "trials") -> Found:
-    """What a batch returned."""
+def trial_results(results: TrialResults, name: str = "trials") -> Found:
+    """The results of a batch, by name."""
     counts = results.counts
     return {
         f"{name}: winner": results.winner,
@@ -64,8 +64,8 @@ def taught(start: Start, net: Network, epochs: int = 2) -> Found:
     found: Found = {}
     for epoch in range(epochs):
         results = sim.trials(times, ids, offsets, labels, learn=True, samples=np.arange(24) // 3, epoch=epoch)
-        found |= told(results, f"epoch {epoch}")
-    return found | told(sim.trials(times, ids, offsets), "test") | observe(sim)
+        found |= trial_results(results, f"epoch {epoch}")
+    return found | trial_results(sim.trials(times, ids, offsets), "test") | observe(sim)
 
 
 @case
@@ -73,7 +73,7 @@ def trials_decide(start: Start) -> Found:
     """Decisions, ties, potentials; a trial ends at its decision."""
     sim = start(recogniser())
     times, ids, offsets, _ = batch(20)
-    return told(sim.trials(times, ids, offsets)) | observe(sim)
+    return trial_results(sim.trials(times, ids, offsets)) | observe(sim)
 
 
 @case
@@ -81,7 +81,7 @@ def trials_run_to_their_end(start: Start) -> Found:
     """`stop: full`: the potential is still that of the decision."""
     sim = start(recogniser(stop="full"))
     times, ids, offsets, _ = batch(20)
-    return told(sim.trials(times, ids, offsets)) | observe(sim)
+    return trial_results(sim.trials(times, ids, offsets)) | observe(sim)
 
 
 @case
@@ -89,7 +89,7 @@ def silent_trials(start: Start) -> Found:
     """Trials without enough spikes, one of them without any."""
     sim = start(recogniser())
     found = sim.trials([3.0, 3.0, 4.0], [0, 40, 7], [0, 2, 2, 3], labels=[0, 1, 2], learn=True)
-    return told(found) | observe(sim)
+    return trial_results(found) | observe(sim)
 
 
 @case
@@ -110,9 +110,9 @@ def dropout_of_each_trial(start: Start) -> Found:
     net = recogniser(dropout={"of": "maps", "p": 0.5, "every": "trial"}, reward={"correct": 1, "wrong": 0})
     sim = start(net)
     times, ids, offsets, labels = batch(12)
-    found = told(sim.trials(times, ids, offsets, labels, learn=True), "first")
+    found = trial_results(sim.trials(times, ids, offsets, labels, learn=True), "first")
     sim.set("s2", Ar_plus=0.3, Ar_minus=-0.1, epsilon=0.01)
-    return found | told(sim.trials(times, ids, offsets, labels, learn=True, epoch=1), "second") | observe(sim)
+    return found | trial_results(sim.trials(times, ids, offsets, labels, learn=True, epoch=1), "second") | observe(sim)
 
 
 @case
@@ -172,7 +172,11 @@ def rewarded_learning_from_a_layer(start: Start) -> Found:
     times, ids, offsets, labels = batch(10, 8)
     results = sim.trials(times, ids % 12, offsets, labels % 2)
     some = np.concatenate([np.random.default_rng(k).permutation(12)[:8] for k in range(10)])
-    return told(results) | told(sim.trials(times, some, offsets, labels % 2, learn=True), "learn") | observe(sim)
+    return (
+        trial_results(results)
+        | trial_results(sim.trials(times, some, offsets, labels % 2, learn=True), "learn")
+        | observe(sim)
+    )
 
 
 @case
@@ -180,7 +184,7 @@ def learning_without_labels(start: Start) -> Found:
     """A rule that is not supervised teaches the neuron that decided, whatever it stands for."""
     sim = start(recogniser(first_spike_stdp(A_plus=0.1, A_minus=-0.05), labels=None))
     times, ids, offsets, _ = batch(24)
-    return told(sim.trials(times, ids, offsets, learn=True)) | observe(sim)
+    return trial_results(sim.trials(times, ids, offsets, learn=True)) | observe(sim)
 
 
 @case
@@ -199,7 +203,7 @@ def states_that_go_on(start: Start) -> Found:
     net.group("choice", winner_take_all(of="cells"))
     net.trials(input="source", duration=12.0, labels={"of": "cells"}, reset=["V_m"])
     sim = start(net)
-    found = told(sim.trials([0.0, 1.0, 2.0, 0.0, 5.0], [0, 0, 1, 3, 3], [0, 3, 5]))
+    found = trial_results(sim.trials([0.0, 1.0, 2.0, 0.0, 5.0], [0, 0, 1, 3, 3], [0, 3, 5]))
     sim.run(10.0)
     return found | observe(sim)
 
@@ -207,7 +211,7 @@ def states_that_go_on(start: Start) -> Found:
 def simulation_after_trials(sim: Simulation) -> Found:
     """Teach a little and read everything."""
     times, ids, offsets, labels = batch(12)
-    return told(sim.trials(times, ids, offsets, labels, learn=True, samples=np.arange(12) // 2)) | observe(sim)
+    return trial_results(sim.trials(times, ids, offsets, labels, learn=True, samples=np.arange(12) // 2)) | observe(sim)
 
 
 def sheets(group: dict[str, Any], synapse: Synapse | None = None, rule: Rule | None = None, **words: Any) -> Network:
@@ -234,9 +238,9 @@ def exact_local_winners(start: Start) -> Found:
     net.trials(input="sheet", duration=20.0, stop="full")
     sim = start(net)
     times, ids, offsets, _ = batch(12, 40)
-    found = told(sim.trials(times, ids, offsets), "first")
+    found = trial_results(sim.trials(times, ids, offsets), "first")
     sim.run(7.0)
-    return found | told(sim.trials(times, ids, offsets), "second") | observe(sim)
+    return found | trial_results(sim.trials(times, ids, offsets), "second") | observe(sim)
 
 
 @integers_too
@@ -251,7 +255,7 @@ def exact_local_winners_to_the_last(start: Start) -> Found:
     net.trials(input="sheet", duration=20.0)
     times, ids, offsets, _ = batch(10)
     sim = start(net)
-    return told(sim.trials(times, ids, offsets)) | observe(sim)
+    return trial_results(sim.trials(times, ids, offsets)) | observe(sim)
 
 
 @case
@@ -259,7 +263,11 @@ def local_winners_learn(start: Start) -> Found:
     """Each winner is taught, several of a map one after the other."""
     sim = start(sheets({"radius": 0, "per_map": 3}, first_spike_stdp(A_plus=0.1, A_minus=-0.05)))
     times, ids, offsets, _ = batch(24, 40)
-    return told(sim.trials(times, ids, offsets, learn=True)) | told(sim.trials(times, ids, offsets)) | observe(sim)
+    return (
+        trial_results(sim.trials(times, ids, offsets, learn=True))
+        | trial_results(sim.trials(times, ids, offsets))
+        | observe(sim)
+    )
 
 
 @case
@@ -305,7 +313,7 @@ def exact_decisions(start: Start) -> Found:
     """Decisions, ties and potentials; a trial ends at its decision."""
     sim = start(chooser())
     times, ids, offsets, _ = batch(20)
-    return told(sim.trials(times, ids, offsets)) | observe(sim)
+    return trial_results(sim.trials(times, ids, offsets)) | observe(sim)
 
 
 @integers_too
@@ -314,10 +322,12 @@ def exact_full_trials(start: Start) -> Found:
     """`stop: full`, some trials silent; a run between two batches."""
     sim = start(chooser(stop="full", threshold=14.0))
     times, ids, offsets, _ = batch(12)
-    found = told(sim.trials(times, ids, offsets), "first")
+    found = trial_results(sim.trials(times, ids, offsets), "first")
     sim.run(7.0)
     few = sim.trials([3.0, 3.0, 4.0], [0, 40, 7], [0, 2, 2, 3])
-    return found | told(few, "silent") | told(sim.trials(times, ids, offsets), "second") | observe(sim)
+    return (
+        found | trial_results(few, "silent") | trial_results(sim.trials(times, ids, offsets), "second") | observe(sim)
+    )
 
 
 @integers_too
@@ -326,7 +336,7 @@ def exact_run_after_a_decision(start: Start) -> Found:
     """What was left of a trial's input when it was decided is not shown in a run that follows."""
     sim = start(chooser(threshold=2.0))
     times, ids, offsets, _ = batch(4)
-    found = told(sim.trials(times, ids, offsets))
+    found = trial_results(sim.trials(times, ids, offsets))
     sim.run(25.0)
     return found | observe(sim)
 

@@ -71,7 +71,7 @@ def _neurons(a: EventArrays, slots: int) -> None:
     states = [len(type(p.model).states) for p in a.program.populations if layout.computes(p)]
     a.net |= {
         "state": aligned_rows(max([1, *states]), n, line=4),
-        "calm": np.full((layout.receptors(a.program), n), -0.0),
+        "empty_input": np.full((layout.receptors(a.program), n), -0.0),
         "current": aligned_zeros(n, np.float64, line=8),
         "none": aligned_zeros(t.BLOCK * t.GROUPED, np.float64, line=8),
         "fired": aligned_zeros(n, np.uint8, line=16),

@@ -25,19 +25,19 @@ def add_projections(a: EventArrays) -> None:
     table = np.full((len(program.projections), t.PROJECTION_COLUMNS), t.NONE, dtype=np.int64)
     rows, targets, weights, delays = [], [], [], []
     n_rows = n_runs = n_targets = n_weights = n_delays = 0
-    ring = layout.receptors(program) * a.net["calm"].shape[1]
+    ring = layout.receptors(program) * a.net["empty_input"].shape[1]
     at_emission = []
     for q, (p, s) in enumerate(zip(program.projections, a.synapses, strict=True)):
         target = program.populations[p.target]
-        row, timed = table[q], layout.in_runs(program, p)
+        row, in_runs = table[q], layout.in_runs(program, p)
         row[t.SOURCE], row[t.TARGET], row[t.LAYOUT] = p.source, p.target, s.layout
         row[t.RECEPTOR] = t.NONE if p.receptor is None else p.receptor.index
         if s.layout == t.CSR:
             local = a.net["edges"][p.target] * t.BLOCK - a.places[p.target].begin
             targets.append(s.targets)
             row[t.SYNAPSE] = n_targets
-            if timed:
-                row[t.RUN], n_runs = n_runs, n_runs + _time(program, p, local, row)
+            if in_runs:
+                row[t.RUN], n_runs = n_runs, n_runs + _set_delay_columns(program, p, local, row)
             else:
                 rows.append(layout.split_rows(s.row_ends, s.targets, local) + n_targets)
                 row[t.ROW], n_rows = n_rows, n_rows + rows[-1].size
@@ -53,7 +53,7 @@ def add_projections(a: EventArrays) -> None:
         delay = p.delay[s.order] if p.delay.size > 1 and s.order is not None else p.delay
         if delay.size == 0:
             delay = np.ones(1, dtype=np.int32)
-        if timed:
+        if in_runs:
             delay = delay[:0]
         elif not layout.own_delays(p):
             delay = delay[:1]
@@ -65,7 +65,7 @@ def add_projections(a: EventArrays) -> None:
         blocks = a.net["pops"][p.target, t.LAST_BLOCK] - a.net["pops"][p.target, t.FIRST_BLOCK]
         row[t.WAKE_ALL] = _wake_all(p, s, int(blocks))
         row[t.DENSE_COUNTS] = 0
-        if timed:
+        if in_runs:
             row[t.LAG] = p.delay_range(program.resolution)[1]
         elif q in a.plastic_of or row[t.DELAY_STRIDE] == 1:
             longest = p.delay_range(program.resolution)[1]
@@ -98,8 +98,8 @@ def _sign(p: Projection, own: Floats) -> int:
     return t.MIXED if p.synapse.learns == "moves" else layout.sign(own)
 
 
-def _time(program: Program, p: Projection, edges: Ints, row: Ints) -> int:
-    """Tell the row of a projection which delays its runs have; return how many numbers say where they begin."""
+def _set_delay_columns(program: Program, p: Projection, edges: Ints, row: Ints) -> int:
+    """Set the columns of the delays of a projection's runs; return how many numbers say where runs begin."""
     shortest, longest = p.delay_range(program.resolution)
     row[t.SHORTEST], row[t.DELAYS] = shortest, longest - shortest + 1
     return program.populations[p.source].size * int(row[t.DELAYS]) * (edges.size - 1) + 1
@@ -109,7 +109,7 @@ def _fill_runs(a: EventArrays, q: int) -> None:
     """Tell where the runs of a projection begin."""
     p, s, row = a.program.projections[q], a.synapses[q], a.net["projections"][q]
     local = a.net["edges"][p.target] * t.BLOCK - a.places[p.target].begin
-    runs = a.net["runs"][row[t.RUN] : row[t.RUN] + _time(a.program, p, local, row)]
+    runs = a.net["runs"][row[t.RUN] : row[t.RUN] + _set_delay_columns(a.program, p, local, row)]
     delay = p.delay if s.order is None else p.delay[s.order]
     fill_runs(s.row_ends, s.targets, delay, int(row[t.SHORTEST]), int(row[t.DELAYS]), local, runs)
 
@@ -172,7 +172,7 @@ def give_ring(a: EventArrays, q: int) -> None:
 
 def set_buffer(a: EventArrays, buf: Floats) -> None:
     """Use `buf` for the input and the rings."""
-    rows, n = a.net["calm"].shape
+    rows, n = a.net["empty_input"].shape
     a.net["buf"] = aligned_zeros(buf.size, np.float64)
     a.net["buf"][:] = buf
     a.net["x"] = a.net["buf"][: rows * n].reshape(rows, n)
@@ -200,7 +200,7 @@ def _joined(parts: list[NDArray[Any]], dtype: Any) -> NDArray[Any]:
 
 
 def list_incoming(a: EventArrays) -> None:
-    """For each population: the projections delivered on arrival, and those that fill a ring (currents in neither)."""
+    """For each population: projections read from the spike log on arrival, then those with a ring; no currents."""
     incoming: list[int] = []
     for k, population in enumerate(a.program.populations):
         into = [
@@ -217,7 +217,7 @@ def list_incoming(a: EventArrays) -> None:
 
 
 def _first_collected(a: EventArrays, k: int, population: Population) -> int:
-    """The first of the states to which a population's input is only added, if the loop may do so after a step."""
+    """The first state to which the loop itself adds the population's input after a step; NONE if it must not."""
     row, model = a.net["pops"][k], population.model
     if not isinstance(model, Neuron) or not model.collects:
         return t.NONE

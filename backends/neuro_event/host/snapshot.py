@@ -19,7 +19,7 @@ _GIVEN = _LAID_OUT | {"map_of", "initial", "resets", "keys", "group_keys", "loca
 VIEWS = {"x", "bits", "awake_groups", "due_groups", "due_slots", "spot_words", "traces"}
 """Arrays that show others in another way."""
 _EMPTY = {
-    "calm",
+    "empty_input",
     "scratch",
     "words",
     "found",

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from neuro.program.currents import NEVER, Currents, driven
-from neuro.program.drives import CurrentLine, Emission, charges, lines_of
+from neuro.program.drives import CurrentLine, Emission, filtered_current, lines_of
 from neuro.program.program import Floats, Program
 from neuro_event.building.arrays import EventArrays
 from neuro_event.loop import steps, tables as t
@@ -86,7 +86,7 @@ class VaryingCurrents:
         row[t.DRIVEN], row[t.CHARGED], row[t.BEGINS] = p.target, t.NONE, 0
         if p.receptor is not None:
             words = type(self._program.populations[p.target].model).filters[p.receptor.name]  # type: ignore[attr-defined]
-            row[t.CHARGED], share = charges(self._program, p, {words[1]: self._parameter(p.target, words[1])})
+            row[t.CHARGED], share = filtered_current(self._program, p, {words[1]: self._parameter(p.target, words[1])})
             row[t.SHARE] = parts.add("shares", place.by_place(np.broadcast_to(share, n)))
         elif p.target not in begun:
             row[t.BEGINS] = 1

@@ -13,60 +13,61 @@ from neuro.kernels.instructions import address, prefetch
 from neuro.kernels.jit import inlined, kernel, subkernel
 from neuro_event.loop import tables as t
 from neuro_event.loop.deliver import base_of, csr_own, receptor, receptors_by_sign, spikes
-from neuro_event.loop.shared_weight_delivery import add, mark_blocks
+from neuro_event.loop.shared_weight_delivery import add_weight, mark_blocks
 from neuro_event.loop.stages import deliver_log
 from neuro_event.loop.tables import net_of, slot_mask
 
-AHEAD = 6
-"""How many runs ahead."""
+PREFETCH_DISTANCE = 6
+"""Runs between a prefetch and its use."""
 
-_LINE = 64
+_LINE_BYTES = 64
 
 
 @subkernel
-def ask(begin, end):
-    """Ask for the lines between two addresses. Runs are short: what asks for three lines has no branch."""
+def prefetch_lines(begin, end):
+    """Prefetch the cache lines between two addresses; the first three without a branch, since runs are short."""
     # A prefetch of the same line twice costs less than a branch that is mispredicted.
     final = end - 1
     prefetch(begin)
-    prefetch(min(begin + _LINE, final))
-    prefetch(min(begin + 2 * _LINE, final))
-    for place in range(begin + 3 * _LINE, end, _LINE):
+    prefetch(min(begin + _LINE_BYTES, final))
+    prefetch(min(begin + 2 * _LINE_BYTES, final))
+    for place in range(begin + 3 * _LINE_BYTES, end, _LINE_BYTES):
         prefetch(place)
 
 
 @subkernel
-def ask_for(view, row, first, last):
-    """Ask for the targets and the weights of a run."""
+def prefetch_run(view, row, first, last):
+    """Prefetch the targets and the weights of a run."""
     net = net_of(view)
     targets = address(net.targets) + 4 * row[t.SYNAPSE]
-    ask(targets + 4 * first, targets + 4 * last)
+    prefetch_lines(targets + 4 * first, targets + 4 * last)
     if row[t.WEIGHT_STRIDE] == 1:
         weights = address(net.weights) + 8 * row[t.WEIGHT]
-        ask(weights + 8 * first, weights + 8 * last)
+        prefetch_lines(weights + 8 * first, weights + 8 * last)
 
 
 @subkernel
-def add_run(view, row, thread, first, last, m, receptors, between, out, mark):
+def add_run(view, row, thread, first, last, m, receptors, receptor_stride, out, mark):
     """Add a run, the synapses first:last of its projection, to the input whose target 0 lies at `out`."""
     net = net_of(view)
     e = row[t.SYNAPSE]
     if row[t.WEIGHT_STRIDE] == 0:
         weight = net.weights[row[t.WEIGHT]] * m
-        at = out + receptor(weight, receptors) * between
-        here = address(net.targets) + 4 * (e + first)  # asked for long before
-        # `add` asks for the memory of the row that follows; here runs were asked for by `ask_for`, so it asks for its
-        # own.
-        add(net.targets, e + first, e + last, weight, net.buf, at, here)
+        at = out + receptor(weight, receptors) * receptor_stride
+        here = address(net.targets) + 4 * (e + first)
+        # `add_weight` prefetches the row that follows. Runs are prefetched already, so it is handed its own address.
+        add_weight(net.targets, e + first, e + last, weight, net.buf, at, here)
         if mark >= 0:
             mark_blocks(net.targets, e + first, e + last, net.due[thread], mark)
     else:
-        apart, at = receptors, out
+        n_receptors, at = receptors, out
         # Weights of one sign need no choice of a receptor for each synapse.
         if receptors == 2 and row[t.SIGN] != t.MIXED:
-            apart, at = 1, out + (between if row[t.SIGN] == t.NEGATIVE else 0)
+            n_receptors, at = 1, out + (receptor_stride if row[t.SIGN] == t.NEGATIVE else 0)
         w, due = row[t.WEIGHT] + first, net.due[thread]
-        csr_own(net.targets, e + first, e + last, net.weights, w, m, apart, between, net.buf, at, due, mark)
+        csr_own(
+            net.targets, e + first, e + last, net.weights, w, m, n_receptors, receptor_stride, net.buf, at, due, mark
+        )
 
 
 @subkernel
@@ -78,19 +79,21 @@ def add_queue(view, row, thread, n, total, slot):
     net = net_of(view)
     target = net.pops[row[t.TARGET]]
     queue = net.queue[thread]
-    between = net.x.shape[1]
-    out = target[t.BEGIN] + base_of(row) * between
+    receptor_stride = net.x.shape[1]
+    out = target[t.BEGIN] + base_of(row) * receptor_stride
     receptors = receptors_by_sign(row, target[t.RECEPTORS])
     # Two synapses a block mark nearly all of them anyway.
-    wide = total > 2 * (target[t.LAST_BLOCK] - target[t.FIRST_BLOCK])
-    mark = -1 if wide else slot + target[t.FIRST_BLOCK]
-    for k in range(min(AHEAD, n)):
-        ask_for(view, row, queue[k, 0], queue[k, 1])
+    mark_all = total > 2 * (target[t.LAST_BLOCK] - target[t.FIRST_BLOCK])
+    mark = -1 if mark_all else slot + target[t.FIRST_BLOCK]
+    for k in range(min(PREFETCH_DISTANCE, n)):
+        prefetch_run(view, row, queue[k, 0], queue[k, 1])
     for k in range(n):
-        if k + AHEAD < n:
-            ask_for(view, row, queue[k + AHEAD, 0], queue[k + AHEAD, 1])
-        add_run(view, row, thread, queue[k, 0], queue[k, 1], np.float64(queue[k, 2]), receptors, between, out, mark)
-    if wide:
+        if k + PREFETCH_DISTANCE < n:
+            prefetch_run(view, row, queue[k + PREFETCH_DISTANCE, 0], queue[k + PREFETCH_DISTANCE, 1])
+        add_run(
+            view, row, thread, queue[k, 0], queue[k, 1], np.float64(queue[k, 2]), receptors, receptor_stride, out, mark
+        )
+    if mark_all:
         first_block = net.edges[target[t.NUMBER], thread]
         last_block = net.edges[target[t.NUMBER], thread + 1]
         net.due[thread, slot + first_block : slot + last_block] = 1
@@ -110,7 +113,7 @@ def arrive(view, q, step, thread):
     slot = (step & slot_mask(net)) * blocks
     # A step adds the runs of all spikes that are as old as their delay. Its input stays in the cache, where the ring of
     # a large network would not: a write into one cost 42 ns an event. Runs are short and lie anywhere, so they are
-    # gathered first and asked for ahead.
+    # gathered first and prefetched.
     queue = net.queue[thread]
     mask, steps = net.log_ids.shape[1] - 1, net.log_ends.shape[1] - 1
     n = total = 0
@@ -133,7 +136,7 @@ def arrive(view, q, step, thread):
                 queue[n, 0], queue[n, 1] = net.runs[run + thread], net.runs[run + thread + 1]
                 queue[n, 2] = net.log_counts[sender, place & mask]
                 n += 1
-                # The queue has room for 256 runs, so memory is asked for six runs ahead across spikes.
+                # The queue has room for 256 runs, so prefetches reach across spikes.
                 if n == queue.shape[0]:
                     add_queue(view, row, thread, n, total, slot)
                     n = total = 0
@@ -143,7 +146,7 @@ def arrive(view, q, step, thread):
 
 @kernel
 def at_emission(view, q, step, after, thread):
-    """Put what the source of a projection emitted in a step, and what of it arrives after another, into its ring."""
+    """Write the spikes emitted in `step` that arrive later than step `after` into the projection's ring."""
     net = net_of(view)
     row = net.projections[q]
     # Weights were set after these spikes set out: `deliver_between` has put them into the ring with the old ones.
@@ -236,7 +239,7 @@ def log_delivery(view, q, j, k, begin, stop, ring):
 
 
 QUEUE = 256
-"""Runs that are gathered before they are added, so that memory can be asked for ahead."""
+"""Runs that are gathered before they are added, so that memory can be prefetched."""
 
 
 @kernel

@@ -13,9 +13,6 @@ from neuro_event.loop import tables as t
 from neuro_event.loop.shared_weight_delivery import RANGE, deliver_in_ranges, deliver_shared_weight, mark_spots
 from neuro_event.loop.tables import net_of, slot_mask
 
-_BLOCK = 6
-assert 1 << _BLOCK == t.BLOCK
-
 
 @inlined
 def spikes(net, source, slot):
@@ -29,7 +26,7 @@ def spikes(net, source, slot):
 
 @subkernel
 def receptor(weight, receptors):
-    """Which of the receptors a weight goes to by its sign."""
+    """The receptor that a weight goes to by its sign."""
     return 1 if receptors == 2 and weight < 0.0 else 0
 
 
@@ -41,17 +38,17 @@ def base_of(row):
 
 @subkernel
 def receptors_by_sign(row, receptors):
-    """How many receptors signs tell apart: 1 where all goes to the one that is named."""
+    """How many receptors to route by sign; 1 if the projection names its receptor."""
     return receptors if row[t.RECEPTOR] < 0 else 1
 
 
 @subkernel
-def csr_own(targets, first, last, weights, w, m, receptors, stride, buf, out, due, mark):
+def csr_own(targets, first, last, weights, w, m, receptors, receptor_stride, buf, out, due, mark):
     """Add to the targets first:last their own weight times m; `w` is the place of the first one's weight."""
     if receptors == 2:
         for e in range(first, last):
             weight = weights[w + e - first] * m
-            buf[out + np.int64(targets[e]) + (stride if weight < 0.0 else 0)] += weight
+            buf[out + np.int64(targets[e]) + (receptor_stride if weight < 0.0 else 0)] += weight
     else:
         # Unsigned places are never counted from the end, so the loop has no test for it.
         begin, shift = np.uint64(out), np.uint64(w) - np.uint64(first)
@@ -60,7 +57,7 @@ def csr_own(targets, first, last, weights, w, m, receptors, stride, buf, out, du
     # A loop of its own: the one above is nothing but adds, and these few bytes stay in the cache.
     if mark >= 0:
         for e in range(first, last):
-            due[mark + (np.int64(targets[e]) >> _BLOCK)] = 1
+            due[mark + (np.int64(targets[e]) >> t.BLOCK_SHIFT)] = 1
 
 
 @subkernel
@@ -75,7 +72,7 @@ def csr_delayed(view, q, source_id, m, step, thread, lo, hi):
     # Rows are cut at the threads' edges; here one thread goes through all pieces of a row and passes over targets of
     # others, since synapses by delay are not together by target.
     place, receptors = row[t.ROW] + source_id * threads, net.pops[row[t.TARGET], t.RECEPTORS]
-    size, base, apart = row[t.RING_SIZE], base_of(row), receptors_by_sign(row, receptors)
+    receptor_stride, base, n_receptors = row[t.RING_SIZE], base_of(row), receptors_by_sign(row, receptors)
     mark = net.pops[row[t.TARGET], t.FIRST_BLOCK]
     for e in range(net.rows[place], net.rows[place + threads]):
         target = np.int64(net.targets[e])
@@ -84,16 +81,16 @@ def csr_delayed(view, q, source_id, m, step, thread, lo, hi):
         s = e - row[t.SYNAPSE]
         at = step + np.int64(net.delays[row[t.DELAY] + s * row[t.DELAY_STRIDE]])
         weight = net.weights[row[t.WEIGHT] + s * row[t.WEIGHT_STRIDE]] * m
-        to = (at & row[t.RING_MASK]) * receptors + base + receptor(weight, apart)
-        net.buf[row[t.RING] + to * size + target] += weight
-        net.due[thread, (at & slots) * blocks + mark + (target >> _BLOCK)] = 1
+        to = (at & row[t.RING_MASK]) * receptors + base + receptor(weight, n_receptors)
+        net.buf[row[t.RING] + to * receptor_stride + target] += weight
+        net.due[thread, (at & slots) * blocks + mark + (target >> t.BLOCK_SHIFT)] = 1
 
 
 @subkernel
-def grid_add(row, source, m, weights, lo, hi, buf, out, apart, due, mark):
+def grid_add(row, source, m, weights, lo, hi, buf, out, receptor_stride, due, mark):
     """A shared kernel, kept with the maps innermost: add it to those of lo:hi round one source, and mark their blocks.
 
-    Negative weights go `apart` places further, to the second receptor; 0 where all go to one.
+    Negative weights go `receptor_stride` places further, to the second receptor; 0 if all go to one.
     """
     width, sheet = row[t.CHANNEL_WIDTH], row[t.CHANNEL_HEIGHT] * row[t.CHANNEL_WIDTH]
     maps, rows, columns, reach = row[t.MAPS], row[t.ROWS], row[t.COLUMNS], row[t.REACH]
@@ -111,7 +108,7 @@ def grid_add(row, source, m, weights, lo, hi, buf, out, apart, due, mark):
             begin, end = max(lo, line + first * maps), min(hi, line + (last - 1) * maps + reach)
             if begin < end:
                 # A line of places is one stretch of neighbours, so it is marked at once.
-                due[mark + (begin >> _BLOCK) : mark + ((end - 1) >> _BLOCK) + 1] = 1
+                due[mark + (begin >> t.BLOCK_SHIFT) : mark + ((end - 1) >> t.BLOCK_SHIFT) + 1] = 1
         for c in range(first, last):
             place = (channel * row[t.KERNEL_HEIGHT] + y - r * stride) * row[t.KERNEL_WIDTH] + x - c * stride
             target = line + c * maps
@@ -122,10 +119,10 @@ def grid_add(row, source, m, weights, lo, hi, buf, out, apart, due, mark):
             # is vectorised.
             w = row[t.WEIGHT] + place * maps + first_map + begin - target
             # Only mixed signs pay for the choice of a receptor.
-            if apart != 0:
+            if receptor_stride != 0:
                 for k in range(end - begin):
                     weight = weights[w + k] * m
-                    buf[out + begin + k + (apart if weight < 0.0 else 0)] += weight
+                    buf[out + begin + k + (receptor_stride if weight < 0.0 else 0)] += weight
             else:
                 to, some = buf[out + begin : out + end], weights[w : w + end - begin]
                 for k in range(some.size):
@@ -145,12 +142,11 @@ def add_by_sign(weights, m, first, second):
 
 
 @subkernel
-def scatter(view, q, source_id, m, thread, lo, hi, n, receptors, out, between, mark, spot):
+def scatter(view, q, source_id, m, thread, lo, hi, n, receptors, out, receptor_stride, mark, spot):
     """One spike of multiplicity m over a projection with one delay, to this thread's targets lo:hi of n.
 
-    `out` is the place of target 0 in `buf`, `between` the distance to the second receptor, and `mark` the
-    place of the targets' first block in `due`, or -1 where all blocks are marked at once; `spot` is as in
-    `deliver_shared_weight`.
+    `out` is the index of target 0 in `buf`, `receptor_stride` the distance to the second receptor; `mark` and `spot`
+    are as in `deliver_shared_weight`.
     """
     net = net_of(view)
     row = net.projections[q]
@@ -160,7 +156,7 @@ def scatter(view, q, source_id, m, thread, lo, hi, n, receptors, out, between, m
         place = row[t.ROW] + source_id * (net.edges.shape[1] - 1) + thread
         first, last = net.rows[place], net.rows[place + 1]
         w = row[t.WEIGHT] + first - row[t.SYNAPSE]
-        csr_own(net.targets, first, last, weights, w, m, receptors, between, buf, out, due, mark)
+        csr_own(net.targets, first, last, weights, w, m, receptors, receptor_stride, buf, out, due, mark)
         if spot >= 0:
             mark_spots(net.targets, first, last, net.spots, spot)
     elif layout == t.DENSE:
@@ -168,34 +164,34 @@ def scatter(view, q, source_id, m, thread, lo, hi, n, receptors, out, between, m
         w = row[t.WEIGHT] + source_id * n
         if row[t.WEIGHT_STRIDE] == 0:
             weight = weights[row[t.WEIGHT]] * m
-            o = out + receptor(weight, receptors) * between
+            o = out + receptor(weight, receptors) * receptor_stride
             to = buf[o + lo : o + hi]
             for k in range(to.size):
                 to[k] += weight
         elif row[t.SIGN] != t.MIXED or receptors == 1:
-            o = out + (between if row[t.SIGN] == t.NEGATIVE and receptors == 2 else 0)
+            o = out + (receptor_stride if row[t.SIGN] == t.NEGATIVE and receptors == 2 else 0)
             to, some = buf[o + lo : o + hi], weights[w + lo : w + hi]
             for k in range(to.size):
                 to[k] += some[k] * m
         else:
-            o = out + between
+            o = out + receptor_stride
             add_by_sign(weights[w + lo : w + hi], m, buf[out + lo : out + hi], buf[o + lo : o + hi])
     elif layout == t.ONE_TO_ONE:
         # The one target may be another thread's.
         if lo <= source_id < hi:
             weight = weights[row[t.WEIGHT] + source_id * row[t.WEIGHT_STRIDE]] * m
-            buf[out + source_id + receptor(weight, receptors) * between] += weight
+            buf[out + source_id + receptor(weight, receptors) * receptor_stride] += weight
             if mark >= 0:
-                due[mark + (source_id >> _BLOCK)] = 1
+                due[mark + (source_id >> t.BLOCK_SHIFT)] = 1
     elif row[t.SIGN] == t.MIXED and receptors == 2:
-        grid_add(row, source_id, m, weights, lo, hi, buf, out, between, due, mark)
+        grid_add(row, source_id, m, weights, lo, hi, buf, out, receptor_stride, due, mark)
     else:
-        o = out + (between if row[t.SIGN] == t.NEGATIVE and receptors == 2 else 0)
+        o = out + (receptor_stride if row[t.SIGN] == t.NEGATIVE and receptors == 2 else 0)
         grid_add(row, source_id, m, weights, lo, hi, buf, o, 0, due, mark)
 
 
 @kernel
-def deliver_log(view, q, j, k, begin, stop, ring):
+def deliver_log(view, q, sent_step, now, begin, stop, ring):
     """Deliver the spikes that projection q's source emitted in step j, to the targets of the threads begin:stop.
 
     With `ring` they go into the projection's ring, for the step in which they arrive; else to the input of
@@ -210,42 +206,42 @@ def deliver_log(view, q, j, k, begin, stop, ring):
         return
     own_delays = ring and row[t.DELAY_STRIDE] == 1
     if ring:
-        at = j + np.int64(net.delays[row[t.DELAY]])
-        out = row[t.RING] + (at & row[t.RING_MASK]) * target[t.RECEPTORS] * row[t.RING_SIZE]
-        between = row[t.RING_SIZE]
+        arrival_step = sent_step + np.int64(net.delays[row[t.DELAY]])
+        out = row[t.RING] + (arrival_step & row[t.RING_MASK]) * target[t.RECEPTORS] * row[t.RING_SIZE]
+        receptor_stride = row[t.RING_SIZE]
     else:
-        at = k
+        arrival_step = now
         out = target[t.BEGIN]
-        between = net.x.shape[1]
+        receptor_stride = net.x.shape[1]
     # A named receptor moves the whole delivery; signs then tell receptors apart from there on.
-    out += base_of(row) * between
-    step_slot = j & (net.log_ends.shape[1] - 1)
-    slot = (at & slot_mask(net)) * net.awake.shape[0]
+    out += base_of(row) * receptor_stride
+    log_slot = sent_step & (net.log_ends.shape[1] - 1)
+    due_slot = (arrival_step & slot_mask(net)) * net.awake.shape[0]
     spot = target[t.BEGIN] // LANES if target[t.COLLECTS] >= 0 else -1
-    # Where spikes reach about all blocks, to mark all costs less than one mark a synapse.
-    wide = not own_delays and spot < 0 and spikes(net, row[t.SOURCE], step_slot) >= row[t.WAKE_ALL]
-    mark = -1 if wide else slot + target[t.FIRST_BLOCK]
+    # If the spikes reach nearly all blocks, marking all is cheaper than marking per synapse.
+    mark_all = not own_delays and spot < 0 and spikes(net, row[t.SOURCE], log_slot) >= row[t.WAKE_ALL]
+    mark = -1 if mark_all else due_slot + target[t.FIRST_BLOCK]
     if row[t.LAYOUT] == t.CSR and row[t.WEIGHT_STRIDE] == 0 and not own_delays:
-        to = out + receptor(net.weights[row[t.WEIGHT]], receptors_by_sign(row, target[t.RECEPTORS])) * between
+        to = out + receptor(net.weights[row[t.WEIGHT]], receptors_by_sign(row, target[t.RECEPTORS])) * receptor_stride
         source, n = net.pops[row[t.SOURCE], t.BEGIN], (edges[stop] - edges[begin]) * t.BLOCK
         # Queues of ranges pay only where the input is larger than the second cache.
-        if wide and n > RANGE:
+        if mark_all and n > RANGE:
             lo = edges[begin] * t.BLOCK - target[t.BEGIN]
             deliver_in_ranges(
-                view, q, source, step_slot, begin, stop, lo, min(lo + n, target[t.END] - target[t.BEGIN]), to
+                view, q, source, log_slot, begin, stop, lo, min(lo + n, target[t.END] - target[t.BEGIN]), to
             )
         else:
-            deliver_shared_weight(view, q, source, step_slot, begin, stop, to, mark, spot)
+            deliver_shared_weight(view, q, source, log_slot, begin, stop, to, mark, spot)
     else:
         for thread in range(begin, stop):
-            deliver_each(view, q, j, step_slot, thread, out, between, mark, spot)
-    if wide:
+            deliver_each(view, q, sent_step, log_slot, thread, out, receptor_stride, mark, spot)
+    if mark_all:
         for thread in range(begin, stop):
-            net.due[thread, slot + edges[thread] : slot + edges[thread + 1]] = 1
+            net.due[thread, due_slot + edges[thread] : due_slot + edges[thread + 1]] = 1
 
 
 @subkernel
-def deliver_each(view, q, j, step_slot, thread, out, between, mark, spot):
+def deliver_each(view, q, sent_step, log_slot, thread, out, receptor_stride, mark, spot):
     """Deliver the spikes of step j to a thread's targets, each synapse with a weight, or a delay, of its own."""
     net = net_of(view)
     row = net.projections[q]
@@ -253,17 +249,17 @@ def deliver_each(view, q, j, step_slot, thread, out, between, mark, spot):
     n = target[t.END] - target[t.BEGIN]
     lo = net.edges[target[t.NUMBER], thread] * t.BLOCK - target[t.BEGIN]
     hi = min(net.edges[target[t.NUMBER], thread + 1] * t.BLOCK - target[t.BEGIN], n)
-    apart, mask = receptors_by_sign(row, target[t.RECEPTORS]), net.log_ids.shape[1] - 1
+    n_receptors, mask = receptors_by_sign(row, target[t.RECEPTORS]), net.log_ids.shape[1] - 1
     if lo >= hi:
         return
     # Threads own ascending ids, so going through them in order adds as one thread would.
     for sender in range(net.edges.shape[1] - 1):
         for place in range(
-            net.log_ends[sender, step_slot, row[t.SOURCE]], net.log_ends[sender, step_slot, row[t.SOURCE] + 1]
+            net.log_ends[sender, log_slot, row[t.SOURCE]], net.log_ends[sender, log_slot, row[t.SOURCE] + 1]
         ):
             source_id = np.int64(net.log_ids[sender, place & mask]) - source[t.BEGIN]
             m = np.float64(net.log_counts[sender, place & mask])
             if row[t.LAYOUT] == t.CSR and row[t.DELAY_STRIDE] == 1:
-                csr_delayed(view, q, source_id, m, j, thread, lo, hi)
+                csr_delayed(view, q, source_id, m, sent_step, thread, lo, hi)
             else:
-                scatter(view, q, source_id, m, thread, lo, hi, n, apart, out, between, mark, spot)
+                scatter(view, q, source_id, m, thread, lo, hi, n, n_receptors, out, receptor_stride, mark, spot)

@@ -40,8 +40,7 @@ FORWARD = (1 << 62) - 1
 PER_LINE = 16
 """Entries of a list in a cache line."""
 
-_BLOCK = np.uint64(6)
-assert t.BLOCK == 1 << 6
+_BLOCK_SHIFT = np.uint64(t.BLOCK_SHIFT)
 
 NOTHING = 1e-290
 """A trace below this is 0: numbers that are slow to compute with are never reached."""
@@ -277,7 +276,7 @@ def eager_entry(model, own_rows):
             mark = (at & slot_mask(net)) * blocks + target_row[t.FIRST_BLOCK]
             due, place = net.due[thread], np.uint64(mark)
             for e in range(np.uint64(first), np.uint64(end)):
-                due[place + (np.uint64(net.targets[e]) >> _BLOCK)] = 1
+                due[place + (np.uint64(net.targets[e]) >> _BLOCK_SHIFT)] = 1
         # After all synapses: a pre spike does not count in its own trace.
         keep_pres(p, thread, own, pre_lefts(p, q, step), step)
 

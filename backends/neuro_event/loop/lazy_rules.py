@@ -283,7 +283,7 @@ def rule_entry(model, own_rows):
             ring = row[t.RING] + ((at & row[t.RING_MASK]) * receptors + second) * row[t.RING_SIZE]
             net.buf[ring + target] += 1.0 if relay == 1 else weight
             if not wide:
-                due[(at & slots) * blocks + target_row[t.FIRST_BLOCK] + (target >> 6)] = 1
+                due[(at & slots) * blocks + target_row[t.FIRST_BLOCK] + (target >> t.BLOCK_SHIFT)] = 1
         if wide and net.rows[place] < end:
             # With one delay all arrive in one step: one pass of marks in place of one a synapse.
             due_everywhere(net, target_row, step + np.int64(net.delays[row[t.DELAY]]), thread)

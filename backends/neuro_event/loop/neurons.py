@@ -57,7 +57,7 @@ def wake(view, thread, pop, block, last, h):
 
 
 @subkernel
-def calm(view, pop, lo, hi):
+def is_quiet(view, pop, lo, hi):
     """Whether no neuron of a block can fire before its next input."""
     row = net_of(view).pops[pop]
     # An entry returns whole numbers only, whatever the operation.
@@ -212,19 +212,22 @@ def step_neurons(view, thread, pop, step, at, done, h, n_all, slots, blocks):
                 net.busy[block] = step
             # Asked at multiples of IDLE steps, not IDLE steps after the last event: so the answer does not depend on
             # where a run was cut.
-            elif step % IDLE == 0 and step - net.busy[block] >= IDLE and calm(view, pop, lo, hi):
+            elif step % IDLE == 0 and step - net.busy[block] >= IDLE and is_quiet(view, pop, lo, hi):
                 net.awake[block] = 0
                 net.slept[block] = step
     return n_found, at
 
 
 SPOTS = t.BLOCK // LANES
-"""Of a block."""
+"""Groups of eight neurons in a block."""
 
 
 @subkernel
 def collect(view, first_state, word):
-    """Add what arrives at the marked spots of a group of blocks; their marks then tell which of the eight had some."""
+    """Add the input of both receptors to two adjacent states, at the spots (eight neurons) that deliveries marked.
+
+    Each mark is replaced by a mask of the neurons that had input.
+    """
     net = net_of(view)
     first = word * t.GROUPED * SPOTS
     one, other = net.state[first_state], net.state[first_state + 1]
@@ -234,15 +237,14 @@ def collect(view, first_state, word):
     while marks:
         spot = first + lowest(marks)
         marks &= marks - _ONE
-        # The mark of a spot becomes a mask of those of the eight that had input, which `step_collecting` counts by
-        # bits.
+        # `step_collecting` counts the bits of the mask.
         net.spots[spot] = take(one, net.x[0], spot * LANES) | take(other, net.x[1], spot * LANES)
 
 
 @subkernel
-def silent(view, pop, block):
+def is_block_quiet(view, pop, block):
     """Whether no neuron of a block can fire before its next input."""
-    return calm(view, pop, block * t.BLOCK, min((block + 1) * t.BLOCK, net_of(view).pops[pop, t.END]))
+    return is_quiet(view, pop, block * t.BLOCK, min((block + 1) * t.BLOCK, net_of(view).pops[pop, t.END]))
 
 
 @kernel
@@ -289,7 +291,7 @@ def step_collecting(view, thread, pop, step, at, done, h, slots, blocks):
             total += active
             if active:
                 net.busy[block] = step
-            elif step % IDLE == 0 and step - net.busy[block] >= IDLE and silent(view, pop, block):
+            elif step % IDLE == 0 and step - net.busy[block] >= IDLE and is_block_quiet(view, pop, block):
                 net.awake[block] = 0
                 net.slept[block] = step
     net.active[thread, pop] += total

@@ -107,13 +107,13 @@ def operations(model):
         if row[t.CONSTANT_STRIDE] == 0:
             # Constants of the whole interval: one step of n h in place of n steps.
             constants(net.parameters[row[t.CONSTANT]], interval, c)
-            step(net.state, c, net.calm, net.current, np.uint64(lo), np.uint64(hi), net.fired, net.draws)
+            step(net.state, c, net.empty_input, net.current, np.uint64(lo), np.uint64(hi), net.fired, net.draws)
         else:
             # Constants differ between neurons: one at a time, with its own row.
             for i in range(lo, hi):
                 constants(net.parameters[row[t.CONSTANT] + i - row[t.BEGIN]], interval, c)
                 u = np.uint64(i)
-                step(net.state, c, net.calm, net.current, u, u + _ONE, net.fired, net.draws)
+                step(net.state, c, net.empty_input, net.current, u, u + _ONE, net.fired, net.draws)
 
     @inlined
     def step_run(view, pop, lo, hi):

@@ -1,7 +1,8 @@
 """Parts of the loop that only some networks need: each is compiled by itself, and called by its address.
 
 So a network compiles what it needs, and what it compiles is kept for all others. The addresses lie in a table, which
-`link` fills. Of what a network does not need the address is 0: a new call says in `_needed` when it may happen.
+`link` fills; stages that a network does not need have address 0. A new stage needs a condition in `_needed` in
+`building/build.py`, and its name in the lists of functions below `_stage`.
 """
 
 # mypy: disable-error-code="no-untyped-call"
@@ -19,7 +20,7 @@ from neuro_event.loop.tables import net_of
 STAGES = {
     "arrive": ("arrivals", "view, q, step, thread", types.void),
     "at_emission": ("arrivals", "view, q, step, after, thread", types.void),
-    "deliver_log": ("deliver", "view, q, j, k, begin, stop, ring", types.void),
+    "deliver_log": ("deliver", "view, q, sent_step, now, begin, stop, ring", types.void),
     "add_counts": ("generators", "view, thread, q, step, n_all, slots, blocks", types.void),
     "draw_counts": ("generators", "view, thread, pop, step", types.void),
     "drive": ("varying_currents", "view, thread, step", types.void),

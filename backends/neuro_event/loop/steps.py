@@ -1,7 +1,7 @@
 """The compiled loop that runs every step of every network.
 
-`advance` runs the steps first:last of the neurons of some threads, of all of them where one does the work of all: so a
-row of synapses is gone through as a whole. Nothing is allocated in it.
+`advance` runs the steps first:last for a range of threads. One thread of the machine may do the work of all, and then
+goes through each row of synapses once instead of once a thread. Nothing is allocated in it.
 """
 
 # mypy: ignore-errors
@@ -71,19 +71,23 @@ def deliver(view, pop, begin, stop, step):
     | --- | --- | --- |
     | the target of a current | `varying_currents.drive` | no spike: currents are added up along lines |
     | learns by spike pairs | ring, at emission, by the rule's entry | what is sent depends on that moment |
-    | own delays, at least as many synapses as runs | `arrivals.arrive` | its input stays in the cache: 7 ns an event |
+    | static, own delays, few runs (below) | `arrivals.arrive` | its input stays in the cache: 7 ns an event |
     | own delays otherwise | ring, `deliver.csr_delayed` | most runs would be empty: 42 ns an event |
     | weights were set | ring, `arrivals.at_emission` | what is under way keeps the old weights |
     | one-to-one from a busy `poisson_generator` | `generators.add_counts` | counts, no list: 0.7 ns a draw |
-    | listed, one weight, more than 32,768 targets | `deliver_in_ranges` | input of a range fits the second cache |
-    | listed, one weight | `deliver_shared_weight` | one multiplication a spike; the next row is asked for |
-    | listed, own weights | `deliver.csr_own` | a weight is read for each synapse |
-    | dense | `deliver.scatter` | a row of weights is added as a whole, without targets |
+    | CSR, one weight, busy and large (below) | `deliver_in_ranges` | the input of a range fits the second cache |
+    | CSR, one weight | `deliver_shared_weight` | one multiplication a spike; the next row is prefetched |
+    | CSR, own weights | `deliver.csr_own` | a weight is read for each synapse |
+    | dense | `deliver.scatter` | a row of weights (or the one weight) is added as a whole, without targets |
     | one-to-one | `deliver.scatter` | one place, found without a table |
     | grid | `deliver.grid_add` | the kernel's weights lie maps innermost: runs of neighbours |
 
-    The first columns are set in `building.projections` (RUN, LAG), DENSE_COUNTS in `building.generators`; a row of a
-    projection with LAG 0 has a ring and is not asked here.
+    Few runs: no more than synapses, or than 65,536; not for grids (`layout.in_runs`). Busy and large: the spikes of the
+    step reach nearly all blocks (WAKE_ALL) of a population without COLLECTS, and these threads have more than 32,768
+    targets. Both functions for one weight are in `shared_weight_delivery`.
+
+    RUN, LAG, WEIGHT_STRIDE and WAKE_ALL are set in `building.projections`, LAYOUT in `building.layout`, DENSE_COUNTS in
+    `building.generators`. Projections with LAG 0 have a ring and are not delivered here.
     """
     net = net_of(view)
     row = net.pops[pop]

@@ -18,8 +18,10 @@ from neuro.kernels.address import caller
 from neuro.kernels.jit import inlined, subkernel
 from neuro.kernels.views import Views, fields_of, viewer
 
-# Bits of a word: one test tells of 64 neurons. Eight bytes, one a block, are again a word.
+# 64 neurons are a block; 8 blocks are a group, whose flags, a byte each, are tested as one word of 64 bits.
 BLOCK = 64
+BLOCK_SHIFT = 6
+assert 1 << BLOCK_SHIFT == BLOCK
 GROUPED = 8
 NONE = -1
 
@@ -194,7 +196,7 @@ state f8 2         (states, neurons)
 initial f8 2       the states at step 0
 x f8 2             (receptors, neurons) input of the present step; -0.0 where nothing arrived
 bits i8 2          the same memory as integers
-calm f8 2          no input
+empty_input f8 2   no input
 buf f8 1           the memory of x, then the rings
 current f8 1       external current of the present step, pA
 none f8 1          no current, for a group of blocks

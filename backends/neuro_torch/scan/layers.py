@@ -79,13 +79,13 @@ class Synapses:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Component:
-    """Populations that are scanned together: one alone, or those of a circle.
+    """Populations that are simulated together: one, or those of a cycle of connections.
 
     Attributes:
         cells: by population.
         outside: synapses from populations that are complete before, in the order of the program.
         inside: synapses among its own populations.
-        stretch: steps that can be done at once, since no spike of them arrives in them; 0: all.
+        stretch: steps a pass, at most the smallest delay inside the component; 0: all steps.
     """
 
     cells: dict[int, Cells]
@@ -108,7 +108,7 @@ def unfit(program: Program) -> list[str]:
 
 def _unfit_cells(part: Population) -> list[str]:
     if part.model.name not in CELLS:
-        return [f"no scan has {part.model.name}, only {' and '.join(CELLS)}"]
+        return [f"scans support only {' and '.join(CELLS)}, not {part.model.name}"]
     p = part.parameters
     if part.model.name == "iaf_psc_delta":
         return ["it keeps input while refractory"] if np.any(p["refractory_input"] != 0.0) else []

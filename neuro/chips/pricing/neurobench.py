@@ -25,7 +25,7 @@ if TYPE_CHECKING:
     from neuro.chips.placing.placement import Placement
 
 OPS = {"iaf_psc_delta": 4, "iaf_psc_exp": 8, "iaf_psc_alpha": 24}
-"""Operations of one membrane update: the harness's for snnTorch's Leaky, Synaptic and Alpha that reset to zero."""
+"""Operations per membrane update, as NeuroBench counts them for snnTorch's Leaky, Synaptic and Alpha, reset to 0."""
 
 _COSTS = {
     "synaptic_op": "synop",

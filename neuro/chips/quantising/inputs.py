@@ -41,17 +41,17 @@ class Inputs:
         program: the whole network.
         index: which population.
         modes: sign modes that are kept whatever the weights are now, by projection.
-        bare: only what is refused is asked: words of synapses that do not learn are left out.
+        check_only: find refusals only; weights of synapses that do not learn are not quantised.
 
     Attributes:
         spikes, currents: indices of the projections that carry spikes, and currents.
     """
 
     def __init__(
-        self, program: Program, index: int, modes: Mapping[str, str] | None = None, bare: bool = False
+        self, program: Program, index: int, modes: Mapping[str, str] | None = None, check_only: bool = False
     ) -> None:
         self.program, self.index, self.part = program, index, program.populations[index]
-        self._modes, self._bare = modes or {}, bare
+        self._modes, self._check_only = modes or {}, check_only
         incoming = [i for i, p in enumerate(program.projections) if p.target == index]
         self.currents = [i for i in incoming if program.projections[i].carries == "current"]
         self.spikes = [i for i in incoming if i not in self.currents]
@@ -62,7 +62,7 @@ class Inputs:
 
     def keeps(self, index: int) -> bool:
         """Whether the words of a projection are wanted."""
-        return not self._bare or bool(self.program.projections[index].synapse.learns)
+        return not self._check_only or bool(self.program.projections[index].synapse.learns)
 
     def learns(self, index: int) -> bool:
         """Whether the weights of a projection change."""

@@ -32,13 +32,13 @@ from neuro.program.program import Floats, Population, Program
 __all__ = ["LIMITS", "quantise", "requantise"]
 
 RECEPTORS = 2
-"""Of neurons on chips."""
+"""Receptors that a neuron on a chip has."""
 
 _Parts = tuple[tuple[FixedPopulation, ...], tuple[FixedProjection | None, ...], tuple[Problem, ...], tuple[str, ...]]
 _KEPT: WeakKeyDictionary[Program, dict[str, _Parts]] = WeakKeyDictionary()
-"""By all that the table of the chip says, not by its name: a table may be edited while a program lives.
+"""Quantised programs, keyed by the chip's whole table, since a table can be edited while the program exists.
 
-Without the program, which would else live as long as what is kept of it.
+The kept parts hold no reference to the program, which would then live as long as they do.
 """
 
 
@@ -90,7 +90,7 @@ def _quantise(
             kind = "current" if part.kind == "current" else "source"
             populations.append(FixedPopulation(part.name, kind))
             continue
-        fixed, found, more = _population(Inputs(program, index, bare=not keep), chip, arithmetic, options)
+        fixed, found, more = _population(Inputs(program, index, check_only=not keep), chip, arithmetic, options)
         populations.append(fixed)
         projections |= found
         problems += more

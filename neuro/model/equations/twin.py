@@ -1,4 +1,4 @@
-"""Which model of the package equations are, so that what is made for that model takes them; or why they are none."""
+"""The built-in model with the same equations, so that chips can run them as that model; or why there is none."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ class Twin:
 
     Attributes:
         model: iaf_psc_exp or iaf_psc_delta.
-        states: its states that each state of the equations is; one that is two is their sum.
+        states: the built-in states that each state of the equations corresponds to; two: it is their sum.
         words: its parameters that follow from those of the equations.
         arithmetic: has `twin(p, q)`, which works these out.
     """

@@ -49,7 +49,7 @@ EMITTING = {"constants": 3, "emit": 7}
 class State:
     """A state variable: its name, unit and meaning, and the bounds of what it may be set to.
 
-    Hidden ones count steps and are not recorded. One that follows from others is recorded, not set.
+    `hidden`: an internal counter, not recorded. `follows`: computed from other states; recorded, not settable.
     """
 
     name: str
@@ -137,23 +137,25 @@ class Neuron(Model):
     """A population that is stepped.
 
     Class attributes:
-        receptors: how many kinds of input it tells apart, `x[k]`. 1: all is summed. 2: positive weights go to the
-            first and negative ones to the second. Beyond that synapses name theirs.
-        receptor_names: their names, for synapses that name one; "ex" and "in" where two have none.
-        conductances: those of them that are conductances, so that weights onto them by name are not negative. The
-            second of two gets them with a minus, as it gets those that come to it by their sign.
-        filters: by name the receptors to which a current may be sent: the state that it charges, and the parameter that
-            is the time constant with which this state decays.
-        collects: the states, one for each of two receptors and side by side, to which `step` adds what arrives, as it
-            is and after all else, and which `fire` leaves alone; empty where that is not so.
+        receptors: the number of inputs that it distinguishes; `x[k]` is that of receptor k. 1: all input is summed. 2:
+            weights >= 0 go to the first, negative ones to the second. 3 or more: a synapse must name its receptor, else
+            the network is refused.
+        receptor_names: their names, for synapses that name one; "ex" and "in" if two have none.
+        conductances: names of the receptors that are conductances. Weights to a named one must be >= 0. Of two
+            receptors the second receives -w, as it does when routed by sign.
+        filters: receptors that accept a current, by name: the state that filters it, and the parameter that is its time
+            constant.
+        collects: two adjacent states, one for each of two receptors, to which `step` adds its input, unscaled and as
+            its last operation, and which `fire` does not change. The event loop may then add the input itself. ()
+            otherwise.
         weight_unit: of the weights onto it, "" where they have none.
         relay: whether a spike carries the multiplicity that arrived, whatever the weight.
-        linear: whether n quiet steps equal one step with the constants of n h.
+        linear: whether n steps of h without input equal one step of length n h.
         resets_in_step: whether `step` itself resets a neuron that spikes, and `fire` does nothing; a winner-take-all
             group, which chooses between the two, cannot have such neurons.
         takes_current: whether currents of generators act on it.
         draws: whether `step` takes a random number for each neuron, see above.
-        signed: whether weights of synapses that name none of two receptors go by their sign; else one must be named.
+        signed: whether weights are routed by sign to two receptors, if a synapse names none; else it must name one.
         most: the largest population, whose neurons `step` sees together; 0: it sees neurons one by one.
         arithmetic: the module with `constants`, `step`, `fire` and `quiet`, see above: that of the class. The first
             constant is the threshold and the first state V_m, where the model has them.
@@ -250,27 +252,29 @@ def _complete_neuron(model: type[Neuron]) -> None:
         raise TypeError(f"{message}: its first constant is {c[0]:g}: expected V_th = {model.defaults()['V_th']:g}")
 
 
-def _check_receptors(told: str, model: type[Neuron]) -> None:
+def _check_receptors(prefix: str, model: type[Neuron]) -> None:
     names = model.named_receptors()
     if model.receptors < 1:
-        raise TypeError(f"{told}: receptors = {model.receptors}: expected at least 1")
+        raise TypeError(f"{prefix}: receptors = {model.receptors}: expected at least 1")
     if len(names) != model.receptors and (names or model.receptors > 1):
-        raise TypeError(f"{told}: receptors = {model.receptors} with {len(names)} receptor_names: expected as many")
+        raise TypeError(f"{prefix}: receptors = {model.receptors} with {len(names)} receptor_names: expected as many")
     if unknown := [name for name in model.conductances if name not in names]:
-        raise TypeError(f"{told}: conductance '{unknown[0]}' is none of its receptor_names")
+        raise TypeError(f"{prefix}: conductance '{unknown[0]}' is none of its receptor_names")
 
 
-def _complete_numbers(told: str, model: type[Model]) -> NDArray[np.float64] | None:
+def _complete_numbers(prefix: str, model: type[Model]) -> NDArray[np.float64] | None:
     """The constants for the defaults, None if a parameter has none."""
     timed = ("start", "stop") if getattr(model, "timed", False) else ()
     kinds = {word: q.kind for word, q in model.quantities().items() if word not in timed}
     if other := [word for word, kind in kinds.items() if kind not in ("number", "integer", "boolean")]:
-        raise TypeError(f"{told}: parameter '{other[0]}' is a {kinds[other[0]]}: expected a number or a boolean")
+        raise TypeError(f"{prefix}: parameter '{other[0]}' is a {kinds[other[0]]}: expected a number or a boolean")
     if len(kinds) > model.width:
-        raise TypeError(f"{told} has {len(kinds)} parameters with tau_minus: expected at most {model.width}, its width")
+        raise TypeError(
+            f"{prefix} has {len(kinds)} parameters with tau_minus: expected at most {model.width}, its width"
+        )
     defaults = model.defaults()
     if not all(np.isscalar(defaults.get(word)) for word in kinds):
         return None
     c = np.zeros(model.width)
-    fill(told, model, np.array([float(defaults[word]) for word in kinds]), c)
+    fill(prefix, model, np.array([float(defaults[word]) for word in kinds]), c)
     return c

@@ -38,6 +38,8 @@ class iaf_psc_exp(LeakyWithCurrents):
 
 
 V_M, I_EX, I_IN, REFRACTORY = range(4)
+# In a step: P33, what is left of V; P11, of a current; P32, mV per pA of a current; P30, of a constant one. These are
+# NEST's names. CHARGE: mV that 1 pA can still add.
 V_TH, V_RESET, E_L, P33, P30, I_E, R, GAIN, P32_EX, P32_IN, P11_EX, P11_IN, CHARGE_EX, CHARGE_IN = range(14)
 
 
@@ -63,15 +65,15 @@ def step(s, c, x, i_0, lo, hi, fired):
     v_th, e_l, p33, p30, i_e = c[V_TH], c[E_L], c[P33], c[P30], c[I_E]
     p32_ex, p32_in, p11_ex, p11_in = c[P32_EX], c[P32_IN], c[P11_EX], c[P11_IN]
     for i in range(lo, hi):
-        held = s[REFRACTORY, i]
+        refractory_left = s[REFRACTORY, i]
         i_ex = s[I_EX, i]
         i_in = s[I_IN, i]
         v = e_l + p33 * (s[V_M, i] - e_l) + p32_ex * i_ex + p32_in * i_in + p30 * (i_e + i_0[i])
-        v = v if held == 0.0 else s[V_M, i]
+        v = v if refractory_left == 0.0 else s[V_M, i]
         s[V_M, i] = v
         s[I_EX, i] = i_ex * p11_ex + x[0, i]
         s[I_IN, i] = i_in * p11_in + x[1, i]
-        s[REFRACTORY, i] = 0.0 if held == 0.0 else held - 1.0
+        s[REFRACTORY, i] = 0.0 if refractory_left == 0.0 else refractory_left - 1.0
         fired[i] = v >= v_th
 
 
@@ -82,7 +84,7 @@ def fire(s, c, i):
 
 
 def quiet(s, c, i_0, lo, hi):
-    """V stays below its relaxation plus all the charge that the positive currents still carry."""
+    """Whether V cannot reach V_th: a bound is V or its steady state plus all that positive currents can still add."""
     for i in range(lo, hi):
         top = highest(s[V_M, i], c[E_L], c[GAIN], c[I_E] + i_0[i])
         top += max(s[I_EX, i], 0.0) * c[CHARGE_EX] + max(s[I_IN, i], 0.0) * c[CHARGE_IN]

@@ -309,5 +309,8 @@ class static(Synapse):
     source: ClassVar[str] = "NEST 3.10 static_synapse"
 
     receptor: str | None = quantity(
-        None, "", "the target's receptor that spikes go to; by the sign of the weight if not said", kind="receptor"
+        None,
+        "",
+        "the receptor of the target; if omitted, the sign of the weight chooses (of two receptors)",
+        kind="receptor",
     )
