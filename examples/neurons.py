@@ -29,6 +29,7 @@ NEURONS = (  # with the current of the step in pA, and the weight of a spike in 
     (neuro.aeif_cond_exp(), 800.0, 300.0),
     (neuro.aeif_psc_exp(), 800.0, 20000.0),
     (neuro.hh_psc_alpha(), 650.0, 4000.0),
+    (neuro.pp_psc_delta(c_2=5.0, c_3=0.5), 250.0, 5.5),
 )
 
 

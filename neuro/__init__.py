@@ -64,7 +64,7 @@ if TYPE_CHECKING:
         ModelWarning as ModelWarning,
         compile as compile,
     )
-    from neuro.run.copies import Copies as Copies, Stepper as Stepper
+    from neuro.run.copies import Copies as Copies
     from neuro.run.learning_tools import (
         assign_labels as assign_labels,
         normalise as normalise,
@@ -75,6 +75,7 @@ if TYPE_CHECKING:
     )
     from neuro.run.ports import Port as Port
     from neuro.run.simulation import Simulation as Simulation
+    from neuro.run.stepper import Stepper as Stepper
     from neuro.run.trials import TrialCounts as TrialCounts, TrialResults as TrialResults
     from neuro.sweeps.calling import sweep as sweep, tune as tune, tuned as tuned
     from neuro.sweeps.metrics import Pruned as Pruned, report_step as report_step

@@ -357,7 +357,8 @@ def test_no_file_is_opened_for_writing_elsewhere():
         *(f"neuro/sweeps/{name}.py" for name in ("page", "folder", "worker")),
         "neuro/model/language/writer.py",
         *(f"apps/{name}.py" for name in ("neuro_drone/watch", "neuro_recognise/detection/report")),
-        *(f"apps/neuro_recognise/{name}.py" for name in ("telling/watch", "detection/watching")),
+        *(f"apps/neuro_recognise/{name}.py" for name in ("telling/watch",)),
+        "apps/neuro_agent/watch.py",
     }
     temporary = {
         *("neuro/rerun/again.py", "neuro/files/results.py", "neuro/events/formats/rosbag.py"),

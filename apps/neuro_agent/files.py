@@ -125,4 +125,4 @@ def space_of(plain: dict[str, Any]) -> gymnasium.Space[Any]:
             return spaces.Dict({key: space_of(part) for key, part in value.items()})
         case "Tuple":
             return spaces.Tuple([space_of(part) for part in value])
-    raise KeyError(kind)
+    raise ModelError(f"a space of kind {kind}: expected one that an agent takes")

@@ -26,7 +26,7 @@ from neuro.apps import html, output, sealed
 from neuro_agent import files
 from neuro_agent.environments import Environments
 from neuro_agent.network import circuit
-from neuro_agent.training import TESTS, _fitting as fitting, episode_seed
+from neuro_agent.training import TESTS, episode_seed, fitting as fitting
 from neuro_agent.worlds import why
 
 if TYPE_CHECKING:
@@ -219,7 +219,7 @@ class _Camera:
         try:
             frame = np.asarray(self._env.render())
             if frame.ndim != 3 or frame.shape[2] not in (3, 4) or not frame.size:
-                raise TypeError(f"render() gave an array of shape {list(frame.shape)}")
+                raise ModelError(f"render() gave an array of shape {list(frame.shape)}")
             _keep(self._images, k, _small(frame[..., :3].astype(np.uint8)), FRAMES)
         except KeyboardInterrupt:
             raise

@@ -34,7 +34,10 @@ def problems(program: Program) -> list[Problem]:
 
 
 def _of_population(part: Population) -> Iterator[Problem]:
-    if isinstance(part.model, Neuron):
+    if isinstance(part.model, Neuron) and part.model.most:
+        message = f"population '{part.name}': {part.said}"
+        yield _refused(message, "its neurons are stepped together, one after the other", ELSEWHERE, part)
+    elif isinstance(part.model, Neuron):
         for name in ("step", "fire"):
             try:
                 translated(getattr(part.model.arithmetic, name))

@@ -32,6 +32,7 @@ from neuro.run.ports import Port, Ports
 from neuro.run.progress import advance
 from neuro.run.records import Records
 from neuro.run.saved import Saved, learnt_network
+from neuro.run.stepper import Joined, Stepper
 from neuro.run.trials import TrialCounts, TrialLoop, TrialResults
 from neuro.run.turn import Turn, alone
 from neuro.run.values import NeuronValues, SynapseValues
@@ -43,7 +44,6 @@ if TYPE_CHECKING:
     from neuro.chips.pricing.energy import Energy
     from neuro.files.exports import DataFrames
     from neuro.files.parts import Trace
-    from neuro.run.copies import Stepper
 
 _FLAG = Quantity(kind="boolean")
 
@@ -450,9 +450,7 @@ class Simulation:
         Raises:
             ModelError: there is no such population, one of `emit` is another model, or the network has probes.
         """
-        from neuro.run.copies import Copies
-
-        return Copies([self]).stepper(ms, emit, count)
+        return Stepper(Joined(self.program, self.handles, [self._engine], [self._watch]), ms, emit, count)
 
     @property
     def traces(self) -> dict[str, Trace]:

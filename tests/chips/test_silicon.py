@@ -68,8 +68,8 @@ def test_the_page_counts_the_rows_that_are_predictions():
         sum(test(row) for row in rows)
         for test in (lambda row: row.own, lambda row: row.ends, lambda row: not row.own and not row.ends)
     )
-    told = f"of the other {own + ends}, {own} give the table its best figures and {ends} an end of a range"
-    assert f"**{free} of the {len(rows)} rows are predictions through and through**" in PAGE
+    told = f"Of the other {own + ends}, {own} give the table its best figures and {ends} an end of a range"
+    assert f"**{free} of the {len(rows)} rows are pure predictions**" in PAGE
     assert told in " ".join(PAGE.split())
 
 

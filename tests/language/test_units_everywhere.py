@@ -77,7 +77,7 @@ def shaped(q: Quantity, one: Any) -> Any:
 @pytest.mark.parametrize(("cls", "name", "q", "unit"), parameters(of_unit=True))
 def test_a_unit_is_taken_and_another_dimension_refused(cls, name, q, unit):
     what = f"{cls.called()}.{word_of(name)}"
-    other = unit_of(times(dimension_of(unit), dimension_of("mV"))).replace(" ", "*")
+    other = (unit_of(times(dimension_of(unit), dimension_of("mV"))) or "ms").replace(" ", "*")
     told = error(cls, name, shaped(q, f"1 {other}"))
     assert told.startswith(what)
     assert f"= 1 {other}: expected a" in told

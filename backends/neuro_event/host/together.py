@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from neuro.program.program import Floats, Ints
-from neuro_event.host.engine import EventEngine
 from neuro_event.loop import stages, tables as t, together
 
 
@@ -19,7 +19,7 @@ class EventEngines:
     read on the way.
     """
 
-    def __init__(self, engines: Sequence[EventEngine]) -> None:
+    def __init__(self, engines: Sequence[Any]) -> None:
         self._engines = list(engines)
         first = self._engines[0]
         self._program, self._at = first._program, first._a

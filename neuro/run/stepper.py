@@ -1,0 +1,152 @@
+"""Control steps: spikes in, run, counts out, in one call for a simulation or for many copies of one."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from neuro.core.clock import NEVER, Clock
+from neuro.core.english import a
+from neuro.core.errors import ModelError
+from neuro.program.backend import Engine
+from neuro.program.program import Ints, Program
+from neuro.program.together import together
+from neuro.run.finite import Watch
+from neuro.run.handles import Handles
+
+Listed = tuple[ArrayLike, ArrayLike] | tuple[ArrayLike, ArrayLike, ArrayLike]
+
+LOOK = 1000
+"""Steps after which control steps look at all states for NaN."""
+
+
+class Joined:
+    """Engines of one network as one, which stand at one step.
+
+    Args:
+        program: the network.
+        handles: finds its parts.
+        engines: one for each copy.
+        watches: look at the states of each.
+
+    Attributes:
+        engines: all as one.
+        plain: whether nothing is recorded or streamed on the way, so that all can be advanced at once.
+    """
+
+    def __init__(self, program: Program, handles: Handles, engines: Sequence[Engine], watches: Sequence[Watch]) -> None:
+        self.program, self.handles, self.clock = program, handles, Clock(program.resolution)
+        self._each, self._watches, self._due = list(engines), list(watches), 0
+        self.engines = together(program, engines)
+        streams = any(part.stream is not None for part in program.populations)
+        self.plain = not (program.probes or program.synapse_probes or streams)
+
+    def __len__(self) -> int:
+        return len(self._each)
+
+    def steps(self, ms: float) -> int:
+        """A time in steps.
+
+        Raises:
+            ModelError: it is no multiple of the resolution, or not finite.
+        """
+        steps = self.clock.step(ms, "run")
+        if not 0 <= steps < NEVER:
+            raise ModelError(f"run = {ms:g} ms: expected a finite time >= 0 ms")
+        return steps
+
+    def advance(self, steps: int, forget: bool) -> None:
+        """Run all; with `forget` spikes are not recorded, and states are looked at now and then.
+
+        Raises:
+            ModelError: a state is NaN or infinite.
+        """
+        self.engines.run(steps, forget)
+        now = self._each[0].step
+        # To look at all states takes as long as a control step of a small network.
+        if not forget or now >= self._due or now < steps:
+            self._due = now + LOOK
+            for watch in self._watches:
+                watch.look()
+
+    def check_together(self) -> None:
+        """Refuse copies that were run apart.
+
+        Raises:
+            ModelError: they do not stand at one time.
+        """
+        at = [engine.step for engine in self._each]
+        if len(set(at)) > 1:
+            times = ", ".join(f"{self.clock.ms(step):g}" for step in at[:4])
+            raise ModelError(f"copies: they stand at {times} ... ms: expected one time", hint="run all, or reset all")
+
+
+class Stepper:
+    """Control steps of one length: spikes in, run, counts out; made by `Simulation.stepper` and `Copies.stepper`.
+
+    Spikes are not recorded in its steps, so memory does not grow; `counts` of a port and `sim.counts()` go on.
+
+    Attributes:
+        ms: the length of a control step.
+        ticks: in steps of the network.
+    """
+
+    def __init__(self, joined: Joined, ms: float, emit: Sequence[Any], count: Sequence[Any]) -> None:
+        self._joined, self.ms, self.ticks = joined, ms, joined.steps(ms)
+        handles, program = joined.handles, joined.program
+        self._emit = [handles.neurons(part).index for part in emit]
+        self._count = [handles.neurons(part).index for part in count]
+        for index in self._emit:
+            part = program.populations[index]
+            if part.kind != "listed" or part.stream is not None:
+                raise ModelError(f"stepper: '{part.name}' is {a(part.said)}: expected a spike_generator")
+        if not joined.plain:
+            raise ModelError(
+                "stepper: the network has probes or streams: expected one without", hint="use run and ports"
+            )
+        self._before = [joined.engines.fired(index) for index in self._count]
+
+    def step(self, *spikes: Listed) -> list[Ints]:
+        """One control step.
+
+        Args:
+            spikes: of each population of `emit` (ticks, ids), sorted by tick, then id, no id twice in a tick; ticks are
+                steps from now, 1 to `ticks`. Of several copies (offsets, ticks, ids): those of copy k are
+                `offsets[k] : offsets[k + 1]`.
+
+        Returns:
+            of each population of `count` how often each neuron spiked, (copies, neurons).
+
+        Raises:
+            ModelError: a tick or an id is out of bounds, or a state became NaN.
+        """
+        joined = self._joined
+        joined.check_together()
+        if len(spikes) != len(self._emit):
+            raise ModelError(f"step: spikes of {len(spikes)} populations: expected {len(self._emit)}")
+        lists = [self._list(index, each) for index, each in zip(self._emit, spikes, strict=True)]
+        joined.engines.list_spikes(lists)
+        joined.advance(self.ticks, forget=True)
+        now = [joined.engines.fired(index) for index in self._count]
+        counts = [after - before for after, before in zip(now, self._before, strict=True)]
+        self._before = now
+        return counts
+
+    def _list(self, index: int, given: Listed) -> tuple[int, Ints, Ints, Ints]:
+        part, n = self._joined.program.populations[index], len(self._joined)
+        *first, ticks, ids = (np.ascontiguousarray(each, dtype=np.int64) for each in given)
+        offsets = first[0] if first else np.array([0, len(ticks)], dtype=np.int64)
+        if offsets.shape != (n + 1,) or offsets[0] != 0 or offsets[-1] != len(ticks) or len(ids) != len(ticks):
+            message = f"step: spikes of '{part.name}': expected (offsets, ticks, ids) with {n + 1} offsets"
+            raise ModelError(message if n > 1 else f"step: spikes of '{part.name}': expected as many ticks as ids")
+        if len(ticks) and not (ticks.min() > 0 and ticks.max() <= self.ticks):
+            found = f"ticks {ticks.min()} to {ticks.max()}"
+            raise ModelError(f"step: spikes of '{part.name}': {found}: expected 1 to {self.ticks}")
+        if len(ids) and not (ids.min() >= 0 and ids.max() < part.size):
+            raise ModelError(
+                f"step: spikes of '{part.name}': ids {ids.min()} to {ids.max()}: expected 0 to {part.size - 1}"
+            )
+        return index, offsets, ticks, ids
