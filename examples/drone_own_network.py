@@ -1,7 +1,7 @@
 """A network of one's own flies the drone: `python drone_own_network.py [steps]`.
 
 Any YAML file with 64 Poisson generators `cells` and 4 neurons `motors` will do; what learns by a signal to the motors
-hears the error of its axis. This one, `drone_own_network.yaml`, lets the two motors of an axis hold each other down.
+receives the error of its axis. This one, `drone_own_network.yaml`, lets the two motors of an axis inhibit each other.
 On the command line: `neuro drone train --set network=drone_own_network.yaml`.
 """
 

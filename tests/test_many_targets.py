@@ -1,4 +1,4 @@
-"""Spikes to so many neurons that these are taken range by range: the same input as one by one, with any threads."""
+"""Targets in ranges (`deliver_in_ranges`): the same input as in one range, and as the reference, with any threads."""
 
 import numpy as np
 import pytest

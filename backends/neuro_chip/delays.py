@@ -1,7 +1,7 @@
 """Delays that learn: whole steps in the delay register, the rest in the tag, both written by the host.
 
 A delay is kept as a whole number of 1/256 steps. The register holds the nearest whole step, which is what a spike takes
-that sets out now, and the tag the signed rest.
+that is sent now, and the tag the signed rest.
 """
 
 # mypy: disable-error-code="no-untyped-def,no-untyped-call"
@@ -88,7 +88,7 @@ class Delays:
         self._a["lags"][first : first + self.units[index].size] = self._lags(index)
 
     def after(self, step: int) -> None:
-        """What the spikes of a step change; those that are emitted in it set out with what they have changed."""
+        """What the spikes of a step change; those emitted in it are sent with what they have changed."""
         # The loop stops after each step where pairs change delays: the host writes them, as it would on the chip, which
         # cannot write its own delay registers.
         emitted, pops = self._a["emitted"][: self._a["clock"][t.EMITTED]], self._a["pops"]

@@ -74,7 +74,7 @@ class Learners:
                 self._release(index, step, fired[part.dopamine])
 
     def _release(self, index: int, step: int, ids: Ints) -> None:
-        """Dopamine spikes set out, and those that arrive act."""
+        """Dopamine spikes are sent, and those that arrive act."""
         part, due = self._program.projections[index], self._due[index]
         if ids.size:
             n = self._program.populations[part.target].size

@@ -157,9 +157,9 @@ def emit(net, pop, row, i, times, step):
 
 @subkernel
 def send_all(net, step):
-    """The spikes of the last step set out; they are sorted by population.
+    """Send the spikes of the last step, sorted by population.
 
-    They set out when the next step begins, not when they are emitted: what learning changes in a step is sent from the
+    They are sent when the next step begins, not when they are emitted: what learning changes in a step is sent from the
     next on. What generators have emitted is sent before the host writes weights in between (`send_ahead`).
     """
     total = net.clock[t.EMITTED]
@@ -180,7 +180,7 @@ def send_all(net, step):
 
 @subkernel
 def send_along(net, q, begin, first, last, step):
-    """The spikes first:last of those emitted in a step, of the population that begins at a neuron, set out along q."""
+    """The spikes first:last of those emitted in a step, of the population that begins at a neuron, are sent along q."""
     row = net.projections[q]
     if may_gather(net, row, net.pops[row[t.TARGET], t.RECEPTORS] == 2):
         # All spikes of the step together: they meet in the same places.
@@ -192,7 +192,7 @@ def send_along(net, q, begin, first, last, step):
 
 @kernel
 def send_ahead(view, words, pop, q):
-    """What a population emitted in the last step sets out along a projection with the words of now."""
+    """Send what a population emitted in the last step along a projection, with the words of now."""
     net = net_of(view, words)
     total, step, begin, end = net.clock[t.EMITTED], net.clock[t.STEP], net.pops[pop, t.BEGIN], net.pops[pop, t.END]
     first = 0

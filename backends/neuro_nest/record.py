@@ -20,7 +20,7 @@ class NestRecord:
         keeps: whether spikes are kept.
 
     Attributes:
-        sent: step of each neuron's last spike that has set out; one of the latest step has not.
+        sent: step of each neuron's last spike that was sent; one of the latest step was not yet.
     """
 
     def __init__(self, size: int, keeps: bool) -> None:

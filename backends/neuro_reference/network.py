@@ -136,13 +136,13 @@ class ReferenceNetwork:
         return cells.parameters if cells.part.schedule is None else {"amplitude": cells.part.schedule.at(self.step + 1)}
 
     def _send(self) -> None:
-        """The spikes of the last step teach and set out, but those that have."""
+        """Let the spikes of the last step teach, and send them; those `at_once` were sent already."""
         for index, wires in enumerate(self.wires):
             if not wires.at_once:
                 self.send(index, self.step)
 
     def send(self, index: int, step: int) -> None:
-        """What the source of a projection emitted in a step teaches and sets out."""
+        """Let the spikes of a projection's source in a step teach, and send them."""
         wires = self.wires[index]
         model = self.cells[wires.part.target].part.model
         assert isinstance(model, Neuron)

@@ -66,14 +66,14 @@ class PairLearning:
         self.doses: Ints = np.zeros((self.part.dopamine_delay + 1, n_target), dtype=np.int64)
 
     def emit_post(self, ids: Ints, multiplicity: Ints, step: int) -> None:
-        """Spikes of the target set out for the synapses."""
+        """Send spikes of the target to the synapses."""
         emitted: Ints = np.zeros(self.wires.n_target, dtype=np.int64)
         emitted[ids] = multiplicity
         to = np.flatnonzero(emitted[self.wires.target])
         self.posts[(step + self.back[to]) % len(self.posts), to] = emitted[self.wires.target[to]]
 
     def emit_dopamine(self, ids: Ints, multiplicity: Ints, step: int) -> None:
-        """Spikes of the dopamine population set out for the targets."""
+        """Send spikes of the dopamine population to the targets."""
         place = (step + self.part.dopamine_delay) % len(self.doses)
         if self.part.dopamine_one_to_one:
             self.doses[place, ids] += multiplicity

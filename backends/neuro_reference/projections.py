@@ -20,7 +20,7 @@ class ReferenceProjection:
     Attributes:
         source, target, delay: of every synapse, sorted by source, then target; a delay in steps, that of the last spike
             where it learns.
-        at_once: whether spikes set out when they are emitted: those of generators, along synapses that do not learn by
+        at_once: whether spikes are sent when they are emitted: those of generators, along synapses that do not learn by
             pairs.
         late: the delays in ms that a rule for trials changes.
         fewest, most: steps that a spike may take.

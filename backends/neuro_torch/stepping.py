@@ -234,11 +234,11 @@ class Stepper:
         return {"neurons": cells, "synapses": weights + sum(wires.nbytes for wires in self.wires.values())}
 
     def weights(self, projection: int) -> Tensor:
-        """The weights that spikes set out with now."""
+        """The weights with which spikes are sent now."""
         return self.versions[projection][-1][1]
 
     def set_weights(self, projection: int, weights: Tensor) -> None:
-        """Replace the weights of spikes that have not set out: of neurons, those of the last step are among them."""
+        """Replace the weights of spikes that were not sent: of neurons, those of the last step are among them."""
         part = self.program.projections[projection]
         since = self.now + 1 if self.now and self.program.sends_at_once(part) else self.now
         kept = [version for version in self.versions[projection] if version[0] < since]
@@ -350,11 +350,11 @@ class Stepper:
 
 
 Versions = list[tuple[int, Tensor]]
-"""Weights with the first step whose spikes set out with them."""
+"""Weights with the first step whose spikes are sent with them."""
 
 
 def _times(versions: Versions) -> Iterator[tuple[int, int, Tensor]]:
-    """Weights with the first step whose spikes set out with them, and the first whose do not."""
+    """Weights with the first step whose spikes are sent with them, and the first whose do not."""
     ends = [since for since, _ in versions[1:]] + [NEVER]
     yield from ((since, end, weights) for (since, weights), end in zip(versions, ends, strict=True))
 

@@ -421,7 +421,7 @@ class EventEngine:
         self._write_weights(projection, weights, chosen)
 
     def _deliver_ahead(self, projection: int) -> None:
-        """Put what has set out into the ring of a projection, with the weights of now."""
+        """Put what was sent into the ring of a projection, with the weights of now."""
         at_once = self._program.sends_at_once(self._program.projections[projection])
         last, lag = self._step if at_once else self._step - 1, self._give_ring(projection)
         arrivals.deliver_between(self._view, projection, self._step - lag + 1, last, self._step)

@@ -149,7 +149,7 @@ def at_emission(view, q, step, after, thread):
     """Write the spikes emitted in `step` that arrive later than step `after` into the projection's ring."""
     net = net_of(view)
     row = net.projections[q]
-    # Weights were set after these spikes set out: `deliver_between` has put them into the ring with the old ones.
+    # Weights were set after these spikes were sent: `deliver_between` has put them into the ring with the old ones.
     if step <= net.set_out[q]:
         return
     if row[t.RUN] < 0:
