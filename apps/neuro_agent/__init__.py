@@ -9,9 +9,10 @@ log = agent.train(env, until=475.0)
 print(agent.test(env, episodes=100))
 """
 
-from neuro_agent.agent import ActorCritic, Frozen
+from neuro_agent.agent import ActorCritic
+from neuro_agent.deployed import Deployed, Frozen
 from neuro_agent.log import Log, Test
 from neuro_agent.settings import Settings
 from neuro_agent.twin import LinearTwin
 
-__all__ = ["ActorCritic", "Frozen", "LinearTwin", "Log", "Settings", "Test"]
+__all__ = ["ActorCritic", "Deployed", "Frozen", "LinearTwin", "Log", "Settings", "Test"]

@@ -1,8 +1,9 @@
-"""A frozen agent for chips: neurons with thresholds in place of circuits that draw, and a race in place of a softmax.
+"""Frozen agents: by the circuits in which they learnt, and for chips by a race of thresholds in place of a softmax.
 
-A control step has two parts. While the active places spike, the potential of each actor comes to what the agent
-prefers, less the mean of all actors. Then a ramp of spikes raises all potentials alike until the first actor reaches
-its threshold; its spike inhibits the others. So the chip's spikes decide, and the host reads which neuron spiked.
+On a chip a control step has two parts. While the active places spike, the potential of each actor comes to what the
+agent prefers, less the mean of all actors. Then a ramp of spikes raises all potentials alike until the first actor
+reaches its threshold; its spike inhibits the others. So the chip's spikes decide, and the host reads which neuron
+spiked.
 """
 
 from __future__ import annotations
@@ -20,9 +21,12 @@ from neuro_agent.places import PERIOD
 
 if TYPE_CHECKING:
     from neuro.extend import Program
-    from neuro_agent.agent import ActorCritic
+    from neuro_agent.learner import Learner
 
-__all__ = ["HOST", "TICKS", "Deployed", "deployed"]
+__all__ = ["DRAWING", "HOST", "TICKS", "Deployed", "Frozen", "deployed"]
+
+DRAWING = ("event", "reference")
+"""Backends of neurons that spike at random."""
 
 RAMP = 24
 """Ticks of the ramp, in which it comes from 0 to the threshold: preferences that differ by less are equal."""
@@ -42,7 +46,7 @@ def ramp_size() -> tuple[int, float]:
     return math.ceil(1.0 / lost) + RAMP, lost
 
 
-def deployed(agent: ActorCritic) -> neuro.Network:
+def deployed(agent: Learner) -> neuro.Network:
     """The network of a frozen agent, without draws.
 
     Raises:
@@ -69,10 +73,30 @@ def deployed(agent: ActorCritic) -> neuro.Network:
     return net
 
 
-def _largest(agent: ActorCritic, weight: npt.NDArray[np.float64]) -> float:
+def _largest(agent: Learner, weight: npt.NDArray[np.float64]) -> float:
     """The largest preference in what was seen last, if each active place had just spiked."""
     sums = [weight[agent.places.cells(vector)].sum(axis=0).max() for vector in agent.seen]
     return float(max(sums)) / (1.0 - math.exp(-PERIOD / TAU))
+
+
+class Frozen:
+    """An agent that decides and learns no more, by the circuits in which it learnt.
+
+    Attributes:
+        sim: the network that runs.
+    """
+
+    def __init__(self, agent: Learner, seed: int, backend: str) -> None:
+        self._agent = agent
+        self._circuits = [circuit(k) for k in range(len(agent.actions.sizes))]
+        self.sim = neuro.compile(agent.network(learns=False), backend=backend, seed=seed)
+        self._stepper = self.sim.stepper(float(STEP), emit=["places", "ask"], count=self._circuits)
+
+    def decide(self, observations: npt.NDArray[np.float64]) -> Ints:
+        """The neuron of each circuit that spiked, (1, circuits), for one observation, (1, dimensions)."""
+        _, ticks, ids = self._agent.places.spikes(observations, STEP)
+        chosen = self._stepper.step((ticks, ids), ([STEP - 1], [0]))
+        return np.stack([each.argmax(axis=1) for each in chosen], axis=1)
 
 
 class Deployed:
@@ -82,7 +106,7 @@ class Deployed:
         sim: the network that runs.
     """
 
-    def __init__(self, agent: ActorCritic, backend: str, seed: int = 0, **options: Any) -> None:
+    def __init__(self, agent: Learner, backend: str, seed: int = 0, **options: Any) -> None:
         self._agent = agent
         circuits = [circuit(k) for k in range(len(agent.actions.sizes))]
         self.sim = neuro.compile(deployed(agent), backend=backend, seed=seed, **options)

@@ -13,7 +13,7 @@ from __future__ import annotations
 
 import json
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, TypeVar
 
 import gymnasium
 import numpy as np
@@ -24,14 +24,15 @@ from neuro.apps import hdf5, provenance, record_input
 from neuro_agent.log import Log
 
 if TYPE_CHECKING:
-    from neuro_agent.agent import ActorCritic
+    from neuro_agent.learner import Learner
 
 __all__ = ["arrays_of", "load", "plain_of", "put_arrays", "save"]
 
+A = TypeVar("A", bound="Learner")
 FORMAT = "neuro agent 1"
 
 
-def save(agent: ActorCritic, path: Path) -> None:
+def save(agent: Learner, path: Path) -> None:
     """Write an agent, see `ActorCritic.save`."""
     with hdf5.writing(path, FORMAT, record=provenance(seed=agent.seed)) as file:
         file.attrs["seed"] = agent.seed
@@ -43,22 +44,20 @@ def save(agent: ActorCritic, path: Path) -> None:
         hdf5.put(file, "log", agent.log.arrays())
 
 
-def load(path: Path) -> ActorCritic:
+def load(path: Path, kind: type[A]) -> A:
     """Read an agent, see `ActorCritic.load`."""
-    from neuro_agent.agent import ActorCritic
-
     with hdf5.reading(path, FORMAT) as file:
         record_input(path)
         observations, actions, settings = (
             json.loads(file.attrs[name]) for name in ("observations", "actions", "settings")
         )
-        agent = ActorCritic(space_of(observations), space_of(actions), seed=int(file.attrs["seed"]), **settings)
+        agent = kind(space_of(observations), space_of(actions), seed=int(file.attrs["seed"]), **settings)
         put_arrays(agent, {name: hdf5.take(file, name) for name in ("learnt", "scales", "seen")})
         agent.log = Log.of(hdf5.take(file, "log"), bool(file.attrs["solved"]))
     return agent
 
 
-def plain_of(agent: ActorCritic) -> dict[str, Any]:
+def plain_of(agent: Learner) -> dict[str, Any]:
     """What an agent is made from, as plain data."""
     return {
         "settings": agent.settings.plain(),
@@ -67,7 +66,7 @@ def plain_of(agent: ActorCritic) -> dict[str, Any]:
     }
 
 
-def arrays_of(agent: ActorCritic) -> dict[str, dict[str, Any]]:
+def arrays_of(agent: Learner) -> dict[str, dict[str, Any]]:
     """What an agent has learnt, as arrays."""
     scales = {
         "rewards": np.array([agent.rewards.factor, agent.rewards.first]),
@@ -79,7 +78,7 @@ def arrays_of(agent: ActorCritic) -> dict[str, dict[str, Any]]:
     return {"learnt": agent.weights, "scales": scales, "seen": {"vectors": agent.seen}}
 
 
-def put_arrays(agent: ActorCritic, arrays: dict[str, dict[str, Any]]) -> None:
+def put_arrays(agent: Learner, arrays: dict[str, dict[str, Any]]) -> None:
     """Let an agent have learnt what `arrays_of` gave."""
     scales = arrays["scales"]
     agent.rewards.factor, agent.rewards.first = scales["rewards"].tolist()

@@ -6,7 +6,7 @@ from collections import deque
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Protocol
 
 import numpy as np
 import numpy.typing as npt
@@ -18,7 +18,7 @@ from neuro_agent.environments import Environments
 from neuro_agent.log import Log, Test
 
 if TYPE_CHECKING:
-    from neuro_agent.agent import ActorCritic
+    from neuro_agent.learner import Learner
 
 __all__ = ["CONTROLS", "Course", "episode_seed", "test", "train"]
 
@@ -47,6 +47,13 @@ def episode_seed(seed: int, number: int) -> int:
     return int(np.random.SeedSequence([seed, number]).generate_state(1)[0])
 
 
+class Decides(Protocol):
+    """A frozen agent."""
+
+    def decide(self, observations: Floats) -> npt.NDArray[np.int64]:
+        """The neuron of each circuit for one observation, (1, circuits)."""
+
+
 class Course:
     """A training: how far it is, and what it does at each control step.
 
@@ -60,7 +67,7 @@ class Course:
         steps: control steps of all environments.
     """
 
-    def __init__(self, agent: ActorCritic, env: Environments, control: str = "") -> None:
+    def __init__(self, agent: Learner, env: Environments, control: str = "") -> None:
         self.agent, self.env, self.control = agent, env, control
         self.log, self.steps = Log(), 0
         self.rewards: list[float] = []
@@ -217,7 +224,7 @@ class End:
         return log.solved or (self.episodes is not None and len(log) >= self.episodes)
 
 
-def checkpoint(agent: ActorCritic, out: Path, env: Any) -> Checkpoint:
+def checkpoint(agent: Learner, out: Path, env: Any) -> Checkpoint:
     """That of a training, beside the file of the agent."""
     told = {"seed": agent.seed, "environment": Environments(env).name, "environments": Environments(env).n}
     told |= files.plain_of(agent)
@@ -225,7 +232,7 @@ def checkpoint(agent: ActorCritic, out: Path, env: Any) -> Checkpoint:
 
 
 def train(
-    agent: ActorCritic,
+    agent: Learner,
     env: Any,
     end: End,
     *,
@@ -256,7 +263,7 @@ def train(
     return course.log
 
 
-def fitting(agent: ActorCritic, env: Any, patience: float) -> Environments:
+def fitting(agent: Learner, env: Any, patience: float) -> Environments:
     worlds = Environments(env, patience)
     for what, known, found in (
         ("observations", agent.observations, worlds.observations),
@@ -267,14 +274,22 @@ def fitting(agent: ActorCritic, env: Any, patience: float) -> Environments:
     return worlds
 
 
-def test(agent: ActorCritic, env: Any, episodes: int, seed: int, backend: str, patience: float, most: int) -> Test:
-    """Episodes without learning, see `ActorCritic.test`."""
+def test(
+    agent: Learner,
+    env: Any,
+    made: Callable[[], Decides],
+    episodes: int,
+    seed: int,
+    patience: float,
+    most: int,
+) -> Test:
+    """Episodes without learning, see `ActorCritic.test`; `made` makes what decides."""
     for name, value in (("episodes", episodes), ("most", most)):
         check(Quantity(kind="integer", at_least=1), value, f"test: {name}")
     worlds = fitting(agent, env, patience)
     if worlds.n != 1:
         raise ModelError(f"test: a vector of {worlds.n} environments: expected one", hint="gymnasium.make")
-    frozen = agent.frozen(seed, backend)
+    frozen = made()
     returns, lengths = np.zeros(episodes), np.zeros(episodes, dtype=np.int64)
     with worlds.watched():
         for k in range(episodes):

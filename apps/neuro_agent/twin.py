@@ -7,7 +7,8 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from neuro_agent.agent import ActorCritic, Decision
+from neuro_agent.agent import ActorCritic
+from neuro_agent.learner import Decision
 from neuro_agent.network import Weights
 
 __all__ = ["LinearTwin"]

@@ -24,15 +24,16 @@ import numpy.typing as npt
 from neuro import ModelError
 from neuro.apps import html, output, sealed
 from neuro_agent import files
+from neuro_agent.deployed import Frozen
 from neuro_agent.environments import Environments
 from neuro_agent.network import circuit
-from neuro_agent.training import TESTS, episode_seed, fitting as fitting
+from neuro_agent.training import TESTS, episode_seed, fitting
 from neuro_agent.worlds import why
 
 if TYPE_CHECKING:
     from PIL.Image import Image
 
-    from neuro_agent.agent import ActorCritic, Frozen
+    from neuro_agent.learner import Learner
 
 __all__ = ["Episode", "page", "played", "watch"]
 
@@ -99,7 +100,7 @@ class Episode:
         return f"{self.moves} steps, return {sum(self.rewards):g}, {self.end}; {pictures}"
 
 
-def watch(agent: ActorCritic, env: Any, path: str | PathLike[str], seed: int = 0, *, learning: bool = False) -> Episode:
+def watch(agent: Learner, env: Any, path: str | PathLike[str], seed: int = 0, *, learning: bool = False) -> Episode:
     """Play an episode and write it as a page; the agent stays as it is.
 
     Args:
@@ -124,7 +125,7 @@ def watch(agent: ActorCritic, env: Any, path: str | PathLike[str], seed: int = 0
     return episode
 
 
-def played(agent: ActorCritic, env: Any, seed: int = 0, learning: bool = False) -> Episode:
+def played(agent: Learner, env: Any, seed: int = 0, learning: bool = False) -> Episode:
     """An episode: of the agent as a test has it, with values of a copy that learns nothing; or of one that learns."""
     worlds = fitting(agent, env, 60.0)
     if worlds.n != 1:
@@ -137,13 +138,13 @@ def played(agent: ActorCritic, env: Any, seed: int = 0, learning: bool = False) 
     episode = Episode(learning, _name(env))
     camera = _Camera(env)
     with worlds.watched():
-        _play(twin, None if learning else agent.frozen(seed), worlds, episode, camera, seed)
+        _play(twin, None if learning else Frozen(agent, seed, "event"), worlds, episode, camera, seed)
     episode.frames, episode.blank = camera.frames(), camera.blank
     return episode
 
 
 def _play(
-    twin: ActorCritic, frozen: Frozen | None, worlds: Environments, episode: Episode, camera: _Camera, seed: int
+    twin: Learner, frozen: Frozen | None, worlds: Environments, episode: Episode, camera: _Camera, seed: int
 ) -> None:
     assert twin._copies is not None
     unit, sim = 1.0 / twin.rewards.factor, twin._copies[0] if frozen is None else frozen.sim
@@ -174,7 +175,7 @@ def _play(
     episode.end = "terminated" if ended else "cut off by the environment" if cut else f"cut off after {STEPS} steps"
 
 
-def _policy(agent: ActorCritic) -> Floats:
+def _policy(agent: Learner) -> Floats:
     weights = agent.weights
     return np.concatenate([weights[name] for name in agent.projections[1:]], axis=1)
 
@@ -259,7 +260,7 @@ def _name(env: Any) -> str:
     return str(spec.id if spec is not None else type(env.unwrapped).__name__)
 
 
-def page(agent: ActorCritic, episode: Episode, seed: int = 0) -> str:
+def page(agent: Learner, episode: Episode, seed: int = 0) -> str:
     """The page as text."""
     steps = int(agent.log.steps[-1]) if len(agent.log) else 0
     taught = f"after {steps:,} steps of training (seed {agent.seed})" if steps else "not trained yet"
@@ -281,7 +282,7 @@ def page(agent: ActorCritic, episode: Episode, seed: int = 0) -> str:
     )
 
 
-def _data(agent: ActorCritic, episode: Episode) -> dict[str, Any]:
+def _data(agent: Learner, episode: Episode) -> dict[str, Any]:
     dimensions = agent.places.dimensions
     observations = np.array(episode.observations)
     low = np.array([one.first if one.states else one.low for one in dimensions], dtype=np.float64)
@@ -316,7 +317,7 @@ def _data(agent: ActorCritic, episode: Episode) -> dict[str, Any]:
     }
 
 
-def _labels(agent: ActorCritic) -> list[list[str]]:
+def _labels(agent: Learner) -> list[list[str]]:
     """What the neurons of each circuit stand for."""
     actions = agent.actions
     if actions.values:

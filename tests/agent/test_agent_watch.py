@@ -135,7 +135,7 @@ def fails(self):
     ("picture", "told"),
     [
         (fails, "it needs gymnasium[toy-text]: pip install 'gymnasium[toy-text]'"),
-        (lambda self: None, "TypeError: render() gave an array of shape []"),
+        (lambda self: None, "ModelError: render() gave an array of shape []"),
         (lambda self: 1 / 0, "ZeroDivisionError: division by zero"),
     ],
 )

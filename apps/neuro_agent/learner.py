@@ -1,0 +1,182 @@
+"""The network of an agent, and what it learns: places, a critic, circuits that choose, and one error for all."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from typing import Any
+
+import gymnasium
+import numpy as np
+import numpy.typing as npt
+
+import neuro
+from neuro_agent.actions import actions_of
+from neuro_agent.log import Log
+from neuro_agent.network import BASE, CRITIC, SLOPE, STEP, TAU, Weights, circuit, network
+from neuro_agent.places import PERIOD, Places, dimensions_of
+from neuro_agent.rewards import RewardScale
+from neuro_agent.settings import settings_of
+
+__all__ = ["Decision", "Learner"]
+
+Floats = npt.NDArray[np.float64]
+Ints = npt.NDArray[np.int64]
+
+
+class Decision:
+    """What some copies of an agent's network did in a control step.
+
+    Attributes:
+        winners: the neuron of each circuit that spiked, (copies, circuits).
+        values: of the states, as the critic's spikes tell, (copies,).
+        spikes: of the critic, (copies, neurons).
+    """
+
+    __slots__ = ("spikes", "values", "winners")
+
+    def __init__(self, winners: Ints, values: Floats, spikes: Ints) -> None:
+        self.winners, self.values, self.spikes = winners, values, spikes
+
+
+class Learner:
+    """The network of an agent, and what it learns; `ActorCritic` trains and tests it.
+
+    Args:
+        observations: the space of an environment's observations.
+        actions: that of its actions.
+        seed: of the network's draws, and of the random moves before learning.
+        settings: by name, see `Settings`.
+
+    Attributes:
+        settings: what was chosen.
+        places: the neurons that stand for observations.
+        actions: what the neurons of the circuits stand for.
+        rewards: the scale of rewards.
+        begun: episodes and blocks of training that have begun; each has a seed of its own.
+        explored: whether bounds and scales are known, from random moves or since none are needed.
+        log: of the last training.
+        seen: observations of its last control steps, (n, dimensions).
+
+    Raises:
+        ModelError: a space is of another kind or needs too many neurons, or a setting is unknown or out of bounds.
+    """
+
+    def __init__(
+        self, observations: gymnasium.Space[Any], actions: gymnasium.Space[Any], *, seed: int = 0, **settings: Any
+    ) -> None:
+        self.settings = s = settings_of(settings)
+        self.observations, self.seed = observations, seed
+        self.places = Places(dimensions_of(observations), s.group, s.fields, s.active)
+        self.actions = actions_of(actions, s.levels)
+        self.rewards = RewardScale(s.discount)
+        self.explored, self.begun = False, (0, 0)
+        self.log = Log()
+        self.seen: Floats = np.zeros((0, len(self.places.dimensions)))
+        sizes = (s.critics, *self.actions.sizes)
+        self._learnt: dict[str, Floats] = {
+            name: np.zeros((self.places.size, size)) for name, size in zip(self.projections, sizes, strict=True)
+        }
+        self._copies: neuro.Copies | None = None
+
+    def __repr__(self) -> str:
+        sizes = " + ".join(map(str, self.actions.sizes))
+        return (
+            f"ActorCritic({self.places.size} places, {self.settings.critics} critics, {sizes} actors, seed={self.seed})"
+        )
+
+    @property
+    def projections(self) -> tuple[str, ...]:
+        """The projections that learn: that onto the critic, then those onto the circuits."""
+        return ("value", *(f"policy{k}" for k in range(len(self.actions.sizes))))
+
+    @property
+    def weights(self) -> dict[str, Floats]:
+        """What has been learnt, by projection, mV, (places, neurons)."""
+        if self._copies is not None:
+            for name, each in self._learnt.items():
+                each[...] = self._copies[0].get(name, "weight").reshape(each.shape)
+        return {name: each.copy() for name, each in self._learnt.items()}
+
+    def network(self, learns: bool = True) -> neuro.Network:
+        """The network as a description, which learns from nothing, or has what was learnt in static synapses."""
+        s = self.settings
+        rates = _rates(self.places.active, s.actor_rate, s.critic_rate)
+        return network(self.places.size, self.actions.sizes, s, rates, None if learns else self.weights)
+
+    def begin(self, n: int, block: int = 0) -> None:
+        """Compile n copies of the network for a block of training, with what was learnt before."""
+        learnt = self.weights
+        self._copies = neuro.compile(self.network(), copies=n, seed=block_seed(self.seed, block))
+        count = [CRITIC, *(circuit(k) for k in range(len(self.actions.sizes)))]
+        self._stepper = self._copies.stepper(float(STEP), emit=["places", "ask"], count=count)
+        self._ask = (np.arange(n + 1), np.full(n, STEP - 1), np.zeros(n, dtype=np.int64))
+        self._set(learnt)
+
+    def _set(self, weights: Weights) -> None:
+        assert self._copies is not None
+        for sim in self._copies:
+            for name, each in weights.items():
+                sim.set(name, weight=each.ravel())
+
+    def learn_from(self, weights: Weights) -> None:
+        """Have learnt these weights, and go on from them."""
+        for name, each in self._learnt.items():
+            each[...] = weights[name]
+        self._copies = None
+
+    def merge(self, before: Mapping[str, Floats]) -> dict[str, Floats]:
+        """Let all copies have what they had at first, and what each of them has learnt since."""
+        assert self._copies is not None
+        after = {}
+        for name, first in before.items():
+            each = np.stack([sim.get(name, "weight") for sim in self._copies])
+            after[name] = (first.ravel() + (each - first.ravel()).sum(axis=0)).reshape(first.shape)
+        self._set(after)
+        return after
+
+    def decide(self, observations: Floats) -> Decision:
+        """Show an observation to each copy, (copies, dimensions), and let it judge and choose."""
+        values, *chosen = self._stepper.step(self.places.spikes(observations, STEP), self._ask)
+        winners = np.stack([each.argmax(axis=1) for each in chosen], axis=1)
+        return Decision(winners, self.rewards.first + (values.sum(axis=1) - self._rest) / self._gain, values)
+
+    def teach(self, errors: Floats) -> None:
+        """Set the errors of the last but one control step, one for each copy: its synapses learn."""
+        assert self._copies is not None
+        for k in range(-1, len(self.actions.sizes)):
+            self._copies.signal("error" if k < 0 else f"error{k}", errors[:, None])
+
+    def forget(self, which: npt.NDArray[np.bool_]) -> None:
+        """End the episode of some copies: their eligibility is 0."""
+        assert self._copies is not None
+        for name in self.projections:
+            self._copies.clear(name, which)
+
+    @property
+    def _rest(self) -> float:
+        """Spikes of the critic in a control step in which nothing excites it."""
+        p = 1.0 - math.exp(-BASE / 1000.0)
+        return self.settings.critics * STEP * p / (1.0 + p)
+
+    @property
+    def _gain(self) -> float:
+        """By how many spikes 1 mV changes that."""
+        left = math.exp(-BASE / 1000.0)
+        return self.settings.critics * STEP * SLOPE / 1000.0 * left / (2.0 - left) ** 2
+
+
+def block_seed(seed: int, block: int) -> int:
+    """The seed of the network's draws in a block of training."""
+    return int(np.random.SeedSequence([seed, block, 1]).generate_state(1)[0])
+
+
+def _rates(active: int, actor: float, critic: float) -> tuple[float, float]:
+    """The learning rates of actor and critic in mV, from what an error of 1 is to change in one state.
+
+    An active place brings x, which is 1 / (1 - exp(-PERIOD / tau)) at a spike and decays; the means are over a period.
+    """
+    x = np.exp(-np.arange(PERIOD) / TAU) / (1.0 - math.exp(-PERIOD / TAU))
+    p = 1.0 - math.exp(-BASE / 1000.0)
+    spikes = STEP * p / (1.0 + p)
+    return actor / (active * float(np.mean(x**2))), critic / (active * spikes * float(np.mean(x)) ** 2)
