@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
+from functools import cached_property
 from typing import Any
 
 import gymnasium
@@ -138,7 +139,7 @@ class Learner:
     def decide(self, observations: Floats) -> Decision:
         """Show an observation to each copy, (copies, dimensions), and let it judge and choose."""
         values, *chosen = self._stepper.step(self.places.spikes(observations, STEP), self._ask)
-        winners = np.stack([each.argmax(axis=1) for each in chosen], axis=1)
+        winners = np.array([each.argmax(axis=1) for each in chosen]).T
         return Decision(winners, self.rewards.first + (values.sum(axis=1) - self._rest) / self._gain, values)
 
     def teach(self, errors: Floats) -> None:
@@ -153,13 +154,13 @@ class Learner:
         for name in self.projections:
             self._copies.clear(name, which)
 
-    @property
+    @cached_property
     def _rest(self) -> float:
         """Spikes of the critic in a control step in which nothing excites it."""
         p = 1.0 - math.exp(-BASE / 1000.0)
         return self.settings.critics * STEP * p / (1.0 + p)
 
-    @property
+    @cached_property
     def _gain(self) -> float:
         """By how many spikes 1 mV changes that."""
         left = math.exp(-BASE / 1000.0)

@@ -71,6 +71,7 @@ class Course:
         self.agent, self.env, self.control = agent, env, control
         self.log, self.steps = Log(), 0
         self.rewards: list[float] = []
+        self._none = [0] * env.n
         self.rng = np.random.default_rng([agent.seed, 1])
 
     def arrays(self) -> dict[str, Any]:
@@ -115,6 +116,8 @@ class Course:
 
     def _seeds(self, begins: Bools | None = None) -> list[int]:
         """Seeds of the episodes that begin."""
+        if begins is not None and not begins.any():
+            return self._none
         seeds = []
         for k in range(self.env.n):
             episodes, blocks = self.agent.begun

@@ -115,7 +115,9 @@ class Copies:
             raise ModelError(message)
         if not np.isfinite(array).all():
             raise ModelError(f"{what}: a value is not finite: expected numbers")
-        return np.ascontiguousarray(np.broadcast_to(array, (len(self), size))) + 0.0
+        each = np.empty((len(self), size))
+        np.add(array, 0.0, out=each)  # -0.0 is 0.0
+        return each
 
 
 class CopiesPort:

@@ -154,7 +154,7 @@ class ListedSpikes:
     def pending(self, population: int, now: int) -> bool:
         """Whether spikes that were added are still to come."""
         steps = self._spikes[population][0]
-        return bool(steps.size and (steps > now).any())
+        return steps.size > 0 and bool((steps > now).any())
 
     def _put(self, population: int, rows: Ints, now: int) -> bool:
         """Let the loop read rows of a population, where they have room; else make twice the room for it."""

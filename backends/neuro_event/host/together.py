@@ -57,22 +57,24 @@ class EventEngines:
 
         No id occurs twice in a tick. What was injected before and is still to come stays.
         """
-        step = self._engines[0]._step
-        for population, offsets, ticks, ids in lists:
+        step, at_once = self._engines[0]._step, []
+        for each in lists:
+            population, offsets, ticks, ids = each
             if any(engine._listed.pending(population, step) for engine in self._engines):
                 for k, engine in enumerate(self._engines):
                     here = slice(offsets[k], offsets[k + 1])
                     engine.inject(population, step + ticks[here], ids[here])
                 continue
+            at_once.append(each)
             # Room first, of all populations: making some writes anew what each engine knows of.
-            n = int(np.diff(offsets).max(initial=0))
+            n = len(ticks) if len(self._engines) == 1 else int((offsets[1:] - offsets[:-1]).max())
             for engine in self._engines:
                 if engine._listed.reserve(population, n, step):
                     engine._pack()
-        for population, offsets, ticks, ids in lists:
-            if not any(engine._listed.pending(population, step) for engine in self._engines):
-                place = self._engines[0]._listed.place(population)
-                together.list_all(self._views, population, place, offsets, ticks, ids, step)
+        views = self._views
+        for population, offsets, ticks, ids in at_once:
+            place = self._engines[0]._listed.place(population)
+            together.list_all(views, population, place, offsets, ticks, ids, step)
 
     def fired(self, population: int) -> Ints:
         """How often each neuron has fired, (engines, neurons)."""
