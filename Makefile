@@ -24,7 +24,7 @@ NEST_MPI := nest-simulator
 NETWORKS := 5000
 OUT := demo
 DATA :=
-RUNNING := tests/test_conformance.py tests/test_random_networks.py tests/test_trials.py tests/test_many_targets.py tests/chips
+RUNNING := tests/test_conformance.py tests/test_random_networks.py tests/test_trials.py tests/test_many_targets.py tests/test_moves.py tests/test_copies.py tests/chips
 
 PIP := -m pip install --quiet --disable-pip-version-check
 

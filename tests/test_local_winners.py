@@ -11,7 +11,7 @@ from neuro import Network, all_to_all, grid, iaf_psc_delta, local_winners, mozaf
 from neuro.run.simulation import Simulation
 from neuro.testing import observe
 from neuro.testing.case import differences
-from neuro.testing.trials import sheets, told
+from neuro.testing.trials import sheets, trial_results
 from refused import error_of
 
 BACKENDS = ("reference", "event", "loihi", "spinnaker")
@@ -126,7 +126,7 @@ def test_event_equals_reference(radius, per_map, stop, rule, synapse, dropped, s
     found = []
     for backend in ("reference", "event"):
         sim = neuro.compile(net, backend, seed=seed)
-        learnt = told(sim.trials(times, ids, np.arange(7) * 40, np.arange(6) % 3, learn=True))
+        learnt = trial_results(sim.trials(times, ids, np.arange(7) * 40, np.arange(6) % 3, learn=True))
         sim.run(5.0 if stop == "full" else 0.0)
         found.append(learnt | observe(sim))
     assert differences(*found, exact=False) == []

@@ -17,7 +17,7 @@ from neuro.model.network import Network
 from neuro.run.simulation import Simulation
 from neuro.testing import observe
 from neuro.testing.case import differences, run_on
-from neuro.testing.trials import batch, recogniser, told
+from neuro.testing.trials import batch, recogniser, trial_results
 from neuro_event.building.layout import in_runs
 from neuro_event.loop import tables as t
 
@@ -140,7 +140,7 @@ def test_what_a_trial_drops():
     found = []
     for backend in ("reference", "event"):
         sim = neuro.compile(net, backend, seed=2)
-        results = told(sim.trials(times, ids, offsets))
+        results = trial_results(sim.trials(times, ids, offsets))
         sim.run(9.0)
         found.append(results | observe(sim))
     assert in_runs(sim.program, sim.program.projections[1])
