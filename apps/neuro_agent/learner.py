@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from functools import cached_property
 from typing import Any
 
@@ -16,7 +16,6 @@ from neuro_agent.actions import actions_of
 from neuro_agent.log import Log
 from neuro_agent.network import BASE, CRITIC, SLOPE, STEP, TAU, Weights, circuit, network
 from neuro_agent.places import PERIOD, Places, dimensions_of
-from neuro_agent.rewards import RewardScale
 from neuro_agent.settings import settings_of
 
 __all__ = ["Decision", "Learner"]
@@ -38,6 +37,40 @@ class Decision:
 
     def __init__(self, winners: Ints, values: Floats, spikes: Ints) -> None:
         self.winners, self.values, self.spikes = winners, values, spikes
+
+
+class RewardScale:
+    """What a reward is to the critic, from rewards of random moves.
+
+    Args:
+        discount: of the next reward.
+
+    Attributes:
+        factor: a reward times this is what the critic learns.
+        first: the value that all states have before anything is learnt.
+        known: whether a reward that is not 0 has told the scale.
+    """
+
+    def __init__(self, discount: float) -> None:
+        self.horizon = 1.0 / (1.0 - discount)
+        self.factor, self.first, self.known = 1.0, 0.0, False
+
+    def learn(self, rewards: Sequence[float]) -> None:
+        """Take the scale from rewards, of which one is not 0.
+
+        A typical reward in each step, for ever, is to be a value of 1. Where rewards are rare, only as many count as
+        come within the horizon. States are worth at first what random moves bring, if that is more than nothing: a
+        value that is too high makes an agent try what it has not tried.
+        """
+        array = np.asarray(rewards, dtype=np.float64)
+        some = array[array != 0.0]
+        if not some.size:
+            return
+        dense = some.size / array.size
+        steps = self.horizon if dense >= 0.5 else max(1.0, dense * self.horizon)
+        self.factor = 1.0 / (float(np.median(np.abs(some))) * steps)
+        self.first = max(0.0, self.factor * float(array.mean()) * self.horizon)
+        self.known = True
 
 
 class Learner:
