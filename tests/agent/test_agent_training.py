@@ -1,0 +1,250 @@
+"""Agents in environments of their own: what they learn, what they keep, what they refuse, and the chips."""
+
+import gymnasium
+import numpy as np
+import pytest
+from gymnasium import spaces
+
+import neuro_agent
+from neuro import ModelError
+from neuro_agent import deployed, training
+from neuro_agent.environments import Environments
+from neuro_agent.places import Places, dimensions_of, flat
+
+
+class Corridor(gymnasium.Env):
+    """Seven places in a row; the goal is at the right end, and `fault` says what goes wrong in the third step."""
+
+    observation_space = spaces.Dict({"place": spaces.Discrete(7), "near": spaces.Box(0.0, 1.0, (1,))})
+    action_space = spaces.Discrete(2)
+    fault = ""
+
+    def reset(self, *, seed=None, options=None):
+        super().reset(seed=seed)
+        self.at, self.k = int(self.np_random.integers(3)), 0
+        return self._seen(), {}
+
+    def _seen(self):
+        return {"place": np.int64(self.at), "near": np.array([self.at / 6], dtype=np.float32)}
+
+    def step(self, action):
+        self.k += 1
+        self.at = min(max(self.at + (1 if action else -1), 0), 6)
+        if self.k == 3 and self.fault:
+            return self.wrong()
+        return self._seen(), 1.0 if self.at == 6 else -0.05, self.at == 6, self.k >= 30, {}
+
+    def wrong(self):
+        match self.fault:
+            case "raises":
+                raise ValueError("no power")
+            case "stops":
+                raise KeyboardInterrupt
+            case "four values":
+                return self._seen(), 0.0, False, {}
+            case "space":
+                return np.zeros(3), 0.0, False, False, {}
+            case "outside":
+                return self._seen() | {"place": 7}, 0.0, False, False, {}
+            case "NaN":
+                return self._seen() | {"near": np.array([np.nan])}, 0.0, False, False, {}
+        return self._seen(), {"reward NaN": float("nan"), "text": "much"}[self.fault], False, False, {}
+
+
+def agent(seed=1, **settings):
+    few = {"critics": 20, "explore": 100, "active": 6} | settings
+    return neuro_agent.ActorCritic(Corridor.observation_space, Corridor.action_space, seed=seed, **few)
+
+
+@pytest.fixture(scope="module")
+def learnt():
+    one = agent()
+    one.train(Corridor(), steps=2500)
+    return one
+
+
+def test_it_learns_the_way(learnt):
+    assert learnt.test(Corridor(), episodes=20).mean > 0.6
+    assert agent().test(Corridor(), episodes=20).mean < 0.2
+
+
+@pytest.mark.filterwarnings("ignore::neuro.ApproximationWarning")  # of weights, and of iaf_psc_delta on SpiNNaker
+@pytest.mark.parametrize("backend", ["loihi", "spinnaker"])
+def test_chips_decide_by_their_spikes(learnt, backend):
+    assert learnt.test(Corridor(), episodes=10, backend=backend).mean > 0.6
+
+
+def test_joules_of_a_decision_have_a_range(learnt):
+    bill = learnt.energy("loihi", steps=20)
+    assert 0.0 < bill.low_j < bill.total_j < bill.high_j
+    assert len(deployed.HOST) == 2
+
+
+def test_an_agent_that_saw_nothing_cannot_be_deployed():
+    with pytest.raises(ModelError, match="has not been trained"):
+        agent().energy("loihi")
+
+
+def test_what_a_file_holds_decides_alike(learnt, tmp_path):
+    learnt.save(tmp_path / "agent.h5")
+    again = neuro_agent.ActorCritic.load(tmp_path / "agent.h5")
+    for name, weight in learnt.weights.items():
+        np.testing.assert_array_equal(weight, again.weights[name])
+    one, other = (each.test(Corridor(), episodes=5, seed=4).returns for each in (learnt, again))
+    np.testing.assert_array_equal(one, other)
+    assert [again.act({"place": 5, "near": np.array([5 / 6], np.float32)}) for _ in range(5)].count(1) >= 4
+
+
+@pytest.mark.parametrize("twin", [False, True])
+def test_a_training_that_was_stopped_goes_on_to_the_same_bits(tmp_path, monkeypatch, twin):
+    monkeypatch.setattr(training, "BLOCK", 250)
+    kind = neuro_agent.LinearTwin if twin else neuro_agent.ActorCritic
+
+    def made():
+        return kind(Corridor.observation_space, Corridor.action_space, seed=2, critics=10, explore=50)
+
+    whole, file = made(), tmp_path / "agent.h5"
+    whole.train(Corridor(), steps=1000)
+    env, first = Corridor(), made()
+    seen = env.step
+
+    def step(action):
+        step.count += 1
+        if step.count == 640:
+            raise KeyboardInterrupt
+        return seen(action)
+
+    step.count, env.step = 0, step
+    with pytest.raises(KeyboardInterrupt):
+        first.train(env, steps=1000, out=file)
+    assert not file.exists()
+    second = made()
+    second.train(Corridor(), steps=1000, out=file)
+    assert file.exists()
+    assert not (tmp_path / "agent.h5.training").exists()
+    for name, weight in whole.weights.items():
+        np.testing.assert_array_equal(weight, second.weights[name])
+    np.testing.assert_array_equal(whole.log.returns, second.log.returns)
+
+
+def test_a_vector_of_environments_is_learnt_from_at_a_time():
+    envs = gymnasium.vector.SyncVectorEnv([Corridor] * 4)
+    one = agent(seed=3)
+    log = one.train(envs, steps=4000)
+    assert one.test(Corridor(), episodes=20).mean > 0.6
+    assert len(log) > 100
+
+
+def test_a_second_training_has_episodes_of_its_own():
+    one, seeds = agent(), []
+    env = Corridor()
+    reset = env.reset
+
+    def noted(**words):
+        seeds.append(words["seed"])
+        return reset(**words)
+
+    env.reset = noted
+    one.train(env, steps=300)
+    one.train(env, steps=300)
+    assert len(seeds) == len(set(seeds)) > 20
+
+
+@pytest.mark.parametrize(
+    ("fault", "message"),
+    [
+        ("raises", "env.step raised ValueError: no power"),
+        ("four values", "env.step returned 4 values: expected (observation, reward, terminated, truncated, info)"),
+        ("space", "observation: found an array of shape [3]: expected one of Dict"),
+        ("outside", "observation: found 7: expected one of Dict"),
+        ("NaN", "observation: number 0 is nan: expected finite numbers"),
+        ("reward NaN", "env.step returned the reward nan: expected a finite number"),
+        ("text", "env.step returned the reward"),
+    ],
+)
+def test_what_an_environment_must_not_give(fault, message):
+    env, one = Corridor(), agent(explore=0)
+    one.train(env, steps=50)
+    env.fault = fault
+    with pytest.raises(ModelError) as caught:
+        one.train(env, steps=50)
+    assert str(caught.value).startswith(message)
+    assert all(np.isfinite(weight).all() for weight in one.weights.values())
+    assert len(one.train(Corridor(), steps=50))
+
+
+def test_an_environment_that_hangs_is_given_up():
+    class Hanging(Corridor):
+        def step(self, action):
+            import time
+
+            time.sleep(20.0 if self.k == 5 else 0.0)
+            return super().step(action)
+
+    with pytest.raises(ModelError, match=r"a call has not returned for 0\.4 s"):
+        agent().train(Hanging(), steps=50, patience=0.4)
+
+
+@pytest.mark.parametrize(
+    ("observations", "actions", "message"),
+    [
+        (spaces.Text(3), spaces.Discrete(2), "observation space: found Text: expected Box, Discrete"),
+        (spaces.Box(0, 255, (84, 84, 3)), spaces.Discrete(2), "places of 21168 dimensions in groups of 2"),
+        (spaces.Discrete(2), spaces.Discrete(65), "65 actions: expected at most 64"),
+        (spaces.Discrete(2), spaces.Box(-np.inf, np.inf, (1,)), "it has no bounds"),
+        (spaces.Discrete(2), spaces.Text(3), "action space: found Text"),
+        (spaces.Dict({}), spaces.Discrete(2), "observation space: it has no number"),
+    ],
+)
+def test_spaces_that_are_not_supported(observations, actions, message):
+    with pytest.raises(ModelError) as caught:
+        neuro_agent.ActorCritic(observations, actions)
+    assert message in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    "space",
+    [
+        spaces.Discrete(5, start=2),
+        spaces.MultiDiscrete([3, 4]),
+        spaces.MultiBinary(3),
+        spaces.MultiBinary([2, 2]),
+        spaces.Box(-1.0, 2.0, (2, 2)),
+        spaces.Tuple([spaces.Discrete(3), spaces.Dict({"b": spaces.Box(0.0, 1.0, (2,)), "a": spaces.MultiBinary(2)})]),
+    ],
+    ids=str,
+)
+def test_every_space_comes_back_from_a_file(space, tmp_path):
+    actions = space if not isinstance(space, spaces.Tuple) else spaces.MultiDiscrete([2, 3], start=[1, 0])
+    one = neuro_agent.ActorCritic(space, actions, critics=5)
+    one.save(tmp_path / "a.h5")
+    again = neuro_agent.ActorCritic.load(tmp_path / "a.h5")
+    assert (again.observations, again.actions.space) == (space, actions)
+    space.seed(1)
+    for _ in range(5):
+        vector = flat(space, space.sample())
+        assert len(one.places.cells(vector)) == one.places.active
+        frozen = one.frozen(seed=1)
+        assert actions.contains(one.actions.action(frozen.decide(vector[None])[0]))
+
+
+def test_each_grid_has_one_active_place_and_neighbours_share_some():
+    places = Places(dimensions_of(spaces.Box(0.0, 1.0, (2,))), 2, 6, 24)
+    rng = np.random.default_rng(1)
+    for _ in range(50):
+        x = rng.uniform(-0.2, 1.2, 2)
+        near, far = places.cells(x + 0.01), places.cells((x + 0.5) % 1.0)
+        here = places.cells(x)
+        assert len(set(here)) == places.active == 24
+        assert len(set(here) & set(near)) >= 18 > len(set(here) & set(far))
+
+
+def test_vectors_of_another_way_to_begin_anew_are_refused():
+    mode = gymnasium.vector.AutoresetMode.SAME_STEP
+    with pytest.raises(ModelError, match="autoreset_mode SAME_STEP: expected NEXT_STEP"):
+        Environments(gymnasium.vector.SyncVectorEnv([Corridor], autoreset_mode=mode))
+
+
+def test_controls_that_learn_nothing():
+    found = agent().controls(Corridor(), steps=400, episodes=5, names=("frozen", "random"))
+    assert all(test.mean < 0.5 for test in found.values())
