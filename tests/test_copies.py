@@ -104,6 +104,17 @@ def test_a_step_takes_what_was_injected_before(tmp_path):
     assert again.time == 20.0
 
 
+def test_the_same_lists_may_have_other_spikes_in_the_next_step():
+    sim = neuro.compile(agent(), seed=1)
+    step, spikes = sim.stepper(10.0, emit=["places"], count=["places"]), (np.array([5]), np.array([0]))
+    step.step(spikes)
+    spikes[1][0] = 3
+    assert step.step(spikes)[0].tolist() == [[0, 0, 0, 1, 0, 0, 0, 0]]
+    spikes[1][0] = 8
+    with pytest.raises(ModelError, match="ids 8 to 8: expected 0 to 7"):
+        step.step(spikes)
+
+
 def test_spikes_of_steps_are_not_kept():
     sim = neuro.compile(agent(), seed=1)
     step = sim.stepper(10.0, emit=["places"], count=["actor"])

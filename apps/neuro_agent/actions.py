@@ -61,7 +61,7 @@ def actions_of(space: gymnasium.Space[Any], levels: int) -> Actions:
     if max(found.sizes, default=0) > MOST:
         raise ModelError(f"action space {space}: {max(found.sizes)} actions: expected at most {MOST}")
     if not found.sizes:
-        raise ModelError(f"action space {space}: it has no number: expected {EXPECTED}")
+        raise ModelError(f"action space {space}: it is empty: expected {EXPECTED}")
     return found
 
 

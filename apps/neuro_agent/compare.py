@@ -18,6 +18,7 @@ from neuro_agent import worlds
 from neuro_agent.agent import ActorCritic
 from neuro_agent.log import Test
 from neuro_agent.training import TESTS, episode_seed
+from neuro_agent.twin import LinearTwin
 
 __all__ = ["NAMES", "Found", "Plan", "Trial", "run"]
 
@@ -184,9 +185,7 @@ def _agent(trial: Trial, env: gymnasium.Env[Any, Any]) -> tuple[int, Test]:
 
 
 def _twin(trial: Trial, env: gymnasium.Env[Any, Any]) -> tuple[int, Test]:
-    from neuro_agent import twin  # type: ignore[attr-defined,unused-ignore]
-
-    agent = twin.LinearTwin(env.observation_space, env.action_space, seed=trial.seed, **trial.settings)
+    agent = LinearTwin(env.observation_space, env.action_space, seed=trial.seed, **trial.settings)
     agent.train(env, steps=trial.steps)
     return trial.steps, agent.test(env, trial.episodes)
 

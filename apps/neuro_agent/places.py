@@ -154,7 +154,7 @@ class Places:
     def __init__(self, dimensions: Sequence[Dimension], group: int, fields: int, active: int) -> None:
         self.dimensions = list(dimensions)
         if not self.dimensions:
-            raise ModelError("observation space: it has no number: expected at least one")
+            raise ModelError("observation space: it is empty: expected at least one dimension")
         some = min(group, len(self.dimensions))
         if math.comb(len(self.dimensions), some) > MOST_PLACES:
             raise _too_many(len(self.dimensions), some)

@@ -19,7 +19,6 @@ from neuro.run.handles import Handles
 
 Listed = tuple[ArrayLike, ArrayLike] | tuple[ArrayLike, ArrayLike, ArrayLike]
 
-_NONE: Ints = np.zeros(0, dtype=np.int64)
 LOOK = 1000
 """Steps after which control steps look at all states for NaN."""
 
@@ -108,8 +107,6 @@ class Stepper:
             raise ModelError(
                 "stepper: the network has probes or streams: expected one without", hint="use run and ports"
             )
-        self._last: list[Any] = [None] * len(self._emit)
-        self._lists: list[tuple[int, Ints, Ints, Ints]] = [(0, _NONE, _NONE, _NONE)] * len(self._emit)
         self._before = [joined.engines.fired(index) for index in self._count]
 
     def step(self, *spikes: Listed) -> list[Ints]:
@@ -130,7 +127,7 @@ class Stepper:
         joined.check_together()
         if len(spikes) != len(self._emit):
             raise ModelError(f"step: spikes of {len(spikes)} populations: expected {len(self._emit)}")
-        lists = [self._list(k, each) for k, each in enumerate(spikes)]
+        lists = [self._list(index, each) for index, each in zip(self._emit, spikes, strict=True)]
         joined.engines.list_spikes(lists)
         joined.advance(self.ticks, forget=True)
         now = [joined.engines.fired(index) for index in self._count]
@@ -138,10 +135,7 @@ class Stepper:
         self._before = now
         return counts
 
-    def _list(self, k: int, given: Listed) -> tuple[int, Ints, Ints, Ints]:
-        if given is self._last[k]:  # the same spikes in each step, as to ask for a choice, are checked once
-            return self._lists[k]
-        index = self._emit[k]
+    def _list(self, index: int, given: Listed) -> tuple[int, Ints, Ints, Ints]:
         part, n = self._joined.program.populations[index], len(self._joined)
         *first, ticks, ids = (np.ascontiguousarray(each, dtype=np.int64) for each in given)
         offsets = first[0] if first else np.array([0, len(ticks)], dtype=np.int64)
@@ -155,5 +149,4 @@ class Stepper:
             raise ModelError(
                 f"step: spikes of '{part.name}': ids {ids.min()} to {ids.max()}: expected 0 to {part.size - 1}"
             )
-        self._last[k], self._lists[k] = given, (index, offsets, ticks, ids)
-        return self._lists[k]
+        return index, offsets, ticks, ids

@@ -193,7 +193,7 @@ def test_an_environment_that_hangs_is_given_up():
         (spaces.Discrete(2), spaces.Discrete(65), "65 actions: expected at most 64"),
         (spaces.Discrete(2), spaces.Box(-np.inf, np.inf, (1,)), "it has no bounds"),
         (spaces.Discrete(2), spaces.Text(3), "action space: found Text"),
-        (spaces.Dict({}), spaces.Discrete(2), "observation space: it has no number"),
+        (spaces.Dict({}), spaces.Discrete(2), "observation space: it is empty"),
     ],
 )
 def test_spaces_that_are_not_supported(observations, actions, message):

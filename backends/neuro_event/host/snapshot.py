@@ -65,8 +65,8 @@ _MOVES = {
     "move_signal",
     "move_spikes",
     "move_seen",
+    "move_concerned",
 }
-_MOVES |= {"move_concerned"}
 _FIXED = _GIVEN | VIEWS | _EMPTY | _REBUILT
 """Arrays that a snapshot leaves out: they follow from the program, or hold nothing between two runs."""
 
