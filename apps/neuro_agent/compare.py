@@ -102,10 +102,10 @@ class Plan:
     def left_out(self) -> dict[str, str]:
         """Who cannot take part, and why."""
         env = worlds.make(self.environment)
-        found = {} if find_spec("neuro_agent.twin") else {"twin": "this version has none"}
+        found: dict[str, str] = {}
         if find_spec("stable_baselines3") is None:
             reason = f"stable-baselines3 is not installed: {install('rl')}"
-            return {**found, "ppo": reason, "dqn": reason}
+            return {"ppo": reason, "dqn": reason}
         if isinstance(env.observation_space, spaces.Tuple):
             found |= dict.fromkeys(("ppo", "dqn"), "it takes no Tuple of observations")
         if not isinstance(env.action_space, spaces.Discrete):

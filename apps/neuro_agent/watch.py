@@ -135,7 +135,7 @@ def played(agent: Learner, env: Any, seed: int = 0, learning: bool = False) -> E
     twin.begin(1)
     if twin._copies is None:
         raise ModelError(f"watch: {type(agent).__name__} has no spikes to show: expected an ActorCritic")
-    episode = Episode(learning, _name(env))
+    episode = Episode(learning, worlds.name)
     camera = _Camera(env)
     with worlds.watched():
         _play(twin, None if learning else Frozen(agent, seed, "event"), worlds, episode, camera, seed)
@@ -253,11 +253,6 @@ def _written(image: Image, kind: str, **options: Any) -> str:
     into = io.BytesIO()
     image.save(into, format=kind, **options)
     return f"data:image/{kind};base64,{base64.b64encode(into.getvalue()).decode('ascii')}"
-
-
-def _name(env: Any) -> str:
-    spec = getattr(env, "spec", None)
-    return str(spec.id if spec is not None else type(env.unwrapped).__name__)
 
 
 def page(agent: Learner, episode: Episode, seed: int = 0) -> str:
