@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from functools import cached_property
 from typing import Any
 
 import gymnasium
@@ -14,7 +13,7 @@ import numpy.typing as npt
 import neuro
 from neuro_agent.actions import actions_of
 from neuro_agent.log import Log
-from neuro_agent.network import BASE, CRITIC, SLOPE, STEP, TAU, Weights, circuit, network
+from neuro_agent.network import CRITIC, GAIN, REST, STEP, TAU, Weights, circuit, network
 from neuro_agent.places import PERIOD, Places, dimensions_of
 from neuro_agent.settings import settings_of
 
@@ -173,7 +172,8 @@ class Learner:
         """Show an observation to each copy, (copies, dimensions), and let it judge and choose."""
         values, *chosen = self._stepper.step(self.places.spikes(observations, STEP), self._ask)
         winners = np.array([each.argmax(axis=1) for each in chosen]).T
-        return Decision(winners, self.rewards.first + (values.sum(axis=1) - self._rest) / self._gain, values)
+        counts = values.sum(axis=1) / self.settings.critics
+        return Decision(winners, self.rewards.first + (counts - REST) / GAIN, values)
 
     def teach(self, errors: Floats) -> None:
         """Set the errors of the last but one control step, one for each copy: its synapses learn."""
@@ -187,18 +187,6 @@ class Learner:
         for name in self.projections:
             self._copies.clear(name, which)
 
-    @cached_property
-    def _rest(self) -> float:
-        """Spikes of the critic in a control step in which nothing excites it."""
-        p = 1.0 - math.exp(-BASE / 1000.0)
-        return self.settings.critics * STEP * p / (1.0 + p)
-
-    @cached_property
-    def _gain(self) -> float:
-        """By how many spikes 1 mV changes that."""
-        left = math.exp(-BASE / 1000.0)
-        return self.settings.critics * STEP * SLOPE / 1000.0 * left / (2.0 - left) ** 2
-
 
 def block_seed(seed: int, block: int) -> int:
     """The seed of the network's draws in a block of training."""
@@ -211,6 +199,4 @@ def _rates(active: int, actor: float, critic: float) -> tuple[float, float]:
     An active place brings x, which is 1 / (1 - exp(-PERIOD / tau)) at a spike and decays; the means are over a period.
     """
     x = np.exp(-np.arange(PERIOD) / TAU) / (1.0 - math.exp(-PERIOD / TAU))
-    p = 1.0 - math.exp(-BASE / 1000.0)
-    spikes = STEP * p / (1.0 + p)
-    return actor / (active * float(np.mean(x**2))), critic / (active * spikes * float(np.mean(x)) ** 2)
+    return actor / (active * float(np.mean(x**2))), critic / (active * REST * float(np.mean(x)) ** 2)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from typing import Any, TypeAlias
 
@@ -21,8 +22,18 @@ STEP = 20
 TAU = 5.0
 """Time constant of membranes and traces in ms: what one control step has left is gone in the next."""
 CRITIC = "critic"
-BASE, SLOPE = 300.0, 300.0
-"""Rate of a critic's neuron at rest in Hz, and by how much 1 mV changes it."""
+BASE, SLOPE, FEEDBACK = 240.0, 180.0, 20.0
+"""Rate of a critic's neuron at rest in Hz, by how much 1 mV changes it, and how strongly it adapts.
+
+A spike raises the threshold, which holds the next one back: where a rate of 1 Hz more lowers the drive by FEEDBACK Hz,
+the counts of a control step vary by 0.13 mV, those of a Poisson process of the same rate and slope by 0.55 mV. What
+varies in the value is an error that was not made, and the actor follows it.
+"""
+REST, GAIN = 5.98, 3.69
+"""Spikes of a critic's neuron in a control step in which nothing excites it, and by how many 1 mV changes that.
+
+Measured with 400 neurons in 1,500 control steps; from -1 to 1 mV the slope is 3.82 to 2.84.
+"""
 
 
 def circuit(k: int) -> str:
@@ -52,7 +63,15 @@ def network(
         net.connect(here, target, neuro.all_to_all(), rule, weight=weight, delay=1.0, name=name)
 
     if learnt is None:
-        point = neuro.pp_psc_delta(tau_m=TAU, with_reset=False, c_1=SLOPE, c_2=BASE, c_3=0.0)
+        point = neuro.pp_psc_delta(
+            tau_m=TAU,
+            with_reset=False,
+            c_1=SLOPE * (1.0 + FEEDBACK),
+            c_2=BASE * (1.0 + FEEDBACK),
+            c_3=0.0,
+            tau_sfa=TAU,
+            q_sfa=1000.0 * FEEDBACK / (1.0 + FEEDBACK) / SLOPE * (1.0 - math.exp(-1.0 / TAU)),
+        )
         critic = net.population(CRITIC, settings.critics, point)
         net.signal("error", to=critic)
         connect(critic, "value", neuro.td_lambda(signal="error", eta=rates[1], **common))

@@ -43,7 +43,7 @@ class Settings:
     group: int = _whole(2)
     fields: int = _whole(6, 2)
     active: int = _whole(24)
-    critics: int = _whole(150)
+    critics: int = _whole(100)
     levels: int = _whole(7, 2)
     discount: float = _number(0.99, at_least=0.0, below=1.0)
     decay: float = _number(0.9, at_least=0.0, at_most=1.0)

@@ -20,6 +20,9 @@ from neuro_event.loop.tables import RULE_TYPE, call_moves, net_of, plastic_of
 GATHER, TEACH = range(2)
 """Operations of an entry."""
 
+DENSE_FROM = 8
+"""Where one of so many targets or more is concerned, all are."""
+
 LIT, LIVE = range(2)
 """Columns of `move_count` of a projection."""
 
@@ -141,18 +144,26 @@ def move_entry(model):
         to_target, to = p.move_table[k, t.MOVE_TARGET], p.move_table[k, t.MOVE_SYNAPSE]
         pre = traces(p, thread, (p.move_table[k, t.MOVE_SOURCE] + source) * t.MOVE_TRACES)
         first, end = row_of(net, row, source, thread)
-        lo, _ = targets_of(net, net.pops[row[t.TARGET]], thread)
+        lo, hi = targets_of(net, net.pops[row[t.TARGET]], thread)
+        y = p.move_y
+        if row[t.LAYOUT] == t.DENSE and DENSE_FROM * n >= hi - lo:
+            # Neighbours of those concerned come along, for whom `gather` does nothing: four at a time are as fast as
+            # one alone.
+            s_0, i_0 = np.uint64(to + first), np.uint64(to_target + lo)
+            for e in range(np.uint64(hi - lo)):
+                gather(y, s_0 + e, c, pre, p.move_spikes[i_0 + e], p.move_seen[i_0 + e], p.move_gate[i_0 + e])
+            return
         for at in range(n):
             target = p.move_concerned[to_target + lo + at]
             place = to_target + target
             spikes, seen, gate = p.move_spikes[place], p.move_seen[place], p.move_gate[place]
             if row[t.LAYOUT] == t.DENSE:  # all there are nearly always: no search
-                gather(p.move_y, np.uint64(to + first + target - lo), c, pre, spikes, seen, gate)
+                gather(y, np.uint64(to + first + target - lo), c, pre, spikes, seen, gate)
                 continue
             for s in range(place_of(net, row, source, first, end, target), end):
                 if target_of(net, row, source, s) != target:
                     break
-                gather(p.move_y, np.uint64(to + s), c, pre, spikes, seen, gate)
+                gather(y, np.uint64(to + s), c, pre, spikes, seen, gate)
 
     @subkernel
     def gather_all(view, k, step, thread):
