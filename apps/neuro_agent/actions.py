@@ -34,17 +34,13 @@ class Actions:
     space: gymnasium.Space[Any]
     values: tuple[npt.NDArray[np.float64], ...] = ()
 
-    def action(self, winners: npt.NDArray[np.int64]) -> Any:
-        """The action of one winner in each circuit, (circuits,)."""
-        match self.space:
-            case spaces.Discrete():
-                return self.space.dtype.type(self.space.start + winners[0])
-            case spaces.MultiDiscrete():
-                return (winners.reshape(self.space.shape) + self.space.start).astype(self.space.dtype)
-            case spaces.Box():
-                chosen = [values[winner] for values, winner in zip(self.values, winners, strict=True)]
-                return np.array(chosen).reshape(self.space.shape).astype(self.space.dtype)
-        return winners.reshape(self.space.shape).astype(self.space.dtype)
+    def of(self, winners: npt.NDArray[np.int64]) -> npt.NDArray[Any]:
+        """The actions of the winners of each circuit, (copies, circuits); the first axis is that of the copies."""
+        if isinstance(self.space, spaces.Box):
+            winners = np.stack([values[winners[:, k]] for k, values in enumerate(self.values)], axis=1)
+        elif not isinstance(self.space, spaces.MultiBinary):
+            winners = winners + np.ravel(self.space.start)
+        return winners.reshape(-1, *self.space.shape).astype(self.space.dtype, copy=False)
 
 
 def actions_of(space: gymnasium.Space[Any], levels: int) -> Actions:

@@ -130,7 +130,7 @@ class ActorCritic(Learner):
         """The action for one observation, by the frozen agent."""
         if self._acting is None:
             self._acting = self.frozen(self.seed)
-        return self.actions.action(self._acting.decide(flat(self.observations, observation)[None])[0])
+        return self.actions.of(self._acting.decide(flat(self.observations, observation)))[0]
 
     def watch(self, env: Any, path: str | PathLike[str], seed: int = 0, *, learning: bool = False) -> Episode:
         """Play an episode and write it as a page, see `neuro_agent.watch.watch`."""

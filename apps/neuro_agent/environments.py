@@ -66,10 +66,10 @@ class Environments:
     def reset(self, seeds: Sequence[int]) -> Floats:
         """Begin all episodes, by the first seed; the first observations, (n, dimensions)."""
         found, _ = self._call("reset", seed=int(seeds[0]))
-        self.over[:] = False
+        self.over = np.zeros(self.n, dtype=np.bool_)
         return self._vectors(found)
 
-    def step(self, actions: Sequence[Any], seeds: Sequence[int]) -> tuple[Floats, Floats, Bools, Bools]:
+    def step(self, actions: npt.NDArray[Any], seeds: Sequence[int]) -> tuple[Floats, Floats, Bools, Bools]:
         """One step of each; of those that are over the first observation of the next episode.
 
         Args:
@@ -80,14 +80,13 @@ class Environments:
             observations (n, dimensions), rewards, which terminated, which were cut off; of those that were over the
             reward is 0.
         """
-        begun = self.over.copy()
-        if not self._vector:
-            if begun[0]:
-                return self.reset(seeds), np.zeros(1), np.zeros(1, np.bool_), np.zeros(1, np.bool_)
-            found, *parts = self._step(actions[0])
-            return self._taken(self._vectors(found), *(np.atleast_1d(part) for part in parts))
-        found, reward, ended, cut = self._step(np.stack([np.asarray(action) for action in actions]))
-        return self._taken(self._vectors(found), np.where(begun, 0.0, reward), ended & ~begun, cut & ~begun)
+        if self._vector:
+            begun = self.over
+            found, reward, ended, cut = self._step(actions)
+            return self._taken(found, np.where(begun, 0.0, reward), ended & ~begun, cut & ~begun)
+        if self.over[0]:
+            return self.reset(seeds), np.zeros(1), np.zeros(1, np.bool_), np.zeros(1, np.bool_)
+        return self._taken(*self._step(actions[0]))
 
     def _step(self, action: Any) -> tuple[Any, Any, Any, Any]:
         answer = self._call("step", action)
@@ -97,35 +96,26 @@ class Environments:
             raise ModelError(f"env.step returned {size}: expected ({names})")
         return answer[0], answer[1], answer[2], answer[3]
 
-    def _taken(self, vectors: Floats, reward: Any, ended: Any, cut: Any) -> tuple[Floats, Floats, Bools, Bools]:
+    def _taken(self, found: Any, reward: Any, ended: Any, cut: Any) -> tuple[Floats, Floats, Bools, Bools]:
         try:
             rewards = np.asarray(reward, dtype=np.float64).reshape(self.n)
         except (TypeError, ValueError):
             raise ModelError(f"env.step returned the reward {reward!r}: expected a number") from None
-        if not np.isfinite(rewards).all():
-            bad = float(rewards[~np.isfinite(rewards)][0])
-            raise ModelError(f"env.step returned the reward {bad:g}: expected a finite number")
-        ends, cuts = np.asarray(ended, dtype=np.bool_), np.asarray(cut, dtype=np.bool_)
+        good = np.isfinite(rewards)
+        if np.count_nonzero(good) < self.n:
+            raise ModelError(f"env.step returned the reward {rewards[~good][0]:g}: expected a finite number")
+        ends, cuts = (np.asarray(each, dtype=np.bool_).reshape(self.n) for each in (ended, cut))
         self.over = ends | cuts
-        return vectors, rewards, ends, cuts & ~ends
+        return self._vectors(found), rewards, ends, cuts & ~ends
 
     def _vectors(self, found: Any) -> Floats:
-        vectors = self._flat(found)
+        vectors = flat(self.observations, found, self.n if self._vector else 0)
         if self._listed:
             values = vectors[:, self._listed]
             bad = (values < self._first) | (values >= self._first + self._states)
             if bad.any():
                 raise ModelError(f"observation: found {values[bad][0]:g}: expected one of {self.observations}")
         return vectors
-
-    def _flat(self, found: Any) -> Floats:
-        if not self._vector:
-            return flat(self.observations, found)[None]
-        if isinstance(found, np.ndarray) and len(found) == self.n:
-            return np.stack([flat(self.observations, each) for each in found])
-        from gymnasium.vector.utils import iterate
-
-        return np.stack([flat(self.observations, each) for each in iterate(self._env.observation_space, found)])
 
     def _call(self, name: str, *given: Any, **named: Any) -> Any:
         self._calls += 1

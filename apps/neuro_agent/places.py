@@ -85,23 +85,34 @@ def _bound(value: float) -> float:
     return value if abs(value) < BOUNDLESS else float(np.copysign(np.inf, value))
 
 
-def flat(space: gymnasium.Space[Any], observation: Any) -> Floats:
-    """An observation as a vector, (dimensions,).
+def flat(space: gymnasium.Space[Any], found: Any, n: int = 0) -> Floats:
+    """Observations as vectors, (observations, dimensions).
+
+    Args:
+        space: of one observation.
+        found: one observation, or with `n` as many as a vector of environments gives them.
+        n: how many there are.
 
     Raises:
-        ModelError: it has another form than the space says, or holds NaN.
+        ModelError: one has another form than the space says, or holds NaN.
     """
+    ahead = (n,) if n else ()
     try:
         if isinstance(space, (spaces.Dict, spaces.Tuple)):
-            vector = np.concatenate([np.ravel(part) for part in _parts(space, observation)]).astype(np.float64)
+            vectors = np.concatenate([part.reshape(n or 1, -1) for part in _parts(space, found, ahead)], axis=1)
         else:
-            vector = _array(space, observation).astype(np.float64).reshape(-1)
+            vectors = _array(space, found, ahead).reshape(n or 1, -1)
+        vectors = vectors.astype(np.float64, copy=False)
     except (TypeError, ValueError, KeyError, IndexError):
-        raise ModelError(f"observation: found {_form(observation)}: expected one of {space}") from None
-    if not np.isfinite(vector).all():
-        bad = int(np.argmin(np.isfinite(vector)))
-        raise ModelError(f"observation: number {bad} is {vector[bad]:g}: expected finite numbers")
-    return vector
+        listed = f"{n} of {space}, one for each environment" if n else f"one of {space}"
+        raise ModelError(f"observation: found {_form(found)}: expected {listed}") from None
+    good = np.isfinite(vectors)
+    if np.count_nonzero(good) < good.size:
+        bad = int(np.argmin(good))
+        raise ModelError(
+            f"observation: number {bad % vectors.shape[1]} is {vectors.flat[bad]:g}: expected finite numbers"
+        )
+    return vectors
 
 
 def _form(observation: Any) -> str:
@@ -109,20 +120,20 @@ def _form(observation: Any) -> str:
     return type(observation).__name__ if shape is None else f"an array of shape {list(shape)}"
 
 
-def _parts(space: gymnasium.Space[Any], observation: Any) -> Any:
+def _parts(space: gymnasium.Space[Any], found: Any, ahead: tuple[int, ...]) -> Any:
     if isinstance(space, spaces.Dict):
         for key, part in space.spaces.items():
-            yield from _parts(part, observation[key])
+            yield from _parts(part, found[key], ahead)
     elif isinstance(space, spaces.Tuple):
-        for part, one in zip(space.spaces, observation, strict=True):
-            yield from _parts(part, one)
+        for part, one in zip(space.spaces, found, strict=True):
+            yield from _parts(part, one, ahead)
     else:
-        yield _array(space, observation)
+        yield _array(space, found, ahead)
 
 
-def _array(space: gymnasium.Space[Any], observation: Any) -> npt.NDArray[Any]:
-    array = np.asarray(observation)
-    if array.shape != (space.shape or ()):
+def _array(space: gymnasium.Space[Any], found: Any, ahead: tuple[int, ...]) -> npt.NDArray[Any]:
+    array = np.asarray(found)
+    if array.shape != (*ahead, *(space.shape or ())):
         raise ValueError
     return array
 

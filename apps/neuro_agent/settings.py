@@ -47,8 +47,8 @@ class Settings:
     levels: int = _whole(7, 2)
     discount: float = _number(0.99, at_least=0.0, below=1.0)
     decay: float = _number(0.9, at_least=0.0, at_most=1.0)
-    actor_rate: float = _number(1.2, at_least=0.0)
-    critic_rate: float = _number(0.03, at_least=0.0)
+    actor_rate: float = _number(2.4, at_least=0.0)
+    critic_rate: float = _number(0.06, at_least=0.0)
     sharpness: float = _number(4.0, above=0.0)
     explore: int = _whole(400, 0)
 

@@ -97,17 +97,18 @@ class Course:
         while self.steps < (least if agent.rewards.known else SPARSE * least) and not end.reached(self.log):
             if end.steps is not None and self.steps >= end.steps:
                 break
-            begins = env.over.copy()
-            now, reward, ended, cut = env.step([env.actions.sample() for _ in range(env.n)], self._seeds(begins))
+            begins = env.over
+            drawn = np.stack([env.actions.sample() for _ in range(env.n)])
+            now, reward, _, _ = env.step(drawn, self._seeds(begins))
             seen.append(now)
             self._count(reward, begins)
-            sums.add(self, reward, begins, ended | cut)
+            sums.add(self, reward, begins, env.over)
         agent.places.learn(np.concatenate(seen))
         agent.explored = True
 
     def _count(self, reward: Floats, begins: Bools) -> None:
         """Count a control step of all, and learn the scale of rewards as soon as there is one."""
-        self.steps += int((~begins).sum())
+        self.steps += self.env.n - np.count_nonzero(begins)
         agent = self.agent
         if not agent.explored or not agent.rewards.known:
             self.rewards += reward[~begins].tolist()
@@ -116,7 +117,7 @@ class Course:
 
     def _seeds(self, begins: Bools | None = None) -> list[int]:
         """Seeds of the episodes that begin."""
-        if begins is not None and not begins.any():
+        if begins is not None and not np.count_nonzero(begins):
             return self._none
         seeds = []
         for k in range(self.env.n):
@@ -142,19 +143,18 @@ class Course:
             shown = self.rng.permuted(seen, axis=1) if self.control == "scrambled" else seen
             found = agent.decide(shown)
             # What a state is worth follows a cut-off, and nothing an end; of what has just begun nothing is known.
-            errors = np.where(begins, 0.0, reward + np.where(ended, 0.0, s.discount * found.values) - value)
+            errors = (reward + s.discount * found.values * ~ended - value) * ~begins
             agent.teach(self._taught(errors))
-            if env.over.any():
-                agent.forget(env.over)
-            acted = [agent.actions.action(each) for each in self._winners(found.winners)]
-            begins = env.over.copy()
-            seen, reward, ended, cut = env.step(acted, self._seeds(begins))
+            begins = env.over
+            if np.count_nonzero(begins):
+                agent.forget(begins)
+            seen, reward, ended, _ = env.step(agent.actions.of(self._winners(found.winners)), self._seeds(begins))
             self._count(reward, begins)
-            sums.add(self, reward, begins, ended | cut)
+            over = sums.add(self, reward, begins, env.over)
             reward, value = reward * agent.rewards.factor, found.values
             if before is not None and k % MERGE == MERGE - 1:
                 before = agent.merge(before)
-            if (ended | cut).any():
+            if over:
                 show(self)
                 if end.reached(self.log):
                     break
@@ -186,13 +186,16 @@ class Sums:
     def __init__(self, n: int) -> None:
         self._total, self._length = np.zeros(n), np.zeros(n, dtype=np.int64)
 
-    def add(self, course: Course, reward: Floats, begins: Bools, over: Bools) -> None:
-        """A control step of all; those that are over go to the log."""
+    def add(self, course: Course, reward: Floats, begins: Bools, over: Bools) -> bool:
+        """A control step of all; those that are over go to the log; return whether there are any."""
         self._total += reward
         self._length += ~begins
+        if not np.count_nonzero(over):
+            return False
         for k in np.flatnonzero(over):
             course.log.add(float(self._total[k]), int(self._length[k]), course.steps)
             self._total[k], self._length[k] = 0.0, 0
+        return True
 
 
 @dataclass(frozen=True, slots=True)
@@ -299,7 +302,7 @@ def test(
             seen = worlds.reset([episode_seed(seed, TESTS + k)])
             while not worlds.over[0] and lengths[k] < most:
                 winners = frozen.decide(seen)
-                seen, reward, _, _ = worlds.step([agent.actions.action(winners[0])], [0])
+                seen, reward, _, _ = worlds.step(agent.actions.of(winners), [0])
                 returns[k] += reward[0]
                 lengths[k] += 1
     return Test(returns, lengths)

@@ -170,7 +170,7 @@ def _play(
             _keep(episode.weights, k, _policy(twin), MOMENTS)
         if worlds.over[0]:
             break
-        seen, rewards, ends, cuts = worlds.step([twin.actions.action(winners)], [0])
+        seen, rewards, ends, cuts = worlds.step(twin.actions.of(winners[None]), [0])
         reward, before, ended, cut = float(rewards[0]), value, bool(ends[0]), bool(cuts[0])
     episode.end = "terminated" if ended else "cut off by the environment" if cut else f"cut off after {STEPS} steps"
 

@@ -113,7 +113,7 @@ class Copies:
         if array.shape not in ((), (len(self), 1), (len(self), size)):
             message = f"{what}: an array of shape {list(array.shape)}: expected [{len(self)}, {size}], copies first"
             raise ModelError(message)
-        if not np.isfinite(array).all():
+        if np.count_nonzero(np.isfinite(array)) < array.size:
             raise ModelError(f"{what}: a value is not finite: expected numbers")
         each = np.empty((len(self), size))
         np.add(array, 0.0, out=each)  # -0.0 is 0.0

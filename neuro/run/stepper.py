@@ -11,6 +11,7 @@ from numpy.typing import ArrayLike
 from neuro.core.clock import NEVER, Clock
 from neuro.core.english import a
 from neuro.core.errors import ModelError
+from neuro.kernels.jit import kernel
 from neuro.program.backend import Engine
 from neuro.program.program import Ints, Program
 from neuro.program.together import together
@@ -142,11 +143,17 @@ class Stepper:
         if offsets.shape != (n + 1,) or offsets[0] != 0 or offsets[-1] != len(ticks) or len(ids) != len(ticks):
             message = f"step: spikes of '{part.name}': expected (offsets, ticks, ids) with {n + 1} offsets"
             raise ModelError(message if n > 1 else f"step: spikes of '{part.name}': expected as many ticks as ids")
-        if len(ticks) and not (ticks.min() > 0 and ticks.max() <= self.ticks):
-            found = f"ticks {ticks.min()} to {ticks.max()}"
-            raise ModelError(f"step: spikes of '{part.name}': {found}: expected 1 to {self.ticks}")
-        if len(ids) and not (ids.min() >= 0 and ids.max() < part.size):
-            raise ModelError(
-                f"step: spikes of '{part.name}': ids {ids.min()} to {ids.max()}: expected 0 to {part.size - 1}"
-            )
+        for what, found, low, high in (("ticks", ticks, 1, self.ticks), ("ids", ids, 0, part.size - 1)):
+            if not _within(found, low, high):
+                ends = f"{what} {found.min()} to {found.max()}"
+                raise ModelError(f"step: spikes of '{part.name}': {ends}: expected {low} to {high}")
         return index, offsets, ticks, ids
+
+
+@kernel
+def _within(values: Ints, low: int, high: int) -> bool:
+    """Whether all values are in low..high; four calls of numpy would take as long as some ticks of a small network."""
+    for k in range(values.shape[0]):  # noqa: SIM110  a generator is no kernel
+        if values[k] < low or values[k] > high:
+            return False
+    return True

@@ -222,10 +222,10 @@ def test_every_space_comes_back_from_a_file(space, tmp_path):
     assert (again.observations, again.actions.space) == (space, actions)
     space.seed(1)
     for _ in range(5):
-        vector = flat(space, space.sample())
+        vector = flat(space, space.sample())[0]
         assert len(one.places.cells(vector)) == one.places.active
         frozen = one.frozen(seed=1)
-        assert actions.contains(one.actions.action(frozen.decide(vector[None])[0]))
+        assert actions.contains(one.actions.of(frozen.decide(vector[None]))[0])
 
 
 def test_each_grid_has_one_active_place_and_neighbours_share_some():
