@@ -155,3 +155,35 @@ def test_values_of_copies_come_copies_first():
     with pytest.raises(ModelError, match="stand at 5, 0"):
         copies.run(5.0)
     assert copies.port("policy", "weight").get().shape == (2, 16)
+
+
+@pytest.mark.parametrize("backend", ["event", "reference"])
+def test_merged_copies_have_what_each_has_learnt(backend):
+    copies = neuro.compile(agent(), backend, seed=1, copies=N)
+    before = np.linspace(0.1, 1.0, copies.program.projections[0].size)
+    for sim in copies:
+        sim.set("policy", weight=before)
+    stepper = copies.stepper(5.0, emit=["places"])
+    rng = np.random.default_rng(2)
+    for _ in range(20):
+        ids = np.sort(rng.permuted(np.tile(np.arange(8), (N, 1)), axis=1)[:, :4], axis=1).ravel()
+        stepper.step((np.arange(N + 1) * 4, np.full(len(ids), 1), ids))
+        copies.signal("error", rng.normal(0.0, 1.0, (N, 1)))
+    each = [sim.get("policy", "weight") for sim in copies]
+    after = copies.merge("policy", before)
+    assert len({tuple(w) for w in each}) == N
+    np.testing.assert_allclose(after, before + sum(w - before for w in each), rtol=1e-12, atol=1e-15)
+    for sim in copies:
+        np.testing.assert_array_equal(sim.get("policy", "weight"), after)
+    with pytest.raises(ModelError, match=r"merge: before has shape \[3\]: expected \[16\]"):
+        copies.merge("policy", [1.0, 2.0, 3.0])
+
+
+def test_a_merged_projection_sends_its_new_weights():
+    copies = neuro.compile(agent(), seed=1, copies=2)
+    copies[0].set("policy", weight=3.0)
+    copies.merge("policy", np.full(16, 0.5))
+    copies.stepper(1.0, emit=["places"]).step(([0, 0, 1], [1], [0]))
+    copies.run(1.0)
+    assert copies[0].get("actor", "V_m").tolist() == [0.0, 0.0]
+    assert copies[1].get("actor", "V_m").max() == 3.0  # the other may have spiked

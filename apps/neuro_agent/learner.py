@@ -161,12 +161,7 @@ class Learner:
     def merge(self, before: Mapping[str, Floats]) -> dict[str, Floats]:
         """Let all copies have what they had at first, and what each of them has learnt since."""
         assert self._copies is not None
-        after = {}
-        for name, first in before.items():
-            each = np.stack([sim.get(name, "weight") for sim in self._copies])
-            after[name] = (first.ravel() + (each - first.ravel()).sum(axis=0)).reshape(first.shape)
-        self._set(after)
-        return after
+        return {name: self._copies.merge(name, w.ravel()).reshape(w.shape) for name, w in before.items()}
 
     def decide(self, observations: Floats) -> Decision:
         """Show an observation to each copy, (copies, dimensions), and let it judge and choose."""

@@ -158,6 +158,8 @@ class Course:
                 show(self)
                 if end.reached(self.log):
                     break
+        if before is not None:
+            agent.merge(before)
         agent.seen = np.array(shown_last)
 
     def _taught(self, errors: Floats) -> Floats:

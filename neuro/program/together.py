@@ -38,6 +38,14 @@ class Engines(Protocol):
     def clear(self, projection: int, which: NDArray[np.bool_]) -> None:
         """Let the states of synapses that learn by moves be 0 in those engines for which `which` says so."""
 
+    def merge(self, projection: int, before: Floats) -> Floats:
+        """Let the weights of a projection that learns by moves be `before` and what each engine has added; return them.
+
+        Args:
+            projection: the projection.
+            before: weights that all had, (synapses,).
+        """
+
 
 @runtime_checkable
 class Joins(Protocol):
@@ -97,3 +105,11 @@ class OneByOne:
             assert isinstance(engine, SettableSynapses)
             for state in part.synapse.states:
                 engine.set_synapses(projection, state.name, np.zeros(part.size))
+
+    def merge(self, projection: int, before: Floats) -> Floats:
+        """Add up what each has learnt."""
+        gained = [engine.get_synapses(projection, "weight") - before for engine in self._engines]
+        after: Floats = before + np.sum(gained, axis=0)
+        for engine in self._engines:
+            engine.set_weights(projection, after)
+        return after

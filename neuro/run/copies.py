@@ -80,14 +80,34 @@ class Copies:
             of: the projection.
             which: whether of each copy, (copies,), bool; of all if not given.
         """
-        index = self._sims[0].handles.projection(of)
-        part = self.program.projections[index]
-        if part.synapse.learns != "moves":
-            raise ModelError(f"clear: '{part.name}' has {part.synapse.name}: expected a rule that learns by moves")
+        index = self._moves(of, "clear")
         chosen = np.ones(len(self), dtype=np.bool_) if which is None else np.ascontiguousarray(which, dtype=np.bool_)
         if chosen.shape != (len(self),):
             raise ModelError(f"clear: which has shape {list(chosen.shape)}: expected [{len(self)}], one for each copy")
         self._joined.engines.clear(index, chosen)
+
+    def merge(self, of: Projection | str, before: ArrayLike) -> Floats:
+        """Let all have the same weights, of a projection that learns by moves: what each has learnt is added up.
+
+        Args:
+            of: the projection.
+            before: weights that all copies had at first, (synapses,), as `weights` and `get` list them.
+
+        Returns:
+            the weights that all have now: `before` and the sum of what each has added to it.
+        """
+        index = self._moves(of, "merge")
+        size, given = self.program.projections[index].size, np.asarray(before, dtype=np.float64)
+        if given.shape != (size,):
+            raise ModelError(f"merge: before has shape {list(given.shape)}: expected [{size}], one for each synapse")
+        return self._joined.engines.merge(index, given)
+
+    def _moves(self, of: Projection | str, what: str) -> int:
+        index = self._sims[0].handles.projection(of)
+        part = self.program.projections[index]
+        if part.synapse.learns != "moves":
+            raise ModelError(f"{what}: '{part.name}' has {part.synapse.name}: expected a rule that learns by moves")
+        return index
 
     def port(self, of: Population | View | Projection | Signal | str, what: str | None = None) -> CopiesPort:
         """A port as of `Simulation.port` whose arrays have a first axis, an entry for each copy."""

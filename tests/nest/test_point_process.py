@@ -22,7 +22,8 @@ def ours(n, ms, **parameters):
 
 def theirs(nest, n, ms, **parameters):
     nest.resolution, nest.rng_seed = 0.1, 3
-    cells = nest.Create("pp_psc_delta", n, params=PARAMETERS | parameters)
+    lists = {name: [value] for name, value in parameters.items() if name in ("tau_sfa", "q_sfa")}
+    cells = nest.Create("pp_psc_delta", n, params=PARAMETERS | parameters | lists)
     source = nest.Create("spike_generator", params={"spike_times": TIMES})
     nest.Connect(source, cells, syn_spec={"weight": WEIGHT, "delay": 1.0})
     meter = nest.Create("multimeter", params={"record_from": ["V_m"], "interval": 0.1})
@@ -47,6 +48,7 @@ def test_the_potential_is_that_of_nest(own_nest):
         {"c_1": 30.0, "c_2": 40.0, "c_3": 0.0, "with_reset": False},
         {"c_1": 0.0, "c_2": 20.0, "c_3": 0.8, "with_reset": True},
         {"c_1": -50.0, "c_2": 10.0, "c_3": 0.0, "with_reset": False},
+        {"c_1": 300.0, "c_2": 400.0, "c_3": 0.0, "with_reset": False, "tau_sfa": 12.0, "q_sfa": 0.8},
     ],
 )
 def test_rates_are_those_of_nest(own_nest, rates):
@@ -55,3 +57,12 @@ def test_rates_are_those_of_nest(own_nest, rates):
     found = len(ours(n, ms, **rates).spikes("cells")[0])
     # Counts of a process with a dead time vary less than those of a Poisson process.
     assert found == pytest.approx(spikes, abs=4.0 * np.sqrt(found + spikes) + 4.0)
+
+
+def test_the_threshold_adapts_as_in_nest(own_nest):
+    """Spikes that are sure, so that both have the same: the threshold after each, and its decay."""
+    rates = {"c_1": 1e6, "c_2": 0.0, "c_3": 0.0, "with_reset": False, "tau_sfa": 5.0, "q_sfa": 6.0}
+    v, spikes = theirs(own_nest, 1, 30.0, **rates)
+    sim = ours(1, 30.0, **rates)
+    assert len(sim.spikes("cells")[0]) == spikes > 3
+    np.testing.assert_allclose(sim.trace("v")[1][: len(v), 0], v, rtol=1e-12)

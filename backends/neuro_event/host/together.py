@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from neuro.program.program import Floats, Ints
+from neuro_event.host import reading
 from neuro_event.loop import stages, tables as t, together
 
 
@@ -117,3 +118,10 @@ class EventEngines:
     def clear(self, projection: int, which: NDArray[np.bool_]) -> None:
         """Let the states of synapses that learn by moves be 0 in some of the engines."""
         together.clear_all(self._views, self._at.moves_of[projection], which)
+
+    def merge(self, projection: int, before: Floats) -> Floats:
+        """Let all have the weights `before` and what each has added to them."""
+        a, order = self._at, self._at.synapses[projection].order
+        after = before.copy() if order is None else before[order]
+        together.merge_all(self._views, a.moves_of[projection], after, np.zeros_like(after))
+        return reading.by_id(after, order)

@@ -4,6 +4,7 @@ A call takes as long as a step of a small network, so a call for each engine wou
 """
 
 # mypy: ignore-errors
+import numpy as np
 from numba import types
 
 from neuro.kernels.address import caller
@@ -107,3 +108,26 @@ def clear_all(views, q, which):
     for k in range(views.shape[0]):
         if which[k]:
             clear_moves(views[k], q)
+
+
+@kernel
+def merge_all(views, q, weights, gained):
+    """Add to the weights of a projection that learns by moves what each engine has gained, and let all have them.
+
+    `gained` holds zeros. Most weights are as they were, and are not written: that would bring them all into the cache.
+    """
+    for k in range(views.shape[0]):
+        p = plastic_of(views[k])
+        first = np.uint64(p.move_table[q, t.MOVE_SYNAPSE])
+        for s in range(np.uint64(weights.shape[0])):
+            gained[s] += p.move_y[0, first + s] - weights[s]
+    for s in range(weights.shape[0]):
+        weights[s] += gained[s]
+    for k in range(views.shape[0]):
+        net, p = net_of(views[k]), plastic_of(views[k])
+        first = np.uint64(p.move_table[q, t.MOVE_SYNAPSE])
+        to = np.uint64(net.projections[p.move_table[q, t.MOVE_PROJECTION], t.WEIGHT])
+        for s in range(np.uint64(weights.shape[0])):
+            if p.move_y[0, first + s] != weights[s]:
+                p.move_y[0, first + s] = weights[s]
+                net.weights[to + s] = p.move_sign[q] * weights[s] + 0.0

@@ -48,4 +48,6 @@ class MoveRule(Synapse):
     receptor: str | None = quantity(
         None, "", "the target's receptor that spikes go to; by the sign of the weight if not said", kind="receptor"
     )
-    x_min: float = quantity(1e-3, "", "pre trace below which a source counts as silent", above=0)
+    x_min: float = quantity(
+        1e-3, "", "pre trace below which a source counts as silent, and eligibility below which it is 0", above=0
+    )

@@ -19,7 +19,7 @@ class td_lambda(MoveRule):
     A pre spike adds 1 to x, which decays with `tau`, best that of the neuron's membrane. At a post spike e grows by x.
     When the signal sets n: w += eta n z, then z = decay z + e and e = 0. So n acts on all moves but the last, whose
     outcome is not known yet; at the end of an episode it is set a second time. `decay` is the discount of the reward
-    times lambda; z below 1e-6 is 0. The weight is within Wmin and Wmax at all times.
+    times lambda; z below `x_min` is 0. The weight is within Wmin and Wmax at all times.
 
     Source: Sutton & Barto, Reinforcement Learning, 2nd ed., 2018, section 12.2 (TD(lambda)), with the spike-triggered
     eligibility of Fremaux, Sprekeler & Gerstner, PLoS Comput. Biol. 9:e1003024, 2013, eq. 17.
@@ -41,14 +41,13 @@ class td_lambda(MoveRule):
     Wmax: float = quantity(100.0, "", "largest weight, in the unit of the weight", of_value=True)
 
 
-ETA, DECAY, W_MIN, W_MAX = range(4)
+ETA, DECAY, W_MIN, W_MAX, LEAST = range(5)
 WEIGHT, E, Z = range(3)
-NOTHING = 1e-6
 
 
 def constants(p, h, c):
     """Learning rate, decay over a move, bounds; `p` is x_min, then the parameters above in order."""
-    c[ETA], c[DECAY], c[W_MIN], c[W_MAX] = p[2], p[3], p[4], p[5]
+    c[ETA], c[DECAY], c[W_MIN], c[W_MAX], c[LEAST] = p[2], p[3], p[4], p[5], p[0]
 
 
 def gather(y, e, c, pre, spikes, seen, gate):
@@ -61,5 +60,5 @@ def teach(y, e, c, n):
     w = y[WEIGHT, e] + c[ETA] * n * y[Z, e]
     y[WEIGHT, e] = min(max(w, c[W_MIN]), c[W_MAX])
     z = c[DECAY] * y[Z, e] + y[E, e]
-    y[Z, e] = z if abs(z) > NOTHING else 0.0
+    y[Z, e] = z if abs(z) >= c[LEAST] else 0.0
     y[E, e] = 0.0
