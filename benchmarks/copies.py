@@ -2,9 +2,9 @@
 
     python benchmarks/copies.py [COPIES] [--neurons 200] [--steps 200]
 
-A step is what a closed loop does: spikes in, 20 ms, counts out, an error. All ways do the same, bit for bit, in turn, in
-one process on one core: the copies by one stepper; each simulation by a stepper of its own; each by `inject`, `run`, ports
-of counts, and `signal`. The figures are the medians of 5 rounds, and ratios of the same round.
+A step is what a closed loop does: spikes in, 20 ms, counts out, an error. All ways do the same, bit for bit, in turn,
+in one process on one core: the copies by one stepper; each simulation by a stepper of its own; each by `inject`, `run`,
+ports of counts, and `signal`. The figures are the medians of 5 rounds, and ratios of the same round.
 """
 
 from __future__ import annotations
@@ -34,11 +34,10 @@ def network(neurons: int) -> neuro.Network:
     actor = net.population("actor", 2, neuro.soft_wta(tau_m=5.0))
     net.signal("error", to=critic)
     net.signal("error_of_actor", to=actor)
-    own = {"tau": 5.0, "eta": 1e-3, "delay": 1.0}
-    net.connect(places, critic, neuro.all_to_all(), neuro.td_lambda(signal="error", tau=5.0, eta=1e-3), weight=0.0,
-                delay=1.0, name="value")  # fmt: skip
-    rule = neuro.reinforce(signal="error_of_actor", tau=5.0, eta=own["eta"], receptor="ex")
-    net.connect(places, actor, neuro.all_to_all(), rule, weight=0.0, delay=1.0, name="policy")
+    value = neuro.td_lambda(signal="error", tau=5.0, eta=1e-3)
+    net.connect(places, critic, neuro.all_to_all(), value, weight=0.0, delay=1.0, name="value")
+    policy = neuro.reinforce(signal="error_of_actor", tau=5.0, eta=1e-3, receptor="ex")
+    net.connect(places, actor, neuro.all_to_all(), policy, weight=0.0, delay=1.0, name="policy")
     net.connect(ask, actor, neuro.all_to_all(), neuro.static(receptor="ask"), weight=1.0, delay=1.0)
     return net
 
