@@ -15,7 +15,7 @@ from neuro_agent.actions import actions_of
 from neuro_agent.log import Log
 from neuro_agent.network import CRITIC, GAIN, REST, STEP, TAU, Weights, circuit, network
 from neuro_agent.places import PERIOD, Places, dimensions_of
-from neuro_agent.settings import settings_of
+from neuro_agent.settings import USUAL, Settings, settings_of
 
 __all__ = ["Decision", "Learner"]
 
@@ -133,9 +133,9 @@ class Learner:
 
     def network(self, learns: bool = True) -> neuro.Network:
         """The network as a description, which learns from nothing, or has what was learnt in static synapses."""
-        s = self.settings
-        rates = _rates(self.places.active, s.actor_rate, s.critic_rate)
-        return network(self.places.size, self.actions.sizes, s, rates, None if learns else self.weights)
+        s, active = self.settings, self.places.active
+        etas = _etas(rates_of(s, active), active)
+        return network(self.places.size, self.actions.sizes, s, etas, None if learns else self.weights)
 
     def begin(self, n: int, block: int = 0) -> None:
         """Compile n copies of the network for a block of training, with what was learnt before."""
@@ -188,10 +188,21 @@ def block_seed(seed: int, block: int) -> int:
     return int(np.random.SeedSequence([seed, block, 1]).generate_state(1)[0])
 
 
-def _rates(active: int, actor: float, critic: float) -> tuple[float, float]:
-    """The learning rates of actor and critic in mV, from what an error of 1 is to change in one state.
+def rates_of(settings: Settings, active: int) -> tuple[float, float]:
+    """By how much an error of 1 changes the preference for an action, and the value, in the state of `active` places.
+
+    The settings are those of USUAL places. Noise of a state's places adds up by the square root of their number, so
+    fewer of them take smaller steps.
+    """
+    share = math.sqrt(active / USUAL)
+    return settings.actor_rate * share, settings.critic_rate * share
+
+
+def _etas(rates: tuple[float, float], active: int) -> tuple[float, float]:
+    """The learning rates of the rules in mV, for the actor and the critic.
 
     An active place brings x, which is 1 / (1 - exp(-PERIOD / tau)) at a spike and decays; the means are over a period.
     """
+    actor, critic = rates
     x = np.exp(-np.arange(PERIOD) / TAU) / (1.0 - math.exp(-PERIOD / TAU))
     return actor / (active * float(np.mean(x**2))), critic / (active * REST * float(np.mean(x)) ** 2)

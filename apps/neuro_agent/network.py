@@ -42,7 +42,7 @@ def circuit(k: int) -> str:
 
 
 def network(
-    places: int, actions: Sequence[int], settings: Settings, rates: tuple[float, float], learnt: Weights | None = None
+    places: int, actions: Sequence[int], settings: Settings, etas: tuple[float, float], learnt: Weights | None = None
 ) -> neuro.Network:
     """The network that learns, or with `learnt` one whose synapses are static and that has no critic.
 
@@ -50,7 +50,7 @@ def network(
         places: neurons that stand for observations.
         actions: neurons of each circuit.
         settings: how many neurons the critic has, the decay of eligibility, and how sharply a frozen agent chooses.
-        rates: learning rates of actor and critic, mV.
+        etas: learning rates of actor and critic, mV.
         learnt: weights by projection, mV, (places, neurons).
     """
     net = neuro.Network("actor_critic", resolution=1.0)
@@ -74,14 +74,14 @@ def network(
         )
         critic = net.population(CRITIC, settings.critics, point)
         net.signal("error", to=critic)
-        connect(critic, "value", neuro.td_lambda(signal="error", eta=rates[1], **common))
+        connect(critic, "value", neuro.td_lambda(signal="error", eta=etas[1], **common))
     for k, size in enumerate(actions):
         width = 1.0 if learnt is None else 1.0 / settings.sharpness
         actor = net.population(circuit(k), size, neuro.soft_wta(tau_m=TAU, Delta_V=width))
         rule: Synapse = neuro.static(receptor="ex")
         if learnt is None:
             net.signal(f"error{k}", to=actor)
-            rule = neuro.reinforce(signal=f"error{k}", eta=rates[0], receptor="ex", **common)
+            rule = neuro.reinforce(signal=f"error{k}", eta=etas[0], receptor="ex", **common)
         connect(actor, f"policy{k}", rule)
         asked = neuro.static(receptor="ask")
         net.connect(ask, actor, neuro.all_to_all(), asked, weight=1.0, delay=1.0, name=f"ask{k}")

@@ -20,6 +20,10 @@ def _whole(default: int, least: int = 1) -> Any:
     return field(default=default, metadata={"quantity": Quantity(kind="integer", at_least=least)})
 
 
+USUAL = 24
+"""Active places to which rates refer."""
+
+
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Settings:
     """Of the network and of its learning; the defaults are one set for all tasks.
@@ -33,8 +37,9 @@ class Settings:
         levels: actions along a dimension of a continuous action space.
         discount: of the reward of the next control step, gamma.
         decay: of eligibility from one control step to the next beside `discount`, lambda.
-        actor_rate: by how much an error of 1 changes the preference for an action in the same state.
-        critic_rate: which share of an error the value in the same state takes over.
+        actor_rate: by how much an error of 1 changes the preference for an action in the same state, mV.
+        critic_rate: which share of an error the value in the same state takes over. Both rates are those of USUAL
+            active places; they fall with the square root of their number.
         sharpness: how many times as sharply as while learning a frozen agent tells preferences apart: it need not try.
         explore: control steps at random before learning: the bounds of dimensions that have none are learnt from them,
             and the scale of rewards.
@@ -42,7 +47,7 @@ class Settings:
 
     group: int = _whole(2)
     fields: int = _whole(6, 2)
-    active: int = _whole(24)
+    active: int = _whole(USUAL)
     critics: int = _whole(100)
     levels: int = _whole(7, 2)
     discount: float = _number(0.99, at_least=0.0, below=1.0)

@@ -8,7 +8,7 @@ import numpy as np
 import numpy.typing as npt
 
 from neuro_agent.agent import ActorCritic
-from neuro_agent.learner import Decision
+from neuro_agent.learner import Decision, rates_of
 from neuro_agent.network import Weights
 
 __all__ = ["LinearTwin"]
@@ -47,10 +47,10 @@ class LinearTwin(ActorCritic):
 
     def teach(self, errors: Floats) -> None:
         """Learn from the errors of the last but one control step; then the last one is eligible, too."""
-        s = self.settings
+        s, (actor, critic) = self.settings, rates_of(self.settings, self.places.active)
         for error, z, e in zip(errors, self._z, self._e, strict=True):
             for name, trace in z.items():
-                rate = s.critic_rate if name == "value" else s.actor_rate
+                rate = critic if name == "value" else actor
                 self._learnt[name] += rate / self.places.active * error * trace
                 trace *= s.discount * s.decay
                 cells, gained = e[name]
