@@ -1,10 +1,14 @@
 """Spiking agents on Gymnasium's tasks: how many episodes until they are solved, and what the frozen agents reach.
 
     python benchmarks/agents.py [TASK ...] [--seeds 101-110] [--twin] [--set name=value ...] [--json FILE]
+    python benchmarks/agents.py [TASK ...] [--seeds 101-103] --controls
 
-A training stops when the mean return of the last 100 episodes (FrozenLake: 500) is at the task's bar, or at its limit of
-control steps; a seed that did not get there counts with its episodes at the limit. The frozen agent is the one of that
-moment; it is tested on 100 (1,000) new episodes. One process, one core.
+A training stops when the mean return of the last 100 episodes (FrozenLake: 500) is at the task's bar, or at its limit
+of control steps; a seed that did not get there counts with its episodes at the limit. The frozen agent is the one of
+that moment; it is tested on 100 (1,000) new episodes. One process, one core.
+
+With `--controls`: agents that are kept from learning, which must fail. Each has as many control steps as most agents
+need, and the figure is the share of the way from random moves to the bar that its frozen mean return has gone.
 """
 
 from __future__ import annotations
@@ -36,6 +40,7 @@ class Task:
         window: episodes of that mean while it learns: more where returns vary more.
         tests: episodes of the frozen agent.
         frozen: the bar of these, if it is another one.
+        controls: control steps of a control.
     """
 
     bar: float
@@ -44,6 +49,7 @@ class Task:
     window: int = 100
     tests: int = 100
     frozen: float | None = None
+    controls: int = 60_000
 
     def make(self, name: str) -> gymnasium.Env[Any, Any]:
         """The environment."""
@@ -52,10 +58,10 @@ class Task:
 
 TASKS = {
     "CartPole-v1": Task(475.0, 150_000),
-    "Acrobot-v1": Task(-100.0, 100_000),
+    "Acrobot-v1": Task(-100.0, 100_000, controls=30_000),
     "MountainCar-v0": Task(-110.0, 150_000),
-    "CliffWalking-v1": Task(-20.0, 100_000, most=500),
-    "FrozenLake-v1": Task(0.7, 300_000, window=500, tests=1000, frozen=0.68),
+    "CliffWalking-v1": Task(-20.0, 100_000, most=500, controls=30_000),
+    "FrozenLake-v1": Task(0.7, 300_000, window=500, tests=1000, frozen=0.68, controls=150_000),
     "Taxi-v4": Task(7.0, 1_000_000),
     "MountainCarContinuous-v0": Task(90.0, 300_000),
     "Pendulum-v1": Task(-200.0, 300_000),
@@ -82,12 +88,32 @@ def run(name: str, seed: int, kind: type[ActorCritic], settings: dict[str, Any])
     }
 
 
+def controls(name: str, seed: int, settings: dict[str, Any]) -> dict[str, float]:
+    """By control, the share of the way from random moves to the bar."""
+    task, env = TASKS[name], TASKS[name].make(name)
+    agent = ActorCritic(env.observation_space, env.action_space, seed=seed, **settings)
+    env.action_space.seed(seed)
+    chance = float(np.mean([_at_random(env, episode) for episode in range(100)]))
+    found = agent.controls(env, steps=task.controls, episodes=100)
+    return {control: round((test.mean - chance) / (task.bar - chance), 3) for control, test in found.items()}
+
+
+def _at_random(env: gymnasium.Env[Any, Any], seed: int) -> float:
+    env.reset(seed=seed)
+    total, over = 0.0, False
+    while not over:
+        _, reward, ended, cut, _ = env.step(env.action_space.sample())
+        total, over = total + float(reward), ended or cut
+    return total
+
+
 def main() -> None:
     """Run the tasks and print a line for each seed, then one for each task."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("tasks", nargs="*", default=list(TASKS)[:5], choices=[*TASKS], metavar="TASK")
     parser.add_argument("--seeds", default="101-110")
     parser.add_argument("--twin", action="store_true", help="the linear twin instead")
+    parser.add_argument("--controls", action="store_true", help="agents that are kept from learning instead")
     parser.add_argument("--set", nargs="*", default=[], metavar="NAME=VALUE")
     parser.add_argument("--json", type=Path)
     given = parser.parse_args()
@@ -98,8 +124,13 @@ def main() -> None:
     for name in given.tasks:
         rows = []
         for seed in range(int(first), int(last or first) + 1):
+            if given.controls:
+                print(name, seed, controls(name, seed, settings), flush=True)
+                continue
             rows.append(run(name, seed, kind, settings))
             print(name, rows[-1], flush=True)
+        if given.controls:
+            continue
         found[name] = {
             "solved": sum(row["solved"] for row in rows),
             "of": len(rows),

@@ -191,10 +191,10 @@ def block_seed(seed: int, block: int) -> int:
 def rates_of(settings: Settings, active: int) -> tuple[float, float]:
     """By how much an error of 1 changes the preference for an action, and the value, in the state of `active` places.
 
-    The settings are those of USUAL places. Noise of a state's places adds up by the square root of their number, so
-    fewer of them take smaller steps.
+    The settings are those of USUAL places. One place that stands for a state alone takes all of an error's noise, which
+    many share; the exponent is that with which both FrozenLake (one place) and MountainCar (24) are learnt.
     """
-    share = math.sqrt(active / USUAL)
+    share = (active / USUAL) ** (2.0 / 3.0)
     return settings.actor_rate * share, settings.critic_rate * share
 
 

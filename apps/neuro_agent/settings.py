@@ -39,7 +39,7 @@ class Settings:
         decay: of eligibility from one control step to the next beside `discount`, lambda.
         actor_rate: by how much an error of 1 changes the preference for an action in the same state, mV.
         critic_rate: which share of an error the value in the same state takes over. Both rates are those of USUAL
-            active places; they fall with the square root of their number.
+            active places; of fewer they are less, see `learner.rates_of`.
         sharpness: how many times as sharply as while learning a frozen agent tells preferences apart: it need not try.
         explore: control steps at random before learning: the bounds of dimensions that have none are learnt from them,
             and the scale of rewards.
