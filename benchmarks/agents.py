@@ -2,9 +2,9 @@
 
     python benchmarks/agents.py [TASK ...] [--seeds 101-110] [--twin] [--set name=value ...] [--json FILE]
 
-A training stops when the mean return of the last 100 episodes (FrozenLake: 500) reaches the task's bar, or at its limit of
-control steps; a seed that did not get there counts with its episodes at the limit. The frozen agent is the one of that
-moment; it is tested on 100 (1,000) new episodes. One process, one core.
+A training stops when the mean return of the last 100 episodes (FrozenLake: 500) reaches the task's bar, or at its limit
+of control steps; a seed that did not get there counts with its episodes at the limit. The frozen agent is the one of
+that moment; it is tested on 100 (1,000) new episodes. One process, one core.
 """
 
 from __future__ import annotations
