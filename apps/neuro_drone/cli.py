@@ -228,8 +228,8 @@ def watch(
     from neuro_drone.watch import watch as write
 
     course = FlightCourse(path, seed)
-    told = write(_pilot(model, scenario, controller, set), out, start, backend, course)
-    typer.echo(f"{out}: {told}")
+    summary = write(_pilot(model, scenario, controller, set), out, start, backend, course)
+    typer.echo(f"{out}: {summary}")
 
 
 @app.command()

@@ -46,19 +46,19 @@ class Need:
         return self.batch * self.each + self.fixed
 
 
-def refuse_large(told: Need, task: ScanTask) -> None:
+def refuse_large(need: Need, task: ScanTask) -> None:
     """Refuse a batch for which memory does not suffice.
 
     Raises:
         ModelError: it needs more than is free where the parameters are.
     """
     left = free(task.device)
-    if left is None or told.total <= left:
+    if left is None or need.total <= left:
         return
     where = "" if task.device.type == "cpu" else f" on '{task.device}'"
-    fits = int((left - told.fixed) // told.each)
+    fits = int((left - need.fixed) // need.each)
     raise ModelError(
-        f"a batch of {task.batch} recordings of {task.steps} steps needs about {told.total / 1e9:.3g} GB: expected at "
+        f"a batch of {task.batch} recordings of {task.steps} steps needs about {need.total / 1e9:.3g} GB: expected at "
         f"most what is free{where}, {left / 1e9:.3g} GB",
         hint=f"a batch of {max(1, fits // 2)} takes half of that"
         if fits >= 1

@@ -260,10 +260,10 @@ def write_text(path: Path, text: str, kind: Kind, replace: bool = False) -> None
 def kept_json(path: Path) -> dict[str, Any]:
     """What a file of JSON has by name, of work that goes on; empty if it is not there or damaged."""
     try:
-        told = json.loads(path.read_text("utf-8"))
+        content = json.loads(path.read_text("utf-8"))
     except (FileNotFoundError, ValueError):
         return {}
-    return told if isinstance(told, dict) else {}
+    return content if isinstance(content, dict) else {}
 
 
 def make_folder(path: Path) -> None:

@@ -84,8 +84,8 @@ class Info:
     def as_dict(self) -> dict[str, Any]:
         """All of it, for JSON."""
         share = self.on / self.events if self.events else None
-        told = {"duration_us": self.duration_us, "rate_hz": self.rate_hz, "on_share": share}
-        return {**asdict(self), **told}
+        facts = {"duration_us": self.duration_us, "rate_hz": self.rate_hz, "on_share": share}
+        return {**asdict(self), **facts}
 
 
 def info(
@@ -113,7 +113,7 @@ def info(
     with opened(source, format, name) as file:
         kind, told_size = file.format, _told_size(file, sensor_size is None)
         size = sensor_size or told_size
-        with warnings.catch_warnings(record=True) as told:
+        with warnings.catch_warnings(record=True) as caught:
             warnings.simplefilter("always", EventFileWarning)
             checked = Checked(file.name, size, strict=False, sort=False)
             pixels = _Pixels(size or (0, 0))
@@ -123,7 +123,7 @@ def info(
             _survey(out, pixels, (checked.piece(piece) for piece in file.pieces(BLOCK, False)), report)
             checked.warn()
         out.sensor_size = size or smallest(kind, pixels.width - 1, pixels.height - 1)
-        out.damage = [str(one.message).removeprefix(f"{file.name}: ") for one in told]
+        out.damage = [str(one.message).removeprefix(f"{file.name}: ") for one in caught]
         out.metadata = {key: value for key, value in file.reader.metadata.items() if key not in FOUND_WHILE_READING}
     return out
 

@@ -174,12 +174,12 @@ def hold_out(search: Search, folder: Folder, points: Sequence[Point], place: Exe
 
 def _begin_search(search: Search, folder: Folder) -> None:
     """Make the folder of a search, or go on in it, also with another number of trials."""
-    told = _recorded(search)
-    folder.begin(told, "same", "same")
+    content = _recorded(search)
+    folder.begin(content, "same", "same")
     there = folder.read()
     if there["plan"]["trials"] != search.plan.trials:
         kept = {word: value for word, value in there.items() if word not in ("format", "digest")}
-        folder.write(kept | {"plan": told["plan"]})
+        folder.write(kept | {"plan": content["plan"]})
 
 
 def _share(most: int, part: tuple[int, int] | None) -> int | None:

@@ -79,12 +79,12 @@ class SearchPlan:
         return {"parameters": space, "objectives": dict(self.objectives), **plain, "seeds": list(self.seeds)}
 
     @classmethod
-    def from_dict(cls, told: Mapping[str, Any]) -> SearchPlan:
+    def from_dict(cls, content: Mapping[str, Any]) -> SearchPlan:
         """What `as_dict` has written."""
-        given = told["parameters"].items()
+        given = content["parameters"].items()
         space = tuple(Axis(name, **{**words, "values": tuple(words["values"])}) for name, words in given)
-        rest = {word: told[word] for word in ("objectives", "trials", "sampler", "draw", "folds", "prune")}
-        return cls(space, seeds=tuple(told["seeds"]), **rest)
+        rest = {word: content[word] for word in ("objectives", "trials", "sampler", "draw", "folds", "prune")}
+        return cls(space, seeds=tuple(content["seeds"]), **rest)
 
     def items(self, before: str, point: Point, trial: int | None = None) -> tuple[RunItem, ...]:
         """The runs of a trial: for each fold all seeds.

@@ -154,9 +154,9 @@ def _add_neurons(net: Network, n: int, facts: Mapping[str, Any]) -> None:
         raise ModelError("consistent_integration: false: expected true")
     start = {"V_m": words.get("E_L", NEST_V_M)} if "E_L" in kind.quantities() else {}
     start |= {word: words.pop(word) for word in list(words) if word in states}
-    told = facts.get("initial", {"V_m": NEST_V_M} if "E_L" in kind.quantities() else {})
-    if isinstance(told, Mapping):
-        start |= {word: float(value) for word, value in told.items() if word in states}
+    initial = facts.get("initial", {"V_m": NEST_V_M} if "E_L" in kind.quantities() else {})
+    if isinstance(initial, Mapping):
+        start |= {word: float(value) for word, value in initial.items() if word in states}
     model = kind.from_words(words)
     assert isinstance(model, Neuron)
     net.population("neurons", n, model, initial=start)
@@ -187,9 +187,9 @@ def _compare_stdp(golden: Golden, backend: str | Backend) -> list[TraceCompariso
 
 def _compare_pairs(golden: Golden, backend: str | Backend) -> list[TraceComparison]:
     facts, arrays, clock = golden.facts, golden.arrays, golden.clock
-    told = {"pre_at_start": True, "tau_minus_triplet": facts["synapse"].get("tau_minus_triplet_ms"), **facts["synapse"]}
-    kind = PAIRS[told["model"]]
-    rule = kind.from_words({word: told[word] for word in kind.numbers()})
+    own = {"pre_at_start": True, "tau_minus_triplet": facts["synapse"].get("tau_minus_triplet_ms"), **facts["synapse"]}
+    kind = PAIRS[own["model"]]
+    rule = kind.from_words({word: own[word] for word in kind.numbers()})
     sim = neuro.run.compiled.compile(_synapse_network(golden, rule, 1), backend)
     sent = []
     for _ in _walk(sim, _steps(arrays["w_times_ms"], clock) + 1, clock):
@@ -249,8 +249,8 @@ def _synapse_network(golden: Golden, rule: Synapse, shortest: int) -> Network:
     h = clock.resolution
     net = Network("synapse", resolution=h)
     net.population("pre", 1, spike_generator(spike_times=[_exact(arrays["pre_ms"], clock)]))
-    told = clock.array_ms(_steps(arrays["post_ms"], clock) - shortest)
-    net.population("driver", 1, spike_generator(spike_times=[told]))
+    times = clock.array_ms(_steps(arrays["post_ms"], clock) - shortest)
+    net.population("driver", 1, spike_generator(spike_times=[times]))
     deaf = iaf_psc_delta(
         tau_m=h, t_ref=0.0, E_L=0.0, V_reset=0.0, V_th=STRONG, tau_minus=facts["synapse"]["tau_minus_ms"]
     )

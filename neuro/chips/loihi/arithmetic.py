@@ -114,11 +114,11 @@ def native(part: Population) -> FixedPopulation:
 def native_projection(inputs: Inputs, index: int) -> tuple[FixedProjection, list[Problem]]:
     """A projection onto a `loihi_lif`: its weights are mantissas."""
     part = inputs.program.projections[index]
-    told = part.synapse.parameters()
+    numbers = part.synapse.parameters()
     exponent, bits, mode = (
-        told.get("weight_exp", 0),
-        told.get("num_weight_bits", 8),
-        told.get("sign_mode", "mixed"),
+        numbers.get("weight_exp", 0),
+        numbers.get("num_weight_bits", 8),
+        numbers.get("sign_mode", "mixed"),
     )
     low, high, _ = bounds(mode, bits)
     first, last, _ = bounds(mode)

@@ -204,12 +204,12 @@ def why_extrapolated(figure: Figure, run: Run) -> str:
     """Why a figure is not known to hold for a run, "" if it does."""
     if figure.guess:
         return figure.guess
-    told = [
+    reasons = [
         f"{name} {_told(run[name], name)}, published for {_span(figure.holds[name], name)}"
         for name in CONDITIONS
         if name in figure.holds and name in run and not _within(run[name], figure.holds[name])
     ]
-    return "; ".join(told)
+    return "; ".join(reasons)
 
 
 def range_of(figure: Figure, run: Run) -> Range:

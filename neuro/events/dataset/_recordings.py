@@ -101,8 +101,8 @@ class Recording:
         if self.sensor_size is not None:
             return self.sensor_size, True
         with opened(self.read(), None, self.path) as file:
-            if told := file.sensor_size:
-                return told, True
+            if stated := file.sensor_size:
+                return stated, True
             size = file.scanned(WHOLE)
             return size, size in (file.format.usual, *file.format.larger)
 
@@ -238,7 +238,7 @@ class Recordings(Sequence[Sample]):
 
 def _doubt(found: Sequence[tuple[tuple[int, int], bool, str]]) -> str:
     """Why the largest sensor may not be what was recorded with; sizes, whether they are told, and names."""
-    untold = [name for _, told, name in found if not told]
+    untold = [name for _, stated, name in found if not stated]
     if untold:
         return f"{len(untold)} of {len(found)} recordings do not tell their sensor, such as {untold[0]}"
     names = {size: name for size, _, name in reversed(found)}

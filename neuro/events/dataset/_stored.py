@@ -212,7 +212,7 @@ def _has_rows(node: Any) -> bool:
 def _named(file: Any, groups: Sequence[str]) -> Sequence[str]:
     text = file.attrs.get(CLASSES)
     try:
-        told = json.loads(text) if isinstance(text, str) else groups
+        names = json.loads(text) if isinstance(text, str) else groups
     except ValueError:
-        told = groups
-    return told if isinstance(told, list) and set(groups) <= set(told) else groups
+        names = groups
+    return names if isinstance(names, list) and set(groups) <= set(names) else groups

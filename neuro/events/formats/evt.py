@@ -379,8 +379,8 @@ def _settled(words: npt.NDArray[np.uint16], vectors: bool) -> bool:
     """
     kinds = words >> 12
     rows = np.flatnonzero(kinds <= OTHER_ROW)
-    told = rows.size > 0 and bool(np.any(kinds == TIME_LOW))
-    return told and (not vectors or bool(np.any(kinds[rows[0] :] == VECT_BASE_X)))
+    settled = rows.size > 0 and bool(np.any(kinds == TIME_LOW))
+    return settled and (not vectors or bool(np.any(kinds[rows[0] :] == VECT_BASE_X)))
 
 
 def write_evt3(parts: Iterator[Events], path: Path) -> None:

@@ -232,8 +232,8 @@ def _refractory(said: Any, states: Mapping[str, Any], parameters: Mapping[str, P
         return None
     with at("refractory"):
         if not isinstance(said, Mapping):
-            told = f"found {shown(said)}: expected the words of refractory: time, hold"
-            raise ModelError(told, hint=habits.REFRACTORY)
+            text = f"found {shown(said)}: expected the words of refractory: time, hold"
+            raise ModelError(text, hint=habits.REFRACTORY)
         given = mapping(said, ("time", "hold"), "refractory")
         if given.get("time") != "t_ref" or "t_ref" not in parameters:
             hint = "" if "t_ref" in parameters else "add it to 'parameters', e.g. t_ref: 2 ms"

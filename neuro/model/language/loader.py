@@ -108,10 +108,10 @@ class _Builder:
             try:
                 add(name, node)
             except ModelError as error:
-                told = error.at(None, f"{word} '{name}'")
+                named = error.at(None, f"{word} '{name}'")
                 if not self.together:
-                    raise told from None
-                wrong += [told, *told.others]
+                    raise named from None
+                wrong += [named, *named.others]
         if wrong:
             wrong[0].others = tuple(wrong[1:])
             raise wrong[0]
