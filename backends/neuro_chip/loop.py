@@ -325,7 +325,7 @@ def draw(net, pop, row, step):
         return
     base = step_word(net.keys[pop], step)
     for i in range(row[t.BEGIN], row[t.END]):
-        # Most draws are 0, and one comparison tells: the sum over the distribution is worked out for the others only.
+        # Most draws are 0, and one comparison shows it: the sum over the distribution is only for the others.
         if uniform(base, i - row[t.BEGIN]) >= net.nothing[i]:
             times = poisson_by_sum(base, i - row[t.BEGIN], net.mean[i], net.nothing[i])
             if times > 0:

@@ -174,7 +174,7 @@ def teacher(teach):
             grain: the step between two.
             slots: which weight each input has.
             since: ms from the arrival of its spike to the moment of the lesson.
-            lesson: what the rule is told.
+            lesson: the number that the rule gets.
             rule: constants of the rule.
             key: of the draws.
             count: how many changes there were, this one included; each has draws of its own.

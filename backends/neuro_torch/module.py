@@ -116,7 +116,7 @@ class Module(torch.nn.Module):
 
     @property
     def plan(self) -> Plan:
-        """Which part runs by what on the device where the parameters are; `str` tells it."""
+        """Which part runs by what on the device where the parameters are; `str` shows it."""
         return replace(self._plan, by=self._scans()[1])
 
     def forward(self, batch: Events | Mapping[str, Any]) -> Outcome:

@@ -116,7 +116,7 @@ class Slayer(Surrogate):
 
 @dataclass(frozen=True, slots=True)
 class Triangle(Surrogate):
-    """max(0, 1 - slope abs(x)): nobody farther than 1 / slope from the threshold learns."""
+    """max(0, 1 - slope abs(x)): 0 farther than 1 / slope from the threshold."""
 
     slope: float = 1.0
     name: ClassVar[str] = "triangle"
@@ -187,7 +187,7 @@ def surrogate_of(what: str | Surrogate | Plain, slope: float | None = None) -> S
         slope: of a name or a function; None takes the surrogate's own.
 
     Raises:
-        ModelError: there is none of that name, the slope cannot be, or it is told twice.
+        ModelError: there is none of that name, the slope cannot be, or it is given twice.
     """
     if isinstance(what, Surrogate):
         if slope is not None:

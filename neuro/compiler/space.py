@@ -28,7 +28,7 @@ class Space:
 
     Attributes:
         places: coordinates, shape (neurons, axes).
-        extent: length of each axis; None where nothing tells it.
+        extent: length of each axis; None where it is unknown.
         periodic: whether what leaves at one edge comes in at the other.
         lattice: the shape from which places follow, where their unit is the spacing; else None.
     """

@@ -57,7 +57,7 @@ def per_synapse(
         found: the synapses.
         what: its name in messages.
         rng: draws from a distribution.
-        apart: tells what lies between neurons, for a function of distance.
+        apart: gives what lies between neurons, for a function of distance.
         room: memory for the values of all synapses, which may be used.
     """
     value = plain(value)

@@ -135,7 +135,7 @@ def parse(text: object, hints: Hints = Hints()) -> Expression:
     """Read an expression.
 
     Raises:
-        ModelError: it is none, or longer or deeper than is allowed; it tells the column.
+        ModelError: it is none, or longer or deeper than is allowed; it names the column.
     """
     if isinstance(text, int | float) and not isinstance(text, bool):
         text = repr(text)

@@ -34,7 +34,7 @@ from neuro.files.state import FORMAT as STATE
 from neuro.model.language import load
 from neuro.model.network import Network
 
-_WAYS = "make it again by hand, then neuro rerun FILE --against OTHER compares the two"
+_WAYS = "make it again yourself, then neuro rerun FILE --against OTHER compares the two"
 
 
 @dataclass(frozen=True, slots=True)
@@ -299,7 +299,7 @@ def record_of(path: Path) -> dict[str, Any]:
     except ValueError:
         record = None
     if not isinstance(record, dict):
-        hint = "files that neuro wrote since it tells where they come from have it; runs of sweeps are folders"
+        hint = "files that neuro wrote since it records where they come from have it; runs of sweeps are folders"
         raise ModelError(f"{path}: does not say where it comes from", hint=hint)
     return record
 

@@ -23,7 +23,7 @@ from neuro.sweeps.worker import KEPT, LOST, TAKEN
 POLL_S = 0.25
 HINT = "what was done is kept: the same command goes on"
 Tell = Callable[[str, bool], None]
-"""Is told the key of each run that is there, and whether it failed."""
+"""Gets the key of each run that is there, and whether it failed."""
 
 Say = Callable[[str], None]
 """Hears what is going on."""

@@ -144,7 +144,7 @@ class Search(Definition):
         """
         plan = self.plan
         if plan.folds and isinstance(self.run, NetworkRun):
-            raise ModelError("folds: are told to a function: expected seeds for a network")
+            raise ModelError("folds: are arguments of a function: expected seeds for a network")
         point = plan.items("", {axis.name: axis.at(0.5) for axis in plan.axes})[0].point
         self.run.check(point, bool(plan.seeds))
 

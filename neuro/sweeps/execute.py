@@ -196,7 +196,7 @@ def _retry_failed(plan: SearchPlan, before: str, folder: Folder) -> None:
     with locked(folder.claims / ".ask"):
         if others := claimed(folder.claims):
             message = f"{folder.path}: others work in it, on {len(others)} runs or trials"
-            raise ModelError(message, hint="what failed is done again when nobody does")
+            raise ModelError(message, hint="what failed is done again when no other call does")
         state = optuna().trial.TrialState.FAIL
         trials = [trial for trial in trials_of(folder) if trial.state == state]
         items = {trial._trial_id: plan.items(before, point_of(plan, trial.params)) for trial in trials}

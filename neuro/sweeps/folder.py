@@ -57,7 +57,7 @@ class Holding:
 
     @property
     def file(self) -> str:
-        """In which it is told."""
+        """In which it is described."""
         return f"{self.command}.json"
 
     @property
@@ -82,7 +82,7 @@ class RunOutcome:
     Attributes:
         key: hash of its inputs.
         point: the values of the parameters.
-        seed: of everything random; None where it is told none.
+        seed: of everything random; None where it gets none.
         outcome: "done", "failed" or "pruned".
         metrics: by name; of a run that is not done none.
         error: why it failed.
@@ -129,7 +129,7 @@ class Folder:
 
         Args:
             content: what its file has.
-            same: the word of `told` by which a sweep is the same.
+            same: the word of `content` by which a sweep is the same.
             what: that which says what is run, of which messages tell what differs.
 
         Raises:

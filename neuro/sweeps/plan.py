@@ -38,7 +38,7 @@ class SearchPlan:
         trials: how many are asked for.
         sampler: one of `SAMPLERS`.
         draw: its seed.
-        seeds: with each of which a point is run; none where runs are told no seed.
+        seeds: with each of which a point is run; none where runs get no seed.
         folds: in how many parts data is divided, each point being run once for each; 0 for none.
         prune: words of `PRUNERS`, with "by" and of networks "at"; empty where nothing is pruned.
     """
@@ -144,7 +144,7 @@ def plan_of(
 
 def _check_axis(axis: Axis, sampler: str) -> None:
     if axis.name in ("fold", "folds", "seed"):
-        raise ModelError(f"{axis.name}: is told to runs by 'folds' and 'seeds': expected another parameter")
+        raise ModelError(f"{axis.name}: is given to runs by 'folds' and 'seeds': expected another parameter")
     if sampler == "grid" and not axis.values and not axis.number:
         raise ModelError(f"{axis.name}: a range of a grid needs 'number', how many values")
     if sampler != "grid" and axis.number:

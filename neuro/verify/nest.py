@@ -1,6 +1,6 @@
 """Golden cases as networks: build what was simulated, run it, and say how far the result is from what came out.
 
-| kind | told by | compared |
+| kind | known by | compared |
 | --- | --- | --- |
 | neuron | `neuron` and `inputs` | spikes and every recorded state |
 | network | `neuron` and the array `src` | spikes and V_m of the first neurons |
@@ -8,7 +8,7 @@
 | pairs | `synapse` of another model of PAIRS | the weight sent at each pre spike, final weight |
 | dopamine | `synapse` of model stdp_dopamine_synapse | the same and w, c, n, K+ over time |
 
-Files of chips are told and compared by `neuro.verify.chips`.
+Files of chips are recognised and compared by `neuro.verify.chips`.
 
 In a case with `deliver_interval` > 1 NEST brings a synapse up to date at delivery points only, so between them
 its rows show a state that is out of date. Rows are compared at the delivery points.
@@ -238,7 +238,7 @@ def _compare_dopamine(golden: Golden, backend: str | Backend) -> list[TraceCompa
 
 
 def _synapse_network(golden: Golden, rule: Synapse, shortest: int) -> Network:
-    """One synapse between a neuron with the listed spikes and one that fires when told, whatever the synapse sends.
+    """One synapse between a neuron with the listed spikes and one that fires on command, whatever the synapse sends.
 
     Args:
         golden: the case.

@@ -173,7 +173,7 @@ def relay_projection(inputs: Inputs, index: int) -> FixedProjection:
 
 
 def lossless(fixed: FixedProjection) -> str:
-    """How mantissas that are set by hand lose nothing to the shift of the exponent and to the bits of the memory."""
+    """How mantissas that a user sets lose nothing to the shift of the exponent and to the bits of the memory."""
     grain = max(grain_of(fixed.bits, fixed.sign_mode == "mixed"), 2 ** max(0, -fixed.exponent))
     ways = [f"use mantissas that are multiples of {grain}"] if grain <= fixed.high else []
     ways += ["use a larger weight_exp"] if fixed.exponent < 0 else []
@@ -394,7 +394,7 @@ def population(inputs: Inputs, options: Options) -> tuple[FixedPopulation, dict[
 
     Args:
         inputs: the population and what arrives at it.
-        options: scales set by hand.
+        options: scales that a user sets.
     """
     part = inputs.part
     d, problems = described(inputs), lacking(inputs)
@@ -578,7 +578,7 @@ def _input(inputs: Inputs) -> Iterator[Problem]:
 
 
 def overflows(part: Population, d: Described, volt: float) -> Iterator[Problem]:
-    """Registers that a scale overflows: one set by hand, or one kept while parameters change."""
+    """Registers that a scale overflows: one that a user set, or one kept while parameters change."""
     for what, largest, limit, name in (
         ("V_th - E_L", float(d.distance.max()) / 64.0, VTH_LIMIT, "the 17-bit threshold register"),
         ("the constant current", float(d.drive.max()), BIAS_LARGEST, "the bias register, 4095 x 2^7,"),

@@ -285,7 +285,7 @@ def check_costs(chip: Chip) -> None:
 
 
 def check_fits(program: Program, placement: Placement, chip: Chip) -> None:
-    """Refuse a placement in which something does not fit, or a delay beyond the chip's register; all of it is told."""
+    """Refuse a placement in which something does not fit, or a delay beyond the chip's register; reports all."""
     problems = dict.fromkeys((*placement.problems, *too_late(program, chip)))
     refused = tuple(problem.error() for problem in problems if problem.refused)
     if refused:

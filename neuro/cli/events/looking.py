@@ -64,7 +64,7 @@ def _of_recording(file: Path, from_format: str | None, sensor: Any) -> Told:
     if from_format in (None, "event_stream", "es") and begins_generic(source):
         return of_generic(source, str(name or source))
     try:
-        with going("nothing is told") as bar:
+        with going("nothing is reported") as bar:
             found = look(source, format=from_format, sensor_size=sensor, name=name, report=events_so_far(bar))
     except EventFileError:
         if file.suffix.lower() not in (".h5", ".hdf5"):
@@ -84,7 +84,7 @@ def _rows(found: Info) -> list[tuple[str, str]]:
     rows = [("file", f"{found.path}{size}"), ("format", found.title)]
     if found.untested:
         rows.append(("", f"untested on a real file: {found.untested}"))
-    rows.append(("sensor", f"{width}x{height}" + ("" if found.sensor_told else ", not told by the file")))
+    rows.append(("sensor", f"{width}x{height}" + ("" if found.sensor_told else ", not stated by the file")))
     rows.append(("events", f"{found.events:,}"))
     if found.events:
         rows += _counts(found, width * height)

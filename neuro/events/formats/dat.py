@@ -86,10 +86,10 @@ class Header:
         return Damage(f"header: {key} is {self.fields[key]!r}, expected {what}", self.offsets[key])
 
     def sensor_size(self) -> Size | None:
-        """Width and height that the header tells or its sensor has, None where neither is there.
+        """Width and height that the header states or its sensor has, None where neither is there.
 
         Raises:
-            Damage: the header tells a size that is none.
+            Damage: the header states a size that is none.
         """
         options = self.options
         sizes = (

@@ -81,7 +81,7 @@ class Hdf5:
 
     @property
     def sensor_size(self) -> Size | None:
-        """Width and height that the file tells, None where it does not.
+        """Width and height that the file states, None where it does not.
 
         Raises:
             Damage: they are impossible, or may be height and width.
@@ -132,7 +132,7 @@ def read_sample(dataset: Any) -> Events:
 
 
 def sample_size(dataset: Any) -> Size | None:
-    """Width and height that a sample tells, None where it does not.
+    """Width and height that a sample states, None where it does not.
 
     Args:
         dataset: as for `read_sample`.
@@ -162,7 +162,7 @@ def heaps_whole(data: Bytes) -> bool:
     So such strings are read only where all heaps of the file are whole. Strings of a fixed length, which this library
     writes, lie elsewhere.
 
-    The sensor is told by ``sensor_size`` or ``geometry`` (width, height), ``width`` and ``height``, or e2vid's
+    The sensor is given by ``sensor_size`` or ``geometry`` (width, height), ``width`` and ``height``, or e2vid's
     ``sensor_resolution``: height, width and perhaps channels, as the shape of an image. Some have written it the other
     way round. So a sensor that stands upright is refused; a file whose events lie off a sensor is refused in any case.
 

@@ -44,7 +44,7 @@ _BOM = b"\xef\xbb\xbf"
 
 @dataclass(slots=True)
 class _Layout:
-    """What the beginning of a file tells: first byte and line of the events, columns, order, unit and sensor."""
+    """What the beginning of a file states: first byte and line of the events, columns, order, unit and sensor."""
 
     start: int
     line: int

@@ -38,7 +38,7 @@ INTEGRATORS: Mapping[str, Mapping[str, float]] = {
     "rk4": {"substeps": 1},
     "rkf45": {"tolerance": 1e-6, "slope_tolerance": 0.0},
 }
-"""The integrators and what each may be told."""
+"""The integrators and the options of each."""
 WORDS = (
     "equations",
     "let",

@@ -197,7 +197,7 @@ class _Builder:
             if isinstance(name, Choice):
                 self.names(name, follow(node, (word,)), f"{context}: {word}")
             elif q.kind == "name" and name is not None:
-                kind = "signal" if word == "signal" else "population"
+                kind = "signal" if word in ("signal", "gate") else "population"
                 known = self.net.signals if kind == "signal" else self.net.populations
                 if name not in known:
                     error = unknown(kind, name, known, path=(word,))

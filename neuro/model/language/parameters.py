@@ -190,7 +190,7 @@ def computed(text: str, named: Callable[[Expression, Name], Measure], known: Con
         known: all names.
 
     Raises:
-        Misread: it is no expression, or has no finite value; it tells the place.
+        Misread: it is no expression, or has no finite value; it names the place.
     """
     whole = parse(text, _HINTS)
     return _Value(whole, named, known).of(whole.tree).written()
