@@ -3,7 +3,7 @@
     python benchmarks/agents.py [TASK ...] [--seeds 101-110] [--twin] [--set name=value ...] [--json FILE]
     python benchmarks/agents.py [TASK ...] [--seeds 101-103] --controls
 
-A training stops when the mean return of the last 100 episodes (FrozenLake: 500) is at the task's bar, or at its limit
+A training stops when the mean return of the last 100 episodes (FrozenLake: 500) reaches the task's bar, or its limit
 of control steps; a seed that did not get there counts with its episodes at the limit. The frozen agent is the one of
 that moment; it is tested on 100 (1,000) new episodes. One process, one core.
 

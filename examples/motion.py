@@ -64,9 +64,9 @@ spikes = [motion.to_patches(e.t, e.x + SIDE * n, e.y, columns=64, side=SIDE) for
 
 sim = neuro.compile(motion.network(patches=64, side=SIDE))
 peaks = motion.peaks(sim, *(np.concatenate(part) for part in zip(*spikes, strict=True)))
-told = peaks.reshape(64, 64).argmax(axis=1)
-right = told == np.arange(64)
-print(f"direction right {np.mean(told % 8 == np.arange(64) % 8):.0%}, direction and speed {np.mean(right):.0%}")
+decided = peaks.reshape(64, 64).argmax(axis=1)
+right = decided == np.arange(64)
+print(f"direction right {np.mean(decided % 8 == np.arange(64) % 8):.0%}, direction and speed {np.mean(right):.0%}")
 
 name = sys.argv[1] if len(sys.argv) > 1 else "motion.png"
 edge = 8 * SHOWN[0] + SHOWN[1]

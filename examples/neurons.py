@@ -78,12 +78,12 @@ figure, axes = plt.subplots(half, 4, figsize=(15, 1.9 * half), sharex=True, layo
 places = [row[pair : pair + 2] for pair in (0, 2) for row in axes]
 for (by_step, by_spikes), (model, current, weight) in zip(places, NEURONS, strict=False):
     sim = answers(model, current, weight)
-    told = f"{model.name}, " + ("takes no current" if current is None else f"{current:g} pA")
-    counts = draw(by_step, sim, model, "step", told), draw(by_spikes, sim, model, "spikes", f"weight {weight:g}")
+    title = f"{model.name}, " + ("takes no current" if current is None else f"{current:g} pA")
+    counts = draw(by_step, sim, model, "step", title), draw(by_spikes, sim, model, "spikes", f"weight {weight:g}")
     by_step.axvspan(*STEP, color="0.93")
     for time in (*SPIKES, INHIBITION):
         by_spikes.axvline(time, color="C4" if time == INHIBITION else "C2", linewidth=0.6)
-    print(f"{told}: {counts[0]} spikes; input of weight {weight:g}: {counts[1]} spikes")
+    print(f"{title}: {counts[0]} spikes; input of weight {weight:g}: {counts[1]} spikes")
 for place in places[len(NEURONS) :]:
     for axis in place:
         axis.axis("off")

@@ -31,7 +31,7 @@ def strokes(sensor, segments, width):
 
 
 def figure(t_ms):
-    """Trunk, head, legs and arms of somebody who walks to the right at two steps a second."""
+    """Trunk, head, legs and arms of a person who walks to the right at two steps a second."""
     x, swing = 8 + 0.048 * t_ms, 0.5 * np.sin(2 * np.pi * t_ms / 1000.0)
     hip, neck, limbs = (x, 28.0), (x + 1, 16.0), []
     for sign in (-1, 1):

@@ -30,12 +30,12 @@ rng = np.random.default_rng(0)
 sim = neuro.compile(neuro.load(Path(__file__).with_name("strokes.yaml")), seed=1)
 for epoch in range(5):
     labels, times, ids, offsets = batch(rng, 200)
-    told = sim.trials(times, ids, offsets, labels, learn=True, epoch=epoch)
-    print(f"epoch {epoch}: {np.mean(told.label == labels):.0%} right while learning")
+    results = sim.trials(times, ids, offsets, labels, learn=True, epoch=epoch)
+    print(f"epoch {epoch}: {np.mean(results.label == labels):.0%} right while learning")
 
 labels, times, ids, offsets = batch(rng, 200)
-told = sim.trials(times, ids, offsets)
-print(f"new images: {np.mean(told.label == labels):.0%} right, decided after {told.step.mean():.0f} ms")
+results = sim.trials(times, ids, offsets)
+print(f"new images: {np.mean(results.label == labels):.0%} right, decided after {results.step.mean():.0f} ms")
 for name, kernel in zip(NAMES, sim.weights("image_strokes")[:, 0], strict=True):
     print(f"what the map for {name} has learnt:")
     print("\n".join("  " + "".join(" .:*#"[int(4.99 * w)] for w in line) for line in kernel))

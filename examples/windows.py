@@ -22,9 +22,9 @@ RULES = {  # with the state of the synapse that is drawn
     "stdp_nn_restr": (neuro.stdp_nn_restr(), "weight"),
     "stdp_triplet": (neuro.stdp_triplet(), "weight"),
     "vogels_sprekeler": (neuro.vogels_sprekeler(), "weight"),
-    "stdp_dopa: eligibility": (neuro.stdp_dopa(tau_c=1e9, signal="told"), "c"),
-    "mstdpet: under a reward of 1": (neuro.mstdpet(signal="told"), "weight"),
-    "td_ltp: under an error of 1": (neuro.td_ltp(signal="told"), "weight"),
+    "stdp_dopa: eligibility": (neuro.stdp_dopa(tau_c=1e9, signal="teacher"), "c"),
+    "mstdpet: under a reward of 1": (neuro.mstdpet(signal="teacher"), "weight"),
+    "td_ltp: under an error of 1": (neuro.td_ltp(signal="teacher"), "weight"),
     "stddp: delay": (neuro.stddp(), "delay"),
     "stddp, by_step: delay": (neuro.stddp(by_step=True), "delay"),
 }
@@ -47,10 +47,10 @@ def changes(rule: Synapse, state: str, start: float, pairs: int, lags: np.ndarra
     net.connect("drive", "post", neuro.one_to_one(), weight=1e8, delay=H)
     net.connect("pre", "post", neuro.one_to_one(), rule, weight=start, delay=delay, name="learnt")
     if rule.modulated:
-        net.signal("told", to="post")
+        net.signal("teacher", to="post")
     sim = neuro.compile(net)
     if rule.modulated and state == "weight":
-        sim.signal("told", 1.0)
+        sim.signal("teacher", 1.0)
     before = sim.get("learnt", state)
     # An eligibility has changed at once; a weight shows it when the next pre spike has been sent.
     sim.run(LAST - H if state == "c" else LAST + H)

@@ -38,7 +38,9 @@ def _recording():
 
 WRITERS = {
     "text": (lambda path: write_text(path, "# ours\n", OURS), "a.txt"),
-    "picture": (lambda path: write_picture(path, Figure()), "a.png"),
+    "png": (lambda path: write_picture(path, Figure()), "a.png"),
+    "pdf": (lambda path: write_picture(path, Figure()), "a.pdf"),
+    "svg": (lambda path: write_picture(path, Figure()), "a.svg"),
     "hdf5": (lambda path: _hdf5(path), "a.h5"),
     "state": (lambda path: neuro.compile(_net()).save(path), "a.h5"),
     "network": (lambda path: _net().save(path), "a.yaml"),

@@ -90,9 +90,9 @@ class BallTask:
         self.view.look(Pose(0.0, 0.0, self.height))
         offset = self._drawn(rng) if start is None else self._offset(*start)
         if offset is None:
-            told = ", ".join(f"{one:g}" for one in start or ())
+            place = ", ".join(f"{one:g}" for one in start or ())
             half = " and a ball from half to twice as tall as it shall be" if self.ball.axes == 3 else ""
-            raise ModelError(f"start [{told}] px: expected a place of the picture below the horizon{half}")
+            raise ModelError(f"start [{place}] px: expected a place of the picture below the horizon{half}")
         return Pose(self._place[0] - offset[0], self._place[1] - offset[1], offset[2])
 
     def _drawn(self, rng: np.random.Generator) -> tuple[float, float, float]:

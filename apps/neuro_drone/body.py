@@ -65,7 +65,7 @@ class Kinematic:
     Wind accelerates it by drag times its speed. Nothing in the controller of velocity makes up for that (it has no
     integral term), so that the velocity goes to the command plus lag times drag times the wind; the largest
     acceleration is that of both together. The drag of the body's own flight is part of the lag. With a load the same
-    thrust does less: lag grows, and the largest acceleration falls, as the mass; and a body that is told how to climb
+    thrust does less: lag grows, and the largest acceleration falls, as the mass; and a body that is commanded to climb
     sinks at the speed at which the controller's thrust makes up for the weight. One that holds its height holds it.
 
     Args:

@@ -161,7 +161,7 @@ def compare(
 ) -> None:
     """Train and test controllers side by side and print the table; what the folder has is not done again.
 
-    Always there: do nothing, the oracle, the centroid of the events, weights set by hand, LMS, the network without
+    Always there: do nothing, the oracle, the centroid of the events, fixed weights, LMS, the network without
     dopamine and with dopamine of the wrong sign. --set changes the scenario of all.
     """
     from neuro_drone.compare import ROWS, ComparisonRow, run
@@ -228,8 +228,8 @@ def watch(
     from neuro_drone.watch import watch as write
 
     course = FlightCourse(path, seed)
-    told = write(_pilot(model, scenario, controller, set), out, start, backend, course)
-    typer.echo(f"{out}: {told}")
+    summary = write(_pilot(model, scenario, controller, set), out, start, backend, course)
+    typer.echo(f"{out}: {summary}")
 
 
 @app.command()

@@ -121,8 +121,8 @@ class ComparisonJob:
         """Train and test, unless the result is there; gives the figures as plain data."""
         row, result = self.row, self.file.with_suffix(".json")
 
-        def say(share: float, told: str) -> None:
-            report(RowMessage(f"{row.text} seed {self.seed}", round(1000 * share), 1000, told))
+        def say(share: float, message: str) -> None:
+            report(RowMessage(f"{row.text} seed {self.seed}", round(1000 * share), 1000, message))
 
         def learns(p: TrainingProgress) -> None:
             say(0.6 * p.step / p.steps, f"{p.step:,} of {p.steps:,} steps, {p.error_px:.1f} px")
@@ -152,8 +152,8 @@ class ComparisonJob:
             flown[0] += 1
             say(0.6 + 0.39 * flown[0] / (len(places) * (1 + both)), f"test, {flown[0]} laps")
 
-        told = try_out(model, starts=places, report=tell).as_words()
-        figures = {name: told[name] for name in ("error_px", "laps", "starts", "signed", "absolute")}
+        flight = try_out(model, starts=places, report=tell).as_words()
+        figures = {name: flight[name] for name in ("error_px", "laps", "starts", "signed", "absolute")}
         if both:
             figures["learning_on"] = try_out(model, starts=places, learning=True, report=tell).error_px
         return figures
@@ -181,7 +181,7 @@ def run(
     make_folder(folder)
     jobs = [ComparisonJob(row, seed, starts, course, folder) for row in rows for seed in row.seeds]
     found = side_by_side(ComparisonJob.run, jobs, report=report)
-    return [Summary(row, tuple(told for job, told in zip(jobs, found, strict=True) if job.row is row)) for row in rows]
+    return [Summary(row, tuple(one for job, one in zip(jobs, found, strict=True) if job.row is row)) for row in rows]
 
 
 @dataclass(frozen=True, slots=True)

@@ -136,9 +136,9 @@ def words(bills: Bills) -> str:
     """All figures as JSON; joules and seconds are of a control step."""
     model, step = bills.model, bills.model.scenario.step
     about = {"controller": model.controller, "scenario": model.scenario.name, "steps": bills.steps}
-    told: dict[str, Any] = {**about, "error_px": bills.error_px, "step_us": step * 1000.0}
-    told["per_step"] = _counted(bills)
-    told["bills"] = [
+    record: dict[str, Any] = {**about, "error_px": bills.error_px, "step_us": step * 1000.0}
+    record["per_step"] = _counted(bills)
+    record["bills"] = [
         bill.as_dict()
         | {
             "time_us": None if bill.chip_time_s is None else bill.chip_time_s * 1e6,
@@ -147,26 +147,26 @@ def words(bills: Bills) -> str:
         }
         for bill in bills.spiking
     ]
-    told["dense"] = [
+    record["dense"] = [
         {"target": d.target, "what": d.what, "macs": d.macs, "total_j": d.joules, "source": d.source}
         | dict(zip(("total_low_j", "total_high_j"), d.range, strict=True))
         for d in bills.dense
     ]
-    return json.dumps(told | {"notes": notes(bills)}, indent=1)
+    return json.dumps(record | {"notes": notes(bills)}, indent=1)
 
 
 def _counted(bills: Bills) -> dict[str, float]:
     counts, n = bills.counts, bills.steps
     if counts is None:
         return {}
-    told = {
+    sums = {
         "network_steps": counts.steps,
         "input_spikes": counts.populations["cells"].spikes,
         "spikes": sum(each.spikes for name, each in counts.populations.items() if name != "cells"),
         "synaptic_ops": counts.synaptic_ops,
         "neuron_updates": counts.neuron_updates,
     }
-    return {name: count / n for name, count in told.items()}
+    return {name: count / n for name, count in sums.items()}
 
 
 def notes(bills: Bills) -> list[str]:

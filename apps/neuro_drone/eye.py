@@ -92,9 +92,9 @@ class Eye:
         Returns:
             The events since the look before; none after a reset.
         """
-        told = self._told
+        boxed = self._told
         self.draw(pose, scene)
-        events = self._dvs.see(self.image, t_us, changed=self.box if told else None)
+        events = self._dvs.see(self.image, t_us, changed=self.box if boxed else None)
         self._told = True
         return events
 

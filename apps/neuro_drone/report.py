@@ -79,9 +79,9 @@ class Bars:
 
         return show
 
-    def at(self, what: str, done: int, total: int, told: str) -> None:
+    def at(self, what: str, done: int, total: int, message: str) -> None:
         """Show how far something is; elsewhere than on a terminal some lines are printed."""
-        text, part = f"{what}: {told}", done * self._lines // total
+        text, part = f"{what}: {message}", done * self._lines // total
         if what not in self._tasks:
             self._tasks[what] = self._bar.add_task("", total=total)
             self._said[what] = 0
@@ -171,9 +171,9 @@ def show_comparison(summaries: Sequence[Summary]) -> None:
     columns, rows = columns_of(summaries)
     out = console()
     out.print(table(columns, rows, title=_about(summaries)))
-    told = " and ".join(axes(summaries[0].row.scenario))
+    names = " and ".join(axes(summaries[0].row.scenario))
     out.print(
-        f"absolute and signed: mean errors ({told}); signed as the thesis prints them, where errors of both signs "
+        f"absolute and signed: mean errors ({names}); signed as the thesis prints them, where errors of both signs "
         "cancel.\nlearning on: dopamine itself steers, so that this figure is not what was learnt."
     )
 
@@ -230,9 +230,9 @@ def list_controllers() -> None:
     for name, kind in CONTROLLERS.items():
         given = (one.name for one in fields(kind.settings) if "fixed" not in one.metadata)
         own = (word for word in given if not isinstance(getattr(kind.settings, word), Mapping))
-        told = ", ".join(f"{word} {_short(getattr(kind.settings, word))}" for word in own)
+        numbers = ", ".join(f"{word} {_short(getattr(kind.settings, word))}" for word in own)
         source = "the reward" if kind.rewarded else "the error" if kind.learns else "-"
-        rows.append((name, kind.what, source, told))
+        rows.append((name, kind.what, source, numbers))
     console().print(table(("name", "what", "learns from", "settings"), rows))
 
 

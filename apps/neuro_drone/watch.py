@@ -164,8 +164,8 @@ def fly(model: Model, start: Start, backend: str = "event") -> Flight:
     seen: list[neuro.events.Events] = []
     action, over = np.zeros(model.scenario.axes), False
     while True:
-        told = {"targets": info["target"], "errors": info["error_px"], "actions": action, "counts": info["counts"]}
-        for name, value in (_where(env) | told).items():
+        measured = {"targets": info["target"], "errors": info["error_px"], "actions": action, "counts": info["counts"]}
+        for name, value in (_where(env) | measured).items():
             kept.setdefault(name, []).append(value)
         seen.append(info["events"])
         if over:
@@ -298,11 +298,11 @@ def _training(model: Model) -> dict[str, Any]:
     history, curve = model.history, model.curve
     if not len(history.get("steps", ())):
         return {}
-    told = {"steps": _base64(np.cumsum(history["steps"]), "<f4"), "error": _base64(history["error_px"], "<f4")}
+    course = {"steps": _base64(np.cumsum(history["steps"]), "<f4"), "error": _base64(history["error_px"], "<f4")}
     if len(curve.get("steps", ())):
-        told |= {"tested": _base64(curve["steps"], "<f4"), "frozen": _base64(curve["error_px"], "<f4")}
-        told |= {"lost": _base64(curve["lost"], "<u2")}
-    return told
+        course |= {"tested": _base64(curve["steps"], "<f4"), "frozen": _base64(curve["error_px"], "<f4")}
+        course |= {"lost": _base64(curve["lost"], "<u2")}
+    return course
 
 
 def _spikes(one: FlightSpikes) -> dict[str, Any]:

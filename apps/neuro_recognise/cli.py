@@ -222,12 +222,12 @@ def watch(
 
         if allow is not None:
             raise typer.BadParameter("decides early on a single object", param_hint="'--allow'")
-        told = watch_objects(trained, recording, out, given=boxes, find=several, backend=backend)
+        summary = watch_objects(trained, recording, out, given=boxes, find=several, backend=backend)
     else:
         from neuro_recognise.telling.watch import watch
 
-        told = watch(trained, recording, out, allow, backend, assurance)
-    typer.echo(f"{out}: {told}")
+        summary = watch(trained, recording, out, allow, backend, assurance)
+    typer.echo(f"{out}: {summary}")
 
 
 @app.command()

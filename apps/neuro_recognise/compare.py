@@ -170,12 +170,12 @@ def compare(data: Recordings, plan: MethodComparison, report: Callable[[Progress
         except ModelError as error:
             return one, _reason(error)
 
-    def compared(one: Contestant, shown: Features | str, told: Sequence[Mapping[str, Any]]) -> Compared:
+    def compared(one: Contestant, shown: Features | str, runs: Sequence[Mapping[str, Any]]) -> Compared:
         """One that cannot be run, as its extra is missing or the recordings do not suit it, says so."""
-        refused = shown if isinstance(shown, str) else next((each["refused"] for each in told if "refused" in each), "")
+        refused = shown if isinstance(shown, str) else next((each["refused"] for each in runs if "refused" in each), "")
         if refused or isinstance(shown, str):
             return Compared(one, refused=refused)
-        return _summary(one, told, shown, plan, _observing_ms(one.method, data))
+        return _summary(one, runs, shown, plan, _observing_ms(one.method, data))
 
     seen = [looked(one) for one in plan.contestants]
     jobs = [
@@ -183,8 +183,8 @@ def compare(data: Recordings, plan: MethodComparison, report: Callable[[Progress
          for k, parts in enumerate(folds[seed])] if isinstance(shown, Features) else []
         for one, shown in seen
     ]  # fmt: skip
-    told = iter(_told(list(chain(*jobs)), plan.jobs, report))
-    return [compared(*one, list(islice(told, len(mine)))) for one, mine in zip(seen, jobs, strict=True)]
+    results = iter(_told(list(chain(*jobs)), plan.jobs, report))
+    return [compared(*one, list(islice(results, len(mine)))) for one, mine in zip(seen, jobs, strict=True)]
 
 
 def _reason(error: ModelError) -> str:
@@ -328,13 +328,13 @@ def _observing_ms(method: Method, data: Recordings) -> float:
 
 def _summary(
     contestant: Contestant,
-    told: Sequence[Mapping[str, Any]],
+    results: Sequence[Mapping[str, Any]],
     shown: Features,
     plan: MethodComparison,
     observe_ms: float,
 ) -> Compared:
     """What came of all folds."""
-    seeds = [[one for one in told if one["of"]["seed"] == seed] for seed in plan.seeds]
+    seeds = [[one for one in results if one["of"]["seed"] == seed] for seed in plan.seeds]
 
     def of_seed(parts: Sequence[Mapping[str, Any]], vote: str = "") -> Evaluation:
         decided = np.full(len(shown), -1, np.int64)
@@ -345,9 +345,9 @@ def _summary(
     return Compared(
         contestant,
         tuple(of_seed(parts) for parts in seeds),
-        {vote: tuple(of_seed(parts, vote) for parts in seeds) for vote in told[0]["votes"]},
+        {vote: tuple(of_seed(parts, vote) for parts in seeds) for vote in results[0]["votes"]},
         observe_ms,
-        float(np.mean([one["train_s"] for one in told])),
-        float(np.mean([one["answer_ms"] for one in told])),
-        None if told[0]["bills"] is None else {target: told[0]["bills"][target] for target in plan.targets},
+        float(np.mean([one["train_s"] for one in results])),
+        float(np.mean([one["answer_ms"] for one in results])),
+        None if results[0]["bills"] is None else {target: results[0]["bills"][target] for target in plan.targets},
     )

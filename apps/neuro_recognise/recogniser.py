@@ -302,8 +302,8 @@ class Recogniser:
         Raises:
             Unwritable: it cannot be written, or something else stands there.
         """
-        told = {word: self.training.get(word) for word in ("backend", "seed")}
-        with hdf5.writing(path, FORMAT, record=provenance(**told)) as file:
+        options = {word: self.training.get(word) for word in ("backend", "seed")}
+        with hdf5.writing(path, FORMAT, record=provenance(**options)) as file:
             file.attrs["method"] = self.method.called()
             file.attrs["settings"] = json.dumps(self.method.as_words())
             file.attrs["training"] = json.dumps(dict(self.training))

@@ -31,8 +31,8 @@ def setting(default: Any, unit: str = "", doc: str = "", source: str = "", **mor
     example = default[0] if isinstance(default, tuple) else default
     kinds = {bool: "boolean", int: "integer", str: "word"}
     more.setdefault("kind", kinds.get(type(example), "number"))
-    told = {"quantity": Quantity(unit=unit, doc=doc, optional=default is None, **more), "source": source}
-    return field(default=default, metadata=told)
+    metadata = {"quantity": Quantity(unit=unit, doc=doc, optional=default is None, **more), "source": source}
+    return field(default=default, metadata=metadata)
 
 
 def part(kind: type[Part], default: Part) -> Any:

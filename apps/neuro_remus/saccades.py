@@ -170,7 +170,7 @@ def _run(jobs: list[Job], workers: int, progress: bool) -> None:
     done = count(1)
     with Bar() if progress else nullcontext() as bar:
 
-        def show(told: None) -> None:
+        def show(_done: None) -> None:
             if bar is not None:
                 now = next(done)
                 if now <= workers:  # each process compiles before its first

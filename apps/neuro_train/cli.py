@@ -170,8 +170,8 @@ def train(
     learnt_from = _recordings(data, part, without=without)
     with resumable():
         if search is not None:
-            told = (file, data, part, without)
-            _search(told, net, plan, assignments(set), search, budget, folds, test, out.with_suffix(""))
+            inputs = (file, data, part, without)
+            _search(inputs, net, plan, assignments(set), search, budget, folds, test, out.with_suffix(""))
         elif folds:
             _validate(net, learnt_from, folds, plan, names, out)
         else:
@@ -229,12 +229,12 @@ def _validate(
     parts = data.folds(folds, seed=plan.seed)
     with Bar() as bar:
         shown = _shown(net, data, plan, bar)
-        told = cross_validate(net, shown, parts, plan, backends, out, lambda what, k, n: bar.show(k, n, what))
-    telling.show_folds(told)
+        results = cross_validate(net, shown, parts, plan, backends, out, lambda what, k, n: bar.show(k, n, what))
+    telling.show_folds(results)
 
 
 def _search(
-    told: tuple[Path, Path, str, list[str]],
+    inputs: tuple[Path, Path, str, list[str]],
     net: neuro.Network,
     plan: TrainingPlan,
     params: Mapping[str, Any],
@@ -253,10 +253,10 @@ def _search(
         why = "--search with --test: a search tests on recordings of --data that it holds out: expected one of both"
         raise ModelError(why, hint="test a network of its front: neuro train NETWORK --epochs 0 --test ...")
     check_optuna()
-    given = {**plain(read(told[0], "a network", "neuro: 1")).get("parameters", {}), **params}
+    given = {**plain(read(inputs[0], "a network", "neuro: 1")).get("parameters", {}), **params}
     varied = space(text, net, plan, given)
     with Bar() as bar:
-        places = ask(*told, plan, params, varied, budget, folds, folder, bar.say)
+        places = ask(*inputs, plan, params, varied, budget, folds, folder, bar.say)
     files = front.write(folder, places, plan.chip)
     front.show(places, plan.chip)
     for written in files:

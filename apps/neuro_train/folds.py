@@ -70,15 +70,15 @@ def cross_validate(
         unseen = shown.take(parts[1])
         tried = [by_module(trained.module, unseen, plan)]
         tried += [on_backend(trained.net, backend, unseen, plan, room=room) for backend in backends]
-        told = {"format": FORMAT, "of": of, "n": len(unseen), "cpu_s": trained.cpu_s}
-        told |= {"right": {one.backend: one.own.correct for one in tried}}
-        told |= {"equal": {one.backend: one.agrees(tried[0]) for one in tried}}
-        told |= {"same_spikes": {one.backend: one.same_spikes(tried[0]) for one in tried}}
-        told |= {"overflows": {one.backend: one.overflows for one in tried if one.overflows}}
-        told |= {"room": [asdict(one) for one in room]}
-        told |= {"bills": {one.backend: one.bill.as_dict() for one in tried if one.bill}}
-        write_text(file, json.dumps(told, indent=1), RESULT)
+        result = {"format": FORMAT, "of": of, "n": len(unseen), "cpu_s": trained.cpu_s}
+        result |= {"right": {one.backend: one.own.correct for one in tried}}
+        result |= {"equal": {one.backend: one.agrees(tried[0]) for one in tried}}
+        result |= {"same_spikes": {one.backend: one.same_spikes(tried[0]) for one in tried}}
+        result |= {"overflows": {one.backend: one.overflows for one in tried if one.overflows}}
+        result |= {"room": [asdict(one) for one in room]}
+        result |= {"bills": {one.backend: one.bill.as_dict() for one in tried if one.bill}}
+        write_text(file, json.dumps(result, indent=1), RESULT)
         checkpoint.remove()
-        return told
+        return result
 
     return [of_fold(k, parts) for k, parts in enumerate(folds)]

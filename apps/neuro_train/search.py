@@ -257,7 +257,7 @@ def point(
         many are `right` of `n`, and `cpu_s`.
     """
     of_file, of_plan = parted(varied)
-    told = TrainingPlan(**{**json.loads(plan), **of_plan})
+    settings = TrainingPlan(**{**json.loads(plan), **of_plan})
     net = neuro.load(file, params={**json.loads(params), **of_file})
     held = fold is None
     out = Path(folder) / ("front" if held else "points") / f"{_name(varied)}.yaml"
@@ -265,22 +265,22 @@ def point(
         out = out.with_name(f"{out.stem}_fold{fold}.yaml")
     make_folder(out.parent)
     found = _recordings(data, part, without)
-    shown = show(net, found, told, lambda what, done, n: None)
-    learnt_from, judged = divided(found, told.seed, fold, folds)
+    shown = show(net, found, settings, lambda what, done, n: None)
+    learnt_from, judged = divided(found, settings.seed, fold, folds)
     which = f"part {'held out' if held else fold} of {folds + 1}"
-    of = identity(net, shown, told) | {"part": which, "varied": dict(varied)}
+    of = identity(net, shown, settings) | {"part": which, "varied": dict(varied)}
     kept = kept_json(out.with_suffix(".json"))
     if kept.get("of") == json.loads(json.dumps(of)) and out.exists() and set(SPENT) <= set(kept["found"]):
         return {str(name): float(value) for name, value in kept["found"].items()}
     mine = shown.take(learnt_from)
-    checkpoint = begun(net, out, mine, told, which)
-    trained = learn(net, mine, told, checkpoint)
+    checkpoint = begun(net, out, mine, settings, which)
+    trained = learn(net, mine, settings, checkpoint)
     trained.net.save(out)
-    room = rooms(trained.net, told.chip, mine, told)
-    tried = on_backend(trained.net, told.chip, shown.take(judged), told, room=room)
-    warn_of_overflows(told.chip, tried.overflows, len(judged))
+    room = rooms(trained.net, settings.chip, mine, settings)
+    tried = on_backend(trained.net, settings.chip, shown.take(judged), settings, room=room)
+    warn_of_overflows(settings.chip, tried.overflows, len(judged))
     if tried.bill is None:
-        raise ModelError(f"{told.chip}: has no costs: expected a chip that has")
+        raise ModelError(f"{settings.chip}: has no costs: expected a chip that has")
     each = [joules for bill in (tried.bill, tried.bill.real_time) for joules in (bill.total_j, bill.low_j, bill.high_j)]
     given = {"accuracy": tried.own.accuracy, **{name: 1e6 * joules for name, joules in zip(SPENT, each, strict=True)}}
     given |= {"right": float(tried.own.correct), "n": float(len(judged)), "cpu_s": trained.cpu_s}

@@ -36,11 +36,11 @@ def noted(found: dict[str, tuple[int, str]]) -> Iterator[None]:
         warnings.simplefilter("always", OverflowWarning)
         yield
     for each in caught:
-        told = each.message
-        if not isinstance(told, OverflowWarning):
-            warnings.warn_explicit(told, each.category, each.filename, each.lineno)
-        elif told.what:
-            found[told.what] = found.get(told.what, (0, ""))[0] + 1, told.hint
+        message = each.message
+        if not isinstance(message, OverflowWarning):
+            warnings.warn_explicit(message, each.category, each.filename, each.lineno)
+        elif message.what:
+            found[message.what] = found.get(message.what, (0, ""))[0] + 1, message.hint
 
 
 def summed(each: Iterator[Mapping[str, Any]]) -> dict[str, tuple[int, str]]:

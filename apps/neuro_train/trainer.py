@@ -108,8 +108,8 @@ def begun(net: neuro.Network, out: Path, shown: BatchData, plan: TrainingPlan, w
         plan: the settings of the training.
         which: part of the recordings, where not all.
     """
-    told = identity(net, shown, plan) | {"recordings": len(shown), "part": which}
-    return Checkpoint(out, FORMAT, told, WAYS)
+    settings = identity(net, shown, plan) | {"recordings": len(shown), "part": which}
+    return Checkpoint(out, FORMAT, settings, WAYS)
 
 
 def identity(net: neuro.Network, shown: BatchData, plan: TrainingPlan) -> dict[str, Any]:
@@ -264,12 +264,12 @@ class _Training:
         except ModelError as error:
             self._stop(batch, error.message)
 
-    def _stop(self, batch: int, told: str) -> NoReturn:
+    def _stop(self, batch: int, message: str) -> NoReturn:
         where = f"epoch {self.done + 1}, batch {batch + 1} of {self._batches}"
         some = self.done and self._place
         kept = f"; what was learnt until the end of epoch {self.done} is kept{self._place}" if some else ""
         way = "a smaller --rate, or a smaller --cost" + (", under another --out" if some else "")
-        raise ModelError(f"{where}: {told}{kept}", hint=way)
+        raise ModelError(f"{where}: {message}{kept}", hint=way)
 
     def _prune(self, stay: Mapping[str, Array] | None = None) -> None:
         """Drop the smallest weights, or all but some; the optimiser begins anew with those that are left."""

@@ -54,11 +54,8 @@ def arrays_of(fixed: FixedProgram) -> Arrays:
     a["keys"] = _keys(program, "poisson", [p.name for p in program.populations])
     a["group_keys"] = _keys(program, "tie", [g.name for g in program.groups])
     a["mean"], a["nothing"] = np.zeros(total), np.ones(total)
-    for name in ("list_steps", "list_ids", "list_times"):
-        a[name] = np.zeros(0, dtype=np.int64)
-    a["cursor"] = np.zeros((n_pops, 2), dtype=np.int64)
     room = total + min(ROOM, 64 * total + 1024)
-    for name in ("rec_steps", "rec_ids", "rec_times"):
+    for name in ("rec_steps", "rec_ids", "rec_counts"):
         a[name] = np.zeros(room, dtype=np.int64)
     a["clock"] = np.zeros(t.CLOCK_COLUMNS, dtype=np.int64)
     a["clock"][t.STOP_GROUP] = t.NONE

@@ -216,7 +216,7 @@ def write_some(mantissas, synapses, table, lowest, words, kernels, row, where):
         lowest: the smallest mantissa.
         words: of all projections, changed.
         kernels: likewise by places.
-        row: of the projection; it is told that there may be words of a sign.
+        row: of the projection; it is marked that there may be words of a sign.
         where: of a grid, see `places`.
     """
     reach, size = row[t.REACH], where.size
@@ -239,7 +239,7 @@ def write_some(mantissas, synapses, table, lowest, words, kernels, row, where):
 
 @subkernel
 def may_gather(net, row, capped):
-    """Whether a projection is such a grid; slots that saturate must not be told of both signs in one sum."""
+    """Whether a projection is such a grid; slots that saturate must not get both signs in one sum."""
     return row[t.LAYOUT] == t.GRID and row[t.GATHER] >= 0 and not (capped and row[t.POSITIVE] and row[t.NEGATIVE])
 
 

@@ -65,8 +65,8 @@ class ChipEngine:
 
     def inject(self, population: int, steps: Ints, ids: Ints) -> None:
         """Add spikes of a spike_generator."""
-        self._machine.listed.add(population, steps, ids, self.step)
-        self._machine.bind()
+        if self._machine.listed.add(population, steps, ids, self.step):
+            self._machine.bind()
 
     def signal(self, signal: int, values: Floats) -> None:
         """Set the dopamine of every synapse that listens."""

@@ -151,7 +151,7 @@ def emit(net, pop, row, i, times, step):
         at = net.clock[t.RECORDED]
         net.rec_steps[at] = step
         net.rec_ids[at] = i
-        net.rec_times[at] = times
+        net.rec_counts[at] = times
         net.clock[t.RECORDED] = at + 1
 
 
@@ -325,7 +325,7 @@ def draw(net, pop, row, step):
         return
     base = step_word(net.keys[pop], step)
     for i in range(row[t.BEGIN], row[t.END]):
-        # Most draws are 0, and one comparison tells: the sum over the distribution is worked out for the others only.
+        # Most draws are 0, and one comparison shows it: the sum over the distribution is only for the others.
         if uniform(base, i - row[t.BEGIN]) >= net.nothing[i]:
             times = poisson_by_sum(base, i - row[t.BEGIN], net.mean[i], net.nothing[i])
             if times > 0:
@@ -335,12 +335,12 @@ def draw(net, pop, row, step):
 @subkernel
 def list_spikes(net, pop, row, step):
     """The listed spikes of a spike_generator in this step."""
-    at, end = net.cursor[pop, 0], net.cursor[pop, 1]
+    at, end = net.cursor[0, pop], net.cursor[1, pop]
     while at < end and net.list_steps[at] <= step:
         if net.list_steps[at] == step:
-            emit(net, pop, row, net.list_ids[at], net.list_times[at], step)
+            emit(net, pop, row, net.list_ids[at], net.list_counts[at], step)
         at += 1
-    net.cursor[pop, 0] = at
+    net.cursor[0, pop] = at
 
 
 @kernel

@@ -20,13 +20,13 @@ from neuro.program.backend import OverflowWarning, Problem
 from neuro.program.currents import Currents
 from neuro.program.drives import Rates
 from neuro.program.program import Floats, Ints
+from neuro.program.spikes import ListedSpikes, RecordedSpikes
 from neuro_chip import tables as t
 from neuro_chip.build import arrays_of, write_registers, write_states
 from neuro_chip.delays import Delays
 from neuro_chip.families import family_of
 from neuro_chip.learners import Learners
 from neuro_chip.loop import advance, send_ahead
-from neuro_chip.spike_lists import Listed, Record
 from neuro_chip.tables import Bound
 from neuro_chip.trial_kernels import open_all
 from neuro_chip.weights import ChipWeights
@@ -69,14 +69,14 @@ class Machine:
         self.delays = Delays(fixed, self.arrays)
         self.currents = Currents(self.program)
         self.rates = Rates(self.program)
-        self.record = Record()
+        self.record = RecordedSpikes()
         self._warned: set[str] = set()
         self._live = _LIVE + (_WON if any(group.choice.several for group in self.program.groups) else ())
         for k, part in enumerate(self.program.populations):
             write_states(self.arrays, k, fixed.populations[k])
             if part.kind == "poisson":
                 self.set_rate(k, part.rate(1))
-        self.listed = Listed(self.program, self.arrays)
+        self.listed = ListedSpikes(self.program, self.arrays, self.arrays["pops"][:, t.BEGIN].tolist())
         self.bound = Bound(self.arrays)
 
     def bind(self) -> None:
@@ -110,8 +110,9 @@ class Machine:
                 self.learners.after(before + 1)
                 self.delays.after(before + 1)
             if clock[t.RECORDED]:
+                steps, ids, counts = (self.arrays[name] for name in ("rec_steps", "rec_ids", "rec_counts"))
                 n = int(clock[t.RECORDED])
-                self.record.take(*(self.arrays[name][:n] for name in ("rec_steps", "rec_ids", "rec_times")))
+                self.record.take([(steps[:n], ids[:n], counts[:n])])
                 clock[t.RECORDED] = 0
             if group >= 0 and self.arrays["groups"][group, t.CLOSED]:
                 break
@@ -171,8 +172,8 @@ class Machine:
         open_all(self.bound.view, self.bound.words)
         for k in range(len(self.program.populations)):
             write_states(self.arrays, k, self.cells.fixed[k])
-        self.record = Record()
-        self.listed = Listed(self.program, self.arrays)
+        self.record = RecordedSpikes()
+        self.listed = ListedSpikes(self.program, self.arrays, self.arrays["pops"][:, t.BEGIN].tolist())
         self._start_currents_anew()
         self._list_rates(1)
         self.weights.start_anew(weights)

@@ -89,9 +89,6 @@ OPEN, WINS = range(2)
 # why a neuron must not fire: it is left out of a trial, silenced by a winner, or has won
 SILENCED, BLOCKED, WON = 1, 2, 4
 
-# what is listed of a generator: the next spike, and one after the last
-NEXT, AFTER = range(2)
-
 # the clock
 STEP, RECORDED, EMITTED, STOP_GROUP, CLOCK_COLUMNS = range(5)
 
@@ -157,11 +154,11 @@ mean f8 1           of a poisson_generator's neurons, per step
 nothing f8 1        exp(-mean)
 list_steps i8 1     listed spikes of the generators
 list_ids i8 1
-list_times i8 1
-cursor i8 2         (populations, 2) the next of these, and their end
+list_counts i8 1
+cursor i8 2         (2, populations) the next of these, and their end
 rec_steps i8 1      recorded spikes
 rec_ids i8 1
-rec_times i8 1
+rec_counts i8 1
 """
 
 _FIELDS = {kind: fields_of(NET.format(words=kind)) for kind in ("i2", "i4")}

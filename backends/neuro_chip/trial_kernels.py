@@ -82,14 +82,13 @@ def list_trial(view, words, population, first, ticks, ids, began):
     for k in range(ticks.size):
         # Several spikes of one neuron in one tick are one event of that multiplicity, as generators emit them.
         if k > 0 and ticks[k] == ticks[k - 1] and ids[k] == ids[k - 1]:
-            net.list_times[at] += 1
+            net.list_counts[at] += 1
             continue
         at += 1
         net.list_steps[at] = began + 1 + ticks[k]
         net.list_ids[at] = begin + ids[k]
-        net.list_times[at] = 1
-    net.cursor[population, t.NEXT] = first
-    net.cursor[population, t.AFTER] = at + 1
+        net.list_counts[at] = 1
+    net.cursor[0, population], net.cursor[1, population] = first, at + 1
 
 
 @kernel
@@ -175,7 +174,7 @@ def teacher(teach):
             grain: the step between two.
             slots: which weight each input has.
             since: ms from the arrival of its spike to the moment of the lesson.
-            lesson: what the rule is told.
+            lesson: the number that the rule gets.
             rule: constants of the rule.
             key: of the draws.
             count: how many changes there were, this one included; each has draws of its own.

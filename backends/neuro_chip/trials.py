@@ -100,9 +100,10 @@ class ChipTrials:
     def _begin(self, trial: Trial) -> None:
         """Drop what is under way, start the output's states anew, and list the trial's spikes."""
         machine, output = self._machine, self._section.output
-        first, replaced = machine.listed.make_room(self._section.input, trial.ids.size, self._began)
-        if replaced:
+        machine.listed.drop(self._section.input)
+        if machine.listed.reserve(self._section.input, trial.ids.size, self._began):
             machine.bind()
+        first = machine.listed.place(self._section.input)
         view, words = machine.bound.view, machine.bound.words
         kernels.begin_trial(view, words, output, trial.silenced, "V_m" in self._states)
         cells = machine.cells.fixed[output]

@@ -17,7 +17,7 @@ from neuro_chip.families import family_of
 
 _NOWHERE: Ints = np.zeros(0, dtype=np.int64)
 
-_GIVEN = "told"
+_GIVEN = "given"
 """What saved states call weights as they were set."""
 
 

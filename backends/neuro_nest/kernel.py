@@ -1,4 +1,4 @@
-"""NEST's kernel: imported in silence, lent to one simulation at a time, its errors told as ours."""
+"""NEST's kernel: imported in silence, lent to one simulation at a time, its errors raised as ours."""
 
 from __future__ import annotations
 
@@ -120,7 +120,7 @@ def nest_errors() -> Iterator[None]:
         raise ModelError(f"NEST: {error}") from None
 
 
-TOLD = "error: the process that ran NEST ended without a word: NEST crashed, or it was killed"
+TOLD = "error: the process that ran NEST ended without a message: NEST crashed, or it was killed"
 _WAIT = 'trap "" INT TERM HUP; read -r word || echo "$0" >&2'
 
 

@@ -180,7 +180,7 @@ class NestNetwork:
 
 
 _WITH_E_L = ("V_th", "V_reset", "V_min", "V_m")
-"""What NEST holds relative to E_L: told again with it, so that no rounding moves it."""
+"""What NEST holds relative to E_L: set again with it, so that no rounding moves it."""
 
 
 class NestPopulation:

@@ -126,8 +126,8 @@ class NestProjection:
             words = (*STATES[self.part.synapse.name], "source", "target")
             self._states = {name: np.zeros(len(self.source)) for name in words}
             for layer in range(self._depth):
-                told = self._connections(nest, layer)
-                found = told.get(list(words)) if len(told) else dict.fromkeys(words, ())
+                connections = self._connections(nest, layer)
+                found = connections.get(list(words)) if len(connections) else dict.fromkeys(words, ())
                 values = {name: ranks.gather(np.atleast_1d(np.array(found[name], dtype=np.float64))) for name in words}
                 synapses = self._places(layer, values["source"] - first[0], values["target"] - first[1])
                 for name in words:
@@ -139,14 +139,14 @@ class NestProjection:
         self.changed()
         shared = bool((values == values[:1]).all())
         for layer in range(self._depth):
-            told = self._connections(nest, layer)
-            if len(told) and shared:
-                told.set({word: float(values[0])})
-            elif len(told):
+            connections = self._connections(nest, layer)
+            if len(connections) and shared:
+                connections.set({word: float(values[0])})
+            elif len(connections):
                 if nest.local_num_threads > 1:
                     # NEST's threads list what is theirs as they come, so the order is another at each call.
                     self._listed = {}
-                told.set([{word: value} for value in values[self._order(told, layer, first)].tolist()])
+                connections.set([{word: value} for value in values[self._order(connections, layer, first)].tolist()])
 
     def changed(self) -> None:
         """What was read is no longer so."""
@@ -158,10 +158,10 @@ class NestProjection:
         if not self._has_run:
             self._has_run, self._listed = True, {}
 
-    def _order(self, told: Any, layer: int, first: tuple[int, int]) -> Ints:
-        """Which synapses these connections of a layer are; kept, since NEST takes long to tell their ends."""
+    def _order(self, connections: Any, layer: int, first: tuple[int, int]) -> Ints:
+        """Which connections these connections of a layer are; kept, since NEST takes long to tell their ends."""
         if layer not in self._listed:
-            ends = told.get(["source", "target"])
+            ends = connections.get(["source", "target"])
             source, target = (np.atleast_1d(np.array(ends[name])) for name in ("source", "target"))
             self._listed[layer] = self._places(layer, source - first[0], target - first[1])
         return self._listed[layer]

@@ -30,7 +30,7 @@ class LocalWinners:
         self.open()
 
     def open(self) -> None:
-        """Nobody has won."""
+        """No neuron has won."""
         self.blocked: Bools = np.zeros(self._map.size, dtype=bool)
         self.wins: Ints = np.zeros(self._maps, dtype=np.int64)
 

@@ -72,15 +72,15 @@ def check_parameters(part: Population, learnt: Tensors) -> None:
     held = {word: values.detach().cpu().double().numpy() for word, values in learnt.items()}
     try:
         for word, values in held.items():
-            told: Any = values.item() if values.size == 1 else values
-            checks.check(part.model.quantities()[word], told, f"{word} of '{part.name}'")
+            value: Any = values.item() if values.size == 1 else values
+            checks.check(part.model.quantities()[word], value, f"{word} of '{part.name}'")
         reset = reset_of(part)
         if {"V_th", reset} & held.keys() and {"V_th", reset} <= part.parameters.keys():
             both = (held.get(word, part.parameters[word]) for word in ("V_th", reset))
             top, bottom = np.broadcast_arrays(*both)
             for k in np.flatnonzero(~(top > bottom))[:1]:
-                told = f"V_th of '{part.name}'{f'[{k}]' * (top.size > 1)} = {top[k]:g}"
-                raise ModelError(f"{told}: expected more than {reset}, {bottom[k]:g} mV")
+                label = f"V_th of '{part.name}'{f'[{k}]' * (top.size > 1)} = {top[k]:g}"
+                raise ModelError(f"{label}: expected more than {reset}, {bottom[k]:g} mV")
     except ModelError as error:
         raise error.but(hint=HELD) from None
 
@@ -128,13 +128,13 @@ def _check_numbers(program: Program, weights: Named, delays: Named, neurons: Nam
                 _check_finite(f"{word} of '{part.name}'", values, quantities[word].infinite)
 
 
-def _check_finite(told: str, values: Tensor, infinite: bool = False) -> None:
+def _check_finite(label: str, values: Tensor, infinite: bool = False) -> None:
     """Refuse what is NaN; the sum of many is looked at first, which costs little."""
     values = values.detach()
     if not math.isfinite(float(values.sum())):
         wrong = values.isnan() if infinite else ~values.isfinite()
         if bool(wrong.any()):
-            raise ModelError(f"{told}: found {float(values[wrong][0]):g}: expected numbers", hint=SLOWER)
+            raise ModelError(f"{label}: found {float(values[wrong][0]):g}: expected numbers", hint=SLOWER)
 
 
 def _hold_parameters(part: Population, learnt: Tensors) -> None:

@@ -180,8 +180,8 @@ class Events:
         return (self[k] for k in range(self.batch))
 
     def __repr__(self) -> str:
-        told = ", ".join(f"{len(train.step):,} of '{name}'" for name, train in self.trains.items())
-        return f"Events(batch={self.batch}, steps={self.steps}, spikes: {told or 'none'})"
+        counts = ", ".join(f"{len(train.step):,} of '{name}'" for name, train in self.trains.items())
+        return f"Events(batch={self.batch}, steps={self.steps}, spikes: {counts or 'none'})"
 
     def dense(self, population: str, neurons: int) -> NDArray[np.float32]:
         """The spikes of a population as 0 and 1, shape (batch, steps, neurons)."""

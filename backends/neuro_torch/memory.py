@@ -1,8 +1,8 @@
-"""How much memory a batch takes at its peak, forward and backward, told before any is taken.
+"""How much memory a batch takes at its peak, forward and backward, estimated before any is taken.
 
 What scans keep is known from what they do; what steps keep hangs on the model, so it is counted in some steps of one
 recording. Sums are of what is held at once, where that is most. What a process takes lies within a factor of 2.5 of
-that: spikes of neurons, which nobody knows before, are left out, and allocators do not give back all that is freed.
+that: spikes of neurons, unknown before, are left out, and allocators do not give back all that is freed.
 """
 
 from __future__ import annotations
@@ -46,19 +46,19 @@ class Need:
         return self.batch * self.each + self.fixed
 
 
-def refuse_large(told: Need, task: ScanTask) -> None:
+def refuse_large(need: Need, task: ScanTask) -> None:
     """Refuse a batch for which memory does not suffice.
 
     Raises:
         ModelError: it needs more than is free where the parameters are.
     """
     left = free(task.device)
-    if left is None or told.total <= left:
+    if left is None or need.total <= left:
         return
     where = "" if task.device.type == "cpu" else f" on '{task.device}'"
-    fits = int((left - told.fixed) // told.each)
+    fits = int((left - need.fixed) // need.each)
     raise ModelError(
-        f"a batch of {task.batch} recordings of {task.steps} steps needs about {told.total / 1e9:.3g} GB: expected at "
+        f"a batch of {task.batch} recordings of {task.steps} steps needs about {need.total / 1e9:.3g} GB: expected at "
         f"most what is free{where}, {left / 1e9:.3g} GB",
         hint=f"a batch of {max(1, fits // 2)} takes half of that"
         if fits >= 1

@@ -116,7 +116,7 @@ class Module(torch.nn.Module):
 
     @property
     def plan(self) -> Plan:
-        """Which part runs by what on the device where the parameters are; `str` tells it."""
+        """Which part runs by what on the device where the parameters are; `str` shows it."""
         return replace(self._plan, by=self._scans()[1])
 
     def forward(self, batch: Events | Mapping[str, Any]) -> Outcome:
@@ -297,13 +297,13 @@ class Module(torch.nn.Module):
         """Refuse a network that cannot be run or differentiated, with all reasons."""
         found = [*problems(self.program), *without_gradient(self.program)]
         if found:
-            told = "".join(
+            reasons = "".join(
                 f"\n{f'{each.origin}: ' if each.origin else ''}{each.what}: {each.why}"
                 f"{f'{chr(10)}  hint: {each.way_out}' if each.way_out else ''}"
                 for each in found
             )
             count = f"{len(found)} problem{'s' * (len(found) > 1)}"
-            raise ModelError(f"network '{self.program.name}' cannot be trained by gradients ({count}){told}")
+            raise ModelError(f"network '{self.program.name}' cannot be trained by gradients ({count}){reasons}")
 
     def _outputs(self, named: Sequence[str] | None) -> tuple[str, ...]:
         neurons = [part.name for part in self.program.populations if part.kind == "neuron"]

@@ -69,7 +69,7 @@ def _no_gradient(part: Population) -> str:
     if model.resets_in_step:
         return "it resets within a step"
     if reset_of(part) not in part.parameters or "V_th" not in part.parameters:
-        return "a surrogate is told in units of V_th - V_reset, and it has none"
+        return "a surrogate is in units of V_th - V_reset, and it has none"
     return ""
 
 

@@ -116,7 +116,7 @@ class Slayer(Surrogate):
 
 @dataclass(frozen=True, slots=True)
 class Triangle(Surrogate):
-    """max(0, 1 - slope abs(x)): nobody farther than 1 / slope from the threshold learns."""
+    """max(0, 1 - slope abs(x)): 0 farther than 1 / slope from the threshold."""
 
     slope: float = 1.0
     name: ClassVar[str] = "triangle"
@@ -179,31 +179,31 @@ SURROGATES: Mapping[str, type[Surrogate]] = {each.name: each for each in (FastSi
 """Surrogates by name."""
 
 
-def surrogate_of(told: str | Surrogate | Plain, slope: float | None = None) -> Surrogate:
+def surrogate_of(what: str | Surrogate | Plain, slope: float | None = None) -> Surrogate:
     """The surrogate that a user asked for.
 
     Args:
-        told: its name, itself, or a function as `Own` takes it.
+        what: its name, itself, or a function as `Own` takes it.
         slope: of a name or a function; None takes the surrogate's own.
 
     Raises:
-        ModelError: there is none of that name, the slope cannot be, or it is told twice.
+        ModelError: there is none of that name, the slope cannot be, or it is given twice.
     """
-    if isinstance(told, Surrogate):
+    if isinstance(what, Surrogate):
         if slope is not None:
             raise ModelError(
-                f"slope = {slope!r}: the surrogate has one already, {told.slope:g}", hint="give one of them"
+                f"slope = {slope!r}: the surrogate has one already, {what.slope:g}", hint="give one of them"
             )
-        if type(told).at is Surrogate.at:
-            raise ModelError(f"surrogate: {type(told).__name__} has no function of one number: {_EXPECTED}", hint=_LIKE)
-        return told
-    if isinstance(told, FunctionType):
-        return Own(told) if slope is None else Own(told, slope=slope)
-    if not isinstance(told, str):
-        raise ModelError(f"surrogate: found {told!r}: {_EXPECTED}", hint=_LIKE)
-    if told not in SURROGATES:
-        raise unknown("surrogate", told, SURROGATES)
-    kind: Any = SURROGATES[told]
+        if type(what).at is Surrogate.at:
+            raise ModelError(f"surrogate: {type(what).__name__} has no function of one number: {_EXPECTED}", hint=_LIKE)
+        return what
+    if isinstance(what, FunctionType):
+        return Own(what) if slope is None else Own(what, slope=slope)
+    if not isinstance(what, str):
+        raise ModelError(f"surrogate: found {what!r}: {_EXPECTED}", hint=_LIKE)
+    if what not in SURROGATES:
+        raise unknown("surrogate", what, SURROGATES)
+    kind: Any = SURROGATES[what]
     surrogate: Surrogate = kind() if slope is None else kind(slope)
     return surrogate
 

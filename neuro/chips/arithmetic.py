@@ -1,7 +1,7 @@
 """What a family of chips computes: everything by which one family differs from another, beside limits and costs.
 
 `neuro.chips.loihi` and `neuro.chips.spinnaker` each define one `Arithmetic`; `neuro.chips.arithmetics` lists them.
-Quantising, placing and pricing ask the object, never for a name. `options_of` checks what a user sets by hand.
+Quantising, placing and pricing ask the object, never for a name. `options_of` checks what a user sets.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ Projections = dict[int, FixedProjection]
 
 @dataclass(frozen=True, slots=True)
 class Option:
-    """Something of quantising that a user may set by hand, part by part.
+    """Something of quantising that a user may set, part by part.
 
     Attributes:
         name: as given to `neuro.compile`, e.g. "scales".
@@ -50,7 +50,7 @@ class Arithmetic:
         name: as in a table's `arithmetic`, and in `chip` of the models whose parameters are its registers.
         title: for people.
         models: neuron models of the language that it can be.
-        options: what users may set by hand.
+        options: what users may set.
         state_limit: the largest magnitude of a state register.
         register_of_one: what the delay register holds of a spike that acts one step after its emission.
         one_bit: whether a spike is one bit, so that several of a neuron in a step become one.
@@ -127,7 +127,7 @@ def options_of(program: Program, chip: Chip, arithmetic: Arithmetic, options: Ma
 
 
 def _check_part(program: Program, arithmetic: Arithmetic, option: Option, name: str) -> None:
-    """Refuse a part that does not exist or that has nothing to set by hand."""
+    """Refuse a part that does not exist or that has nothing to set."""
     if option.of == "populations":
         models: dict[str, Model] = {part.name: part.model for part in program.populations}
         expected = "populations"

@@ -84,7 +84,7 @@ def _costs(table: Mapping[str, Node]) -> dict[str, Figure]:
 
 
 def _figure(node: Node, name: str, unit: str) -> Figure:
-    """A number with its source; `unit` is told when there is no number."""
+    """A number with its source; `unit` is given when there is no number."""
     if not isinstance(node.value, dict):
         raise mistake(node, f"{name}: {found(node)}: expected a figure", "write {value: ..., source: ...}")
     parts = words(node, FIGURE, f"figure '{name}'", needs=("value", "source"))
@@ -105,7 +105,7 @@ def _figure(node: Node, name: str, unit: str) -> Figure:
 
 
 def _quantity(node: Node, what: str, name: str, unit: str) -> float:
-    """A number >= 0; `unit` is told when there is none."""
+    """A number >= 0; `unit` is given when there is none."""
     value = node.value
     if isinstance(value, bool) or not isinstance(value, (int, float)):
         hint = f"23.6 p{unit} is written 23.6e-12" if unit else ""

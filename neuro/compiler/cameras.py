@@ -100,7 +100,7 @@ class CameraInput:
                 hint = "write the numbers: [2, height, width], or [height, width] unless the polarities are split"
                 if isinstance(self._played, OfEvents):
                     hint = f"neuro.events.Events(t, x, y, p, (width, height)) tells it; or {hint}"
-                message = "no sensor is told before it is played" if self._played is None else self._played.untold
+                message = "no sensor is known before it is played" if self._played is None else self._played.untold
                 raise ModelError(f"shape {_written(said)}: {message}", hint=hint, path=("shape",))
             found = tuple(int(n) for n in said)
             if len(found) != 2 + self._split or (self._split and found[0] != 2):
@@ -188,8 +188,8 @@ class CameraInput:
         """Steps and neurons of the events that are seen, in steps after this one."""
         model, (width, height) = self._model, self._sensor or events.sensor_size
         if events.sensor_size != (width, height):
-            told = "{}x{}".format(*events.sensor_size)
-            raise ModelError(f"events of a {told} sensor: expected {width}x{height}, the recording's")
+            size = "{}x{}".format(*events.sensor_size)
+            raise ModelError(f"events of a {size} sensor: expected {width}x{height}, the recording's")
         if self._origin is None and len(events):
             self._origin = int(events.t[0])
         numerator, denominator = self._step_us
@@ -208,8 +208,8 @@ class CameraInput:
         rows, columns = self.shape[-2:]
         if self._sensor is None and x.size and (x.max() >= columns or y.max() >= rows):
             k = int(((x >= columns) | (y >= rows)).argmax())
-            told = f"event at x = {events.x[k]}, y = {events.y[k]}, {events.t[k]} us"
-            raise ModelError(f"{told}: expected within its shape {list(self.shape)}")
+            event = f"event at x = {events.x[k]}, y = {events.y[k]}, {events.t[k]} us"
+            raise ModelError(f"{event}: expected within its shape {list(self.shape)}")
         ids = y * columns + x
         return steps, ids + events.p * np.int64(rows * columns) if self._split else ids
 

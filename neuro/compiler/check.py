@@ -56,8 +56,8 @@ def refuse(
     part: AnyPart, message: str, hint: str = "", word: str = "", kind: str = "", about: tuple[str, ...] = ()
 ) -> NoReturn:
     """Raise the error for a part that cannot be as it is, or for one of its words, as "weight" or "stdp.signal"."""
-    told = f"{part.word} '{part.name}': {message}"
-    raise ModelError(told, where=part.origin, hint=hint, path=words_of(word), kind=kind, about=about)
+    text = f"{part.word} '{part.name}': {message}"
+    raise ModelError(text, where=part.origin, hint=hint, path=words_of(word), kind=kind, about=about)
 
 
 def recordable(population: Population) -> list[str]:
@@ -71,8 +71,8 @@ def naming_the_part(part: AnyPart, *path: str) -> Iterator[None]:
     try:
         yield
     except ModelError as error:
-        told = error.at(part.origin, f"{part.word} '{part.name}'")
-        raise told.but(path=(*path, *error.path)) from None
+        named = error.at(part.origin, f"{part.word} '{part.name}'")
+        raise named.but(path=(*path, *error.path)) from None
 
 
 def _check_population(part: Population, shape: Shape) -> None:
@@ -135,8 +135,8 @@ def _check_views(part: Projection, shapes: Mapping[str, Shape]) -> None:
 def _check_ends(net: Network, part: Projection) -> None:
     source, target = net.populations[part.source].model, net.populations[part.target].model
     if not isinstance(target, Neuron):
-        told = f"its target '{part.target}' is {a(target.name)}, which takes no input: expected neurons"
-        refuse(part, told, _swap(part), "to")
+        text = f"its target '{part.target}' is {a(target.name)}, which takes no input: expected neurons"
+        refuse(part, text, _swap(part), "to")
     if isinstance(source, CurrentGenerator):
         if not target.states:
             refuse(
@@ -168,11 +168,11 @@ def _check_synapse(net: Network, part: Projection, shapes: Mapping[str, Shape]) 
     synapse = part.synapse
     _check_whole(part, SYNAPSES, type(synapse))
     if isinstance(part.rule, grid) and synapse.learns in ("pairs", "moves"):
-        told = f"{synapse.name} on a shared kernel: expected static or a rule for trials"
-        refuse(part, told, "all_to_all gives each pair a weight", synapse.name)
+        text = f"{synapse.name} on a shared kernel: expected static or a rule for trials"
+        refuse(part, text, "all_to_all gives each pair a weight", synapse.name)
     if isinstance(part.rule, grid) and synapse.delays:
-        told = f"{synapse.name} on a shared kernel, which has one delay: expected another rule of connections"
-        refuse(part, told, "all_to_all gives each pair a delay", synapse.name)
+        text = f"{synapse.name} on a shared kernel, which has one delay: expected another rule of connections"
+        refuse(part, text, "all_to_all gives each pair a delay", synapse.name)
     if synapse.learns == "trials" and net.trials_section is None:
         message = f"{synapse.name} learns at the end of trials: expected a section 'trials'"
         refuse(part, message, "add one, or use stdp", synapse.name, "trials")
@@ -257,11 +257,11 @@ def _check_dopamine(net: Network, part: Projection, synapse: Modulated, shapes: 
         refuse(part, f"{message}: expected a population that spikes", word=f"{synapse.name}.dopamine")
     n, m = size(shapes[synapse.dopamine]), size(shapes[part.target])
     if synapse.dopamine_rule == "one_to_one" and n != m:
-        told = (
+        text = (
             f"{synapse.name}.dopamine_rule one_to_one from '{synapse.dopamine}' of {n} neurons "
             f"to '{part.target}' of {m}: expected as many"
         )
-        refuse(part, told, word=f"{synapse.name}.dopamine_rule")
+        refuse(part, text, word=f"{synapse.name}.dopamine_rule")
 
 
 def _stays(rule: Modulated) -> bool:

@@ -59,8 +59,8 @@ def resolve_trials(net: Network, shapes: Mapping[str, Shape], clock: Clock) -> r
 
 
 def _refuse(net: Network, word: str, message: str, hint: str = "", missing: str = "") -> NoReturn:
-    told = f"trials: {message}"
-    raise ModelError(told, where=net.trials_origin, hint=hint, path=words_of(word), missing=missing)
+    text = f"trials: {message}"
+    raise ModelError(text, where=net.trials_origin, hint=hint, path=words_of(word), missing=missing)
 
 
 def _known(net: Network, name: str, word: str) -> str:
@@ -129,13 +129,13 @@ def _check_learners(net: Network, output: str, labels: Labels | None, group: Gro
             continue
         what = f"projection '{part.name}': {part.synapse.name}"
         if part.target != output:
-            told = f"{what} onto '{part.target}': expected '{output}', which decides"
-            raise ModelError(told, where=part.origin, path=words_of(part.synapse.name))
+            text = f"{what} onto '{part.target}': expected '{output}', which decides"
+            raise ModelError(text, where=part.origin, path=words_of(part.synapse.name))
         if part.synapse.peaks and group.choice.several:
             message = f"{what} teaches by the largest V_m up to the one decision, and group '{group.name}' has several"
             raise ModelError(
                 f"{message}: expected winner_take_all", where=part.origin, path=words_of(part.synapse.name)
             )
         if labels is None and part.synapse.supervised:
-            told = f"{part.synapse.name} of '{part.name}' needs 'labels', as rewards depend on them"
-            _refuse(net, "", told, missing="labels")
+            text = f"{part.synapse.name} of '{part.name}' needs 'labels', as rewards depend on them"
+            _refuse(net, "", text, missing="labels")

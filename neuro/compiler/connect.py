@@ -99,7 +99,7 @@ def connect(
             different populations, so that there are no autapses.
         sizes: of a grid.
         key: of the draws, see `keyed_random`.
-        apart: tells what lies between neurons, for rules that ask.
+        apart: gives what lies between neurons, for rules that ask.
         room: memory for the targets of all synapses, which may be used.
 
     Raises:

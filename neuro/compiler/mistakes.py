@@ -83,7 +83,7 @@ def mistakes(path: str | Path, params: Mapping[str, Any] | None, seed: int) -> F
 
 
 class _Search:
-    """What was told, and what was mended for it.
+    """What was reported, and what was replaced for it.
 
     Attributes:
         mended: the words that lead to what was left out or has a stand-in.
@@ -261,7 +261,7 @@ class _Search:
         return (compiled or path[0] == "models") and self.hangs(path, error)
 
     def depends(self, root: Node, path: Words, error: ModelError) -> bool:
-        """Whether a mistake is only one by what a part is that nobody knows."""
+        """Whether a mistake only follows from a part of unknown kind."""
         beside = self.beside(path)
         ends = {words[0] for words in beside}
         if path[0] == "projections":

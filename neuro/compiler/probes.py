@@ -74,8 +74,8 @@ def _check_alone(part: Probe, what: str, population: Population) -> None:
     if what == "spikes" and part.every is not None:
         refuse(part, "every is for states: spikes are all recorded", "leave 'every' out", "every")
     if what == "rate" and part.every is None:
-        told = "a rate needs every, the length of its bins"
-        refuse(part, told, "every: 10.0 is a common one", "record", about=("every",))
+        text = "a rate needs every, the length of its bins"
+        refuse(part, text, "every: 10.0 is a common one", "record", about=("every",))
     if part.mean:
         message = "a rate is a mean over the neurons" if what == "rate" else "mean is for states"
         way_out = "leave 'mean' out" if what == "rate" else "record: rate gives that of spikes"

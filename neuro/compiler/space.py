@@ -28,7 +28,7 @@ class Space:
 
     Attributes:
         places: coordinates, shape (neurons, axes).
-        extent: length of each axis; None where nothing tells it.
+        extent: length of each axis; None where it is unknown.
         periodic: whether what leaves at one edge comes in at the other.
         lattice: the shape from which places follow, where their unit is the spacing; else None.
     """
@@ -63,12 +63,12 @@ def space_of(part: Population, shape: tuple[int, ...]) -> Space:
             hint="give it 'positions'",
         )
     if len(shape) == 1 and extent is None:
-        told = f"{message} has no positions: its shape is a number of neurons"
+        text = f"{message} has no positions: its shape is a number of neurons"
         hint = f"give it 'positions', a shape of several axes, or the 'extent' of a line, e.g. [{shape[0]}.0]"
-        raise ModelError(told, where=part.origin, hint=hint)
+        raise ModelError(text, where=part.origin, hint=hint)
     if extent is not None and extent.shape != (len(shape),):
-        told = f"{message}: extent = {extent.tolist()}: expected {len(shape)} numbers, one for each axis of its shape"
-        raise ModelError(told, where=part.origin)
+        text = f"{message}: extent = {extent.tolist()}: expected {len(shape)} numbers, one for each axis of its shape"
+        raise ModelError(text, where=part.origin)
     length = np.array(shape, dtype=np.float64) if extent is None else extent
     axes = [(np.arange(n) + 0.5 - 0.5 * n) * (size / n) for n, size in zip(shape, length, strict=True)]
     places = np.stack([axis.reshape(-1) for axis in np.meshgrid(*axes, indexing="ij")], axis=1)
@@ -79,8 +79,8 @@ def _given(part: Population, places: Floats, extent: Floats | None, n: int) -> S
     message = f"population '{part.name}': positions"
     places = places[:, None] if places.ndim == 1 else places
     if places.ndim != 2 or places.shape[0] != n or not 1 <= places.shape[1] <= MOST_AXES:
-        told = f"{message} have the shape {list(places.shape)}: expected [{n}, 1 to {MOST_AXES}], a row for each neuron"
-        raise ModelError(told, where=part.origin)
+        text = f"{message} have the shape {list(places.shape)}: expected [{n}, 1 to {MOST_AXES}], a row for each neuron"
+        raise ModelError(text, where=part.origin)
     if extent is not None and extent.shape != places.shape[1:]:
         raise ModelError(
             f"{message} have {places.shape[1]} coordinates, extent {extent.size}: expected as many", where=part.origin

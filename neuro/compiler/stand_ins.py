@@ -98,7 +98,7 @@ def _named(sections: Mapping[str, Node], word: str, error: ModelError) -> str | 
 
 
 def _model(node: Node) -> type[Any]:
-    """The class of a population's model, as far as its node tells."""
+    """The class of a population's model, as far as its node states it."""
     said = node.value.get("model") if isinstance(node.value, dict) else None
     name = said and (next(iter(said.value), "") if isinstance(said.value, dict) else said.value)
     return MODELS[name] if isinstance(name, str) and name in MODELS else object

@@ -57,7 +57,7 @@ def per_synapse(
         found: the synapses.
         what: its name in messages.
         rng: draws from a distribution.
-        apart: tells what lies between neurons, for a function of distance.
+        apart: gives what lies between neurons, for a function of distance.
         room: memory for the values of all synapses, which may be used.
     """
     value = plain(value)
@@ -69,11 +69,11 @@ def per_synapse(
     if array.ndim == 0:
         return array.reshape(1) + 0.0
     if not found.listed:
-        told = (
+        text = (
             f"{what}: an array of shape {list(array.shape)} for synapses that are drawn at random: "
             "expected a number or a distribution"
         )
-        raise ModelError(told, hint="neuro.pairs lists synapses that can have a value each", path=words_of(what))
+        raise ModelError(text, hint="neuro.pairs lists synapses that can have a value each", path=words_of(what))
     if array.shape not in found.listed:
         message = f"{what}: an array of shape {list(array.shape)}: expected {_one_of(set(found.listed))}"
         raise ModelError(message, path=words_of(what))

@@ -509,13 +509,13 @@ _CHECKERS: dict[str, Callable[[Quantity, Any, str], Any]] = {
 }
 
 
-def check_returned(values: Any, shape: tuple[int, ...], told: str) -> NDArray[Any]:
+def check_returned(values: Any, shape: tuple[int, ...], label: str) -> NDArray[Any]:
     """What a third-party part returned, as numbers of a shape; they may be NaN.
 
     Args:
         values: that.
         shape: the shape they must have.
-        told: what gave them, with a verb, e.g. "normal() drew".
+        label: what gave them, with a verb, e.g. "normal() drew".
 
     Raises:
         ModelError: they have another shape, or are not numbers.
@@ -523,5 +523,5 @@ def check_returned(values: Any, shape: tuple[int, ...], told: str) -> NDArray[An
     array = np.asarray(values)
     if array.shape != shape or array.dtype.kind not in "fiu":
         found = f"shape {list(array.shape)} and type {array.dtype}"
-        raise ModelError(f"{told} values of {found}: expected {math.prod(shape)} numbers")
+        raise ModelError(f"{label} values of {found}: expected {math.prod(shape)} numbers")
     return array

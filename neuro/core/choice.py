@@ -64,13 +64,13 @@ class Choice:
         numbers = {}
         for entry in self._measured():
             own, value = entry.metadata["quantity"], getattr(self, entry.name)
-            told, word = f"{what}: {self.name}.{word_of(entry.name)}", word_of(entry.name)
+            label, word = f"{what}: {self.name}.{word_of(entry.name)}", word_of(entry.name)
             try:
                 if isinstance(value, str):
-                    numbers[entry.name] = with_unit(q, value, told)
+                    numbers[entry.name] = with_unit(q, value, label)
                 else:
                     known = replace(own, of_value=False, taken_in="ms" if q.kind == "delay" else q.unit or q.taken_in)
-                    numbers[entry.name] = check(known, value, told)
+                    numbers[entry.name] = check(known, value, label)
             except ModelError as error:
                 inner = error.path if isinstance(value, str) else error.path[1:]
                 raise error.but(where=None, path=(self.name, word, *inner)) from None

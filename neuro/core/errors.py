@@ -117,7 +117,7 @@ def unknown(
 
 
 def words_of(what: str) -> tuple[str, ...]:
-    """The words of a full name that errors are told with: `("iaf_psc_exp", "tau_m")` of "iaf_psc_exp.tau_m[3]"."""
+    """The words of a full name in errors: `("iaf_psc_exp", "tau_m")` of "iaf_psc_exp.tau_m[3]"."""
     return tuple(re.findall(r"[^\W\d]\w*", what))
 
 

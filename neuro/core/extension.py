@@ -59,7 +59,7 @@ def extensions() -> tuple[str, ...]:
 
 
 def run_extensions(files: tuple[str, ...]) -> None:
-    """Run the files that another process ran, which has told all that is to be told."""
+    """Run the files that another process ran, which has reported all that is to be reported."""
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
         for file in files:

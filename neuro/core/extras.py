@@ -31,13 +31,13 @@ def install(extra: str) -> str:
     return f"pip install {option}{shlex.quote(f'{url2pathname(place.path)}[{extra}]')}"
 
 
-def needed(module: str, extra: str, told: str) -> Any:
+def needed(module: str, extra: str, message: str) -> Any:
     """A module of a package that is not always there.
 
     Args:
         module: its name.
         extra: the extra of this package that installs it.
-        told: what to say where it is not installed.
+        message: what to say where it is not installed.
 
     Raises:
         ModelError: it is not installed.
@@ -45,7 +45,7 @@ def needed(module: str, extra: str, told: str) -> Any:
     try:
         return import_module(module)
     except ImportError:
-        raise ModelError(told, hint=install(extra)) from None
+        raise ModelError(message, hint=install(extra)) from None
 
 
 def _origin() -> dict[str, Any]:

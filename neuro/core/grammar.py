@@ -101,8 +101,8 @@ class Misread(ModelError):
         bare: the message without the place.
     """
 
-    def __init__(self, told: str, hint: str, place: int, bare: str) -> None:
-        super().__init__(told, hint=hint)
+    def __init__(self, message: str, hint: str, place: int, bare: str) -> None:
+        super().__init__(message, hint=hint)
         self.place, self.bare = place, bare
 
 
@@ -117,8 +117,8 @@ def mistake(text: str, at: int, message: str, hint: str = "") -> Misread:
     """
     begin = max(0, min(at - _WINDOW // 2, len(text) - _WINDOW))
     line = "".join(letter if letter.isprintable() else " " for letter in text[begin : begin + _WINDOW])
-    told = f"column {at + 1}: {message}\n    {line}\n    {' ' * (at - begin)}^"
-    wrong = Misread(told, hint, at, message)
+    sentence = f"column {at + 1}: {message}\n    {line}\n    {' ' * (at - begin)}^"
+    wrong = Misread(sentence, hint, at, message)
     wrong.about = words_of(text)
     return wrong
 
@@ -135,7 +135,7 @@ def parse(text: object, hints: Hints = Hints()) -> Expression:
     """Read an expression.
 
     Raises:
-        ModelError: it is none, or longer or deeper than is allowed; it tells the column.
+        ModelError: it is none, or longer or deeper than is allowed; it names the column.
     """
     if isinstance(text, int | float) and not isinstance(text, bool):
         text = repr(text)
@@ -180,8 +180,8 @@ class _Parser:
 
     def odd(self, letter: str) -> tuple[str, str]:
         """What to say of a character that begins nothing."""
-        told = f"'{letter}'" if letter.isascii() and letter.isprintable() else f"the character U+{ord(letter):04X}"
-        message = f"found {told}: expected a number, a name or an operator"
+        shown = f"'{letter}'" if letter.isascii() and letter.isprintable() else f"the character U+{ord(letter):04X}"
+        message = f"found {shown}: expected a number, a name or an operator"
         ascii_only = "" if letter.isascii() else "names are of the letters A to Z and a to z, digits and '_'"
         return message, self.hints.signs.get(letter, ascii_only)
 

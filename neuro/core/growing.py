@@ -139,7 +139,7 @@ class JournaledFile(_Paged):
         """Nothing is to be done before a commit."""
 
     def commit(self) -> None:
-        """Let all that was written be what a reader sees; HDF5 has been told to flush before.
+        """Let all that was written be what a reader sees; HDF5 has been flushed before.
 
         Raises:
             OSError: something could not be written, or the file is there no longer; what was committed before stays.

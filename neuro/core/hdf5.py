@@ -86,8 +86,8 @@ class Front(NamedTuple):
     @classmethod
     def over(cls, format: str, size: int, sums: bytes) -> Front:
         """That of a file with these checksums."""
-        told = f"{format}\n{size}\n".encode()
-        return cls(format, size, hashlib.blake2b(told + sums, digest_size=16).hexdigest())
+        head = f"{format}\n{size}\n".encode()
+        return cls(format, size, hashlib.blake2b(head + sums, digest_size=16).hexdigest())
 
     def written(self) -> bytes:
         """As the file has it."""

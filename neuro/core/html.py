@@ -57,7 +57,7 @@ def head(generator: str, title: str, scripts: str = "'unsafe-inline'", record: M
         scripts: which scripts the browser may run, in the words of its Content-Security-Policy.
         record: where the page comes from; what this process has read so far if not given, see `neuro.core.provenance`.
     """
-    told = json.dumps(provenance() if record is None else record, ensure_ascii=False)
+    origin = json.dumps(provenance() if record is None else record, ensure_ascii=False)
     policy = f"default-src 'none'; style-src 'unsafe-inline'; script-src {scripts}; img-src data:"
     return Html(
         f"""<meta charset="utf-8">
@@ -67,7 +67,7 @@ def head(generator: str, title: str, scripts: str = "'unsafe-inline'", record: M
 <meta name="color-scheme" content="light dark">
 <link rel="icon" href="data:,">
 {tag("title", title)}
-<meta name="{ATTRIBUTE}" content="{escape(told)}">"""
+<meta name="{ATTRIBUTE}" content="{escape(origin)}">"""
     )
 
 
@@ -109,8 +109,8 @@ def table(columns: Sequence[str], rows: Iterable[Sequence[object]], caption: str
         tag("tr", *(tag("td", cell, class_=k, data_is=n) for cell, k, n in zip(row, kinds, names, strict=True)))
         for row in rows
     ]
-    told = tag("caption", caption) if caption else None
-    return tag("div", tag("table", told, tag("thead", tag("tr", *head)), tag("tbody", *body)), class_="scroll")
+    above = tag("caption", caption) if caption else None
+    return tag("div", tag("table", above, tag("thead", tag("tr", *head)), tag("tbody", *body)), class_="scroll")
 
 
 def figure(picture: Html, caption: object, title: str = "", class_: str | None = None) -> Html:
@@ -163,8 +163,8 @@ def box(
     x: float, y: float, width: float, height: float, class_: str, title: str = "", opacity: float | None = None
 ) -> Html:
     """A rectangle in a drawing; `title` shows when it is pointed at."""
-    told = tag("title", title) if title else None
-    return tag("rect", told, x=x, y=y, width=width, height=height, class_=class_, fill_opacity=opacity)
+    hover = tag("title", title) if title else None
+    return tag("rect", hover, x=x, y=y, width=width, height=height, class_=class_, fill_opacity=opacity)
 
 
 def _text(value: object) -> str:

@@ -28,7 +28,6 @@ import tempfile
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
-from io import StringIO
 from pathlib import Path
 from typing import IO, TYPE_CHECKING, Any
 
@@ -39,7 +38,6 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 __all__ = [
-    "PNG",
     "Kind",
     "Unwritable",
     "check_output",
@@ -140,10 +138,12 @@ def _digest(*parts: bytes) -> str:
     return hashlib.sha256(b"".join(parts)).hexdigest()[:_DIGITS]
 
 
-# The whole chunk of text: of the length 14, then its kind, keyword and text.
-PNG = marked(_PICTURE, "\0\0\0\x0etEXtSoftware\0neuro")
-PDF = marked(_PICTURE, "/Creator (neuro)", anywhere=True)
-SVG = sealed(_PICTURE, "<!-- neuro picture -->", "<!-- digest {} -->")
+# Of a PNG the whole chunk of text: of the length 14, then its kind, keyword and text.
+_PICTURES: dict[str, tuple[Kind, dict[str, str | None]]] = {
+    ".png": (marked(_PICTURE, "\0\0\0\x0etEXtSoftware\0neuro"), {"Software": "neuro"}),
+    ".pdf": (marked(_PICTURE, "/Creator (neuro)", anywhere=True), {"Creator": "neuro"}),
+    ".svg": (marked(_PICTURE, "<dc:title>neuro</dc:title>"), {"Creator": "neuro", "Date": None}),
+}
 
 
 @contextmanager
@@ -260,10 +260,10 @@ def write_text(path: Path, text: str, kind: Kind, replace: bool = False) -> None
 def kept_json(path: Path) -> dict[str, Any]:
     """What a file of JSON has by name, of work that goes on; empty if it is not there or damaged."""
     try:
-        told = json.loads(path.read_text("utf-8"))
+        content = json.loads(path.read_text("utf-8"))
     except (FileNotFoundError, ValueError):
         return {}
-    return told if isinstance(told, dict) else {}
+    return content if isinstance(content, dict) else {}
 
 
 def make_folder(path: Path) -> None:
@@ -282,14 +282,10 @@ def make_folder(path: Path) -> None:
 
 def write_picture(path: Path, figure: Figure) -> None:
     """Write a figure as PNG, or as PDF or SVG where its name ends so; errors as of `output`."""
-    if path.suffix == ".svg":
-        text = StringIO()
-        figure.savefig(text, format="svg", metadata={"Date": None})
-        write_text(path, text.getvalue().replace("<svg ", "<!-- neuro picture --><svg ", 1), SVG)
-        return
-    kind, form, metadata = (PDF, "pdf", "Creator") if path.suffix == ".pdf" else (PNG, "png", "Software")
+    ending = path.suffix if path.suffix in _PICTURES else ".png"
+    kind, metadata = _PICTURES[ending]
     with output(path, kind) as part:
-        figure.savefig(part, format=form, metadata={metadata: "neuro"})
+        figure.savefig(part, format=ending[1:], metadata=metadata)
 
 
 @contextmanager

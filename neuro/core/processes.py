@@ -181,11 +181,11 @@ class Processes:
         self._hand_out()
         events: list[Event] = []
         ends: list[Any] = [end for each in self._processes for end in (each.pipe, each.end)]
-        told = set(connection.wait(ends, self._patience(seconds)))
+        ready = set(connection.wait(ends, self._patience(seconds)))
         for each in list(self._processes):
-            if each.pipe in told:
+            if each.pipe in ready:
                 events += self._heard(each)
-            elif each.end in told:
+            elif each.end in ready:
                 events += self._heard(each) if each.pipe.poll() else self._ended(each)
         events += self._late()
         self._hand_out()
@@ -213,7 +213,7 @@ class Processes:
         os.environ["NEURO_COMPILING_REPORTED"] = "1"  # one process reports it, see `neuro.kernels.compile_report`
         each = _Process(process, mine, os.pidfd_open(process.pid))
         self._processes.append(each)
-        script = {word: told for word, told in spawn.get_preparation_data("").items() if word.startswith("init_main")}
+        script = {word: value for word, value in spawn.get_preparation_data("").items() if word.startswith("init_main")}
         words: dict[str, Any] = {"argv": sys.argv, "paths": paths, "extensions": extensions(), "script": script}
         words |= {
             "python_path": os.environ.get("PYTHONPATH"),
@@ -366,7 +366,7 @@ def side_by_side(
     return [found[number] for number in range(len(jobs))]
 
 
-def _ignore(told: Any) -> None:
+def _ignore(message: Any) -> None:
     pass
 
 

@@ -84,10 +84,10 @@ def commit() -> str:
         return ""
     try:
         asked = ("git", "-C", str(_FOLDER), "describe", "--always", "--abbrev=12", "--dirty=+", "--exclude=*")
-        told = subprocess.run(asked, capture_output=True, text=True, timeout=10)
+        answer = subprocess.run(asked, capture_output=True, text=True, timeout=10)
     except (OSError, subprocess.TimeoutExpired):
         return ""
-    return told.stdout.strip() if told.returncode == 0 else ""
+    return answer.stdout.strip() if answer.returncode == 0 else ""
 
 
 def versions() -> dict[str, str]:
@@ -129,12 +129,12 @@ def _processor() -> str:
 
 def differences(then: Mapping[str, Any], now: Mapping[str, Any]) -> list[str]:
     """What is not the same in two records, in words; the command and the folder do not matter."""
-    told = []
+    lines = []
     for word in ("neuro", "commit", "backend", "threads", "seed", "network", "machine"):
         if word in then and word in now and then[word] != now[word]:
-            told.append(f"{word}: {then[word]} then, {now[word]} now")
+            lines.append(f"{word}: {then[word]} then, {now[word]} now")
     before, after = then.get("versions", {}), now.get("versions", {})
     for name in sorted(before.keys() & after.keys()):
         if before[name] != after[name]:
-            told.append(f"{name}: {before[name]} then, {after[name]} now")
-    return told
+            lines.append(f"{name}: {before[name]} then, {after[name]} now")
+    return lines

@@ -216,7 +216,7 @@ def register(thing: Any = None, *, kind: str = "") -> Any:
     """Make a part known by its name: in YAML, Python, on the command line, in `neuro models` and `neuro schema`.
 
     Also a decorator. A class of neurons, generators, synapses, rules, distributions or filters, an event format, a
-    chip and a backend are told apart by themselves; a plain function says what it is by `kind`.
+    chip and a backend are recognised by their class; a plain function says what it is by `kind`.
 
     Args:
         thing: the part.

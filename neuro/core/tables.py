@@ -28,13 +28,13 @@ def as_text(heading: str, tables: Iterable[Table]) -> str:
     return "\n\n".join([heading, *("\n".join(_lines(each)) for each in tables if each.rows)])
 
 
-def _lines(told: Table) -> Iterator[str]:
-    names = [name.lstrip(">") for name in told.head]
-    widths = [max(map(len, column)) for column in zip(names, *told.rows, strict=True)]
-    right = [name.startswith(">") for name in told.head]
-    if told.title:
-        yield told.title
-    for row in (names, ["-" * width for width in widths], *told.rows):
+def _lines(table: Table) -> Iterator[str]:
+    names = [name.lstrip(">") for name in table.head]
+    widths = [max(map(len, column)) for column in zip(names, *table.rows, strict=True)]
+    right = [name.startswith(">") for name in table.head]
+    if table.title:
+        yield table.title
+    for row in (names, ["-" * width for width in widths], *table.rows):
         cells = (cell.rjust(w) if r else cell.ljust(w) for cell, w, r in zip(row, widths, right, strict=True))
         yield ("  " + "  ".join(cells)).rstrip()
 
@@ -44,8 +44,8 @@ def as_html(heading: str, tables: Iterable[Table]) -> str:
     return f"<p><b>{escape(heading)}</b></p>" + "".join(_html(each) for each in tables if each.rows)
 
 
-def _html(told: Table) -> str:
-    sides = ["right" if name.startswith(">") else "left" for name in told.head]
+def _html(table: Table) -> str:
+    sides = ["right" if name.startswith(">") else "left" for name in table.head]
 
     def row(kind: str, cells: Iterable[str]) -> str:
         return "".join(
@@ -53,9 +53,9 @@ def _html(told: Table) -> str:
             for cell, side in zip(cells, sides, strict=True)
         )
 
-    title = f'<caption style="text-align:left"><i>{escape(told.title)}</i></caption>' if told.title else ""
-    head = f"<thead><tr>{row('th', (name.lstrip('>') for name in told.head))}</tr></thead>"
-    body = "".join(f"<tr>{row('td', cells)}</tr>" for cells in told.rows)
+    title = f'<caption style="text-align:left"><i>{escape(table.title)}</i></caption>' if table.title else ""
+    head = f"<thead><tr>{row('th', (name.lstrip('>') for name in table.head))}</tr></thead>"
+    body = "".join(f"<tr>{row('td', cells)}</tr>" for cells in table.rows)
     return f'<table style="margin-bottom:1em">{title}{head}<tbody>{body}</tbody></table>'
 
 

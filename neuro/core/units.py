@@ -97,7 +97,7 @@ def unit(text: str) -> tuple[float, Dimension]:
     """What one of a unit is in mV, ms and pA, and its dimension.
 
     Raises:
-        ModelError: it is no unit; it tells the column.
+        ModelError: it is no unit; it names the column.
     """
     tens, dimension = _tens_of(text)
     return float(f"1e{tens}"), dimension

@@ -45,9 +45,9 @@ def convert(
     Args:
         source: the file, ``-`` for standard input.
         target: the file to write, ``-`` for standard output.
-        from_format: its name, where neither content nor ending tells.
+        from_format: its name, where neither content nor ending shows it.
         to_format: its name, where the ending does not tell.
-        sensor_size: width and height, px; None takes those that the file tells, else the smallest that holds all.
+        sensor_size: width and height, px; None takes those that the file states, else the smallest that holds all.
         strict: False takes what is whole of a damaged file, with an `EventFileWarning`.
         report: called with the number of events written so far.
         replace: as for `neuro.events.save`.
@@ -68,7 +68,7 @@ def read(
 
     Args:
         source: the file, ``-`` for standard input.
-        format: its name, where neither content nor ending tells.
+        format: its name, where neither content nor ending shows it.
         sensor_size: as for `neuro.events.load`.
         strict: as for `neuro.events.load`.
 

@@ -42,7 +42,7 @@ def load(
     Args:
         source: a path, the bytes of a file, or an open binary file (of a zip, or standard input). A named pipe is
             read as standard input is, and waited for until someone writes into it.
-        format: its name or its own ending (as ``"bin"``), where neither content nor ending tells; see
+        format: its name or its own ending (as ``"bin"``), where neither content nor ending shows it; see
             `neuro events formats`. ``"hdf5:/davis/left"`` is one recording of a file with several, and
             ``"hdf5:/events:txyp"`` tells the order of columns, too.
         sensor_size: width and height, px; None takes that of the file or the format, else the smallest that holds all.
@@ -73,7 +73,7 @@ def load(
 def size_of(source: Given, *, format: str | None = None, name: str | None = None) -> tuple[int, int]:
     """Width and height of a recording's sensor, px.
 
-    Those that the file or its format tells, else the smallest that holds all events, for which it is read once.
+    Those that the file or its format states, else the smallest that holds all events, for which it is read once.
 
     Args:
         source: a path, bytes, or an open binary file.
@@ -158,7 +158,7 @@ def _parts(file: Opened, size: tuple[int, int] | None, start_us: int | None, str
     try:
         yield from _decoded(file, size, start_us, strict)
     except EventFileError:
-        # What is wrong is told as if all had been read: with the number of its event, and the first fault first.
+        # What is wrong is reported as if all had been read: with the number of its event, and the first fault first.
         for _ in _decoded(file, size, None, strict):
             pass
         raise
@@ -181,7 +181,7 @@ def save(
     format: str | None = None,
     replace: bool = False,
 ) -> None:
-    """Write events in the format that the name's ending tells.
+    """Write events in the format of the name's ending.
 
     The file takes its name when it is whole, so a failure leaves no half of one.
 
@@ -190,7 +190,7 @@ def save(
         path: where to.
         format: its name, where several have the ending; or the ending that only it has.
         replace: whether to replace a file that has this name. Recordings bear no mark of their writer, so none is
-            replaced without being told.
+            replaced only if `replace` says so.
 
     Raises:
         EventFileError: no format has this ending, there is not one part, the format cannot hold an event, which

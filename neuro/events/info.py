@@ -38,7 +38,7 @@ class Info:
         untested: why readers of this format were not tried on real files, "" where they were.
         bytes: of the file, None where they came through a pipe.
         sensor_size: width and height, px.
-        sensor_told: whether the file tells the sensor; otherwise it is the smallest or usual one that holds all events.
+        sensor_told: whether the file states the sensor; else it is the smallest or usual one that holds all events.
         events: how many.
         on: how many are ON.
         start_us: time of the first event, None without events.
@@ -49,7 +49,7 @@ class Info:
         hot: columns, rows and counts of pixels with more than 10 times the events of their busiest neighbour.
         hot_pixels: how many there are; `hot` has the busiest.
         damage: what is wrong with the file; counts are those of what is whole.
-        metadata: what else the file tells, such as other streams.
+        metadata: what else the file states, such as other streams.
     """
 
     path: str
@@ -84,8 +84,8 @@ class Info:
     def as_dict(self) -> dict[str, Any]:
         """All of it, for JSON."""
         share = self.on / self.events if self.events else None
-        told = {"duration_us": self.duration_us, "rate_hz": self.rate_hz, "on_share": share}
-        return {**asdict(self), **told}
+        facts = {"duration_us": self.duration_us, "rate_hz": self.rate_hz, "on_share": share}
+        return {**asdict(self), **facts}
 
 
 def info(
@@ -98,11 +98,11 @@ def info(
 ) -> Info:
     """Look through a recording once, in constant memory.
 
-    Damage is told in the result and not raised, as long as the file can be opened.
+    Damage is reported in the result and not raised, as long as the file can be opened.
 
     Args:
         source: a path, the bytes of a file, or an open binary file such as standard input.
-        format: its name, where neither content nor ending tells.
+        format: its name, where neither content nor ending shows it.
         sensor_size: as for `neuro.events.load`.
         name: what to call bytes or an open file.
         report: called with the number of events seen so far.
@@ -113,7 +113,7 @@ def info(
     with opened(source, format, name) as file:
         kind, told_size = file.format, _told_size(file, sensor_size is None)
         size = sensor_size or told_size
-        with warnings.catch_warnings(record=True) as told:
+        with warnings.catch_warnings(record=True) as caught:
             warnings.simplefilter("always", EventFileWarning)
             checked = Checked(file.name, size, strict=False, sort=False)
             pixels = _Pixels(size or (0, 0))
@@ -123,13 +123,13 @@ def info(
             _survey(out, pixels, (checked.piece(piece) for piece in file.pieces(BLOCK, False)), report)
             checked.warn()
         out.sensor_size = size or smallest(kind, pixels.width - 1, pixels.height - 1)
-        out.damage = [str(one.message).removeprefix(f"{file.name}: ") for one in told]
+        out.damage = [str(one.message).removeprefix(f"{file.name}: ") for one in caught]
         out.metadata = {key: value for key, value in file.reader.metadata.items() if key not in FOUND_WHILE_READING}
     return out
 
 
 def _told_size(file: Opened, needed: bool) -> tuple[int, int] | None:
-    """The sensor that the file tells; one that may mean two things is None where it is not needed."""
+    """The sensor that the file states; one that may mean two things is None where it is not needed."""
     try:
         return file.sensor_size
     except EventFileError:

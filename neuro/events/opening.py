@@ -1,4 +1,4 @@
-"""Open an event file: find its format, make its reader, take its pieces, check them; damage is told as users see it."""
+"""Open an event file: find its format, make its reader, take its pieces, check them; damage as users see it."""
 
 from __future__ import annotations
 
@@ -151,10 +151,10 @@ class Opened:
 
     @property
     def sensor_size(self) -> tuple[int, int] | None:
-        """Width and height that the file or its format tells, None where neither does.
+        """Width and height that the file or its format states, None where neither does.
 
         Raises:
-            EventFileError: the file tells it in a way that may mean two things, or an impossible one.
+            EventFileError: the file states it in a way that may mean two things, or an impossible one.
         """
         try:
             return self.reader.sensor_size
@@ -197,11 +197,11 @@ class Opened:
             EventFileError: it can be read only once.
         """
         if self.source.size is None:
-            what = "its sensor is not told, and it cannot be read twice to look for it"
+            what = "its sensor is not stated, and it cannot be read twice to look for it"
             raise EventFileError(self.name, f"{what}: give sensor_size=(width, height), or --sensor WxH")
         checked = Checked(self.name, None, strict=False, sort=False)
         with warnings.catch_warnings():
-            warnings.simplefilter("ignore", EventFileWarning)  # damage is told the second time
+            warnings.simplefilter("ignore", EventFileWarning)  # damage is reported the second time
             sizes = [checked.highest(piece) for piece in self.pieces(block, strict=False)]
         return smallest(self.format, max((x for x, _ in sizes), default=-1), max((y for _, y in sizes), default=-1))
 
@@ -211,7 +211,7 @@ def opened(source: Given, format: str | None, name: str | None) -> Opened:
 
     Args:
         source: a path, bytes, or an open binary file.
-        format: its name, where neither content nor ending tells.
+        format: its name, where neither content nor ending shows it.
         name: what to call it.
 
     Raises:
@@ -269,7 +269,7 @@ def find(source: Source, format: str | None = None) -> Format:
 
 
 def smallest(found: Format, x: int, y: int) -> tuple[int, int]:
-    """The sensor of a file that tells none: one that is usual in its format, else the smallest that holds all.
+    """The sensor of a file that states none: one that is usual in its format, else the smallest that holds all.
 
     Args:
         found: the format.

@@ -22,9 +22,9 @@ COLOURS = ("#0072B2", "#D55E00", "#FFFFFF")
 TALL = 240
 """Small sensors are enlarged by a whole number until their longer side has so many px."""
 LEAST_FPS, MOST_FPS = 0.1, 50.0
-"""A GIF tells a time in 16 bits, in units of 10 ms; programs that show GIFs slow down shorter pauses than 20 ms."""
+"""A GIF stores a time in 16 bits, in units of 10 ms; programs that show GIFs slow down shorter pauses than 20 ms."""
 LARGEST, LARGEST_SCALED = 65_535, 8192
-"""px; a GIF tells its sides in 16 bits, and no one enlarges so far on purpose."""
+"""px; a GIF stores its sides in 16 bits, and no one enlarges so far on purpose."""
 STILL = 25
 """Frames in a row that are the same, one second by default; more are left out."""
 WINDOW_US, FRAMES, HELD = 40_000, 25, 1 << 22
@@ -82,7 +82,7 @@ def gif(
         replace: whether to replace a file that is no such GIF.
 
     Raises:
-        ModelError: there are no events, more than 10,000 frames, or an argument is wrong, which the message tells, or
+        ModelError: there are no events, more than 10,000 frames, or an argument is wrong, which the message names, or
             the file cannot be written.
         EventFileError: time jumps over more than 10^6 windows.
     """

@@ -27,7 +27,7 @@ class Played(Protocol):
 
     @property
     def sensor_size(self) -> Size | None:
-        """Width and height in px, None where they are not told before it is played."""
+        """Width and height in px, None where they are unknown before it is played."""
 
     @property
     def again(self) -> bool:
@@ -35,7 +35,7 @@ class Played(Protocol):
 
     @property
     def identity(self) -> str:
-        """What tells it from another."""
+        """What distinguishes it from another."""
 
     def first(self) -> int | None:
         """The time of the first event, us; None where that is not known before it is played.
@@ -46,7 +46,7 @@ class Played(Protocol):
 
     @property
     def untold(self) -> str:
-        """Why no sensor is told, where none is."""
+        """Why no sensor is known, where none is."""
 
     def parts(self, start_us: int | None = None, least: Size = (1, 1)) -> Iterator[Events]:
         """Its events in the order of time; those before `start_us` may be left out.
@@ -96,7 +96,7 @@ class OfEvents:
     """Events in memory, whole or in parts: `Events`, or structured arrays, which tell no sensor."""
 
     kind: ClassVar[str] = "recording"
-    untold: ClassVar[str] = "its events are an array, which tells no sensor"
+    untold: ClassVar[str] = "its events are an array, which has no sensor"
     whole: Sequence[Events | NDArray[Any]]
     again: bool = True
 
@@ -106,7 +106,7 @@ class OfEvents:
 
     @property
     def sensor_size(self) -> Size | None:
-        """That of the first part that tells one."""
+        """That of the first part that has one."""
         return next((part.sensor_size for part in self.whole if isinstance(part, Events)), None)
 
     @property
@@ -135,7 +135,7 @@ class OfIterator:
     again: bool
     sensor_size: Size | None = None
     identity: str = "events of an iterator"
-    untold: str = "no sensor is told before it is played"
+    untold: str = "no sensor is known before it is played"
     _begun: bool = field(default=False, init=False)
 
     def __repr__(self) -> str:

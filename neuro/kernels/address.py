@@ -78,8 +78,8 @@ def caller(result: Any, *arguments: Any) -> Any:
             kinds = [context.get_value_type(kind) for kind in arguments]
             kind = ir.FunctionType(context.get_value_type(result), kinds)
             found = zip(cgutils.unpack_tuple(builder, values[1]), signature.args[1], arguments, strict=True)
-            told = [context.cast(builder, value, is_a, wanted) for value, is_a, wanted in found]
-            return builder.call(builder.inttoptr(values[0], kind.as_pointer()), told)
+            passed = [context.cast(builder, value, is_a, wanted) for value, is_a, wanted in found]
+            return builder.call(builder.inttoptr(values[0], kind.as_pointer()), passed)
 
         return result(types.int64, given), codegen
 

@@ -24,7 +24,7 @@ def must_compile(backend: str) -> None:
     """Refuse a backend whose kernels cannot run as plain Python.
 
     Raises:
-        ModelError: numba is told to compile nothing.
+        ModelError: numba is set to compile nothing.
     """
     config: Any = numba.config
     if config.DISABLE_JIT:

@@ -40,12 +40,12 @@ class Normals:
     """Goes on with the stream of a generator, which is not to be used beside it."""
 
     def __init__(self, rng: np.random.Generator) -> None:
-        told = rng.bit_generator.state["state"]
+        state = rng.bit_generator.state["state"]
         whole = 1 << 128
-        lanes, jump, step = [told["state"]], 1, 0
+        lanes, jump, step = [state["state"]], 1, 0
         for _ in range(_LANES):
-            lanes.append((lanes[-1] * _MULTIPLIER + told["inc"]) % whole)
-            jump, step = jump * _MULTIPLIER % whole, (step * _MULTIPLIER + told["inc"]) % whole
+            lanes.append((lanes[-1] * _MULTIPLIER + state["inc"]) % whole)
+            jump, step = jump * _MULTIPLIER % whole, (step * _MULTIPLIER + state["inc"]) % whole
         self._stream = np.zeros(_HEAD + _WORDS, dtype=np.uint64)
         self._stream[_AT] = _WORDS
         numbers = (*lanes[1:], jump, step)

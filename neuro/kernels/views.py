@@ -55,8 +55,8 @@ class Views(types.Type):
     """
 
     def __init__(self, name, first, fields):
-        told = hashlib.sha256(repr((first, fields)).encode()).hexdigest()[:12]  # other fields are another type
-        super().__init__(f"{name} {told}")
+        digest = hashlib.sha256(repr((first, fields)).encode()).hexdigest()[:12]  # other fields are another type
+        super().__init__(f"{name} {digest}")
         self.rows = {field: first + k for k, (field, _, _) in enumerate(fields)}
         self.arrays = {field: types.Array(getattr(types, _TYPES[kind]), ndim, "C") for field, kind, ndim in fields}
 

@@ -30,11 +30,11 @@ class OfModule:
         return sys.modules[kind.__module__]
 
 
-def check_functions(told: str, model: type[Any], functions: Mapping[str, int]) -> None:
+def check_functions(label: str, model: type[Any], functions: Mapping[str, int]) -> None:
     """Refuse a model whose arithmetic lacks a function, or has one with other arguments.
 
     Args:
-        told: what messages call the model.
+        label: what messages call the model.
         model: the class.
         functions: how many arguments each takes.
 
@@ -45,12 +45,12 @@ def check_functions(told: str, model: type[Any], functions: Mapping[str, int]) -
     for name, count in functions.items():
         code = getattr(getattr(arithmetic, name, None), "__code__", None)
         if code is None:
-            raise TypeError(f"{told}: '{arithmetic.__name__}' has no function '{name}'")
+            raise TypeError(f"{label}: '{arithmetic.__name__}' has no function '{name}'")
         if code.co_argcount != count:
-            raise TypeError(f"{told}: '{name}' takes {code.co_argcount} arguments: expected {count}")
+            raise TypeError(f"{label}: '{name}' takes {code.co_argcount} arguments: expected {count}")
 
 
-def fill(told: str, model: type[Any], p: Any, c: Any) -> None:
+def fill(label: str, model: type[Any], p: Any, c: Any) -> None:
     """Compute the constants of a model for a step of 0.1 ms.
 
     Raises:
@@ -60,7 +60,7 @@ def fill(told: str, model: type[Any], p: Any, c: Any) -> None:
         model.arithmetic.constants(p, 0.1, c)
     except (IndexError, ValueError) as error:
         raise TypeError(
-            f"{told}: 'constants' fails for its defaults ({error}): "
+            f"{label}: 'constants' fails for its defaults ({error}): "
             f"expected at most {len(c)} constants, its width, from {len(p)} parameters"
         ) from None
 
@@ -83,8 +83,8 @@ def has_method(base: type[Any], name: str, does: str) -> Callable[[type[T]], typ
             raise TypeError(f"{message} has no method '{name}', which {does}")
         taken = method.__code__.co_argcount
         if taken != len(expected):
-            told = f"'{name}' takes {taken} arguments: expected {len(expected)}, ({', '.join(expected)})"
-            raise TypeError(f"{message}: {told}")
+            text = f"'{name}' takes {taken} arguments: expected {len(expected)}, ({', '.join(expected)})"
+            raise TypeError(f"{message}: {text}")
         return part
 
     return complete

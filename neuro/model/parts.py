@@ -378,7 +378,7 @@ class Trials(Choice):
     stop: str = quantity(
         "at_decision",
         "",
-        "as soon as nobody can decide any more, or after the full duration",
+        "as soon as no neuron can decide any more, or after the full duration",
         kind="word",
         words=("at_decision", "full"),
     )

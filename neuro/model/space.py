@@ -187,8 +187,8 @@ class rectangular(Mask):
                 raise ModelError(f"{message}: expected a list, a number for each axis", path=(word,))
         if self.lower_left.shape != self.upper_right.shape or not np.all(self.lower_left < self.upper_right):
             found = f"{self.lower_left.tolist()} and {self.upper_right.tolist()}"
-            told = f"rectangular: found the corners {found}: expected the first below the second on every axis"
-            raise ModelError(told, path=("upper_right",))
+            text = f"rectangular: found the corners {found}: expected the first below the second on every axis"
+            raise ModelError(text, path=("upper_right",))
 
     @property
     def _slack(self) -> Floats:

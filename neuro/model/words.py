@@ -126,8 +126,8 @@ def in_words(value: Any) -> str:
     if isinstance(value, Choice):
         if len(fields(value)) == 1 and value.changed():  # as of_distance, which is of one thing alone
             return f"{value.name}({in_words(next(iter(value.changed().values())))})"
-        told = ", ".join(f"{word_of(name)}={in_words(each)}" for name, each in value.changed().items())
-        return f"{value.name}({told})" if told else value.name
+        words = ", ".join(f"{word_of(name)}={in_words(each)}" for name, each in value.changed().items())
+        return f"{value.name}({words})" if words else value.name
     if isinstance(value, str):
         return value
     return str(value) if isinstance(value, PurePath) else shown(value)
@@ -166,9 +166,9 @@ def _populations(net: Any) -> Iterator[tuple[str, ...]]:
         units = {word: q.unit for word, q in part.model.quantities().items()}
         units |= {state.name: state.unit for state in part.model.states}
         said = {word_of(name): value for name, value in part.model.changed().items()}
-        told = [f"{word} = {in_words(value)} {units[word]}".rstrip() for word, value in said.items()]
-        told += [f"{word} at 0 ms = {in_words(value)} {units[word]}".rstrip() for word, value in part.initial.items()]
-        yield part.name, part.model.name, _shape(part.shape), ", ".join(told)
+        words = [f"{word} = {in_words(value)} {units[word]}".rstrip() for word, value in said.items()]
+        words += [f"{word} at 0 ms = {in_words(value)} {units[word]}".rstrip() for word, value in part.initial.items()]
+        yield part.name, part.model.name, _shape(part.shape), ", ".join(words)
 
 
 def _projections(net: Any) -> Iterator[tuple[str, ...]]:

@@ -180,7 +180,7 @@ class Engine(Protocol):
     def set(self, population: int, values: Mapping[str, Floats]) -> None:
         """Change states and parameters together, all or none; acts from the next step on.
 
-        Each value has the shape (1,) or (size,). A `ModelError` tells what the engine cannot hold.
+        Each value has the shape (1,) or (size,). A `ModelError` names what the engine cannot hold.
         """
 
     def get_synapses(self, projection: int, name: str) -> Floats:

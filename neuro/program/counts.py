@@ -86,7 +86,7 @@ class Tally:
     """Turns an engine's raw counts into `Counts`.
 
     Args:
-        program: tells which neurons are connected.
+        program: has the connections.
     """
 
     def __init__(self, program: Program) -> None:

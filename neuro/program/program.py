@@ -407,7 +407,7 @@ class Stream(Protocol):
 
     @property
     def identity(self) -> str:
-        """What tells it from another when a saved state is restored."""
+        """What distinguishes it from another when a saved state is restored."""
 
     def after(self, step: int) -> Iterator[Stretch]:
         """All spikes of later steps, in stretches; when they end no more come.

@@ -34,7 +34,7 @@ from neuro.files.state import FORMAT as STATE
 from neuro.model.language import load
 from neuro.model.network import Network
 
-_WAYS = "make it again by hand, then neuro rerun FILE --against OTHER compares the two"
+_WAYS = "make it again yourself, then neuro rerun FILE --against OTHER compares the two"
 
 
 @dataclass(frozen=True, slots=True)
@@ -100,9 +100,9 @@ def _of_results(path: Path, backend: str, inputs: Sequence[Path], bar: Bar | Non
             raise error.but(message=f"{path}: {error.message}", where=None) from None
         now = _run(then, net, record, backend, bar)
         write(replace(now, files=then.files), Path(folder) / "now.h5")
-        told = first_difference(path, Path(folder) / "now.h5")
+        first = first_difference(path, Path(folder) / "now.h5")
     return Verdict(
-        told, (*differences(record, json.loads(now.about[ATTRIBUTE])), *edited(record.get("inputs", {}), elsewhere))
+        first, (*differences(record, json.loads(now.about[ATTRIBUTE])), *edited(record.get("inputs", {}), elsewhere))
     )
 
 
@@ -160,12 +160,12 @@ def _of_run(folder: Path, backend: str, inputs: Sequence[Path]) -> Verdict:
         raise ModelError(f"{folder}: has failed: {outcome.error}: expected a run that is done")
     if outcome.outcome == PRUNED:
         raise ModelError(f"{folder}: was pruned: expected a run that is done")
-    record, told = outcome.provenance, runs.read()
+    record, content = outcome.provenance, runs.read()
     elsewhere = moved(record["inputs"], inputs)
-    for file in told["with"]:
+    for file in content["with"]:
         _ask_for(file)
-    run_extensions(tuple(told["with"]))
-    run = run_of(told["what"])
+    run_extensions(tuple(content["with"]))
+    run = run_of(content["what"])
     if isinstance(run, NetworkRun):
         place = Path(elsewhere.get(str(run.file), run.file))
         run = replace(run, file=place, backend=backend or run.backend)
@@ -295,13 +295,13 @@ def record_of(path: Path) -> dict[str, Any]:
         with h5py.File(path) as file:
             text = str(file.attrs.get(ATTRIBUTE, ""))
     try:
-        told = json.loads(text)
+        record = json.loads(text)
     except ValueError:
-        told = None
-    if not isinstance(told, dict):
-        hint = "files that neuro wrote since it tells where they come from have it; runs of sweeps are folders"
+        record = None
+    if not isinstance(record, dict):
+        hint = "files that neuro wrote since it records where they come from have it; runs of sweeps are folders"
         raise ModelError(f"{path}: does not say where it comes from", hint=hint)
-    return told
+    return record
 
 
 def moved(inputs: Mapping[str, str], folders: Iterable[Path]) -> dict[str, str]:
@@ -322,16 +322,16 @@ def moved(inputs: Mapping[str, str], folders: Iterable[Path]) -> dict[str, str]:
 
 def edited(inputs: Mapping[str, str], elsewhere: Mapping[str, str]) -> list[str]:
     """What has become of inputs, in words."""
-    told = []
+    lines = []
     for name, digest in inputs.items():
         now = digest_of(elsewhere.get(name, name))
         if name in elsewhere:
-            told.append(f"input {name}: lies at {elsewhere[name]} now, with the same content")
+            lines.append(f"input {name}: lies at {elsewhere[name]} now, with the same content")
         elif not now:
-            told.append(f"input {name}: is not there any more")
+            lines.append(f"input {name}: is not there any more")
         elif now != digest:
-            told.append(f"input {name}: was edited")
-    return told
+            lines.append(f"input {name}: was edited")
+    return lines
 
 
 _ORIGIN = {ATTRIBUTE, "neuro", "python", "numpy", "numba", "backend", "threads"}
@@ -361,11 +361,11 @@ def _of_groups(a: Any, b: Any) -> str:
         one, other = a[name], b[name]
         if isinstance(one, h5py.Group) != isinstance(other, h5py.Group):
             return f"{place}: of another kind"
-        told = _of_groups(one, other) if isinstance(one, h5py.Group) else _of_arrays(place, one[()], other[()])
-        if not told and not isinstance(one, h5py.Group):
-            told = _of_attributes(one, other)
-        if told:
-            return told
+        difference = _of_groups(one, other) if isinstance(one, h5py.Group) else _of_arrays(place, one[()], other[()])
+        if not difference and not isinstance(one, h5py.Group):
+            difference = _of_attributes(one, other)
+        if difference:
+            return difference
     return _of_attributes(a, b)
 
 

@@ -110,7 +110,7 @@ def tune(
     """Look for the points of a space at which a function is best, by Optuna; needs the extra `tune`.
 
     A trial is a point, run once, or once for each seed and fold; its objectives are the means over its runs. Each run
-    is kept in a folder of its own, named by what it is told, so the same point is not run twice, and the same call
+    is kept in a folder of its own, named by its arguments, so the same point is not run twice, and the same call
     goes on after whatever has ended it, also with more trials.
 
     Args:

@@ -145,8 +145,8 @@ def alive(path: Path) -> bool:
 def holder_of(path: Path) -> Holder | None:
     """The process that made a claim; None if it does not say so."""
     try:
-        told = parsed(path.read_bytes())
-        holder = Holder(**told)
+        content = parsed(path.read_bytes())
+        holder = Holder(**content)
     except (OSError, ValueError, TypeError):
         return None
     kinds = (type(holder.machine), type(holder.process), type(holder.began))

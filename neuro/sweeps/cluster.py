@@ -65,8 +65,8 @@ def _client(where: str) -> Any:
     try:
         return dask.Client(**words, timeout=CONNECT_S, set_as_default=False)
     except (OSError, TimeoutError, ValueError) as error:
-        told = str(error) or type(error).__name__
-        raise ModelError(f"on = '{where}': no scheduler answers: {told.splitlines()[0]}") from None
+        text = str(error) or type(error).__name__
+        raise ModelError(f"on = '{where}': no scheduler answers: {text.splitlines()[0]}") from None
 
 
 def _checked(client: Any, where: str, folder: Folder) -> int:
@@ -139,15 +139,15 @@ def do(path: str, chunk: Sequence[tuple[str, dict[str, Any], int | None, int | N
     Returns:
         The hash of each and whether it failed.
     """
-    told: list[tuple[str, bool]] = []
+    done: list[tuple[str, bool]] = []
     pool = _pool(path)
     try:
-        pool.run([RunItem(*each) for each in chunk], lambda key, failed: told.append((key, failed)))
+        pool.run([RunItem(*each) for each in chunk], lambda key, failed: done.append((key, failed)))
     except BaseException:
         pool.close()
         _mine.pool = None
         raise
-    return told
+    return done
 
 
 def _pool(path: str) -> Cores:

@@ -23,7 +23,7 @@ from neuro.sweeps.worker import KEPT, LOST, TAKEN
 POLL_S = 0.25
 HINT = "what was done is kept: the same command goes on"
 Tell = Callable[[str, bool], None]
-"""Is told the key of each run that is there, and whether it failed."""
+"""Gets the key of each run that is there, and whether it failed."""
 
 Say = Callable[[str], None]
 """Hears what is going on."""
@@ -41,10 +41,10 @@ class Cores:
     """
 
     def __init__(self, folder: Folder, count: int) -> None:
-        told = folder.read()
+        content = folder.read()
         self._folder = folder
-        self._seconds = told["limits"]["seconds"]
-        self._inputs = tuple(told["inputs"])
+        self._seconds = content["limits"]["seconds"]
+        self._inputs = tuple(content["inputs"])
         self._claims = Claims(folder.claims)
         self._processes = Processes(partial(worker.begin, folder.path.absolute()), count, self._seconds)
 
@@ -115,12 +115,12 @@ class Cores:
             if not self._there(item, tell):
                 self._fail(event, tell)
         elif isinstance(event, Done):
-            told: dict[str, Any] = event.found
-            if told["is"] == LOST:
-                raise ModelError(told["error"], hint=HINT)
-            if told["is"] == KEPT:
-                tell(item.key, told["failed"])
-            elif told["is"] == TAKEN:
+            message: dict[str, Any] = event.found
+            if message["is"] == LOST:
+                raise ModelError(message["error"], hint=HINT)
+            if message["is"] == KEPT:
+                tell(item.key, message["failed"])
+            elif message["is"] == TAKEN:
                 elsewhere.append(item)
             elif not self._there(item, tell):
                 self._processes.put(item)

@@ -144,7 +144,7 @@ class Search(Definition):
         """
         plan = self.plan
         if plan.folds and isinstance(self.run, NetworkRun):
-            raise ModelError("folds: are told to a function: expected seeds for a network")
+            raise ModelError("folds: are arguments of a function: expected seeds for a network")
         point = plan.items("", {axis.name: axis.at(0.5) for axis in plan.axes})[0].point
         self.run.check(point, bool(plan.seeds))
 
@@ -162,15 +162,15 @@ def search_of(folder: Folder) -> Search:
     Raises:
         ModelError: there is none, or a file of it was edited, or has to be named by `--with` again.
     """
-    told = folder.read()
-    for file, digest in told["with"].items():
+    content = folder.read()
+    for file, digest in content["with"].items():
         if file not in extensions():
             raise ModelError(f"it was made with {file}", hint=f"say so, if you trust it: --with {shlex.quote(file)}")
         if digest_of(file) != digest:
             raise ModelError(f"{file}: was edited since the tuning began: expected the file that it was")
-    run = run_of(told["what"])
+    run = run_of(content["what"])
     run.check_inputs()
-    return Search(told["name"], run, Limits(**told["limits"]), SearchPlan.from_dict(told["plan"]))
+    return Search(content["name"], run, Limits(**content["limits"]), SearchPlan.from_dict(content["plan"]))
 
 
 def python_sweep(function: Any, space: SearchSpace, limits: Limits, set: Mapping[str, Any] | None, here: bool) -> Sweep:

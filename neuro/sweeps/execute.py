@@ -174,12 +174,12 @@ def hold_out(search: Search, folder: Folder, points: Sequence[Point], place: Exe
 
 def _begin_search(search: Search, folder: Folder) -> None:
     """Make the folder of a search, or go on in it, also with another number of trials."""
-    told = _recorded(search)
-    folder.begin(told, "same", "same")
+    content = _recorded(search)
+    folder.begin(content, "same", "same")
     there = folder.read()
     if there["plan"]["trials"] != search.plan.trials:
         kept = {word: value for word, value in there.items() if word not in ("format", "digest")}
-        folder.write(kept | {"plan": told["plan"]})
+        folder.write(kept | {"plan": content["plan"]})
 
 
 def _share(most: int, part: tuple[int, int] | None) -> int | None:
@@ -196,7 +196,7 @@ def _retry_failed(plan: SearchPlan, before: str, folder: Folder) -> None:
     with locked(folder.claims / ".ask"):
         if others := claimed(folder.claims):
             message = f"{folder.path}: others work in it, on {len(others)} runs or trials"
-            raise ModelError(message, hint="what failed is done again when nobody does")
+            raise ModelError(message, hint="what failed is done again when no other call does")
         state = optuna().trial.TrialState.FAIL
         trials = [trial for trial in trials_of(folder) if trial.state == state]
         items = {trial._trial_id: plan.items(before, point_of(plan, trial.params)) for trial in trials}

@@ -127,13 +127,13 @@ def _here(worker: Worker, folder: Folder, tell: Tell, more: More | None, say: Sa
         items = items or next_ones()
         while items:
             for item in items:
-                while (told := worker.do(item))["is"] == TAKEN and wait:
+                while (message := worker.do(item))["is"] == TAKEN and wait:
                     if say is not None:
                         say(waiting(folder.claims, [item.key]))
                     time.sleep(POLL_S)
-                if told["is"] == LOST:
-                    raise ModelError(told["error"], hint=HINT)
-                if told["is"] != TAKEN:
+                if message["is"] == LOST:
+                    raise ModelError(message["error"], hint=HINT)
+                if message["is"] != TAKEN:
                     outcome = folder.outcome(item.key)
                     tell(item.key, outcome is None or outcome.failed)
             items = next_ones()

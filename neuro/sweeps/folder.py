@@ -57,7 +57,7 @@ class Holding:
 
     @property
     def file(self) -> str:
-        """In which it is told."""
+        """In which it is described."""
         return f"{self.command}.json"
 
     @property
@@ -82,7 +82,7 @@ class RunOutcome:
     Attributes:
         key: hash of its inputs.
         point: the values of the parameters.
-        seed: of everything random; None where it is told none.
+        seed: of everything random; None where it gets none.
         outcome: "done", "failed" or "pruned".
         metrics: by name; of a run that is not done none.
         error: why it failed.
@@ -124,12 +124,12 @@ class Folder:
         self.holding = holding or (TUNING if (path / TUNING.file).exists() else SWEEP)
         self.runs, self.claims = path / "runs", path / "claims"
 
-    def begin(self, told: Mapping[str, Any], same: str, what: str) -> None:
+    def begin(self, content: Mapping[str, Any], same: str, what: str) -> None:
         """Make the folder, or go on in that of the same sweep.
 
         Args:
-            told: what its file has.
-            same: the word of `told` by which a sweep is the same.
+            content: what its file has.
+            same: the word of `content` by which a sweep is the same.
             what: that which says what is run, of which messages tell what differs.
 
         Raises:
@@ -138,7 +138,7 @@ class Folder:
         foreign = self._foreign()  # first: what another process makes meanwhile is not foreign
         file = self.path / self.holding.file
         if file.exists():
-            self._check_same(told, same, what)
+            self._check_same(content, same, what)
         elif foreign:
             lack = f"{self.path}: is there and is no {self.holding.what}"
             raise ModelError(f"{lack}: expected a new name, or an empty folder")
@@ -149,12 +149,12 @@ class Folder:
             (self.claims / f".try-{os.getpid()}").touch()
             (self.claims / f".try-{os.getpid()}").unlink()
         if not file.exists():
-            self.write(told)
-            self._check_same(told, same, what)
+            self.write(content)
+            self._check_same(content, same, what)
 
-    def write(self, told: Mapping[str, Any]) -> None:
+    def write(self, content: Mapping[str, Any]) -> None:
         """Write its file, in place of one that was written here."""
-        text = json.dumps({"format": self.holding.format, **told}, indent=1, ensure_ascii=False)
+        text = json.dumps({"format": self.holding.format, **content}, indent=1, ensure_ascii=False)
         write_text(self.path / self.holding.file, text + "\n", self.holding.kind)
 
     def _foreign(self) -> bool:
@@ -173,20 +173,20 @@ class Folder:
         path = self.path / self.holding.file
         what = self.holding.what
         try:
-            told = parsed(path.read_bytes())
+            content = parsed(path.read_bytes())
         except FileNotFoundError:
             lack = f"{self.path}: holds no {what}: expected a folder with {path.name}"
             raise ModelError(lack, hint=self._other()) from None
         except (OSError, ValueError) as error:
             raise ModelError(f"{path}: cannot be read: {getattr(error, 'strerror', None) or 'damaged'}") from None
-        if not isinstance(told, dict) or told.get("format") != self.holding.format:
+        if not isinstance(content, dict) or content.get("format") != self.holding.format:
             raise ModelError(f"{path}: not a {what}, as 'neuro {self.holding.command} run' writes it")
         if not self.holding.kind.ours(path):
             hint = "a copy of it brings the folder back"
-            lack = "damaged, or edited by hand" if "digest" in told else "damaged"
+            lack = "damaged, or edited by hand" if "digest" in content else "damaged"
             wrote = f"expected what 'neuro {self.holding.command} run' wrote"
             raise ModelError(f"{path}: {lack}: {wrote}", hint=hint)
-        return told
+        return content
 
     def _other(self) -> str:
         for other in (SWEEP, TUNING):
@@ -195,28 +195,28 @@ class Folder:
         command = self.holding.command
         return f"neuro {command} run {command}.yaml --out FOLDER makes one"
 
-    def _check_same(self, told: Mapping[str, Any], same: str, what: str) -> None:
+    def _check_same(self, content: Mapping[str, Any], same: str, what: str) -> None:
         """Refuse the folder of another one."""
         there, kind = self.read(), self.holding.what
-        if there.get(same) == told[same]:
+        if there.get(same) == content[same]:
             return
         hint = f"expected the same {kind}, or the name of a new folder"
         begin = f"{self.path}: the folder of another {kind}"
-        before, now = there.get(what, {}), told[what]
+        before, now = there.get(what, {}), content[what]
         for word in now:
             if before.get(word) != now[word]:
                 its, mine = _differing(before.get(word), now[word]), _differing(now[word], before.get(word))
                 raise ModelError(f"{begin}: {word} is {its} there, {mine} now", hint=hint)
-        runs = f"{len(there.get('runs', ())):,} runs there, {len(told.get('runs', ())):,} now"
+        runs = f"{len(there.get('runs', ())):,} runs there, {len(content.get('runs', ())):,} now"
         raise ModelError(f"{begin}: its space is not the same, {runs}", hint=hint)
 
     def outcome(self, key: str) -> RunOutcome | None:
         """What has come of a run; None if it is not there, not whole, or another one's."""
         try:
-            told = parsed((self.runs / key / "run.json").read_bytes())
-            if told.pop(SUM) != sum_of(told) or told["key"] != key:
+            content = parsed((self.runs / key / "run.json").read_bytes())
+            if content.pop(SUM) != sum_of(content) or content["key"] != key:
                 return None
-            return RunOutcome(**{name: told[name] for name in RunOutcome.__dataclass_fields__ if name in told})
+            return RunOutcome(**{name: content[name] for name in RunOutcome.__dataclass_fields__ if name in content})
         except (OSError, ValueError, TypeError, KeyError, AttributeError):
             return None
 
@@ -246,9 +246,9 @@ class Folder:
                 aside.mkdir()
                 if fill is not None:
                     fill(aside)
-                told = {"format": _RUN, **asdict(outcome)}
-                told[SUM] = sum_of(told)
-                (aside / "run.json").write_text(json.dumps(told, ensure_ascii=False) + "\n", "utf-8")
+                content = {"format": _RUN, **asdict(outcome)}
+                content[SUM] = sum_of(content)
+                (aside / "run.json").write_text(json.dumps(content, ensure_ascii=False) + "\n", "utf-8")
                 self._rename(aside, outcome.key)
             finally:
                 if aside.exists():
@@ -291,14 +291,14 @@ class Folder:
             raise Unwritable(path, f"cannot be written: {error.strerror or error}") from None
 
 
-def sum_of(told: Mapping[str, Any], before: str = "") -> str:
+def sum_of(content: Mapping[str, Any], before: str = "") -> str:
     """By which damage of plain data shows, whichever bit it is.
 
     Args:
-        told: the data.
+        content: the data.
         before: what it follows.
     """
-    return f"{zlib.crc32((before + json.dumps(told, separators=(',', ':'), sort_keys=True)).encode()):08x}"
+    return f"{zlib.crc32((before + json.dumps(content, separators=(',', ':'), sort_keys=True)).encode()):08x}"
 
 
 @cache

@@ -55,9 +55,9 @@ class FunctionRun:
         return {"kind": "function", **words, "set": dict(self.set or {}), "paths": list(self.paths)}
 
     @classmethod
-    def from_dict(cls, told: Mapping[str, Any]) -> FunctionRun:
+    def from_dict(cls, content: Mapping[str, Any]) -> FunctionRun:
         """What `as_dict` has written."""
-        words = {name: value for name, value in told.items() if name != "kind"}
+        words = {name: value for name, value in content.items() if name != "kind"}
         return cls(**{**words, "paths": tuple(words["paths"])})
 
     @cached_property
@@ -130,8 +130,8 @@ class FunctionRun:
 
     def __call__(self, point: Mapping[str, Any], seed: int | None) -> tuple[dict[str, Any], None, dict[str, Any]]:
         """Call it: metrics, nothing more to write, and what the record of the run has to say."""
-        told = {} if seed is None else {"seed": seed}
-        return numbers(self.function(**{**(self.set or {}), **point, **told}), "value"), None, told
+        seeded = {} if seed is None else {"seed": seed}
+        return numbers(self.function(**{**(self.set or {}), **point, **seeded}), "value"), None, seeded
 
 
 def function_run(function: Any, set: Mapping[str, Any] | None = None, here: bool = False) -> FunctionRun:

@@ -126,9 +126,9 @@ class Journal:
         """What a line says, and its sum."""
         try:
             log = parsed(line)
-            told = log.pop(SUM)
-            if told == sum_of(log, before):
-                return dict(log), told
+            checksum = log.pop(SUM)
+            if checksum == sum_of(log, before):
+                return dict(log), checksum
         except (ValueError, KeyError, AttributeError, TypeError):
             pass
         hint = (

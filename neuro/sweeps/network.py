@@ -80,9 +80,9 @@ class NetworkRun:
         return {"kind": "network", **files, **words, "metrics": list(self.metrics), "keep": self.keep}
 
     @classmethod
-    def from_dict(cls, told: Mapping[str, Any]) -> NetworkRun:
+    def from_dict(cls, content: Mapping[str, Any]) -> NetworkRun:
         """What `as_dict` has written."""
-        words = {name: value for name, value in told.items() if name != "kind"}
+        words = {name: value for name, value in content.items() if name != "kind"}
         lists = {name: tuple(words.get(name, ())) for name in ("metrics", "at")}
         return cls(**{**words, **lists, "file": Path(words["file"])})
 

@@ -304,9 +304,9 @@ def _rows(found: RunRows) -> Iterator[Html]:
     yield table(columns(names), body, f"the first {MOST_ROWS} of {len(rows):,}" if len(rows) > MOST_ROWS else "")
 
 
-def _origin(told: Mapping[str, Any], outcomes: Mapping[str, RunOutcome]) -> Iterator[Html]:
+def _origin(content: Mapping[str, Any], outcomes: Mapping[str, RunOutcome]) -> Iterator[Html]:
     """Where runs come from, and whether all are of the same versions and machine."""
-    record = told["provenance"]
+    record = content["provenance"]
     yield tag("h2", "Where it comes from")
     versions = ", ".join(f"{name} {number}" for name, number in record["versions"].items())
     commit = f", commit {record['commit']}" if record["commit"] else ""

@@ -38,7 +38,7 @@ class SearchPlan:
         trials: how many are asked for.
         sampler: one of `SAMPLERS`.
         draw: its seed.
-        seeds: with each of which a point is run; none where runs are told no seed.
+        seeds: with each of which a point is run; none where runs get no seed.
         folds: in how many parts data is divided, each point being run once for each; 0 for none.
         prune: words of `PRUNERS`, with "by" and of networks "at"; empty where nothing is pruned.
     """
@@ -79,12 +79,12 @@ class SearchPlan:
         return {"parameters": space, "objectives": dict(self.objectives), **plain, "seeds": list(self.seeds)}
 
     @classmethod
-    def from_dict(cls, told: Mapping[str, Any]) -> SearchPlan:
+    def from_dict(cls, content: Mapping[str, Any]) -> SearchPlan:
         """What `as_dict` has written."""
-        given = told["parameters"].items()
+        given = content["parameters"].items()
         space = tuple(Axis(name, **{**words, "values": tuple(words["values"])}) for name, words in given)
-        rest = {word: told[word] for word in ("objectives", "trials", "sampler", "draw", "folds", "prune")}
-        return cls(space, seeds=tuple(told["seeds"]), **rest)
+        rest = {word: content[word] for word in ("objectives", "trials", "sampler", "draw", "folds", "prune")}
+        return cls(space, seeds=tuple(content["seeds"]), **rest)
 
     def items(self, before: str, point: Point, trial: int | None = None) -> tuple[RunItem, ...]:
         """The runs of a trial: for each fold all seeds.
@@ -144,7 +144,7 @@ def plan_of(
 
 def _check_axis(axis: Axis, sampler: str) -> None:
     if axis.name in ("fold", "folds", "seed"):
-        raise ModelError(f"{axis.name}: is told to runs by 'folds' and 'seeds': expected another parameter")
+        raise ModelError(f"{axis.name}: is given to runs by 'folds' and 'seeds': expected another parameter")
     if sampler == "grid" and not axis.values and not axis.number:
         raise ModelError(f"{axis.name}: a range of a grid needs 'number', how many values")
     if sampler != "grid" and axis.number:

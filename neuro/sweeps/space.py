@@ -167,7 +167,7 @@ class SearchSpace:
         sampling: one of `SAMPLINGS`, or "list".
         runs: how many points are drawn.
         draw: the seed of what is drawn.
-        seeds: with which each point is run; none where runs are told no seed.
+        seeds: with which each point is run; none where runs get no seed.
         given: the points of a list.
     """
 

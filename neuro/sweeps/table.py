@@ -221,14 +221,14 @@ class SweepTable(RunRows):
     def _rows(self, found: Mapping[str, RunOutcome], times: bool) -> Iterator[dict[str, Any]]:
         names = names_of(each.metrics for each in found.values())
         for key, (point, seed) in zip(self.keys, self.points, strict=True):
-            told = found.get(key)
-            row: dict[str, Any] = {"run": key, "outcome": told.outcome if told else LEFT, **point}
+            ended = found.get(key)
+            row: dict[str, Any] = {"run": key, "outcome": ended.outcome if ended else LEFT, **point}
             if self.seeded:
                 row["seed"] = seed
-            row |= {name: told.metrics.get(name) if told else None for name in names}
+            row |= {name: ended.metrics.get(name) if ended else None for name in names}
             if times:
-                row |= {"seconds": told.seconds if told else None, "attempts": told.attempts if told else None}
-            row["error"] = told.error if told else ""
+                row |= {"seconds": ended.seconds if ended else None, "attempts": ended.attempts if ended else None}
+            row["error"] = ended.error if ended else ""
             yield row
 
     def __len__(self) -> int:
@@ -247,12 +247,12 @@ def table_of(path: str | PathLike[str]) -> SweepTable:
         ModelError: there is none.
     """
     folder = file_path(path, "path")
-    told = Folder(folder, SWEEP).read()
+    content = Folder(folder, SWEEP).read()
     try:
-        keys = tuple(key for key, _, _ in told["runs"])
-        points = tuple((point, seed) for _, point, seed in told["runs"])
+        keys = tuple(key for key, _, _ in content["runs"])
+        points = tuple((point, seed) for _, point, seed in content["runs"])
         seeded = any(seed is not None for _, seed in points)
-        return SweepTable(folder, told["name"], tuple(told["parameters"]), seeded, keys, points)
+        return SweepTable(folder, content["name"], tuple(content["parameters"]), seeded, keys, points)
     except (KeyError, TypeError, ValueError):
         raise ModelError(f"{folder / 'sweep.json'}: damaged: expected what 'neuro sweep run' wrote") from None
 

@@ -183,9 +183,9 @@ def tune_table_of(path: str | PathLike[str]) -> TuneTable:
         ModelError: there is none.
     """
     folder = file_path(path, "path")
-    told = Folder(folder, TUNING).read()
+    content = Folder(folder, TUNING).read()
     try:
-        return TuneTable(folder, told["name"], SearchPlan.from_dict(told["plan"]), told["before"])
+        return TuneTable(folder, content["name"], SearchPlan.from_dict(content["plan"]), content["before"])
     except (KeyError, TypeError, ValueError, AttributeError):
         raise ModelError(f"{folder / TUNING.file}: damaged: expected what 'neuro tune run' wrote") from None
 

@@ -199,19 +199,19 @@ def _data() -> int:
     return 0
 
 
-def worker_of(folder: Folder, told: Mapping[str, Any]) -> Worker:
+def worker_of(folder: Folder, content: Mapping[str, Any]) -> Worker:
     """A worker in this process, once all is what it was when the sweep began.
 
     Raises:
         ModelError: a file is gone, or was edited.
     """
-    for name, digest in told["with"].items():
+    for name, digest in content["with"].items():
         if digest_of(name) != digest:
             raise ModelError(f"{name}: was edited since the sweep began, or is gone: expected the file that it was")
-    run_extensions(tuple(told["with"]))
-    run = run_of(told["what"])
+    run_extensions(tuple(content["with"]))
+    run = run_of(content["what"])
     run.check_inputs()
-    return Worker(folder, run, Limits(**told["limits"]), tuple(told["inputs"]))
+    return Worker(folder, run, Limits(**content["limits"]), tuple(content["inputs"]))
 
 
 def begin(folder: Path) -> Work:

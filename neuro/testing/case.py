@@ -127,12 +127,12 @@ def counted(sim: Simulation) -> Found:
 
 def differences(expected: Mapping[str, NDArray[Any]], found: Mapping[str, NDArray[Any]], exact: bool) -> list[str]:
     """What two outcomes differ in: whole numbers must be equal, others within 1e-9 (or equal where `exact`)."""
-    told = [f"'{name}' is missing" for name in expected if name not in found]
-    told += [f"'{name}' is not expected" for name in found if name not in expected]
+    messages = [f"'{name}' is missing" for name in expected if name not in found]
+    messages += [f"'{name}' is not expected" for name in found if name not in expected]
     for name in expected:
         if name in found:
-            told += _difference(name, np.asarray(expected[name]), np.asarray(found[name]), exact)
-    return told
+            messages += _difference(name, np.asarray(expected[name]), np.asarray(found[name]), exact)
+    return messages
 
 
 def _difference(name: str, expected: NDArray[Any], found: NDArray[Any], exact: bool) -> list[str]:

@@ -30,11 +30,11 @@ from neuro.run.simulation import Simulation
 Floats = NDArray[np.float64]
 
 TOLD = 2e12
-"""mV, with which a neuron is told to fire."""
+"""mV, with which a neuron is made to fire."""
 
 
 def deaf(**words: Any) -> iaf_psc_delta:
-    """A neuron that fires when a spike of `TOLD` mV tells it to, whatever else it hears."""
+    """A neuron that fires when a spike of `TOLD` mV arrives, whatever other input it gets."""
     return iaf_psc_delta(tau_m=1.0, t_ref=0.0, E_L=0.0, V_reset=0.0, V_th=0.5 * TOLD, **words)
 
 

@@ -38,7 +38,7 @@ def check_backend(backend: str | Backend, cases: Iterable[str] = CASES) -> None:
         cases: their names.
 
     Raises:
-        AssertionError: some cases fail; all of them are told, with what was found and what was expected.
+        AssertionError: some cases fail; all of them are reported, with what was found and what was expected.
     """
     chosen = find_backend(backend) if isinstance(backend, str) else backend
     failures = []

@@ -224,7 +224,7 @@ _WIRES = {
 
 
 def _trial_networks(rule: Synapse) -> Iterator[Network]:
-    """One of each kind, and one whose trials go on after the decision; in some trials nobody decides."""
+    """One of each kind, and one whose trials go on after the decision; in some trials no neuron decides."""
     low, high = _usual_weights(rule)
     for name, (wires, spikes) in _WIRES.items():
         if rule.delays and name == "shared_kernel":

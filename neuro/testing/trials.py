@@ -246,7 +246,7 @@ def exact_local_winners(start: Start) -> Found:
 @integers_too
 @case
 def exact_local_winners_to_the_last(start: Start) -> Found:
-    """Any number of wins a map; a trial ends when nobody can win any more."""
+    """Any number of wins a map; a trial ends when no neuron can win any more."""
     net = network(1.0)
     net.population("sheet", (2, 6, 6), spike_generator())
     net.population("maps", (2, 3, 4), cell(V_th=15.0))

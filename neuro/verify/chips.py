@@ -1,6 +1,6 @@
 """Golden cases of chips as networks in registers, compared bit for bit.
 
-| kind | told by | compared |
+| kind | known by | compared |
 | --- | --- | --- |
 | loihi, single neurons | `cases` with `du` | u, v and spikes of every case |
 | loihi, feedforward | `params` with `du1`, arrays `w1`, `w2` | u, v and spikes of both layers, also without bias |

@@ -1,6 +1,6 @@
 """Golden cases as networks: build what was simulated, run it, and say how far the result is from what came out.
 
-| kind | told by | compared |
+| kind | known by | compared |
 | --- | --- | --- |
 | neuron | `neuron` and `inputs` | spikes and every recorded state |
 | network | `neuron` and the array `src` | spikes and V_m of the first neurons |
@@ -8,7 +8,7 @@
 | pairs | `synapse` of another model of PAIRS | the weight sent at each pre spike, final weight |
 | dopamine | `synapse` of model stdp_dopamine_synapse | the same and w, c, n, K+ over time |
 
-Files of chips are told and compared by `neuro.verify.chips`.
+Files of chips are recognised and compared by `neuro.verify.chips`.
 
 In a case with `deliver_interval` > 1 NEST brings a synapse up to date at delivery points only, so between them
 its rows show a state that is out of date. Rows are compared at the delivery points.
@@ -154,9 +154,9 @@ def _add_neurons(net: Network, n: int, facts: Mapping[str, Any]) -> None:
         raise ModelError("consistent_integration: false: expected true")
     start = {"V_m": words.get("E_L", NEST_V_M)} if "E_L" in kind.quantities() else {}
     start |= {word: words.pop(word) for word in list(words) if word in states}
-    told = facts.get("initial", {"V_m": NEST_V_M} if "E_L" in kind.quantities() else {})
-    if isinstance(told, Mapping):
-        start |= {word: float(value) for word, value in told.items() if word in states}
+    initial = facts.get("initial", {"V_m": NEST_V_M} if "E_L" in kind.quantities() else {})
+    if isinstance(initial, Mapping):
+        start |= {word: float(value) for word, value in initial.items() if word in states}
     model = kind.from_words(words)
     assert isinstance(model, Neuron)
     net.population("neurons", n, model, initial=start)
@@ -187,9 +187,9 @@ def _compare_stdp(golden: Golden, backend: str | Backend) -> list[TraceCompariso
 
 def _compare_pairs(golden: Golden, backend: str | Backend) -> list[TraceComparison]:
     facts, arrays, clock = golden.facts, golden.arrays, golden.clock
-    told = {"pre_at_start": True, "tau_minus_triplet": facts["synapse"].get("tau_minus_triplet_ms"), **facts["synapse"]}
-    kind = PAIRS[told["model"]]
-    rule = kind.from_words({word: told[word] for word in kind.numbers()})
+    own = {"pre_at_start": True, "tau_minus_triplet": facts["synapse"].get("tau_minus_triplet_ms"), **facts["synapse"]}
+    kind = PAIRS[own["model"]]
+    rule = kind.from_words({word: own[word] for word in kind.numbers()})
     sim = neuro.run.compiled.compile(_synapse_network(golden, rule, 1), backend)
     sent = []
     for _ in _walk(sim, _steps(arrays["w_times_ms"], clock) + 1, clock):
@@ -238,7 +238,7 @@ def _compare_dopamine(golden: Golden, backend: str | Backend) -> list[TraceCompa
 
 
 def _synapse_network(golden: Golden, rule: Synapse, shortest: int) -> Network:
-    """One synapse between a neuron with the listed spikes and one that fires when told, whatever the synapse sends.
+    """One synapse between a neuron with the listed spikes and one that fires on command, whatever the synapse sends.
 
     Args:
         golden: the case.
@@ -249,8 +249,8 @@ def _synapse_network(golden: Golden, rule: Synapse, shortest: int) -> Network:
     h = clock.resolution
     net = Network("synapse", resolution=h)
     net.population("pre", 1, spike_generator(spike_times=[_exact(arrays["pre_ms"], clock)]))
-    told = clock.array_ms(_steps(arrays["post_ms"], clock) - shortest)
-    net.population("driver", 1, spike_generator(spike_times=[told]))
+    times = clock.array_ms(_steps(arrays["post_ms"], clock) - shortest)
+    net.population("driver", 1, spike_generator(spike_times=[times]))
     deaf = iaf_psc_delta(
         tau_m=h, t_ref=0.0, E_L=0.0, V_reset=0.0, V_th=STRONG, tau_minus=facts["synapse"]["tau_minus_ms"]
     )

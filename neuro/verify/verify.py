@@ -1,7 +1,7 @@
 """Compare a backend with golden traces: folders of cases, each NAME.json and NAME.npz.
 
 The format is that of traces recorded from NEST: what was simulated is in the json, what came out in the npz.
-The kind of a case is told by its content, see `neuro.verify.nest`.
+The kind of a case follows from its content, see `neuro.verify.nest`.
 """
 
 from __future__ import annotations

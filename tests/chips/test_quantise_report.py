@@ -105,7 +105,7 @@ WARNED = {
                lambda: one(source=neuro.poisson_generator(rate=20.3)), {}, (
         "population 'in': poisson_generator",
         "1.0% of the generator's spikes share a step with another of the same neuron and become one, "
-        "since a spike on Loihi is one bit; counts().native tells how many",
+        "since a spike on Loihi is one bit; counts().native has how many",
         "use a finer resolution or several generators of a lower rate",
     )),
 }  # fmt: skip

@@ -115,7 +115,7 @@ def test_a_mistake_in_python_tells_the_line_of_the_call():
 def test_a_state_of_which_nothing_tells_the_unit():
     with pytest.raises(ModelError) as raised:
         neuro.equations("m", equations={"u": "-u/tau"}, parameters={"tau": "10 ms"})
-    assert raised.value.message == "model 'm': nothing tells the unit of 'u'"
+    assert raised.value.message == "model 'm': nothing determines the unit of 'u'"
     assert raised.value.hint == "write it in 'initial', e.g. {u: 0 mV}"
 
 

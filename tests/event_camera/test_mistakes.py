@@ -37,7 +37,7 @@ NONE = Events([], [], [], [], (12, 9))
         ({}, (2, 12, 9), f"population 'camera': shape [2, 12, 9]: expected [2, 9, 12], {AS_SENSOR}"),
         ({"polarity": "on"}, (2, "auto"), f"population 'camera': shape [2, auto]: expected [9, 12], {AS_SENSOR}"),
         ({"file": "walk.dat"}, "auto", "event_camera: found both 'file' and 'events': expected one of them"),
-        ({"events": None}, "auto", f"population 'camera': shape auto: no sensor is told before it is played{NUMBERS}"),
+        ({"events": None}, "auto", f"population 'camera': shape auto: no sensor is known before it is played{NUMBERS}"),
         (
             {"events": None, "polarity": "on"},
             9,
@@ -92,7 +92,7 @@ def test_networks_with_trials_have_none(walk):
 def test_arrays_need_a_sensor_or_a_shape(walk):
     records = walk.records()
     way_out = NUMBERS.replace("write", "neuro.events.Events(t, x, y, p, (width, height)) tells it; or write")
-    message = f"population 'camera': shape auto: its events are an array, which tells no sensor{way_out}"
+    message = f"population 'camera': shape auto: its events are an array, which has no sensor{way_out}"
     assert refused(neuro.event_camera(events=records)) == message
     assert refused(neuro.event_camera(events=[records[:5], records[5:]])) == message
     sized = neuro.compile(network(neuro.event_camera(events=[records[:5], walk[5:]])))

@@ -93,7 +93,7 @@ ERRORS = {
         b"#ROSBAG V2.0\n" + record(5, compression=b"zip", size=bytes(4))
     ),
     f"byte {BEGIN}: a chunk is no bz2 data": bag(packed="bz2").replace(b"BZh", b"BZx"),
-    f"byte {BEGIN}: a message of connection 3, which is not told": bag(connection(ARRAY), message(b"", 3)),
+    f"byte {BEGIN}: a message of connection 3, which is not declared": bag(connection(ARRAY), message(b"", 3)),
     f"byte {BEGIN}: a message ends within its fields": bag(connection(ARRAY), message(bytes(13))),
     f"byte {BEGIN}: a message ends within its fields: 13 of 26 bytes": bag(
         connection(ARRAY), message(array(ROWS[:2])[:-13])

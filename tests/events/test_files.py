@@ -95,7 +95,7 @@ def test_whole_numbers_as_floats_are_taken():
 def test_a_file_that_is_read_once_must_tell_its_sensor():
     given = io.BytesIO(event(1, 2, 3))
     assert refusal(list, stream(given, name="a.bin")) == (
-        "a.bin: its sensor is not told, and it cannot be read twice to look for it: "
+        "a.bin: its sensor is not stated, and it cannot be read twice to look for it: "
         "give sensor_size=(width, height), or --sensor WxH"
     )
     assert len(list(stream(io.BytesIO(event(1, 2, 3)), name="a.bin", sensor_size=(34, 34)))) == 1

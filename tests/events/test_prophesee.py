@@ -345,7 +345,7 @@ ERRORS = {
         b"% Version 2\n% Width 4\n\x0c\x08"
     ),
     "a.raw: byte 78: 1 bytes left over after 2 words of 4 bytes": EVT2 + words(high(1), event(1)) + b"a",
-    "a.raw: byte 70: no word of EVT 2.0 tells the time of what follows": EVT2 + words(event(1)),
+    "a.raw: byte 70: no word of EVT 2.0 gives the time of what follows": EVT2 + words(event(1)),
     "a.raw: byte 78: event 1: x is 640, expected 0 to 639 (sensor 640x480)": EVT2
     + words(high(1), event(1), event(1, 640)),
     "a.raw: byte 82: event 1: time runs back from 129 to 65 us; load(..., sort=True) sorts the events": (
@@ -360,11 +360,11 @@ ERRORS = {
     "a.raw: byte 10: header: geometry is '640', expected a width and a height of 1 to 65536 px": (
         b"% evt 2.0\n% geometry 640\n"
     ),
-    "a.raw: byte 0: no words, and no header that tells their coding": b"",
-    "a.raw: byte 12: no words, and no header that tells their coding": b"% Date 2018\n",
-    "a.raw: byte 0: no header tells the coding, and the words are none of EVT 2.0, 2.1 or 3.0": bytes(range(40)),
+    "a.raw: byte 0: no words, and no header that names their coding": b"",
+    "a.raw: byte 12: no words, and no header that names their coding": b"% Date 2018\n",
+    "a.raw: byte 0: no header names the coding, and the words are none of EVT 2.0, 2.1 or 3.0": bytes(range(40)),
     "a.raw: byte 76: 1 bytes left over after 2 words of 2 bytes": EVT3 + words3(HIGH, ROW) + b"a",
-    "a.raw: byte 72: no word of EVT 3.0 tells the time of what follows": EVT3 + words3(ROW, SINGLE),
+    "a.raw: byte 72: no word of EVT 3.0 gives the time of what follows": EVT3 + words3(ROW, SINGLE),
     "a.raw: byte 78: event 1: x is 1280, expected 0 to 1279 (sensor 1280x720)": (
         EVT3 + words3(HIGH, ROW, SINGLE, SINGLE | 1280)
     ),

@@ -137,6 +137,15 @@ def test_words_that_other_readers_take_for_booleans(load):
     assert (net.name, list(net.populations), net.probes["yes"].of) == ("on", ["no"], "no")
 
 
+def test_a_gate_is_a_signal(load):
+    head = "neuro: 1\npopulations: {a: {model: {pp_psc_delta: {}}, shape: 1}}\nsignals: {s: {to: a}, g: {to: a}}\n"
+    rule = "synapse: {reinforce: {signal: s, gate: %s}}"
+    net = load(f"{head}projections: {{p: {{from: a, to: a, rule: one_to_one, {rule % 'g'}}}}}")
+    assert net.projections["p"].synapse.gate == "g"
+    with pytest.raises(neuro.ModelError, match="unknown signal 'h'"):
+        load(f"{head}projections: {{p: {{from: a, to: a, rule: one_to_one, {rule % 'h'}}}}}")
+
+
 def test_parameters_stand_anywhere(load):
     text = """\
 neuro: 1

@@ -10,7 +10,7 @@ import neuro
 from neuro.core.errors import ModelError
 from neuro.model.synapses import Synapse
 from neuro.testing.case import Found, observe
-from neuro.testing.scenarios import differences
+from scenarios import differences
 
 pytestmark = pytest.mark.usefixtures("nest")
 

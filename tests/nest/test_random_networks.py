@@ -24,7 +24,7 @@ from hypothesis import HealthCheck, Phase, given, seed, settings
 
 import neuro
 from neuro.testing.case import Found
-from neuro.testing.scenarios import SILENCE, Scenario, amplifies_rounding, differences, read, scenarios
+from scenarios import SILENCE, Scenario, amplifies_rounding, differences, read, scenarios
 
 NETWORKS = int(os.environ.get("NEURO_RANDOM_NETWORKS", "40"))
 PARTS = 10

@@ -280,7 +280,7 @@ MISTAKES = [
     (RANGE, {"trials": 0}, "trials = 0: expected a whole number from 1 to 100,000"),
     (RANGE, {"folds": 1}, "folds = 1: expected a whole number from 2 to 1,000"),
     (RANGE, {"folds": 2}, "unknown parameter of bowl 'fold'"),
-    ({"fold": [1]}, {}, "fold: is told to runs by 'folds' and 'seeds': expected another parameter"),
+    ({"fold": [1]}, {}, "fold: is given to runs by 'folds' and 'seeds': expected another parameter"),
     (RANGE, {"sampler": "tpa"}, "unknown sampler 'tpa'\n  hint: did you mean 'tpe'?"),
     (RANGE, {"sampler": "grid"}, "x: a range of a grid needs 'number', how many values"),
     ({"x": {"from": 0, "to": 1, "number": 3}}, {}, "x.number = 3: has no meaning with sampler tpe"),

@@ -38,7 +38,7 @@ def network(cell=DELTA, synapse=None, connected=True):
          ["network 'poor' cannot be trained by gradients (1 problem)\nnet.yaml:9:3: projection 'up': stdp: only static "
           "synapses are here", "use static"]),
         (network(snn.hh_psc_alpha(t_ref=5.0)),
-         ["population 'out': hh_psc_alpha: its spikes have no gradient: a surrogate is told in units of V_th - ",
+         ["population 'out': hh_psc_alpha: its spikes have no gradient: a surrogate is in units of V_th - ",
           "hint: use iaf_psc_delta or iaf_psc_exp"]),
         (network(snn.srm0(t_ref=5.0)), ["population 'out': srm0: its spikes have no gradient: it fires at random"]),
     ],

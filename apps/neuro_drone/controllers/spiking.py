@@ -204,7 +204,7 @@ def _load(settings: SpikingSettings, axes: int) -> neuro.Network:
 
 
 def _compile(net: neuro.Network, settings: SpikingSettings, seed: int) -> neuro.Simulation:
-    """The network in execution; Loihi is told how much dopamine there will be at most, from which its units follow."""
+    """The network in execution; Loihi gets the largest dopamine there will be, from which its units follow."""
     options, largest = dict(settings.options), abs(settings.eta)
     listening = [p.name for p in net.projections.values() if getattr(p.synapse, "signal", None)]
     if settings.backend != "loihi" or not listening or not largest:

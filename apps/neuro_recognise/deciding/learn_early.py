@@ -308,11 +308,11 @@ def learn_early(
     method.check_backend(backend)
     times = moments(data, every_ms)
     cut = data.folds(folds, seed=int(recogniser.training.get("seed", 0)))
-    told = {"method": method.as_words(), **recogniser.training, "every": every_ms, "folds": folds}
+    settings = {"method": method.as_words(), **recogniser.training, "every": every_ms, "folds": folds}
     fingerprint = data.fingerprint()
-    told |= {"early data": fingerprint, "early backend": backend}
+    settings |= {"early data": fingerprint, "early backend": backend}
     with _beside(out) as beside:
-        checkpoint = Checkpoint(beside, FORMAT, told)
+        checkpoint = Checkpoint(beside, FORMAT, settings)
         way = Apart if method.by_moment else Wholes
         work = way(recogniser, data, fingerprint, times, cut, backend, beside, cache, report)
         made = replace(recogniser, early=_decided(work, checkpoint))

@@ -113,8 +113,8 @@ class Detector:
         if not found:
             return np.zeros((0, len(self.recogniser.classes)))
         if self.way == "dense":
-            told = [[region.scores for region in piece.regions if region.scores is not None] for piece in found]
-            return np.array([np.sum(scores, axis=0) for scores in told])
+            scored = [[region.scores for region in piece.regions if region.scores is not None] for piece in found]
+            return np.array([np.sum(scores, axis=0) for scores in scored])
         size, proposals = self.recogniser.method.size, self.settings.proposals
         shown = [crop(piece.regions, size, proposals.scale_of(piece.regions)) for piece in found]
         return self.recogniser.scores(shown, self.backend)

@@ -68,8 +68,8 @@ def page(events: Events, found: Boxes, classes: Sequence[str], title: str, given
 
 
 def _told(found: Boxes, given: Boxes) -> list[str]:
-    told = [_counted(found, "found")] if len(found) or not len(given) else []
-    return [*told, _counted(given, "given")] if len(given) else told
+    counted = [_counted(found, "found")] if len(found) or not len(given) else []
+    return [*counted, _counted(given, "given")] if len(given) else counted
 
 
 def _counted(boxes: Boxes, how: str) -> str:

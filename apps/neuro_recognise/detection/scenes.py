@@ -276,10 +276,10 @@ class Scenes(Lazy[Scene]):
         about = folder / ABOUT
         if not about.is_file() or not _is_ours(about):
             raise ModelError(f"{folder}: no scenes, expected a folder that 'neuro recognise scenes' filled")
-        told = json.loads(about.read_text())
-        self._folder, self._count = folder, int(told["count"])
-        self.classes: tuple[str, ...] = tuple(told["classes"])
-        self.scenery = Scenery.from_words(told["scenery"])
+        facts = json.loads(about.read_text())
+        self._folder, self._count = folder, int(facts["count"])
+        self.classes: tuple[str, ...] = tuple(facts["classes"])
+        self.scenery = Scenery.from_words(facts["scenery"])
         if missing := [k for k in range(self._count) if not _boxes_of(folder, k).is_file()]:
             raise ModelError(
                 f"{folder}: {len(missing)} of {self._count} scenes are missing, the first is {_name(missing[0])}",
@@ -368,7 +368,7 @@ def fold_of(data: Recordings, folds: int, fold: int) -> Ints:
 def _tell(folder: Path, data: Recordings, scenery: Scenery, count: int, seed: int, chosen: Ints) -> None:
     """Write how the scenes are made, or see that those which are there were made so."""
     about = folder / ABOUT
-    told = {
+    facts = {
         "format": FORMAT,
         "scenery": scenery.as_words(),
         "seed": seed,
@@ -380,10 +380,10 @@ def _tell(folder: Path, data: Recordings, scenery: Scenery, count: int, seed: in
     if about.exists() and _is_ours(about) and any(_boxes_of(folder, k).exists() for k in range(count)):
         there = json.loads(about.read_text())
         more = count >= int(there.get("count", 0))  # scenes do not depend on how many there are
-        other = [name for name in told if there.get(name) != told[name] and not (more and name == "count")]
+        other = [name for name in facts if there.get(name) != facts[name] and not (more and name == "count")]
         if other:
             raise ModelError(f"{folder}: has scenes with another {other[0]}", hint="take a new folder")
-    write_text(about, json.dumps(told, indent=1) + "\n", ABOUT_KIND)
+    write_text(about, json.dumps(facts, indent=1) + "\n", ABOUT_KIND)
 
 
 def _write(folder: Path, k: int, scene: Scene, classes: Sequence[str]) -> None:

@@ -50,12 +50,12 @@ class TempotronLayer(Labelled):
         }  # fmt: skip
 
     def begin(self, sim: neuro.Simulation, epoch: int, last: Shares | None) -> None:
-        """Let the step decay, and nobody decide: each neuron is taught by itself."""
+        """Let the step decay, and no neuron decide: each neuron is taught by itself."""
         sim.set("cells", V_th=OUT_OF_REACH)
         sim.set("c1_cells", lambda_=self.step * self.step_decay**epoch)
 
     def decided(self, results: neuro.TrialResults) -> Ints:
-        """The class of the largest potential at the end; nobody fires."""
+        """The class of the largest potential at the end; no neuron fires."""
         found: Ints = results.potential.argmax(axis=1) // self.per_class
         return found
 

@@ -146,7 +146,7 @@ class Framewise(Method):
         if not len(frames):
             raise ModelError("no recording is long enough for a frame: expected some to learn from")
         net = self.layer.network(self.inputs, len(shown.classes))
-        told = self.encoder.learn(frames.codes)
+        codes = self.encoder.learn(frames.codes)
         sim = neuro.compile(net, backend=course.backend, seed=course.seed)
         shares: list[Shares] = []
         if found := course.resume():
@@ -154,11 +154,11 @@ class Framewise(Method):
             restore(sim, found["state"])
         for epoch in range(len(shares), self.epochs):
             self.layer.begin(sim, epoch, shares[-1] if shares else None)
-            shares.append(self._epoch(sim, frames, shown.labels, told, epoch, course))
+            shares.append(self._epoch(sim, frames, shown.labels, codes, epoch, course))
             course.keep(**told_of(shares), state=state_of(sim))
         learnt: dict[str, Array | str] = {name: sim.weights(name) for name in taught(net)}
         learnt |= {"network": to_text(net), **told_of(shares), "seed": np.array(course.seed)}
-        learnt |= told | self.layer.also(sim)
+        learnt |= codes | self.layer.also(sim)
         return {**learnt, **self.afterwards(learnt, shown, course)}
 
     def afterwards(self, learnt: Learnt, shown: Features, course: Course) -> Learnt:
@@ -166,7 +166,7 @@ class Framewise(Method):
         return {}
 
     def _epoch(
-        self, sim: neuro.Simulation, frames: Frames, labels: Ints, told: Learnt, epoch: int, course: Course
+        self, sim: neuro.Simulation, frames: Frames, labels: Ints, codes: Learnt, epoch: int, course: Course
     ) -> Shares:
         """Show all recordings once; return how the frames were decided, NaN where there is no right and wrong."""
         done, right, wrong = 0, 0, 0
@@ -174,7 +174,7 @@ class Framewise(Method):
         for batch in _batches(frames, len(labels), self.order, self.layer.batch, rng):
             self.layer.pace(sim, epoch * len(frames) + done)
             wanted = labels[batch.recording] if self.layer.supervised else None
-            times = self.encoder.times(batch.codes, told)
+            times = self.encoder.times(batch.codes, codes)
             results = sim.trials(
                 times, batch.ids, batch.offsets, labels=wanted, learn=True, samples=batch.recording, epoch=epoch
             )
@@ -251,7 +251,7 @@ class Framewise(Method):
         bounds = self.segmenter.bounds(seen.t)
         results, frames = self.present(self.simulation(learnt), learnt, unlabelled([evidence], tuple(classes)))
         named = [f" for {name}" for name in classes] if self.layer.supervised else [""] * results.potential.shape[1]
-        told = tuple(
+        labels = tuple(
             f"neuron {neuron} wins{named[label]}" if label >= 0 else "none wins"
             for neuron, label in zip(results.winner.tolist(), results.label.tolist(), strict=True)
         )
@@ -259,7 +259,7 @@ class Framewise(Method):
         bands = self.encoder.bands(self.bank.sizes, self.bank.orientations)
         return [
             Pictures("Frame", at_ms, self.representation.pixels(seen, bounds).pictures(self.size)),
-            TrialView("Its spikes", at_ms, self.encoder.window, size, frames.offsets, times, frames.ids, told, bands),
+            TrialView("Its spikes", at_ms, self.encoder.window, size, frames.offsets, times, frames.ids, labels, bands),
         ]
 
     def drawn(self, kernels: Floats) -> Floats:
@@ -297,9 +297,9 @@ def told_of(shares: Sequence[Shares]) -> dict[str, Array]:
     return {"history": np.array([one.right for one in shares]), "mistakes": np.array([one.wrong for one in shares])}
 
 
-def shares_of(told: Mapping[str, Array]) -> list[Shares]:
+def shares_of(learnt: Mapping[str, Array]) -> list[Shares]:
     """What `told_of` was given."""
-    return [Shares(*both) for both in zip(told["history"].tolist(), told["mistakes"].tolist(), strict=True)]
+    return [Shares(*both) for both in zip(learnt["history"].tolist(), learnt["mistakes"].tolist(), strict=True)]
 
 
 def state_of(sim: neuro.Simulation) -> Array:

@@ -142,8 +142,8 @@ def s1_spikes(settings: HFirstSettings, inputs: dict[str, LayerSpikes]) -> dict[
         arrive = 1 + np.rint(heard.times / h).astype(np.int64)
         rows, columns = np.divmod(heard.ids, width)
         held = round(settings.t_ref / h)
-        told = (settings.s1_leak * h, settings.s1_threshold, held, height, width)
-        steps, ids = first_spikes(arrive, rows, columns, bank, *told)
+        numbers = (settings.s1_leak * h, settings.s1_threshold, held, height, width)
+        steps, ids = first_spikes(arrive, rows, columns, bank, *numbers)
         found[layer] = LayerSpikes(steps * h, ids)
     return found
 

@@ -49,7 +49,7 @@ class Hierarchy(Part):
     radius_factor: int = setting(2, "", "radius from layer to layer", CODE, at_least=1)
     tau_factor: float = setting(10.0, "", "time constant from layer to layer", CODE, above=0)
     centres_factor: int = setting(2, "", "prototypes from layer to layer", CODE, at_least=1)
-    polarity: bool = setting(True, "", "whether ON and OFF are told apart", CODE)
+    polarity: bool = setting(True, "", "whether ON and OFF are distinguished", CODE)
     first: str = setting(
         "first", "", "prototypes begin as the first surfaces, or as ones drawn from up to 100 recordings", RATE,
         words=("first", "drawn"),

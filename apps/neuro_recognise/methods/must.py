@@ -95,8 +95,8 @@ class Must(Framewise):
         labels, classes = np.asarray(learnt["labels"]), len(shown.classes)
         named = labels >= 0
         wins, sums = np.zeros((len(shown), classes)), np.zeros((len(shown), classes))
-        told = np.flatnonzero((results.winner >= 0) & named[results.winner])
-        np.add.at(wins, (frames.recording[told], labels[results.winner[told]]), 1.0)
+        decided = np.flatnonzero((results.winner >= 0) & named[results.winner])
+        np.add.at(wins, (frames.recording[decided], labels[results.winner[decided]]), 1.0)
         for label in np.unique(labels[named]):
             np.add.at(sums[:, label], frames.recording, results.potential[:, labels == label].max(axis=1, initial=0.0))
         rate = wins / np.maximum(np.bincount(labels[named], minlength=classes), 1)

@@ -100,8 +100,8 @@ def majority(wins: Floats, sums: Floats) -> Floats:
         (recordings, classes) where no class has won any frame NaN.
     """
     behind = np.argsort(np.argsort(-sums, axis=1, kind="stable"), axis=1)
-    told = wins + 1.0 - (behind + 1.0) / sums.shape[1]
-    return np.where(wins.any(axis=1, keepdims=True), told, np.nan)
+    votes = wins + 1.0 - (behind + 1.0) / sums.shape[1]
+    return np.where(wins.any(axis=1, keepdims=True), votes, np.nan)
 
 
 def potentials(sums: Floats) -> Floats:

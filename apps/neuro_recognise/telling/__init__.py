@@ -1,1 +1,1 @@
-"""What was found, told: lines of a terminal, tables, pictures and pages."""
+"""Output of results: lines of a terminal, tables, pictures and pages."""

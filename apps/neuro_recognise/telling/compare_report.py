@@ -61,12 +61,12 @@ def write(found: Sequence[Compared], plan: MethodComparison, data: str) -> tuple
         The files.
     """
     markdown, page = plan.folder / "table.md", plan.folder / "compare.html"
-    told = _markdown(HEAD, [_row(one, plan) for one in found])
+    text = _markdown(HEAD, [_row(one, plan) for one in found])
     if bills := list(_bills(found)):
-        told += "\nJoules of a recording:\n\n" + _markdown(BILLS, bills)
+        text += "\nJoules of a recording:\n\n" + _markdown(BILLS, bills)
     if unpriced := list(_unpriced(found)):
-        told += "\n" + "".join(f"- {line}\n" for line in unpriced)
-    write_text(markdown, f"<!-- neuro recognise compare -->\n\n{told}", TABLE)
+        text += "\n" + "".join(f"- {line}\n" for line in unpriced)
+    write_text(markdown, f"<!-- neuro recognise compare -->\n\n{text}", TABLE)
     write_text(page, html.page("neuro recognise compare", f"Recognisers on {data}", _parts(found, plan, data)), PAGE)
     return markdown, page
 
@@ -114,8 +114,8 @@ def _row(one: Compared, plan: MethodComparison) -> tuple[str, ...]:
     n = one.of_seeds[0].n
     low, high = wilson(round(one.accuracy * n), n)
     votes = {vote: np.mean([found.accuracy for found in each]) for vote, each in (one.votes or {}).items()}
-    told = ", ".join(f"{vote} {100 * share:.1f}" for vote, share in votes.items())
-    shares = (f"{100 * one.accuracy:.1f}{spread} %", f"{100 * low:.0f} - {100 * high:.0f}", told or "-")
+    text = ", ".join(f"{vote} {100 * share:.1f}" for vote, share in votes.items())
+    shares = (f"{100 * one.accuracy:.1f}{spread} %", f"{100 * low:.0f} - {100 * high:.0f}", text or "-")
     return one.contestant.name, runs, *shares, *(f"{took:.2g}" for took in (one.observe_ms, one.train_s, one.answer_ms))
 
 

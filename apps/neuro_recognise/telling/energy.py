@@ -58,15 +58,15 @@ def counted(priced: Priced) -> dict[str, float]:
     sim, taken = priced.run
     counts = taken.counts
     inputs = [name for name, part in sim.network().populations.items() if isinstance(part.model, neuro.spike_generator)]
-    told = {"frames": len(taken)} if len(taken) else {}
-    told |= {
+    sums = {"frames": len(taken)} if len(taken) else {}
+    sums |= {
         "steps": counts.steps,
         "input_spikes": sum(counts.populations[name].spikes for name in inputs),
         "synaptic_ops": counts.synaptic_ops,
         "neuron_updates": counts.neuron_updates,
         "neuron_updates_active": counts.neuron_updates_active,
     }
-    return {name: count / priced.recordings for name, count in told.items()}
+    return {name: count / priced.recordings for name, count in sums.items()}
 
 
 def notes(priced: Priced) -> list[str]:
@@ -99,8 +99,8 @@ def show(recogniser: Recogniser, tried: Tried, priced: Priced, sources: bool = F
     title = f"energy per recording; {right} by {recogniser.method.called()} on {priced.run[0].backend}"
     rows = [(bill.target, *bill.cells()) for bill in priced.bills.values()]
     rows += [(name, "refused", *["-"] * (len(COLUMNS) - 1)) for name in priced.refused]
-    told = ", ".join(f"{number(count)} {name.replace('_', ' ')}" for name, count in counted(priced).items())
-    typer.echo(f"a recording: {told}\n")
+    text = ", ".join(f"{number(count)} {name.replace('_', ' ')}" for name, count in counted(priced).items())
+    typer.echo(f"a recording: {text}\n")
     refused = (f"{name} refuses the network: {why}" for name, why in priced.refused.items())
     for line in (*refused, *footnotes(priced.bills.values(), sources), *notes(priced)):
         typer.echo(f"- {line}")

@@ -16,6 +16,7 @@ from neuro.program.backend import EngineCounts, Outcome, Sent, Spikes, Trial, Wi
 from neuro.program.currents import Currents
 from neuro.program.drives import Rates
 from neuro.program.program import Floats, Ints, Program, Trials
+from neuro.program.spikes import ListedSpikes, RecordedSpikes
 from neuro.program.together import Engines
 from neuro_event.building import (
     build,
@@ -30,7 +31,6 @@ from neuro_event.building import (
 from neuro_event.host import reading, snapshot
 from neuro_event.host.probes import PotentialPeaks, PreSpikeRecords, StateProbes
 from neuro_event.host.snapshot import ChangedValues
-from neuro_event.host.spikes import ListedSpikes, RecordedSpikes
 from neuro_event.host.threads import Threads
 from neuro_event.host.varying_currents import VaryingCurrents, apply
 from neuro_event.loop import arrivals, histories, moves as move_kernels, steps, tables as t, trial_rules
@@ -50,13 +50,14 @@ class EventEngine:
         self._a = build.build(self._program, self._n_threads, eager, *cut)
         self._step = 0
         self._changes = ChangedValues(self._program)
-        self._record = RecordedSpikes(self._program, self._a.places)
+        self._record = RecordedSpikes()
         self._currents = Currents(self._program)
         self._drives = VaryingCurrents(self._program, self._currents, self._a, self._parameter)
         self._rates = Rates(self._program)
         self._steady = not any(p.kind == "current" or p.schedule is not None for p in self._program.populations)
-        self._threads = Threads(self._a.net["edges"].shape[1] - 1)
-        self._listed = ListedSpikes(self._a)
+        n_threads = self._a.net["edges"].shape[1] - 1
+        self._threads = Threads(n_threads)
+        self._listed = ListedSpikes(self._program, self._a.net, [place.begin for place in self._a.places], n_threads)
         self._samples, self._notes = StateProbes(self._a), PreSpikeRecords(self._a)
         self._stops = bool(self._samples.probes or self._notes)
         self._trial_start = 0
@@ -109,7 +110,7 @@ class EventEngine:
                 self._view, first, last + 1, self._a.longest_slice, self._a.reach, self._program.resolution
             )
             if reached <= last:
-                self._record.drain(self._a.net)
+                self._drain()
                 if reached == first and steps.has_room(self._view, first, 1, self._a.reach) < 1:
                     self._grow_log()
             elif self._stops:
@@ -157,15 +158,24 @@ class EventEngine:
 
     def spikes(self, population: int, since: int) -> Spikes:
         """Recorded spikes with step > since."""
-        self._record.drain(self._a.net)
-        return self._record.spikes(population, since)
+        self._drain()
+        place = self._a.places[population]
+        return self._record.spikes(place.begin, place.end, since, None if place.inside is None else place.outside)
+
+    def _drain(self) -> None:
+        """Move recorded spikes out of the loop's buffers."""
+        names, filled = ("rec_steps", "rec_ids", "rec_counts"), self._a.net["rec_at"][:, 0]
+        steps, ids, counts = (self._a.net[name] for name in names)
+        self._record.take((steps[k, :n], ids[k, :n], counts[k, :n]) for k, n in enumerate(filled.tolist()))
+        filled[:] = 0
 
     def forget(self, before: int) -> None:
         """Drop recorded spikes with step <= before."""
         if before >= self._step:
-            self._record.clear(self._a.net)
+            self._a.net["rec_at"][:, 0] = 0
+            self._record = RecordedSpikes()
             return
-        self._record.drain(self._a.net)
+        self._drain()
         self._record.forget(before)
 
     def noted(self, probe: int) -> Sent:
@@ -223,7 +233,7 @@ class EventEngine:
                 self._view, spec.group, step, end, spec.stop_at_decision, self._a.reach, self._program.resolution
             )
             if reached == step:
-                self._record.drain(self._a.net)
+                self._drain()
                 if steps.has_room(self._view, step, 1, self._a.reach) < 1:
                     self._grow_log()
             elif peaks is not None:
@@ -542,7 +552,7 @@ class EventEngine:
 
     def snapshot(self) -> dict[str, NDArray[Any]]:
         """Everything that `restore` needs to continue bit for bit."""
-        self._record.drain(self._a.net)
+        self._drain()
         generators.settle(self._a)
         return {
             **snapshot.snapshot(self._a),

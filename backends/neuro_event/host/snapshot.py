@@ -148,10 +148,10 @@ class ChangedValues:
 
     def snapshot(self) -> dict[str, NDArray[Any]]:
         """Everything that `restore` needs."""
-        told = {f"told.{k}.{word}": values.copy() for (k, word), values in self.given.items()}
+        arrays = {f"given.{k}.{word}": values.copy() for (k, word), values in self.given.items()}
         for part, held in (("rule", self.rules), ("changed", self.rows), ("kept", self.kept)):
-            told |= {f"{part}.{index}": values.copy() for index, values in held.items()}
-        return told
+            arrays |= {f"{part}.{index}": values.copy() for index, values in held.items()}
+        return arrays
 
     def restore(self, arrays: Mapping[str, NDArray[Any]]) -> None:
         """Take over what a snapshot has."""
@@ -160,6 +160,6 @@ class ChangedValues:
             part, _, rest = name.partition(".")
             if part in held:
                 held[part][int(rest)] = value.copy()
-            elif part == "told":
+            elif part == "given":
                 k, _, word = rest.partition(".")
                 self.given[int(k), word] = value.copy()

@@ -85,7 +85,7 @@ def list_spikes(view, thread, pop, step, at, done, h):
 
 @kernel
 def wake_emitting(mean, awake, busy, first, last, step):
-    """Let the blocks first:last with a rate above 0 be awake and the others sleep; `busy` tells since when."""
+    """Let the blocks first:last with a rate above 0 be awake and the others sleep; `busy` holds since when."""
     for block in range(first, last):
         if awake[block] == 1:
             busy[block] = step
@@ -148,7 +148,7 @@ def draw_some(view, thread, row, base, lo, hi, counts):
         m = np.uint32(counts[k])
         tally[k] += m + (_EVENT if m > 0 else np.uint32(0))
         full |= tally[k]
-    # Four bytes a neuron and step in place of sixteen; one test for all tells of an overflow.
+    # Four bytes a neuron and step in place of sixteen; one test for all finds an overflow.
     if full & _FULL:
         settle_tally(tally, net.events[begin:end], net.spikes[begin:end])
 

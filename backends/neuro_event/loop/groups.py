@@ -170,7 +170,7 @@ def win(view, row, i, step):
             place = row[t.BEGIN] + (near_r * columns + near_c) * local[t.NEXT_PLACE]
             silence(view, row, group, place, place + local[t.LOCAL_MAPS] * local[t.NEXT_MAP], local[t.NEXT_MAP])
     net.map_wins[group, m] += 1
-    # Tested for equality: once a map is full nobody of it can win again, so the count goes no further.
+    # Tested for equality: once a map is full none of it can win again, so the count goes no further.
     if net.map_wins[group, m] == local[t.PER_MAP]:
         place = row[t.BEGIN] + m * local[t.NEXT_MAP]
         silence(view, row, group, place, place + rows * columns * local[t.NEXT_PLACE], local[t.NEXT_PLACE])
@@ -208,7 +208,7 @@ def settle_locally(view, thread, pop, row, n, step, at, done, h):
 
 @subkernel
 def open_groups(view):
-    """Nobody has won: all but those that are left out of a trial may fire."""
+    """No neuron has won: all but those that are left out of a trial may fire."""
     net = net_of(view)
     net.closed[:] = 0
     net.map_wins[:] = 0

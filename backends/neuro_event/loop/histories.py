@@ -133,7 +133,7 @@ def keep_others(net, p, pop, local, n, step, h):
 
 @kernel
 def post_spike(view, pop, thread, local, m, step, done, h):
-    """Enter a spike of multiplicity m into a neuron's history; first drop what nobody needs if that is full."""
+    """Enter a spike of multiplicity m into a neuron's history; first drop what is not needed if that is full."""
     net, p = net_of(view), plastic_of(view)
     past = p.past[net.pops[pop, t.HISTORY] + local]
     n = past[ENTRIES]

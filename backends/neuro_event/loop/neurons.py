@@ -169,10 +169,10 @@ def step_neurons(view, thread, pop, step, at, done, h, n_all, slots, blocks):
     if first == last:  # the last group of blocks may be of another thread
         return n_found, at
     for word in range(first // t.GROUPED, (last + t.GROUPED - 1) // t.GROUPED):
-        # One 64-bit word tells of eight blocks: silent networks skip 512 neurons at a time.
+        # One 64-bit word covers eight blocks: silent networks skip 512 neurons at a time.
         if net.awake_groups[word] == 0 and net.due_groups[thread, slot // t.GROUPED + word] == 0:
             continue
-        # A population begins at a new group of 8 blocks, so that a word never tells of two populations.
+        # A population begins at a new group of 8 blocks, so that a word never covers two populations.
         begin, end = word * t.GROUPED, min((word + 1) * t.GROUPED, last)
         step_word_of_blocks(view, thread, pop, begin, end, slot, step, h, n_all)
         for block in range(begin, end):
@@ -196,7 +196,7 @@ def step_neurons(view, thread, pop, step, at, done, h, n_all, slots, blocks):
                         at = emit(view, thread, pop, i, m, step, done, h, at)
                         active += not came
                     elif net.muted[i] == 0 and net.closed[row[t.GROUP]] == 0:
-                        # Of a group nobody fires yet: `settle` compares all of its candidates when the population is
+                        # Of a group none fires yet: `settle` compares all of its candidates when the population is
                         # stepped.
                         net.found[thread, n_found] = i
                         net.found_arrived[thread, n_found] = came

@@ -344,7 +344,7 @@ def run_trial(view, group, first, last, at_decision, reach, h):
 
 @kernel
 def end_trial(view, pop, group, end, h):
-    """Weigh the maps without a decision, let all neurons fire that nobody silenced, and finish step `end`."""
+    """Weigh the maps without a decision, let all neurons fire that are not silenced, and finish step `end`."""
     net = net_of(view)
     row = net.pops[pop]
     if net.groups[group, t.WINNER] < 0 or net.local[group, t.RADIUS] >= 0:

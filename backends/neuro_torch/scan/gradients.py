@@ -19,7 +19,7 @@ Backward = Callable[..., Any]
 
 
 def once(backward: Backward) -> Backward:
-    """A `backward` whose gradients are numbers; whoever asks for a gradient of them is told.
+    """A `backward` whose gradients are numbers; asking for a gradient of them is an error.
 
     torch's `once_differentiable` is silent where what comes in has no gradient, as that of a sum.
     """

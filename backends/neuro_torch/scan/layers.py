@@ -275,7 +275,7 @@ class ScanTask:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Plan:
-    """How a network runs; `str` tells it.
+    """How a network runs; `str` shows it.
 
     Attributes:
         parts: what is scanned, in order; none where everything is stepped.

@@ -114,11 +114,11 @@ def native(part: Population) -> FixedPopulation:
 def native_projection(inputs: Inputs, index: int) -> tuple[FixedProjection, list[Problem]]:
     """A projection onto a `loihi_lif`: its weights are mantissas."""
     part = inputs.program.projections[index]
-    told = part.synapse.parameters()
+    numbers = part.synapse.parameters()
     exponent, bits, mode = (
-        told.get("weight_exp", 0),
-        told.get("num_weight_bits", 8),
-        told.get("sign_mode", "mixed"),
+        numbers.get("weight_exp", 0),
+        numbers.get("num_weight_bits", 8),
+        numbers.get("sign_mode", "mixed"),
     )
     low, high, _ = bounds(mode, bits)
     first, last, _ = bounds(mode)
@@ -173,7 +173,7 @@ def relay_projection(inputs: Inputs, index: int) -> FixedProjection:
 
 
 def lossless(fixed: FixedProjection) -> str:
-    """How mantissas that are set by hand lose nothing to the shift of the exponent and to the bits of the memory."""
+    """How mantissas that a user sets lose nothing to the shift of the exponent and to the bits of the memory."""
     grain = max(grain_of(fixed.bits, fixed.sign_mode == "mixed"), 2 ** max(0, -fixed.exponent))
     ways = [f"use mantissas that are multiples of {grain}"] if grain <= fixed.high else []
     ways += ["use a larger weight_exp"] if fixed.exponent < 0 else []
@@ -394,7 +394,7 @@ def population(inputs: Inputs, options: Options) -> tuple[FixedPopulation, dict[
 
     Args:
         inputs: the population and what arrives at it.
-        options: scales set by hand.
+        options: scales that a user sets.
     """
     part = inputs.part
     d, problems = described(inputs), lacking(inputs)
@@ -578,7 +578,7 @@ def _input(inputs: Inputs) -> Iterator[Problem]:
 
 
 def overflows(part: Population, d: Described, volt: float) -> Iterator[Problem]:
-    """Registers that a scale overflows: one set by hand, or one kept while parameters change."""
+    """Registers that a scale overflows: one that a user set, or one kept while parameters change."""
     for what, largest, limit, name in (
         ("V_th - E_L", float(d.distance.max()) / 64.0, VTH_LIMIT, "the 17-bit threshold register"),
         ("the constant current", float(d.drive.max()), BIAS_LARGEST, "the bias register, 4095 x 2^7,"),

@@ -233,7 +233,7 @@ def _dopamine(p: stdp_dopa, h: float, tau_minus: float, scale: float, largest_n:
         (p.tau_plus / h, tau_minus / h),
         "stdp_dopa.A_plus",
     )
-    fade, told = fading(p.tau_c / h)
+    fade, factor = fading(p.tau_c / h)
     every = max(0, min(LARGEST_U, math.floor(math.log2(max(1.0, min(p.tau_c, p.tau_n) / h / 8)))))
     gain = 2.0**every * h / one / scale  # mantissas in one application, of one tag unit at n = 1/ms
     if p.dopamine is None:
@@ -255,7 +255,7 @@ def _dopamine(p: stdp_dopa, h: float, tau_minus: float, scale: float, largest_n:
     keep = Trace.exponential(0, p.tau_n / h)
     traces |= {"r1": Trace(fit.impulse, keep.numerator, KEEP), "r2": keep}
     notes += (
-        told,
+        factor,
         f"n is r1 - r2 in units of {n_scale:.4g} 1/ms, 7 bits each; b = {p.b:g} is {baseline * n_scale:.4g}",
         f"the eligibility is a 9-bit tag, {one:.4g} for each of its units; beyond {255 / one:.4g} it saturates",
         f"the weight moves by c (n - b) of every {2**every}th step, cut towards 0 to 2^-7 of a mantissa",
@@ -396,14 +396,14 @@ def _mapped(program: Program, index: int, wires: FixedProjection, options: Optio
         ModelError: there is none.
     """
     part = program.projections[index]
-    told = part.synapse.parameters()
+    numbers = part.synapse.parameters()
     tau_minus = program.populations[part.target].parameters["tau_minus"]
     if wires.step.size > 1 or tau_minus.size > 1:
         raise ModelError("the target's neurons differ: a rule is one for the whole projection")
     if wires.sign_mode != "excitatory":
         raise ModelError(
             f"weights in sign mode {wires.sign_mode}: expected Wmin >= 0 and weights >= 0",
-            hint="set Wmin: 0" if "Wmin" in told else "backend 'event' runs it",
+            hint="set Wmin: 0" if "Wmin" in numbers else "backend 'event' runs it",
         )
     return rule_of(
         part.synapse,
@@ -412,5 +412,5 @@ def _mapped(program: Program, index: int, wires: FixedProjection, options: Optio
         float(wires.step[0]),
         wires.bits,
         delay=int(part.delay.max(initial=1)),
-        largest_n=float(options.of("signals", part.name) or LARGEST_SIGNAL / told.get("tau_n", 1.0)),
+        largest_n=float(options.of("signals", part.name) or LARGEST_SIGNAL / numbers.get("tau_n", 1.0)),
     )

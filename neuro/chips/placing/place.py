@@ -204,7 +204,7 @@ def exceeded(program: Program, chip: Chip, into: Incoming, split: Split, chips: 
     """All that does not fit, at once; delays only where the arithmetic is not emulated, as quantising tells them else.
 
     Args:
-        program: tells names and places in the description.
+        program: has the names and places in the description.
         chip: has the limits; `chips` among them is the size of the largest machine.
         into: all synapses.
         split: the cores; a neuron that fits on none has one of its own.
@@ -242,7 +242,7 @@ def too_late(program: Program, chip: Chip) -> Iterator[Problem]:
 def _too_much(
     program: Program, chip: Chip, split: Split, kind: str, need: Ints, limit: int | None, into: Incoming
 ) -> Iterator[Problem]:
-    """Neurons that are beyond a limit although they are alone on their core, told once for a population."""
+    """Neurons that are beyond a limit although they are alone on their core, reported once for a population."""
     if limit is None:
         return
     alone: dict[int, list[tuple[int, int]]] = {}
@@ -271,7 +271,7 @@ def _reason(kind: str, chip: Chip, need: int, limit: int, synapses: int) -> tupl
 
 
 def _too_large(program: Program, chip: Chip, split: Split, chips: int) -> Iterator[Problem]:
-    """More chips than the largest machine has, told of the population that takes most cores."""
+    """More chips than the largest machine has, reported for the population that takes most cores."""
     most = chip.limit("chips")
     if most is None or chips <= most:
         return

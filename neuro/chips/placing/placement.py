@@ -248,8 +248,8 @@ class Placement:
     def _refusals(self) -> list[str]:
         if not self.problems:
             return []
-        told = [f"  {p.what}: {p.why}" + (f"\n    hint: {p.way_out}" if p.way_out else "") for p in self.problems]
-        return ["", "does not fit:", *told]
+        lines = [f"  {p.what}: {p.why}" + (f"\n    hint: {p.way_out}" if p.way_out else "") for p in self.problems]
+        return ["", "does not fit:", *lines]
 
 
 _WAYS = ("cores", "local", "east_west", "north_south", "chip")

@@ -72,7 +72,7 @@ def split(
     keep all within the limits of memory and axons in, synapses need not be looked at neuron by neuron.
 
     Args:
-        program: tells the populations.
+        program: has the populations.
         chip: has the limits.
         into: all synapses.
         order: of the populations.

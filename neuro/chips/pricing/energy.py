@@ -269,7 +269,7 @@ class Energy:
         for item in self.items:
             if item.spread:
                 spreads.setdefault(item.spread, {})[item.what] = None
-        return self.notes + marked + tuple(f"range of {', '.join(names)}: {told}" for told, names in spreads.items())
+        return self.notes + marked + tuple(f"range of {', '.join(names)}: {text}" for text, names in spreads.items())
 
     def _head(self) -> str:
         parts = [f"{number(self.steps)} steps"]

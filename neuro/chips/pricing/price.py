@@ -204,12 +204,12 @@ def why_extrapolated(figure: Figure, run: Run) -> str:
     """Why a figure is not known to hold for a run, "" if it does."""
     if figure.guess:
         return figure.guess
-    told = [
+    reasons = [
         f"{name} {_told(run[name], name)}, published for {_span(figure.holds[name], name)}"
         for name in CONDITIONS
         if name in figure.holds and name in run and not _within(run[name], figure.holds[name])
     ]
-    return "; ".join(told)
+    return "; ".join(reasons)
 
 
 def range_of(figure: Figure, run: Run) -> Range:
@@ -285,7 +285,7 @@ def check_costs(chip: Chip) -> None:
 
 
 def check_fits(program: Program, placement: Placement, chip: Chip) -> None:
-    """Refuse a placement in which something does not fit, or a delay beyond the chip's register; all of it is told."""
+    """Refuse a placement in which something does not fit, or a delay beyond the chip's register; reports all."""
     problems = dict.fromkeys((*placement.problems, *too_late(program, chip)))
     refused = tuple(problem.error() for problem in problems if problem.refused)
     if refused:

@@ -21,7 +21,7 @@ from neuro.program.program import Floats, Ints, Population, Program, Projection
 
 @dataclass(frozen=True, slots=True)
 class Options:
-    """What a user has set by hand; a family's `neuro.chips.arithmetic.Option` says what there is.
+    """What a user has set; a family's `neuro.chips.arithmetic.Option` says what there is.
 
     Attributes:
         values: by option, then by part, e.g. {"scales": {"exc": 50000.0}}.

@@ -1,7 +1,7 @@
 """From a float program to a chip's integers, with a report of what that changes.
 
 Nothing is changed in silence: what the chip cannot do is refused, what it does otherwise is approximated, and a
-rounding is told where it exceeds a limit below. All problems of a program are found at once.
+rounding is reported where it exceeds a limit below. All problems of a program are found at once.
 """
 
 from __future__ import annotations
@@ -48,7 +48,7 @@ def quantise(program: Program, chip: Chip, **options: Any) -> FixedProgram:
     Args:
         program: what was compiled.
         chip: one with an arithmetic.
-        options: scales and such that are set by hand, by part; `neuro.chips.arithmetic.Option` tells which there are.
+        options: scales and such that a user sets, by part; `neuro.chips.arithmetic.Option` lists them.
 
     Returns:
         registers, words and delays; `problems` tells what is refused or approximated, all at once.
@@ -315,7 +315,7 @@ def _stands_for(part: Population) -> Population:
 
 @dataclass(frozen=True, slots=True)
 class Limit:
-    """Above which share an error is told.
+    """Above which share an error is reported.
 
     Attributes:
         share: the largest error without a warning.
@@ -352,7 +352,7 @@ LIMITS = {
         "use a finer resolution or several generators of a lower rate",
     ),
 }
-"""Errors above which rounding is told as an approximation: of weights, time constants, potentials and spikes."""
+"""Errors above which rounding is reported as an approximation: of weights, time constants, potentials and spikes."""
 
 
 def losses(
@@ -394,5 +394,5 @@ def merged(program: Program, arithmetic: Arithmetic) -> Iterator[Problem]:
         share = 1.0 - -np.expm1(-mean) / mean if mean > 0.0 else 0.0
         if share > limit.share:
             why = f"{share:.1%} {limit.text}, since a spike on {arithmetic.title} is one bit"
-            why += "; counts().native tells how many"
+            why += "; counts().native has how many"
             yield approximated(part, part.model.name, why, limit.way_out)

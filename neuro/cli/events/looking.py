@@ -40,11 +40,11 @@ Json = Annotated[bool, typer.Option("--json", help="Print JSON instead of a tabl
 def info(file: File, from_format: From = None, sensor: Sensor = None, as_json: Json = False) -> None:
     """Tell what a recording is: format, sensor, counts, rates, gaps, hot pixels, other streams; or a data set."""
     if file.is_dir() or file.suffix.lower() == ".zip":
-        told, rows = _of_dataset(file)
+        facts, rows = _of_dataset(file)
     else:
-        told, rows = _of_recording(file, from_format, sensor)
+        facts, rows = _of_recording(file, from_format, sensor)
     if as_json:
-        typer.echo(json.dumps(told, indent=2, default=str))
+        typer.echo(json.dumps(facts, indent=2, default=str))
         return
     width = max(len(name) for name, _ in rows)
     for name, value in rows:
@@ -64,7 +64,7 @@ def _of_recording(file: Path, from_format: str | None, sensor: Any) -> Told:
     if from_format in (None, "event_stream", "es") and begins_generic(source):
         return of_generic(source, str(name or source))
     try:
-        with going("nothing is told") as bar:
+        with going("nothing is reported") as bar:
             found = look(source, format=from_format, sensor_size=sensor, name=name, report=events_so_far(bar))
     except EventFileError:
         if file.suffix.lower() not in (".h5", ".hdf5"):
@@ -84,7 +84,7 @@ def _rows(found: Info) -> list[tuple[str, str]]:
     rows = [("file", f"{found.path}{size}"), ("format", found.title)]
     if found.untested:
         rows.append(("", f"untested on a real file: {found.untested}"))
-    rows.append(("sensor", f"{width}x{height}" + ("" if found.sensor_told else ", not told by the file")))
+    rows.append(("sensor", f"{width}x{height}" + ("" if found.sensor_told else ", not stated by the file")))
     rows.append(("events", f"{found.events:,}"))
     if found.events:
         rows += _counts(found, width * height)
@@ -107,9 +107,9 @@ def _counts(found: Info, pixels: int) -> list[tuple[str, str]]:
     if found.active_pixels is None:
         return [*rows, ("pixels", f"not counted, since there are {pixels:,}")]
     rows.append(("pixels", f"{found.active_pixels:,} of {pixels:,} have events"))
-    told = ", ".join(f"({x}, {y}): {n:,}" for x, y, n in found.hot) or "none"
+    hot = ", ".join(f"({x}, {y}): {n:,}" for x, y, n in found.hot) or "none"
     more = found.hot_pixels - len(found.hot)
-    rows.append(("hot pixels", told + (f" and {more} more" if more > 0 else "")))
+    rows.append(("hot pixels", hot + (f" and {more} more" if more > 0 else "")))
     return rows
 
 
@@ -169,7 +169,7 @@ def of_generic(source: Given, name: str) -> tuple[dict[str, Any], list[tuple[str
         events = generic(source, name=name, strict=False)
     sizes = [len(content) for _, content in events]
     start, stop = (events[0][0], events[-1][0]) if events else (None, None)
-    told: dict[str, Any] = {
+    facts: dict[str, Any] = {
         "path": name, "format": "event_stream", "type": "generic", "events": len(events), "start_us": start,
         "stop_us": stop, "smallest_bytes": min(sizes, default=None), "largest_bytes": max(sizes, default=None),
         "total_bytes": sum(sizes), "damage": [str(one.message).removeprefix(f"{name}: ") for one in damage],
@@ -181,7 +181,7 @@ def of_generic(source: Given, name: str) -> tuple[dict[str, Any], list[tuple[str
         rows.append(("time", f"{start} to {stop} us, {seconds} s"))
         rows.append(("bytes", f"{min(sizes):,} to {max(sizes):,} an event, {sum(sizes):,} in all"))
         rows.append(("first", _shown(events[0][1])))
-    return told, rows + [("damage", text) for text in told["damage"]]
+    return facts, rows + [("damage", text) for text in facts["damage"]]
 
 
 def _shown(content: bytes) -> str:

@@ -42,7 +42,7 @@ def convert(
     lenient: Lenient = False,
     force: Force = False,
 ) -> None:
-    """Write a recording in another format, which the ending of OUT tells."""
+    """Write a recording in another format, chosen by the ending of OUT."""
     from neuro.events.convert import convert as write
     from neuro.events.files import RECORDING
 

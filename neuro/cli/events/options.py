@@ -99,7 +99,7 @@ def chosen(text: str, registry: Mapping[str, Any], what: str, hint: str) -> tupl
     for key in values:
         if key not in known:
             raise unknown(f"parameter of {what} '{name}'", str(key), known)
-    if any(told.split()[0] == key and key not in values for key, told in known.items()):
+    if any(word.split()[0] == key and key not in values for key, word in known.items()):
         raise typer.BadParameter(f"'{text}': expected all of {', '.join(known.values())}", param_hint=hint)
     return registry[name], {key: number(value) for key, value in values.items()}
 
@@ -112,8 +112,8 @@ def parameters_of(part: Any) -> dict[str, str]:
     units = {f.name: f.metadata["quantity"].unit for f in own if "quantity" in f.metadata}
     units |= dict(getattr(part, "units", {}))
     _, *others = inspect.signature(part).parameters.values()
-    told = {p.name: p.name if p.default is p.empty else f"{p.name}={p.default}" for p in others}
-    return {name: f"{text} {units.get(name, '')}".rstrip() for name, text in told.items() if name not in _OF_PROGRAMS}
+    words = {p.name: p.name if p.default is p.empty else f"{p.name}={p.default}" for p in others}
+    return {name: f"{text} {units.get(name, '')}".rstrip() for name, text in words.items() if name not in _OF_PROGRAMS}
 
 
 _OF_PROGRAMS = ("segments", "as_torch", "dtype")

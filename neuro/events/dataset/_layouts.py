@@ -170,7 +170,7 @@ class LayoutItem:
         file: in which it lies.
         label: name of its class.
         span_us: its first us and the one after its last; None: the whole file.
-        part: to which it belongs, in lower case, where a list tells it.
+        part: to which it belongs, in lower case, where a list states it.
     """
 
     name: str

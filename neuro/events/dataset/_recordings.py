@@ -39,7 +39,7 @@ class Sample(Protocol):
     Attributes:
         name: of the recording within its data set.
         path: the data set with the name behind it, for messages.
-        label: index of its class, `UNKNOWN` where nothing tells it.
+        label: index of its class, `UNKNOWN` where it is unknown.
     """
 
     @property
@@ -59,7 +59,7 @@ class Sample(Protocol):
         """
 
     def sensor(self) -> tuple[tuple[int, int], bool]:
-        """Width and height, px, and whether the file or its format tells them; if not, they are those that hold all.
+        """Width and height, px, and whether the file or its format states them; if not, they are those that hold all.
 
         Raises:
             EventFileError: the file is damaged.
@@ -73,7 +73,7 @@ class Recording:
     Attributes:
         name: path inside the folder or zip, with ``/``; of a part of a file, with ``#`` and its number.
         path: the folder or zip with the name behind it, for messages.
-        label: index of its class in `Recordings.classes`; `neuro.events.dataset.UNKNOWN`, -1, where nothing tells it.
+        label: index of its class in `Recordings.classes`; `neuro.events.dataset.UNKNOWN`, -1, where it is unknown.
         read: gives the bytes of the file.
         span_us: of a file with several recordings, the first us of this one and the one after its last.
         sensor_size: width and height that its data set is known for, px.
@@ -101,8 +101,8 @@ class Recording:
         if self.sensor_size is not None:
             return self.sensor_size, True
         with opened(self.read(), None, self.path) as file:
-            if told := file.sensor_size:
-                return told, True
+            if stated := file.sensor_size:
+                return stated, True
             size = file.scanned(WHOLE)
             return size, size in (file.format.usual, *file.format.larger)
 
@@ -143,7 +143,7 @@ class Recordings(Sequence[Sample]):
 
     @property
     def labels(self) -> Ints:
-        """(recordings,) int64, the label of each; `neuro.events.dataset.UNKNOWN`, -1, where nothing tells the class."""
+        """(recordings,) int64, the label of each; `neuro.events.dataset.UNKNOWN`, -1, where the class is unknown."""
         return np.array([item.label for item in self], np.int64)
 
     def take(self, indices: npt.ArrayLike) -> Recordings:
@@ -201,7 +201,7 @@ class Recordings(Sequence[Sample]):
         """Width and height of the field that holds all recordings, px: the largest that any has.
 
         Files that tell their sensor are opened for it, others read. A warning says where sensors differ, and where
-        none is told: then the field is what events reach, and other recordings of the same camera may not fit.
+        none is stated: then the field is what events reach, and other recordings of the same camera may not fit.
 
         Args:
             setting: what users set to have another, as the warning calls it.
@@ -237,8 +237,8 @@ class Recordings(Sequence[Sample]):
 
 
 def _doubt(found: Sequence[tuple[tuple[int, int], bool, str]]) -> str:
-    """Why the largest sensor may not be what was recorded with; sizes, whether they are told, and names."""
-    untold = [name for _, told, name in found if not told]
+    """Why the largest sensor may not be what was recorded with; sizes, whether they are stated, and names."""
+    untold = [name for _, stated, name in found if not stated]
     if untold:
         return f"{len(untold)} of {len(found)} recordings do not tell their sensor, such as {untold[0]}"
     names = {size: name for size, _, name in reversed(found)}
@@ -268,7 +268,7 @@ def recordings(
     a file is the name of the folder it lies in, at any depth (``Train/<digit>/<index>.bin``), and files without class
     folders need a ``MANIFEST.csv`` beside them with the columns file, label, class. An HDF5 file has
     ``/<class>/<sample>``, as `neuro.events.Dataset.to_hdf5` and ``neuro events tohdf5`` write it. Files may be of any
-    format that `neuro.events.load` reads, also of several. A single recording has the class that ``label`` tells.
+    format that `neuro.events.load` reads, also of several. A single recording has the class of ``label``.
 
     Args:
         path: the folder, zip, HDF5 file or recording.
@@ -282,7 +282,7 @@ def recordings(
         label: name of the class of a single recording; None: its label is -1, `neuro.events.dataset.UNKNOWN`.
 
     Returns:
-        The recordings, sorted by name (numbers by value). None is read yet, so that a damaged one is told when it is
+        The recordings, sorted by name (numbers by value). None is read yet, so a damaged one is reported when it is
         loaded, by an `EventFileError` with its path.
 
     Raises:

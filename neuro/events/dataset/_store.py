@@ -285,13 +285,13 @@ def _loaded(job: ConversionJob, sample: Any) -> tuple[Any, str]:
             if job.damaged == "stop":
                 raise
             return None, _told(error)
-    with warnings.catch_warnings(record=True) as told:
+    with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always", EventFileWarning)
         try:
             events = sample.load(sensor_size=job.sensor_size, strict=False)
         except EventFileError as error:
             return None, _told(error)
-    return events, "; ".join(str(one.message).removeprefix(f"{sample.path}: ") for one in told)
+    return events, "; ".join(str(one.message).removeprefix(f"{sample.path}: ") for one in caught)
 
 
 def _told(error: EventFileError) -> str:

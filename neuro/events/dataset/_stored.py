@@ -112,7 +112,7 @@ class StoredSample:
         return repr(events.sensor_size).encode() + events.records().tobytes()
 
     def sensor(self) -> tuple[tuple[int, int], bool]:
-        """Width and height, and whether they are told; see `Sample`."""
+        """Width and height, and whether they are stated; see `Sample`."""
         from neuro.events.formats.hdf5 import sample_size
 
         with self._told():
@@ -137,7 +137,7 @@ def stored_samples(path: str, classes: Sequence[str] | None = None) -> tuple[tup
 
     Args:
         path: the HDF5 file.
-        classes: names in the order of their labels; None takes those that the file tells, else its groups by name.
+        classes: names in the order of their labels; None takes those that the file states, else its groups by name.
 
     Raises:
         EventFileError: it has no samples, or a class that ``classes`` lacks.
@@ -212,7 +212,7 @@ def _has_rows(node: Any) -> bool:
 def _named(file: Any, groups: Sequence[str]) -> Sequence[str]:
     text = file.attrs.get(CLASSES)
     try:
-        told = json.loads(text) if isinstance(text, str) else groups
+        names = json.loads(text) if isinstance(text, str) else groups
     except ValueError:
-        told = groups
-    return told if isinstance(told, list) and set(groups) <= set(told) else groups
+        names = groups
+    return names if isinstance(names, list) and set(groups) <= set(names) else groups

@@ -184,9 +184,9 @@ def complete(kind: type[Filter]) -> type[Filter]:
     """Return a kind of filter if it can be made with its parameters, and raise `TypeError` if not."""
     if missing := sorted(kind.__abstractmethods__):
         raise TypeError(f"filter '{kind.called()}' has no method '{missing[0]}'")
-    told = {one.name for one in fields(kind)}
+    known = {one.name for one in fields(kind)}
     own = (name for name, what in get_annotations(kind).items() if "ClassVar" not in str(what))
-    if lost := [name for name in own if name not in told]:
+    if lost := [name for name in own if name not in known]:
         above = "expected @dataclass(frozen=True, eq=False) above the class"
         raise TypeError(f"filter '{kind.called()}': '{lost[0]}' is no parameter: {above}")
     return kind

@@ -43,7 +43,7 @@ class Names:
 
     Attributes:
         t, x, y, p: names as the table has them.
-        unit: power of ten by which a time becomes us, None where the name tells none.
+        unit: power of ten by which a time becomes us, None where the name has none.
     """
 
     t: str

@@ -140,7 +140,7 @@ def vector(t, x, y, p, k, start):
 
 @subkernel
 def tell(now, time, words, n):
-    """Words from `n` on that bring a clock (-1: none yet) to a time; a wrap is told by its last and first TIME_HIGH."""
+    """Words from `n` on that bring a clock (-1: none yet) to a time; a wrap shows in its last and first TIME_HIGH."""
     high = now >> 12
     for wrap in range(max(now, 0) >> 24, time >> 24):
         if high != (wrap << 12) | 0xFFF:

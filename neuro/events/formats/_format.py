@@ -81,7 +81,7 @@ class Reader(Protocol):
     A reader of several layouts may have ``untested``, as `Format` has.
 
     Attributes:
-        sensor_size: width and height that the file or the format tells, None where neither does; may raise `Damage`.
+        sensor_size: width and height that the file or the format states, None where neither does; may raise `Damage`.
         metadata: what the file says of itself.
     """
 
@@ -125,7 +125,7 @@ class Format:
             says False and is found by its suffixes.
         open: make a reader; raises `Damage` where the header is damaged.
         write: write pieces of one recording to a path that is new; raises `Unsavable`. None: only read.
-        usual: the sensor where the file tells none and all events fit.
+        usual: the sensor where the file states none and all events fit.
         larger: sensors that are tried after `usual`, in this order.
         inside: as `open`, for one recording of a file with several, by its place: the rest of ``load(...,
             format="hdf5:/davis/left")``; None where files have no places.
@@ -172,7 +172,7 @@ def called(name: str, formats: Iterable[Format]) -> Format | None:
 
 
 HEAD = 4096
-"""Bytes by which formats are told apart."""
+"""Bytes by which formats are recognised."""
 
 
 @dataclass(slots=True)
@@ -280,7 +280,7 @@ def refuse(
         bad: (n,) which events do not fit.
         done: number of events before the part.
         limits: what was expected.
-        outside: (n,) which of them lie at a place for which there is no room; the others do so in time. None: not told.
+        outside: (n,) which of them lie at a place for which there is no room; the others do so in time. None: unknown.
 
     Raises:
         Unsavable: there is one.

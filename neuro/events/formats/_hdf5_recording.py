@@ -90,8 +90,8 @@ class OpenRecording:
         shapes = {dataset.shape for dataset in self.datasets}
         axes = 2 if self.keys and isinstance(self.keys[0], int) else 1
         if len(shapes) != 1 or len(self.datasets[0].shape or ()) != axes:
-            told = ", ".join(f"{dataset.name} {dataset.shape}" for dataset in self.datasets)
-            raise Damage(f"its columns have the shapes {told}, expected one axis and equal lengths", None)
+            listed = ", ".join(f"{dataset.name} {dataset.shape}" for dataset in self.datasets)
+            raise Damage(f"its columns have the shapes {listed}, expected one axis and equal lengths", None)
         for dataset in self.datasets:
             unpackable(dataset)
             believable(dataset)
@@ -199,10 +199,10 @@ def order_of_table(table: Any) -> str:
     if not certain:
         what = "expected t x y p, x y t p or x y p t, with whole coordinates and polarities -1, 0 or 1"
         raise Damage(f"{table.name} has rows such as {rows[0].tolist()}, {what}", None)
-    told = " and ".join(" ".join(one) for one in certain)
+    names = " and ".join(" ".join(one) for one in certain)
     name = f"hdf5:{table.name}:{certain[0]}"
     hint = f"name the order, as in format={name!r} or --from {name}"
-    raise Damage(f"the rows of {table.name} can be {told}: {hint}", None)
+    raise Damage(f"the rows of {table.name} can be {names}: {hint}", None)
 
 
 def unit_of_table(table: Any) -> int | None:
@@ -289,8 +289,8 @@ def _find(file: Any, where: str) -> OpenRecording:
     found = list(_candidates(file))
     found = [node for node in found if node.name == "/CD/events"] or found
     if not found:
-        told = ", ".join(list(file)[:8]) or "nothing"
-        raise Damage(f"has {told}; expected /events/t, x, y, p, rows at /CD/events or /<class>/<sample>", None)
+        members = ", ".join(list(file)[:8]) or "nothing"
+        raise Damage(f"has {members}; expected /events/t, x, y, p, rows at /CD/events or /<class>/<sample>", None)
     if len(found) > 1:
         raise Damage(_several(found), None)
     return _recording(file, found[0], order)
@@ -315,8 +315,8 @@ def _at(file: Any, place: str, order: str) -> OpenRecording:
     elif isinstance(node, h5py.Dataset) and not _rows(node) and not is_table(node):
         raise Damage(f"{node.name} has items of {node.dtype} in shape {node.shape}, expected rows of events", None)
     if node is None or (isinstance(node, h5py.Group) and not _columns(node)):
-        told = ", ".join(one.name for one in islice(_candidates(file), 4))
-        raise Damage(f"has no recording at {place}, expected {told or 'another file: it has none'}", None)
+        names = ", ".join(one.name for one in islice(_candidates(file), 4))
+        raise Damage(f"has no recording at {place}, expected {names or 'another file: it has none'}", None)
     return _recording(file, node, order)
 
 

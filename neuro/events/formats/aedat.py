@@ -224,7 +224,7 @@ _START = re.compile(rb"#Start-Time: *([\x20-\x7e]+)")
 class Aedat3:
     """An open AEDAT 3.1 file.
 
-    ``metadata`` has ``camera`` and ``start``, where told, and, for what was read so far, ``other_events`` and
+    ``metadata`` has ``camera`` and ``start``, where stated, and, for what was read so far, ``other_events`` and
     ``invalid_events``, which are left out.
 
     Lines that begin with ``#``, the last ``#!END-HEADER``, then packets of little-endian numbers: a header of 28 bytes

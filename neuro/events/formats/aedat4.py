@@ -81,8 +81,8 @@ class Aedat4:
         wanted = streams[self._wanted]
         self.sensor_size: Size | None = (wanted["width"], wanted["height"]) if "width" in wanted else None
         self._highest = np.iinfo(np.int16 if self.sensor_size is None else np.uint16).max
-        told = {str(number): stream for number, stream in streams.items()}
-        self.metadata: dict[str, Any] = {"compression": packed, "streams": told}
+        named = {str(number): stream for number, stream in streams.items()}
+        self.metadata: dict[str, Any] = {"compression": packed, "streams": named}
 
     def pieces(self, block: int) -> Iterator[Piece]:
         """The events; see `Reader`."""
@@ -186,13 +186,13 @@ def _streams(info: bytes) -> dict[int, dict[str, Any]]:
 def _stream(node: ElementTree.Element) -> dict[str, Any]:
     kind = node.findtext("./attr[@key='typeIdentifier']", "")
     stream: dict[str, Any] = {"type": TYPES.get(kind, kind)}
-    told = {key: node.findtext(f"./node[@name='info']/attr[@key='{key}']") for key in ("sizeX", "sizeY", "source")}
-    if told["sizeX"] is not None and told["sizeY"] is not None:
-        width, height = int(told["sizeX"]), int(told["sizeY"])
+    sizes = {key: node.findtext(f"./node[@name='info']/attr[@key='{key}']") for key in ("sizeX", "sizeY", "source")}
+    if sizes["sizeX"] is not None and sizes["sizeY"] is not None:
+        width, height = int(sizes["sizeX"]), int(sizes["sizeY"])
         if not (1 <= width <= 1 << 15 and 1 <= height <= 1 << 15):
             raise Malformed(f"its sensor is {width}x{height}, expected 1x1 to 32768x32768")
         stream |= {"width": width, "height": height}
-    return stream | ({"source": told["source"]} if told["source"] else {})
+    return stream | ({"source": sizes["source"]} if sizes["source"] else {})
 
 
 PACKET = 1 << 13

@@ -86,18 +86,18 @@ class Header:
         return Damage(f"header: {key} is {self.fields[key]!r}, expected {what}", self.offsets[key])
 
     def sensor_size(self) -> Size | None:
-        """Width and height that the header tells or its sensor has, None where neither is there.
+        """Width and height that the header states or its sensor has, None where neither is there.
 
         Raises:
-            Damage: the header tells a size that is none.
+            Damage: the header states a size that is none.
         """
         options = self.options
-        told = (
+        sizes = (
             ("geometry", self.fields.get("geometry", "").lower().split("x")),
             ("format", [options[side] for side in ("width", "height") if side in options]),
             ("width", [self.fields[side] for side in ("width", "height") if side in self.fields]),
         )
-        for key, values in told:
+        for key, values in sizes:
             if key in self.fields and values:
                 if len(values) != 2 or not all(v.isdecimal() and 1 <= int(v) <= 1 << 16 for v in values):
                     raise self.damage(key, "a width and a height of 1 to 65536 px")
@@ -248,12 +248,12 @@ class Dat:
 
 
 def _version(header: Header, kind: int) -> int:
-    told = header.fields.get("version")
-    if told is None:
+    version = header.fields.get("version")
+    if version is None:
         return 2 if kind == 0x0C else 1
-    if told not in ("0", "1", "2"):
+    if version not in ("0", "1", "2"):
         raise header.damage("version", "0, 1 or 2")
-    return max(int(told), 1)
+    return max(int(version), 1)
 
 
 def _places(place: int) -> Any:

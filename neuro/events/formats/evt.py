@@ -146,7 +146,7 @@ class Evt(ABC):
                 n = (place + whole.size - start) // self.word
                 raise Damage(f"{rest} bytes left over after {n} words of {self.word} bytes", place + whole.size)
         if decoder.state[OTHER] and not decoder.state[STARTED]:
-            raise Damage(f"no word of {self.title} tells the time of what follows", start)
+            raise Damage(f"no word of {self.title} gives the time of what follows", start)
 
     def _places(self, decoder: Decoder, place: int, data: Bytes) -> Callable[[int], int]:
         return lambda event: place + decoder.find(data, self.word, event)
@@ -169,7 +169,7 @@ class Evt2(Evt):
     0 and 1: an event of this polarity (1 = ON), low bits of its time in bits 22-27, x in bits 11-21, y in bits 0-10.
     8, TIME_HIGH: bits 6-33 of the time of what follows, in bits 0-27.
     10, 14, 15 and other kinds (triggers, the vendor's own) are no events of pixels and are left out, as are events
-    before the first TIME_HIGH, whose time no word tells; ``metadata["other_words"]`` counts them.
+    before the first TIME_HIGH, of unknown time; ``metadata["other_words"]`` counts them.
 
     A recording longer than 2^34 us (4.8 hours) begins again at 0: a TIME_HIGH in the last sixteenth of its range
     followed by one in the first sixteenth is taken for that, and 2^34 us are added from there on.
@@ -379,8 +379,8 @@ def _settled(words: npt.NDArray[np.uint16], vectors: bool) -> bool:
     """
     kinds = words >> 12
     rows = np.flatnonzero(kinds <= OTHER_ROW)
-    told = rows.size > 0 and bool(np.any(kinds == TIME_LOW))
-    return told and (not vectors or bool(np.any(kinds[rows[0] :] == VECT_BASE_X)))
+    settled = rows.size > 0 and bool(np.any(kinds == TIME_LOW))
+    return settled and (not vectors or bool(np.any(kinds[rows[0] :] == VECT_BASE_X)))
 
 
 def write_evt3(parts: Iterator[Events], path: Path) -> None:
@@ -429,11 +429,11 @@ def opened(source: Source) -> Evt21 | Evt3 | Evt2:
         raise header.damage("format" if "format" in header.fields else "evt", "that of EVT 2.0, 2.1 or 3.0")
     data = source.head(header.length + GUESS_BYTES)[header.length :]
     if not data:
-        raise Damage("no words, and no header that tells their coding", header.length)
+        raise Damage("no words, and no header that names their coding", header.length)
     for reads, fits in _GUESSES:
         if fits(data):
             return reads(source)
-    raise Damage("no header tells the coding, and the words are none of EVT 2.0, 2.1 or 3.0", header.length)
+    raise Damage("no header names the coding, and the words are none of EVT 2.0, 2.1 or 3.0", header.length)
 
 
 def _fits21(data: bytes) -> bool:

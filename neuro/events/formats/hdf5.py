@@ -81,12 +81,12 @@ class Hdf5:
 
     @property
     def sensor_size(self) -> Size | None:
-        """Width and height that the file tells, None where it does not.
+        """Width and height that the file states, None where it does not.
 
         Raises:
             Damage: they are impossible, or may be height and width.
         """
-        return next((size for told in self._sizes if (size := size_of(told))), None)
+        return next((size for facts in self._sizes if (size := size_of(facts))), None)
 
     def pieces(self, block: int) -> Iterator[Piece]:
         """The events; see `Reader`."""
@@ -124,15 +124,15 @@ def read_sample(dataset: Any) -> Events:
         raise EventFileError(place, f"has rows of {dataset.dtype}, expected fields ts, x, y, p")
     try:
         (piece,) = recording.pieces(WHOLE)
-        told = attributes(dataset, heaps=False)
-        size = size_of(told) or (int(piece.x.max(initial=0)) + 1, int(piece.y.max(initial=0)) + 1)
-        return Events(piece.t, piece.x, piece.y, piece.p, size, metadata_of(told))
+        facts = attributes(dataset, heaps=False)
+        size = size_of(facts) or (int(piece.x.max(initial=0)) + 1, int(piece.y.max(initial=0)) + 1)
+        return Events(piece.t, piece.x, piece.y, piece.p, size, metadata_of(facts))
     except Damage as damage:
         raise EventFileError(place, damage.what, damage.offset) from None
 
 
 def sample_size(dataset: Any) -> Size | None:
-    """Width and height that a sample tells, None where it does not.
+    """Width and height that a sample states, None where it does not.
 
     Args:
         dataset: as for `read_sample`.
@@ -162,7 +162,7 @@ def heaps_whole(data: Bytes) -> bool:
     So such strings are read only where all heaps of the file are whole. Strings of a fixed length, which this library
     writes, lie elsewhere.
 
-    The sensor is told by ``sensor_size`` or ``geometry`` (width, height), ``width`` and ``height``, or e2vid's
+    The sensor is given by ``sensor_size`` or ``geometry`` (width, height), ``width`` and ``height``, or e2vid's
     ``sensor_resolution``: height, width and perhaps channels, as the shape of an image. Some have written it the other
     way round. So a sensor that stands upright is refused; a file whose events lie off a sensor is refused in any case.
 
@@ -210,20 +210,20 @@ def attributes(node: Any, heaps: bool) -> dict[str, Any]:
     return found
 
 
-def size_of(told: Mapping[str, Any]) -> Size | None:
+def size_of(facts: Mapping[str, Any]) -> Size | None:
     """The sensor that attributes tell, width and height.
 
     Raises:
         Damage: it is impossible, or `sensor_resolution` may be in either order.
     """
-    if "sensor_size" in told:
-        size = np.ravel(told["sensor_size"]).tolist()
-    elif {"width", "height"} <= told.keys():
-        size = [number for key in ("width", "height") for number in np.ravel(told[key]).tolist()[:1]]
-    elif "geometry" in told:
-        size = [int(number) for number in re.findall(r"\d+", str(told["geometry"]))]
-    elif "sensor_resolution" in told:
-        size = _resolution(np.ravel(told["sensor_resolution"]).tolist())
+    if "sensor_size" in facts:
+        size = np.ravel(facts["sensor_size"]).tolist()
+    elif {"width", "height"} <= facts.keys():
+        size = [number for key in ("width", "height") for number in np.ravel(facts[key]).tolist()[:1]]
+    elif "geometry" in facts:
+        size = [int(number) for number in re.findall(r"\d+", str(facts["geometry"]))]
+    elif "sensor_resolution" in facts:
+        size = _resolution(np.ravel(facts["sensor_resolution"]).tolist())
     else:
         return None
     if len(size) != 2 or not all(isinstance(n, int) and 1 <= n <= 65536 for n in size):
@@ -231,22 +231,22 @@ def size_of(told: Mapping[str, Any]) -> Size | None:
     return size[0], size[1]
 
 
-def _resolution(told: list[Any]) -> list[Any]:
+def _resolution(values: list[Any]) -> list[Any]:
     """Width and height of height, width and perhaps channels."""
-    size = [int(n) if isinstance(n, float) and n.is_integer() else n for n in told[1::-1]]
-    if len(told) not in (2, 3) or not all(isinstance(n, int) for n in size):
-        raise Damage(f"sensor_resolution is {told}, expected height and width", None)
+    size = [int(n) if isinstance(n, float) and n.is_integer() else n for n in values[1::-1]]
+    if len(values) not in (2, 3) or not all(isinstance(n, int) for n in size):
+        raise Damage(f"sensor_resolution is {values}, expected height and width", None)
     width, height = size
     if height > width:
         hint = f"give sensor_size=({height}, {width}) or ({width}, {height}), or --sensor WxH"
-        raise Damage(f"sensor_resolution is {told}, height and width or width and height: {hint}", None)
+        raise Damage(f"sensor_resolution is {values}, height and width or width and height: {hint}", None)
     return size
 
 
-def metadata_of(told: Mapping[str, Any]) -> dict[str, Any]:
+def metadata_of(facts: Mapping[str, Any]) -> dict[str, Any]:
     """Attributes as metadata; those that this library wrote as JSON as they were."""
-    text = told.get("metadata", "{}")
-    rest = {key: value for key, value in told.items() if key not in ("sensor_size", "metadata")}
+    text = facts.get("metadata", "{}")
+    rest = {key: value for key, value in facts.items() if key not in ("sensor_size", "metadata")}
     plain = {key: value.tolist() if hasattr(value, "tolist") else value for key, value in rest.items()}
     return plain | (from_json(text) if isinstance(text, str) else {})
 

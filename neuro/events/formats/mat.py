@@ -51,9 +51,9 @@ def open_mat(source: Source) -> Found:
     """
     found = _candidates(source)
     if len(found) > 1:
-        told = ", ".join(name for name, _, _ in found[:4])
+        names = ", ".join(name for name, _, _ in found[:4])
         hint = "neuro.events.formats.mat.samples(path) gives all"
-        raise Damage(f"has {len(found)} recordings ({told}), expected one; {hint}", None)
+        raise Damage(f"has {len(found)} recordings ({names}), expected one; {hint}", None)
     return _recording(*found[0])
 
 
@@ -97,8 +97,8 @@ def _candidates(source: Source) -> list[Candidate]:
         raise Damage(f"no whole MAT file: {' '.join(str(error).split())}", None) from None
     found = [candidate for name, value in _named(known).items() for candidate in _search(name, value, DEPTH)]
     if not found:
-        told = ", ".join(known) or "nothing"
-        raise Damage(f"has {told}; expected vectors t (or ts), x, y and p (or pol), also in a struct", None)
+        names = ", ".join(known) or "nothing"
+        raise Damage(f"has {names}; expected vectors t (or ts), x, y and p (or pol), also in a struct", None)
     return found
 
 
@@ -106,8 +106,8 @@ def _recording(variable: str, columns: Columns, names: Names) -> Found:
     vectors = {key: np.ravel(columns[getattr(names, key)]) for key in "txyp"}
     lengths = {name: vector.size for name, vector in vectors.items()}
     if len(set(lengths.values())) != 1:
-        told = ", ".join(f"{name} {length}" for name, length in lengths.items())
-        raise Damage(f"{variable or 'its vectors'}: lengths are {told}, expected equal ones", None)
+        lengths_text = ", ".join(f"{name} {length}" for name, length in lengths.items())
+        raise Damage(f"{variable or 'its vectors'}: lengths are {lengths_text}, expected equal ones", None)
     base = 1 if variable and names.t.lower() == "ts" and _from_one(vectors) else 0
     if base:
         vectors |= {key: np.asarray(vectors[key], np.float64) - 1 for key in "xy"}
@@ -282,8 +282,8 @@ def _structs(parts: Any, order: str, depth: int) -> Any:
     length = int.from_bytes(width, "little" if order == "<" else "big")
     if not 1 <= length <= 64:
         raise ValueError(f"a struct has names of {length} bytes")
-    told = [bytes(names[at : at + length]).split(b"\0")[0] for at in range(0, len(names), length)]
-    keys = [name.decode("utf-8", "replace") for name in told]
+    fields = [bytes(names[at : at + length]).split(b"\0")[0] for at in range(0, len(names), length)]
+    keys = [name.decode("utf-8", "replace") for name in fields]
     values = [_matrix(field, order, depth)[1] for (_, field), _ in zip(parts, range(ITEMS), strict=False)]
     found = [dict(zip(keys, values[at : at + len(keys)], strict=False)) for at in range(0, len(values), len(keys) or 1)]
     return found[0] if len(found) == 1 else found

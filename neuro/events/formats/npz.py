@@ -119,8 +119,8 @@ class Npz:
         members = [_Member(archive, f"{name}.npy") for name in self._members]
         lengths = {member.shape for member in members}
         if len(lengths) != 1 or len(members[0].shape) != 1:
-            told = ", ".join(f"{m.name[:-4]} {m.shape}" for m in members)
-            raise ValueError(f"its arrays have the shapes {told}, expected one axis and equal lengths")
+            shapes = ", ".join(f"{m.name[:-4]} {m.shape}" for m in members)
+            raise ValueError(f"its arrays have the shapes {shapes}, expected one axis and equal lengths")
         total = members[0].shape[0]
         while True:
             count = min(max(1, block // ROW), total - self._done)

@@ -153,7 +153,7 @@ def _message(fields: dict[str, bytes], data: Bytes, known: dict[int, tuple[str, 
         kind = _fields(data.tobytes(), place).get("type", b"")
         known[connection] = (fields.get("topic", b"").decode("utf-8", "replace"), kind.decode("utf-8", "replace"))
     elif connection not in known:
-        raise Damage(f"a message of connection {connection}, which is not told", place)
+        raise Damage(f"a message of connection {connection}, which is not declared", place)
     else:
         yield (place, *known[connection], data)
 

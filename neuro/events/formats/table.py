@@ -44,7 +44,7 @@ _BOM = b"\xef\xbb\xbf"
 
 @dataclass(slots=True)
 class _Layout:
-    """What the beginning of a file tells: first byte and line of the events, columns, order, unit and sensor."""
+    """What the beginning of a file states: first byte and line of the events, columns, order, unit and sensor."""
 
     start: int
     line: int
@@ -145,8 +145,8 @@ def _layout(head: bytes) -> _Layout:
         text = raw.decode("utf-8", "replace").strip()
         values = _values(text)
         if text.startswith(("#", "%")):
-            if told := _SENSOR.match(text):
-                size = _sensor([int(value) for value in told.groups() if value], number, at)
+            if match := _SENSOR.match(text):
+                size = _sensor([int(value) for value in match.groups() if value], number, at)
             commented = _values(text.lstrip("#% "))
             names = commented if find_names(commented) else names
         elif len(values) == 2 and names is None and all(value.isdecimal() for value in values):
@@ -171,23 +171,23 @@ def _values(text: str) -> list[str]:
     return [part.strip("\"' \t") for part in parts] if text else []
 
 
-def _sensor(told: list[int], number: int, at: int) -> Size:
-    if not all(1 <= value <= 65536 for value in told):
-        raise Damage(f"line {number + 1}: the sensor is {told[0]}x{told[1]}, expected 1x1 to 65536x65536", at)
-    return told[0], told[1]
+def _sensor(size: list[int], number: int, at: int) -> Size:
+    if not all(1 <= value <= 65536 for value in size):
+        raise Damage(f"line {number + 1}: the sensor is {size[0]}x{size[1]}, expected 1x1 to 65536x65536", at)
+    return size[0], size[1]
 
 
 def _of_rows(rows: bytes, at: int, number: int, names: list[str] | None, columns: int, size: Size | None) -> _Layout:
     """The layout of a file whose events begin at a byte."""
-    told = find_names(names) if names else None
-    if names and told and len(names) == columns:
-        where = {name: names.index(getattr(told, name)) for name in "txyp"}
+    header = find_names(names) if names else None
+    if names and header and len(names) == columns:
+        where = {name: names.index(getattr(header, name)) for name in "txyp"}
     elif columns == 4:
-        told = None
+        header = None
         where = {name: place for place, name in enumerate(order_of(_numbers(rows)))}
     else:
         raise Damage(f"line {number + 1}: has {columns} columns, expected {len(names or 'txyp')}", at)
-    unit = told.unit if told else None
+    unit = header.unit if header else None
     if unit is None:
         times = _numbers(rows, columns)[:, where["t"]]
         unit = unit_of(times[np.isfinite(times)])

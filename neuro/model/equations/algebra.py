@@ -1,4 +1,4 @@
-"""What can be told from a tree: its names, whether it is linear in some of them and by which factors."""
+"""Properties of a tree: its names, whether it is linear in some of them and by which factors."""
 
 from __future__ import annotations
 

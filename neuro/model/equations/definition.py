@@ -38,7 +38,7 @@ INTEGRATORS: Mapping[str, Mapping[str, float]] = {
     "rk4": {"substeps": 1},
     "rkf45": {"tolerance": 1e-6, "slope_tolerance": 0.0},
 }
-"""The integrators and what each may be told."""
+"""The integrators and the options of each."""
 WORDS = (
     "equations",
     "let",
@@ -232,8 +232,8 @@ def _refractory(said: Any, states: Mapping[str, Any], parameters: Mapping[str, P
         return None
     with at("refractory"):
         if not isinstance(said, Mapping):
-            told = f"found {shown(said)}: expected the words of refractory: time, hold"
-            raise ModelError(told, hint=habits.REFRACTORY)
+            text = f"found {shown(said)}: expected the words of refractory: time, hold"
+            raise ModelError(text, hint=habits.REFRACTORY)
         given = mapping(said, ("time", "hold"), "refractory")
         if given.get("time") != "t_ref" or "t_ref" not in parameters:
             hint = "" if "t_ref" in parameters else "add it to 'parameters', e.g. t_ref: 2 ms"

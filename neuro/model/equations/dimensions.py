@@ -137,7 +137,7 @@ class Dimensions:
         return f"write {text_of(tree)}{f' {over}' * (over != '1')}{f'/{under}' * bool(under)}"
 
     def of(self, name: str) -> Dimension | None:
-        """The dimension of a name, None if nothing tells it."""
+        """The dimension of a name, None if it is unknown."""
         powers = self.reduced(self.names[name])
         return None if powers.unknown else powers.known
 
@@ -174,7 +174,7 @@ class Dimensions:
     def told(self, powers: Powers) -> str:
         """A dimension in a sentence."""
         powers = self.reduced(powers)
-        return told(powers.known) if not powers.unknown else "in a unit that nothing tells"
+        return told(powers.known) if not powers.unknown else "in a unit that nothing determines"
 
     def powers(self, whole: Expression, tree: Tree, expected: Powers | None = None) -> Powers:
         """The dimension of a part of an expression, of which one may be expected; what is wrong with it is kept."""
@@ -365,7 +365,7 @@ def _bracketed(tree: Tree, binding: int) -> str:
 
 
 def unit_unknown(name: str) -> ModelError:
-    """The error for a state of which nothing tells the unit."""
-    message = f"nothing tells the unit of '{name}'"
+    """The error for a state of unknown unit."""
+    message = f"nothing determines the unit of '{name}'"
     hint = f"write it in 'initial', e.g. {{{name}: 0 mV}}"
     return ModelError(message, hint=hint, path=(name,), about=("initial", name))

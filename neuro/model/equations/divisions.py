@@ -99,13 +99,13 @@ class Divisions:
 
     def _told(self, look: _Look, values: Mapping[str, Any]) -> str:
         """The values of the parameters on which a mistake depends."""
-        told = {}
+        texts = {}
         for name in self._written_out(look.blamed):
             if name in values:
                 of_each = np.ravel(values[name])
                 which, neuron = (f"{name}[{look.first}]", look.first) if of_each.size > 1 else (name, 0)
-                told[name] = f"{which} = {of_each[neuron]:g} {self.parameters[name].unit}".strip()
-        return ", ".join(told.values())
+                texts[name] = f"{which} = {of_each[neuron]:g} {self.parameters[name].unit}".strip()
+        return ", ".join(texts.values())
 
 
 class _Look:

@@ -1,4 +1,4 @@
-"""Linear systems: the step of a neuron as its exact solution, and a bound that tells when it cannot fire."""
+"""Linear systems: the step of a neuron as its exact solution, and a bound below which it cannot fire."""
 
 from __future__ import annotations
 

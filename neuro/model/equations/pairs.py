@@ -37,7 +37,7 @@ class Pairs:
         states: those of a synapse beside its weight: the parameter with which each decays, "" for one that stays.
         spikes: what a pre spike and a post spike change.
         drift: how fast the weight changes under the signal; None for a rule that takes none.
-        dimensions: of the states; None where nothing tells one, as it is one of the weight.
+        dimensions: of the states; None where it is unknown, as it is one of the weight.
         plain: the words as they were given.
     """
 

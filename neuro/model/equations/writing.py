@@ -41,9 +41,9 @@ def written(tree: Tree, leaf: Leaf) -> str:
 
 
 def _written(tree: Tree, leaf: Leaf, binding: int) -> str:
-    told = leaf(tree)
-    if told is not None:
-        return told
+    found = leaf(tree)
+    if found is not None:
+        return found
     match tree:
         case Number(value, unit):
             return repr(value * UNITS[unit][0] if unit else value)

@@ -118,7 +118,7 @@ def check_named(file: Node, ending: str, endings: tuple[str, ...], whole: Node, 
         file: the name.
         ending: its ending.
         endings: those that it may have.
-        whole: where a missing key is told.
+        whole: where a missing key is reported.
         key: of the data set.
     """
     name = file.value

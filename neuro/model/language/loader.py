@@ -108,10 +108,10 @@ class _Builder:
             try:
                 add(name, node)
             except ModelError as error:
-                told = error.at(None, f"{word} '{name}'")
+                named = error.at(None, f"{word} '{name}'")
                 if not self.together:
-                    raise told from None
-                wrong += [told, *told.others]
+                    raise named from None
+                wrong += [named, *named.others]
         if wrong:
             wrong[0].others = tuple(wrong[1:])
             raise wrong[0]
@@ -197,7 +197,7 @@ class _Builder:
             if isinstance(name, Choice):
                 self.names(name, follow(node, (word,)), f"{context}: {word}")
             elif q.kind == "name" and name is not None:
-                kind = "signal" if word == "signal" else "population"
+                kind = "signal" if word in ("signal", "gate") else "population"
                 known = self.net.signals if kind == "signal" else self.net.populations
                 if name not in known:
                     error = unknown(kind, name, known, path=(word,))

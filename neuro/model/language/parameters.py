@@ -123,18 +123,18 @@ class _Names:
             except ModelError as error:
                 raise whole.mistake(name.at, f"'{name.name}' = {value}: {error.message}", error.hint) from None
         if not is_number(value):
-            told = found(self.values[name.name][0])
-            raise whole.mistake(name.at, f"'{name.name}': {told}: expected a number, with its unit or without")
+            text = found(self.values[name.name][0])
+            raise whole.mistake(name.at, f"'{name.name}': {text}: expected a number, with its unit or without")
         return Measure(float(value))
 
-    def _check(self, name: str, told: str, node: Node) -> None:
+    def _check(self, name: str, label: str, node: Node) -> None:
         """Refuse a name that stands for nothing yet."""
         if name in self.values:
             return
         if name in self.given:
-            raise mistake(node, f"{told} is used before it is set", f"set it above, see {self.given[name].label}")
-        sign = told.removesuffix(name)
-        error = unknown("parameter", told, (f"{sign}{known}" for known in self.given))
+            raise mistake(node, f"{label} is used before it is set", f"set it above, see {self.given[name].label}")
+        sign = label.removesuffix(name)
+        error = unknown("parameter", label, (f"{sign}{known}" for known in self.given))
         raise put_at(node, error if self.given else error.but(hint=f"add parameters: {{{name}: ...}}"))
 
     def _moved(self, value: Node, to: Node, depth: int) -> Node:
@@ -190,7 +190,7 @@ def computed(text: str, named: Callable[[Expression, Name], Measure], known: Con
         known: all names.
 
     Raises:
-        Misread: it is no expression, or has no finite value; it tells the place.
+        Misread: it is no expression, or has no finite value; it names the place.
     """
     whole = parse(text, _HINTS)
     return _Value(whole, named, known).of(whole.tree).written()

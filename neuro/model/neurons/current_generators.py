@@ -130,7 +130,7 @@ class noise_generator(CurrentGenerator):
 
     @property
     def individual(self) -> bool:
-        """As NEST's, unless it is told otherwise."""
+        """As NEST's, unless another is given."""
         return self.individual_noise
 
     def held(self, resolution: float) -> int:

@@ -69,7 +69,7 @@ class event_camera(Generator):
         "in Python, instead: Events, a structured array, a list or an iterator of them, or a function that makes one",
         kind="events",
     )
-    format: str | None = quantity(None, "", "its format, where neither content nor ending tells", kind="name")
+    format: str | None = quantity(None, "", "its format, where neither content nor ending shows it", kind="name")
     polarity: str = quantity(
         "split",
         "",
@@ -133,7 +133,7 @@ class event_camera(Generator):
             played = self.played()
             if played is not None and played.sensor_size is not None:
                 return self.seen(played.sensor_size)
-        except ModelError:  # told when the network is compiled
+        except ModelError:  # reported when the network is compiled
             pass
         unknown = (2, "auto", "auto") if self.polarity == "split" else ("auto", "auto")
         return said if len(said) == len(unknown) else unknown

@@ -94,7 +94,7 @@ def fire(s, c, i):
 
 
 def quiet(s, c, i_0, lo, hi):
-    """Nobody spikes who is not asked, and asking is input; a probability is still to be cleared."""
+    """No neuron spikes without input; a probability is still to be cleared."""
     some = False
     for i in range(lo, hi):
         some |= s[P, i] != 0.0

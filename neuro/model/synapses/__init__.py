@@ -66,31 +66,31 @@ def complete(model: type[Synapse]) -> type[Synapse]:
     return model
 
 
-def _check_constants(told: str, model: type[Synapse]) -> None:
+def _check_constants(label: str, model: type[Synapse]) -> None:
     """The constants can be computed from the defaults, where each parameter has one."""
     defaults = model.defaults()
     if all(word in defaults for word in model.numbers()):
-        fill(told, model, np.array([float(defaults[word]) for word in model.numbers()]), np.zeros(model.width))
+        fill(label, model, np.array([float(defaults[word]) for word in model.numbers()]), np.zeros(model.width))
 
 
-def _check_traces(told: str, model: type[Synapse]) -> None:
+def _check_traces(label: str, model: type[Synapse]) -> None:
     """Each trace has a time constant among the parameters."""
     known = model.numbers()
     for side, traces in (("pre", model.pre), ("post", model.post)):
         for trace in traces if isinstance(traces, tuple) else (traces,):
             if not isinstance(traces, tuple):
-                raise TypeError(f"{told}: {side} = {traces!r}: expected a tuple, as {side} = (Trace(...),)")
+                raise TypeError(f"{label}: {side} = {traces!r}: expected a tuple, as {side} = (Trace(...),)")
             if not isinstance(trace, Trace):
-                raise TypeError(f"{told}: {side} has {trace!r}: expected a Trace")
+                raise TypeError(f"{label}: {side} has {trace!r}: expected a Trace")
             if trace.tau and trace.tau not in known and (side, trace.tau) != ("post", "tau_minus"):
-                raise TypeError(f"{told} has no '{trace.tau}': expected one, the time constant of a {side} trace")
+                raise TypeError(f"{label} has no '{trace.tau}': expected one, the time constant of a {side} trace")
             if trace.starts and (side == "post" or not trace.tau or trace.starts not in known):
                 raise TypeError(
-                    f"{told}: a {side} trace starts as '{trace.starts}': expected a parameter, of a pre trace"
+                    f"{label}: a {side} trace starts as '{trace.starts}': expected a parameter, of a pre trace"
                 )
 
 
-def _check_of_each(told: str, model: type[Synapse]) -> None:
+def _check_of_each(label: str, model: type[Synapse]) -> None:
     """What synapses of one source or target share, a trace or dopamine, has one number; so have rules for trials."""
     shared = {trace.tau for trace in (*model.pre, *model.post)} | {trace.starts for trace in model.pre}
     for word, q in model.quantities().items():
@@ -99,7 +99,7 @@ def _check_of_each(told: str, model: type[Synapse]) -> None:
             why = {"trials": "the end of a trial teaches by", "moves": "the end of a move teaches by"}.get(
                 model.learns, who
             )
-            raise TypeError(f"{told}: '{word}' takes a value for each synapse: expected one for all, as {why} one")
+            raise TypeError(f"{label}: '{word}' takes a value for each synapse: expected one for all, as {why} one")
 
 
 SYNAPSES: Registry[type[Synapse]] = Registry(

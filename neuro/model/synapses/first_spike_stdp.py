@@ -17,7 +17,7 @@ class first_spike_stdp(Synapse):
     """At the end of a trial the inputs of the neuron that decided change by A w (1 - w), whatever the label.
 
     A is A_plus where the input arrived before the decision or with it, A_minus elsewhere. Weights are taken relative to
-    [Wmin, Wmax]. It needs no labels: `neuro.assign_labels` tells afterwards for what each neuron stands.
+    [Wmin, Wmax]. It needs no labels: `neuro.assign_labels` finds afterwards for what each neuron stands.
 
     Source: Masquelier & Thorpe, PLoS Comput. Biol. 3:e31, 2007; the rates are those of Kheradpisheh et al., Neural
     Networks 99:56, 2018.

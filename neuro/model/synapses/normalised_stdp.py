@@ -17,7 +17,7 @@ class normalised_stdp(Synapse):
 
     A weight grows by A_plus (1 - w) where the input arrived before the decision or with it and changes by A_minus w
     elsewhere, taken relative to [Wmin, Wmax]; then all weights of the neuron are multiplied by one factor, so that
-    their sum is `total`, and cut at the bounds. It needs no labels: `neuro.assign_labels` tells afterwards for what
+    their sum is `total`, and cut at the bounds. It needs no labels: `neuro.assign_labels` finds afterwards for what
     each neuron stands.
 
     Source: the bounds, of which each slows down what moves towards it, Rubin et al., Phys. Rev. Lett. 86:364, 2001; the

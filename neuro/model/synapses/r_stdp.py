@@ -41,18 +41,18 @@ class r_stdp(Synapse):
 
     def lessons(self, end: TrialEnd) -> list[Lesson | Growth]:
         """The neuron that decided; after a mistake or silence also the right label's maps."""
-        told: list[Lesson | Growth] = []
+        lessons: list[Lesson | Growth] = []
         if end.reward:
-            told.append(Lesson(end.winner, end.tick, end.reward))
+            lessons.append(Lesson(end.winner, end.tick, end.reward))
         if end.hit:
-            return told
+            return lessons
         if self.rescue:
             best = end.best_excited()
             if best >= 0:
-                told.append(Lesson(best, end.tick if end.tick >= 0 else end.ticks - 1, 1.0))
+                lessons.append(Lesson(best, end.tick if end.tick >= 0 else end.ticks - 1, 1.0))
         elif self.epsilon > 0.0:
-            told.append(Growth(end.maps))
-        return told
+            lessons.append(Growth(end.maps))
+        return lessons
 
 
 AR_PLUS, AR_MINUS, AP_PLUS, AP_MINUS, EPSILON, RESCUE, W_MIN, W_MAX = range(8)

@@ -54,11 +54,11 @@ class tempotron(Synapse):
             return self._lessons_alone(end)
         if end.hit:
             return []
-        told = [Lesson(end.winner, end.tick, -1.0)] if end.winner >= 0 else []
+        found = [Lesson(end.winner, end.tick, -1.0)] if end.winner >= 0 else []
         neuron, tick = end.highest()
         if neuron >= 0:
-            told.append(Lesson(neuron, tick, 1.0))
-        return told
+            found.append(Lesson(neuron, tick, 1.0))
+        return found
 
     def _lessons_alone(self, end: TrialEnd) -> list[Lesson]:
         """Each neuron that did not reach what it should have, or did what it should not."""

@@ -17,7 +17,7 @@ def test_info(run, recording, tmp_path):
     assert out.splitlines() == [
         "file          in.bin, 500 bytes",
         "format        N-MNIST .bin",
-        "sensor        34x34, not told by the file",
+        "sensor        34x34, not stated by the file",
         "events        100",
         "polarity      50.0% ON, 50.0% OFF",
         "time          0 to 99000 us, 0.099 s",

@@ -1,8 +1,8 @@
-"""The spikes kept for reading, moved out of the loop's buffers in chunks."""
+"""Spikes that an engine recorded, and listed spikes that it still has to emit, for backends with compiled loops."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping, MutableMapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -10,58 +10,49 @@ from numpy.typing import NDArray
 
 from neuro.program.backend import Spikes
 from neuro.program.program import Ints, Program
-from neuro_event.building import layout
-from neuro_event.building.arrays import EventArrays
-from neuro_event.building.layout import PopulationPlace
-from neuro_event.loop import tables as t
 
-Part = tuple[NDArray[np.int64], NDArray[np.int32], NDArray[np.int32]]
+Part = tuple[NDArray[Any], NDArray[Any], NDArray[Any]]
+_NAMES = ("record.steps", "record.ids", "record.counts")
+_NO_INTS = np.zeros(0, dtype=np.int64)
 
 
 class RecordedSpikes:
     """Chunks, oldest first; a chunk has a part for each thread: (steps, neurons, multiplicity) by step."""
 
-    def __init__(self, program: Program, places: list[PopulationPlace]) -> None:
-        self._places = places
+    def __init__(self) -> None:
         self._chunks: list[list[Part]] = []
 
-    def drain(self, net: Any) -> None:
-        """Take over what the loop has recorded."""
-        parts = []
-        for thread in range(net["rec_at"].shape[0]):
-            n = int(net["rec_at"][thread, 0])
-            if n:
-                steps, ids, counts = (net[name][thread, :n].copy() for name in ("rec_steps", "rec_ids", "rec_counts"))
-                parts.append((steps, ids, counts))
-                net["rec_at"][thread, 0] = 0
-        if parts:
-            self._chunks.append(parts)
+    def take(self, parts: Iterable[Part]) -> None:
+        """Add a copy of what the loop has recorded."""
+        chunk = [(steps.copy(), ids.copy(), counts.copy()) for steps, ids, counts in parts if steps.size]
+        if chunk:
+            self._chunks.append(chunk)
 
-    def clear(self, net: Any) -> None:
-        """Drop all spikes."""
-        net["rec_at"][:, 0] = 0
-        self._chunks.clear()
+    def spikes(self, begin: int, end: int, since: int, ids_at: Ints | None = None) -> Spikes:
+        """Spikes of the neurons from begin to end with step > since, by step, then id.
 
-    def spikes(self, population: int, since: int) -> Spikes:
-        """Spikes of a population with step > since, by step, then id."""
-        place = self._places[population]
+        Args:
+            begin: the first neuron of the population among all.
+            end: one after its last.
+            since: the last step to leave out.
+            ids_at: the id at each place of the population, where this is not the place itself.
+        """
         found: list[Part] = []
         for chunk in reversed(self._chunks):
             if max(int(steps[-1]) for steps, _, _ in chunk) <= since:
                 break
-            found += [_chosen(part, place, since) for part in reversed(chunk)]
+            found += [_chosen(part, begin, end, since) for part in reversed(chunk)]
         found = [part for part in reversed(found) if part[0].size]
         if not found:
-            nothing = np.zeros(0, dtype=np.int64)
-            return Spikes(nothing, nothing, np.zeros(0, dtype=np.int32))
+            return Spikes(_NO_INTS, _NO_INTS, np.zeros(0, dtype=np.int32))
         steps, neurons, counts = found[0] if len(found) == 1 else _joined(found)
-        ids = neurons.astype(np.int64) - place.begin
-        if place.inside is not None:
-            ids = place.outside[ids]
-        if place.inside is not None or len(found) > 1:
+        ids = neurons.astype(np.int64) - begin
+        if ids_at is not None:
+            ids = ids_at[ids]
+        if ids_at is not None or len(found) > 1:
             order = np.lexsort((ids, steps))
             steps, ids, counts = steps[order], ids[order], counts[order]
-        return Spikes(steps, ids, counts)
+        return Spikes(steps, ids, counts.astype(np.int32, copy=False))
 
     def forget(self, before: int) -> None:
         """Drop spikes with step <= before."""
@@ -74,22 +65,22 @@ class RecordedSpikes:
 
     def snapshot(self) -> dict[str, NDArray[Any]]:
         """All chunks joined."""
-        empty = (np.zeros(0, np.int64), np.zeros(0, np.int32), np.zeros(0, np.int32))
+        empty = (_NO_INTS, np.zeros(0, np.int32), np.zeros(0, np.int32))
         steps, ids, counts = _joined([empty, *(part for chunk in self._chunks for part in chunk)])
         order = np.lexsort((ids, steps))
-        return {"record.steps": steps[order], "record.ids": ids[order], "record.counts": counts[order]}
+        return dict(zip(_NAMES, (steps[order], ids[order], counts[order]), strict=True))
 
     def restore(self, arrays: Mapping[str, NDArray[Any]]) -> None:
         """Take over a snapshot."""
-        steps = arrays["record.steps"]
-        part = (steps.copy(), arrays["record.ids"].astype(np.int32), arrays["record.counts"].astype(np.int32))
-        self._chunks = [[part]] if steps.size else []
+        steps, ids, counts = (arrays[name] for name in _NAMES)
+        self._chunks = []
+        self.take([(steps, ids.astype(np.int32), counts.astype(np.int32))])
 
 
-def _chosen(part: Part, place: PopulationPlace, since: int) -> Part:
+def _chosen(part: Part, begin: int, end: int, since: int) -> Part:
     """Those spikes of a part that are of one population and after a step."""
     steps, neurons, counts = part
-    keep = (neurons >= place.begin) & (neurons < place.end)
+    keep = (neurons >= begin) & (neurons < end)
     if steps[0] <= since:
         keep &= steps > since
     return steps[keep], neurons[keep], counts[keep]
@@ -106,41 +97,48 @@ def _joined(parts: list[Part]) -> Part:
     return np.concatenate(steps), np.concatenate(neurons), np.concatenate(counts)
 
 
-_NOTHING = np.zeros(0, dtype=np.int64)
-
-
 class ListedSpikes:
-    """Keeps the spikes to come by population and writes them into the arrays that the loop reads."""
+    """Keeps the spikes to come by population and writes them into the arrays that the loop reads.
 
-    def __init__(self, arrays: EventArrays) -> None:
-        self._a = arrays
+    These are `list_steps`, `list_ids` and `list_counts`, and `cursor` (threads + 1, populations): the next listed spike
+    for each thread; its last row holds the ends.
+
+    Args:
+        program: what runs.
+        arrays: of the loop, by name.
+        begins: the first neuron of each population among all.
+        threads: of the loop.
+    """
+
+    def __init__(
+        self, program: Program, arrays: MutableMapping[str, NDArray[Any]], begins: Sequence[int], threads: int = 1
+    ) -> None:
+        self._a, self._begins = arrays, begins
+        self._cursor_shape = (threads + 1, len(program.populations))
         self._spikes: dict[int, tuple[Ints, Ints]] = {
-            k: (p.spike_steps, p.spike_ids)
-            for k, p in enumerate(arrays.program.populations)
-            if layout.kind(p) == t.LISTED
+            k: (p.spike_steps, p.spike_ids) for k, p in enumerate(program.populations) if p.kind == "listed"
         }
-        self._begin: dict[int, int] = {}
+        self._first: dict[int, int] = {}
         self._room: dict[int, int] = {}
         self._write(0)
 
     def add(self, population: int, steps: Ints, ids: Ints, now: int) -> bool:
-        """Add spikes after step `now`; tell whether arrays were replaced."""
+        """Add spikes after step `now`; return whether arrays were replaced."""
         old_steps, old_ids = self._spikes[population]
         ahead = old_steps > now
         if ahead.any():
             steps, ids = np.concatenate([old_steps[ahead], steps]), np.concatenate([old_ids[ahead], ids])
         self._spikes[population] = steps, ids
-        rows = _with_multiplicity(steps, self._a.places[population].begin + ids)
-        return self._put(population, rows, now)
+        return self._put(population, _with_multiplicity(steps, self._begins[population] + ids), now)
 
     def replace(self, population: int, steps: Ints, ids: Ints, now: int) -> bool:
-        """Let these, sorted by step, then id, be all that a population has; tell whether arrays were replaced."""
-        self._spikes[population] = (_NOTHING, _NOTHING)
-        neurons = ids + self._a.places[population].begin
+        """Let these, sorted by step, then id, be all that a population has; return whether arrays were replaced."""
+        self._spikes[population] = (_NO_INTS, _NO_INTS)
+        neurons = ids + self._begins[population]
         return self._put(population, np.column_stack([steps, neurons, np.ones_like(steps)]), now)
 
     def reserve(self, population: int, n: int, now: int) -> bool:
-        """Have room for n spikes of a population; tell whether arrays were replaced."""
+        """Have room for n spikes of a population; return whether arrays were replaced."""
         if n <= self._room.get(population, 0):
             return False
         self._room[population] = 2 * n + 64
@@ -149,7 +147,7 @@ class ListedSpikes:
 
     def place(self, population: int) -> int:
         """Where the spikes of a population are listed."""
-        return self._begin[population]
+        return self._first[population]
 
     def pending(self, population: int, now: int) -> bool:
         """Whether spikes that were added are still to come."""
@@ -161,34 +159,33 @@ class ListedSpikes:
         # A closed loop brings some spikes before each call: to replace arrays takes 0.5 ms, as all are linked anew.
         n = len(rows)
         grows = self.reserve(population, n, now)
-        net, first = self._a.net, self._begin[population]
+        first = self._first[population]
         for name, column in zip(("list_steps", "list_ids", "list_counts"), rows.T, strict=True):
-            net[name][first : first + n] = column
-        net["cursor"][:-1, population] = first
-        net["cursor"][-1, population] = first + n
+            self._a[name][first : first + n] = column
+        self._a["cursor"][:-1, population] = first
+        self._a["cursor"][-1, population] = first + n
         return grows
 
     def drop(self, population: int) -> None:
-        """Forget what `replace` gave a population and was not emitted."""
-        self._a.net["cursor"][:-1, population] = self._a.net["cursor"][-1, population]
+        """Forget the spikes of a population."""
+        self._spikes[population] = (_NO_INTS, _NO_INTS)
+        self._a["cursor"][:-1, population] = self._a["cursor"][-1, population]
 
     def _write(self, now: int) -> None:
         """Write all spikes after step `now`, equal ones joined."""
-        net = self._a.net
-        threads = net["edges"].shape[1] - 1
-        net["cursor"] = np.zeros((threads + 1, len(self._a.program.populations)), dtype=np.int64)
+        cursor = np.zeros(self._cursor_shape, dtype=np.int64)
         columns, at = [np.zeros((0, 3), dtype=np.int64)], 0
         for k, (steps, ids) in self._spikes.items():
             ahead = steps > now
-            rows = _with_multiplicity(steps[ahead], self._a.places[k].begin + ids[ahead])
-            self._begin[k] = at
-            net["cursor"][:-1, k] = at
-            net["cursor"][-1, k] = at + rows.shape[0]
-            room = max(rows.shape[0], self._room.get(k, 0))
-            columns.append(np.pad(rows, ((0, room - rows.shape[0]), (0, 0))))
+            rows = _with_multiplicity(steps[ahead], self._begins[k] + ids[ahead])
+            self._first[k] = at
+            cursor[:-1, k], cursor[-1, k] = at, at + len(rows)
+            room = max(len(rows), self._room.get(k, 0))
+            columns.append(np.pad(rows, ((0, room - len(rows)), (0, 0))))
             at += room
         table = np.concatenate(columns)
-        net["list_steps"], net["list_ids"], net["list_counts"] = (np.ascontiguousarray(c) for c in table.T)
+        self._a["list_steps"], self._a["list_ids"], self._a["list_counts"] = (np.ascontiguousarray(c) for c in table.T)
+        self._a["cursor"] = cursor
 
     def snapshot(self) -> dict[str, NDArray[Any]]:
         """The spikes by population."""
