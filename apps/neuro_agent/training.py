@@ -26,7 +26,7 @@ Floats = npt.NDArray[np.float64]
 Bools = npt.NDArray[np.bool_]
 
 BLOCK = 10_000
-"""Control steps after which all episodes are cut off and the network begins at time 0, with what it has learnt.
+"""Control steps of an environment after which all episodes are cut off and the network begins at time 0, with what it has learnt.
 
 So all that a training needs to go on is weights and counts; it goes on so whether it was interrupted or not.
 """
@@ -129,7 +129,7 @@ class Course:
     def block(self, end: End, show: Callable[[Course], None]) -> None:
         """Learn for a block of control steps, or to the end of the training."""
         agent, env, s = self.agent, self.env, self.agent.settings
-        most = BLOCK if end.steps is None else min(BLOCK, end.steps - self.steps)
+        most = BLOCK * env.n if end.steps is None else min(BLOCK * env.n, end.steps - self.steps)
         agent.begin(env.n, block=agent.begun[1])
         agent.begun = agent.begun[0], agent.begun[1] + 1
         seen = env.reset(self._seeds())
