@@ -2,6 +2,7 @@
 
     python benchmarks/agents.py [TASK ...] [--seeds 101-110] [--twin] [--set name=value ...] [--json FILE]
     python benchmarks/agents.py [TASK ...] [--seeds 101-103] --controls
+    python benchmarks/agents.py [TASK ...] [--seeds 101-103] --chips
 
 A training stops when the mean return of the last 100 episodes (FrozenLake: 500) reaches the task's bar, or its limit
 of control steps; a seed that did not get there counts with its episodes at the limit. The frozen agent is the one of
@@ -9,6 +10,8 @@ that moment; it is tested on 100 (1,000) new episodes. One process, one core.
 
 With `--controls`: agents that are kept from learning, which must fail. Each has as many control steps as most agents
 need, and the figure is the share of the way from random moves to the bar that its frozen mean return has gone.
+
+With `--chips`: the frozen agent in 30 episodes on `event`, Loihi and SpiNNaker, and microjoules a decision.
 """
 
 from __future__ import annotations
@@ -24,9 +27,11 @@ from typing import Any
 import gymnasium
 import numpy as np
 
+import neuro
 from neuro_agent import ActorCritic, LinearTwin
 
 warnings.filterwarnings("ignore", category=DeprecationWarning)
+warnings.filterwarnings("ignore", category=neuro.ApproximationWarning)  # weights of a chip, once for each agent
 
 
 @dataclass(frozen=True)
@@ -98,6 +103,21 @@ def controls(name: str, seed: int, settings: dict[str, Any]) -> dict[str, float]
     return {control: round((test.mean - chance) / (task.bar - chance), 3) for control, test in found.items()}
 
 
+def chips(name: str, seed: int, settings: dict[str, Any]) -> dict[str, Any]:
+    """Mean returns of the frozen agent by backend, and microjoules a decision: low, nominal, high."""
+    task, env = TASKS[name], TASKS[name].make(name)
+    agent = ActorCritic(env.observation_space, env.action_space, seed=seed, **settings)
+    agent.train(env, until=task.bar, steps=task.steps, window=task.window)
+    found: dict[str, Any] = {
+        backend: round(agent.test(env, 30, seed=seed, backend=backend).mean, 2)
+        for backend in ("event", "loihi", "spinnaker")
+    }
+    for target in ("loihi", "spinnaker"):
+        bill = agent.energy(target).per(200, "decision")
+        found[f"{target}_uJ"] = [round(1e6 * joules, 3) for joules in (bill.low_j, bill.total_j, bill.high_j)]
+    return found
+
+
 def _at_random(env: gymnasium.Env[Any, Any], seed: int) -> float:
     env.reset(seed=seed)
     total, over = 0.0, False
@@ -114,6 +134,7 @@ def main() -> None:
     parser.add_argument("--seeds", default="101-110")
     parser.add_argument("--twin", action="store_true", help="the linear twin instead")
     parser.add_argument("--controls", action="store_true", help="agents that are kept from learning instead")
+    parser.add_argument("--chips", action="store_true", help="the frozen agent on emulated chips instead")
     parser.add_argument("--set", nargs="*", default=[], metavar="NAME=VALUE")
     parser.add_argument("--json", type=Path)
     given = parser.parse_args()
@@ -124,12 +145,12 @@ def main() -> None:
     for name in given.tasks:
         rows = []
         for seed in range(int(first), int(last or first) + 1):
-            if given.controls:
-                print(name, seed, controls(name, seed, settings), flush=True)
+            if given.controls or given.chips:
+                print(name, seed, (controls if given.controls else chips)(name, seed, settings), flush=True)
                 continue
             rows.append(run(name, seed, kind, settings))
             print(name, rows[-1], flush=True)
-        if given.controls:
+        if not rows:
             continue
         found[name] = {
             "solved": sum(row["solved"] for row in rows),
