@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-import _thread
+import signal
 import threading
 import time
 from collections.abc import Iterator, Sequence
@@ -134,7 +134,7 @@ class Environments:
         if threading.current_thread() is not threading.main_thread() or not np.isfinite(self.patience):
             yield
             return
-        over, hung = threading.Event(), threading.Event()
+        over, hung, main = threading.Event(), threading.Event(), threading.get_ident()
 
         def look() -> None:
             known, since = self._calls, time.monotonic()
@@ -143,7 +143,8 @@ class Environments:
                     known, since = self._calls, time.monotonic()
                 elif time.monotonic() - since > self.patience:
                     hung.set()
-                    _thread.interrupt_main()
+                    # A real signal: it also ends a call that waits in the system, for a clock or a socket.
+                    signal.pthread_kill(main, signal.SIGINT)
                     return
 
         watcher = threading.Thread(target=look, daemon=True)

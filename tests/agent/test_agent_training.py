@@ -1,5 +1,7 @@
 """Agents in environments of their own: what they learn, what they keep, what they refuse, and the chips."""
 
+import time
+
 import gymnasium
 import numpy as np
 import pytest
@@ -176,13 +178,13 @@ def test_what_an_environment_must_not_give(fault, message):
 def test_an_environment_that_hangs_is_given_up():
     class Hanging(Corridor):
         def step(self, action):
-            import time
-
             time.sleep(20.0 if self.k == 5 else 0.0)
             return super().step(action)
 
+    begun = time.monotonic()
     with pytest.raises(ModelError, match=r"a call has not returned for 0\.4 s"):
         agent().train(Hanging(), steps=50, patience=0.4)
+    assert time.monotonic() - begun < 10.0
 
 
 @pytest.mark.parametrize(
