@@ -28,7 +28,8 @@ Bools = npt.NDArray[np.bool_]
 BLOCK = 10_000
 """Control steps of an environment after which all episodes are cut off and the network begins at time 0.
 
-It keeps what it has learnt. So all that a training needs to go on is weights and counts; it goes on so whether it was interrupted or not.
+It keeps what it has learnt. So all that a training needs to go on is weights and counts; it goes on so whether it was
+interrupted or not.
 """
 MERGE = 16
 """Control steps after which copies of a network that learn side by side add up what they have learnt."""
