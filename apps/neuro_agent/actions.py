@@ -11,7 +11,7 @@ import numpy.typing as npt
 from gymnasium import spaces
 
 from neuro import ModelError
-from neuro_agent.places import BOUNDLESS
+from neuro_agent.observations import BOUNDLESS
 
 __all__ = ["Actions", "actions_of"]
 
