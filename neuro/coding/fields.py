@@ -335,7 +335,7 @@ def _share(x: float, low: float, high: float, middle: float, spread: float) -> f
         share = (x - low) / (high - low) if high > low else 0.5
         return min(max(share, 0.0), 1.0)
     # Beyond a few deviations fields widen: what has not been reached has a place, too.
-    return 0.5 + 0.5 * np.tanh((x - middle) / (REACH * spread))
+    return float(0.5 + 0.5 * np.tanh((x - middle) / (REACH * spread)))
 
 
 @kernel
@@ -410,8 +410,8 @@ def _bells(
                 bells[j, 0] = 1.0
             else:
                 at = _share(vector[d], low[d], high[d], middle[d], spread[d]) * (fields - 2.0) + 0.5
-                lowest[0, j] = max(0, np.int64(np.floor(at + 0.5)) - NEAR // 2)
-                lowest[1, j] = min(NEAR, np.int64(fields) - lowest[0, j])
+                lowest[0, j] = np.int64(max(0.0, np.floor(at + 0.5) - NEAR // 2))
+                lowest[1, j] = np.int64(min(float(NEAR), fields - lowest[0, j]))
                 for i in range(lowest[1, j]):
                     bells[j, i] = np.exp(-0.5 * (WIDTH * (at - (lowest[0, j] + i))) ** 2)
             combinations *= lowest[1, j]
