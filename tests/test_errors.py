@@ -38,7 +38,10 @@ INSIDE = {
     ("BadParameter", "neuro/cli/"): "of an option; the command line tells it with the option's name",
     ("BadParameter", "apps/"): "of an option; the command line tells it with the option's name",
     ("Pruned", "neuro/sweeps/metrics.py"): "of a run that ends early; who does the run keeps it as pruned",
-    ("ValueError", "apps/neuro_agent/places.py"): "of an observation of another form; flat tells it as ModelError",
+    (
+        "ValueError",
+        "apps/neuro_agent/observations.py",
+    ): "of an observation of another form; flat tells it as ModelError",
     ("Exit", "neuro/cli/"): "the status of a command",
     ("Exit", "apps/"): "the status of a command",
 }

@@ -11,7 +11,7 @@ import numpy.typing as npt
 from gymnasium import spaces
 
 from neuro import ModelError
-from neuro_agent.places import BOUNDLESS
+from neuro_agent.observations import BOUNDLESS
 
 __all__ = ["Actions", "actions_of"]
 
@@ -38,9 +38,9 @@ class Actions:
         """The actions of the winners of each circuit, (copies, circuits); the first axis is that of the copies."""
         if isinstance(self.space, spaces.Box):
             winners = np.stack([values[winners[:, k]] for k, values in enumerate(self.values)], axis=1)
-        elif not isinstance(self.space, spaces.MultiBinary):
+        elif isinstance(self.space, (spaces.Discrete, spaces.MultiDiscrete)):
             winners = winners + np.ravel(self.space.start)
-        return winners.reshape(-1, *self.space.shape).astype(self.space.dtype, copy=False)
+        return winners.reshape(-1, *(self.space.shape or ())).astype(self.space.dtype, copy=False)
 
 
 def actions_of(space: gymnasium.Space[Any], levels: int) -> Actions:

@@ -10,7 +10,7 @@ from neuro_agent import files, training
 from neuro_agent.deployed import DRAWING, Deployed, Frozen
 from neuro_agent.learner import Learner
 from neuro_agent.log import Log, Test
-from neuro_agent.places import flat
+from neuro_agent.observations import flat
 from neuro_agent.watch import Episode, watch
 
 if TYPE_CHECKING:

@@ -16,8 +16,9 @@ import numpy.typing as npt
 
 import neuro
 from neuro import ModelError
+from neuro.coding import PERIOD
+from neuro_agent.learner import draws_of
 from neuro_agent.network import STEP, TAU, circuit
-from neuro_agent.places import PERIOD
 
 if TYPE_CHECKING:
     from neuro.extend import Program
@@ -75,8 +76,8 @@ def deployed(agent: Learner) -> neuro.Network:
 
 def _largest(agent: Learner, weight: npt.NDArray[np.float64]) -> float:
     """The largest preference in what was seen last, if each active place had just spiked."""
-    sums = [weight[agent.places.cells(vector)].sum(axis=0).max() for vector in agent.seen]
-    return float(max(sums)) / (1.0 - math.exp(-PERIOD / TAU))
+    sums = [float((amounts @ weight[cells]).max()) for cells, amounts in map(agent.places.activity, agent.seen)]
+    return max(sums) / (1.0 - math.exp(-PERIOD / TAU))
 
 
 class Frozen:
@@ -87,14 +88,14 @@ class Frozen:
     """
 
     def __init__(self, agent: Learner, seed: int, backend: str) -> None:
-        self._agent = agent
+        self._agent, self._draws = agent, draws_of(agent, seed)
         self._circuits = [circuit(k) for k in range(len(agent.actions.sizes))]
         self.sim = neuro.compile(agent.network(learns=False), backend=backend, seed=seed)
         self._stepper = self.sim.stepper(float(STEP), emit=["places", "ask"], count=self._circuits)
 
     def decide(self, observations: npt.NDArray[np.float64]) -> Ints:
         """The neuron of each circuit that spiked, (1, circuits), for one observation, (1, dimensions)."""
-        _, ticks, ids = self._agent.places.spikes(observations, STEP)
+        _, ticks, ids = self._agent.places.spikes(observations, STEP, self._draws)
         chosen = self._stepper.step((ticks, ids), ([STEP - 1], [0]))
         return np.stack([each.argmax(axis=1) for each in chosen], axis=1)
 
@@ -107,7 +108,7 @@ class Deployed:
     """
 
     def __init__(self, agent: Learner, backend: str, seed: int = 0, **options: Any) -> None:
-        self._agent = agent
+        self._agent, self._draws = agent, draws_of(agent, seed)
         circuits = [circuit(k) for k in range(len(agent.actions.sizes))]
         self.sim = neuro.compile(deployed(agent), backend=backend, seed=seed, **options)
         self._stepper = self.sim.stepper(float(TICKS), emit=["places", "ramp"], count=circuits)
@@ -127,6 +128,6 @@ class Deployed:
 
     def decide(self, observations: npt.NDArray[np.float64]) -> Ints:
         """The neuron of each circuit that spiked, (1, circuits), for one observation, (1, dimensions)."""
-        _, ticks, ids = self._agent.places.spikes(observations, TICKS)
+        _, ticks, ids = self._agent.places.spikes(observations, TICKS, self._draws)
         chosen = self._stepper.step((ticks, ids), self._ramp)
         return np.stack([each.argmax(axis=1) for each in chosen], axis=1)

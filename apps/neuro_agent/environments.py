@@ -16,7 +16,7 @@ from gymnasium.vector import AutoresetMode, VectorEnv
 
 from neuro import ModelError
 from neuro.apps import Quantity, check
-from neuro_agent.places import dimensions_of, flat
+from neuro_agent.observations import dimensions_of, flat
 
 __all__ = ["Environments"]
 

@@ -11,10 +11,11 @@ import numpy as np
 import numpy.typing as npt
 
 import neuro
+from neuro.coding import PERIOD
 from neuro_agent.actions import actions_of
 from neuro_agent.log import Log
 from neuro_agent.network import CRITIC, GAIN, REST, STEP, TAU, Weights, circuit, network
-from neuro_agent.places import PERIOD, Places, dimensions_of
+from neuro_agent.observations import encoder_of
 from neuro_agent.settings import USUAL, Settings, settings_of
 
 __all__ = ["Decision", "Learner"]
@@ -100,7 +101,7 @@ class Learner:
     ) -> None:
         self.settings = s = settings_of(settings)
         self.observations, self.seed = observations, seed
-        self.places = Places(dimensions_of(observations), s.group, s.fields, s.active)
+        self.places = encoder_of(observations, s)
         self.actions = actions_of(actions, s.levels)
         self.rewards = RewardScale(s.discount)
         self.explored, self.begun = False, (0, 0)
@@ -140,6 +141,7 @@ class Learner:
     def begin(self, n: int, block: int = 0) -> None:
         """Compile n copies of the network for a block of training, with what was learnt before."""
         learnt = self.weights
+        self._draws = draws_of(self, block_seed(self.seed, block))
         self._copies = neuro.compile(self.network(), copies=n, seed=block_seed(self.seed, block))
         count = [CRITIC, *(circuit(k) for k in range(len(self.actions.sizes)))]
         self._stepper = self._copies.stepper(float(STEP), emit=["places", "ask"], count=count)
@@ -165,7 +167,7 @@ class Learner:
 
     def decide(self, observations: Floats) -> Decision:
         """Show an observation to each copy, (copies, dimensions), and let it judge and choose."""
-        values, *chosen = self._stepper.step(self.places.spikes(observations, STEP), self._ask)
+        values, *chosen = self._stepper.step(self.places.spikes(observations, STEP, self._draws), self._ask)
         winners = np.array([each.argmax(axis=1) for each in chosen]).T
         counts = values.sum(axis=1) / self.settings.critics
         return Decision(winners, self.rewards.first + (counts - REST) / GAIN, values)
@@ -181,6 +183,11 @@ class Learner:
         assert self._copies is not None
         for name in self.projections:
             self._copies.clear(name, which)
+
+
+def draws_of(agent: Learner, seed: int) -> np.random.Generator | None:
+    """What draws the spikes of places; None where they are regular."""
+    return np.random.default_rng([seed, 2]) if agent.settings.spikes == "poisson" else None
 
 
 def block_seed(seed: int, block: int) -> int:

@@ -16,6 +16,10 @@ def _number(default: float, **bounds: Any) -> Any:
     return field(default=default, metadata={"quantity": Quantity(**bounds)})
 
 
+def _word(default: str, *words: str) -> Any:
+    return field(default=default, metadata={"quantity": Quantity(kind="word", words=words)})
+
+
 def _whole(default: int, least: int = 1) -> Any:
     return field(default=default, metadata={"quantity": Quantity(kind="integer", at_least=least)})
 
@@ -29,8 +33,10 @@ class Settings:
     """Of the network and of its learning; the defaults are one set for all tasks.
 
     Attributes:
+        encoder: what stands for an observation, of `neuro.coding`: "places", "tiles", "one_hot" or "population".
+        spikes: "regular", or "poisson" for spikes at random times.
         group: dimensions of an observation that one group of places sees together.
-        fields: places of a grid along a continuous dimension.
+        fields: places of a grid, or bells, along a continuous dimension.
         active: places that are to be active at a time: so many grids a group has, each shifted by a share of a field,
             that this is about their number; at least one.
         critics: neurons of the critic.
@@ -45,6 +51,8 @@ class Settings:
             and the scale of rewards.
     """
 
+    encoder: str = _word("places", "places", "tiles", "one_hot", "population")
+    spikes: str = _word("regular", "regular", "poisson")
     group: int = _whole(2)
     fields: int = _whole(6, 2)
     active: int = _whole(USUAL)

@@ -109,7 +109,7 @@ class Course:
 
     def _count(self, reward: Floats, begins: Bools) -> None:
         """Count a control step of all, and learn the scale of rewards as soon as there is one."""
-        self.steps += self.env.n - np.count_nonzero(begins)
+        self.steps += self.env.n - int(np.count_nonzero(begins))
         agent = self.agent
         if not agent.explored or not agent.rewards.known:
             self.rewards += reward[~begins].tolist()

@@ -33,14 +33,15 @@ class LinearTwin(ActorCritic):
         """Judge and choose, for each observation."""
         winners, values = [], []
         for k, vector in enumerate(observations):
-            cells = self.places.cells(vector)
-            values.append(self.rewards.first + float(self._learnt["value"][cells, 0].sum()))
-            self._e[k] = {"value": (cells, np.ones(1))}
+            cells, x = self.places.activity(vector)
+            values.append(self.rewards.first + float((x * self._learnt["value"][cells, 0]).sum()))
+            x = x[:, None]
+            self._e[k] = {"value": (cells, x)}
             chosen = []
             for name in self.projections[1:]:
-                p = _softmax(self._learnt[name][cells].sum(axis=0))
+                p = _softmax((x * self._learnt[name][cells]).sum(axis=0))
                 winner = int(self._rng.choice(len(p), p=p))
-                self._e[k][name] = cells, np.eye(len(p))[winner] - p
+                self._e[k][name] = cells, x * (np.eye(len(p))[winner] - p)
                 chosen.append(winner)
             winners.append(chosen)
         return Decision(np.array(winners), np.array(values), np.zeros((len(observations), 0), dtype=np.int64))
@@ -82,9 +83,9 @@ class _Frozen:
 
     def decide(self, observations: Floats) -> Ints:
         """The action of one observation."""
-        cells, weights = self._twin.places.cells(observations[0]), self._twin.weights
+        (cells, x), weights = self._twin.places.activity(observations[0]), self._twin.weights
         sharp = self._twin.settings.sharpness
-        ps = [_softmax(weights[name][cells].sum(axis=0) * sharp) for name in self._twin.projections[1:]]
+        ps = [_softmax((x @ weights[name][cells]) * sharp) for name in self._twin.projections[1:]]
         return np.array([[self._rng.choice(len(p), p=p) for p in ps]])
 
 

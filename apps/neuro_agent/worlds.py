@@ -18,7 +18,7 @@ import gymnasium
 from gymnasium.vector import SyncVectorEnv, VectorEnv
 
 from neuro import ModelError
-from neuro.apps import hdf5, output, record_input, unknown
+from neuro.apps import hdf5, install, output, record_input, unknown
 from neuro_agent.files import FORMAT
 
 __all__ = ["bar_of", "make", "make_many", "remember", "remembered", "why"]
@@ -27,6 +27,8 @@ for _name, _value in (("PYGAME_HIDE_SUPPORT_PROMPT", "1"), ("SDL_VIDEODRIVER", "
     os.environ.setdefault(_name, _value)  # pygame greets on standard output, and looks for a screen that nobody needs
 
 ATTRIBUTE = "environment"
+MINIGRID = "minigrid"
+"""The package that registers environments as MiniGrid-Empty-5x5-v0 when it is imported."""
 _EXTRA = re.compile(r"gymnasium\[[\w-]+\]")
 
 
@@ -73,8 +75,9 @@ def _renders(kind: Any) -> bool:
 
 def _find(name: str) -> Any:
     """The id of a registered environment, or the class that "module:Class" names."""
-    module, colon, inner = name.rpartition(":")
-    own = vars(_imported(module, name)) if colon else {}
+    module, _, inner = name.rpartition(":")
+    module = module or (MINIGRID if inner.startswith("MiniGrid-") else "")
+    own = vars(_imported(module, name)) if module else {}
     classes = {key: kind for key, kind in own.items() if isinstance(kind, type) and issubclass(kind, gymnasium.Env)}
     if inner in classes:
         return classes[inner]
@@ -98,6 +101,8 @@ def _imported(module: str, name: str) -> Any:
             raise ModelError(
                 f"environment '{name}': module '{module}' needs '{error.name}', which is not here"
             ) from None
+        if module == MINIGRID:
+            raise ModelError(f"environment '{name}': minigrid is not installed", hint=install("agent")) from None
         raise ModelError(
             f"environment '{name}': there is no module '{module}': expected one of the current folder or a package"
         ) from None

@@ -1,36 +1,44 @@
 """Numbers to spikes and back.
 
 An encoder is a function of an array of values and named parameters. Those of `CODES` give spike times, those of
-`RATE_CODES` rates, which `poisson` makes into spikes. Decoders are functions of counts or spike times.
+`RATE_CODES` rates, which `poisson` makes into spikes. Those of `FIELDS` are classes, made for dimensions of vectors,
+that give the spikes of neurons with fields. Decoders are functions of counts or spike times.
 """
 
-from neuro.coding.codes import CODES, RATE_CODES
-from neuro.coding.decoders import first_to_fire, highest_rate, population_vector, rank_order, van_rossum
-from neuro.coding.encoders import (
-    burst,
-    intensity_to_latency,
-    log_intensity_to_latency,
-    phase,
-    poisson,
-    population,
-    rank,
-    rate,
-)
+from typing import TYPE_CHECKING
 
-__all__ = [
-    "CODES",
-    "RATE_CODES",
-    "burst",
-    "first_to_fire",
-    "highest_rate",
-    "intensity_to_latency",
-    "log_intensity_to_latency",
-    "phase",
-    "poisson",
-    "population",
-    "population_vector",
-    "rank",
-    "rank_order",
-    "rate",
-    "van_rossum",
-]
+from neuro.core.lazy import public_names
+
+if TYPE_CHECKING:
+    from neuro.coding.codes import CODES as CODES, RATE_CODES as RATE_CODES
+    from neuro.coding.decoders import (
+        first_to_fire as first_to_fire,
+        highest_rate as highest_rate,
+        population_vector as population_vector,
+        rank_order as rank_order,
+        van_rossum as van_rossum,
+    )
+    from neuro.coding.encoders import (
+        burst as burst,
+        intensity_to_latency as intensity_to_latency,
+        log_intensity_to_latency as log_intensity_to_latency,
+        phase as phase,
+        poisson as poisson,
+        population as population,
+        rank as rank,
+        rate as rate,
+    )
+    from neuro.coding.fields import (
+        FIELDS as FIELDS,
+        PERIOD as PERIOD,
+        Dimension as Dimension,
+        Fields as Fields,
+        OneHot as OneHot,
+        Places as Places,
+        Population as Population,
+        Tiles as Tiles,
+    )
+
+
+if not TYPE_CHECKING:
+    __getattr__, __dir__, __all__ = public_names(__name__, __file__)

@@ -1,6 +1,7 @@
 """The commands: what they write and print, and what they tell of mistakes."""
 
 import json
+import sys
 from importlib.util import find_spec
 from pathlib import Path
 
@@ -227,6 +228,14 @@ def test_what_an_environment_needs_is_named(neuro, monkeypatch):
     answer = neuro("train", "LunarLander-v3", "--out", "a.h5")
     told = "environment 'LunarLander-v3': it needs gymnasium[box2d]: pip install 'gymnasium[box2d]'"
     assert answer.err == f"error: {told}\n"
+
+
+def test_a_grid_whose_package_is_missing_names_the_command(neuro, monkeypatch):
+    monkeypatch.setitem(sys.modules, "minigrid", None)
+    for name in ("MiniGrid-Empty-5x5-v0", "minigrid:MiniGrid-Empty-5x5-v0"):
+        told = neuro("train", name, "--steps", 10, "--out", "a.h5").err
+        assert told.startswith(f"error: environment '{name}': minigrid is not installed\n  hint: pip install ")
+        assert "[agent]" in told
 
 
 def test_a_module_that_raises(neuro, tmp_path, registries):

@@ -9,9 +9,10 @@ from gymnasium import spaces
 
 import neuro_agent
 from neuro import ModelError
+from neuro.coding import Places
 from neuro_agent import deployed, training
 from neuro_agent.environments import Environments
-from neuro_agent.places import Places, dimensions_of, flat
+from neuro_agent.observations import dimensions_of, flat
 
 
 class Corridor(gymnasium.Env):
@@ -70,6 +71,22 @@ def test_it_learns_the_way(learnt):
     assert agent().test(Corridor(), episodes=20).mean < 0.2
 
 
+@pytest.mark.parametrize(
+    "settings",
+    [
+        {"encoder": "tiles"},
+        {"encoder": "population"},
+        {"spikes": "poisson"},
+        {"encoder": "population", "spikes": "poisson"},
+    ],
+    ids=str,
+)
+def test_every_encoder_learns_the_way(settings):
+    one = agent(**settings)
+    one.train(Corridor(), steps=4000)
+    assert one.test(Corridor(), episodes=20).mean > 0.6
+
+
 @pytest.mark.filterwarnings("ignore::neuro.ApproximationWarning")  # of weights, and of iaf_psc_delta on SpiNNaker
 @pytest.mark.parametrize("backend", ["loihi", "spinnaker"])
 def test_chips_decide_by_their_spikes(learnt, backend):
@@ -97,13 +114,15 @@ def test_what_a_file_holds_decides_alike(learnt, tmp_path):
     assert [again.act({"place": 5, "near": np.array([5 / 6], np.float32)}) for _ in range(5)].count(1) >= 4
 
 
-@pytest.mark.parametrize("twin", [False, True])
-def test_a_training_that_was_stopped_goes_on_to_the_same_bits(tmp_path, monkeypatch, twin):
+@pytest.mark.parametrize(
+    ("twin", "settings"), [(False, {}), (True, {}), (True, {"encoder": "population"}), (False, {"spikes": "poisson"})]
+)
+def test_a_training_that_was_stopped_goes_on_to_the_same_bits(tmp_path, monkeypatch, twin, settings):
     monkeypatch.setattr(training, "BLOCK", 250)
     kind = neuro_agent.LinearTwin if twin else neuro_agent.ActorCritic
 
     def made():
-        return kind(Corridor.observation_space, Corridor.action_space, seed=2, critics=10, explore=50)
+        return kind(Corridor.observation_space, Corridor.action_space, seed=2, critics=10, explore=50, **settings)
 
     whole, file = made(), tmp_path / "agent.h5"
     whole.train(Corridor(), steps=1000)
@@ -228,6 +247,15 @@ def test_every_space_comes_back_from_a_file(space, tmp_path):
         assert len(one.places.cells(vector)) == one.places.active
         frozen = one.frozen(seed=1)
         assert actions.contains(one.actions.of(frozen.decide(vector[None]))[0])
+
+
+def test_an_encoder_that_does_not_fit_is_refused():
+    with pytest.raises(ModelError, match=r"^one_hot: observation\['near'\]\[0\] is continuous: expected a number of"):
+        agent(encoder="one_hot")
+    with pytest.raises(ModelError, match=r"encoder = 'place'.*expected"):
+        agent(encoder="place")
+    whole = spaces.Box(0, 3, (2,), np.uint8)
+    assert neuro_agent.ActorCritic(whole, Corridor.action_space, encoder="one_hot").places.size == 8
 
 
 def test_each_grid_has_one_active_place_and_neighbours_share_some():

@@ -1,0 +1,125 @@
+"""Spaces of observations as dimensions and vectors, and the encoder that makes spikes of them."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import gymnasium
+import numpy as np
+import numpy.typing as npt
+from gymnasium import spaces
+
+from neuro import ModelError
+from neuro.coding import Dimension, Fields, OneHot, Places, Population, Tiles
+from neuro_agent.settings import Settings
+
+__all__ = ["BOUNDLESS", "dimensions_of", "encoder_of", "flat"]
+
+Floats = npt.NDArray[np.float64]
+BOUNDLESS = 1e6
+"""A bound beyond this is none: spaces name the largest float where they know none."""
+EXPECTED = "Box, Discrete, MultiDiscrete, MultiBinary, or a Dict or Tuple of these"
+
+
+def encoder_of(space: gymnasium.Space[Any], settings: Settings) -> Fields:
+    """The neurons that stand for observations.
+
+    Raises:
+        ModelError: the space is of another kind or empty, or the encoder refuses it or has too many neurons for it.
+    """
+    dimensions, s = dimensions_of(space), settings
+    if not dimensions:
+        raise ModelError("observation space: it is empty: expected at least one dimension")
+    match s.encoder:
+        case "tiles":
+            return Tiles(dimensions, s.group, s.fields, s.active)
+        case "one_hot":
+            return OneHot(dimensions)
+        case "population":
+            return Population(dimensions, s.group, s.fields)
+    return Places(dimensions, s.group, s.fields, s.active)
+
+
+def dimensions_of(space: gymnasium.Space[Any], name: str = "observation") -> list[Dimension]:
+    """The dimensions of a space of observations, in the order of `flat`.
+
+    Raises:
+        ModelError: a part of it is of another kind.
+    """
+    match space:
+        case spaces.Discrete():
+            return [Dimension(name, int(space.n), int(space.start))]
+        case spaces.MultiDiscrete():
+            starts = np.ravel(space.start)
+            return [Dimension(f"{name}[{k}]", int(n), int(starts[k])) for k, n in enumerate(np.ravel(space.nvec))]
+        case spaces.MultiBinary():
+            return [Dimension(f"{name}[{k}]", 2) for k in range(int(np.prod(space.shape)))]
+        case spaces.Box():
+            ends = zip(np.ravel(space.low).astype(float), np.ravel(space.high).astype(float), strict=True)
+            whole = np.issubdtype(space.dtype, np.integer)
+            return [
+                Dimension(f"{name}[{k}]", low=_bound(low), high=_bound(high), whole=whole)
+                for k, (low, high) in enumerate(ends)
+            ]
+        case spaces.Dict():
+            return [one for key, part in space.spaces.items() for one in dimensions_of(part, f"{name}[{key!r}]")]
+        case spaces.Tuple():
+            return [one for k, part in enumerate(space.spaces) for one in dimensions_of(part, f"{name}[{k}]")]
+    raise ModelError(f"{name} space: found {type(space).__name__}: expected {EXPECTED}")
+
+
+def _bound(value: float) -> float:
+    return value if abs(value) < BOUNDLESS else float(np.copysign(np.inf, value))
+
+
+def flat(space: gymnasium.Space[Any], found: Any, n: int = 0) -> Floats:
+    """Observations as vectors, (observations, dimensions).
+
+    Args:
+        space: of one observation.
+        found: one observation, or with `n` as many as a vector of environments gives them.
+        n: how many there are.
+
+    Raises:
+        ModelError: one has another form than the space says, or holds NaN.
+    """
+    ahead = (n,) if n else ()
+    try:
+        if isinstance(space, (spaces.Dict, spaces.Tuple)):
+            vectors = np.concatenate([part.reshape(n or 1, -1) for part in _parts(space, found, ahead)], axis=1)
+        else:
+            vectors = _array(space, found, ahead).reshape(n or 1, -1)
+        vectors = vectors.astype(np.float64, copy=False)
+    except (TypeError, ValueError, KeyError, IndexError):
+        listed = f"{n} of {space}, one for each environment" if n else f"one of {space}"
+        raise ModelError(f"observation: found {_form(found)}: expected {listed}") from None
+    good = np.isfinite(vectors)
+    if np.count_nonzero(good) < good.size:
+        bad = int(np.argmin(good))
+        raise ModelError(
+            f"observation: number {bad % vectors.shape[1]} is {vectors.flat[bad]:g}: expected finite numbers"
+        )
+    return vectors
+
+
+def _form(observation: Any) -> str:
+    shape = getattr(observation, "shape", None)
+    return type(observation).__name__ if shape is None else f"an array of shape {list(shape)}"
+
+
+def _parts(space: gymnasium.Space[Any], found: Any, ahead: tuple[int, ...]) -> Any:
+    if isinstance(space, spaces.Dict):
+        for key, part in space.spaces.items():
+            yield from _parts(part, found[key], ahead)
+    elif isinstance(space, spaces.Tuple):
+        for part, one in zip(space.spaces, found, strict=True):
+            yield from _parts(part, one, ahead)
+    else:
+        yield _array(space, found, ahead)
+
+
+def _array(space: gymnasium.Space[Any], found: Any, ahead: tuple[int, ...]) -> npt.NDArray[Any]:
+    array = np.asarray(found)
+    if array.shape != (*ahead, *(space.shape or ())):
+        raise ValueError
+    return array
