@@ -97,7 +97,7 @@ class ActorCritic(Learner):
         """What must fail: agents like this one, not trained yet, that are kept from learning; tested after `steps`.
 
         shuffled: errors of other times teach. frozen: nothing does. random: actions are drawn, whatever the circuit
-        chooses. scrambled: the numbers of each observation change places at each step.
+        chooses. scrambled: each place spikes in place of another, drawn anew at each step.
         """
         found = {}
         for name in names:

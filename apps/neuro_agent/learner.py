@@ -55,21 +55,28 @@ class RewardScale:
         self.horizon = 1.0 / (1.0 - discount)
         self.factor, self.first, self.known = 1.0, 0.0, False
 
-    def learn(self, rewards: Sequence[float]) -> None:
+    def learn(self, rewards: Sequence[float], returns: Sequence[float] = ()) -> None:
         """Take the scale from rewards, of which one is not 0.
 
         A typical reward in each step, for ever, is to be a value of 1. Where rewards are rare, only as many count as
-        come within the horizon. States are worth at first what random moves bring, if that is more than nothing: a
-        value that is too high makes an agent try what it has not tried.
+        come within the horizon, and within an episode. States are worth at first what random moves bring, if that is
+        more than nothing: a value that is too high makes an agent try what it has not tried. Where rewards are rare it
+        is at most the best return, since a goal that ends the episode must not be worth less than to go on.
+
+        Args:
+            rewards: of control steps.
+            returns: of the episodes that have ended.
         """
         array = np.asarray(rewards, dtype=np.float64)
         some = array[array != 0.0]
         if not some.size:
             return
-        dense = some.size / array.size
-        steps = self.horizon if dense >= 0.5 else max(1.0, dense * self.horizon)
+        dense, steps, most = some.size / array.size, self.horizon, math.inf
+        if dense < 0.5:
+            steps = max(1.0, min(dense * self.horizon, some.size / max(1, len(returns))))
+            most = max(0.0, float(some.max()), *returns)
         self.factor = 1.0 / (float(np.median(np.abs(some))) * steps)
-        self.first = max(0.0, self.factor * float(array.mean()) * self.horizon)
+        self.first = max(0.0, self.factor * min(most, float(array.mean()) * self.horizon))
         self.known = True
 
 
@@ -165,9 +172,18 @@ class Learner:
         assert self._copies is not None
         return {name: self._copies.merge(name, w.ravel()).reshape(w.shape) for name, w in before.items()}
 
-    def decide(self, observations: Floats) -> Decision:
-        """Show an observation to each copy, (copies, dimensions), and let it judge and choose."""
-        values, *chosen = self._stepper.step(self.places.spikes(observations, STEP, self._draws), self._ask)
+    def decide(self, observations: Floats, mixed: np.random.Generator | None = None) -> Decision:
+        """Show an observation to each copy, (copies, dimensions), and let it judge and choose.
+
+        With `mixed` each place spikes in place of another, drawn anew: a control.
+        """
+        spikes = self.places.spikes(observations, STEP, self._draws)
+        if mixed is not None:
+            offsets, ticks, ids = spikes
+            ids = mixed.permutation(self.places.size)[ids]
+            copies = np.repeat(np.arange(len(observations)), np.diff(offsets))
+            spikes = offsets, ticks, ids[np.lexsort((ids, ticks, copies))]
+        values, *chosen = self._stepper.step(spikes, self._ask)
         winners = np.array([each.argmax(axis=1) for each in chosen]).T
         counts = values.sum(axis=1) / self.settings.critics
         return Decision(winners, self.rewards.first + (counts - REST) / GAIN, values)

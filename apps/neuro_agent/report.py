@@ -22,7 +22,7 @@ CONTROLS = {
     "shuffled": "errors of other times teach",
     "frozen": "nothing teaches",
     "random": "actions are drawn",
-    "scrambled": "observations are permuted at each step",
+    "scrambled": "places are permuted at each step",
 }
 
 

@@ -35,6 +35,8 @@ MERGE = 16
 """Control steps after which copies of a network that learn side by side add up what they have learnt."""
 CONTROLS = ("shuffled", "frozen", "random", "scrambled")
 """What must fail: errors of other times, no learning, an actor that ignores its input, places permuted at each step."""
+KEPT = 1000
+"""Errors from the begin of a training that the control `shuffled` draws from."""
 SEEN = 500
 """Observations of the last control steps that an agent keeps."""
 SPARSE = 10
@@ -72,7 +74,7 @@ class Course:
         self.agent, self.env, self.control = agent, env, control
         self.log, self.steps = Log(), 0
         self.rewards: list[float] = []
-        self._none = [0] * env.n
+        self._none, self._kept = [0] * env.n, np.zeros(0)
         self.rng = np.random.default_rng([agent.seed, 1])
 
     def arrays(self) -> dict[str, Any]:
@@ -114,7 +116,7 @@ class Course:
         if not agent.explored or not agent.rewards.known:
             self.rewards += reward[~begins].tolist()
             if not agent.explored or reward.any():
-                agent.rewards.learn(self.rewards)
+                agent.rewards.learn(self.rewards, self.log.returns.tolist())
 
     def _seeds(self, begins: Bools | None = None) -> list[int]:
         """Seeds of the episodes that begin."""
@@ -141,8 +143,7 @@ class Course:
         shown_last: deque[Floats] = deque(maxlen=SEEN)
         for k in range(-(-most // env.n)):
             shown_last.append(seen[0])
-            shown = self.rng.permuted(seen, axis=1) if self.control == "scrambled" else seen
-            found = agent.decide(shown)
+            found = agent.decide(seen, self.rng if self.control == "scrambled" else None)
             # What a state is worth follows a cut-off, and nothing an end; of what has just begun nothing is known.
             errors = (reward + s.discount * found.values * ~ended - value) * ~begins
             agent.teach(self._taught(errors))
@@ -168,7 +169,9 @@ class Course:
         if self.control == "frozen":
             return np.zeros_like(errors)
         if self.control == "shuffled":
-            self._kept = np.append(getattr(self, "_kept", np.zeros(0)), errors)[-1000:]
+            # Of a fixed set: errors of the last steps would report how well the agent does, and so teach.
+            if self._kept.size < KEPT:
+                self._kept = np.append(self._kept, errors)
             return self.rng.choice(self._kept, errors.shape)
         return errors
 

@@ -29,11 +29,12 @@ class LinearTwin(ActorCritic):
         self._z = [{name: np.zeros_like(each) for name, each in self._learnt.items()} for _ in range(n)]
         self._e: list[dict[str, tuple[Ints, Floats]]] = [{} for _ in range(n)]
 
-    def decide(self, observations: Floats) -> Decision:
-        """Judge and choose, for each observation."""
+    def decide(self, observations: Floats, mixed: np.random.Generator | None = None) -> Decision:
+        """Judge and choose, for each observation; see `Learner.decide`."""
         winners, values = [], []
         for k, vector in enumerate(observations):
             cells, x = self.places.activity(vector)
+            cells = cells if mixed is None else mixed.permutation(self.places.size)[cells]
             values.append(self.rewards.first + float((x * self._learnt["value"][cells, 0]).sum()))
             x = x[:, None]
             self._e[k] = {"value": (cells, x)}

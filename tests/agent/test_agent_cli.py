@@ -46,7 +46,7 @@ def walk(neuro, tmp_path, registries):
 
 def test_a_world_of_the_users_own_is_trained_tested_and_watched(neuro, walk):
     small = ("--set", "critics=10", "--set", "explore=50")
-    code, out, err = neuro("train", "my_walk:Walk-v0", "--out", "walk.h5", "--seed", 1, *small)
+    code, out, err = neuro("train", "my_walk:Walk-v0", "--out", "walk.h5", "--seed", 1, "--steps", 20000, *small)
     assert (code, err) == (0, "")
     assert out.startswith("walk.h5: ")
     assert out.endswith(", solved\n")
