@@ -96,7 +96,8 @@ def test_what_a_run_forks_ends_with_its_process_and_is_not_waited_for(runs, tmp_
     )
     assert table.column("error") == ["", "", "its process was ended by SIGABRT, 2 times", ""]
     for a in (1, 3):
-        assert began(int((tmp_path / f"child-{a}").read_text())) == ""
+        child = (tmp_path / f"child-{a}").read_text()  # empty where it was ended before it had written
+        assert child == "" or began(int(child)) == ""
 
 
 def test_a_run_that_prints_much_needs_no_memory_for_it(runs, tmp_path):
