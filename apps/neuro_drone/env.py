@@ -108,7 +108,7 @@ class DroneEnv(gymnasium.Env[npt.NDArray[Any], Any]):
         )
         self._step_us, self._seconds = round(scenario.step * 1000.0), scenario.step / 1000.0
         self._t_us = 0
-        self._told_until = inf if scenario.motors == Motors() else round(scenario.motors.since * 1e6)
+        self._motors_from_us = inf if scenario.motors == Motors() else round(scenario.motors.since * 1e6)
         self._running = False
         self._events: Events | None = None
 
@@ -137,7 +137,7 @@ class DroneEnv(gymnasium.Env[npt.NDArray[Any], Any]):
             raise ModelError("step: no episode is under way: call reset first")
         a, b, *up = self._commands(action)
         drone, task, weather = self.scenario.drone, self.task, self.weather
-        if self._t_us >= self._told_until:
+        if self._t_us >= self._motors_from_us:
             a, b = self.scenario.motors.flown(a, b)
         if not weather.still:
             weather.step(self._seconds)

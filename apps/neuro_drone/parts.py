@@ -250,13 +250,13 @@ class Load(WorldPart):
 
 @dataclass(frozen=True, slots=True)
 class Motors(WorldPart):
-    """Motors that do otherwise than they are told, in the plane of the ground; no controller knows of it.
+    """Motors that do not do what is commanded, in the plane of the ground; no controller is informed of it.
 
     Attributes:
         mirror: right is taken for left, and left for right.
         angle: by which the flight is then turned, anticlockwise seen from above, degrees.
-        gain: how many times as fast as told the drone flies.
-        since: when this begins, s after the start of an episode; before, the motors do as they are told.
+        gain: how many times as fast as commanded the drone flies.
+        since: when this begins, s after the start of an episode; before, the motors do what is commanded.
     """
 
     _place = "motors"
@@ -267,7 +267,7 @@ class Motors(WorldPart):
     since: float = number(0.0, at_least=0.0, at_most=100_000.0, unit="s")
 
     def flown(self, right: float, down: float) -> tuple[float, float]:
-        """What the drone does when it is told to fly to the right and down the picture, as shares of v_max."""
+        """What the drone does at a command to fly to the right and down the picture, as shares of v_max."""
         right = -right if self.mirror else right
         c, s = self.gain * cos(radians(self.angle)), self.gain * sin(radians(self.angle))
         return right * c + down * s, down * c - right * s

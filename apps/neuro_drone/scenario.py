@@ -25,7 +25,14 @@ BULLET_A_MAX = 8.0
 SEED = Quantity(whole=True, at_least=0)
 ERROR = Quantity(at_least=-180, at_most=180)
 """Of an axis at the beginning, px or degrees."""
-PARTS: dict[str, type[WorldPart]] = {"camera": Camera, "ground": Ground, "drone": Drone, "wind": Wind, "load": Load, "motors": Motors}
+PARTS: dict[str, type[WorldPart]] = {
+    "camera": Camera,
+    "ground": Ground,
+    "drone": Drone,
+    "wind": Wind,
+    "load": Load,
+    "motors": Motors,
+}
 
 
 @dataclass(frozen=True, slots=True)
