@@ -3,9 +3,10 @@
     python benchmarks/drone_motors.py [--motors 25] [--first 101] [--steps 60000] [--only NAME ...] [--json FILE]
 
 Motors are drawn for each number from --first on: mirrored or not, turned by any angle, a gain of 0.5 to 2. Controllers
-that learn get the same control steps for each of them. Then all fly the same 9 laps, frozen, from starts and on paths of
-the test. The spiking agent and its twin see the mean place of the events, as `centroid` does, and their last commands.
-The figure is the mean distance of the ball from the middle, px; a lap in which the ball is lost counts as LOST px.
+that learn get the same control steps for each of them. Then all fly the same 9 laps, frozen, from starts and on paths
+of the test. The spiking agent and its twin see the mean place of the events, as `centroid` does, and their last
+commands. The figure is the mean distance of the ball from the middle, px; a lap in which the ball is lost counts as
+LOST px.
 """
 
 from __future__ import annotations
