@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from functools import partial
-from math import cos, exp, isfinite, radians, sin, sqrt
+from math import cos, exp, inf, isfinite, radians, sin, sqrt
 from operator import index
 from pathlib import Path
 from typing import Any
@@ -22,7 +22,7 @@ from neuro_drone.bullet import body_of
 from neuro_drone.eye import Eye
 from neuro_drone.geometry import CameraView, WorldScene
 from neuro_drone.line import LineTask
-from neuro_drone.parts import Load, Wind
+from neuro_drone.parts import Load, Motors, Wind
 from neuro_drone.paths import FIXED, Variation
 from neuro_drone.scenario import Ball, Scenario, errors, load
 from neuro_drone.tasks import Judged, Task
@@ -90,7 +90,7 @@ class DroneEnv(gymnasium.Env[npt.NDArray[Any], Any]):
         self.observation_space = _space(observation)
         self.action_space, self._commands = model(actions, scenario.axes)
         camera, drone = scenario.camera, scenario.drone
-        level = CameraView(fov=camera.fov, tilt=camera.tilt)
+        level = CameraView(fov=camera.fov, tilt=camera.tilt, roll=camera.roll)
         self.task: Task
         if isinstance(scenario.task, Ball):
             self.task = BallTask(scenario.task, level, drone.height)
@@ -102,12 +102,13 @@ class DroneEnv(gymnasium.Env[npt.NDArray[Any], Any]):
         # what is judged is where the camera would look without its shake
         self._shakes = camera.shake > 0.0
         self.view = (
-            CameraView(fov=camera.fov, tilt=camera.tilt, fixed=camera.mount == "body")
+            CameraView(fov=camera.fov, tilt=camera.tilt, fixed=camera.mount == "body", roll=camera.roll)
             if self._shakes
             else self.eye.view
         )
         self._step_us, self._seconds = round(scenario.step * 1000.0), scenario.step / 1000.0
         self._t_us = 0
+        self._motors_from_us = inf if scenario.motors == Motors() else round(scenario.motors.since * 1e6)
         self._running = False
         self._events: Events | None = None
 
@@ -136,6 +137,8 @@ class DroneEnv(gymnasium.Env[npt.NDArray[Any], Any]):
             raise ModelError("step: no episode is under way: call reset first")
         a, b, *up = self._commands(action)
         drone, task, weather = self.scenario.drone, self.task, self.weather
+        if self._t_us >= self._motors_from_us:
+            a, b = self.scenario.motors.flown(a, b)
         if not weather.still:
             weather.step(self._seconds)
             self.body.feel(weather.wind, weather.load)

@@ -45,7 +45,7 @@ class Eye:
 
         camera, task, light = scenario.camera, scenario.task, scenario.light
         self._ground, self._light = scenario.ground, light
-        self.view = CameraView(fov=camera.fov, tilt=camera.tilt, fixed=camera.mount == "body")
+        self.view = CameraView(fov=camera.fov, tilt=camera.tilt, fixed=camera.mount == "body", roll=camera.roll)
         size = self.view.size
         self._shake = radians(camera.shake)
         self._shades = light * np.array([SKY, scenario.ground.brightness, task.brightness, task.brightness])

@@ -58,6 +58,7 @@ class CameraView:
         fov: angle of view over the whole width, degrees.
         tilt: of the optical axis below the horizontal, degrees; 90 looks straight down.
         fixed: to the body, so that it rolls and pitches with it; else a gimbal keeps it level.
+        roll: by which it is turned about its axis, clockwise seen from behind, degrees.
 
     Attributes:
         matrix: (4, 3), the camera's axes right, down and forward in the world, and its place (m).
@@ -68,8 +69,10 @@ class CameraView:
         word on the reference; here always below the horizontal).
     """
 
-    def __init__(self, size: int = 128, fov: float = 65.0, tilt: float = 60.0, fixed: bool = False) -> None:
-        self.size, self.tilt, self.fixed = size, radians(tilt), fixed
+    def __init__(
+        self, size: int = 128, fov: float = 65.0, tilt: float = 60.0, fixed: bool = False, roll: float = 0.0
+    ) -> None:
+        self.size, self.tilt, self.fixed, self.roll = size, radians(tilt), fixed, radians(roll)
         self.focal = 0.5 * size / tan(radians(0.5 * fov))
         self.middle = 0.5 * (size - 1)
         self.matrix: npt.NDArray[np.float64] = np.zeros((4, 3))
@@ -84,7 +87,13 @@ class CameraView:
         """
         tilt, pan = self.tilt + shake[1], shake[0]
         ct, st, cp, sp = cos(tilt), sin(tilt), cos(pan), sin(pan)
-        axes = ((-sp, -cp, 0.0), (-st * cp, st * sp, -ct), (ct * cp, -ct * sp, -st))
+        right, down = (-sp, -cp, 0.0), (-st * cp, st * sp, -ct)
+        if self.roll:
+            c, s = cos(self.roll), sin(self.roll)
+            pairs = tuple(zip(right, down, strict=True))
+            (r1, r2, r3), (d1, d2, d3) = (c * a + s * b for a, b in pairs), (c * b - s * a for a, b in pairs)
+            right, down = (r1, r2, r3), (d1, d2, d3)
+        axes = (right, down, (ct * cp, -ct * sp, -st))
         cy, sy = cos(pose.yaw), sin(pose.yaw)
         m = self.matrix
         if self.fixed:

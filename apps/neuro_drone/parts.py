@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from math import cos, radians, sin
 from typing import Any
 
 from neuro import ModelError
@@ -17,6 +18,7 @@ __all__ = [
     "Ground",
     "Line",
     "Load",
+    "Motors",
     "Wind",
     "WorldPart",
     "check_whole",
@@ -145,6 +147,8 @@ class Camera(WorldPart):
         tilt: below the horizontal, degrees.
         fov: over the whole width, degrees.
         mount: gimbal (stays level) or body (rolls and pitches with the drone).
+        roll: by which it is turned about its axis, clockwise seen from behind, degrees; the picture, and with it all
+            errors, turn the other way.
         shake: standard deviation of a small random turn in each step, degrees; a still picture makes no events.
         pos_thres, neg_thres: contrast thresholds, log units.
         sigma_thres: their standard deviation from pixel to pixel.
@@ -157,6 +161,7 @@ class Camera(WorldPart):
     tilt: float = number(60.0, at_least=1.0, at_most=90.0, unit="degrees")
     fov: float = number(65.0, at_least=10.0, at_most=150.0, unit="degrees")
     mount: str = choice("gimbal", "gimbal", "body")
+    roll: float = number(0.0, at_least=-180.0, at_most=180.0, unit="degrees")
     shake: float = number(0.0, at_least=0.0, at_most=5.0, unit="degrees")
     pos_thres: float = number(0.15, at_least=0.01, at_most=10.0)
     neg_thres: float = number(0.15, at_least=0.01, at_most=10.0)
@@ -241,3 +246,28 @@ class Load(WorldPart):
 
     mass: float = number(0.0, at_least=-0.5, at_most=1.0, unit="kg")
     since: float = number(0.0, at_least=0.0, at_most=100_000.0, unit="s")
+
+
+@dataclass(frozen=True, slots=True)
+class Motors(WorldPart):
+    """Motors that do not do what is commanded, in the plane of the ground; no controller is informed of it.
+
+    Attributes:
+        mirror: right is taken for left, and left for right.
+        angle: by which the flight is then turned, anticlockwise seen from above, degrees.
+        gain: how many times as fast as commanded the drone flies.
+        since: when this begins, s after the start of an episode; before, the motors do what is commanded.
+    """
+
+    _place = "motors"
+
+    mirror: bool = field(default=False, metadata={"quantity": Quantity(kind="boolean")})
+    angle: float = number(0.0, at_least=-360.0, at_most=360.0, unit="degrees")
+    gain: float = number(1.0, above=0.0, at_most=10.0)
+    since: float = number(0.0, at_least=0.0, at_most=100_000.0, unit="s")
+
+    def flown(self, right: float, down: float) -> tuple[float, float]:
+        """What the drone does at a command to fly to the right and down the picture, as shares of v_max."""
+        right = -right if self.mirror else right
+        c, s = self.gain * cos(radians(self.angle)), self.gain * sin(radians(self.angle))
+        return right * c + down * s, down * c - right * s

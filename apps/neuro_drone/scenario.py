@@ -10,9 +10,9 @@ from typing import Any
 
 from neuro import ModelError
 from neuro.apps import Node, Quantity, Where, about, check, check_fields, mistake, plain, read, unknown, words
-from neuro_drone.parts import GRAVITY, MASS, Ball, Camera, Drone, Ground, Line, Load, Wind, WorldPart, number
+from neuro_drone.parts import GRAVITY, MASS, Ball, Camera, Drone, Ground, Line, Load, Motors, Wind, WorldPart, number
 
-__all__ = ["NAMES", "Ball", "Camera", "Drone", "Ground", "Line", "Load", "Scenario", "Wind", "errors", "load"]
+__all__ = ["NAMES", "Ball", "Camera", "Drone", "Ground", "Line", "Load", "Motors", "Scenario", "Wind", "errors", "load"]
 
 FOLDER = Path(__file__).parent / "scenarios"
 NAMES = tuple(sorted(file.stem for file in FOLDER.glob("*.yaml")))
@@ -25,7 +25,14 @@ BULLET_A_MAX = 8.0
 SEED = Quantity(whole=True, at_least=0)
 ERROR = Quantity(at_least=-180, at_most=180)
 """Of an axis at the beginning, px or degrees."""
-PARTS: dict[str, type[WorldPart]] = {"camera": Camera, "ground": Ground, "drone": Drone, "wind": Wind, "load": Load}
+PARTS: dict[str, type[WorldPart]] = {
+    "camera": Camera,
+    "ground": Ground,
+    "drone": Drone,
+    "wind": Wind,
+    "load": Load,
+    "motors": Motors,
+}
 
 
 @dataclass(frozen=True, slots=True)
@@ -36,7 +43,7 @@ class Scenario:
         name: what it is called.
         step: between two actions, ms.
         task: what is followed.
-        camera, ground, drone, wind, load: of the world.
+        camera, ground, drone, wind, load, motors: of the world.
         light: factor on all brightness.
         start: error on each axis at the beginning of each episode, ball px and px, line px and degrees; None draws it.
             Of three axes the third may be left out, it is then 0.
@@ -54,6 +61,7 @@ class Scenario:
     drone: Drone = field(default_factory=Drone)
     wind: Wind = field(default_factory=Wind)
     load: Load = field(default_factory=Load)
+    motors: Motors = field(default_factory=Motors)
     light: float = number(1.0, at_least=0.001, at_most=1000.0)
     start: tuple[float, ...] | None = None
     seed: int | None = None
@@ -99,10 +107,12 @@ class Scenario:
         if isinstance(task, Ball):
             self._below(task)
             self._carried(task)
-        elif self.drone.spin:
-            raise ModelError(
-                f"drone.spin = {self.drone.spin:g}: expected 0 along a line, where actions turn", path=("drone", "spin")
-            )
+            return
+        why = {"drone.spin": "where actions turn", "motors.angle": "where actions turn", "camera.roll": "which leans"}
+        for name, reason in why.items():
+            part, word = name.split(".")
+            if value := getattr(getattr(self, part), word):
+                raise ModelError(f"{name} = {value:g}: expected 0 along a line, {reason}", path=(part, word))
 
     def _below(self, ball: Ball) -> None:
         """Refuse a ball that reaches the height of the drone."""

@@ -187,3 +187,45 @@ def test_pictures():
     discrete = DroneEnv("B60", actions="discrete")
     discrete.reset()
     assert discrete.step(np.int64(8))
+
+
+def _flown(seconds, command, **changes):
+    """Where a drone is after a command, relative to where it began, (right, back) in m."""
+    env = DroneEnv("B60", start=[0.0, 0.0], **changes)
+    env.reset(seed=1)
+    begin = env.body.pose.x, env.body.pose.y
+    for _ in range(round(seconds * 20)):
+        env.step(np.array(command))
+    return np.array([-(env.body.pose.y - begin[1]), -(env.body.pose.x - begin[0])])
+
+
+@pytest.mark.parametrize(("mirror", "angle", "gain"), [(True, 0.0, 1.0), (False, 90.0, 0.5), (True, -30.0, 0.7)])
+def test_motors_mirror_turn_and_scale_a_command(mirror, angle, gain):
+    command = np.array([0.3, 0.1])
+    c, s = gain * np.cos(np.radians(angle)), gain * np.sin(np.radians(angle))
+    right = -command[0] if mirror else command[0]
+    turned = [c * right + s * command[1], c * command[1] - s * right]
+    motors = {"mirror": mirror, "angle": angle, "gain": gain}
+    np.testing.assert_allclose(_flown(0.4, command, motors=motors), _flown(0.4, turned), atol=1e-12)
+    assert not np.allclose(_flown(0.4, command, motors=motors), _flown(0.4, command))
+
+
+def test_motors_change_in_flight():
+    motors = {"mirror": True, "since": 0.2}
+    np.testing.assert_array_equal(_flown(0.2, [0.3, 0.1], motors=motors), _flown(0.2, [0.3, 0.1]))
+    assert not np.allclose(_flown(0.4, [0.3, 0.1], motors=motors), _flown(0.4, [0.3, 0.1]))
+
+
+def _seen(command, roll):
+    """The error after some steps of a command, with a camera that looks straight down."""
+    env = DroneEnv("B60", start=[0.0, 0.0], camera={"roll": roll, "tilt": 90.0})
+    env.reset(seed=1)
+    return np.array([env.step(np.array(command))[4]["error"] for _ in range(8)][-1])
+
+
+def test_a_lens_that_is_turned_turns_what_a_command_does_to_the_error():
+    by_roll = {roll: _seen([0.3, 0.0], roll) - _seen([0.0, 0.0], roll) for roll in (0.0, 90.0, 180.0)}
+    right, down = by_roll[0.0]
+    assert abs(right) > 1.0 > abs(down)
+    np.testing.assert_allclose(by_roll[180.0], [-right, -down], atol=0.2)
+    np.testing.assert_allclose(np.abs(by_roll[90.0]), [abs(down), abs(right)], atol=0.2)

@@ -1,0 +1,166 @@
+"""The ball's drone with motors that are mirrored, turned and of unknown gain: who still follows, and who has to learn.
+
+    python benchmarks/drone_motors.py [--motors 25] [--first 101] [--steps 60000] [--only NAME ...] [--json FILE]
+
+Motors are drawn for each number from --first on: mirrored or not, turned by any angle, a gain of 0.5 to 2. Controllers
+that learn get the same control steps for each of them. Then all fly the same 9 laps, frozen, from starts and on paths
+of the test. The spiking agent and its twin see the mean place of the events, as `centroid` does, and their last
+commands. The figure is the mean distance of the ball from the middle, px; a lap in which the ball is lost counts as
+LOST px.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import gymnasium
+import numpy as np
+import numpy.typing as npt
+
+from neuro_agent import ActorCritic, LinearTwin
+from neuro_drone.controllers.simple import centroid
+from neuro_drone.env import DroneEnv
+from neuro_drone.evaluate import fly_lap, grid
+from neuro_drone.scenario import Scenario, load
+from neuro_drone.train import train
+
+Floats = npt.NDArray[np.float64]
+LOST, BOUND = 64.0, 2.5
+AGENT = {"levels": 5, "fields": 8, "discount": 0.9, "decay": 0.8, "actor_rate": 5.0, "sharpness": 2.0}
+"""Settings of the spiking agent and its twin, chosen on motors 1."""
+KEPT = 0.6
+"""What is left of a command in the next control step: about as the drone keeps its speed."""
+
+
+class Pid:
+    """A PID controller on the mean place of the events; gains by hand on motors that do as commanded."""
+
+    def __init__(self, p: float = 4.0, i: float = 0.4, d: float = 0.5) -> None:
+        self._gains = p, i, d
+
+    def begin(self) -> None:
+        """Forget the lap before."""
+        self._sum, self._last = np.zeros(2), np.zeros(2)
+
+    def act(self, counts: npt.NDArray[Any], info: Mapping[str, Any]) -> Floats:
+        """The command of a control step."""
+        p, i, d = self._gains
+        error = centroid(counts)
+        self._sum, change = np.clip(self._sum + error, -1.0, 1.0), error - self._last
+        self._last = error
+        return np.clip(p * error + i * self._sum + d * change, -1.0, 1.0)
+
+    def learn(self, info: Mapping[str, Any]) -> None:
+        """It learns nothing."""
+
+
+class Senses:
+    """What the agent sees: where the events are, finer near the middle, and the mean of its last commands."""
+
+    def __init__(self) -> None:
+        self.place, self.commands = np.zeros(2), np.zeros(2)
+
+    def see(self, counts: npt.NDArray[Any], command: Floats) -> Floats:
+        """Where there are no events the last place stays."""
+        at = centroid(counts)
+        self.place = np.sign(at) * np.sqrt(np.abs(at)) if counts.any() else self.place
+        self.commands = KEPT * self.commands + (1.0 - KEPT) * command
+        return np.clip(np.concatenate([self.place, self.commands]), -1.0, 1.0)
+
+
+class Seen(gymnasium.Wrapper[Any, Any, Any, Any]):
+    """The drone's environment as the agent sees it; the reward falls with the root of the distance."""
+
+    def __init__(self, env: DroneEnv) -> None:
+        super().__init__(env)
+        self.observation_space = gymnasium.spaces.Box(-1.0, 1.0, (4,), np.float64)
+
+    def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> tuple[Any, dict[str, Any]]:
+        """Begin an episode."""
+        _, info = self.env.reset(seed=seed, options=options)
+        self._senses = Senses()
+        return self._senses.see(info["counts"], np.zeros(2)), info
+
+    def step(self, action: Any) -> tuple[Any, float, bool, bool, dict[str, Any]]:
+        """A control step."""
+        _, _, ended, cut, info = self.env.step(action)
+        reward = 1.0 - float(np.sqrt(min(1.0, info["error_px"] / LOST)))
+        return self._senses.see(info["counts"], action), reward, ended, cut, info
+
+
+class Flies:
+    """A frozen agent as a controller of the drone."""
+
+    def __init__(self, agent: ActorCritic) -> None:
+        self._agent, self._frozen = agent, agent.frozen(1)
+
+    def begin(self) -> None:
+        """Forget the lap before."""
+        self._senses, self._command = Senses(), np.zeros(2)
+
+    def act(self, counts: npt.NDArray[Any], info: Mapping[str, Any]) -> Floats:
+        """The command of a control step."""
+        seen = self._senses.see(counts, self._command)
+        self._command = self._agent.actions.of(self._frozen.decide(seen[None]))[0]
+        return self._command
+
+    def learn(self, info: Mapping[str, Any]) -> None:
+        """It is frozen."""
+
+
+def motors(number: int) -> dict[str, Any]:
+    """Those of a number, as words of a scenario."""
+    rng = np.random.default_rng([number, 7])
+    mirror, angle, gain = bool(rng.integers(2)), float(rng.uniform(-180.0, 180.0)), float(2.0 ** rng.uniform(-1.0, 1.0))
+    return {"mirror": mirror, "angle": round(angle, 1), "gain": round(gain, 3)}
+
+
+def controller(name: str, world: Scenario, seed: int, steps: int) -> Any:
+    """One that has learnt for so many steps, if it learns, and learns no more."""
+    if name == "pid":
+        return Pid()
+    if name in ("agent", "twin"):
+        env = Seen(DroneEnv(world))
+        kind = ActorCritic if name == "agent" else LinearTwin
+        agent = kind(env.observation_space, env.action_space, seed=seed, **AGENT)
+        agent.train(env, steps=steps)
+        return Flies(agent)
+    return train(world, name, steps=steps, seed=seed).frozen()
+
+
+def error_px(name: str, world: Scenario, seed: int, steps: int) -> float:
+    """The mean distance in the test's laps."""
+    flies, env = controller(name, world, seed, steps), DroneEnv(world)
+    laps = [fly_lap(env, flies, start, index) for index, start in enumerate(grid(world, 3))]
+    return float(np.mean([LOST if lap.lost else lap.error_px for lap in laps]))
+
+
+def main() -> None:
+    """Fly all and print a line for each of the motors, then one for each controller, the best first."""
+    names = ("centroid", "pid", "lms", "snn", "agent", "twin")
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--motors", type=int, default=25)
+    parser.add_argument("--first", type=int, default=101)
+    parser.add_argument("--steps", type=int, default=60_000)
+    parser.add_argument("--only", nargs="+", choices=names, default=list(names))
+    parser.add_argument("--json", type=Path)
+    given = parser.parse_args()
+    found: dict[str, list[float]] = {name: [] for name in given.only}
+    for number in range(given.first, given.first + given.motors):
+        world = load("B60", motors=motors(number))
+        for name, each in found.items():
+            each.append(error_px(name, world, number, given.steps))
+        print(number, motors(number), {name: round(each[-1], 2) for name, each in found.items()}, flush=True)
+    for name, each in sorted(found.items(), key=lambda one: float(np.mean(one[1]))):
+        good = sum(px <= BOUND for px in each)
+        print(f"{name}: mean {np.mean(each):.2f} px, worst {max(each):.2f}, at most {BOUND} px {good} of {len(each)}")
+    if given.json:
+        given.json.write_text(json.dumps(found, indent=1))
+
+
+if __name__ == "__main__":
+    main()
