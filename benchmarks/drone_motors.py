@@ -39,7 +39,7 @@ KEPT = 0.6
 class Pid:
     """A PID controller on the mean place of the events; gains by hand on motors that do as commanded."""
 
-    def __init__(self, p: float = 4.0, i: float = 0.4, d: float = 0.5) -> None:
+    def __init__(self, p: float = 3.0, i: float = 0.05, d: float = 0.0) -> None:
         self._gains = p, i, d
 
     def begin(self) -> None:
