@@ -69,7 +69,7 @@ TASKS = {
     "FrozenLake-v1": Task(0.7, 300_000, window=500, tests=1000, frozen=0.68, controls=150_000),
     "Taxi-v4": Task(7.0, 1_000_000),
     "MountainCarContinuous-v0": Task(90.0, 300_000),
-    "Pendulum-v1": Task(-200.0, 300_000),
+    "Pendulum-v1": Task(-150.0, 150_000, frozen=-200.0),
 }
 
 

@@ -148,8 +148,9 @@ class Learner:
     def begin(self, n: int, block: int = 0) -> None:
         """Compile n copies of the network for a block of training, with what was learnt before."""
         learnt = self.weights
-        self._draws = draws_of(self, block_seed(self.seed, block))
-        self._copies = neuro.compile(self.network(), copies=n, seed=block_seed(self.seed, block))
+        seed = block_seed(self.seed, block)
+        self._draws = draws_of(self, seed)
+        self._copies = neuro.compile(self.network(), copies=n, seed=seed)
         count = [CRITIC, *(circuit(k) for k in range(len(self.actions.sizes)))]
         self._stepper = self._copies.stepper(float(STEP), emit=["places", "ask"], count=count)
         self._ask = (np.arange(n + 1), np.full(n, STEP - 1), np.zeros(n, dtype=np.int64))

@@ -26,8 +26,8 @@ BASE, SLOPE, FEEDBACK = 240.0, 180.0, 20.0
 """Rate of a critic's neuron at rest in Hz, by how much 1 mV changes it, and how strongly it adapts.
 
 A spike raises the threshold, which holds the next one back: where a rate of 1 Hz more lowers the drive by FEEDBACK Hz,
-the counts of a control step vary by 0.13 mV, those of a Poisson process of the same rate and slope by 0.55 mV. What
-varies in the value is an error that was not made, and the actor follows it.
+the counts of a control step vary by 0.14 mV, those of a Poisson process of the same rate and slope by 0.66 mV
+(sqrt(REST) / GAIN). What varies in the value is an error that was not made, and the actor follows it.
 """
 REST, GAIN = 5.98, 3.69
 """Spikes of a critic's neuron in a control step in which nothing excites it, and by how many 1 mV changes that.

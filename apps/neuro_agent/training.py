@@ -73,7 +73,6 @@ class Course:
     def __init__(self, agent: Learner, env: Environments, control: str = "") -> None:
         self.agent, self.env, self.control = agent, env, control
         self.log, self.steps = Log(), 0
-        self.rewards: list[float] = []
         self._none, self._kept = [0] * env.n, np.zeros(0)
         self.rng = np.random.default_rng([agent.seed, 1])
 
@@ -96,27 +95,31 @@ class Course:
             return
         env.actions.seed(agent.seed)
         seen, least = [env.reset(self._seeds())], agent.settings.explore
-        sums = Sums(env.n)
-        while self.steps < (least if agent.rewards.known else SPARSE * least) and not end.reached(self.log):
+        sums, rewards, some = Sums(env.n), list[float](), False
+        while self.steps < (least if some else SPARSE * least) and not end.reached(self.log):
             if end.steps is not None and self.steps >= end.steps:
                 break
             begins = env.over
             drawn = np.stack([env.actions.sample() for _ in range(env.n)])
             now, reward, _, _ = env.step(drawn, self._seeds(begins))
             seen.append(now)
-            self._count(reward, begins)
+            self._count(begins)
             sums.add(self, reward, begins, env.over)
+            rewards += reward[~begins].tolist()
+            some |= bool(reward.any())
         agent.places.learn(np.concatenate(seen))
+        agent.rewards.learn(rewards, self.log.returns.tolist())
         agent.explored = True
 
-    def _count(self, reward: Floats, begins: Bools) -> None:
-        """Count a control step of all, and learn the scale of rewards as soon as there is one."""
+    def _count(self, begins: Bools) -> None:
+        """Count a control step of all."""
         self.steps += self.env.n - int(np.count_nonzero(begins))
-        agent = self.agent
-        if not agent.explored or not agent.rewards.known:
-            self.rewards += reward[~begins].tolist()
-            if not agent.explored or reward.any():
-                agent.rewards.learn(self.rewards, self.log.returns.tolist())
+
+    def _scale(self, reward: Floats, begins: Bools) -> None:
+        """Learn the scale of rewards from the first ones: all before were 0."""
+        if not self.agent.rewards.known and reward.any():
+            now = reward[~begins]
+            self.agent.rewards.learn([0.0] * (self.steps - now.size) + now.tolist(), self.log.returns.tolist())
 
     def _seeds(self, begins: Bools | None = None) -> list[int]:
         """Seeds of the episodes that begin."""
@@ -151,7 +154,8 @@ class Course:
             if np.count_nonzero(begins):
                 agent.forget(begins)
             seen, reward, ended, _ = env.step(agent.actions.of(self._winners(found.winners)), self._seeds(begins))
-            self._count(reward, begins)
+            self._count(begins)
+            self._scale(reward, begins)
             over = sums.add(self, reward, begins, env.over)
             reward, value = reward * agent.rewards.factor, found.values
             if before is not None and k % MERGE == MERGE - 1:

@@ -76,7 +76,7 @@ class Eye:
             self._pattern = pattern(self._ground, self._light, seed)
         self._rng = np.random.default_rng([seed, 2])
         self._drawn[4, 0] = 1.0
-        self._told = False
+        self._boxed = False
 
     def _new_dvs(self, seed: int) -> DVS:
         return DVS((self.view.size, self.view.size), self._parameters, seed=seed)
@@ -92,10 +92,10 @@ class Eye:
         Returns:
             The events since the look before; none after a reset.
         """
-        boxed = self._told
+        boxed = self._boxed
         self.draw(pose, scene)
         events = self._dvs.see(self.image, t_us, changed=self.box if boxed else None)
-        self._told = True
+        self._boxed = True
         return events
 
     def draw(self, pose: Pose, scene: WorldScene) -> npt.NDArray[np.float32]:
@@ -108,7 +108,7 @@ class Eye:
         Returns:
             The attribute `image`, drawn anew.
         """
-        view, self._told = self.view, False
+        view, self._boxed = self.view, False
         if self._shake:
             right, down = self._rng.normal(0.0, self._shake, 2).tolist()
             view.look(pose, (right, down))

@@ -159,7 +159,7 @@ class NestProjection:
             self._has_run, self._listed = True, {}
 
     def _order(self, connections: Any, layer: int, first: tuple[int, int]) -> Ints:
-        """Which connections these connections of a layer are; kept, since NEST takes long to tell their ends."""
+        """Which synapses these connections of a layer are; kept, since NEST takes long to tell their ends."""
         if layer not in self._listed:
             ends = connections.get(["source", "target"])
             source, target = (np.atleast_1d(np.array(ends[name])) for name in ("source", "target"))

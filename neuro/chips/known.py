@@ -84,7 +84,7 @@ def _costs(table: Mapping[str, Node]) -> dict[str, Figure]:
 
 
 def _figure(node: Node, name: str, unit: str) -> Figure:
-    """A number with its source; `unit` is given when there is no number."""
+    """A number with its source; `unit` is what a message asks for where there is no number."""
     if not isinstance(node.value, dict):
         raise mistake(node, f"{name}: {found(node)}: expected a figure", "write {value: ..., source: ...}")
     parts = words(node, FIGURE, f"figure '{name}'", needs=("value", "source"))

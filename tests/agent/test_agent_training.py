@@ -9,9 +9,10 @@ from gymnasium import spaces
 
 import neuro_agent
 from neuro import ModelError
-from neuro.coding import Places
+from neuro.coding import PERIOD, Places
 from neuro_agent import deployed, training
 from neuro_agent.environments import Environments
+from neuro_agent.network import TAU
 from neuro_agent.observations import dimensions_of, flat
 
 
@@ -192,6 +193,46 @@ def test_what_an_environment_must_not_give(fault, message):
     assert str(caught.value).startswith(message)
     assert all(np.isfinite(weight).all() for weight in one.weights.values())
     assert len(one.train(Corridor(), steps=50))
+
+
+def test_the_scale_of_late_rewards_does_not_depend_on_an_interruption():
+    class Late(Corridor):
+        pays = False
+
+        def step(self, action):
+            seen, reward, ended, cut, info = super().step(action)
+            return seen, reward * self.pays, ended, cut, info
+
+    def course():
+        env = Late()
+        return env, training.Course(agent(explore=1), Environments(env))
+
+    (env, whole), (again_env, again) = course(), course()
+    whole.explore(training.End(steps=50))
+    whole.block(training.End(steps=200), lambda course: None)
+    again.go_on(whole.arrays())
+    assert not whole.agent.rewards.known
+    env.pays = again_env.pays = True
+    for one in (whole, again):
+        one.block(training.End(steps=400), lambda course: None)
+    assert again.agent.rewards.known
+    assert vars(again.agent.rewards) == vars(whole.agent.rewards)
+    for name, weights in whole.agent.weights.items():
+        np.testing.assert_array_equal(again.agent.weights[name], weights)
+
+
+@pytest.mark.parametrize("value", [-0.5, 0.0, 0.5])
+def test_the_critic_counts_what_its_input_is_worth(value):
+    """The measured constants of its neurons: spikes at rest, spikes of 1 mV, and how much their counts vary."""
+    one = neuro_agent.ActorCritic(spaces.Box(0.0, 1.0, (2,)), spaces.Discrete(2), seed=1, critic_rate=0.0)
+    x = np.exp(-np.arange(PERIOD) / TAU) / (1.0 - np.exp(-PERIOD / TAU))
+    each = value / (one.places.active * x.mean())
+    one.learn_from({name: np.full_like(w, each if name == "value" else 0.0) for name, w in one.weights.items()})
+    one.begin(1)
+    found = np.array([one.decide(np.array([[0.3, 0.6]])).values[0] for _ in range(300)])
+    # A spike of a place is felt a step later, and the first steps of a network have had none.
+    assert found[5:].mean() == pytest.approx(value, abs=0.06)
+    assert found[5:].std() == pytest.approx(0.014, abs=0.005)
 
 
 def test_an_environment_that_hangs_is_given_up():

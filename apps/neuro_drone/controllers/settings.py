@@ -73,9 +73,9 @@ def changed(settings: Any, values: Mapping[str, Any], whose: str) -> Any:
 
 def plain(settings: Any) -> dict[str, Any]:
     """Settings by name as plain data that `changed` takes; a network that is no name and no file is left out."""
-    values = {f.name: getattr(settings, f.name) for f in fields(settings) if "fixed" not in f.metadata}
-    values |= getattr(settings, REST, {})
-    return {name: list(v) if isinstance(v, tuple) else v for name, v in values.items() if not isinstance(v, Network)}
+    own = {f.name: getattr(settings, f.name) for f in fields(settings) if "fixed" not in f.metadata}
+    own |= getattr(settings, REST, {})
+    return {name: list(v) if isinstance(v, tuple) else v for name, v in own.items() if not isinstance(v, Network)}
 
 
 def _checked(setting: Field[Any], value: Any, whose: str) -> Any:
