@@ -28,6 +28,7 @@ import gymnasium
 import numpy as np
 
 import neuro
+from neuro.apps import assignments
 from neuro_agent import ActorCritic, LinearTwin
 
 warnings.filterwarnings("ignore", category=DeprecationWarning)
@@ -139,7 +140,7 @@ def main() -> None:
     parser.add_argument("--json", type=Path)
     given = parser.parse_args()
     first, _, last = given.seeds.partition("-")
-    settings = {name: json.loads(value) for name, value in (each.split("=") for each in given.set)}
+    settings = assignments(given.set)
     kind = LinearTwin if given.twin else ActorCritic
     found: dict[str, Any] = {}
     for name in given.tasks:

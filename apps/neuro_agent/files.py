@@ -3,7 +3,7 @@
 ```
 /            attributes: format "neuro agent 1", seed, settings, observations and actions (JSON), explored, solved
 /learnt      weights by projection, mV, (places, neurons)
-/scales      factor and first of rewards; middle and spread of the dimensions of observations
+/scales      factor and first of rewards; middle and spread of the dimensions of observations; visits of places
 /seen        observations of the last control steps
 /log         returns, lengths and steps of the episodes of the last training
 ```
@@ -74,6 +74,7 @@ def arrays_of(agent: Learner) -> dict[str, dict[str, Any]]:
         "spread": agent.places.spread,
         "explored": np.array([agent.explored, agent.rewards.known]),
         "begun": np.array(agent.begun, dtype=np.int64),
+        "visits": agent.novelty.counts,
     }
     return {"learnt": agent.weights, "scales": scales, "seen": {"vectors": agent.seen}}
 
@@ -85,6 +86,7 @@ def put_arrays(agent: Learner, arrays: dict[str, dict[str, Any]]) -> None:
     agent.places.middle[:], agent.places.spread[:] = scales["middle"], scales["spread"]
     agent.explored, agent.rewards.known = (bool(each) for each in scales["explored"])
     agent.begun = (int(scales["begun"][0]), int(scales["begun"][1]))
+    agent.novelty.counts[:] = scales["visits"]
     agent.seen = arrays["seen"]["vectors"]
     agent.learn_from(arrays["learnt"])
 

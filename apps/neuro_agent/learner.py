@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from typing import Any
 
 import gymnasium
@@ -16,6 +16,7 @@ from neuro_agent.actions import actions_of
 from neuro_agent.log import Log
 from neuro_agent.network import CRITIC, GAIN, REST, STEP, TAU, Weights, circuit, network
 from neuro_agent.observations import encoder_of
+from neuro_agent.rewards import ErrorScale, Novelty, RewardScale
 from neuro_agent.settings import USUAL, Settings, settings_of
 
 __all__ = ["Decision", "Learner"]
@@ -39,47 +40,6 @@ class Decision:
         self.winners, self.values, self.spikes = winners, values, spikes
 
 
-class RewardScale:
-    """What a reward is to the critic, from rewards of random moves.
-
-    Args:
-        discount: of the next reward.
-
-    Attributes:
-        factor: a reward times this is what the critic learns.
-        first: the value that all states have before anything is learnt.
-        known: whether a reward that is not 0 has told the scale.
-    """
-
-    def __init__(self, discount: float) -> None:
-        self.horizon = 1.0 / (1.0 - discount)
-        self.factor, self.first, self.known = 1.0, 0.0, False
-
-    def learn(self, rewards: Sequence[float], returns: Sequence[float] = ()) -> None:
-        """Take the scale from rewards, of which one is not 0.
-
-        A typical reward in each step, for ever, is to be a value of 1. Where rewards are rare, only as many count as
-        come within the horizon, and within an episode. States are worth at first what random moves bring, if that is
-        more than nothing: a value that is too high makes an agent try what it has not tried. Where rewards are rare it
-        is at most the best return, since a goal that ends the episode must not be worth less than to go on.
-
-        Args:
-            rewards: of control steps.
-            returns: of the episodes that have ended.
-        """
-        array = np.asarray(rewards, dtype=np.float64)
-        some = array[array != 0.0]
-        if not some.size:
-            return
-        dense, steps, most = some.size / array.size, self.horizon, math.inf
-        if dense < 0.5:
-            steps = max(1.0, min(dense * self.horizon, some.size / max(1, len(returns))))
-            most = max(0.0, float(some.max()), *returns)
-        self.factor = 1.0 / (float(np.median(np.abs(some))) * steps)
-        self.first = max(0.0, self.factor * min(most, float(array.mean()) * self.horizon))
-        self.known = True
-
-
 class Learner:
     """The network of an agent, and what it learns; `ActorCritic` trains and tests it.
 
@@ -94,6 +54,8 @@ class Learner:
         places: the neurons that stand for observations.
         actions: what the neurons of the circuits stand for.
         rewards: the scale of rewards.
+        novelty: of observations.
+        errors: what an error is to the actor.
         begun: episodes and blocks of training that have begun; each has a seed of its own.
         explored: whether bounds and scales are known, from random moves or since none are needed.
         log: of the last training.
@@ -111,6 +73,8 @@ class Learner:
         self.places = encoder_of(observations, s)
         self.actions = actions_of(actions, s.levels)
         self.rewards = RewardScale(s.discount)
+        self.novelty = Novelty(self.places, s.novelty * (1.0 - s.discount))
+        self.errors = ErrorScale(s.errors == "normalised")
         self.explored, self.begun = False, (0, 0)
         self.log = Log()
         self.seen: Floats = np.zeros((0, len(self.places.dimensions)))
@@ -148,6 +112,8 @@ class Learner:
     def begin(self, n: int, block: int = 0) -> None:
         """Compile n copies of the network for a block of training, with what was learnt before."""
         learnt = self.weights
+        self.rewards.begin()
+        self.errors.begin()
         seed = block_seed(self.seed, block)
         self._draws = draws_of(self, seed)
         self._copies = neuro.compile(self.network(), copies=n, seed=seed)
@@ -167,6 +133,15 @@ class Learner:
         for name, each in self._learnt.items():
             each[...] = weights[name]
         self._copies = None
+
+    def shrink(self, share: float) -> None:
+        """Let rewards and values be this share of what they were: see `RewardScale.excess`."""
+        self.rewards.shrink(share)
+        learnt = self.weights
+        learnt["value"] *= share
+        self._learnt["value"][...] = learnt["value"]
+        if self._copies is not None:
+            self._set({"value": learnt["value"]})
 
     def merge(self, before: Mapping[str, Floats]) -> dict[str, Floats]:
         """Let all copies have what they had at first, and what each of them has learnt since."""
@@ -192,8 +167,10 @@ class Learner:
     def teach(self, errors: Floats) -> None:
         """Set the errors of the last but one control step, one for each copy: its synapses learn."""
         assert self._copies is not None
-        for k in range(-1, len(self.actions.sizes)):
-            self._copies.signal("error" if k < 0 else f"error{k}", errors[:, None])
+        self._copies.signal("error", errors[:, None])
+        errors = self.errors.of(errors)
+        for k in range(len(self.actions.sizes)):
+            self._copies.signal(f"error{k}", errors[:, None])
 
     def forget(self, which: npt.NDArray[np.bool_]) -> None:
         """End the episode of some copies: their eligibility is 0."""

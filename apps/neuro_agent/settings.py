@@ -46,6 +46,8 @@ class Settings:
         actor_rate: by how much an error of 1 changes the preference for an action in the same state, mV.
         critic_rate: which share of an error the value in the same state takes over. Both rates are those of USUAL
             active places; of fewer they are less, see `learner.rates_of`.
+        errors: "plain", or "normalised": scaled for the actor by their own running size.
+        novelty: reward for a state that has not been seen, in typical rewards; it falls as 1 / sqrt(times seen).
         sharpness: how many times as sharply as while learning a frozen agent tells preferences apart: it need not try.
         explore: control steps at random before learning: the bounds of dimensions that have none are learnt from them,
             and the scale of rewards.
@@ -62,6 +64,8 @@ class Settings:
     decay: float = _number(0.9, at_least=0.0, at_most=1.0)
     actor_rate: float = _number(2.4, at_least=0.0)
     critic_rate: float = _number(0.06, at_least=0.0)
+    errors: str = _word("plain", "plain", "normalised")
+    novelty: float = _number(1.0, at_least=0.0)
     sharpness: float = _number(4.0, above=0.0)
     explore: int = _whole(400, 0)
 

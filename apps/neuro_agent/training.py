@@ -157,7 +157,16 @@ class Course:
             self._count(begins)
             self._scale(reward, begins)
             over = sums.add(self, reward, begins, env.over)
-            reward, value = reward * agent.rewards.factor, found.values
+            value = found.values
+            share = agent.rewards.excess(value, reward)
+            if share < 1.0:
+                if before is not None:
+                    agent.merge(before)
+                agent.shrink(share)
+                before, value = before and agent.weights, value * share
+            reward = reward * agent.rewards.factor
+            if agent.novelty:
+                reward = reward + agent.novelty.of(seen)
             if before is not None and k % MERGE == MERGE - 1:
                 before = agent.merge(before)
             if over:

@@ -27,6 +27,8 @@ class LinearTwin(ActorCritic):
 
     def begin(self, n: int, block: int = 0) -> None:
         """Begin a block of training with n episodes side by side, which learn one set of weights."""
+        self.rewards.begin()
+        self.errors.begin()
         self._rng = np.random.default_rng([self.seed, block])
         self._z = [{name: np.zeros_like(each) for name, each in self._learnt.items()} for _ in range(n)]
         self._e: list[dict[str, tuple[Ints, Floats]]] = [{} for _ in range(n)]
@@ -52,10 +54,10 @@ class LinearTwin(ActorCritic):
     def teach(self, errors: Floats) -> None:
         """Learn from the errors of the last but one control step; then the last one is eligible, too."""
         s, (actor, critic) = self.settings, rates_of(self.settings, self.places.active)
-        for error, z, e in zip(errors, self._z, self._e, strict=True):
+        for error, own, z, e in zip(errors, self.errors.of(errors), self._z, self._e, strict=True):
             for name, trace in z.items():
-                rate = critic if name == "value" else actor
-                self._learnt[name] += rate / self.places.active * error * trace
+                taught = critic * error if name == "value" else actor * own
+                self._learnt[name] += taught / self.places.active * trace
                 trace *= s.discount * s.decay
                 cells, gained = e[name]
                 trace[cells] += gained

@@ -14,6 +14,7 @@ from neuro_agent import deployed, training
 from neuro_agent.environments import Environments
 from neuro_agent.network import TAU
 from neuro_agent.observations import dimensions_of, flat
+from neuro_agent.rewards import ErrorScale
 
 
 class Corridor(gymnasium.Env):
@@ -233,6 +234,56 @@ def test_the_critic_counts_what_its_input_is_worth(value):
     # A spike of a place is felt a step later, and the first steps of a network have had none.
     assert found[5:].mean() == pytest.approx(value, abs=0.06)
     assert found[5:].std() == pytest.approx(0.014, abs=0.005)
+
+
+class Rewarded(Corridor):
+    """Pays so many times as much."""
+
+    pays = 1.0
+
+    def step(self, action):
+        seen, reward, ended, cut, info = super().step(action)
+        return seen, self.pays * reward, ended, cut, info
+
+
+@pytest.mark.parametrize("kind", [neuro_agent.ActorCritic, neuro_agent.LinearTwin])
+def test_rewards_that_grow_do_not_leave_the_scale_of_the_critic(kind):
+    env = Rewarded()
+    one = kind(env.observation_space, env.action_space, seed=1)
+    one.train(env, steps=1000)
+    before = one.rewards.factor
+    env.pays = 1000.0
+    one.train(env, steps=1000)
+    assert one.rewards.factor * 1000.0 <= 1.25
+    assert one.rewards.factor < before
+    assert all(np.abs(weights).max() < 10.0 for weights in one.weights.values())
+
+
+def test_values_keep_their_meaning_where_rewards_shrink(learnt):
+    one = neuro_agent.ActorCritic(learnt.observations, learnt.actions.space, **learnt.settings.plain())
+    one.learn_from(learnt.weights)
+    one.begin(2)
+    before, unit = one.weights, one.rewards.factor
+    one.shrink(0.25)
+    after = one.weights
+    np.testing.assert_array_equal(after["value"], 0.25 * before["value"])
+    np.testing.assert_array_equal(after["policy0"], before["policy0"])
+    assert one.rewards.factor == 0.25 * unit
+
+
+def test_what_has_been_seen_is_less_novel():
+    one = agent(novelty=2.0, discount=0.9)
+    first, second, *_, last = (one.novelty.of(np.array([[3.0, 0.5]]))[0] for _ in range(100))
+    assert (first, second, last) == pytest.approx((0.2, 0.2 / np.sqrt(2.0), 0.02))
+    assert one.novelty.of(np.array([[6.0, 1.0]]))[0] == pytest.approx(0.2)
+
+
+def test_normalised_errors_have_one_size():
+    scale = ErrorScale(normalised=True)
+    drawn = np.random.default_rng(1).normal(0.0, 7.0, (3000, 2))
+    found = np.array([scale.of(errors) for errors in drawn])[500:]
+    assert found.std() == pytest.approx(0.05, rel=0.05)
+    np.testing.assert_array_equal(ErrorScale(normalised=False).of(drawn[0]), drawn[0])
 
 
 def test_an_environment_that_hangs_is_given_up():

@@ -1,0 +1,191 @@
+"""The spiking agent beside its linear twin, PPO and DQN, each with the same number of tries to choose settings.
+
+    python benchmarks/agents_tuned.py [TASK ...] [--tries 12] [--seeds 101-103] [--only NAME ...] [--json FILE]
+
+On CartPole and MountainCar each contestant has its defaults and `tries` draws of settings, of the ranges in SPACES,
+which name what users of each tune (for PPO and DQN those of the settings that are published for these tasks). All are
+trained with seed 1 for as many control steps as the task has; the one with the best frozen mean return of 100 episodes
+is trained again with `--seeds`. Elsewhere all have their defaults. The figures are those of `--seeds` alone: frozen
+mean return in 100 new episodes, the same for all. What is done is kept in FILE, and not done again. One process, one
+core; needs stable-baselines3.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import time
+import warnings
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from typing import Any
+
+import gymnasium
+import numpy as np
+from agents import TASKS
+
+from neuro_agent import ActorCritic, LinearTwin
+from neuro_agent.compare import NAMES
+from neuro_agent.training import TESTS, episode_seed
+
+warnings.filterwarnings("ignore")
+
+STEPS = {"CartPole-v1": 60_000, "MountainCar-v0": 100_000, "Acrobot-v1": 40_000, "FrozenLake-v1": 100_000}
+"""Control steps of each training: about what the slowest seeds of the spiking agent need."""
+TUNED = ("CartPole-v1", "MountainCar-v0")
+OURS = {
+    "actor_rate": (0.6, 1.2, 2.4, 4.8, 9.6),
+    "critic_rate": (0.015, 0.03, 0.06, 0.12),
+    "fields": (4, 6, 8, 10),
+    "active": (12, 24, 48),
+    "decay": (0.8, 0.9, 0.95, 0.98),
+    "discount": (0.98, 0.99, 0.995),
+}
+SPACES: Mapping[str, Mapping[str, tuple[Any, ...]]] = {
+    "agent": OURS,
+    "twin": OURS,
+    "ppo": {
+        "learning_rate": (1e-4, 3e-4, 1e-3, 3e-3),
+        "n_steps": (16, 32, 128, 512),
+        "batch_size": (64, 256),
+        "n_epochs": (4, 10, 20),
+        "gamma": (0.98, 0.99, 0.995),
+        "gae_lambda": (0.8, 0.9, 0.95, 0.98),
+        "ent_coef": (0.0, 0.001, 0.01),
+        "envs": (1, 8, 16),
+        "normalize": (False, True),
+    },
+    "dqn": {
+        "learning_rate": (1e-4, 5e-4, 1e-3, 2.3e-3, 4e-3),
+        "batch_size": (32, 64, 128),
+        "buffer_size": (10_000, 50_000, 100_000),
+        "learning_starts": (100, 1_000),
+        "gamma": (0.98, 0.99, 0.995),
+        "target_update_interval": (10, 100, 600, 2_000),
+        "train_freq": (4, 16, 256),
+        "gradient_steps": (1, 8, 128),
+        "exploration_fraction": (0.1, 0.16, 0.2, 0.3),
+        "exploration_final_eps": (0.02, 0.04, 0.07, 0.1),
+        "net": (64, 256),
+    },
+}
+Act = Callable[[Any], Any]
+
+
+def drawn(name: str, number: int) -> dict[str, Any]:
+    """The settings of a try; try 0 has the defaults."""
+    rng = np.random.default_rng([number, 12])
+    space = SPACES[name] if number else {}
+    return {key: values[int(rng.integers(len(values)))] for key, values in space.items()}
+
+
+def ours(name: str, task: str, seed: int, settings: Mapping[str, Any]) -> list[float]:
+    """Frozen returns of the spiking agent or its twin."""
+    env, kind = TASKS[task].make(task), ActorCritic if name == "agent" else LinearTwin
+    agent = kind(env.observation_space, env.action_space, seed=seed, **settings)
+    agent.train(env, steps=STEPS[task])
+    found: list[float] = agent.test(env, episodes=100).returns.tolist()
+    return found
+
+
+def theirs(name: str, task: str, seed: int, settings: Mapping[str, Any]) -> list[float]:
+    """Frozen returns of PPO or DQN, which choose what they prefer."""
+    import stable_baselines3
+    import torch
+    from stable_baselines3.common.vec_env import DummyVecEnv, VecNormalize
+
+    torch.set_num_threads(1)
+    options = dict(settings)
+    envs: Any = DummyVecEnv([lambda: TASKS[task].make(task)] * options.pop("envs", 1))
+    if options.pop("normalize", False):
+        envs = VecNormalize(envs, gamma=options["gamma"])
+    if "net" in options:
+        options["policy_kwargs"] = {"net_arch": [options.pop("net")] * 2}
+    model = getattr(stable_baselines3, name.upper())("MlpPolicy", envs, seed=seed, device="cpu", **options)
+    model.learn(STEPS[task])
+    normal = model.get_vec_normalize_env()
+
+    def act(seen: Any) -> Any:
+        return model.predict(seen if normal is None else normal.normalize_obs(seen), deterministic=True)[0]
+
+    return episodes(TASKS[task].make(task), act)
+
+
+def episodes(env: gymnasium.Env[Any, Any], act: Act) -> list[float]:
+    """The returns of the episodes that `ActorCritic.test` has."""
+    returns = []
+    for k in range(100):
+        seen, _ = env.reset(seed=episode_seed(0, TESTS + k))
+        over, total = False, 0.0
+        while not over:
+            action = act(seen)
+            seen, reward, ended, cut, _ = env.step(int(action))
+            total, over = total + float(reward), bool(ended or cut)
+        returns.append(total)
+    return returns
+
+
+class Kept:
+    """Figures of trainings, in a file: none is done twice.
+
+    Args:
+        path: the file, or None to keep none.
+    """
+
+    def __init__(self, path: Path | None) -> None:
+        self._path = path
+        self._each: dict[str, Any] = json.loads(path.read_text()) if path is not None and path.exists() else {}
+
+    def mean(self, name: str, task: str, seed: int, number: int) -> float:
+        """The frozen mean return of a training with the settings of a try."""
+        key = f"{task} {name} seed {seed} try {number}"
+        if key not in self._each:
+            begun, settings = time.process_time(), drawn(name, number)
+            run = ours if name in ("agent", "twin") else theirs
+            try:
+                returns = run(name, task, seed, settings)
+            except (ValueError, AssertionError) as error:  # settings that do not go together
+                returns = [float("-inf")]
+                print(f"{key}: {error}", flush=True)
+            self._each[key] = {
+                "settings": settings,
+                "mean": float(np.mean(returns)),
+                "worst": min(returns),
+                "seconds": round(time.process_time() - begun, 1),
+            }
+            print(f"{key}: {self._each[key]}", flush=True)
+            if self._path is not None:
+                part = self._path.with_name(self._path.name + ".part")
+                part.write_text(json.dumps(self._each, indent=1))
+                part.replace(self._path)
+        return float(self._each[key]["mean"])
+
+
+def main() -> None:
+    """Run it."""
+    parser = argparse.ArgumentParser()
+    parser.add_argument("tasks", nargs="*", default=list(STEPS))
+    parser.add_argument("--tries", type=int, default=12)
+    parser.add_argument("--seeds", default="101-103")
+    parser.add_argument("--only", action="append", default=[])
+    parser.add_argument("--json", type=Path)
+    chosen = parser.parse_args()
+    low, high = map(int, chosen.seeds.split("-"))
+    kept, names = Kept(chosen.json), chosen.only or list(SPACES)
+    for task in chosen.tasks:
+        rows = []
+        for name in names:
+            numbers = range(chosen.tries + 1) if task in TUNED else [0]
+            best = max(numbers, key=lambda number: kept.mean(name, task, 1, number)) if len(numbers) > 1 else 0
+            for number in sorted({0, best}):
+                means = [kept.mean(name, task, seed, number) for seed in range(low, high + 1)]
+                rows.append((float(np.mean(means)), name, number, means))
+        rows.sort(reverse=True)
+        print(f"\n{task}, {STEPS[task]} control steps, bar {TASKS[task].bar:g}: {NAMES[rows[0][1]]} first")
+        for mean, name, number, means in rows:
+            settings = f"try {number} {drawn(name, number)}" if number else "defaults"
+            print(f"  {mean:8.1f}  {NAMES[name].partition(',')[0]:32} {[round(m, 1) for m in means]}  {settings}")
+
+
+if __name__ == "__main__":
+    main()
