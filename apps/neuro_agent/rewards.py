@@ -15,7 +15,7 @@ __all__ = ["ErrorScale", "Novelty", "RewardScale"]
 Floats = npt.NDArray[np.float64]
 
 MOST = 1.25
-"""The largest magnitude of a value: below -1.6 the neurons of the critic fall silent, above 3.8 they spike in each ms."""
+"""The largest magnitude of a value: at -1.6 the neurons of the critic fall silent, at 3.8 they spike in each ms."""
 SOME = 500
 """Control steps over which a value, or the size of errors, is averaged."""
 USUAL = 0.05
@@ -71,8 +71,8 @@ class RewardScale:
         """By which share rewards and values have to shrink after a control step, 1 if they need not.
 
         Random moves do not show what a good policy gets. So rewards shrink to half of MOST where values come to exceed
-        it, and to MOST where one reward alone does. Neurons for dopamine adapt to the range of rewards, too (Tobler, Fiorillo & Schultz,
-        Science 307:1642, 2005).
+        it, and to MOST where one reward alone does. Neurons for dopamine adapt to the range of rewards, too (Tobler,
+        Fiorillo & Schultz, Science 307:1642, 2005).
 
         Args:
             values: of the states, (copies,).
