@@ -62,8 +62,7 @@ SPACES: Mapping[str, Mapping[str, tuple[Any, ...]]] = {
         "learning_starts": (100, 1_000),
         "gamma": (0.98, 0.99, 0.995),
         "target_update_interval": (10, 100, 600, 2_000),
-        "train_freq": (4, 16, 256),
-        "gradient_steps": (1, 8, 128),
+        "train": ((4, 1), (16, 8), (256, 128)),
         "exploration_fraction": (0.1, 0.16, 0.2, 0.3),
         "exploration_final_eps": (0.02, 0.04, 0.07, 0.1),
         "net": (64, 256),
@@ -99,6 +98,8 @@ def theirs(name: str, task: str, seed: int, settings: Mapping[str, Any]) -> list
     envs: Any = DummyVecEnv([lambda: TASKS[task].make(task)] * options.pop("envs", 1))
     if options.pop("normalize", False):
         envs = VecNormalize(envs, gamma=options["gamma"])
+    if "train" in options:  # every so many steps so many gradients
+        options["train_freq"], options["gradient_steps"] = options.pop("train")
     if "net" in options:
         options["policy_kwargs"] = {"net_arch": [options.pop("net")] * 2}
     model = getattr(stable_baselines3, name.upper())("MlpPolicy", envs, seed=seed, device="cpu", **options)
