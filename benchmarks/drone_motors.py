@@ -1,10 +1,12 @@
 """The ball's drone with motors that are mirrored, turned and of unknown gain: who still follows, and who has to learn.
 
-    python benchmarks/drone_motors.py [--motors 25] [--first 101] [--steps 60000] [--only NAME ...] [--json FILE]
+    python benchmarks/drone_motors.py [--motors 25] [--first 101] [--steps 60000] [--only NAME ...] [--roll] [--change]
+        [--json FILE]
 
-Motors are drawn for each number from --first on: mirrored or not, turned by any angle, a gain of 0.5 to 2. Controllers
-that learn get the same control steps for each of them. Then all fly the same 9 laps, frozen, from starts and on paths
-of the test. The spiking agent and its twin see the mean place of the events, as `centroid` does, and their last
+Motors are drawn for each number from --first on: mirrored or not, turned by any angle, a gain of 0.5 to 2. With --roll
+the camera is turned by any angle, too. Controllers that learn get the same control steps for each of them. Then all fly
+the same 9 laps, frozen, from starts and on paths of the test. With --change the gain doubles or halves in the middle of
+each of these laps. The spiking agent and its twin see the mean place of the events, as `centroid` does, and their last
 commands. The figure is the mean distance of the ball from the middle, px; a lap in which the ball is lost counts as
 LOST px.
 """
@@ -30,10 +32,23 @@ from neuro_drone.train import train
 
 Floats = npt.NDArray[np.float64]
 LOST, BOUND = 64.0, 2.5
-AGENT = {"levels": 5, "fields": 8, "discount": 0.9, "decay": 0.8, "actor_rate": 5.0, "sharpness": 2.0}
-"""Settings of the spiking agent and its twin, chosen on motors 1."""
+AGENT = {
+    "levels": 2,
+    "circuits": 8,
+    "fields": 8,
+    "discount": 0.9,
+    "decay": 0.8,
+    "reward_scale": 0.3,
+    "actor_rate": 4.0,
+    "sharpness": 2.0,
+}
+"""Settings of the spiking agent and its twin, chosen on motors 1 to 12."""
+EPISODE = 100
+"""Control steps of an episode of training at most, as in `neuro_drone.train`: many begin far from the middle."""
 KEPT = 0.6
 """What is left of a command in the next control step: about as the drone keeps its speed."""
+HALF = 1000
+"""Control steps of half a lap."""
 
 
 class Pid:
@@ -58,6 +73,46 @@ class Pid:
         """It learns nothing."""
 
 
+class Calibrated:
+    """Adaptive control: least squares tell how commands move the events, a matrix of 2 x 2; its inverse steers.
+
+    It needs no reward and no supervised error.
+    """
+
+    def __init__(self, rate: float = 0.1, held: int = 5) -> None:
+        self._rate, self._held = rate, held
+
+    def calibrate(self, world: Scenario, seed: int, steps: int) -> Calibrated:
+        """Hold commands at random, each for some control steps, and learn where they move the events."""
+        env, rng, over = DroneEnv(world), np.random.default_rng([seed, 8]), True
+        commands, moves = [], []
+        for k in range(steps // self._held):
+            if over or k % (EPISODE // self._held) == 0:
+                _, info = env.reset(seed=int(rng.integers(2**31)))
+                seen, command = centroid(info["counts"]), np.zeros(2)
+            before, last, command, over = seen, command, rng.uniform(-1.0, 1.0, 2), False
+            for _ in range(self._held):
+                if not over:
+                    _, _, ended, cut, info = env.step(command)
+                    over, seen = ended or cut, centroid(info["counts"]) if info["counts"].any() else seen
+            if not over:
+                commands.append(np.concatenate([command, last]))
+                moves.append(seen - before)
+        moved = np.linalg.lstsq(np.array(commands), np.array(moves), rcond=None)[0]
+        self._steers = -self._rate * np.linalg.inv((moved[:2] + moved[2:]).T / self._held)
+        return self
+
+    def begin(self) -> None:
+        """It keeps nothing."""
+
+    def act(self, counts: npt.NDArray[Any], info: Mapping[str, Any]) -> Floats:
+        """The command that brings the events nearer to the middle by a share of their distance in each step."""
+        return np.clip(self._steers @ centroid(counts), -1.0, 1.0)
+
+    def learn(self, info: Mapping[str, Any]) -> None:
+        """It is frozen."""
+
+
 class Senses:
     """What the agent sees: where the events are, finer near the middle, and the mean of its last commands."""
 
@@ -73,7 +128,7 @@ class Senses:
 
 
 class Seen(gymnasium.Wrapper[Any, Any, Any, Any]):
-    """The drone's environment as the agent sees it; the reward falls with the root of the distance."""
+    """The drone's environment as the agent sees it; the reward is by how much the root of the distance has fallen."""
 
     def __init__(self, env: DroneEnv) -> None:
         super().__init__(env)
@@ -82,14 +137,21 @@ class Seen(gymnasium.Wrapper[Any, Any, Any, Any]):
     def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> tuple[Any, dict[str, Any]]:
         """Begin an episode."""
         _, info = self.env.reset(seed=seed, options=options)
-        self._senses = Senses()
+        self._senses, self._root, self._steps = Senses(), root(info), 0
         return self._senses.see(info["counts"], np.zeros(2)), info
 
     def step(self, action: Any) -> tuple[Any, float, bool, bool, dict[str, Any]]:
         """A control step."""
         _, _, ended, cut, info = self.env.step(action)
-        reward = 1.0 - float(np.sqrt(min(1.0, info["error_px"] / LOST)))
-        return self._senses.see(info["counts"], action), reward, ended, cut, info
+        before, self._root = self._root, root(info)
+        self._steps += 1
+        seen = self._senses.see(info["counts"], action)
+        return seen, before - self._root, ended, cut or self._steps == EPISODE, info
+
+
+def root(info: Mapping[str, Any]) -> float:
+    """Of the distance, 1 at LOST px."""
+    return float(np.sqrt(min(1.0, info["error_px"] / LOST)))
 
 
 class Flies:
@@ -119,10 +181,37 @@ def motors(number: int) -> dict[str, Any]:
     return {"mirror": mirror, "angle": round(angle, 1), "gain": round(gain, 3)}
 
 
+def turned(number: int) -> float:
+    """By how many degrees the camera of a number is turned."""
+    return round(float(np.random.default_rng([number, 9]).uniform(-180.0, 180.0)), 1)
+
+
+class Changing(DroneEnv):
+    """The drone's environment, whose motors' gain changes by a factor in the middle of a lap."""
+
+    def __init__(self, world: Scenario, factor: float) -> None:
+        super().__init__(world)
+        self._before, self._after = world, load(world, motors={"gain": world.motors.gain * factor})
+
+    def reset(self, **words: Any) -> tuple[Any, dict[str, Any]]:
+        """Begin an episode."""
+        self.scenario, self._flown = self._before, 0
+        return super().reset(**words)
+
+    def step(self, action: Any) -> tuple[Any, float, bool, bool, dict[str, Any]]:
+        """A control step."""
+        self._flown += 1
+        if self._flown == HALF:
+            self.scenario = self._after
+        return super().step(action)
+
+
 def controller(name: str, world: Scenario, seed: int, steps: int) -> Any:
     """One that has learnt for so many steps, if it learns, and learns no more."""
     if name == "pid":
         return Pid()
+    if name == "calibrated":
+        return Calibrated().calibrate(world, seed, steps)
     if name in ("agent", "twin"):
         env = Seen(DroneEnv(world))
         kind = ActorCritic if name == "agent" else LinearTwin
@@ -132,34 +221,37 @@ def controller(name: str, world: Scenario, seed: int, steps: int) -> Any:
     return train(world, name, steps=steps, seed=seed).frozen()
 
 
-def error_px(name: str, world: Scenario, seed: int, steps: int) -> float:
+def error_px(name: str, world: Scenario, seed: int, steps: int, change: bool) -> float:
     """The mean distance in the test's laps."""
-    flies, env = controller(name, world, seed, steps), DroneEnv(world)
+    flies = controller(name, world, seed, steps)
+    env = Changing(world, 2.0 if seed % 2 else 0.5) if change else DroneEnv(world)
     laps = [fly_lap(env, flies, start, index) for index, start in enumerate(grid(world, 3))]
     return float(np.mean([LOST if lap.lost else lap.error_px for lap in laps]))
 
 
 def main() -> None:
     """Fly all and print a line for each of the motors, then one for each controller, the best first."""
-    names = ("centroid", "pid", "lms", "snn", "agent", "twin")
+    names = ("centroid", "pid", "lms", "snn", "agent", "twin", "random-search", "calibrated")
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--motors", type=int, default=25)
     parser.add_argument("--first", type=int, default=101)
     parser.add_argument("--steps", type=int, default=60_000)
     parser.add_argument("--only", nargs="+", choices=names, default=list(names))
+    parser.add_argument("--roll", action="store_true")
+    parser.add_argument("--change", action="store_true")
     parser.add_argument("--json", type=Path)
     given = parser.parse_args()
     found: dict[str, list[float]] = {name: [] for name in given.only}
     for number in range(given.first, given.first + given.motors):
-        world = load("B60", motors=motors(number))
+        world = load("B60", motors=motors(number), camera={"roll": turned(number) if given.roll else 0.0})
         for name, each in found.items():
-            each.append(error_px(name, world, number, given.steps))
+            each.append(error_px(name, world, number, given.steps, given.change))
         print(number, motors(number), {name: round(each[-1], 2) for name, each in found.items()}, flush=True)
+        if given.json:
+            given.json.write_text(json.dumps(found, indent=1))
     for name, each in sorted(found.items(), key=lambda one: float(np.mean(one[1]))):
         good = sum(px <= BOUND for px in each)
         print(f"{name}: mean {np.mean(each):.2f} px, worst {max(each):.2f}, at most {BOUND} px {good} of {len(each)}")
-    if given.json:
-        given.json.write_text(json.dumps(found, indent=1))
 
 
 if __name__ == "__main__":

@@ -1,4 +1,4 @@
-"""Actions as choices: for each number of an action a circuit of neurons; the one that spikes is what is done."""
+"""Actions as choices: for each number of an action circuits of neurons; the ones that spike are what is done."""
 
 from __future__ import annotations
 
@@ -37,23 +37,25 @@ class Actions:
     def of(self, winners: npt.NDArray[np.int64]) -> npt.NDArray[Any]:
         """The actions of the winners of each circuit, (copies, circuits); the first axis is that of the copies."""
         if isinstance(self.space, spaces.Box):
-            winners = np.stack([values[winners[:, k]] for k, values in enumerate(self.values)], axis=1)
+            chosen = np.stack([values[winners[:, k]] for k, values in enumerate(self.values)], axis=1)
+            winners = chosen.reshape(len(chosen), int(np.prod(self.space.shape)), -1).mean(axis=2)
         elif isinstance(self.space, (spaces.Discrete, spaces.MultiDiscrete)):
             winners = winners + np.ravel(self.space.start)
         return winners.reshape(-1, *(self.space.shape or ())).astype(self.space.dtype, copy=False)
 
 
-def actions_of(space: gymnasium.Space[Any], levels: int) -> Actions:
+def actions_of(space: gymnasium.Space[Any], levels: int, circuits: int = 1) -> Actions:
     """The circuits for a space of actions.
 
     Args:
         space: of the actions.
-        levels: neurons for each number of a Box, between its bounds.
+        levels: neurons of each circuit of a Box, between its bounds.
+        circuits: for each number of a Box, which is the mean of what they choose.
 
     Raises:
         ModelError: it is of another kind, has no bounds, or needs more neurons than a circuit has.
     """
-    found = _actions(space, levels)
+    found = _actions(space, levels, circuits)
     if max(found.sizes, default=0) > MOST:
         raise ModelError(f"action space {space}: {max(found.sizes)} actions: expected at most {MOST}")
     if not found.sizes:
@@ -61,7 +63,7 @@ def actions_of(space: gymnasium.Space[Any], levels: int) -> Actions:
     return found
 
 
-def _actions(space: gymnasium.Space[Any], levels: int) -> Actions:
+def _actions(space: gymnasium.Space[Any], levels: int, circuits: int) -> Actions:
     match space:
         case spaces.Discrete():
             return Actions((int(space.n),), space)
@@ -71,7 +73,9 @@ def _actions(space: gymnasium.Space[Any], levels: int) -> Actions:
             return Actions((2,) * int(np.prod(space.shape)), space)
         case spaces.Box() if max(np.abs(space.low).max(initial=0), np.abs(space.high).max(initial=0)) < BOUNDLESS:
             ends = zip(np.ravel(space.low), np.ravel(space.high), strict=True)
-            values = tuple(np.linspace(low, high, levels, dtype=np.float64) for low, high in ends)
+            values = tuple(
+                np.linspace(low, high, levels, dtype=np.float64) for low, high in ends for _ in range(circuits)
+            )
             return Actions((levels,) * len(values), space, values)
         case spaces.Box():
             raise ModelError(f"action space {space}: it has no bounds: expected {EXPECTED}")

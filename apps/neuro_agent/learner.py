@@ -71,8 +71,8 @@ class Learner:
         self.settings = s = settings_of(settings)
         self.observations, self.seed = observations, seed
         self.places = encoder_of(observations, s)
-        self.actions = actions_of(actions, s.levels)
-        self.rewards = RewardScale(s.discount)
+        self.actions = actions_of(actions, s.levels, s.circuits)
+        self.rewards = RewardScale(s.discount, s.reward_scale)
         self.novelty = Novelty(self.places, s.novelty * (1.0 - s.discount))
         self.errors = ErrorScale(s.errors == "normalised")
         self.explored, self.begun = False, (0, 0)

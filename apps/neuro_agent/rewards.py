@@ -27,6 +27,7 @@ class RewardScale:
 
     Args:
         discount: of the next reward.
+        scale: what a typical reward in each step, for ever, is to be worth.
 
     Attributes:
         factor: a reward times this is what the critic learns.
@@ -34,16 +35,16 @@ class RewardScale:
         known: whether a reward that is not 0 has told the scale.
     """
 
-    def __init__(self, discount: float) -> None:
-        self.horizon = 1.0 / (1.0 - discount)
+    def __init__(self, discount: float, scale: float = 1.0) -> None:
+        self.horizon, self.scale = 1.0 / (1.0 - discount), scale
         self.factor, self.first, self.known = 1.0, 0.0, False
         self._level = 0.0
 
     def learn(self, rewards: Sequence[float], returns: Sequence[float] = ()) -> None:
         """Take the scale from rewards, of which one is not 0.
 
-        A typical reward in each step, for ever, is to be a value of 1. Where rewards are rare, only as many count as
-        come within the horizon, and within an episode. States are worth at first what random moves bring, if that is
+        A typical reward in each step, for ever, is to be a value of `scale`. Where rewards are rare, only as many count
+        as come within the horizon, and within an episode. States are worth at first what random moves bring, if that is
         more than nothing: a value that is too high makes an agent try what it has not tried. Where rewards are rare it
         is at most the best return, since a goal that ends the episode must not be worth less than to go on.
 
@@ -59,7 +60,7 @@ class RewardScale:
         if dense < 0.5:
             steps = max(1.0, min(dense * self.horizon, some.size / max(1, len(returns))))
             most = max(0.0, float(some.max()), *returns)
-        self.factor = 1.0 / (float(np.median(np.abs(some))) * steps)
+        self.factor = self.scale / (float(np.median(np.abs(some))) * steps)
         self.first = max(0.0, self.factor * min(most, float(array.mean()) * self.horizon))
         self.known = True
 

@@ -40,7 +40,9 @@ class Settings:
         active: places that are to be active at a time: so many grids a group has, each shifted by a share of a field,
             that this is about their number; at least one.
         critics: neurons of the critic.
-        levels: actions along a dimension of a continuous action space.
+        levels: actions along a dimension of a continuous action space, between which a circuit chooses.
+        circuits: that choose along a dimension of a continuous action space; the action is the mean of their choices.
+        reward_scale: what a typical reward of random moves in each step, for ever, is worth to the critic.
         discount: of the reward of the next control step, gamma.
         decay: of eligibility from one control step to the next beside `discount`, lambda.
         actor_rate: by how much an error of 1 changes the preference for an action in the same state, mV.
@@ -60,6 +62,8 @@ class Settings:
     active: int = _whole(USUAL)
     critics: int = _whole(100)
     levels: int = _whole(7, 2)
+    circuits: int = _whole(1)
+    reward_scale: float = _number(1.0, above=0.0)
     discount: float = _number(0.99, at_least=0.0, below=1.0)
     decay: float = _number(0.9, at_least=0.0, at_most=1.0)
     actor_rate: float = _number(2.4, at_least=0.0)

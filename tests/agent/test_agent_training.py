@@ -11,7 +11,9 @@ import neuro_agent
 from neuro import ModelError
 from neuro.coding import PERIOD, Places
 from neuro_agent import deployed, training
+from neuro_agent.actions import actions_of
 from neuro_agent.environments import Environments
+from neuro_agent.learner import RewardScale
 from neuro_agent.network import TAU
 from neuro_agent.observations import dimensions_of, flat
 from neuro_agent.rewards import ErrorScale
@@ -370,3 +372,48 @@ def test_vectors_of_another_way_to_begin_anew_are_refused():
 def test_controls_that_learn_nothing():
     found = agent().controls(Corridor(), steps=400, episodes=5, names=("frozen", "random"))
     assert all(test.mean < 0.5 for test in found.values())
+
+
+class Balance(gymnasium.Env):
+    """A number that a force moves; the reward is by how much nearer it comes to 0."""
+
+    observation_space = spaces.Box(-1.0, 1.0, (1,))
+    action_space = spaces.Box(-1.0, 1.0, (1,))
+
+    def reset(self, *, seed=None, options=None):
+        super().reset(seed=seed)
+        self.at, self.k = float(self.np_random.uniform(-1.0, 1.0)), 0
+        return np.array([self.at], np.float32), {}
+
+    def step(self, action):
+        before, self.at = abs(self.at), min(max(self.at - 0.2 * float(action[0]), -1.0), 1.0)
+        self.k += 1
+        return np.array([self.at], np.float32), before - abs(self.at), False, self.k == 20, {}
+
+
+def test_a_number_of_a_box_is_the_mean_of_what_its_circuits_choose():
+    found = actions_of(spaces.Box(np.array([-1.0, 0.0]), np.array([1.0, 8.0]), dtype=np.float64), levels=2, circuits=4)
+    assert found.sizes == (2,) * 8
+    np.testing.assert_array_equal(found.of(np.array([[1, 1, 1, 0, 0, 0, 1, 0]])), [[0.5, 2.0]])
+
+
+@pytest.mark.parametrize("kind", [neuro_agent.ActorCritic, neuro_agent.LinearTwin])
+def test_pairs_of_opponents_learn_to_steer_finely(kind):
+    few = {"critics": 20, "explore": 100, "active": 4, "discount": 0.8, "reward_scale": 0.3, "actor_rate": 4.0}
+    one = kind(Balance.observation_space, Balance.action_space, seed=1, levels=2, circuits=8, **few)
+    one.train(Balance(), steps=2000)
+    assert one.test(Balance(), episodes=20).mean > 0.35  # all of the way is 0.5
+    assert one.act([-0.9])[0] < 0.0 < one.act([0.9])[0]
+
+
+def test_a_smaller_scale_makes_rewards_smaller_to_the_critic():
+    scales = [RewardScale(0.9, scale) for scale in (1.0, 0.25)]
+    for scale in scales:
+        scale.learn([2.0, 2.0, 2.0])
+    assert [scale.factor for scale in scales] == pytest.approx([0.05, 0.0125])
+    assert [scale.first for scale in scales] == pytest.approx([1.0, 0.25])
+
+
+def test_no_circuits_are_refused():
+    with pytest.raises(ModelError, match="circuits"):
+        agent(circuits=0)
