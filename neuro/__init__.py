@@ -40,6 +40,7 @@ if TYPE_CHECKING:
         fixed_indegree as fixed_indegree,
         fixed_outdegree as fixed_outdegree,
         fixed_total_number as fixed_total_number,
+        from_file as from_file,
         grid as grid,
         one_to_one as one_to_one,
         pairs as pairs,
@@ -57,6 +58,8 @@ if TYPE_CHECKING:
     )
     from neuro.model.synapses.builtin import *  # noqa: F403
     from neuro.model.views import View as View
+    from neuro.model.wiring.controls import shuffled as shuffled
+    from neuro.model.wiring.neurons import neuron_table as neuron_table
     from neuro.program.backend import OverflowWarning as OverflowWarning
     from neuro.program.counts import Counts as Counts
     from neuro.run.compiled import (

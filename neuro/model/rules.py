@@ -164,6 +164,55 @@ class pairs(Rule):
 
 
 @dataclass(frozen=True, eq=False)
+class from_file(Rule):
+    """The edges that a file lists: CSV with a header, parquet, edges of SONATA, npz with a column each, or a matrix.
+
+    The file is read when the network is compiled. `pre` and `post` are ids of the tables of neurons of the two
+    populations, or neurons counted from 0 where a population has none. Edges from or onto neurons of a table that are
+    not in the population, or not in the view, are left out; an id that is in no table is an error. The weight of an
+    edge is the projection's weight x the column `weight` x the sign of its transmitter; its delay is the projection's
+    delay x the column `delay`, rounded to steps, at least one. Edges that connect the same pair stay apart, and their
+    weights add up where they arrive.
+    """
+
+    file: Any = quantity(None, "", "the edges", kind="file")
+    pre: str | None = quantity(None, "", "column of the sources; pre, of SONATA source_node_id", kind="name")
+    post: str | None = quantity(None, "", "column of the targets; post, of SONATA target_node_id", kind="name")
+    weight: str | None = quantity(None, "", "column of the weight or number of synapses; 1 if not given", kind="name")
+    delay: str | None = quantity(None, "", "column of the delay; 1 if not given", kind="name")
+    transmitter: str | None = quantity(None, "", "column of the transmitter", kind="name")
+    signs: Any = quantity(None, "", "transmitter: 1, -1, or 0, which leaves its edges out", kind="words")
+    dale: bool = quantity(
+        False, "", "whether the transmitter is one of the source neuron, a column of its table", kind="boolean"
+    )
+    where: Any = quantity((), "", 'the rows that are taken: comparisons such as "synapses >= 5"', kind="names")
+    layout: str = quantity(
+        "edges", "", "what a CSV is: a row for each edge, or a matrix", kind="word", words=("edges", "matrix")
+    )
+    key: str | None = quantity(None, "", "of HDF5: the population of edges", kind="name")
+    shuffle: str | None = quantity(
+        None, "", "what is drawn anew, as a control", kind="word", words=("edges", "signs", "weights")
+    )
+    shuffle_seed: int = quantity(0, "", "of those draws", kind="integer", at_least=0)
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        from neuro.model.wiring.filters import Condition
+
+        for text in self.where:
+            Condition(text)
+        if (self.transmitter is None) != (self.signs is None):
+            found, lacks = ("signs", "transmitter") if self.transmitter is None else ("transmitter", "signs")
+            hint = "transmitter: nt, signs: {GABA: -1, acetylcholine: 1}"
+            raise ModelError(f"from_file: found '{found}' without '{lacks}': expected both", hint=hint, path=(found,))
+        if self.dale and self.transmitter is None:
+            raise ModelError("from_file: found 'dale' without 'transmitter': expected both", path=("dale",))
+        for word, sign in (self.signs or {}).items():
+            if isinstance(sign, bool) or sign not in (-1, 0, 1):
+                raise ModelError(f"from_file.signs: {word} = {sign}: expected 1, -1 or 0", path=("signs", word))
+
+
+@dataclass(frozen=True, eq=False)
 class grid(Rule):
     """A sheet of neurons with one kernel per map, as a convolution.
 
@@ -199,6 +248,7 @@ RULES: Registry[type[Rule]] = Registry(
         symmetric_pairwise_bernoulli,
         distance_dependent,
         pairs,
+        from_file,
         grid,
     ),
     takes=lambda part: isinstance(part, type) and issubclass(part, Rule),
