@@ -72,7 +72,7 @@ def load(folder: Path, name: str, running: bool) -> None:
     net = neuro.Network("fly")
     table = neuro.neuron_table(folder / "neurons.csv", id="root_id")
     brain = net.wiring(
-        neurons=table, edges=rule, model=model, weight=0.05, delay=1.8, drive=68.75 * 4, initial={"V_m": -52.0}
+        neurons=table, edges=rule, model=model, weight=0.01, delay=1.8, drive=68.75 * 4, initial={"V_m": -52.0}
     )
     sim = neuro.compile(net, backend="event", seed=1)
     taken = time.perf_counter() - begin

@@ -186,7 +186,13 @@ def test_results_hold_the_description_and_can_be_made_again(tmp_path: Path) -> N
     (tmp_path / "net.yaml").write_text(YAML)
     sim = neuro.compile(neuro.load(tmp_path / "net.yaml"), seed=3)
     sim.run(5.0, out=tmp_path / "run.h5")
-    assert read(tmp_path / "run.h5").network().populations["kc"].neurons is not None
+    again = read(tmp_path / "run.h5").network()
+    assert synapses(again, "out") == synapses(neuro.load(tmp_path / "net.yaml"), "out")
+    (tmp_path / "moved").mkdir()
+    (tmp_path / "sub").rename(tmp_path / "moved" / "sub")
+    assert read(tmp_path / "run.h5").network(played=False).projections["out"].rule.name == "from_file"
+    with pytest.raises(neuro.ModelError, match=r"edges\.csv"):
+        read(tmp_path / "run.h5").network()
 
 
 def test_edges_of_a_population_without_table_count_from_0(tmp_path: Path) -> None:
@@ -214,3 +220,107 @@ def test_ids_beyond_63_bits_stay_apart(tmp_path: Path) -> None:
     columns = {"pre": [ids[1], ids[3]], "post": [ids[0], ids[2]]}
     net.wiring(neurons=table, edges=csv(tmp_path / "e.csv", columns), model=neuro.iaf_psc_exp())
     assert [edge[:2] for edge in synapses(net)] == [(1, 0), (3, 2)]
+
+
+def test_silenced_neurons_fire_and_reach_nobody(tmp_path: Path) -> None:
+    net = diagram(tmp_path, neuro.from_file(csv(tmp_path / "edges.csv", EDGES)), weight=1000.0, drive=1e5)
+    sim = neuro.compile(net, seed=1)
+    brain = net.populations["brain"]
+    sim.activate(brain.where(type="MBON"), 100.0)
+    sim.run(500.0)
+    fired = sim.counts().populations["brain"].spikes
+    assert len(sim.spikes(brain[3])[0]) > 20
+    sim.silence("brain[type=MBON]")
+    assert sim.weights("brain_brain", pre="brain[type=MBON]")[2].tolist() == [0.0]
+    sim.run(500.0)
+    late, _ = sim.spikes(brain[3], since=550.0)
+    assert len(late) == 0
+    assert sim.counts().populations["brain"].spikes - fired > 20
+    sim.activate(brain, 0.0)
+    sim.run(50.0)
+    before = sim.counts().populations["brain"].spikes
+    sim.run(500.0)
+    assert sim.counts().populations["brain"].spikes == before
+    assert sim.steered.keys() == {"activate", "silence"}
+    sim.reset(weights=True)
+    assert sim.weights("brain_brain")[2].min() == 1000.0
+
+
+def test_only_neurons_with_a_driver_are_activated(tmp_path: Path) -> None:
+    net = diagram(tmp_path, neuro.from_file(csv(tmp_path / "edges.csv", EDGES)))
+    with pytest.raises(neuro.ModelError, match="expected a poisson_generator that is connected to 'brain' one_to_one"):
+        neuro.compile(net).activate("brain", 100.0)
+
+
+def pairs_of(net: neuro.Network) -> tuple[Any, Any, Any]:
+    return neuro.compile(net).weights("brain_brain")
+
+
+@pytest.fixture
+def larger(tmp_path: Path) -> neuro.Network:
+    """300 neurons and 3,000 edges, no pair twice, no autapse."""
+    rng = np.random.default_rng(0)
+    pre, post = np.divmod(np.sort(rng.permutation(300 * 299)[:3000]), 299)
+    post += post >= pre
+    columns = {"pre": pre.tolist(), "post": post.tolist(), "n": rng.integers(1, 20, 3000).tolist()}
+    nt = [("ach", "gaba")[k] for k in rng.integers(0, 2, 300)]
+    table = neuro.neuron_table(csv(tmp_path / "n.csv", {"id": list(range(300)), "nt": nt}), id="id")
+    rule = neuro.from_file(
+        csv(tmp_path / "e.csv", columns), weight="n", transmitter="nt", signs={"ach": 1, "gaba": -1}, dale=True
+    )
+    net = neuro.Network()
+    net.wiring(neurons=table, edges=rule, model=neuro.iaf_psc_exp())
+    return net
+
+
+def test_shuffled_edges_keep_the_degrees_and_what_each_neuron_sends(larger: neuro.Network) -> None:
+    pre, post, weight = pairs_of(larger)
+    new_pre, new_post, new_weight = pairs_of(neuro.shuffled(larger, "edges", seed=1))
+    assert np.array_equal(np.bincount(pre), np.bincount(new_pre))
+    assert np.array_equal(np.bincount(post), np.bincount(new_post))
+    assert len(set(zip(new_pre, new_post, strict=True))) == 3000
+    assert not (new_pre == new_post).any()
+    assert np.mean(new_post == post) < 0.1
+    assert sorted(zip(pre, weight, strict=True)) == sorted(zip(new_pre, new_weight, strict=True))
+
+
+def test_shuffled_signs_keep_dales_law_and_all_else(larger: neuro.Network) -> None:
+    pre, post, weight = pairs_of(larger)
+    new_pre, new_post, new_weight = pairs_of(neuro.shuffled(larger, "signs", seed=1))
+    assert np.array_equal(np.abs(weight), np.abs(new_weight))
+    assert np.array_equal(post, new_post)
+    signs = [{np.sign(w) for w in new_weight[new_pre == k]} for k in np.unique(pre)]
+    assert {len(each) for each in signs} == {1}
+    assert sum(1 in each for each in signs) == len({p for p, w in zip(pre, weight, strict=True) if w > 0})
+    assert not np.array_equal(weight, new_weight)
+
+
+def test_shuffled_weights_keep_signs_and_pairs(larger: neuro.Network) -> None:
+    _, post, weight = pairs_of(larger)
+    _, new_post, new_weight = pairs_of(neuro.shuffled(larger, "weights", seed=1))
+    assert np.array_equal(post, new_post)
+    assert np.array_equal(np.sign(weight), np.sign(new_weight))
+    assert np.array_equal(np.sort(np.abs(weight)), np.sort(np.abs(new_weight)))
+    assert np.mean(weight == new_weight) < 0.2
+
+
+def test_a_shuffle_is_seeded_and_saved(larger: neuro.Network, tmp_path: Path) -> None:
+    control = neuro.shuffled(larger, "edges", seed=5)
+    control.save(tmp_path / "control.yaml")
+    again = neuro.load(tmp_path / "control.yaml")
+    assert np.array_equal(pairs_of(control)[1], pairs_of(again)[1])
+    assert not np.array_equal(pairs_of(control)[1], pairs_of(neuro.shuffled(larger, "edges", seed=6))[1])
+    assert larger.projections["brain_brain"].rule.shuffle is None
+
+
+def test_what_cannot_be_shuffled_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(neuro.ModelError, match="no edges from a file"):
+        neuro.shuffled(neuro.Network(), "edges")
+    columns = {"pre": [0, 0, 1], "post": [1, 2, 2]}
+    net = neuro.Network()
+    net.population("a", 3, neuro.iaf_psc_exp())
+    net.connect("a", "a", neuro.from_file(csv(tmp_path / "e.csv", columns)))
+    with pytest.raises(neuro.ModelError, match="weights: found none in the file"):
+        neuro.compile(neuro.shuffled(net, "weights"))
+    with pytest.raises(neuro.ModelError, match=r"shuffled: what = 'edge'"):
+        neuro.shuffled(net, "edge")

@@ -11,9 +11,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from neuro.core.errors import ModelError, unknown
-from neuro.core.hdf5 import is_hdf5
-from neuro.core.inputs import record_input
-from neuro.core.paths import existing
 from neuro.core.values import shown
 
 ROWS = 1 << 20
@@ -82,38 +79,6 @@ class Table(Protocol):
 
     def pieces(self, kinds: Mapping[str, str]) -> Iterator[Piece]:
         """The columns of these names, asked for as a kind each; all rows, in order."""
-
-
-def open_table(path: Path, key: str | None = None, matrix: bool = False) -> Table:
-    """The table in a file, whose format is found by its signature; what has none is CSV.
-
-    Args:
-        path: CSV, parquet, HDF5 of SONATA, npz or npy.
-        key: in HDF5 the population of edges or of nodes.
-        matrix: whether a CSV is a matrix with ids in its first row and column.
-
-    Raises:
-        ModelError: there is no such file, or it is none of these.
-    """
-    existing(path)
-    record_input(path)
-    with path.open("rb") as file:
-        head = file.read(8)
-    if key is not None and not is_hdf5(head):
-        raise ModelError(f"{path}: key = {shown(key)}: expected none, only HDF5 has a key", path=("key",))
-    if is_hdf5(head):
-        from neuro.model.wiring.sonata import SonataTable
-
-        return SonataTable(path, key)
-    if head.startswith((b"PK\x03\x04", b"PK\x05\x06", b"\x93NUMPY")):
-        from neuro.model.wiring.arrays import open_arrays
-
-        return open_arrays(path)
-    from neuro.model.wiring.arrow import CsvMatrix, CsvTable, ParquetTable
-
-    if head.startswith(b"PAR1"):
-        return ParquetTable(path)
-    return CsvMatrix(path) if matrix else CsvTable(path)
 
 
 def rows(table: Table, kinds: Mapping[str, str]) -> Iterator[Piece]:

@@ -12,9 +12,10 @@ from numpy.typing import NDArray
 from neuro.core.errors import ModelError, unknown
 from neuro.core.values import shown
 from neuro.model.rules import from_file
-from neuro.model.wiring.columns import MATRIX, NUMBER, TEXT, Column, Piece, Table, Texts, cell, open_table, rows
+from neuro.model.wiring.columns import MATRIX, NUMBER, TEXT, Column, Piece, Table, Texts, cell, rows
 from neuro.model.wiring.filters import Condition
 from neuro.model.wiring.neurons import NOWHERE, Ids, Neurons
+from neuro.model.wiring.opening import open_table
 
 Floats = NDArray[np.float64]
 _MOST = 2**31 - 1
