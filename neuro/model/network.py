@@ -59,9 +59,11 @@ class Network(Description):
         place: where the next part comes from; None means the caller's line.
         inputs: the files that it was read from; none of one that was made in Python.
         latest: the part that was added last.
+        verdicts: what became of each node of a network that came from another tool; None of any other.
     """
 
     inputs: tuple[str, ...] = ()
+    verdicts: Any = None
 
     def __init__(self, name: str = "network", *, resolution: float = 0.1) -> None:
         self.name = check_name(name, "network", here())
@@ -298,7 +300,7 @@ class Network(Description):
     def __eq__(self, other: object) -> bool:
         if not isinstance(other, Network):
             return NotImplemented
-        skip = ("trials_origin", "place", "inputs", "latest")
+        skip = ("trials_origin", "place", "inputs", "latest", "verdicts")
         mine, theirs = vars(self), vars(other)
         return all(same(mine[k], theirs[k]) for k in mine if k not in skip)
 

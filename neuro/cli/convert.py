@@ -1,0 +1,113 @@
+"""Networks of other tools: `neuro convert`."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, TypeVar
+
+import typer
+
+from neuro.cli.options import milliseconds
+
+if TYPE_CHECKING:
+    from neuro.exchange.verdict import Verdicts
+    from neuro.model.network import Network
+
+
+T = TypeVar("T")
+
+
+@dataclass(frozen=True, slots=True)
+class Options:
+    """What the user says beside the files.
+
+    Attributes:
+        dt: length of a step in ms, None if not given.
+        tool: which tool wrote the source, or is to read the destination; None if not given.
+        reset: what a spike does, None if not given.
+    """
+
+    dt: float | None
+    tool: str | None
+    reset: str | None
+
+
+def _read_yaml(file: Path, options: Options) -> tuple[Network, Verdicts | None]:
+    from neuro.model.language import load
+
+    return load(file), None
+
+
+def _read_nir(file: Path, options: Options) -> tuple[Network, Verdicts | None]:
+    from neuro.core.errors import ModelError
+    from neuro.exchange.nir.importing import from_nir
+
+    if options.dt is None:
+        raise ModelError(f"{file}: NIR has no steps: expected the length of one", hint="--dt 1, in ms")
+    net = from_nir(file, options.dt, options.tool, reset=options.reset)
+    return net, net.verdicts
+
+
+def _write_yaml(net: Network, file: Path, options: Options) -> Verdicts | None:
+    net.save(file)
+    return None
+
+
+def _write_nir(net: Network, file: Path, options: Options) -> Verdicts | None:
+    from neuro.exchange.nir.exporting import save_nir
+
+    return save_nir(net, file, options.dt, options.tool)
+
+
+READERS: dict[str, Callable[[Path, Options], tuple[Network, Verdicts | None]]] = {
+    ".yaml": _read_yaml,
+    ".yml": _read_yaml,
+    ".nir": _read_nir,
+}
+"""What reads a network, and says what became of its nodes, by the ending of a file."""
+
+WRITERS: dict[str, Callable[[Network, Path, Options], Verdicts | None]] = {
+    ".yaml": _write_yaml,
+    ".yml": _write_yaml,
+    ".nir": _write_nir,
+}
+"""What writes one."""
+
+Source = Annotated[Path, typer.Argument(metavar="SRC", help="The network to read.")]
+Destination = Annotated[Path, typer.Argument(metavar="DST", help="The file to write.")]
+Dt = Annotated[float | None, typer.Option("--dt", metavar="MS", parser=milliseconds, help="Length of a step, in ms.")]
+Tool = Annotated[
+    str | None,
+    typer.Option("--tool", metavar="NAME", help="The tool that wrote SRC, or reads DST: norse, snntorch, ..."),
+]
+Reset = Annotated[
+    str | None, typer.Option("--reset", metavar="WORD", help="What a spike does in SRC: to_value or subtract.")
+]
+Json = Annotated[bool, typer.Option("--json", help="Print the verdicts as JSON instead of a table.")]
+
+
+def convert(
+    source: Source,
+    destination: Destination,
+    dt: Dt = None,
+    tool: Tool = None,
+    reset: Reset = None,
+    as_json: Json = False,
+) -> None:
+    """Convert a network from or to the format of another tool, chosen by the endings, with a verdict for each node."""
+    read, write = _of(READERS, source, "read"), _of(WRITERS, destination, "written")
+    options = Options(dt, tool, reset)
+    net, table = read(source, options)
+    table = write(net, destination, options) or table
+    if table is not None:
+        typer.echo(table.to_json() if as_json else str(table))
+
+
+def _of(table: dict[str, T], file: Path, done: str) -> T:
+    from neuro.core.errors import ModelError
+
+    if file.suffix not in table:
+        raise ModelError(f"{file}: cannot be {done}: expected a name ending in {', '.join(sorted(table))}")
+    return table[file.suffix]

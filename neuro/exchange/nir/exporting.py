@@ -1,0 +1,272 @@
+"""A NIR graph from a `Network`, scaled for the tool that reads it."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field
+from os import PathLike
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from neuro.compiler.resolve import compile_network
+from neuro.core.checks import check
+from neuro.core.errors import ModelError
+from neuro.core.outputs import Kind, output
+from neuro.core.quantities import Quantity
+from neuro.exchange.nir.cells import TOOLS, Unsupported
+from neuro.exchange.nir.graph import Floats, package
+from neuro.exchange.nir.nodes import Scaled, neuron_of
+from neuro.exchange.verdict import EXACT, REFUSED, Verdict, Verdicts
+from neuro.model.network import Network
+from neuro.model.neurons.builtin import dc_generator, iaf_psc_exp
+from neuro.program.program import Population, Program, Projection
+
+FOR = Quantity(doc="the tool that reads it", kind="word", words=tuple(TOOLS), optional=True)
+DT = Quantity(unit="ms", doc="length of a step; that of the network if not given", above=0, optional=True)
+CONVENTION = "neuro_convention"
+"""The word of a graph's metadata that says the convention in which it was written."""
+
+
+def _is_ours(path: Path) -> bool:
+    import h5py
+
+    with h5py.File(path, "r") as file:
+        return CONVENTION in file["node/metadata"]
+
+
+KIND = Kind("a NIR file of neuro", _is_ours)
+
+
+@dataclass(slots=True)
+class Written:
+    """A graph under construction.
+
+    Attributes:
+        nir: the package.
+        program: the network, resolved.
+        tool: the convention.
+        nodes, edges: of the graph.
+        neurons: by population, what it is.
+        depths: by population, by how many steps its spikes are later here than in a tool without delays.
+        verdicts: of each part of the network.
+    """
+
+    nir: Any
+    program: Program
+    tool: str
+    nodes: dict[str, Any] = field(default_factory=dict)
+    edges: list[tuple[str, str]] = field(default_factory=list)
+    neurons: dict[int, Scaled] = field(default_factory=dict)
+    depths: dict[int, int] = field(default_factory=dict)
+    verdicts: list[Verdict] = field(default_factory=list)
+
+    @property
+    def step(self) -> float:
+        """Seconds."""
+        return self.program.resolution / 1e3
+
+    def says(self, part: Population | Projection, verdict: str, how: str, way_out: str = "") -> None:
+        """The verdict of a part."""
+        kind = part.said if isinstance(part, Population) else part.synapse.name
+        self.verdicts.append(Verdict(part.name, kind, verdict, how, way_out))
+
+
+def to_nir(net: Network, dt: float | None = None, for_: str | None = None) -> Any:
+    """A NIR graph of a network.
+
+    Spikes of the network are those of the graph in the convention of the tool, except that layers of a graph fire in
+    the same step: the spikes of a population d layers behind the input come d steps earlier there.
+
+    Args:
+        net: the network. What is drawn at random is drawn with seed 0.
+        dt: length of a step, ms: the network's resolution, if not given.
+        for_: the tool that reads the graph: "norse", "snntorch", "sinabs" or "spikingjelly"; the equations of NIR if
+            not given. No convention serves all.
+
+    Returns:
+        A `nir.NIRGraph`, for `nir.write`. Its metadata holds the convention, and the verdicts as JSON.
+
+    Raises:
+        ModelError: a part has no counterpart; all of them, each with the way out. Or the package nir is missing.
+    """
+    graph, table = written(net, dt, for_)
+    table.check()
+    return graph
+
+
+def written(net: Network, dt: float | None, for_: str | None) -> tuple[Any, Verdicts]:
+    """The graph of a network, None where a part is refused, and the verdicts."""
+    tool = check(FOR, for_, "for_", ("for_",)) or "nir"
+    step = check(DT, dt, "dt", ("dt",))
+    if step is not None and not math.isclose(step, net.resolution):
+        message = f"dt = {step:g} ms: expected {net.resolution:g} ms, the resolution of the network"
+        raise ModelError(message, hint=f"neuro.Network(..., resolution={step:g})", path=("dt",))
+    out = Written(package("to_nir"), compile_network(net, seed=0), tool)
+    for index, part in enumerate(out.program.populations):
+        _add_population(out, index, part)
+    _find_depths(out)
+    for projection in out.program.projections:
+        _add_projection(out, projection)
+    for index in out.neurons:
+        if not any(p.source == index and p.target != index for p in out.program.projections):
+            _add_output(out, out.program.populations[index])
+    table = Verdicts(f"{net.name}: for {tool}, steps of {net.resolution:g} ms", tuple(out.verdicts))
+    if table.refused:
+        return None, table
+    metadata = {CONVENTION: tool, "neuro_dt_ms": net.resolution, "neuro_verdicts": table.to_json()}
+    try:
+        return out.nir.NIRGraph(out.nodes, out.edges, metadata=metadata), table
+    except Exception as error:  # the package raises many kinds
+        raise ModelError(f"to_nir: the package nir refuses the graph: {error}") from None
+
+
+def save_nir(net: Network, path: str | PathLike[str], dt: float | None = None, for_: str | None = None) -> Verdicts:
+    """Write a network as a NIR file; other arguments as of `to_nir`.
+
+    Returns:
+        The verdicts.
+
+    Raises:
+        ModelError: as of `to_nir`, or the file cannot be written.
+    """
+    graph, table = written(net, dt, for_)
+    table.check()
+    with output(path, KIND) as part:
+        package("to_nir").write(part, graph)
+    return table
+
+
+def _add_population(out: Written, index: int, part: Population) -> None:
+    if part.kind in ("listed", "poisson", "generator"):
+        out.nodes[part.name] = out.nir.Input({"input": np.array(part.shape)})
+        listed = part.spike_steps.size or part.kind != "listed"
+        out.says(part, EXACT, "an Input" + ("; its spikes stay here" if listed else ""))
+        return
+    if part.kind == "current":
+        if not isinstance(part.model, dc_generator) or part.stop < 2**62:
+            out.says(part, REFUSED, "is a current that changes", "leave it out, or give the neurons I_e")
+        else:
+            out.says(part, EXACT, "the bias of the nodes that it drives")
+        return
+    try:
+        out.neurons[index] = neuron_of(part, out.tool, out.program.resolution)
+    except Unsupported as error:
+        out.says(part, REFUSED, error.why, error.way_out)
+        return
+    made = out.neurons[index]
+    out.nodes[part.name] = getattr(out.nir, made.kind)(**{k: v.reshape(part.shape) for k, v in made.fields.items()})
+    out.says(part, EXACT, made.how)
+
+
+def _add_output(out: Written, part: Population) -> None:
+    name = "output" if "output" not in out.nodes else f"{part.name}_output"
+    out.nodes[name] = out.nir.Output({"output": np.array(part.shape)})
+    out.edges.append((part.name, name))
+
+
+def _lags(out: Written, part: Projection) -> int:
+    """Steps that a spike takes until it acts on V_m."""
+    model = out.program.populations[part.target].model
+    late = isinstance(model, iaf_psc_exp) and not getattr(model, "current_first", False)
+    return int(part.delay_span[0]) + (1 if late else 0)
+
+
+def _spiking(out: Written) -> list[Projection]:
+    return [p for p in out.program.projections if p.carries == "spikes" and p.target in out.neurons]
+
+
+def _find_depths(out: Written) -> None:
+    """Layer by layer from the generators; a projection back to a layer before does not count."""
+    parts = out.program.populations
+    out.depths.update({k: 0 for k, part in enumerate(parts) if k not in out.neurons})
+    for _ in parts:
+        for index in out.neurons:
+            steps = [
+                out.depths[p.source] + _lags(out, p)
+                for p in _spiking(out)
+                if p.target == index and p.source != index and p.source in out.depths
+            ]
+            if steps and index not in out.depths:
+                out.depths[index] = min(steps)
+    for index in out.neurons:
+        out.depths.setdefault(index, 0)
+
+
+def _add_projection(out: Written, part: Projection) -> None:
+    if part.target not in out.neurons or part.carries == "current":
+        return
+    source, target = out.program.populations[part.source], out.program.populations[part.target]
+    if part.synapse.learns:
+        out.says(part, REFUSED, f"{part.synapse.name} learns", "freeze it: give a static synapse the learnt weights")
+        return
+    back = part.source == part.target
+    lag = _lags(out, part) + out.depths[part.source] - out.depths[part.target] - (1 if back else 0)
+    if lag < 0 or part.delay_span[0] != part.delay_span[1]:
+        why = "has several delays" if part.delay_span[0] != part.delay_span[1] else "leads back within one step"
+        out.says(part, REFUSED, why, "give it one delay of its own projection")
+        return
+    factor = out.neurons[part.target].factor
+    bias = _bias_of(out, part)
+    weights, how = _weights(out, part, factor, bias)
+    before = source.name
+    if lag:
+        out.nodes[f"{part.name}.delay"] = out.nir.Delay(np.full(source.shape, lag * out.step))
+        out.edges.append((before, f"{part.name}.delay"))
+        before = f"{part.name}.delay"
+    if part.grid is None and len(source.shape) > 1:
+        flat = f"{part.name}.flatten"
+        out.nodes[flat] = out.nir.Flatten({"input": np.array(source.shape)}, 0, -1)
+        out.edges.append((before, flat))
+        before = flat
+    out.nodes[part.name] = weights
+    out.edges += [(before, part.name), (part.name, target.name)]
+    if lag and out.tool in ("norse", "snntorch", "sinabs", "spikingjelly"):
+        out.says(part, REFUSED, f"a delay of {lag} steps: {out.tool} has no Delay", "delays of one step a layer")
+    else:
+        out.says(part, EXACT, how)
+
+
+def _weights(out: Written, part: Projection, factor: Floats, bias: Floats | None) -> tuple[Any, str]:
+    """The node of a projection, and what it is."""
+    nir = out.nir
+    source, target = out.program.populations[part.source], out.program.populations[part.target]
+    index = out.program.projections.index(part)
+    if part.grid is not None:
+        g = part.grid
+        kernel = (
+            np.broadcast_to(part.weight, part.size).reshape(g.kernels) * factor.reshape(target.shape)[:, :1, :1, None]
+        )
+        node = nir.Conv2d(
+            input_shape=(g.height, g.width),
+            weight=kernel,
+            stride=g.stride,
+            padding=(g.top, g.left),
+            dilation=1,
+            groups=g.channels if g.depthwise else 1,
+            bias=np.zeros(g.maps) if bias is None else bias.reshape(target.shape)[:, 0, 0],
+        )
+        return node, "Conv2d"
+    pre, post, slot = out.program.synapses(index)
+    matrix = np.zeros((target.size, source.size))
+    np.add.at(matrix, (post, pre), np.broadcast_to(part.weight, part.size)[slot])
+    matrix *= factor.reshape(-1, 1)
+    if bias is None:
+        return nir.Linear(weight=matrix), "Linear"
+    return nir.Affine(weight=matrix, bias=bias), "Affine, with the constant current as its bias"
+
+
+def _bias_of(out: Written, part: Projection) -> Floats | None:
+    """The constant current of the target, for the first projection onto it."""
+    first = next(p for p in _spiking(out) if p.target == part.target)
+    made = out.neurons[part.target]
+    if first is not part:
+        return None
+    total = made.bias.copy()
+    for k, other in enumerate(out.program.projections):
+        if other.carries == "current" and other.target == part.target:
+            pre, post, slot = out.program.synapses(k)
+            amplitude = np.broadcast_to(out.program.populations[other.source].parameters["amplitude"], pre.max() + 1)
+            np.add.at(total, post, np.broadcast_to(other.weight, other.size)[slot] * amplitude[pre] * made.per_pa[post])
+    return total if total.any() else None
