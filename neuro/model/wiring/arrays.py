@@ -22,15 +22,18 @@ _SPARSE = {"format", "shape", "data"}
 def open_arrays(path: Path) -> Table:
     """The table in an npz or npy file. Arrays of Python objects are refused: to read them may run code."""
     try:
-        found = np.load(path, allow_pickle=False, mmap_mode="r")
-        if isinstance(found, np.ndarray):
-            return _Dense(path, found)
-        with found:
-            if set(found.files) >= _SPARSE:
+        with path.open("rb") as file:
+            if file.read(2) != b"PK":
+                return _Dense(path, np.load(path, allow_pickle=False, mmap_mode="r"))
+            file.seek(0)
+            with np.load(file, allow_pickle=False) as found:
+                names = tuple(found.files)
+            if set(names) >= _SPARSE:
                 from scipy.sparse import load_npz
 
-                return _Sparse(path, load_npz(path).tocoo())
-            return _Columns(path, tuple(found.files))
+                file.seek(0)
+                return _Sparse(path, load_npz(file).tocoo())
+            return _Columns(path, names)
     except _FAILURES as error:
         raise _damaged(path, error) from None
 
@@ -52,8 +55,8 @@ class _Columns:
     def pieces(self, kinds: Mapping[str, str]) -> Iterator[Piece]:
         """The arrays, some rows at a time."""
         try:
-            with np.load(self.path, allow_pickle=False) as file:
-                columns = {name: _column(file[name]) for name in kinds}
+            with self.path.open("rb") as opened, np.load(opened, allow_pickle=False) as file:
+                columns = {name: _column(file[name], f"{self.path}: column '{name}'") for name in kinds}
         except _FAILURES as error:
             raise _damaged(self.path, error) from None
         sizes = {name: len(column) for name, column in columns.items()}
@@ -63,14 +66,14 @@ class _Columns:
             yield Piece(begin + 1, {name: _part(column, begin) for name, column in columns.items()})
 
 
-def _column(array: NDArray[Any]) -> Column:
+def _column(array: NDArray[Any], what: str) -> Column:
     if array.ndim != 1:
-        raise ModelError(f"an array of shape {list(array.shape)}: expected one value for each row")
+        raise ModelError(f"{what}: an array of shape {list(array.shape)}: expected one value for each row")
     if array.dtype.kind == "U":
         words, codes = np.unique(array, return_inverse=True)
         return Texts(codes.astype(np.int64), tuple(words.tolist()))
     if array.dtype.kind not in "iufb":
-        raise ModelError(f"an array of {array.dtype}: expected numbers or text")
+        raise ModelError(f"{what}: an array of {array.dtype}: expected numbers or text")
     return array
 
 

@@ -106,10 +106,10 @@ class Neurons:
             raise ModelError(f"{said.file}: a matrix: expected a table of neurons, a row for each")
         by_default = "node_id" if "node_id" in self._table.names else None
         self._id = said.id or by_default
-        column = None if self._id is None else self._as_ids(self.column(self._id))
-        n = len(column) if column is not None else len(self.column(self._table.names[0]))
-        if n == 0:
+        first = self.column(self._id or self._table.names[0])
+        if (n := len(first)) == 0:
             raise ModelError(f"{said.file}: found no neuron: expected a row for each")
+        column = None if self._id is None else self._as_ids(first)
         self.ids = Ids(column, n, str(said.file))
         self._column = column
         self.taken = self._rows_of(said.only or {})
