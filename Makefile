@@ -6,7 +6,7 @@
 # make test-nest    5,000 random networks (NETWORKS=...) on the event backend, the reference and NEST
 # make test-mpi     the tests of NEST under MPI, which it builds once (15 minutes) in an environment of its own
 #                   (NEST_MPI=file.whl: a wheel that is built already); needs openmpi-bin libopenmpi-dev libgsl-dev
-# make test-oracles the tests of event files beside other libraries, in an environment of their own
+# make test-oracles the tests of event files and of SONATA beside other libraries, in an environment of their own
 # make bench        how fast it is
 # make bench-peers  how fast NEST, Brian2, public emulators of Loihi, and packages that train by gradients are with the
 #                   same networks, in environments of their own
@@ -88,7 +88,7 @@ test-mpi: $(VENV)-mpi/.installed
 	$(VENV)-mpi/bin/python -m pytest tests/nest -p no:benchmark -ra
 
 test-oracles: $(VENV)-oracles/.installed
-	$(VENV)-oracles/bin/python -m pytest tests/events -n 2 -p no:benchmark -ra
+	$(VENV)-oracles/bin/python -m pytest tests/events tests/exchange/test_sonata.py -n 2 -p no:benchmark -ra
 
 demo: $(VENV)/.demo
 	$(BIN)/neuro remus demo --out "$(OUT)" $(if $(DATA),--data "$(DATA)")
@@ -129,7 +129,7 @@ $(VENV)-mpi/.installed: pyproject.toml
 
 $(VENV)-oracles/.installed: pyproject.toml
 	$(call environment,$(VENV)-oracles)
-	$(VENV)-oracles/bin/python $(PIP) --editable '.[test]' expelliarmus faery event_stream aedat tonic torch==2.13.0
+	$(VENV)-oracles/bin/python $(PIP) --editable '.[test]' expelliarmus faery event_stream aedat tonic torch==2.13.0 libsonata
 	@touch $@
 
 $(VENV)-peers/.installed:

@@ -61,6 +61,13 @@ def _write_nir(net: Network, file: Path, options: Options) -> Verdicts | None:
     return save_nir(net, file, options.dt, options.tool)
 
 
+def _write_sonata(net: Network, file: Path, options: Options) -> Verdicts | None:
+    from neuro.exchange.sonata import save_sonata
+    from neuro.run.compiled import compile
+
+    return save_sonata(compile(net), file)
+
+
 READERS: dict[str, Callable[[Path, Options], tuple[Network, Verdicts | None]]] = {
     ".yaml": _read_yaml,
     ".yml": _read_yaml,
@@ -72,6 +79,7 @@ WRITERS: dict[str, Callable[[Network, Path, Options], Verdicts | None]] = {
     ".yaml": _write_yaml,
     ".yml": _write_yaml,
     ".nir": _write_nir,
+    ".json": _write_sonata,
 }
 """What writes one."""
 
