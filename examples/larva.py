@@ -32,8 +32,8 @@ OUTPUTS = {"PN": "projection", "LN": "local", "KC": "Kenyon", "DN-SEZ": "to mout
 """Types of neurons that are shown, and what they are."""
 
 CONTROLS = {"edges": "targets exchanged", "signs": "signs exchanged", "weights": "weights exchanged"}
-RATE = 100.0
-"""Of each driven neuron, in Hz."""
+RATE = 200.0
+"""Of the Poisson spikes that drive each neuron, in Hz, of which nearly every one makes it fire."""
 
 INHIBITS = ("LN",)
 COLOURS = ("#1d2733", "#d1495b", "#edae49", "#00798c")
@@ -82,7 +82,7 @@ def larva(path: Path) -> neuro.Network:
         weight=0.275,
         delay=1.8,
         initial={"V_m": -52.0},
-        drive=300.0,
+        drive=75.0,
     )
     return net
 
