@@ -25,7 +25,7 @@ from typing import Any
 import numpy as np
 
 from neuro.chips.arithmetic import Arithmetic, Option, is_whole
-from neuro.chips.arrival_rule import register
+from neuro.chips.arrival_rule import acts_late, register
 from neuro.chips.quantising import rounding
 from neuro.chips.quantising.fixed import FixedPopulation, FixedProjection, Rounding, WeightRounding, Words
 from neuro.chips.quantising.inputs import (
@@ -34,6 +34,8 @@ from neuro.chips.quantising.inputs import (
     approximated,
     constants_of,
     converging,
+    fall_register,
+    of_falls,
     one_kernel,
     refuse_rules,
     refused,
@@ -117,7 +119,7 @@ def population(inputs: Inputs, options: Options) -> tuple[FixedPopulation, dict[
     if not delta:
         h = inputs.program.resolution
         ampere = tuple(
-            g * registers[f"{word}_init"] / FRACTION * ONE / np.exp(-h / p[tau])
+            g * registers[f"{word}_init"] / FRACTION * ONE / (np.exp(-h / p[tau]) if acts_late(part.model) else 1.0)
             for word, tau, g in zip(("exc", "inh"), ("tau_syn_ex", "tau_syn_in"), gain, strict=True)
         )
         initial["g_exc"], initial["g_inh"] = part.initial["I_syn_ex"] * ampere[0], -part.initial["I_syn_in"] * ampere[1]
@@ -185,7 +187,7 @@ def _potentials(inputs: Inputs, leak: Floats) -> dict[str, Ints]:
     registers = {name: np.rint(p[word] * ONE).astype(np.int64) for name, word in names.items()}
     registers["exp_tc"] = np.rint(leak * ONE).astype(np.int64)
     registers["t_refract"] = np.rint(p["t_ref"] / h).astype(np.int64)
-    return registers
+    return registers | fall_register(inputs.part, ONE)
 
 
 def _rounded_potentials(inputs: Inputs, registers: dict[str, Ints], leak: Floats) -> list[Rounding]:
@@ -283,6 +285,7 @@ def lacking(inputs: Inputs) -> Iterator[Problem]:
     if p.get("refractory_input", np.zeros(1)).any():
         why = "the chip's programs lose input while a neuron is refractory"
         yield refused(part, "refractory_input", why, "leave it out")
+    yield from of_falls(part, "no released SpiNNaker binary has it: it is one subtraction in the same arithmetic")
 
 
 def other_receptor(inputs: Inputs, index: int) -> Iterator[Problem]:

@@ -19,6 +19,7 @@ from neuro_chip.tables import Arrays
 def _write(a: Arrays, row: NDArray[np.int64], here: slice, r: Mapping[str, Ints]) -> None:
     a["keep_u"][here] = 4095 - r["du"]
     a["keep_v"][here] = 4096 - r["dv"]
+    a["fall"][here] = r.get("fall", 0)
     a["threshold"][here] = r["vth"] * 64
     a["bias"][here] = r["bias_mant"] << r["bias_exp"]
     a["refractory"][here] = r["refractory"] - 1
