@@ -43,8 +43,9 @@ ONE_TO_ONE, DENSE, CSR, GRID = range(4)
     ARRIVED,
     LATE,
     RECEPTORS,
+    LOWEST,
     POPULATION_COLUMNS,
-) = range(16)
+) = range(17)
 
 # projections
 (

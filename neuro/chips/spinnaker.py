@@ -35,7 +35,9 @@ from neuro.chips.quantising.inputs import (
     constants_of,
     converging,
     fall_register,
+    has_lowest,
     of_falls,
+    of_lowest,
     one_kernel,
     refuse_rules,
     refused,
@@ -170,6 +172,8 @@ def _delta(inputs: Inputs) -> tuple[dict[str, Ints], tuple[Floats, Floats], Floa
     p, c = inputs.part.parameters, constants_of(inputs.part, inputs.program.resolution)
     registers = _potentials(inputs, c[:, P33])
     registers["i_offset"] = np.rint(c[:, P30] * p["I_e"] * ONE).astype(np.int64)
+    if has_lowest(inputs.part):
+        registers["v_min"] = np.rint(p["V_min"].min(keepdims=True) * ONE).astype(np.int64)
     errors = _rounded_potentials(inputs, registers, c[:, P33])
     errors += _rounded_current(p["I_e"], registers["i_offset"] / ONE / c[:, P30])
     return registers, (np.ones(1), np.ones(1)), c[:, P30] * ONE, errors
@@ -279,9 +283,7 @@ def lacking(inputs: Inputs) -> Iterator[Problem]:
     if ticks > LARGEST:
         why = f"{ticks:g} ticks, and t_refract holds at most {LARGEST}"
         yield refused(part, f"t_ref = {p['t_ref'].max():g} ms", why, f"use at most {LARGEST * h:g} ms")
-    if "V_min" in p and np.isfinite(p["V_min"]).any():
-        what = f"V_min = {p['V_min'].max():g} mV"
-        yield refused(part, what, "the chip's programs have no lowest potential", "leave V_min out")
+    yield from of_lowest(part)
     if p.get("refractory_input", np.zeros(1)).any():
         why = "the chip's programs lose input while a neuron is refractory"
         yield refused(part, "refractory_input", why, "leave it out")

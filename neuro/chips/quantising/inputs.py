@@ -160,6 +160,24 @@ def fall_register(part: Population, unit: float) -> dict[str, Ints]:
     return {"fall": np.atleast_1d(np.rint(unit * (p["V_th"] - p["V_reset"]) * falls(part)).astype(np.int64))}
 
 
+def has_lowest(part: Population) -> bool:
+    """Whether its potential is bounded from below."""
+    return bool(np.isfinite(part.parameters.get("V_min", np.array([-np.inf]))).any())
+
+
+def of_lowest(part: Population) -> Iterator[Problem]:
+    """Lowest potentials that one register of a population cannot be."""
+    if not has_lowest(part):
+        return
+    p = part.parameters
+    if np.unique(p["V_min"]).size > 1:
+        why = "one register of a core holds the lowest potential of its neurons"
+        yield refused(part, "V_min differs from neuron to neuron", why, "use one V_min for all")
+    elif np.any(p["V_min"] > p["E_L"]):
+        what = f"V_min = {p['V_min'].max():g} mV"
+        yield refused(part, what, "the lowest potential is above E_L", "lower V_min")
+
+
 def of_falls(part: Population, how: str) -> Iterator[Problem]:
     """What a chip lacks, or does otherwise, of neurons whose potential falls at a spike."""
     if not falls(part).any():

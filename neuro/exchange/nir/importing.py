@@ -5,13 +5,13 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Iterable
-from dataclasses import dataclass, field
-from graphlib import CycleError, TopologicalSorter
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
 
 from neuro.core.checks import check
+from neuro.core.english import some
 from neuro.core.errors import ModelError
 from neuro.core.quantities import Quantity
 from neuro.exchange.nir.cells import ASK, Cell, Unsupported, cell_of, find_tool
@@ -21,14 +21,14 @@ from neuro.exchange.nir.models import Made, model_of, one_or_all
 from neuro.exchange.nir.reading import read
 from neuro.exchange.verdict import APPROXIMATE, EXACT, REFUSED, Verdict, Verdicts
 from neuro.model.network import Network
-from neuro.model.neurons.builtin import dc_generator, spike_generator
+from neuro.model.neurons.builtin import dc_generator, iaf_psc_delta, spike_generator
 from neuro.model.rules import all_to_all, grid, one_to_one, pairs
 
 DT = Quantity(unit="ms", doc="length of a step", above=0)
 RESET = Quantity(doc="what a spike does", kind="word", words=("to_value", "subtract"), optional=True)
 MOST_PATHS = 10_000
-BIAS = "bias"
-"""The population that sends constant currents."""
+CURRENT, TICKS = "bias", "every_step"
+"""The population that sends constant currents, and the neuron that fires in every step."""
 
 DENSE = 0.5
 """Share of weights that are not 0 from which all pairs are connected."""
@@ -184,16 +184,36 @@ _HOW = {
 
 def _find_links(found: Read) -> None:
     graph = found.graph
-    ends = [n for n, node in graph.nodes.items() if node.kind in STATEFUL]
-    outputs = [n for n, node in graph.nodes.items() if node.kind == "Output"]
-    for name in [*ends, *outputs]:
-        shape = graph.nodes[name].shape
-        found.bias[name] = np.zeros(shape)
+    for name, node in graph.nodes.items():
+        if node.kind not in (*STATEFUL, "Output"):
+            continue
+        found.bias[name] = np.zeros(node.shape)
         known: set[tuple[str, ...]] = set()
+        first = len(found.links)
         for count, path in enumerate(sources(graph, name)):
             if count >= MOST_PATHS:
                 raise ModelError(f"{graph.source}: more than {MOST_PATHS} paths lead to node '{name}'")
             _add_link(found, path, known)
+        onto = found.links[first:]
+        if node.kind == "Output" and not (len(onto) == 1 and _is_plain(onto[0]) and not found.bias[name].any()):
+            _read_out(found, node)
+    for link in found.links:
+        silent = link.source in found.cells and found.cells[link.source].threshold is None
+        if silent and link.target in found.cells:
+            found.refuse(link.source, "its potential is sent on, and only spikes are sent here", "let it fire")
+
+
+def _is_plain(link: Link) -> bool:
+    """Whether it sends on what it receives."""
+    return link.map.diagonal is not None and bool(np.all(link.map.diagonal == 1.0)) and not link.lag.any()
+
+
+def _read_out(found: Read, node: Node) -> None:
+    """An Output of weighted spikes is the potential of neurons that keep nothing and never fire."""
+    zero = np.zeros(node.shape)
+    cell = Cell(zero, zero, zero + 1.0, "V_m of neurons that keep nothing and never fire")
+    found.cells[node.name], found.made[node.name] = cell, model_of(cell, found.step * 1e3)
+    found.verdicts[node.name] = Verdict(node.name, node.kind, EXACT, f"a probe of {cell.how}")
 
 
 def _add_link(found: Read, path: list[str], known: set[tuple[str, ...]]) -> None:
@@ -225,48 +245,51 @@ def _add_link(found: Read, path: list[str], known: set[tuple[str, ...]]) -> None
 
 
 def _find_depths(found: Read) -> None:
-    """By how many steps each node is later; a link back to a node before takes a step in the tools, too."""
-    graph = found.graph
-    forward: dict[str, set[str]] = {
-        n: set() for n in (*found.cells, *(m for m, x in graph.nodes.items() if x.kind == "Input"))
-    }
-    for link in found.links:
-        if link.target in found.cells and link.source != link.target:
-            forward[link.target].add(link.source)
-    try:
-        order = list(TopologicalSorter(forward).static_order())
-    except CycleError as error:
-        loop = error.args[1]
-        why = f"the loop {' -> '.join(loop)} takes one step in the tools, and here one for each of its layers"
-        for name in loop[:-1]:
-            found.refuse(name, why, "leave out all but one of its neurons, or delay the way back in the tool as well")
-        return
-    for name in order:
-        # A current acts two steps after its generator begins, so a node with a bias is at least two steps behind.
-        biased = name in found.made and found.bias[name].any()
-        found.depths[name] = max((found.depths[n] + 1 for n in forward[name]), default=0)
-        found.depths[name] = max(found.depths[name], 2 if biased else 0)
+    """By how many steps each node is later: a spike takes at least one, and back to its own layer one in the tools."""
+    inputs = [name for name, node in found.graph.nodes.items() if node.kind == "Input"]
+    depths = found.depths
+    depths.update(dict.fromkeys((*inputs, *found.cells), 0))
+    # A current acts two steps after its generator begins, so a node with one is at least two steps behind.
+    depths.update({name: 2 for name, made in found.made.items() if _has_current(found, name, made)})
+    links = [(x, 1 - round(x.lag.min() / found.step)) for x in found.links if x.target in found.cells]
+    for _ in depths:
+        late = {x.target for x, least in links if depths[x.source] + least - (x.source == x.target) > depths[x.target]}
+        for name in late:
+            depths[name] = max(depths[x.source] + least for x, least in links if x.target == name and x.source != name)
+        if not late:
+            break
+    else:
+        for name in late:
+            why = "is in a loop of several layers, which takes one step in the tools, and here one for each layer"
+            found.refuse(name, why, "delay the way back in the tool, too, or leave out all but one layer of the loop")
+    for name in found.cells:
+        old = found.verdicts[name]
+        found.verdicts[name] = replace(old, how=f"{old.how}; {some(depths[name], 'step')} later here")
+
+
+def _has_current(found: Read, name: str, made: Made) -> bool:
+    return bool(made.offset.any()) or (made.per_input is not None and bool(found.bias[name].any()))
 
 
 def _network(found: Read) -> Network:
     graph, h = found.graph, found.step * 1e3
     net = Network(_name(graph.source.rpartition("/")[2].removesuffix(".nir"), set()), resolution=round(h, 12))
-    names: dict[str, str] = {}  # BIAS is not among them
+    names: dict[str, str] = {}
     for name, node in graph.nodes.items():
         if node.kind == "Input":
             names[name] = _name(name, names.values())
             net.population(names[name], _laid(node.shape), spike_generator())
-        elif name in found.cells:
+        if name in found.cells:
             names[name] = _name(name, names.values())
             made = found.made[name]
             net.population(names[name], _laid(node.shape), made.model, initial=made.initial)
-    outputs = [link for link in found.links if link.target not in found.cells]
     for link in found.links:
         if link.target in found.cells:
             _connect(net, found, link, names, h)
     _connect_biases(net, found, names, h)
-    for link in outputs:
-        _probe(net, found, link, names, h)
+    for name, node in graph.nodes.items():
+        if node.kind == "Output":
+            _probe(net, found, name, names)
     return net
 
 
@@ -327,13 +350,23 @@ def _one_or_pair(pair: tuple[int, int]) -> Any:
 
 
 def _connect_biases(net: Network, found: Read, names: dict[str, str], h: float) -> None:
-    """Constant input, which begins with the first step of the tool, `depth` steps later here."""
+    """Constant input, which begins with the first step of the tool, `depth` steps later here.
+
+    A generator of currents acts two steps after it begins. Input that a synapse filters comes as spikes, from a neuron
+    that fires in every step.
+    """
     for name, made in found.made.items():
-        current = found.bias[name] * made.per_input
+        bias, depth = found.bias[name], found.depths[name]
+        current = made.offset if made.per_input is None else made.offset + bias * made.per_input
         if current.any():
-            if BIAS not in net.populations:
-                net.population(BIAS, 1, dc_generator(amplitude=1.0))
-            _from_one(net, BIAS, names[name], current, h * (found.depths[name] - 1))
+            if CURRENT not in net.populations:
+                net.population(CURRENT, 1, dc_generator(amplitude=1.0))
+            _from_one(net, CURRENT, names[name], current, h * (depth - 1))
+        if made.per_input is None and bias.any():
+            if TICKS not in net.populations:
+                ticking = iaf_psc_delta(tau_m=math.inf, C_m=h, t_ref=0.0, E_L=0.0, V_reset=0.0, V_th=1.0, I_e=1.0)
+                net.population(TICKS, 1, ticking)
+            _from_one(net, TICKS, names[name], bias * made.gain, h * depth)
 
 
 def _from_one(net: Network, source: str, target: str, values: Floats, delay: float) -> None:
@@ -341,10 +374,8 @@ def _from_one(net: Network, source: str, target: str, values: Floats, delay: flo
     net.connect(source, target, all_to_all(), weight=values.reshape(1, -1), delay=round(delay, 9), name=label)
 
 
-def _probe(net: Network, found: Read, link: Link, names: dict[str, str], h: float) -> None:
+def _probe(net: Network, found: Read, name: str, names: dict[str, str]) -> None:
     """Record what an Output gives."""
-    name = _name(link.target, (*net.populations, *net.probes))
-    plain = link.map.diagonal is not None and np.all(link.map.diagonal == 1.0)
-    if plain and not found.bias[link.target].any():
-        fires = link.source not in found.cells or found.cells[link.source].threshold is not None
-        net.probe(name, names[link.source], "spikes" if fires else "V_m")
+    of = name if name in found.cells else next(link.source for link in found.links if link.target == name)
+    fires = of not in found.cells or found.cells[of].threshold is not None
+    net.probe(_name(name, net.probes), names[of], "spikes" if fires else "V_m")
