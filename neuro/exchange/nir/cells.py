@@ -18,6 +18,9 @@ from neuro.core.errors import ModelError, unknown
 from neuro.exchange.nir.graph import Floats, Node
 
 ASK = "say which tool wrote it: from_='norse', 'snntorch', 'sinabs', 'spikingjelly' or 'nir' (the equations of NIR)"
+BEYOND_TWICE = "where more than V_th is left after a spike, snnTorch fires in the next step at 2 V_th only"
+"""What differs of an IF of snnTorch, where its input may exceed what `importing` bounds."""
+
 SNNTORCH_STEP = 1e-4
 """The step in seconds that snnTorch 1.0 has in its importer and exporter, whatever a step lasts."""
 
@@ -163,7 +166,7 @@ def _snntorch(node: Node, step: float) -> Cell:
             how = "snnTorch 1.0 reads IF as Leaky with beta = 0.9, which fires at V > V_th and falls by V_th"
             if np.any(node.array("r") != 1.0):
                 raise Unsupported("r is not 1, which snnTorch does not have", "read it with from_='nir'")
-            differs = "beyond 2 V_th snnTorch does not fire in the next step"
+            differs = BEYOND_TWICE
             return Cell(0.9 * one, zero, one, how, threshold=node.array("v_threshold"), strict=True, differs=differs)
         case "I":
             return Cell(one, zero, node.array("r"), "V grows by r times the input")
