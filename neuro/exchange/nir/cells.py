@@ -40,6 +40,7 @@ class Cell:
         several: whether it fires as often in a step as the threshold fits.
         lowest: a bound of the potential from below after a spike, None without one.
         start: the potential at the beginning, `rest` if None.
+        hold: for how many steps after a spike the potential stays, and does not take input.
         differs: what of it cannot be had exactly, "" if nothing.
     """
 
@@ -56,6 +57,7 @@ class Cell:
     several: bool = False
     lowest: Floats | None = None
     start: Floats | None = None
+    hold: int = 0
     differs: str = ""
 
 
@@ -186,7 +188,10 @@ def _snntorch(node: Node, step: float) -> Cell:
             cell = Cell(1.0 - a, zero, a * node.array("r"), how, i_keep=1.0 - b, i_gain=b * node.array("w_in"))
     if node.kind in ("LI", "CubaLI"):
         return cell
-    return replace(cell, how=f"{how}; {fires}", threshold=node.array("v_threshold"), strict=True, reset=zero)
+    hold = int(node.kind == "CubaLIF" and node.recurrent)
+    if hold:
+        fires = "RSynaptic of snnTorch 1.0 fires at V > V_th, then V = 0 in the next step, which takes no input"
+    return replace(cell, how=f"{how}; {fires}", threshold=node.array("v_threshold"), strict=True, reset=zero, hold=hold)
 
 
 def _sinabs(node: Node, step: float) -> Cell:

@@ -228,7 +228,7 @@ def _mark_recurrent(found: Read) -> None:
     """Recurrent weights that are no subgraph, which snnTorch reads otherwise than it writes them."""
     graph = found.graph
     for name, node in graph.nodes.items():
-        loop = node.kind in ("Linear", "Affine") and any((b, name) in graph.edges for a, b in graph.edges if a == name)
+        loop = node.recurrent and node.kind in ("Linear", "Affine")
         if found.tool == "snntorch" and loop and not _in_subgraph(graph, name):
             how = (
                 "recurrent weights, as RLeaky and RSynaptic have them; snnTorch 1.0's importer, where it does not fail"

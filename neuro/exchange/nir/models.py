@@ -56,7 +56,7 @@ def model_of(cell: Cell, h: float) -> Made:
     endless = np.isinf(tau)
     # With this capacity a current of 1 pA adds 1 - keep mV in a step, as in NIR; without a leak 1 mV.
     capacity, push = np.where(endless, h, tau), np.where(endless, 1.0, 1.0 - cell.keep)
-    words = {"tau_m": tau, "C_m": capacity, "t_ref": 0.0, "E_L": cell.rest, **_spike(cell)}
+    words = {"tau_m": tau, "C_m": capacity, "t_ref": h * cell.hold, "E_L": cell.rest, **_spike(cell)}
     if cell.lowest is not None:
         words["V_min"] = cell.lowest
     initial = {} if cell.start is None or np.all(cell.start == cell.rest) else {"V_m": one_or_all(cell.start)}
