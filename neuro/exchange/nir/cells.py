@@ -18,6 +18,9 @@ from neuro.core.errors import ModelError, unknown
 from neuro.exchange.nir.graph import Floats, Node
 
 ASK = "say which tool wrote it: from_='norse', 'snntorch', 'sinabs', 'spikingjelly' or 'nir' (the equations of NIR)"
+BEYOND_TWICE = "where more than V_th is left after a spike, snnTorch fires in the next step at 2 V_th only"
+"""What differs of an IF of snnTorch, where its input may exceed what `importing` bounds."""
+
 SNNTORCH_STEP = 1e-4
 """The step in seconds that snnTorch 1.0 has in its importer and exporter, whatever a step lasts."""
 
@@ -37,6 +40,7 @@ class Cell:
         several: whether it fires as often in a step as the threshold fits.
         lowest: a bound of the potential from below after a spike, None without one.
         start: the potential at the beginning, `rest` if None.
+        hold: for how many steps after a spike the potential stays, and does not take input.
         differs: what of it cannot be had exactly, "" if nothing.
     """
 
@@ -53,6 +57,7 @@ class Cell:
     several: bool = False
     lowest: Floats | None = None
     start: Floats | None = None
+    hold: int = 0
     differs: str = ""
 
 
@@ -163,7 +168,7 @@ def _snntorch(node: Node, step: float) -> Cell:
             how = "snnTorch 1.0 reads IF as Leaky with beta = 0.9, which fires at V > V_th and falls by V_th"
             if np.any(node.array("r") != 1.0):
                 raise Unsupported("r is not 1, which snnTorch does not have", "read it with from_='nir'")
-            differs = "beyond 2 V_th snnTorch does not fire in the next step"
+            differs = BEYOND_TWICE
             return Cell(0.9 * one, zero, one, how, threshold=node.array("v_threshold"), strict=True, differs=differs)
         case "I":
             return Cell(one, zero, node.array("r"), "V grows by r times the input")
@@ -183,7 +188,10 @@ def _snntorch(node: Node, step: float) -> Cell:
             cell = Cell(1.0 - a, zero, a * node.array("r"), how, i_keep=1.0 - b, i_gain=b * node.array("w_in"))
     if node.kind in ("LI", "CubaLI"):
         return cell
-    return replace(cell, how=f"{how}; {fires}", threshold=node.array("v_threshold"), strict=True, reset=zero)
+    hold = int(node.kind == "CubaLIF" and node.recurrent)
+    if hold:
+        fires = "RSynaptic of snnTorch 1.0 fires at V > V_th, then V = 0 in the next step, which takes no input"
+    return replace(cell, how=f"{how}; {fires}", threshold=node.array("v_threshold"), strict=True, reset=zero, hold=hold)
 
 
 def _sinabs(node: Node, step: float) -> Cell:

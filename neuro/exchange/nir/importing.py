@@ -5,30 +5,33 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Iterable
-from dataclasses import dataclass, field
-from graphlib import CycleError, TopologicalSorter
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
 
 from neuro.core.checks import check
+from neuro.core.english import some
 from neuro.core.errors import ModelError
 from neuro.core.quantities import Quantity
-from neuro.exchange.nir.cells import ASK, Cell, Unsupported, cell_of, find_tool
+from neuro.exchange.nir.cells import ASK, BEYOND_TWICE, Cell, Unsupported, cell_of, find_tool
 from neuro.exchange.nir.graph import FIELDS, STATEFUL, Floats, Graph, Node, Shape, sources
 from neuro.exchange.nir.maps import Map, map_of, same_in_each_map, sheet, together
 from neuro.exchange.nir.models import Made, model_of, one_or_all
 from neuro.exchange.nir.reading import read
 from neuro.exchange.verdict import APPROXIMATE, EXACT, REFUSED, Verdict, Verdicts
 from neuro.model.network import Network
-from neuro.model.neurons.builtin import dc_generator, spike_generator
-from neuro.model.rules import all_to_all, grid, one_to_one, pairs
+from neuro.model.neurons.builtin import dc_generator, iaf_psc_delta, spike_generator
+from neuro.model.rules import SAME, all_to_all, grid, one_to_one, pairs
 
 DT = Quantity(unit="ms", doc="length of a step", above=0)
 RESET = Quantity(doc="what a spike does", kind="word", words=("to_value", "subtract"), optional=True)
 MOST_PATHS = 10_000
-BIAS = "bias"
-"""The population that sends constant currents."""
+BY_GRAPH_EXECUTOR = ("norse", "sinabs")
+"""Tools whose importers run a graph by the `GraphExecutor` of nirtorch."""
+
+CURRENT, TICKS = "bias", "every_step"
+"""The population that sends constant currents, and the neuron that fires in every step."""
 
 DENSE = 0.5
 """Share of weights that are not 0 from which all pairs are connected."""
@@ -61,6 +64,7 @@ class Read:
         cells, made: of each stateful node.
         links: between neurons.
         bias: of each stateful node the constant input, in the unit of weighted input.
+        late: the part of it that begins with the second step.
         depths: by how many steps each node is later here than in the tool.
         verdicts: of each node.
     """
@@ -72,6 +76,7 @@ class Read:
     made: dict[str, Made] = field(default_factory=dict)
     links: list[Link] = field(default_factory=list)
     bias: dict[str, Floats] = field(default_factory=dict)
+    late: dict[str, Floats] = field(default_factory=dict)
     depths: dict[str, int] = field(default_factory=dict)
     verdicts: dict[str, Verdict] = field(default_factory=dict)
 
@@ -184,16 +189,70 @@ _HOW = {
 
 def _find_links(found: Read) -> None:
     graph = found.graph
-    ends = [n for n, node in graph.nodes.items() if node.kind in STATEFUL]
-    outputs = [n for n, node in graph.nodes.items() if node.kind == "Output"]
-    for name in [*ends, *outputs]:
-        shape = graph.nodes[name].shape
-        found.bias[name] = np.zeros(shape)
+    for name, node in graph.nodes.items():
+        if node.kind not in (*STATEFUL, "Output"):
+            continue
+        found.bias[name], found.late[name] = np.zeros(node.shape), np.zeros(node.shape)
         known: set[tuple[str, ...]] = set()
+        first = len(found.links)
         for count, path in enumerate(sources(graph, name)):
             if count >= MOST_PATHS:
                 raise ModelError(f"{graph.source}: more than {MOST_PATHS} paths lead to node '{name}'")
             _add_link(found, path, known)
+        onto = found.links[first:]
+        if node.kind == "Output" and not (len(onto) == 1 and _is_plain(onto[0]) and not found.bias[name].any()):
+            _read_out(found, node)
+    _bound_inputs(found)
+    _mark_recurrent(found)
+    for link in found.links:
+        silent = link.source in found.cells and found.cells[link.source].threshold is None
+        if silent and link.target in found.cells:
+            found.refuse(link.source, "its potential is sent on, and only spikes are sent here", "let it fire")
+
+
+def _bound_inputs(found: Read) -> None:
+    """An IF of snnTorch is exact where the input of a step, a spike of each source, cannot leave more than V_th."""
+    for name, cell in found.cells.items():
+        if cell.differs != BEYOND_TWICE or cell.threshold is None:
+            continue
+        largest = np.maximum(found.bias[name] + found.late[name], 0.0).reshape(-1)
+        for link in found.links:
+            if link.target == name:
+                largest = largest + np.maximum(link.map.sparse().toarray(), 0.0).sum(axis=1)
+        if np.all(0.9 * cell.threshold.reshape(-1) + largest <= 2.0 * cell.threshold.reshape(-1)):
+            how = f"{cell.how}; for at most one spike of each source in a step"
+            found.verdicts[name] = Verdict(name, "IF", EXACT, how)
+
+
+def _mark_recurrent(found: Read) -> None:
+    """Recurrent weights that are no subgraph, which snnTorch reads otherwise than it writes them."""
+    graph = found.graph
+    for name, node in graph.nodes.items():
+        loop = node.recurrent and node.kind in ("Linear", "Affine")
+        if found.tool == "snntorch" and loop and not _in_subgraph(graph, name):
+            how = (
+                "recurrent weights, as RLeaky and RSynaptic have them; snnTorch 1.0's importer, where it does not fail"
+            )
+            how += " with nirtorch 2.6, sends the input of the neurons through them, too"
+            found.verdicts[name] = Verdict(name, node.kind, APPROXIMATE, how)
+
+
+def _in_subgraph(graph: Graph, name: str) -> bool:
+    prefix = name.rpartition(".")[0]
+    return any(n.kind == "Identity" and n.name.rpartition(".")[0] == prefix for n in graph.nodes.values() if prefix)
+
+
+def _is_plain(link: Link) -> bool:
+    """Whether it sends on what it receives."""
+    return link.map.diagonal is not None and bool(np.all(link.map.diagonal == 1.0)) and not link.lag.any()
+
+
+def _read_out(found: Read, node: Node) -> None:
+    """An Output of weighted spikes is the potential of neurons that keep nothing and never fire."""
+    zero = np.zeros(node.shape)
+    cell = Cell(zero, zero, zero + 1.0, "V_m of neurons that keep nothing and never fire")
+    found.cells[node.name], found.made[node.name] = cell, model_of(cell, found.step * 1e3)
+    found.verdicts[node.name] = Verdict(node.name, node.kind, EXACT, f"a probe of {cell.how}")
 
 
 def _add_link(found: Read, path: list[str], known: set[tuple[str, ...]]) -> None:
@@ -221,52 +280,57 @@ def _add_link(found: Read, path: list[str], known: set[tuple[str, ...]]) -> None
         values = np.asarray(bias, dtype=np.float64)
         values = values.reshape(-1, *[1] * (len(maps[k].target) - 1)) if node.kind.startswith("Conv") else values
         full = np.broadcast_to(values, maps[k].target).astype(np.float64)
-        found.bias[path[-1]] += together([*maps[k + 1 :], identity])(full)
+        # What comes back to a layer is of the step before, and the first step has none, in these also no bias.
+        late = path[0] == path[-1] and found.tool in BY_GRAPH_EXECUTOR
+        (found.late if late else found.bias)[path[-1]] += together([*maps[k + 1 :], identity])(full)
 
 
 def _find_depths(found: Read) -> None:
-    """By how many steps each node is later; a link back to a node before takes a step in the tools, too."""
-    graph = found.graph
-    forward: dict[str, set[str]] = {
-        n: set() for n in (*found.cells, *(m for m, x in graph.nodes.items() if x.kind == "Input"))
-    }
-    for link in found.links:
-        if link.target in found.cells and link.source != link.target:
-            forward[link.target].add(link.source)
-    try:
-        order = list(TopologicalSorter(forward).static_order())
-    except CycleError as error:
-        loop = error.args[1]
-        why = f"the loop {' -> '.join(loop)} takes one step in the tools, and here one for each of its layers"
-        for name in loop[:-1]:
-            found.refuse(name, why, "leave out all but one of its neurons, or delay the way back in the tool as well")
-        return
-    for name in order:
-        # A current acts two steps after its generator begins, so a node with a bias is at least two steps behind.
-        biased = name in found.made and found.bias[name].any()
-        found.depths[name] = max((found.depths[n] + 1 for n in forward[name]), default=0)
-        found.depths[name] = max(found.depths[name], 2 if biased else 0)
+    """By how many steps each node is later: a spike takes at least one, and back to its own layer one in the tools."""
+    inputs = [name for name, node in found.graph.nodes.items() if node.kind == "Input"]
+    depths = found.depths
+    depths.update(dict.fromkeys((*inputs, *found.cells), 0))
+    # A current acts two steps after its generator begins, so a node with one is at least two steps behind.
+    depths.update({name: 2 for name, made in found.made.items() if _has_current(found, name, made)})
+    links = [(x, 1 - round(x.lag.min() / found.step)) for x in found.links if x.target in found.cells]
+    for _ in depths:
+        late = {x.target for x, least in links if depths[x.source] + least - (x.source == x.target) > depths[x.target]}
+        for name in late:
+            depths[name] = max(depths[x.source] + least for x, least in links if x.target == name and x.source != name)
+        if not late:
+            break
+    else:
+        for name in late:
+            why = "is in a loop of several layers, which takes one step in the tools, and here one for each layer"
+            found.refuse(name, why, "delay the way back in the tool, too, or leave out all but one layer of the loop")
+    for name in found.cells:
+        old = found.verdicts[name]
+        found.verdicts[name] = replace(old, how=f"{old.how}; {some(depths[name], 'step')} later here")
+
+
+def _has_current(found: Read, name: str, made: Made) -> bool:
+    return bool(made.offset.any()) or (made.per_input is not None and bool(found.bias[name].any()))
 
 
 def _network(found: Read) -> Network:
     graph, h = found.graph, found.step * 1e3
     net = Network(_name(graph.source.rpartition("/")[2].removesuffix(".nir"), set()), resolution=round(h, 12))
-    names: dict[str, str] = {}  # BIAS is not among them
+    names: dict[str, str] = {}
     for name, node in graph.nodes.items():
         if node.kind == "Input":
             names[name] = _name(name, names.values())
             net.population(names[name], _laid(node.shape), spike_generator())
-        elif name in found.cells:
+        if name in found.cells:
             names[name] = _name(name, names.values())
             made = found.made[name]
             net.population(names[name], _laid(node.shape), made.model, initial=made.initial)
-    outputs = [link for link in found.links if link.target not in found.cells]
     for link in found.links:
         if link.target in found.cells:
             _connect(net, found, link, names, h)
     _connect_biases(net, found, names, h)
-    for link in outputs:
-        _probe(net, found, link, names, h)
+    for name, node in graph.nodes.items():
+        if node.kind == "Output":
+            _probe(net, found, name, names)
     return net
 
 
@@ -295,11 +359,9 @@ def _connect(net: Network, found: Read, link: Link, names: dict[str, str], h: fl
     delay = _delay(found, link, h)
     label = _name(f"{source}_{target}", net.projections)
     if part.kernel is not None and np.isscalar(delay):
-        per_map = same_in_each_map(gain.reshape(part.target))
-        if per_map is not None:
-            kernel = part.kernel
-            rule = _grid(kernel.weight.shape[2:], kernel.stride, kernel.padding, kernel.depthwise)
-            weight = kernel.weight * per_map[:, None, None, None]
+        per_map, rule = same_in_each_map(gain.reshape(part.target)), _grid(part)
+        if per_map is not None and rule is not None:
+            weight = part.kernel.weight * per_map[:, None, None, None]
             net.connect(source, target, rule, weight=weight, delay=delay, name=label)
             return
     if part.diagonal is not None:
@@ -318,33 +380,49 @@ def _connect(net: Network, found: Read, link: Link, names: dict[str, str], h: fl
     net.connect(source, target, pairs(pre, post), weight=weight, delay=delay, name=label)
 
 
-def _grid(size: Any, stride: Any, padding: Any, depthwise: bool) -> grid:
-    return grid(kernel=tuple(size), stride=_one_or_pair(stride), padding=_one_or_pair(padding), depthwise=depthwise)
-
-
-def _one_or_pair(pair: tuple[int, int]) -> Any:
-    return pair[0] if pair[0] == pair[1] else pair
+def _grid(part: Map) -> grid | None:
+    """The rule of a convolution, None where the language has none: for unequal strides."""
+    assert part.kernel is not None
+    (_, *sides), (_, *places) = sheet(part.source), sheet(part.target)
+    size, border = part.kernel.weight.shape[2:], part.kernel.padding
+    for stride in dict.fromkeys(part.kernel.stride):
+        words: dict[str, Any] = {"kernel": size, "stride": stride, "depthwise": part.kernel.depthwise}
+        if places == [(n + 2 * b - k) // stride + 1 for n, b, k in zip(sides, border, size, strict=True)]:
+            apart = None if border[0] == border[1] else border[1]
+            return grid(**words, padding=border[0], column_padding=apart)
+        if stride == 1 and places == sides:
+            return grid(**words, padding=SAME)
+    return None
 
 
 def _connect_biases(net: Network, found: Read, names: dict[str, str], h: float) -> None:
-    """Constant input, which begins with the first step of the tool, `depth` steps later here."""
+    """Constant input, which begins with the first step of the tool, `depth` steps later here.
+
+    A generator of currents acts two steps after it begins. Input that a synapse filters comes as spikes, from a neuron
+    that fires in every step.
+    """
     for name, made in found.made.items():
-        current = found.bias[name] * made.per_input
-        if current.any():
-            if BIAS not in net.populations:
-                net.population(BIAS, 1, dc_generator(amplitude=1.0))
-            _from_one(net, BIAS, names[name], current, h * (found.depths[name] - 1))
+        offset, depth = made.offset, found.depths[name]
+        for bias, begin in ((found.bias[name], depth), (found.late[name], depth + 1)):
+            current = offset if made.per_input is None else offset + bias * made.per_input
+            if current.any():
+                _from_one(net, CURRENT, names[name], current, h * (begin - 1))
+            if made.per_input is None and bias.any():
+                _from_one(net, TICKS, names[name], bias * made.gain, h * begin)
+            offset = np.zeros_like(offset)
 
 
 def _from_one(net: Network, source: str, target: str, values: Floats, delay: float) -> None:
+    if source not in net.populations:
+        h = net.resolution
+        ticks = iaf_psc_delta(tau_m=math.inf, C_m=h, t_ref=0.0, E_L=0.0, V_reset=0.0, V_th=1.0, I_e=1.0)
+        net.population(source, 1, dc_generator(amplitude=1.0) if source == CURRENT else ticks)
     label = _name(f"{source}_{target}", net.projections)
     net.connect(source, target, all_to_all(), weight=values.reshape(1, -1), delay=round(delay, 9), name=label)
 
 
-def _probe(net: Network, found: Read, link: Link, names: dict[str, str], h: float) -> None:
+def _probe(net: Network, found: Read, name: str, names: dict[str, str]) -> None:
     """Record what an Output gives."""
-    name = _name(link.target, (*net.populations, *net.probes))
-    plain = link.map.diagonal is not None and np.all(link.map.diagonal == 1.0)
-    if plain and not found.bias[link.target].any():
-        fires = link.source not in found.cells or found.cells[link.source].threshold is not None
-        net.probe(name, names[link.source], "spikes" if fires else "V_m")
+    of = name if name in found.cells else next(link.source for link in found.links if link.target == name)
+    fires = of not in found.cells or found.cells[of].threshold is not None
+    net.probe(_name(name, net.probes), names[of], "spikes" if fires else "V_m")

@@ -61,6 +61,8 @@ def _flat(graph: Any, source: str) -> Graph:
     if not any(node.kind == "Input" for node in nodes.values()):
         raise ModelError(f"{source}: has no Input node")
     _find_shapes(flat)
+    for name, node in nodes.items():
+        node.recurrent = any((b, name) in flat.edges for a, b in flat.edges if a == name)
     return flat
 
 
