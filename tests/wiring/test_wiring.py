@@ -324,3 +324,21 @@ def test_what_cannot_be_shuffled_is_refused(tmp_path: Path) -> None:
         neuro.compile(neuro.shuffled(net, "weights"))
     with pytest.raises(neuro.ModelError, match=r"shuffled: what = 'edge'"):
         neuro.shuffled(net, "edge")
+
+
+def test_neuro_check_tells_each_mistake_once(tmp_path: Path) -> None:
+    from neuro.compiler.mistakes import mistakes
+
+    csv(tmp_path / "neurons.csv", TABLE)
+    (tmp_path / "sub").mkdir()
+    csv(tmp_path / "sub" / "edges.csv", EDGES)
+    text = YAML.replace(
+        "kc: {model: iaf_psc_exp, neurons: {file: neurons", "kc: {model: iaf_psc_exp, neurons: {file: neuron"
+    )
+    (tmp_path / "net.yaml").write_text(text.replace("weight: synapses", "weight: n").replace("side: right", "side: up"))
+    found = mistakes(tmp_path / "net.yaml", None, 0).mistakes
+    assert [error.message.split(": ", 1)[1] for error in found] == [
+        "no file 'neuron.csv' beside the description",
+        f"{tmp_path}/sub/edges.csv: unknown column 'n'",
+        f"to: {tmp_path}/neurons.csv: unknown value of column 'side' 'up'",
+    ]

@@ -117,24 +117,23 @@ class ParquetTable:
         self.path = path
         self._errors = (_arrow(path, "").ArrowException, OSError, ValueError)
         try:
-            self._file = _arrow(path, ".parquet").ParquetFile(path)
-            self.names = tuple(self._file.schema_arrow.names)
+            self.names = tuple(_arrow(path, ".parquet").read_schema(path).names)
         except self._errors as error:
             raise self._damaged(error) from None
 
     def pieces(self, kinds: Mapping[str, str]) -> Iterator[Piece]:
         """The columns, a group of rows at a time."""
         first = self.first
-        batches = self._file.iter_batches(batch_size=ROWS, columns=list(kinds))
-        while True:
-            try:
-                batch = next(batches, None)
-            except self._errors as error:
-                raise self._damaged(error) from None
-            if batch is None:
-                return
+        for batch in self._batches(list(kinds)):
             yield Piece(first, {name: _column(self, first, name, batch.column(name), kinds[name]) for name in kinds})
             first += batch.num_rows
+
+    def _batches(self, names: list[str]) -> Iterator[Any]:
+        try:
+            with _arrow(self.path, ".parquet").ParquetFile(self.path) as file:
+                yield from file.iter_batches(batch_size=ROWS, columns=names)
+        except self._errors as error:
+            raise self._damaged(error) from None
 
     def _damaged(self, error: Exception) -> ModelError:
         return ModelError(f"{self.path}: no parquet file that can be read: {str(error).splitlines()[0]:.200}")

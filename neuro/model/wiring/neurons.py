@@ -101,6 +101,7 @@ class Neurons:
 
     def __init__(self, said: neuron_table) -> None:
         self._said = said
+        self._columns: dict[str, Column] = {}
         self._table: Table = open_table(said.file, said.key)
         if self._table.places:
             raise ModelError(f"{said.file}: a matrix: expected a table of neurons, a row for each")
@@ -137,10 +138,9 @@ class Neurons:
         """A column of all rows."""
         if name not in self._table.names:
             raise unknown("column", name, self._table.names).at(None, str(self._said.file))
-        pieces = [piece.columns[name] for piece in rows(self._table, {name: ANY})]
-        if pieces and isinstance(pieces[0], Texts):
-            return _joined([piece for piece in pieces if isinstance(piece, Texts)])
-        return np.concatenate([np.asarray(piece) for piece in pieces] or [np.zeros(0)])
+        if name not in self._columns:
+            self._columns[name] = _joined([piece.columns[name] for piece in rows(self._table, {name: ANY})])
+        return self._columns[name]
 
     def where(self, only: Mapping[str, Any]) -> NDArray[np.int64]:
         """The neurons of the population whose columns have these values.
@@ -215,11 +215,14 @@ class Neurons:
         return column.each(np.array(whole, dtype=INT64 if high < 2**63 else UINT64))
 
 
-def _joined(pieces: list[Texts]) -> Texts:
+def _joined(pieces: list[Column]) -> Column:
     """One column of several; equal words have one code."""
+    texts = [piece for piece in pieces if isinstance(piece, Texts)]
+    if not texts:
+        return np.concatenate([np.asarray(piece) for piece in pieces] or [np.zeros(0)])
     codes: dict[str, int] = {}
     parts = []
-    for piece in pieces:
+    for piece in texts:
         parts.append(piece.each(np.array([codes.setdefault(word, len(codes)) for word in piece.words], dtype=np.int64)))
     return Texts(np.concatenate(parts), tuple(codes))
 
