@@ -357,7 +357,8 @@ def _by_delay(part: Projection, found: Connections, delay: Steps, span: tuple[in
             pre = np.repeat(np.arange(found.row_ends.size - 1), np.diff(found.row_ends))[as_listed]
             post, late = found.targets[as_listed], delay[as_listed]
             if np.array_equal(np.lexsort((post, late, pre)), np.arange(found.size)):
-                return replace(found, targets=post, order=None), late
+                factors = {word: values[as_listed] for word, values in found.factors.items()}
+                return replace(found, targets=post, order=None, factors=factors), late
     return found, delay
 
 

@@ -191,6 +191,17 @@ def test_npz(tmp_path: Path, columns: dict[str, Any], expected: str) -> None:
     assert refusal(tmp_path, arrays(**columns)).startswith(expected)
 
 
+def test_matrices_that_are_none(tmp_path: Path) -> None:
+    assert refusal(tmp_path, arrays(pre=[10], post=[20], n=[1]), layout="matrix") == (
+        "edges: layout: matrix: found a list of edges: expected a matrix"
+    )
+    long = ",10,20\n10,1," + "1" * 200_000
+    assert refusal(tmp_path, long, layout="matrix", weight=None).startswith(
+        "edges: no CSV that can be read: field larger"
+    )
+    assert refusal(tmp_path, b",10,20\n10,1,\xff\xfe\n", layout="matrix", weight=None).startswith("edges: ")
+
+
 def test_an_entry_beyond_a_matrix(tmp_path: Path) -> None:
     def write(path: Path) -> None:
         with path.open("wb") as file:

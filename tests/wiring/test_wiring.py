@@ -342,3 +342,29 @@ def test_neuro_check_tells_each_mistake_once(tmp_path: Path) -> None:
         f"{tmp_path}/sub/edges.csv: unknown column 'n'",
         f"to: {tmp_path}/neurons.csv: unknown value of column 'side' 'up'",
     ]
+
+
+@pytest.mark.parametrize("ascending", [False, True])
+def test_a_file_is_the_same_network_as_listed_pairs(tmp_path: Path, ascending: bool, monkeypatch: Any) -> None:
+    """Also of a network so large that synapses are ordered by delay, and of edges that are listed in that order."""
+    monkeypatch.setattr("neuro.compiler.resolve.MANY", 1000)
+    rng = np.random.default_rng(1)
+    pre, post = rng.integers(0, 50, (2, 2000))
+    n, late = rng.integers(1, 9, 2000), rng.integers(1, 30, 2000) / 10
+    if ascending:
+        order = np.lexsort((post, late, pre))
+        pre, post, n, late = pre[order], post[order], n[order], late[order]
+    columns = {"pre": pre.tolist(), "post": post.tolist(), "n": n.tolist(), "d": late.tolist()}
+    file = neuro.from_file(csv(tmp_path / "e.csv", columns), weight="n", delay="d")
+    spikes = []
+    for rule, weight, delay in ((file, 15.0, 1.0), (neuro.pairs(pre, post), 15.0 * n, late)):
+        net = neuro.Network()
+        net.population("a", 50, neuro.iaf_psc_exp(I_e=380.0), initial={"V_m": neuro.uniform(low=-70.0, high=-55.0)})
+        net.connect("a", "a", rule, weight=weight, delay=delay, name="within")
+        net.connect("a", "a", neuro.fixed_total_number(1000), weight=0.0, name="many")
+        sim = neuro.compile(net, seed=2)
+        sim.run(200.0)
+        spikes.append((*sim.spikes("a"), *sim.weights("within", delays=True)))
+    assert len(spikes[0][0]) > 100
+    for mine, theirs in zip(*spikes, strict=True):
+        np.testing.assert_array_equal(mine, theirs)

@@ -38,7 +38,7 @@ class CsvTable:
         """The columns, block by block."""
         try:
             yield from self._pieces(kinds, True)
-        except _arrow(self.path, "").ArrowInvalid as error:
+        except (_arrow(self.path, "").ArrowException, KeyError, OSError) as error:
             raise self._located(error, kinds) from None
 
     def _pieces(self, kinds: Mapping[str, str], threads: bool) -> Iterator[Piece]:
@@ -62,7 +62,7 @@ class CsvTable:
         try:
             for _ in self._pieces(kinds, False):
                 pass
-        except _arrow(self.path, "").ArrowInvalid as told:
+        except (_arrow(self.path, "").ArrowException, KeyError, OSError) as told:
             error = told
         if found := _WRONG.search(str(error)):
             name = self.names[int(found["column"])] if int(found["column"]) < len(self.names) else found["column"]
@@ -151,7 +151,7 @@ class CsvMatrix:
     def pieces(self, kinds: Mapping[str, str]) -> Iterator[Piece]:
         """The entries that are not 0, some lines at a time; a row is that of the source."""
         with self.path.open(encoding="utf-8-sig", newline="") as file:
-            lines = csv.reader(file)
+            lines = self._lines(file)
             next(lines)
             for row, line in enumerate(lines, 2):
                 if not line:
@@ -161,6 +161,12 @@ class CsvMatrix:
                 named = {"pre": [line[0]] * there.size, "post": [self._posts[k] for k in there.tolist()]}
                 columns = {name: self._ids(row, name, ids, kinds[name]) for name, ids in named.items() if name in kinds}
                 yield Piece(row, {**columns, "weight": weights[there]}, alone=True)
+
+    def _lines(self, file: Any) -> Iterator[list[str]]:
+        try:
+            yield from csv.reader(file)
+        except (UnicodeDecodeError, csv.Error) as error:
+            raise ModelError(f"{self.path}: no CSV that can be read: {error!s:.150}") from None
 
     def _weights(self, row: int, line: list[str]) -> np.ndarray[Any, np.dtype[np.float64]]:
         if len(line) - 1 != len(self._posts):

@@ -11,7 +11,7 @@ from neuro.core.paths import existing
 from neuro.core.values import shown
 from neuro.model.wiring.arrays import open_arrays
 from neuro.model.wiring.arrow import CsvMatrix, CsvTable, ParquetTable
-from neuro.model.wiring.columns import Table
+from neuro.model.wiring.columns import MATRIX, Table
 from neuro.model.wiring.sonata import SonataTable
 
 
@@ -26,6 +26,13 @@ def open_table(path: Path, key: str | None = None, matrix: bool = False) -> Tabl
     Raises:
         ModelError: there is no such file, or it is none of these.
     """
+    table = _opened(path, key, matrix)
+    if matrix and table.names != MATRIX:
+        raise ModelError(f"{path}: layout: matrix: found a list of edges: expected a matrix", path=("layout",))
+    return table
+
+
+def _opened(path: Path, key: str | None, matrix: bool) -> Table:
     existing(path)
     record_input(path)
     with path.open("rb") as file:
