@@ -2,6 +2,7 @@
 
 import pickle
 import re
+import sys
 from contextlib import suppress
 from pathlib import Path
 from typing import Any
@@ -263,6 +264,14 @@ def test_files_that_are_none(tmp_path: Path) -> None:
     )
     with pytest.raises(neuro.ModelError, match="no such file"):
         neuro.Network().wiring(neurons=tmp_path / "none.csv", edges="none.csv", model=neuro.iaf_psc_exp())
+
+
+def test_a_missing_package_is_named_with_its_extra(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    (tmp_path / "n.csv").write_text(NEURONS)
+    monkeypatch.setitem(sys.modules, "pyarrow", None)
+    with pytest.raises(neuro.ModelError, match="the package pyarrow, which reads CSV and parquet, is missing") as error:
+        neuro.neuron_table(tmp_path / "n.csv", id="id").neurons.size  # noqa: B018
+    assert "[wiring]" in error.value.hint
 
 
 def test_every_byte_that_is_wrong_gives_an_error_or_a_network(tmp_path: Path) -> None:

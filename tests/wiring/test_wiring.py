@@ -246,6 +246,34 @@ def test_silenced_neurons_fire_and_reach_nobody(tmp_path: Path) -> None:
     assert sim.weights("brain_brain")[2].min() == 1000.0
 
 
+@pytest.mark.parametrize("backend", ["reference", "loihi"])
+def test_every_backend_silences_and_activates(tmp_path: Path, backend: str) -> None:
+    net = neuro.Network(resolution=1.0)
+    table = neuro.neuron_table(csv(tmp_path / "n.csv", {"id": [10, 20, 30], "type": ["KC", "KC", "MBON"]}), id="id")
+    edges = neuro.from_file(csv(tmp_path / "e.csv", {"pre": [10, 20], "post": [20, 30], "n": [5, 6]}), weight="n")
+    model = neuro.iaf_psc_exp(t_ref=2.0)
+    net.wiring(neurons=table, edges=edges, model=model, weight=300.0, delay=2.0, drive=3000.0)
+    sim = neuro.compile(net, backend=backend, seed=1)
+    sim.activate("brain[type=KC]", 100.0)
+    sim.run(300.0)
+    assert len(sim.spikes("brain[type=MBON]")[0]) > 3
+    sim.silence("brain[type=KC]")
+    sim.run(200.0)
+    assert len(sim.spikes("brain[type=MBON]", since=310.0)[0]) == 0
+    assert len(sim.spikes("brain[type=KC]", since=310.0)[0]) > 3
+
+
+def test_what_a_simulation_holds_is_a_network_of_pairs(tmp_path: Path) -> None:
+    net = diagram(tmp_path, neuro.from_file(csv(tmp_path / "edges.csv", EDGES), weight="synapses", delay="delay"))
+    sim = neuro.compile(net)
+    sim.silence("brain[type=KC]")
+    again = sim.network()
+    again.save(tmp_path / "again.yaml")
+    mine, theirs = (neuro.compile(each).weights("brain_brain", delays=True) for each in (again, net))
+    assert np.array_equal(mine[3], theirs[3])
+    assert mine[2].tolist() == [0.0 if pre < 2 else weight for pre, weight in zip(theirs[0], theirs[2], strict=True)]
+
+
 def test_only_neurons_with_a_driver_are_activated(tmp_path: Path) -> None:
     net = diagram(tmp_path, neuro.from_file(csv(tmp_path / "edges.csv", EDGES)))
     with pytest.raises(neuro.ModelError, match="expected a poisson_generator that is connected to 'brain' one_to_one"):
