@@ -17,7 +17,7 @@ from neuro.core.english import some
 from neuro.core.errors import ModelError
 from neuro.core.outputs import Kind, output
 from neuro.core.quantities import Quantity
-from neuro.exchange.nir.cells import TOOLS, Unsupported
+from neuro.exchange.nir.cells import Unsupported
 from neuro.exchange.nir.graph import Floats, package
 from neuro.exchange.nir.nodes import READOUT, Scaled, neuron_of
 from neuro.exchange.verdict import APPROXIMATE, EXACT, REFUSED, Verdict, Verdicts
@@ -26,7 +26,10 @@ from neuro.model.neurons.builtin import cuba_lif, dc_generator, iaf_psc_delta, i
 from neuro.model.neurons.propagators import from_constant
 from neuro.program.program import Population, Program, Projection
 
-FOR = Quantity(doc="the tool that reads it", kind="word", words=tuple(TOOLS), optional=True)
+READERS = ("norse", "snntorch", "sinabs", "spikingjelly", "nir")
+"""The tools for which graphs are scaled."""
+
+FOR = Quantity(doc="the tool that reads it", kind="word", words=READERS, optional=True)
 DT = Quantity(unit="ms", doc="length of a step; that of the network if not given", above=0, optional=True)
 CONVENTION = "neuro_convention"
 """The word of a graph's metadata that says the convention in which it was written."""
