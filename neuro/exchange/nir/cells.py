@@ -11,13 +11,14 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 
 from neuro.core.errors import ModelError, unknown
 from neuro.exchange.nir.graph import Floats, Node
 
-ASK = "say which tool wrote it: from_='norse', 'snntorch', 'sinabs', 'spikingjelly' or 'nir' (the equations of NIR)"
+ASK = "say which tool wrote it: from_='norse', 'snntorch', 'sinabs', 'spikingjelly', 'spyx', 'rockpool' or 'nir'"
 BEYOND_TWICE = "where more than V_th is left after a spike, snnTorch fires in the next step at 2 V_th only"
 """What differs of an IF of snnTorch, where its input may exceed what `importing` bounds."""
 
@@ -40,6 +41,8 @@ class Cell:
         several: whether it fires as often in a step as the threshold fits.
         lowest: a bound of the potential from below after a spike, None without one.
         start: the potential at the beginning, `rest` if None.
+        late: by how many steps the tool sends a spike after the threshold was crossed.
+        fall: how far the potential falls where that is not the threshold.
         hold: for how many steps after a spike the potential stays, and does not take input.
         differs: what of it cannot be had exactly, "" if nothing.
     """
@@ -58,6 +61,8 @@ class Cell:
     lowest: Floats | None = None
     start: Floats | None = None
     hold: int = 0
+    late: int = 0
+    fall: Floats | None = None
     differs: str = ""
 
 
@@ -246,6 +251,49 @@ def _spikingjelly(node: Node, step: float) -> Cell:
     raise Unsupported(f"spikingjelly does not have {node.kind}", "read it with from_='nir'")
 
 
+def _spyx(node: Node, step: float) -> Cell:
+    """Spyx 1.0: `IF`, `LIF` and `CuBaLIF`, whose spikes are those of the potential of the step before."""
+    one, zero = np.ones(node.shape), np.zeros(node.shape)
+    fires = "fires a step after V > V_th, and falls by V_th then"
+    threshold = node.array("v_threshold") if "v_threshold" in node.fields else zero
+    spikes: dict[str, Any] = {"threshold": threshold, "strict": True, "late": 1}
+    match node.kind:
+        case "IF":
+            return Cell(one, zero, one, f"Spyx: V grows by the input; {fires}", **spikes)
+        case "LIF":
+            _zero(node, "v_leak", "Spyx")
+            a = _euler(node, "tau", step)
+            own = np.allclose(node.array("r"), 1.0 - a, rtol=1e-4)  # what Spyx 1.0 writes; it does not read r
+            gain = one if own else a * node.array("r")
+            how = "Spyx: Euler, the input as it is" if own else "Spyx: Euler, the input times r dt / tau"
+            return Cell(1.0 - a, zero, gain, f"{how}; {fires}", fall=threshold / np.maximum(1.0 - a, 1e-9), **spikes)
+        case "CubaLIF":
+            _zero(node, "v_leak", "Spyx")
+            a, b = (_euler(node, word, step) for word in ("tau_mem", "tau_syn"))
+            how = f"Spyx: Euler, the current first, then V with it, the input as it is; {fires}"
+            return Cell(1.0 - a, zero, one, how, i_keep=1.0 - b, i_gain=one, **spikes)
+    raise Unsupported(f"Spyx does not have {node.kind}", "read it with from_='nir'")
+
+
+def _rockpool(node: Node, step: float) -> Cell:
+    """Rockpool 3.1: `LIFNeuronTorch` and `LIFTorch`, whose input decays in the step in which it arrives."""
+    one, zero = np.ones(node.shape), np.zeros(node.shape)
+    fires = "fires at V >= V_th, several times if V_th fits several times, and falls by V_th each time"
+    if node.kind == "LIF":
+        _zero(node, "v_leak", "Rockpool")
+        tau = _positive(node, "tau")
+        how = f"Rockpool: exact decay, the input times r dt / tau; {fires}"
+        gain = node.array("r") * step / tau
+        return Cell(np.exp(-step / tau), zero, gain, how, threshold=node.array("v_threshold"), several=True)
+    if node.kind == "CubaLIF":
+        _zero(node, "v_leak", "Rockpool")
+        keep, i_keep = (np.exp(-step / _positive(node, word)) for word in ("tau_mem", "tau_syn"))
+        how = f"Rockpool: exact decay, also of the input in its first step, the current first; {fires}"
+        threshold = node.array("v_threshold")
+        return Cell(keep, zero, one, how, i_keep=i_keep, i_gain=i_keep, threshold=threshold, several=True)
+    raise Unsupported(f"Rockpool does not have {node.kind}", "read it with from_='nir'")
+
+
 def _nir(node: Node, step: float) -> Cell:
     """The equations of NIR, solved exactly for an input that is held for a step."""
     one, zero = np.ones(node.shape), np.zeros(node.shape)
@@ -272,6 +320,8 @@ TOOLS: dict[str, Callable[[Node, float], Cell]] = {
     "snntorch": _snntorch,
     "sinabs": _sinabs,
     "spikingjelly": _spikingjelly,
+    "spyx": _spyx,
+    "rockpool": _rockpool,
     "nir": _nir,
 }
 """The conventions by the name of the tool."""

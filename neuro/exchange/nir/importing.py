@@ -200,7 +200,7 @@ def _find_links(found: Read) -> None:
                 raise ModelError(f"{graph.source}: more than {MOST_PATHS} paths lead to node '{name}'")
             _add_link(found, path, known)
         onto = found.links[first:]
-        if node.kind == "Output" and not (len(onto) == 1 and _is_plain(onto[0]) and not found.bias[name].any()):
+        if node.kind == "Output" and not (len(onto) == 1 and _is_plain(found, onto[0]) and not found.bias[name].any()):
             _read_out(found, node)
     _bound_inputs(found)
     _mark_recurrent(found)
@@ -242,9 +242,11 @@ def _in_subgraph(graph: Graph, name: str) -> bool:
     return any(n.kind == "Identity" and n.name.rpartition(".")[0] == prefix for n in graph.nodes.values() if prefix)
 
 
-def _is_plain(link: Link) -> bool:
+def _is_plain(found: Read, link: Link) -> bool:
     """Whether it sends on what it receives."""
-    return link.map.diagonal is not None and bool(np.all(link.map.diagonal == 1.0)) and not link.lag.any()
+    own = found.step * found.cells[link.source].late if link.source in found.cells else 0.0
+    same = link.map.diagonal is not None and np.all(link.map.diagonal == 1.0)
+    return bool(same and np.all(link.lag == own))
 
 
 def _read_out(found: Read, node: Node) -> None:
@@ -269,6 +271,8 @@ def _add_link(found: Read, path: list[str], known: set[tuple[str, ...]]) -> None
                 found.refuse(node.name, "differs from neuron to neuron behind weights", "delay the neurons before them")
                 return
             lag = lag + (node.array("delay").flat[0] if mixed else node.array("delay").reshape(lag.shape))
+    if path[0] in found.cells:
+        lag = lag + found.step * found.cells[path[0]].late
     identity = Map(shape, nodes[-1].shape, diagonal=np.ones(nodes[-1].shape))
     found.links.append(Link(path[0], path[-1], together([*maps, identity]), lag))
     for k, node in enumerate(nodes[1:-1]):
@@ -304,8 +308,8 @@ def _find_depths(found: Read) -> None:
             why = "is in a loop of several layers, which takes one step in the tools, and here one for each layer"
             found.refuse(name, why, "delay the way back in the tool, too, or leave out all but one layer of the loop")
     for name in found.cells:
-        old = found.verdicts[name]
-        found.verdicts[name] = replace(old, how=f"{old.how}; {some(depths[name], 'step')} later here")
+        old, later = found.verdicts[name], depths[name] - found.cells[name].late
+        found.verdicts[name] = replace(old, how=f"{old.how}; {some(later, 'step')} later here")
 
 
 def _has_current(found: Read, name: str, made: Made) -> bool:

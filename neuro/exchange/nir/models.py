@@ -84,7 +84,8 @@ def _spike(cell: Cell) -> dict[str, Any]:
     if cell.reset is None:
         if np.any(cell.threshold <= 0.0):
             raise Unsupported("v_threshold is not above 0, so that no spike lowers the potential", "raise it")
-        words = {"V_th": v_th, "V_reset": v_th - cell.threshold, "reset_by_subtraction": True}
+        fall = cell.threshold if cell.fall is None else cell.fall
+        words = {"V_th": v_th, "V_reset": v_th - fall, "reset_by_subtraction": True}
         return words | ({"max_spikes": MOST} if cell.several else {})
     if np.any(cell.reset >= v_th):
         raise Unsupported("v_reset is not below v_threshold", "raise v_threshold")
