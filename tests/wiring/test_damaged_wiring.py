@@ -111,6 +111,10 @@ def test_a_filter_that_leaves_a_row_out_does_not_ask_for_its_neurons(tmp_path: P
         ({"where": "n > 5 mV"}, "where: column 5: found the unit 'mV': expected a number without one"),
         ({"transmitter": "nt"}, "from_file: found 'transmitter' without 'signs': expected both"),
         ({"transmitter": "n", "signs": {"a": 2}}, "from_file.signs: a = 2: expected 1, -1 or 0"),
+        (
+            {"transmitter": "n", "signs": {"5": 1}, "where": "n > 1", "weight": None},
+            "where: column 'n' is read as text: expected numbers",
+        ),
         ({"dale": True}, "from_file: found 'dale' without 'transmitter': expected both"),
         ({"transmitter": "nt", "signs": {"a": 1}}, "edges: unknown column 'nt'"),
         ({"transmitter": "type", "signs": {"KD": 1}, "dale": True}, "neuron 10 of neurons: unknown transmitter 'KC'"),

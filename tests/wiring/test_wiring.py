@@ -110,6 +110,12 @@ def test_a_transmitter_of_sign_0_leaves_its_edges_out(tmp_path: Path) -> None:
     ]
 
 
+def test_an_edge_of_weight_0_stays(tmp_path: Path) -> None:
+    file = csv(tmp_path / "edges.csv", {**EDGES, "synapses": [0] * 6})
+    rule = neuro.from_file(file, weight="synapses", transmitter="nt", signs=SIGNS)
+    assert len(synapses(diagram(tmp_path, rule))) == 6
+
+
 @pytest.mark.parametrize("kind", ["csv", "npy", "npz"])
 def test_matrices_have_an_edge_for_each_entry(tmp_path: Path, kind: str) -> None:
     matrix = np.array([[0, 2, 0, 1], [0, 0, 0, 0], [5, 0, 3, 0], [0, 0, 0, -4]])

@@ -72,12 +72,11 @@ def read_edges(rule: from_file, source: End, target: End) -> Edges:
     if rule.file is None:
         raise ModelError("from_file needs 'file': expected the name of a file", missing="file")
     reader = _Reader(rule, source, target)
-    parts = list(reader.parts())
-    pre, post, weight, delay = (
-        np.concatenate([part[k] for part in parts]) if parts and parts[0][k] is not None else None for k in range(4)
-    )
-    none = np.zeros(0, dtype=np.int32)
-    return Edges(none if pre is None else pre, none if post is None else post, weight, delay, reader.sign)
+    columns = list(zip(*reader.parts(), strict=True)) or [(np.zeros(0, dtype=np.int32),)] * 2 + [(None,)] * 2
+    pre, post, weight, delay = (None if column[0] is None else np.concatenate(column) for column in columns)
+    assert pre is not None
+    assert post is not None
+    return Edges(pre, post, weight, delay, reader.sign)
 
 
 class _Reader:
@@ -102,14 +101,19 @@ class _Reader:
             if kinds.get(word, NUMBER) != NUMBER or word in (self.weight, rule.delay):
                 raise ModelError(f"from_file: column '{word}' is named twice: expected another one", path=("pre",))
             kinds[word] = "int64" if places else end.ids.kind
+        for condition in self.conditions:
+            if texts := [name for name in condition.names if kinds[name] == TEXT]:
+                raise ModelError(f"where: column '{texts[0]}' is read as text: expected numbers", path=("where",))
         for piece in rows(self.table, kinds):
             kept = self._kept(piece)
             ends = [self._find(piece, kept, w, e) for w, e in ((self.pre, self.source), (self.post, self.target))]
-            factor = self._factor(piece, kept, ends[0])
+            factor = None if self.weight is None else np.asarray(_some(piece.columns[self.weight], kept))
+            sign = self._sign(piece, kept, ends[0])
             delay = None if rule.delay is None else self._delays(piece, kept)
             inside = (ends[0] >= 0) & (ends[1] >= 0)
-            if factor is not None and rule.transmitter:
-                inside &= factor != 0.0
+            if sign is not None:
+                inside &= sign != 0.0
+                factor = sign if factor is None else factor * sign
             some = slice(None) if inside.all() else inside
             numbers = [None if values is None else values[some] for values in (factor, delay)]
             yield (*(end[some].astype(np.int32) for end in ends), *numbers)
@@ -131,26 +135,23 @@ class _Reader:
             raise cell(self.table, _row(piece, kept, at), word, shown_, f"the id of a neuron of {end.ids.what}", hint)
         return found
 
-    def _factor(self, piece: Piece, kept: Any, pre: NDArray[np.int64]) -> Floats | None:
-        """The number of synapses, or the weight, with the sign of the transmitter."""
-        factor = None if self.weight is None else np.asarray(_some(piece.columns[self.weight], kept))
-        if self.sign is not None:
-            sign = np.where(pre >= 0, self.sign[pre], 0.0)
-            lost = np.flatnonzero(np.isnan(sign))
-            if lost.size:
-                neuron = int(pre[lost[0]])
-                assert isinstance(self.source, Neurons)
-                assert self.rule.transmitter
-                column = self.source.column(self.rule.transmitter)
-                assert isinstance(column, Texts)
-                word = column.words[column.codes[self.source.taken[neuron]]]
-                who = f"neuron {self.source.shown_id(neuron)} of {self.source.ids.what}"
-                raise _no_sign(word, self.rule).at(None, who)
-        elif self.rule.transmitter:
-            sign = self._sign_of_edges(piece, kept)
-        else:
-            return factor
-        return sign if factor is None else factor * sign
+    def _sign(self, piece: Piece, kept: Any, pre: NDArray[np.int64]) -> Floats | None:
+        """The sign of each edge; None where there are no transmitters."""
+        if not self.rule.transmitter:
+            return None
+        if self.sign is None:
+            return self._sign_of_edges(piece, kept)
+        sign = np.where(pre >= 0, self.sign[pre], 0.0)
+        lost = np.flatnonzero(np.isnan(sign))
+        if lost.size:
+            assert isinstance(self.source, Neurons)
+            neuron = int(pre[lost[0]])
+            column = self.source.column(self.rule.transmitter)
+            assert isinstance(column, Texts)
+            word = column.words[column.codes[self.source.taken[neuron]]]
+            who = f"neuron {self.source.shown_id(neuron)} of {self.source.ids.what}"
+            raise _no_sign(word, self.rule).at(None, who)
+        return sign
 
     def _sign_of_edges(self, piece: Piece, kept: Any) -> Floats:
         assert self.rule.transmitter
