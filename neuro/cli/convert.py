@@ -91,7 +91,8 @@ Tool = Annotated[
     typer.Option("--tool", metavar="NAME", help="The tool that wrote SRC, or reads DST: norse, snntorch, ..."),
 ]
 Reset = Annotated[
-    str | None, typer.Option("--reset", metavar="WORD", help="What a spike does in SRC: to_value or subtract.")
+    str | None,
+    typer.Option("--reset", metavar="WORD", help="What a spike does in SRC: to_value, subtract or subtract_next."),
 ]
 Json = Annotated[bool, typer.Option("--json", help="Print the verdicts as JSON instead of a table.")]
 

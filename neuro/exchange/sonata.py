@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from neuro.core.errors import ModelError
-from neuro.core.outputs import Kind, marked, output
+from neuro.core.outputs import Kind, marked, output, write_text
 from neuro.core.paths import file_path
 from neuro.exchange.verdict import APPROXIMATE, EXACT, REFUSED, Verdict, Verdicts
 from neuro.program.program import Population, Projection
@@ -72,8 +72,7 @@ def save_sonata(sim: Simulation, path: str | PathLike[str]) -> Verdicts:
         with _hdf5(beside("spikes.h5")) as spikes:
             for name in recorded:
                 _write_spikes(spikes, sim, name)
-    with output(file, _CONFIG) as part_file:
-        part_file.write_text(json.dumps(_config(sim, file.stem), indent=1) + "\n", encoding="utf-8")
+    write_text(file, json.dumps(_config(sim, file.stem), indent=1) + "\n", _CONFIG)
     return table
 
 
@@ -155,8 +154,7 @@ def _node_type(number: int, part: Population) -> str:
 
 
 def _write_types(path: Path, header: str, rows: list[str]) -> None:
-    with output(path, marked("SONATA types of neuro", header)) as part:
-        part.write_text("\n".join([header, *rows]) + "\n", encoding="utf-8")
+    write_text(path, "\n".join([header, *rows]) + "\n", marked("SONATA types of neuro", header))
 
 
 def _config(sim: Simulation, stem: str) -> dict[str, Any]:

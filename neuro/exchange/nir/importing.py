@@ -14,7 +14,7 @@ from neuro.core.checks import check
 from neuro.core.english import some
 from neuro.core.errors import ModelError
 from neuro.core.quantities import Quantity
-from neuro.exchange.nir.cells import ASK, BEYOND_TWICE, Cell, Unsupported, cell_of, find_tool
+from neuro.exchange.nir.cells import ASK, BEYOND_TWICE, Cell, Unsupported, beyond_twice, cell_of, find_tool
 from neuro.exchange.nir.graph import FIELDS, STATEFUL, Floats, Graph, Node, Shape, sources
 from neuro.exchange.nir.maps import Map, map_of, same_in_each_map, sheet, together
 from neuro.exchange.nir.models import Made, model_of, one_or_all
@@ -25,7 +25,7 @@ from neuro.model.neurons.builtin import dc_generator, iaf_psc_delta, spike_gener
 from neuro.model.rules import SAME, all_to_all, grid, one_to_one, pairs
 
 DT = Quantity(unit="ms", doc="length of a step", above=0)
-RESET = Quantity(doc="what a spike does", kind="word", words=("to_value", "subtract"), optional=True)
+RESET = Quantity(doc="what a spike does", kind="word", words=("to_value", "subtract", "subtract_next"), optional=True)
 MOST_PATHS = 10_000
 BY_GRAPH_EXECUTOR = ("norse", "sinabs")
 """Tools whose importers run a graph by the `GraphExecutor` of nirtorch."""
@@ -105,7 +105,8 @@ def from_nir(graph: Any, dt: float, from_: str | None = None, *, reset: str | No
         dt: length of a step, ms. NIR has no steps, and its times are in seconds.
         from_: the tool whose convention holds: "norse", "snntorch", "sinabs", "spikingjelly", or "nir" for the
             equations of NIR; not needed if the graph was written by `to_nir`.
-        reset: "to_value" or "subtract", where the file is known to mean another than its tool's importer takes.
+        reset: "to_value", "subtract" or "subtract_next", where the file is known to mean another than its tool's
+            importer takes; "subtract_next" lowers V by V_th after the decay of the next step, as snnTorch by default.
 
     Returns:
         The network; its `verdicts` says what became of each node.
@@ -211,17 +212,23 @@ def _find_links(found: Read) -> None:
 
 
 def _bound_inputs(found: Read) -> None:
-    """An IF of snnTorch is exact where the input of a step, a spike of each source, cannot leave more than V_th."""
+    """A reset of snnTorch is exact where the input of a step, a spike of each source, cannot leave more than V_th."""
     for name, cell in found.cells.items():
         if cell.differs != BEYOND_TWICE or cell.threshold is None:
             continue
+        old = found.verdicts[name]
         largest = np.maximum(found.bias[name] + found.late[name], 0.0).reshape(-1)
         for link in found.links:
             if link.target == name:
                 largest = largest + np.maximum(link.map.sparse().toarray(), 0.0).sum(axis=1)
-        if np.all(0.9 * cell.threshold.reshape(-1) + largest <= 2.0 * cell.threshold.reshape(-1)):
+        keep, gain, threshold = (values.reshape(-1) for values in (cell.keep, cell.gain, cell.threshold))
+        if cell.i_keep is None and np.all(keep * threshold + gain * largest <= 2.0 * threshold):
             how = f"{cell.how}; for at most one spike of each source in a step"
-            found.verdicts[name] = Verdict(name, "IF", EXACT, how)
+            found.verdicts[name] = replace(old, verdict=EXACT, how=how)
+        else:
+            most = int(np.argmax(largest / threshold))
+            numbers = (float(values[most]) for values in (keep, gain, threshold, largest))
+            found.verdicts[name] = replace(old, how=f"{old.how}; {beyond_twice(*numbers)}")
 
 
 def _mark_recurrent(found: Read) -> None:
