@@ -4,7 +4,7 @@ Each part runs in a process of its own, whose peak of memory is its own, too: th
 compiled from each format, and run at 17,000 spikes a second.
 
     python benchmarks/wiring.py                    all
-    python benchmarks/wiring.py load edges.parquet one part, in this process
+    python benchmarks/wiring.py load edges.parquet --folder FOLDER    one part, in this process
 """
 
 from __future__ import annotations
@@ -23,7 +23,13 @@ NEURONS, EDGES = 140_000, 25_000_000
 SPIKES = 17_000
 """In a second, of the neurons that are activated; as many are published for the brain of the fly."""
 
-FORMATS = ("edges.csv", "edges.parquet", "edges.h5", "edges.npz")
+PARTS = (
+    ("make",),
+    *(("load", name) for name in ("edges.csv", "edges.parquet", "edges.h5", "edges.npz")),
+    ("load", "edges.parquet", "--delays"),
+    *(("load", "edges.parquet", "--shuffle", what) for what in ("weights", "signs", "edges")),
+    ("run", "edges.parquet"),
+)
 
 
 def ids() -> np.ndarray:
@@ -57,28 +63,42 @@ def make(folder: Path, neurons: int, edges: int) -> None:
         group["edge_type_id"], group["0/synapses"] = np.zeros(edges, dtype=np.int32), synapses
 
 
-def load(folder: Path, name: str, running: bool, threads: int) -> None:
+def load(said: argparse.Namespace) -> None:
     """Describe, compile, and run a biological second."""
     import neuro
 
     begin = time.perf_counter()
+    signs = {"ACH": 1, "GABA": -1, "GLUT": -1}
     rule = neuro.from_file(
-        folder / name, weight="synapses", transmitter="nt", signs={"ACH": 1, "GABA": -1, "GLUT": -1}, dale=True
+        said.folder / said.name,
+        weight="synapses",
+        delay="synapses" if said.delays else None,
+        transmitter="nt",
+        signs=signs,
+        dale=True,
+        shuffle=said.shuffle,
     )
     # Shiu et al., Nature 634:210, 2024, with R_m = 1 GOhm, so that a weight in pA is one of theirs in mV.
     model = neuro.iaf_psc_exp(
         tau_m=20.0, C_m=20.0, tau_syn_ex=5.0, tau_syn_in=5.0, E_L=-52.0, V_reset=-52.0, V_th=-45.0, t_ref=2.2
     )
     net = neuro.Network("fly")
-    table = neuro.neuron_table(folder / "neurons.csv", id="root_id")
+    table = neuro.neuron_table(said.folder / "neurons.csv", id="root_id")
     brain = net.wiring(
-        neurons=table, edges=rule, model=model, weight=0.01, delay=1.8, drive=68.75, initial={"V_m": -52.0}
+        neurons=table,
+        edges=rule,
+        model=model,
+        weight=0.01,
+        delay=0.2 if said.delays else 1.8,
+        drive=68.75,
+        initial={"V_m": -52.0},
     )
-    sim = neuro.compile(net, backend="event", seed=1, threads=threads)
+    sim = neuro.compile(net, backend="event", seed=1, threads=said.threads)
     taken = time.perf_counter() - begin
     synapses = sim.program.projections[0].size
-    print(f"{name}: {synapses:,} synapses loaded and compiled in {taken:.1f} s, {_peak():.2f} GB at the peak")
-    if running:
+    what = said.name + " with delays" * said.delays + (f", {said.shuffle} shuffled" if said.shuffle else "")
+    print(f"{what}: {synapses:,} synapses loaded and compiled in {taken:.1f} s, {_peak():.2f} GB at the peak")
+    if said.part == "run":
         sim.activate(brain[:1000], 17.0)
         sim.run(100.0)
         before, taken = sim.counts(), []
@@ -90,7 +110,7 @@ def load(folder: Path, name: str, running: bool, threads: int) -> None:
         wall, cpu = (sum(each) for each in zip(*taken, strict=True))
         least = 10 * min(wall for wall, _ in taken)
         print(
-            f"{name}: {spikes:,} spikes in a biological second in {wall:.2f} s on {threads} threads, "
+            f"{what}: {spikes:,} spikes in a biological second in {wall:.2f} s on {said.threads} threads, "
             f"{least:.2f} s at the pace of its fastest 100 ms; {cpu:.2f} s of the processor"
         )
 
@@ -108,25 +128,18 @@ def main() -> None:
     words.add_argument("--neurons", type=int, default=NEURONS)
     words.add_argument("--edges", type=int, default=EDGES)
     words.add_argument("--threads", type=int, default=1)
+    words.add_argument("--delays", action="store_true", help="a delay for each edge")
+    words.add_argument("--shuffle", choices=("edges", "signs", "weights"))
     said = words.parse_args()
     if said.part == "make":
         make(said.folder, said.neurons, said.edges)
     elif said.part:
-        load(said.folder, said.name, said.part == "run", said.threads)
+        load(said)
     else:
         with tempfile.TemporaryDirectory() as folder:
-            for part in (("make", ""), *(("load", name) for name in FORMATS), ("run", "edges.parquet")):
-                sizes = [
-                    "--threads",
-                    str(said.threads),
-                    "--neurons",
-                    str(said.neurons),
-                    "--edges",
-                    str(said.edges),
-                    "--folder",
-                    folder,
-                ]
-                subprocess.run([sys.executable, __file__, *filter(None, part), *sizes], check=True)
+            size = ["--neurons", str(said.neurons), "--edges", str(said.edges), "--folder", folder]
+            for part in PARTS:
+                subprocess.run([sys.executable, __file__, *part, *size, "--threads", str(said.threads)], check=True)
 
 
 if __name__ == "__main__":
