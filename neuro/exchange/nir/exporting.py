@@ -273,6 +273,9 @@ def _add_projection(out: Written, part: Projection) -> None:
         return
     if lag and out.tool in ("norse", "snntorch", "sinabs", "spikingjelly"):
         out.says(part, REFUSED, f"a delay of {lag} steps: {out.tool} has no Delay", "delays of one step a layer")
+    elif back and out.tool == "snntorch":
+        how += "; where snnTorch 1.0's importer does not fail with nirtorch 2.6, it sends the input through it, too"
+        out.says(part, APPROXIMATE, how)
     else:
         out.says(part, EXACT, how)
 
