@@ -19,9 +19,9 @@ from pathlib import Path
 
 import numpy as np
 
-NEURONS, EDGES = 140_000, 25_000_000
+NEURONS, EDGES, DRIVEN = 140_000, 25_000_000, 1000
 SPIKES = 17_000
-"""In a second, of the neurons that are activated; as many are published for the brain of the fly."""
+"""In a second, of the neurons that are driven; as many are published for the brain of the fly."""
 
 PARTS = (
     ("make",),
@@ -99,7 +99,7 @@ def load(said: argparse.Namespace) -> None:
     what = said.name + " with delays" * said.delays + (f", {said.shuffle} shuffled" if said.shuffle else "")
     print(f"{what}: {synapses:,} synapses loaded and compiled in {taken:.1f} s, {_peak():.2f} GB at the peak")
     if said.part == "run":
-        sim.activate(brain[:1000], 17.0)
+        sim.activate(brain[:DRIVEN], SPIKES / DRIVEN)
         sim.run(100.0)
         before, taken = sim.counts(), []
         for _ in range(10):

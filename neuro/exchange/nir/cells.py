@@ -19,6 +19,9 @@ from neuro.core.errors import ModelError, unknown
 from neuro.exchange.nir.graph import Floats, Node
 
 ASK = "say which tool wrote it: from_='norse', 'snntorch', 'sinabs', 'spikingjelly', 'spyx', 'rockpool' or 'nir'"
+BY_GRAPH_EXECUTOR = ("norse", "sinabs")
+"""Tools whose importers run a graph by the `GraphExecutor` of nirtorch."""
+
 BEYOND_TWICE = "where more than V_th is left after a spike, snnTorch fires in the next step at 2 V_th only"
 """What differs of an IF of snnTorch, where its input may exceed what `importing` bounds."""
 

@@ -17,7 +17,7 @@ from neuro.core.english import some
 from neuro.core.errors import ModelError
 from neuro.core.outputs import Kind, output
 from neuro.core.quantities import Quantity
-from neuro.exchange.nir.cells import Unsupported
+from neuro.exchange.nir.cells import BY_GRAPH_EXECUTOR, Unsupported
 from neuro.exchange.nir.graph import Floats, package
 from neuro.exchange.nir.nodes import READOUT, Scaled, neuron_of
 from neuro.exchange.verdict import APPROXIMATE, EXACT, REFUSED, Verdict, Verdicts
@@ -127,9 +127,18 @@ def written(net: Network, dt: float | None, for_: str | None) -> tuple[Any, Verd
         return None, table
     metadata = {CONVENTION: tool, "neuro_dt_ms": net.resolution, "neuro_verdicts": table.to_json()}
     try:
-        return out.nir.NIRGraph(out.nodes, out.edges, metadata=metadata), table
+        return out.nir.NIRGraph(_single(out), out.edges, metadata=metadata), table
     except Exception as error:  # the package raises many kinds
         raise ModelError(f"to_nir: the package nir refuses the graph: {error}") from None
+
+
+def _single(out: Written) -> dict[str, Any]:
+    """The nodes, for a tool in the single precision in which it computes."""
+    for node in out.nodes.values() if out.tool != "nir" else ():
+        for word, value in vars(node).items():
+            if isinstance(value, np.ndarray) and value.dtype == np.float64:
+                setattr(node, word, value.astype(np.float32))
+    return out.nodes
 
 
 def save_nir(net: Network, path: str | PathLike[str], dt: float | None = None, for_: str | None = None) -> Verdicts:
@@ -273,6 +282,9 @@ def _add_projection(out: Written, part: Projection) -> None:
         return
     if lag and out.tool in ("norse", "snntorch", "sinabs", "spikingjelly"):
         out.says(part, REFUSED, f"a delay of {lag} steps: {out.tool} has no Delay", "delays of one step a layer")
+    elif back and out.tool == "snntorch":
+        how += "; where snnTorch 1.0's importer does not fail with nirtorch 2.6, it sends the input through it, too"
+        out.says(part, APPROXIMATE, how)
     else:
         out.says(part, EXACT, how)
 
@@ -307,14 +319,22 @@ def _weights(out: Written, part: Projection, factor: Floats, bias: Floats | None
 
 
 def _bias_of(out: Written, part: Projection) -> Floats | None:
-    """The constant input of the target, for the first projection onto it."""
-    first = next(p for p in _spiking(out) if p.target == part.target and p.source != p.target)
+    """The constant input of the target, for the first projection onto it.
+
+    What begins a step late is that of recurrent weights, where a tool begins them a step late.
+    """
+    onto = [p for p in _spiking(out) if p.target == part.target]
+    first = next((p for p in onto if p.source != p.target), onto[0])
+    back = next((p for p in onto if p.source == p.target), None) if out.tool in BY_GRAPH_EXECUTOR else None
     made = out.neurons[part.target]
-    if first is not part:
-        return None
-    total = made.bias.copy()
+    total = made.bias * (part is first)
     for k, other in enumerate(out.program.projections):
         if other.target != part.target or not (other.carries == "current" or _ticks(out, other.source)):
+            continue
+        begin = int(other.delay_span[0]) + (2 if other.carries == "current" else 1)
+        late = begin - out.depths[part.target] - 1
+        of = back if back is not None and late == 1 else first
+        if part is not of:
             continue
         pre, post, slot = out.program.synapses(k)
         values = np.broadcast_to(other.weight, other.size)[slot]
@@ -326,8 +346,6 @@ def _bias_of(out: Written, part: Projection) -> Floats | None:
         else:
             values = values * made.factor[post]
         np.add.at(total, post, values)
-        begin = int(other.delay_span[0]) + (2 if other.carries == "current" else 1)
-        late = begin - out.depths[part.target] - 1
-        if late:
+        if late - (of is back):
             out.says(other, APPROXIMATE, f"begins {some(abs(late), 'step')} {'later' if late > 0 else 'earlier'} here")
     return total if total.any() else None

@@ -14,7 +14,16 @@ from neuro.core.checks import check
 from neuro.core.english import some
 from neuro.core.errors import ModelError
 from neuro.core.quantities import Quantity
-from neuro.exchange.nir.cells import ASK, BEYOND_TWICE, Cell, Unsupported, beyond_twice, cell_of, find_tool
+from neuro.exchange.nir.cells import (
+    ASK,
+    BEYOND_TWICE,
+    BY_GRAPH_EXECUTOR,
+    Cell,
+    Unsupported,
+    beyond_twice,
+    cell_of,
+    find_tool,
+)
 from neuro.exchange.nir.graph import FIELDS, STATEFUL, Floats, Graph, Node, Shape, sources
 from neuro.exchange.nir.maps import Map, map_of, same_in_each_map, sheet, together
 from neuro.exchange.nir.models import Made, model_of, one_or_all
@@ -27,9 +36,6 @@ from neuro.model.rules import SAME, all_to_all, grid, one_to_one, pairs
 DT = Quantity(unit="ms", doc="length of a step", above=0)
 RESET = Quantity(doc="what a spike does", kind="word", words=("to_value", "subtract", "subtract_next"), optional=True)
 MOST_PATHS = 10_000
-BY_GRAPH_EXECUTOR = ("norse", "sinabs")
-"""Tools whose importers run a graph by the `GraphExecutor` of nirtorch."""
-
 CURRENT, TICKS = "bias", "every_step"
 """The population that sends constant currents, and the neuron that fires in every step."""
 
@@ -327,7 +333,7 @@ def _network(found: Read) -> Network:
     graph, h = found.graph, found.step * 1e3
     net = Network(_name(graph.source.rpartition("/")[2].removesuffix(".nir"), set()), resolution=round(h, 12))
     names: dict[str, str] = {}
-    for name, node in graph.nodes.items():
+    for name, node in sorted(graph.nodes.items(), key=lambda item: found.depths.get(item[0], 0)):
         if node.kind == "Input":
             names[name] = _name(name, names.values())
             net.population(names[name], _laid(node.shape), spike_generator())
@@ -335,7 +341,7 @@ def _network(found: Read) -> Network:
             names[name] = _name(name, names.values())
             made = found.made[name]
             net.population(names[name], _laid(node.shape), made.model, initial=made.initial)
-    for link in found.links:
+    for link in sorted(found.links, key=lambda link: found.depths.get(link.target, 0)):
         if link.target in found.cells:
             _connect(net, found, link, names, h)
     _connect_biases(net, found, names, h)

@@ -121,7 +121,8 @@ def _direct(p: dict[str, Floats], tool: str, h: float, fires: bool) -> Scaled:
     step, one = h / 1e3, np.ones(p["tau_m"].size)
     endless = np.isinf(p["tau_m"])
     keep = np.where(endless, 1.0, np.exp(-h / p["tau_m"]))
-    push = np.where(endless, h, -p["tau_m"] * np.expm1(-h / p["tau_m"])) / p["C_m"]  # mV in a step per pA
+    finite = np.where(endless, 1.0, p["tau_m"])
+    push = np.where(endless, h, -finite * np.expm1(-h / finite)) / p["C_m"]  # mV in a step per pA
     fields = _spike(p, tool) if fires else {}
     if endless.all() and tool != "snntorch":
         r = one if tool in ("norse", "sinabs") else one / step
