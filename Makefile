@@ -6,7 +6,7 @@
 # make test-nest    5,000 random networks (NETWORKS=...) on the event backend, the reference and NEST
 # make test-mpi     the tests of NEST under MPI, which it builds once (15 minutes) in an environment of its own
 #                   (NEST_MPI=file.whl: a wheel that is built already); needs openmpi-bin libopenmpi-dev libgsl-dev
-# make test-oracles the tests of event files, of networks and of SONATA beside other tools, in environments of their own
+# make test-oracles the tests of event files and of networks beside other tools (NIR, SONATA), in environments of their own
 # make bench        how fast it is
 # make bench-peers  how fast NEST, Brian2, public emulators of Loihi, and packages that train by gradients are with the
 #                   same networks, in environments of their own
