@@ -35,6 +35,9 @@ from neuro.model.rules import SAME, all_to_all, grid, one_to_one, pairs
 
 DT = Quantity(unit="ms", doc="length of a step", above=0)
 RESET = Quantity(doc="what a spike does", kind="word", words=("to_value", "subtract", "subtract_next"), optional=True)
+LONG = 10_000
+"""Steps of the shortest time constant above which a step is taken for one in seconds."""
+
 MOST_PATHS = 10_000
 CURRENT, TICKS = "bias", "every_step"
 """The population that sends constant currents, and the neuron that fires in every step."""
@@ -146,6 +149,7 @@ def examine(graph: Any, dt: float, from_: str | None, reset: str | None) -> Read
     found = Read(plain, find_tool(from_, plain.metadata), step)
     if found.tool is None and any(node.kind in STATEFUL for node in plain.nodes.values()):
         raise ModelError(f"{plain.source}: nothing says which tool wrote it, on which spikes depend", hint=ASK)
+    _check_step(found)
     for node in plain.nodes.values():
         _judge(found, node, reset)
     if not found.table().refused:
@@ -153,6 +157,17 @@ def examine(graph: Any, dt: float, from_: str | None, reset: str | None) -> Read
     if not found.table().refused:
         _find_depths(found)
     return found
+
+
+def _check_step(found: Read) -> None:
+    """Refuse a step that was meant in seconds, as NIR's times are."""
+    words = () if found.tool in ("sinabs", "snntorch") else ("tau", "tau_mem", "tau_syn")
+    taus = [np.min(node.fields[w]) for node in found.graph.nodes.values() for w in words if w in node.fields]
+    steps = float(min(taus)) / found.step if taus else 0.0
+    if LONG < steps < math.inf:
+        said = f"dt = {found.step * 1e3:g} ms"
+        message = f"{found.graph.source}: {said}: the shortest time constant is {steps:,.0f} steps"
+        raise ModelError(message, hint=f"dt is in ms: dt={found.step * 1e6:g} for steps of {found.step * 1e3:g} s")
 
 
 def _judge(found: Read, node: Node, reset: str | None) -> None:
