@@ -16,11 +16,9 @@ from neuro.core.errors import ModelError
 from neuro.core.quantities import Quantity
 from neuro.exchange.nir.cells import (
     ASK,
-    BEYOND_TWICE,
     BY_GRAPH_EXECUTOR,
     Cell,
     Unsupported,
-    beyond_twice,
     cell_of,
     find_tool,
 )
@@ -224,32 +222,11 @@ def _find_links(found: Read) -> None:
         onto = found.links[first:]
         if node.kind == "Output" and not (len(onto) == 1 and _is_plain(found, onto[0]) and not found.bias[name].any()):
             _read_out(found, node)
-    _bound_inputs(found)
     _mark_recurrent(found)
     for link in found.links:
         silent = link.source in found.cells and found.cells[link.source].threshold is None
         if silent and link.target in found.cells:
             found.refuse(link.source, "its potential is sent on, and only spikes are sent here", "let it fire")
-
-
-def _bound_inputs(found: Read) -> None:
-    """A reset of snnTorch is exact where the input of a step, a spike of each source, cannot leave more than V_th."""
-    for name, cell in found.cells.items():
-        if cell.differs != BEYOND_TWICE or cell.threshold is None:
-            continue
-        old = found.verdicts[name]
-        largest = np.maximum(found.bias[name] + found.late[name], 0.0).reshape(-1)
-        for link in found.links:
-            if link.target == name:
-                largest = largest + np.maximum(link.map.sparse().toarray(), 0.0).sum(axis=1)
-        keep, gain, threshold = (values.reshape(-1) for values in (cell.keep, cell.gain, cell.threshold))
-        if cell.i_keep is None and np.all(keep * threshold + gain * largest <= 2.0 * threshold):
-            how = f"{cell.how}; for at most one spike of each source in a step"
-            found.verdicts[name] = replace(old, verdict=EXACT, how=how)
-        else:
-            most = int(np.argmax(largest / threshold))
-            numbers = (float(values[most]) for values in (keep, gain, threshold, largest))
-            found.verdicts[name] = replace(old, how=f"{old.how}; {beyond_twice(*numbers)}")
 
 
 def _mark_recurrent(found: Read) -> None:
