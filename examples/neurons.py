@@ -18,6 +18,7 @@ NEURONS = (  # with the current of the step in pA, and the weight of a spike in 
     (neuro.parrot_neuron(), None, 1.0),
     (neuro.iaf_psc_delta(), 450.0, 5.5),
     (neuro.iaf_psc_exp(), 450.0, 900.0),
+    (neuro.cuba_lif(), 450.0, 900.0),
     (neuro.iaf_psc_alpha(), 450.0, 350.0),
     (neuro.iaf_linear_leak(leak=0.2), 280.0, 4.5),
     (neuro.iaf_psc_exp_adaptive_threshold(theta_plus=2.0, tau_theta=100.0), 700.0, 1200.0),

@@ -20,6 +20,11 @@ if TYPE_CHECKING:
     )
     from neuro.core.errors import ModelError as ModelError
     from neuro.core.registry import register as register
+    from neuro.exchange.nir.exporting import to_nir as to_nir
+    from neuro.exchange.nir.importing import check_nir as check_nir, from_nir as from_nir
+    from neuro.exchange.nir.torch_modules import from_torch as from_torch
+    from neuro.exchange.sonata import save_sonata as save_sonata
+    from neuro.exchange.verdict import Verdict as Verdict, Verdicts as Verdicts
     from neuro.model.distributions import lognormal as lognormal, normal as normal, uniform as uniform
     from neuro.model.equations import equations as equations
     from neuro.model.language import load as load
@@ -40,6 +45,7 @@ if TYPE_CHECKING:
         fixed_indegree as fixed_indegree,
         fixed_outdegree as fixed_outdegree,
         fixed_total_number as fixed_total_number,
+        from_file as from_file,
         grid as grid,
         one_to_one as one_to_one,
         pairs as pairs,
@@ -57,6 +63,8 @@ if TYPE_CHECKING:
     )
     from neuro.model.synapses.builtin import *  # noqa: F403
     from neuro.model.views import View as View
+    from neuro.model.wiring.controls import shuffled as shuffled
+    from neuro.model.wiring.neurons import neuron_table as neuron_table
     from neuro.program.backend import OverflowWarning as OverflowWarning
     from neuro.program.counts import Counts as Counts
     from neuro.run.compiled import (

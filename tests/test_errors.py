@@ -42,6 +42,7 @@ INSIDE = {
         "ValueError",
         "apps/neuro_agent/observations.py",
     ): "of an observation of another form; flat tells it as ModelError",
+    ("Unsupported", "neuro/exchange/nir/"): "of a node; it becomes a verdict, and with all others a ModelError",
     ("Exit", "neuro/cli/"): "the status of a command",
     ("Exit", "apps/"): "the status of a command",
 }

@@ -11,11 +11,14 @@ import neuro
 
 ROOT = Path(__file__).parents[1]
 NEEDS_PACKAGE = {"drone_ppo": "stable_baselines3"}
+LARVA = ROOT.parent / "shared" / "data" / "connectome" / "larva_winding2023.zip"
+NEEDS_DATA = {"larva": LARVA}
 ARGUMENTS = {
     "conditioning": ["--seconds", "30"],
     "drone_ppo": ["256"],
     "grid_world": ["--side", "2", "--episodes", "3"],
     "hedonists": ["--trials", "60"],
+    "larva": [str(LARVA), "--seeds", "2", "--ms", "100"],
     "linear_track": ["--runs", "2"],
 }
 
@@ -35,6 +38,8 @@ SCRIPTS = [path for path in sorted((ROOT / "examples").glob("*.py")) if path.ste
 def test_example(path, folder, capsys, monkeypatch):
     if path.stem in NEEDS_PACKAGE:
         pytest.importorskip(NEEDS_PACKAGE[path.stem], reason=f"the example needs {NEEDS_PACKAGE[path.stem]}")
+    if path.stem in NEEDS_DATA and not NEEDS_DATA[path.stem].exists():
+        pytest.skip(f"the example needs {NEEDS_DATA[path.stem]}")
     monkeypatch.setattr(sys, "argv", [str(path), *ARGUMENTS.get(path.stem, ())])
     runpy.run_path(str(path), run_name="__main__")
     assert capsys.readouterr().out.strip()

@@ -25,6 +25,7 @@ LAYERS = (
     "run",
     "verify",
     "compare",
+    "exchange",
     "report",
     "sweeps",
     "rerun",

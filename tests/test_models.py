@@ -57,7 +57,7 @@ def test_an_incomplete_neuron_is_refused(call: str, message: str):
 
 
 def test_a_neuron_has_at_most_twenty_numeric_parameters():
-    words = {f"p_{k}": (Value, quantity(0.0, "", "one of many")) for k in range(11)}
+    words = {f"p_{k}": (Value, quantity(0.0, "", "one of many")) for k in range(10)}
     body = {name: field for name, (_, field) in words.items()} | {
         "__annotations__": {n: t for n, (t, _) in words.items()}
     }

@@ -36,7 +36,7 @@ def arrays_of(fixed: FixedProgram) -> Arrays:
     _projections(a, fixed)
     total = int(a["pops"][-1, t.END])
     n_pops = len(program.populations)
-    for name in ("v", "u", "g_inh", "hold", "keep_u", "keep_v", "threshold", "bias", "v_reset", "refractory"):
+    for name in ("v", "u", "g_inh", "hold", "keep_u", "keep_v", "threshold", "bias", "v_reset", "fall", "refractory"):
         a[name] = np.zeros(total, dtype=np.int32)
     for name in ("v_rest", "r_m"):
         a[name] = np.zeros(total, dtype=np.int32)

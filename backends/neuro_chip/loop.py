@@ -19,7 +19,7 @@ from neuro_chip.tables import net_of
 @subkernel
 def fire(net, i):
     """Reset a neuron that spiked."""
-    net.v[i] = net.v_reset[i]
+    net.v[i] = net.v_reset[i] if net.fall[i] == 0 else net.v[i] - net.fall[i]
     net.hold[i] = net.refractory[i]
 
 

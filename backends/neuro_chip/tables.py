@@ -43,8 +43,9 @@ ONE_TO_ONE, DENSE, CSR, GRID = range(4)
     ARRIVED,
     LATE,
     RECEPTORS,
+    LOWEST,
     POPULATION_COLUMNS,
-) = range(16)
+) = range(17)
 
 # projections
 (
@@ -124,6 +125,7 @@ keep_v i4 1
 threshold i4 1
 bias i4 1
 v_reset i4 1
+fall i4 1           how far v falls at a spike; 0: it goes to v_reset
 refractory i4 1
 v_rest i4 1
 r_m i4 1

@@ -15,7 +15,7 @@ from neuro_nest.kernel import Ranks, nest_errors, set_nodes, sign
 from neuro_nest.projections import NestProjection
 from neuro_nest.record import Activity, NestRecord
 from neuro_nest.sources import NONE, InjectedTrain, Noise, TrainSource, is_noise, nodes_of, train
-from neuro_nest.tables import DEVICE, ENDLESS, FIXED_TRUE, NODES, OF_TARGET, RK4, UNREADABLE
+from neuro_nest.tables import DEVICE, ENDLESS, FIXED_TRUE, LACKING, NODES, OF_TARGET, UNREADABLE
 
 LONGEST = 10_000
 """Steps of a stretch: what injectors hold and the recorder gathers."""
@@ -293,7 +293,7 @@ class NestPopulation:
         if "E_L" in values:
             beside = [n for n in _WITH_E_L if n not in values and (n in self.parameters or n == "V_m")]
             values = {n: self.get(n) for n in beside} | dict(values)
-        words = {name: self._in_words_of_nest(name, each) for name, each in values.items() if name != RK4}
+        words = {name: self._in_words_of_nest(name, each) for name, each in values.items() if name not in LACKING}
         own = {name: each for name, each in words.items() if len(each) > 1}
         shared = {name: each[0] for name, each in words.items() if name not in own}
         neurons = [shared | {name: own[name][i] for name in own} for i in range(self.part.size)] if own else [shared]

@@ -69,6 +69,8 @@ def _of_population(program: Program, index: int, part: Population) -> Iterator[P
         return
     if np.any(part.parameters.get(RK4, 0.0) != 0.0):
         yield _refused(f"{message}: {RK4}", RKF45_ONLY, f"leave it out, or {ELSEWHERE}", part)
+    if np.any(part.parameters.get("reset_by_subtraction", 0.0) != 0.0):
+        yield _refused(f"{message}: reset_by_subtraction", "NEST's model resets to V_reset", ELSEWHERE, part)
     for name, values in part.initial.items():
         if name in UNREADABLE and np.any(values != 0.0):
             yield _refused(f"{message}: initial {name}", "NEST's starts at 0", ELSEWHERE, part)

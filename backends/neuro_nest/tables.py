@@ -70,7 +70,10 @@ UNREADABLE = frozenset({"I_syn_ex", "I_syn_in", "dI_syn_ex", "dI_syn_in"})
 """States that NEST neither shows nor sets between two steps: currents it records, a step late, slopes not at all."""
 
 RK4 = "rk4_substeps"
-"""A parameter that NEST lacks and is not passed: it always integrates by RKF45."""
+"""A parameter that NEST lacks: it always integrates by RKF45."""
+
+LACKING = (RK4, "reset_by_subtraction", "max_spikes", "threshold_rises")
+"""Parameters that NEST lacks and are not passed."""
 
 TICKS_PER_MS = 1000
 """NEST's clock ticks in microseconds."""

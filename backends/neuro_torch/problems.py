@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
+import numpy as np
+
 from neuro.model.neurons import Neuron
 from neuro.program.backend import Problem, floats_only
 from neuro.program.program import Population, Program
@@ -68,6 +70,8 @@ def _no_gradient(part: Population) -> str:
         return "it fires at random"
     if model.resets_in_step:
         return "it resets within a step"
+    if np.any(part.parameters.get("max_spikes", 1.0) != 1.0):
+        return "it fires several times in a step"
     if reset_of(part) not in part.parameters or "V_th" not in part.parameters:
         return "a surrogate is in units of V_th - V_reset, and it has none"
     return ""

@@ -10,13 +10,13 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from neuro.model.neurons import Model
+from neuro.model.neurons import Model, cuba_lif
 from neuro.program.program import Program
 
 
 def acts_late(model: Model) -> bool:
     """Whether input moves the potential only in the step after its arrival."""
-    return any(state.name.startswith("I_syn") for state in model.states)
+    return any(state.name.startswith("I_syn") for state in model.states) and not isinstance(model, cuba_lif)
 
 
 def lag(program: Program, index: int) -> NDArray[np.int32]:

@@ -25,7 +25,7 @@ from typing import Any
 import numpy as np
 
 from neuro.chips.arithmetic import Arithmetic, Option, is_whole
-from neuro.chips.arrival_rule import register
+from neuro.chips.arrival_rule import acts_late, register
 from neuro.chips.quantising import rounding
 from neuro.chips.quantising.fixed import FixedPopulation, FixedProjection, Rounding, WeightRounding, Words
 from neuro.chips.quantising.inputs import (
@@ -34,6 +34,10 @@ from neuro.chips.quantising.inputs import (
     approximated,
     constants_of,
     converging,
+    fall_register,
+    has_lowest,
+    of_falls,
+    of_lowest,
     one_kernel,
     refuse_rules,
     refused,
@@ -117,7 +121,7 @@ def population(inputs: Inputs, options: Options) -> tuple[FixedPopulation, dict[
     if not delta:
         h = inputs.program.resolution
         ampere = tuple(
-            g * registers[f"{word}_init"] / FRACTION * ONE / np.exp(-h / p[tau])
+            g * registers[f"{word}_init"] / FRACTION * ONE / (np.exp(-h / p[tau]) if acts_late(part.model) else 1.0)
             for word, tau, g in zip(("exc", "inh"), ("tau_syn_ex", "tau_syn_in"), gain, strict=True)
         )
         initial["g_exc"], initial["g_inh"] = part.initial["I_syn_ex"] * ampere[0], -part.initial["I_syn_in"] * ampere[1]
@@ -168,6 +172,8 @@ def _delta(inputs: Inputs) -> tuple[dict[str, Ints], tuple[Floats, Floats], Floa
     p, c = inputs.part.parameters, constants_of(inputs.part, inputs.program.resolution)
     registers = _potentials(inputs, c[:, P33])
     registers["i_offset"] = np.rint(c[:, P30] * p["I_e"] * ONE).astype(np.int64)
+    if has_lowest(inputs.part):
+        registers["v_min"] = np.rint(p["V_min"].min(keepdims=True) * ONE).astype(np.int64)
     errors = _rounded_potentials(inputs, registers, c[:, P33])
     errors += _rounded_current(p["I_e"], registers["i_offset"] / ONE / c[:, P30])
     return registers, (np.ones(1), np.ones(1)), c[:, P30] * ONE, errors
@@ -185,7 +191,7 @@ def _potentials(inputs: Inputs, leak: Floats) -> dict[str, Ints]:
     registers = {name: np.rint(p[word] * ONE).astype(np.int64) for name, word in names.items()}
     registers["exp_tc"] = np.rint(leak * ONE).astype(np.int64)
     registers["t_refract"] = np.rint(p["t_ref"] / h).astype(np.int64)
-    return registers
+    return registers | fall_register(inputs.part, ONE)
 
 
 def _rounded_potentials(inputs: Inputs, registers: dict[str, Ints], leak: Floats) -> list[Rounding]:
@@ -277,12 +283,11 @@ def lacking(inputs: Inputs) -> Iterator[Problem]:
     if ticks > LARGEST:
         why = f"{ticks:g} ticks, and t_refract holds at most {LARGEST}"
         yield refused(part, f"t_ref = {p['t_ref'].max():g} ms", why, f"use at most {LARGEST * h:g} ms")
-    if "V_min" in p and np.isfinite(p["V_min"]).any():
-        what = f"V_min = {p['V_min'].max():g} mV"
-        yield refused(part, what, "the chip's programs have no lowest potential", "leave V_min out")
+    yield from of_lowest(part)
     if p.get("refractory_input", np.zeros(1)).any():
         why = "the chip's programs lose input while a neuron is refractory"
         yield refused(part, "refractory_input", why, "leave it out")
+    yield from of_falls(part, "no released SpiNNaker binary has it: it is one subtraction in the same arithmetic")
 
 
 def other_receptor(inputs: Inputs, index: int) -> Iterator[Problem]:

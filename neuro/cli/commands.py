@@ -15,6 +15,7 @@ from typer.core import TyperCommand, TyperGroup
 from neuro.cli.catalogue import backends, models, schema
 from neuro.cli.chips import check, energy, fit, show
 from neuro.cli.compare import compare, verify
+from neuro.cli.convert import convert
 from neuro.cli.events import app as events
 from neuro.cli.run import plot, report, rerun, run
 from neuro.cli.start import example, new
@@ -150,6 +151,7 @@ COMMANDS = (
     plot,
     report,
     compare,
+    convert,
     check,
     show,
     fit,

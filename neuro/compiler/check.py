@@ -77,6 +77,12 @@ def naming_the_part(part: AnyPart, *path: str) -> Iterator[None]:
 
 def _check_population(part: Population, shape: Shape) -> None:
     model = part.model
+    if part.neurons is not None:
+        with naming_the_part(part, "neurons"):
+            listed = part.neurons.neurons.size
+        if listed != size(shape):
+            message = f"its table lists {listed} neurons: expected {size(shape)}, as many as its shape has"
+            refuse(part, message, "'shape: auto' takes it from the table", "shape")
     _check_whole(part, MODELS, type(model))
     if isinstance(model, spike_generator) and len(model.spike_times) not in (0, size(shape)):
         message = (

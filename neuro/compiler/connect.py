@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
-from typing import TypeAlias
+from typing import Any, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
@@ -28,7 +28,7 @@ from neuro.model.rules import (
     pairwise_bernoulli,
     symmetric_pairwise_bernoulli,
 )
-from neuro.program.program import Grid, Ints
+from neuro.program.program import Floats, Grid, Ints
 
 Apart: TypeAlias = Callable[[], Between]
 _DRAWS = 1 << 22
@@ -45,6 +45,7 @@ class Connections:
         order: for listed pairs that were not sorted: which listed pair each synapse is, else None.
         listed: the shapes that an array of weights may have; empty where synapses are drawn at random.
         shared: for synapses of which some share a drawn weight or delay: which draw each takes, else None.
+        factors: of "weight" or "delay", one for each synapse in the program's order; 1 for all where it is not there.
     """
 
     layout: str
@@ -54,6 +55,7 @@ class Connections:
     order: Ints | None = None
     listed: tuple[tuple[int, ...], ...] = ()
     shared: Ints | None = None
+    factors: Mapping[str, Floats] = field(default_factory=dict)
 
     def ends(self, synapse: int) -> tuple[int, int]:
         """Source and target of one synapse."""
@@ -268,7 +270,7 @@ def _both_ways(pre: Ints, post: Ints, n: int) -> Connections:
     return Connections("csr", len(place), row_ends, targets.astype(np.int32), shared=order % max(len(pre), 1))
 
 
-def _ends(pre: Ints, n_pre: int) -> Ints:
+def _ends(pre: NDArray[np.integer[Any]], n_pre: int) -> Ints:
     """Where the synapses of each source end, from those of all synapses."""
     return np.concatenate(([0], np.cumsum(np.bincount(pre, minlength=n_pre)))).astype(np.int64)
 
@@ -279,7 +281,19 @@ def _listed(pre: Ints, post: Ints, n_pre: int, n_post: int, name: str) -> Connec
             bad = int(np.flatnonzero(ids >= n)[0])
             message = f"{name}.{word}[{bad}] = {ids[bad]}: expected a neuron below {n}, the population's size"
             raise ModelError(message, path=(name, word))
-    place = pre * n_post + post
+    return listed(pre, post, n_pre, n_post, {})
+
+
+def listed(
+    pre: NDArray[np.integer[Any]],
+    post: NDArray[np.integer[Any]],
+    n_pre: int,
+    n_post: int,
+    factors: Mapping[str, Floats],
+) -> Connections:
+    """The synapses of listed pairs, sorted, with the factors of each."""
+    place = pre.astype(np.int64) * n_post + post
     order = None if np.all(place[1:] >= place[:-1]) else np.argsort(place, kind="stable")
     targets = (post if order is None else post[order]).astype(np.int32)
-    return Connections("csr", len(targets), _ends(pre, n_pre), targets, order, ((len(targets),),))
+    sorted_ = factors if order is None else {word: values[order] for word, values in factors.items()}
+    return Connections("csr", len(targets), _ends(pre, n_pre), targets, order, ((len(targets),),), factors=sorted_)

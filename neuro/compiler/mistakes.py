@@ -264,6 +264,8 @@ class _Search:
         """Whether a mistake only follows from a part of unknown kind."""
         beside = self.beside(path)
         ends = {words[0] for words in beside}
+        if error.missing and any(words[-1] == error.missing for words in beside):
+            return True
         if path[0] == "projections":
             return path[2:3] in (("weight",), ("synapse",)) and error.kind == "unit" and bool(ends & {"from", "to"})
         if path[0] == "populations":

@@ -24,6 +24,7 @@ from neuro.compiler.shapes import Shape, grid_of, resolve_shapes, size
 from neuro.compiler.space import Between, between
 from neuro.compiler.values import LONGEST_DELAY, Steps, delay_steps, one_delay, per_neuron, per_synapse, too_late
 from neuro.compiler.views import end_of, own_places, placed
+from neuro.compiler.wired import wired
 from neuro.core.checks import check
 from neuro.core.clock import NEVER, Clock
 from neuro.core.errors import ModelError
@@ -44,7 +45,7 @@ from neuro.model.neurons import (
     spike_train,
 )
 from neuro.model.parts import Population, Projection
-from neuro.model.rules import RULES, grid
+from neuro.model.rules import RULES, from_file, grid
 from neuro.model.space import PROFILES
 from neuro.model.synapses import SYNAPSES, DelayRule, Modulated, MoveRule, Synapse
 from neuro.program import program as resolved
@@ -278,7 +279,12 @@ def _projection(
         key = (seed, "connect", part.name)
         seen = cache(lambda: apart().among(source.ids, target.ids))
         to = None if room is None else room.targets
-        found = placed(connect(part.rule, source.shape, target.shape, own, sizes, key, seen, to), source, target)
+        if isinstance(part.rule, from_file):
+            found = wired(
+                part, part.rule, (net.populations[part.source], net.populations[part.target]), (source, target)
+            )
+        else:
+            found = placed(connect(part.rule, source.shape, target.shape, own, sizes, key, seen, to), source, target)
         ordered = many and not part.synapse.learns
         # Delays before weights, each with a key of its own: adding a distribution to one changes nothing of the other.
         drawn = generator(seed, "delay", part.name)
@@ -351,7 +357,8 @@ def _by_delay(part: Projection, found: Connections, delay: Steps, span: tuple[in
             pre = np.repeat(np.arange(found.row_ends.size - 1), np.diff(found.row_ends))[as_listed]
             post, late = found.targets[as_listed], delay[as_listed]
             if np.array_equal(np.lexsort((post, late, pre)), np.arange(found.size)):
-                return replace(found, targets=post, order=None), late
+                factors = {word: values[as_listed] for word, values in found.factors.items()}
+                return replace(found, targets=post, order=None, factors=factors), late
     return found, delay
 
 

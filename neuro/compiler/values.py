@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
+from dataclasses import replace
 from typing import Any, TypeAlias
 
 import numpy as np
@@ -14,7 +15,7 @@ from neuro.compiler.drawn import BLOCK, blocks
 from neuro.core.clock import Clock
 from neuro.core.errors import ModelError, words_of
 from neuro.core.keyed_random import generator
-from neuro.core.values import plain
+from neuro.core.values import plain, shown
 from neuro.model.distributions import Distribution, lognormal, normal, uniform
 from neuro.model.space import Profile, of_distance
 from neuro.program.program import Floats
@@ -60,6 +61,13 @@ def per_synapse(
         apart: gives what lies between neurons, for a function of distance.
         room: memory for the values of all synapses, which may be used.
     """
+    if what in found.factors:
+        own = replace(found, factors={})
+        factor = found.factors[what]
+        scaled = per_synapse(value, own, what, rng, apart) * factor if found.size else factor
+        if not np.isfinite(scaled).all():
+            raise ModelError(f"{what}: {shown(value)} x the file's values is too large: expected finite numbers")
+        return scaled + 0.0
     value = plain(value)
     if isinstance(value, Distribution):
         return _drawn(value, found, rng, room)
@@ -131,10 +139,15 @@ def delay_steps(
     apart: Apart,
     small: bool = False,
 ) -> Steps:
-    """Delays in steps. Drawn ones and those of distance are rounded, to at least one step; given ones lie on it.
+    """Delays in steps. Those drawn, of distance and of a file are rounded, to at least one step; given ones lie on it.
 
     With `small` drawn ones take a byte each where none is longer than 255 steps.
     """
+    if what in found.factors:
+        whole = np.maximum(np.rint(per_synapse(value, found, what, rng, apart) / clock.resolution), 1.0)
+        if whole.max(initial=1.0) > LONGEST_DELAY:
+            raise too_late(f"the longest {what}", int(whole.max()), clock)
+        return whole.astype(np.int32)
     value = plain(value)
     if isinstance(value, (Distribution, of_distance)):
         check_distribution(value, clock, what)

@@ -341,6 +341,17 @@ def _names(q: Quantity, value: Any, what: str) -> tuple[str, ...]:
     return tuple(items)
 
 
+def _words(q: Quantity, value: Any, what: str) -> dict[str, Any]:
+    """Numbers and texts, or lists of these, by name; a name may be written as a number."""
+    if not isinstance(value, Mapping) or not value:
+        raise wrong(q, value, what)
+    for name, given in value.items():
+        for item in given if isinstance(given, (list, tuple)) else (given,):
+            if not isinstance(item, str) and not is_number(item):
+                raise ModelError(f"{what}: {name} = {shown(item)}: expected a number or a text", path=(str(name),))
+    return {str(name): list(given) if isinstance(given, tuple) else given for name, given in value.items()}
+
+
 def _word(q: Quantity, value: Any, what: str) -> str:
     if not isinstance(value, str) or value not in q.words:
         raise wrong(q, value, what)
@@ -493,6 +504,7 @@ _CHECKERS: dict[str, Callable[[Quantity, Any, str], Any]] = {
     "name": _name,
     "receptor": _name,
     "names": _names,
+    "words": _words,
     "word": _word,
     "shape": _shape,
     "times": _times,

@@ -19,9 +19,9 @@ class Quantity:
             network), "receptor" (of neurons), "word" (one of `words`), "shape" (a list of integers), "times" (spike
             times, a list per neuron), "moments" (times at which something changes), "series" (values at moments, in a
             list or a row per neuron), "train" (spikes, a row of time and neuron for each), "ids", "delay" (a time that
-            is no number of the rule), "names" (a list of names), "part" (a `part`), "codes" (of `neuro.coding`),
-            "choice" (a `choice`; with bounds also a number), "file" (a path; in YAML inside the folder of the
-            description) or "events" (what holds events, in Python alone).
+            is no number of the rule), "names" (a list of names), "words" (values by name), "part" (a `part`),
+            "codes" (of `neuro.coding`), "choice" (a `choice`; with bounds also a number), "file" (a path; in YAML
+            inside the folder of the description) or "events" (what holds events, in Python alone).
         above, at_least, below, at_most: bounds of every element.
         nonzero: whether 0 has no meaning.
         infinite: whether an infinite value has a meaning.
@@ -76,6 +76,7 @@ class Quantity:
             "train": "a row for each spike: a time > 0 ms, not before the last one, and a neuron",
             "delay": "a time > 0 ms",
             "names": "names",
+            "words": "{name: value}",
             "codes": "a code, or a list of codes",
             "file": "the name of a file",
             "events": "events",

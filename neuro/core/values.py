@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass
+from pathlib import PurePath
 from typing import Any
 
 import numpy as np
@@ -62,6 +63,8 @@ def _text(value: Any) -> str:
         return f"{'-' * (value < 0)}1e{int(math.log10(abs(value)))} or more"
     if isinstance(value, type):
         return value.__name__
+    if isinstance(value, PurePath):
+        return repr(value.as_posix())
     if isinstance(value, float):
         text = repr(value).removesuffix(".0")
         return text if math.isfinite(value) else {"inf": ".inf", "-inf": "-.inf"}.get(text, ".nan")

@@ -14,9 +14,10 @@ from neuro.core.errors import ModelError, Where, here, unknown
 from neuro.core.quantities import Quantity
 from neuro.core.values import same, shown
 from neuro.model.distributions import Distribution
-from neuro.model.neurons import Model
+from neuro.model.neurons import Model, poisson_generator
 from neuro.model.parts import (
     AT,
+    AUTO,
     CHOSEN,
     DELAY,
     EVERY,
@@ -39,9 +40,10 @@ from neuro.model.parts import (
     Signal,
     Trials,
 )
-from neuro.model.rules import Rule
+from neuro.model.rules import Rule, from_file, one_to_one
 from neuro.model.synapses import Synapse, static
 from neuro.model.views import Laid, View, named, view
+from neuro.model.wiring.neurons import neuron_table
 
 P = TypeVar("P", bound=Part)
 
@@ -57,9 +59,11 @@ class Network(Description):
         place: where the next part comes from; None means the caller's line.
         inputs: the files that it was read from; none of one that was made in Python.
         latest: the part that was added last.
+        verdicts: what became of each node of a network that came from another tool; None of any other.
     """
 
     inputs: tuple[str, ...] = ()
+    verdicts: Any = None
 
     def __init__(self, name: str = "network", *, resolution: float = 0.1) -> None:
         self.name = check_name(name, "network", here())
@@ -81,6 +85,7 @@ class Network(Description):
         positions: Any = None,
         extent: Any = None,
         periodic: bool = False,
+        neurons: neuron_table | None = None,
     ) -> Population:
         """Add neurons of one model.
 
@@ -92,12 +97,20 @@ class Network(Description):
             positions: where neurons lie: coordinates, shape (n, 1 to 3); by the shape if not given, centred at 0.
             extent: length of each axis, in the unit of positions; without it neighbours are one unit apart.
             periodic: whether what leaves at one edge comes in at the other.
+            neurons: the table that lists its neurons; its rows are the shape if that is `"auto"`.
 
         Returns:
             The part, to be passed to `connect` and others.
         """
         what = f"population '{name}'"
+        if neurons is not None:
+            self._expect(neurons, neuron_table, what, "a table such as neuro.neuron_table('neurons.csv', id='id')")
         sizes = self._checked(SHAPE, shape, f"{what}: shape", ("shape",))
+        if neurons is not None and sizes == (AUTO,):
+            try:
+                sizes = (neurons.neurons.size,)
+            except ModelError as error:
+                raise error.at(self._where(), what) from None
         self._expect(model, Model, what, "a model such as neuro.iaf_psc_exp()")
         self._expect({} if initial is None else initial, Mapping, what, "states by name such as {'V_m': -60.0}")
         states = {s.name: s.quantity() for s in model.states if not s.hidden} if initial else {}
@@ -116,6 +129,7 @@ class Network(Description):
             positions=None if positions is None else self._array(POSITIONS, positions, what, "positions"),
             extent=None if extent is None else self._array(EXTENT, extent, what, "extent"),
             periodic=periodic is not False and self._checked(PERIODIC, periodic, f"{what}: periodic", ("periodic",)),
+            neurons=neurons,
         )
         return self._add(self.populations, part)
 
@@ -167,6 +181,46 @@ class Network(Description):
             (self.populations[pre], self.populations[post]),
         )
         return self._add(self.projections, part)
+
+    def wiring(
+        self,
+        name: str = "brain",
+        *,
+        neurons: neuron_table | str | Path,
+        edges: from_file | str | Path,
+        model: Model,
+        synapse: Synapse | None = None,
+        weight: Any = 1.0,
+        delay: Any = 1.0,
+        initial: Mapping[str, Any] | None = None,
+        drive: Any = None,
+    ) -> Population:
+        """Add the neurons of a wiring diagram as one population, and its edges as a projection onto itself.
+
+        Args:
+            name: of the population; the projection is called `name_name`.
+            neurons: the table of neurons, or its file.
+            edges: the list of edges, or its file.
+            model: of all neurons.
+            synapse: of all edges; static if not given.
+            weight: of one synapse: the factor on the weights of the file, see `neuro.from_file`.
+            delay: in ms, likewise.
+            initial: states at time 0.
+            drive: the weight of a spike of `sim.activate`: adds the population `name_drive`, a `poisson_generator` of
+                rate 0 for each neuron.
+
+        Returns:
+            The population; `where` chooses its neurons by columns of the table.
+        """
+        table = neuron_table(neurons) if isinstance(neurons, (str, Path)) else neurons
+        rule = from_file(edges) if isinstance(edges, (str, Path)) else edges
+        self._expect(rule, from_file, f"wiring '{name}': edges", "edges such as neuro.from_file('edges.csv')")
+        brain = self.population(name, AUTO, model, initial=initial, neurons=table)
+        self.connect(brain, brain, rule, synapse, weight=weight, delay=delay)
+        if drive is not None:
+            source = self.population(f"{name}_drive", brain.shape, poisson_generator(rate=0.0))
+            self.connect(source, brain, one_to_one(), weight=drive, delay=self.resolution)
+        return brain
 
     def signal(self, name: str, *, to: Population | str) -> Signal:
         """Add a signal: one value per neuron of `to`, set while running by `sim.signal`."""
@@ -246,7 +300,7 @@ class Network(Description):
     def __eq__(self, other: object) -> bool:
         if not isinstance(other, Network):
             return NotImplemented
-        skip = ("trials_origin", "place", "inputs", "latest")
+        skip = ("trials_origin", "place", "inputs", "latest", "verdicts")
         mine, theirs = vars(self), vars(other)
         return all(same(mine[k], theirs[k]) for k in mine if k not in skip)
 

@@ -10,13 +10,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from neuro.core.choice import Choice
-from neuro.core.errors import Where
+from neuro.core.errors import ModelError, Where
 from neuro.core.quantities import Quantity, Value, quantity, word_of
 from neuro.core.values import same
 from neuro.model.neurons import Model
 from neuro.model.rules import Rule
 from neuro.model.synapses import Synapse
 from neuro.model.views import View, count, view
+from neuro.model.wiring.neurons import neuron_table
 
 AUTO = "auto"
 WEIGHT = Quantity(doc="weight: mV or pA by the target's model", arrays=True, of_distance=True)
@@ -90,6 +91,7 @@ class Population(Part):
         positions: coordinates, one row for each neuron; None where they follow from the shape.
         extent: length of each axis; None where neighbours are one unit apart, or where edges are open.
         periodic: whether what leaves at one edge comes in at the other.
+        neurons: the table that lists its neurons, or None.
     """
 
     word: ClassVar[str] = "population"
@@ -101,6 +103,7 @@ class Population(Part):
     positions: Value = None
     extent: Value = None
     periodic: bool = False
+    neurons: neuron_table | None = None
 
     @property
     def sizes(self) -> tuple[int | str, ...]:
@@ -109,6 +112,20 @@ class Population(Part):
 
     def __getitem__(self, index: Any) -> View:
         return view(self, index)
+
+    def where(self, **only: Any) -> View:
+        """The neurons whose columns in the table of neurons have these values.
+
+        Args:
+            only: by column a value, or a list of values of which one fits.
+
+        Raises:
+            ModelError: the population has no table, or there is no such column, value or neuron.
+        """
+        if self.neurons is None:
+            message = f"population '{self.name}' has no table of neurons: expected one to choose by {', '.join(only)}"
+            raise ModelError(message, hint="neurons=neuro.neuron_table(file, id=...)")
+        return view(self, self.neurons.neurons.where(only))
 
     def __len__(self) -> int:
         return count(self)

@@ -164,19 +164,72 @@ class pairs(Rule):
 
 
 @dataclass(frozen=True, eq=False)
+class from_file(Rule):
+    """The edges that a file lists: CSV with a header, parquet, edges of SONATA, npz with a column each, or a matrix.
+
+    The file is read when the network is compiled. `pre` and `post` are ids of the tables of neurons of the two
+    populations, or neurons counted from 0 where a population has none. Edges from or onto neurons of a table that are
+    not in the population, or not in the view, are left out; an id that is in no table is an error. The weight of an
+    edge is the projection's weight x the column `weight` x the sign of its transmitter; its delay is the projection's
+    delay x the column `delay`, rounded to steps, at least one. Edges that connect the same pair stay apart, and their
+    weights add up where they arrive.
+    """
+
+    file: Any = quantity(None, "", "the edges", kind="file")
+    pre: str | None = quantity(None, "", "column of the sources; pre, of SONATA source_node_id", kind="name")
+    post: str | None = quantity(None, "", "column of the targets; post, of SONATA target_node_id", kind="name")
+    weight: str | None = quantity(None, "", "column of the weight or number of synapses; 1 if not given", kind="name")
+    delay: str | None = quantity(None, "", "column of the delay; 1 if not given", kind="name")
+    transmitter: str | None = quantity(None, "", "column of the transmitter", kind="name")
+    signs: Any = quantity(None, "", "transmitter: 1, -1, or 0, which leaves its edges out", kind="words")
+    dale: bool = quantity(
+        False, "", "whether the transmitter is one of the source neuron, a column of its table", kind="boolean"
+    )
+    where: Any = quantity((), "", 'the rows that are taken: comparisons such as "synapses >= 5"', kind="names")
+    layout: str = quantity(
+        "edges", "", "what a CSV is: a row for each edge, or a matrix", kind="word", words=("edges", "matrix")
+    )
+    key: str | None = quantity(None, "", "of HDF5: the population of edges", kind="name")
+    shuffle: str | None = quantity(
+        None, "", "what is drawn anew, as a control", kind="word", words=("edges", "signs", "weights")
+    )
+    shuffle_seed: int = quantity(0, "", "of those draws", kind="integer", at_least=0)
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        from neuro.model.wiring.filters import Condition
+
+        for text in self.where:
+            Condition(text)
+        if (self.transmitter is None) != (self.signs is None):
+            found, lacks = ("signs", "transmitter") if self.transmitter is None else ("transmitter", "signs")
+            hint = "transmitter: nt, signs: {GABA: -1, acetylcholine: 1}"
+            raise ModelError(f"from_file: found '{found}' without '{lacks}': expected both", hint=hint, path=(found,))
+        if self.dale and self.transmitter is None:
+            raise ModelError("from_file: found 'dale' without 'transmitter': expected both", path=("dale",))
+        for word, sign in (self.signs or {}).items():
+            if isinstance(sign, bool) or sign not in (-1, 0, 1):
+                raise ModelError(f"from_file.signs: {word} = {sign}: expected 1, -1 or 0", path=("signs", word))
+
+
+@dataclass(frozen=True, eq=False)
 class grid(Rule):
     """A sheet of neurons with one kernel per map, as a convolution.
 
     The source has the shape (channels, height, width) or (height, width), the target (maps, rows, columns).
-    Target (m, r, c) is reached from channel k, row r stride + i - padding, column c stride + j - padding with
-    the weight kernel[m, k, i, j]; the target's rows and columns may be `auto`. With padding `same` they are those of
-    the source divided by the stride, rounded up, and the border is spread evenly, an odd line of it at the end. With
-    `depthwise` each map is reached from one channel only, as many maps from each in order, with kernel[m, 0, i, j].
+    Target (m, r, c) is reached from channel k, row r stride + i - padding, column c stride + j - padding (or, there,
+    `column_padding`) with the weight kernel[m, k, i, j]; its rows and columns may be `auto`. With padding `same` they
+    are those of the source divided by the stride, rounded up, and the border is spread evenly, an odd line of it at the
+    end. With `depthwise` each map is reached from one channel only, as many maps from each in order, with
+    kernel[m, 0, i, j].
     """
 
     kernel: tuple[int, ...] = quantity(doc="height and width", kind="shape", at_least=1)
     stride: int = quantity(1, "", "step of the kernel", kind="integer", at_least=1)
     padding: int | str = quantity(0, "", "silent border round the source", kind="integer", at_least=0, words=(SAME,))
+    column_padding: int | None = quantity(
+        None, "", "border left and right, if other than above and below", kind="integer", at_least=0
+    )
     depthwise: bool = quantity(False, "", "whether a map is reached from one channel only", kind="boolean")
 
     def __post_init__(self) -> None:
@@ -185,6 +238,16 @@ class grid(Rule):
             raise ModelError(
                 f"grid.kernel = {list(self.kernel)}: expected two numbers, height and width", path=("kernel",)
             )
+        if self.column_padding is not None and not isinstance(self.padding, int):
+            message = f"grid.column_padding = {self.column_padding} beside padding: {self.padding}: expected numbers"
+            raise ModelError(message, path=("column_padding",), about=("padding",))
+
+    @property
+    def border(self) -> tuple[int, int] | None:
+        """Lines of the border above and below, and left and right; None where the sheet keeps its size."""
+        if not isinstance(self.padding, int):
+            return None
+        return self.padding, self.padding if self.column_padding is None else self.column_padding
 
 
 RULES: Registry[type[Rule]] = Registry(
@@ -199,6 +262,7 @@ RULES: Registry[type[Rule]] = Registry(
         symmetric_pairwise_bernoulli,
         distance_dependent,
         pairs,
+        from_file,
         grid,
     ),
     takes=lambda part: isinstance(part, type) and issubclass(part, Rule),

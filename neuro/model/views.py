@@ -323,12 +323,25 @@ def named(of: Any, populations: Mapping[str, Laid]) -> Any:
         raise unknown("population", name, populations)
     if isinstance(index, str):
         return view(populations[name], indices(index, name))
+    if isinstance(index, Mapping):
+        return _by_columns(populations[name], index)
     ids = isinstance(index, (list, tuple, range, np.ndarray))
     return view(populations[name], np.asarray(index) if ids else index)
 
 
+def _by_columns(population: Laid, only: Mapping[str, Any]) -> View:
+    """The neurons with these values in their table."""
+    where = getattr(type(population), "where", None)
+    if where is None:
+        raise ModelError(f"'{population.name}' has no table of neurons: expected an index, or ids")
+    found: View = where(population, **only)
+    return found
+
+
 def on_a_line(text: str, populations: Mapping[str, Laid]) -> Laid | View:
     """A population, or a view of it, as a command line says it: `exc`, `exc[:100]`, `grid[2:4, :]`, `exc[[3, 7]]`.
+
+    By columns of a table of neurons: `brain[type=KC, side=left]`.
 
     Args:
         text: what is said.
@@ -350,6 +363,9 @@ def on_a_line(text: str, populations: Mapping[str, Laid]) -> Laid | View:
         if not _LIST.fullmatch(index):
             raise ModelError(f"{name}: found '{index}': expected a list of ids such as [3, 7]")
         return view(populations[name], [int(neuron) for neuron in index[1:-1].split(",")])
+    if "=" in index:
+        pairs = (item.partition("=") for item in index.split(","))
+        return _by_columns(populations[name], {column.strip(): value.strip() for column, _, value in pairs})
     return view(populations[name], indices(index, name))
 
 

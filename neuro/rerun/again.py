@@ -130,9 +130,11 @@ def _network(results: Results, record: Mapping[str, Any], elsewhere: Mapping[str
     """
     for name, content in results.files.items():
         (folder / name).write_bytes(content)
-    parts = yaml.safe_load(results.files[YAML]).get("populations", {}).values()
-    models = [model for part in parts if isinstance(model := part.get("model"), dict)]
-    for name in {words["file"] for model in models for words in model.values() if "file" in (words or {})}:
+    description = yaml.safe_load(results.files[YAML])
+    parts = [*description.get("populations", {}).values(), *description.get("projections", {}).values()]
+    choices = [choice for part in parts for word in ("model", "rule") if isinstance(choice := part.get(word), dict)]
+    said = [*(words or {} for choice in choices for words in choice.values()), *(p.get("neurons", {}) for p in parts)]
+    for name in {words["file"] for words in said if "file" in words}:
         if (folder / name).exists():
             continue
         was = next((each for each in record.get("inputs", {}) if each.endswith(f"{os.sep}{name}")), name)

@@ -133,8 +133,11 @@ def record_of(net: Network, **of_a_run: Any) -> dict[str, Any]:
 
 
 def recordings_of(net: Network) -> dict[str, str]:
-    """Where the recordings lie that event cameras play, as attributes of results."""
+    """Where the recordings lie that event cameras play, and the files of wiring diagrams, as attributes of results."""
     files = {name: getattr(part.model, "file", None) for name, part in net.populations.items()}
+    tables = ((name, part.neurons) for name, part in net.populations.items())
+    files |= {f"{name}.neurons": table.file for name, table in tables if table is not None}
+    files |= {f"{name}.edges": getattr(part.rule, "file", None) for name, part in net.projections.items()}
     return {f"{RECORDING}{name}": os.path.abspath(file) for name, file in files.items() if isinstance(file, Path)}
 
 

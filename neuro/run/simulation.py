@@ -28,6 +28,7 @@ from neuro.program.program import Floats, Ints
 from neuro.run.finite import Watch
 from neuro.run.handles import Handles, Neurons
 from neuro.run.inputs import InputFeeder, StreamFeeder
+from neuro.run.lesions import driver, outgoing
 from neuro.run.ports import Port, Ports
 from neuro.run.progress import advance
 from neuro.run.records import Records
@@ -367,6 +368,41 @@ class Simulation:
         """
         self._inputs.feed(self.handles.neurons(of), events)
         self.steered["feed"] = None
+
+    @alone
+    def silence(self, of: Population | View | str) -> None:
+        """Cut neurons off: the weights of all synapses from them become 0, from the next step on.
+
+        They still receive, and what they fire is recorded; spikes under way arrive. `reset(weights=True)` undoes it.
+
+        Args:
+            of: the population, or a view of it.
+
+        Raises:
+            ModelError: synapses from them have one shared kernel.
+        """
+        neurons = self.handles.neurons(of)
+        for index in outgoing(self.program, neurons):
+            self._synapses.set(index, {"weight": 0.0}, self._synapses.chosen(index, None, of, None, some=True))
+        self.steered["silence"] = None
+
+    @alone
+    def activate(self, of: Population | View | str, rate: ArrayLike) -> None:
+        """Drive neurons by independent Poisson spikes, from the next step on.
+
+        The spikes are those of the `poisson_generator` that is connected to them one to one, as of
+        `net.wiring(drive=...)`, with the weight of that projection.
+
+        Args:
+            of: the population, or a view of it.
+            rate: in Hz, one for all or one for each; 0 ends it.
+
+        Raises:
+            ModelError: no such generator drives them, or a rate is below 0.
+        """
+        neurons = self.handles.neurons(of)
+        self._cells.set(driver(self.program, neurons), {"rate": rate})
+        self.steered["activate"] = None
 
     @alone
     def signal(self, of: Signal | str, values: ArrayLike) -> None:

@@ -330,7 +330,7 @@ def exact_changes(start: Start) -> Found:
 def exact_halving(start: Start) -> Found:
     """Potentials and currents of which half is left after a step; spikes and counts are compared."""
     net = driven(8, 0.3, tau_m=HALVED, V_th=5.3)
-    exponential = {"tau_m": HALVED, "tau_syn_ex": HALVED, "tau_syn_in": HALVED}
+    exponential: dict[str, Any] = {"tau_m": HALVED, "tau_syn_ex": HALVED, "tau_syn_in": HALVED}
     net.population("currents", 8, iaf_psc_exp(**exponential, C_m=1000.0, E_L=0.0, V_reset=0.0, V_th=5.3))
     weight = whole(-1, 3, (8, 8))
     net.connect("source", "cells", all_to_all(), weight=weight, delay=2.0)

@@ -157,6 +157,11 @@ def choices(draw, cls, names):
         said["values"] = draw(st.floats(0.5, 1.0) | arrays(st.floats(0.5, 1.0)))
     if cls is neuro.loihi_learning:
         said = {"dw": draw(st.sampled_from(["2^-2*x1*y0", "2^-2*x0*y0 - 2^-3*x0*w"])), "x1_impulse": 16, "x1_tau": 9}
+    if said.get("padding") == "same":
+        said.pop("column_padding", None)
+    if cls is neuro.from_file:
+        signed = {"transmitter": "nt", "signs": {"GABA": -1, "a, b": 1}, "where": ["n >= 5", "x*2 < 3"]}
+        said = {**draw(st.sampled_from([signed, {"where": "n > 0"}, {}])), "shuffle_seed": draw(st.integers(0, 9))}
     ordered = ("low", "high"), ("Wmin", "Wmax"), ("d_min", "d_max"), ("tau_s", "tau_m"), ("tau_rise", "tau_kappa")
     for low, high in ordered:
         if {low, high} <= set(cls.quantities()):

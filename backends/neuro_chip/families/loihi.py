@@ -11,6 +11,7 @@ from neuro.chips.loihi.arithmetic import KIND, LOIHI, word
 from neuro.chips.quantising.fixed import FixedPopulation, FixedProjection, Words
 from neuro.core.errors import ModelError
 from neuro.program.program import Floats, Ints
+from neuro_chip import tables as t
 from neuro_chip.families.family import ChipFamily
 from neuro_chip.families.loihi_step import lif
 from neuro_chip.tables import Arrays
@@ -19,6 +20,8 @@ from neuro_chip.tables import Arrays
 def _write(a: Arrays, row: NDArray[np.int64], here: slice, r: Mapping[str, Ints]) -> None:
     a["keep_u"][here] = 4095 - r["du"]
     a["keep_v"][here] = 4096 - r["dv"]
+    row[t.LOWEST] = int(r["v_min"][0]) if "v_min" in r else -(2**23) + 1
+    a["fall"][here] = r.get("fall", 0)
     a["threshold"][here] = r["vth"] * 64
     a["bias"][here] = r["bias_mant"] << r["bias_exp"]
     a["refractory"][here] = r["refractory"] - 1

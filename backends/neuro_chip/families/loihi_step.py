@@ -27,6 +27,7 @@ def lif(net, pop, row, step):
         net.threshold[lo:hi],
         net.bias[lo:hi],
         net.fired[lo:hi],
+        i32(row[t.LOWEST]),
     )
     net.native[pop, t.INPUT_WRAPS] += inputs
     net.native[pop, t.WRAPS] += currents
@@ -49,7 +50,7 @@ def kept(value, share):
 
 
 @subkernel
-def step_loihi(x, v, u, hold, keep_u, keep_v, threshold, bias, fired):
+def step_loihi(x, v, u, hold, keep_u, keep_v, threshold, bias, fired, lowest):
     """Loihi 1's compartments; return how many inputs, currents and drives wrapped and voltages were clipped.
 
     The input of a step is kept in units of 64, so that its 22 bits are 16 of x; u and u + bias have 24.
@@ -74,7 +75,7 @@ def step_loihi(x, v, u, hold, keep_u, keep_v, threshold, bias, fired):
         drives = i32(drives + i32(drive != driven))
         clips = i32(clips + i32(free & i32(clipped != w)))
         # While refractory the voltage is held at 0, Loihi's reset, but the current goes on.
-        clipped = i32(clipped * free)
+        clipped = i32(max(clipped, lowest) * free)
         x[i] = ZERO
         u[i] = now
         v[i] = clipped

@@ -21,6 +21,8 @@ _SLOW_DECAYS = ("exc_decay", "exc_init", "inh_decay", "inh_init")
 
 def _write(a: Arrays, row: NDArray[np.int64], here: slice, r: Mapping[str, Ints]) -> None:
     a["keep_v"][here] = r["exp_tc"]
+    row[t.LOWEST] = int(r["v_min"][0]) if "v_min" in r else -(2**31) + 1
+    a["fall"][here] = r.get("fall", 0)
     a["threshold"][here] = r["v_thresh"]
     a["bias"][here] = r["i_offset"]
     a["refractory"][here] = r["t_refract"]

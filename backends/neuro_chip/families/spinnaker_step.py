@@ -36,7 +36,7 @@ def delta(net, pop, row, step):
     below = begin + row[t.SLOTS] * n
     exc, inh = net.ring[begin : begin + n], net.ring[below : below + n]
     v, hold, fired = net.v[lo:hi], net.hold[lo:hi], net.fired[lo:hi]
-    saturated, wraps = step_delta(exc, inh, v, hold, net, lo, row[t.EXC_SHIFT], row[t.INH_SHIFT], fired)
+    saturated, wraps = step_delta(exc, inh, v, hold, net, lo, row[t.EXC_SHIFT], row[t.INH_SHIFT], row[t.LOWEST], fired)
     net.native[pop, t.SATURATIONS] += saturated
     net.native[pop, t.WRAPS] += wraps
 
@@ -94,7 +94,7 @@ def step_spinnaker(exc, inh, v, g_exc, g_inh, hold, r, first, shift_exc, shift_i
 
 
 @subkernel
-def step_delta(exc, inh, v, hold, r, first, shift_exc, shift_inh, fired):
+def step_delta(exc, inh, v, hold, r, first, shift_exc, shift_inh, lowest, fired):
     """Delta-input neurons in SpiNNaker's arithmetic; return how many slots were saturated and values wrapped."""
     saturated = 0
     wraps = 0
@@ -111,6 +111,6 @@ def step_delta(exc, inh, v, hold, r, first, shift_exc, shift_inh, fired):
         above = np.int64(v[k]) - np.int64(r.v_rest[i])
         now = np.int64(r.v_rest[i]) + product(i32(above), r.keep_v[i]) + np.int64(r.bias[i]) + x
         wraps += (i32(above) != above) | (i32(now) != now)
-        v[k] = i32(now)
+        v[k] = max(i32(now), i32(lowest))
         fired[k] = v[k] >= r.threshold[i]
     return saturated, wraps

@@ -110,6 +110,8 @@ def _unfit_cells(part: Population) -> list[str]:
     if part.model.name not in CELLS:
         return [f"scans support only {' and '.join(CELLS)}, not {part.model.name}"]
     p = part.parameters
+    if np.any(p["reset_by_subtraction"] != 0.0):
+        return ["its potential falls at a spike instead of being reset"]
     if part.model.name == "iaf_psc_delta":
         return ["it keeps input while refractory"] if np.any(p["refractory_input"] != 0.0) else []
     if isinstance(part.model, Neuron) and part.model.receptors > 2:

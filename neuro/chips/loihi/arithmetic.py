@@ -27,21 +27,27 @@ The registers' limits, weight words and parts that are described in registers co
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from neuro.chips.arithmetic import Arithmetic, Option, is_positive, is_whole
-from neuro.chips.arrival_rule import register
+from neuro.chips.arrival_rule import acts_late, register
 from neuro.chips.loihi.learning import give_rules
 from neuro.chips.quantising import rounding
 from neuro.chips.quantising.fixed import FixedPopulation, FixedProjection, Rounding, WeightRounding, Words
 from neuro.chips.quantising.inputs import (
     Inputs,
     Options,
+    approximated,
     constants_of,
     converging,
+    fall_register,
+    falls,
+    has_lowest,
+    of_falls,
+    of_lowest,
     one_kernel,
     refused,
     too_long,
@@ -235,7 +241,8 @@ def described(inputs: Inputs) -> Described:
         tau = "tau_syn_in" if only_inhibitory(inputs) else "tau_syn_ex"
         gain, fade = (c[:, P32_IN], c[:, P11_IN]) if tau == "tau_syn_in" else (c[:, P32_EX], c[:, P11_EX])
         gain = np.where(np.isfinite(gain) & (gain > 0.0), gain, 1.0)  # always so where the time constants are accepted
-        current = (part.initial["I_syn_ex"] + part.initial["I_syn_in"]) * gain / fade
+        current = (part.initial["I_syn_ex"] + part.initial["I_syn_in"]) * gain
+        current = current / fade if acts_late(part.model) else current
     drift = c[:, P30]
     bias = np.unique(c[:, I_E] * drift)
     drive = np.abs(c[:, I_E] * drift) + inputs.current * np.abs(drift)
@@ -401,7 +408,8 @@ def population(inputs: Inputs, options: Options) -> tuple[FixedPopulation, dict[
     volt = float(options.of("scales", part.name) or choose_scale(inputs, d))
     problems += overflows(part, d, volt)
     registers, errors = _registers(inputs, d, volt)
-    ampere = () if not d.tau else (volt * d.gain / d.fade,) * 2
+    problems += _rounded_lowest(part, registers, volt)
+    ampere = () if not d.tau else (volt * d.gain / (d.fade if acts_late(part.model) else 1.0),) * 2
     initial = {name: np.rint(volt * values).astype(np.int64) for name, values in (("v", d.start), ("u", d.current))}
     fixed = FixedPopulation(
         part.name,
@@ -438,15 +446,35 @@ def _registers(inputs: Inputs, d: Described, volt: float) -> tuple[dict[str, Int
         got = (bias_mant << bias_exp) / (volt * d.drift)
         errors.append(rounding.worst("I_e", "pA", p["I_e"], got, float(np.abs(p["I_e"]).max())))
     errors.append(rounding.worst("t_ref", "ms", p["t_ref"], (refractory - 1) * h, 1.0))
-    registers = {
-        "du": np.clip(du, 0, 4095),
-        "dv": np.clip(dv, 0, 4095),
-        "vth": np.clip(vth, 0, VTH_LIMIT),
-        "bias_mant": np.clip(bias_mant, -BIAS_MANTISSA - 1, BIAS_MANTISSA),
-        "bias_exp": bias_exp,
-        "refractory": np.clip(refractory, 1, REFRACTORY_LIMIT),
-    }
+    registers = (
+        fall_register(inputs.part, volt)
+        | _lowest(inputs.part, volt)
+        | {
+            "du": np.clip(du, 0, 4095),
+            "dv": np.clip(dv, 0, 4095),
+            "vth": np.clip(vth, 0, VTH_LIMIT),
+            "bias_mant": np.clip(bias_mant, -BIAS_MANTISSA - 1, BIAS_MANTISSA),
+            "bias_exp": bias_exp,
+            "refractory": np.clip(refractory, 1, REFRACTORY_LIMIT),
+        }
+    )
     return {name: np.atleast_1d(values).astype(np.int64) for name, values in registers.items()}, tuple(errors)
+
+
+def _lowest(part: Population, volt: float) -> dict[str, Ints]:
+    """The register of the lowest voltage: 1 - 2^n with n a whole number."""
+    if not has_lowest(part):
+        return {}
+    depth = volt * float((part.parameters["E_L"] - part.parameters["V_min"]).max())
+    return {"v_min": np.array([1 - 2 ** round(np.log2(max(depth, 0.0) + 1.0))])}
+
+
+def _rounded_lowest(part: Population, registers: Mapping[str, Ints], volt: float) -> Iterator[Problem]:
+    """What the register makes of the lowest potential."""
+    if "v_min" in registers:
+        got = float(part.parameters["E_L"].min()) + registers["v_min"][0] / volt
+        what = f"V_min = {part.parameters['V_min'].min():g} mV"
+        yield approximated(part, what, f"a core's register holds a power of two: {got:.4g} mV")
 
 
 def threshold(distance: Floats) -> Ints:
@@ -508,9 +536,15 @@ def projection(
 GENTLE = 1e-6
 
 
+SOFT_RESET = (
+    "takes two compartments a neuron, the second of which inhibits the first (Rueckauer et al., ACM J. Emerg. Technol. "
+    "Comput. Syst. 18:48, 2022); only one is placed and priced"
+)
+
+
 def lacking(inputs: Inputs) -> list[Problem]:
     """All that a compartment lacks of a population, whatever its scale."""
-    return [*_times(inputs), *_potentials(inputs), *_input(inputs)]
+    return [*_times(inputs), *_potentials(inputs), *_input(inputs), *of_falls(inputs.part, SOFT_RESET)]
 
 
 def _times(inputs: Inputs) -> Iterator[Problem]:
@@ -536,7 +570,7 @@ def _times(inputs: Inputs) -> Iterator[Problem]:
 def _potentials(inputs: Inputs) -> Iterator[Problem]:
     """Potentials that a compartment cannot tell apart, or has not."""
     part, p = inputs.part, inputs.part.parameters
-    off = np.flatnonzero(np.broadcast_to(p["V_reset"] != p["E_L"], part.size))
+    off = np.flatnonzero(np.broadcast_to((p["V_reset"] != p["E_L"]) & ~falls(part), part.size))
     if off.size:
         v_reset, e_l = value_at(part, "V_reset", off[0]), value_at(part, "E_L", off[0])
         yield refused(
@@ -554,9 +588,7 @@ def _potentials(inputs: Inputs) -> Iterator[Problem]:
             f"the threshold register is unsigned, so V_th must be above E_L = {e_l:g} mV",
             "raise V_th or lower E_L, or run on spinnaker",
         )
-    if "V_min" in p and np.isfinite(p["V_min"]).any():
-        what = f"V_min = {p['V_min'].max():g} mV"
-        yield refused(part, what, "a compartment has no lowest potential", "leave V_min out")
+    yield from of_lowest(part)
 
 
 def _input(inputs: Inputs) -> Iterator[Problem]:

@@ -24,7 +24,7 @@ from neuro.program.program import Floats, Program
 if TYPE_CHECKING:
     from neuro.chips.placing.placement import Placement
 
-OPS = {"iaf_psc_delta": 4, "iaf_psc_exp": 8, "iaf_psc_alpha": 24}
+OPS = {"iaf_psc_delta": 4, "iaf_psc_exp": 8, "cuba_lif": 8, "iaf_psc_alpha": 24}
 """Operations per membrane update, as NeuroBench counts them for snnTorch's Leaky, Synaptic and Alpha, reset to 0."""
 
 _COSTS = {

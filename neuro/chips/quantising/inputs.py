@@ -8,6 +8,7 @@ from functools import cached_property
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from neuro.chips.arrival_rule import lag, longest_lag
 from neuro.chips.description import Chip
@@ -143,6 +144,54 @@ def constants_of(part: Population, resolution: float) -> Floats:
         model.arithmetic.constants(row, resolution, c)
     found: Floats = constants[back.reshape(-1)]
     return found
+
+
+def falls(part: Population) -> NDArray[np.bool_]:
+    """Of each neuron, or of the one that all are like, whether V_m falls at a spike instead of being reset."""
+    found: NDArray[np.bool_] = part.parameters.get("reset_by_subtraction", np.zeros(1)) != 0.0
+    return found
+
+
+def fall_register(part: Population, unit: float) -> dict[str, Ints]:
+    """How far the voltage register falls at a spike, of `unit` a mV; none where V_m is reset."""
+    if not falls(part).any():
+        return {}
+    p = part.parameters
+    return {"fall": np.atleast_1d(np.rint(unit * (p["V_th"] - p["V_reset"]) * falls(part)).astype(np.int64))}
+
+
+def has_lowest(part: Population) -> bool:
+    """Whether its potential is bounded from below."""
+    return bool(np.isfinite(part.parameters.get("V_min", np.array([-np.inf]))).any())
+
+
+def of_lowest(part: Population) -> Iterator[Problem]:
+    """Lowest potentials that one register of a population cannot be."""
+    if not has_lowest(part):
+        return
+    p = part.parameters
+    if np.unique(p["V_min"]).size > 1:
+        why = "one register of a core holds the lowest potential of its neurons"
+        yield refused(part, "V_min differs from neuron to neuron", why, "use one V_min for all")
+    elif np.any(p["V_min"] > p["E_L"]):
+        what = f"V_min = {p['V_min'].max():g} mV"
+        yield refused(part, what, "the lowest potential is above E_L", "lower V_min")
+
+
+def of_falls(part: Population, how: str) -> Iterator[Problem]:
+    """What a chip lacks, or does otherwise, of neurons whose potential falls at a spike."""
+    if not falls(part).any():
+        return
+    if np.any(part.parameters["t_ref"] > 0.0):
+        why = "a neuron that is held would fire with what is left of its voltage"
+        yield refused(part, "reset_by_subtraction with t_ref above 0", why, "give it t_ref: 0")
+    yield approximated(part, "reset_by_subtraction", how)
+    if np.any(part.parameters.get("threshold_rises", np.zeros(1)) != 0.0):
+        why = "a compartment fires at its threshold, also with what is left after a spike"
+        yield approximated(part, "threshold_rises", why)
+    if np.any(part.parameters.get("max_spikes", np.ones(1)) > 1.0):
+        why = "a neuron fires once in a step here: what is left above the threshold fires in the next"
+        yield approximated(part, "max_spikes above 1", why)
 
 
 def value_at(part: Population, name: str, neuron: int) -> float:

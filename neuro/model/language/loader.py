@@ -1,7 +1,8 @@
 """A description in YAML to a `Network`.
 
-Neurons of a population are its name, `{exc: "0:100"}`, `{grid: "2:4, :"}`, or ids in a list or a file. On a command
-line the same index stands behind the name: `exc[0:100]`, `grid[2:4, :]`, ids as `exc[[3, 7]]`.
+Neurons of a population are its name, `{exc: "0:100"}`, `{grid: "2:4, :"}`, ids in a list or a file, or, by columns of
+its table of neurons, `{brain: {type: KC, side: left}}`. On a command line the same index stands behind the name:
+`exc[0:100]`, `grid[2:4, :]`, ids as `exc[[3, 7]]`, columns as `brain[type=KC, side=left]`.
 """
 
 from __future__ import annotations
@@ -27,13 +28,14 @@ from neuro.model.language.reader import Node
 from neuro.model.language.sources import gather
 from neuro.model.network import Network, check_name
 from neuro.model.neurons import Model
-from neuro.model.parts import CHOSEN, DELAY, EXTENT, POSITIONS, WEIGHT, Population, Trials
+from neuro.model.parts import AUTO, CHOSEN, DELAY, EXTENT, POSITIONS, WEIGHT, Population, Trials
 from neuro.model.synapses import static
 from neuro.model.views import indices, view
+from neuro.model.wiring.neurons import neuron_table
 
 VALUES = {"weight": WEIGHT, "delay": DELAY}
 PLACES = {"positions": POSITIONS, "extent": EXTENT}
-OF_POPULATIONS = ("model", "shape", "initial", *PLACES, "periodic")
+OF_POPULATIONS = ("model", "shape", "initial", *PLACES, "periodic", "neurons")
 
 
 def load(path: str | Path, params: Mapping[str, Any] | None = None) -> Network:
@@ -123,7 +125,8 @@ class _Builder:
             of[name] = model
 
     def population(self, name: str, node: Node) -> None:
-        said = part(node, OF_POPULATIONS, "a population", ("model", "shape"))
+        listed = isinstance(node.value, dict) and "neurons" in node.value
+        said = part(node, OF_POPULATIONS, "a population", ("model",) if listed else ("model", "shape"))
         model = self.by_name(said["model"])
         initial = {}
         if "initial" in said:
@@ -133,8 +136,11 @@ class _Builder:
         places = {word: value(q, said[word], word) for word, q in PLACES.items() if word in said}
         if "periodic" in said:
             places["periodic"] = plain(said["periodic"])
+        if listed:
+            places["neurons"] = with_parameters(neuron_table, said["neurons"])
+        shape = plain(said["shape"]) if "shape" in said else AUTO
         with about(node):
-            self.net.population(name, plain(said["shape"]), model, initial=initial, **places)
+            self.net.population(name, shape, model, initial=initial, **places)
 
     def by_name(self, node: Node) -> Model:
         """The model of a population; one that is said by its name alone is made once."""
@@ -226,6 +232,9 @@ def neurons(node: Node, populations: Mapping[str, Population], role: str) -> Any
         error = unknown("population", name, populations)
         raise error.at(index.label, role)
     with within(role):
+        if isinstance(index.value, dict) and "file" not in index.value:
+            with about(index):
+                return populations[name].where(**plain(index))
         chosen = _index(index, populations[name])
         with about(index):
             ids = isinstance(chosen, (list, FromFile))

@@ -42,6 +42,7 @@ from neuro.model.parts import (
 )
 from neuro.model.synapses import SYNAPSES
 from neuro.model.views import AXIS
+from neuro.model.wiring.neurons import neuron_table
 
 Schema = dict[str, Any]
 _NAME = r"^[\w.-]+$"
@@ -141,7 +142,8 @@ def _population(own: bool) -> Schema:
     initial = {**(any_state if own else _closed(known)), "description": INITIAL.doc}
     model = _chosen("model", MODELS, own)
     places = {"positions": _array(POSITIONS), "extent": _array(EXTENT), "periodic": _quantity(PERIODIC, False)}
-    return _closed({"model": model, "shape": _quantity(SHAPE), "initial": initial, **places}, ["model", "shape"])
+    words = {"model": model, "shape": _quantity(SHAPE), "initial": initial, **places, "neurons": _words(neuron_table)}
+    return {**_closed(words, ["model"]), "anyOf": [{"required": ["shape"]}, {"required": ["neurons"]}]}
 
 
 def _array(q: Quantity) -> Schema:
@@ -185,6 +187,7 @@ def _neurons(description: str, ids: bool = False) -> Schema:
         {"type": "integer"},
         {"type": "array", "items": {"type": "integer", "minimum": 0}, "minItems": 1},
         {"$ref": "#/$defs/file"},
+        {**_by_name(), "not": {"required": ["file"]}},
         _PARAMETER,
     ]
     one: Schema = {
@@ -196,6 +199,13 @@ def _neurons(description: str, ids: bool = False) -> Schema:
     }
     alone = index[1:3] if ids else []
     return {"anyOf": [{"type": "string"}, one, *alone], "description": description}
+
+
+def _by_name() -> Schema:
+    """Values, or lists of them, by name."""
+    one: Schema = {"type": ["string", "number"]}
+    values: Schema = {"anyOf": [one, {"type": "array", "items": one}]}
+    return {"type": "object", "minProperties": 1, "additionalProperties": values}
 
 
 def _text(description: str) -> Schema:
@@ -318,6 +328,8 @@ def _accepted(q: Quantity) -> list[Schema]:
             return [{"type": "array", "items": {"anyOf": sizes}, "minItems": 1}, *sizes]
         case "names":
             return [{"type": "string"}, {"type": "array", "items": {"type": "string"}}]
+        case "words":
+            return [_by_name()]
         case "ids" | "times" | "moments" | "series" | "train":
             return [numbers, file, _PARAMETER]
         case "codes":

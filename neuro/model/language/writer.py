@@ -197,6 +197,7 @@ def describe(net: Description, arrays: Arrays) -> dict[str, Any]:
             "model": _choice(p.model, arrays, f"{p.name}.model"),
             "shape": list(p.shape),
             **_values(_space(p), arrays, p.name),
+            **({} if p.neurons is None else {"neurons": _parameters(p.neurons, arrays, f"{p.name}.neurons")}),
             **({"initial": _values(p.initial, arrays, f"{p.name}.initial")} if p.initial else {}),
         }
         for p in net.populations.values()
@@ -301,7 +302,7 @@ def _value(value: Any, arrays: Arrays, key: str) -> Any:
     if isinstance(value, tuple) and value and all(isinstance(item, Choice) for item in value):
         items = [_value(item, arrays, f"{key}.{k}") for k, item in enumerate(value)]
         return items[0] if len(items) == 1 else items
-    return list(value) if isinstance(value, tuple) else value
+    return plain_words(value) if isinstance(value, tuple | Mapping) else value
 
 
 def _table(rows: tuple[NDArray[Any], ...]) -> NDArray[np.float64]:

@@ -3,6 +3,7 @@
 from neuro.model.neurons.aeif_cond_exp import aeif_cond_exp as aeif_cond_exp
 from neuro.model.neurons.aeif_psc_exp import aeif_psc_exp as aeif_psc_exp
 from neuro.model.neurons.chip_neurons import loihi_lif as loihi_lif, spinnaker_lif as spinnaker_lif
+from neuro.model.neurons.cuba_lif import cuba_lif as cuba_lif
 from neuro.model.neurons.current_generators import (
     ac_generator as ac_generator,
     dc_generator as dc_generator,

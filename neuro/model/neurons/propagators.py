@@ -16,6 +16,9 @@ import math
 from dataclasses import dataclass
 from typing import ClassVar
 
+import numpy as np
+
+from neuro.core.errors import ModelError
 from neuro.core.quantities import Value, quantity
 from neuro.model.neurons.base import Resting
 
@@ -49,6 +52,40 @@ class LeakyWithCurrents(Leaky):
     I_e: Value = quantity(0.0, "pA", "constant current", arrays=True)
     tau_syn_ex: Value = quantity(2.0, "ms", "decay of the excitatory current", above=0, arrays=True)
     tau_syn_in: Value = quantity(2.0, "ms", "decay of the inhibitory current", above=0, arrays=True)
+
+
+FALL = "V_m falls by V_th - V_reset at a spike, instead of to V_reset"
+"""What the parameter `reset_by_subtraction` means."""
+
+
+def check_fall(model, parameters):
+    """Refuse several spikes in a step of neurons that are reset to a value."""
+    falls = np.any(parameters.get("reset_by_subtraction", 0.0) != 0.0)
+    several = np.any(parameters.get("max_spikes", 1.0) != 1.0)
+    if several and not falls:
+        raise ModelError("max_spikes above 1: expected reset_by_subtraction: true", path=(model, "max_spikes"))
+    if np.any(parameters.get("threshold_rises", 0.0) != 0.0) and (several or not falls):
+        message = "threshold_rises: expected reset_by_subtraction: true, and max_spikes: 1"
+        raise ModelError(message, path=(model, "threshold_rises"))
+
+
+def fall_of(falls, v_th, v_reset):
+    """How far V falls at a spike; 0: it goes to V_reset."""
+    return v_th - v_reset if falls != 0.0 else 0.0
+
+
+def spikes_in(v, v_th, fall, most):
+    """How often V reaches the threshold in a step if it falls each time."""
+    count = 0
+    while v >= v_th and count < most:
+        v -= fall
+        count += 1
+    return count
+
+
+def after_spike(v, v_th, v_reset, fall, most):
+    """V after the spikes of a step."""
+    return v_reset if fall == 0.0 else v - fall * spikes_in(v, v_th, fall, most)
 
 
 def leak(tau_m, h):

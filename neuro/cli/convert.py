@@ -1,0 +1,129 @@
+"""Networks of other tools: `neuro convert`."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, TypeVar
+
+import typer
+
+from neuro.cli.options import milliseconds
+
+if TYPE_CHECKING:
+    from neuro.exchange.verdict import Verdicts
+    from neuro.model.network import Network
+
+
+T = TypeVar("T")
+
+
+@dataclass(frozen=True, slots=True)
+class Options:
+    """What the user says beside the files.
+
+    Attributes:
+        dt: length of a step in ms, None if not given.
+        written_by: the tool that wrote the source, None if not given.
+        read_by: the tool that is to read the destination, None if not given.
+        reset: what a spike does, None if not given.
+    """
+
+    dt: float | None
+    written_by: str | None
+    read_by: str | None
+    reset: str | None
+
+
+def _read_yaml(file: Path, options: Options) -> tuple[Network | None, Verdicts | None]:
+    from neuro.model.language import load
+
+    return load(file), None
+
+
+def _read_nir(file: Path, options: Options) -> tuple[Network | None, Verdicts | None]:
+    from neuro.core.errors import ModelError
+    from neuro.exchange.nir.importing import check_nir, from_nir
+
+    if options.dt is None:
+        raise ModelError(f"{file}: NIR has no steps: expected the length of one", hint="--dt 1, in ms")
+    table = check_nir(file, options.dt, options.written_by, reset=options.reset)
+    if table.refused:
+        return None, table
+    return from_nir(file, options.dt, options.written_by, reset=options.reset), table
+
+
+def _write_yaml(net: Network, file: Path, options: Options) -> Verdicts | None:
+    net.save(file)
+    return None
+
+
+def _write_nir(net: Network, file: Path, options: Options) -> Verdicts | None:
+    from neuro.exchange.nir.exporting import save_nir
+
+    return save_nir(net, file, options.dt, options.read_by)
+
+
+def _write_sonata(net: Network, file: Path, options: Options) -> Verdicts | None:
+    from neuro.exchange.sonata import save_sonata
+    from neuro.run.compiled import compile
+
+    return save_sonata(compile(net), file)
+
+
+READERS: dict[str, Callable[[Path, Options], tuple[Network | None, Verdicts | None]]] = {
+    ".yaml": _read_yaml,
+    ".yml": _read_yaml,
+    ".nir": _read_nir,
+}
+"""What reads a network and says what becomes of its nodes, by the ending of a file; no network if one is refused."""
+
+WRITERS: dict[str, Callable[[Network, Path, Options], Verdicts | None]] = {
+    ".yaml": _write_yaml,
+    ".yml": _write_yaml,
+    ".nir": _write_nir,
+    ".json": _write_sonata,
+}
+"""What writes one."""
+
+Source = Annotated[Path, typer.Argument(metavar="SRC", help="The network to read.")]
+Destination = Annotated[Path, typer.Argument(metavar="DST", help="The file to write.")]
+Dt = Annotated[float | None, typer.Option("--dt", metavar="MS", parser=milliseconds, help="Length of a step, in ms.")]
+From = Annotated[
+    str | None, typer.Option("--from", metavar="TOOL", help="The tool that wrote SRC: norse, snntorch, sinabs, ...")
+]
+For = Annotated[str | None, typer.Option("--for", metavar="TOOL", help="The tool that reads DST.")]
+Reset = Annotated[
+    str | None,
+    typer.Option("--reset", metavar="WORD", help="What a spike does in SRC: to_value, subtract or subtract_next."),
+]
+Json = Annotated[bool, typer.Option("--json", help="Print the verdicts as JSON instead of a table.")]
+
+
+def convert(
+    source: Source,
+    destination: Destination,
+    dt: Dt = None,
+    written_by: From = None,
+    read_by: For = None,
+    reset: Reset = None,
+    as_json: Json = False,
+) -> None:
+    """Convert a network from or to the format of another tool, chosen by the endings, with a verdict for each node."""
+    read, write = _of(READERS, source, "read"), _of(WRITERS, destination, "written")
+    options = Options(dt, written_by, read_by, reset)
+    net, table = read(source, options)
+    if net is not None:
+        table = write(net, destination, options) or table
+    if table is not None:
+        typer.echo(table.to_json() if as_json else str(table))
+        table.check()
+
+
+def _of(table: dict[str, T], file: Path, done: str) -> T:
+    from neuro.core.errors import ModelError
+
+    if file.suffix not in table:
+        raise ModelError(f"{file}: cannot be {done}: expected a name ending in {', '.join(sorted(table))}")
+    return table[file.suffix]

@@ -1,0 +1,49 @@
+"""Neurons that are silenced or activated: which synapses and which generators that concerns."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from neuro.core.errors import ModelError
+from neuro.program.program import Program
+from neuro.run.handles import Neurons
+
+
+def outgoing(program: Program, neurons: Neurons) -> list[int]:
+    """The projections that have synapses from some neurons.
+
+    Raises:
+        ModelError: one has a kernel that all its neurons share.
+    """
+    found = [k for k, part in enumerate(program.projections) if part.source == neurons.index and part.size]
+    for part in (program.projections[k] for k in found):
+        if part.grid is not None:
+            message = (
+                f"silence: {neurons.text}: '{part.name}' has one kernel for all: expected a weight for each synapse"
+            )
+            raise ModelError(message)
+    among = neurons.among()
+    return [k for k in found if _reaches(program, k, among)]
+
+
+def _reaches(program: Program, index: int, among: NDArray[np.bool_]) -> bool:
+    """Whether a projection has synapses from some neurons."""
+    part = program.projections[index]
+    return part.layout != "csr" or bool((part.row_ends[1:] > part.row_ends[:-1])[among].any())
+
+
+def driver(program: Program, neurons: Neurons) -> Neurons:
+    """The generators that drive some neurons one to one.
+
+    Raises:
+        ModelError: there are none.
+    """
+    for part in program.projections:
+        source = program.populations[part.source]
+        if part.target == neurons.index and part.layout == "one_to_one" and source.kind == "poisson":
+            return Neurons(part.source, source, neurons.end)
+    message = (
+        f"activate: {neurons.text}: expected a poisson_generator that is connected to '{neurons.part.name}' one_to_one"
+    )
+    raise ModelError(message, hint="net.wiring(..., drive=weight) adds one")

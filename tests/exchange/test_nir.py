@@ -1,0 +1,95 @@
+"""Networks from NIR and back."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from typer.testing import CliRunner
+
+import neuro
+from neuro.cli.commands import app
+
+nir = pytest.importorskip("nir", reason="nir is not installed")
+
+
+def layers(**words):
+    """Input -> Affine -> LIF -> Linear -> LIF -> Output."""
+    rng = np.random.default_rng(1)
+    return nir.NIRGraph.from_list(
+        nir.Input({"input": np.array([6])}),
+        nir.Affine(rng.normal(0.0, 2.0, (5, 6)), rng.normal(0.0, 0.3, 5)),
+        nir.LIF(tau=np.full(5, 0.01), r=np.ones(5), v_leak=np.zeros(5), v_threshold=np.full(5, 0.1)),
+        nir.Linear(rng.normal(0.0, 2.0, (4, 5))),
+        nir.LIF(tau=np.full(4, 0.02), r=np.ones(4), v_leak=np.zeros(4), v_threshold=np.full(4, 0.1)),
+    )
+
+
+def run(net: neuro.Network, counts, output: str):
+    """The counts of spikes of a population by step, for counts of input spikes by step."""
+    sim = neuro.compile(net, seed=1)
+    steps, ids = np.nonzero(counts)
+    repeats = counts[steps, ids].astype(int)
+    h = net.resolution
+    sim.inject("input", np.repeat((steps + 1) * h, repeats), np.repeat(ids, repeats))
+    sim.run(round(h * (len(counts) + 8), 6))
+    times, ids = sim.spikes(output)
+    out = np.zeros((len(counts) + 9, sim.network().populations[output].ids.size), int)
+    np.add.at(out, (np.rint(times / h).astype(int), ids), 1)
+    return out
+
+
+def euler(graph, counts):
+    """The spikes of `layers` in Norse's convention."""
+    nodes = list(graph.nodes.values())
+    v = [np.zeros(5), np.zeros(4)]
+    out = []
+    for x in counts:
+        for k, (weights, cell) in enumerate(((nodes[1], nodes[2]), (nodes[3], nodes[4]))):
+            drive = weights.weight @ x + getattr(weights, "bias", 0.0)
+            v[k] += 0.001 / cell.tau * (drive - v[k])
+            x = v[k] > cell.v_threshold
+            v[k][x] = 0.0
+        out.append(x)
+    return np.array(out)
+
+
+def test_two_layers_fire_as_in_norse_one_step_later_a_layer():
+    graph = layers()
+    counts = (np.random.default_rng(2).random((200, 6)) < 0.2) * 1
+    net = neuro.from_nir(graph, dt=1.0, from_="norse")
+    assert net.verdicts.exact
+    expected = euler(graph, counts)
+    assert expected.sum() > 50
+    assert np.array_equal(run(net, counts, "lif_1")[4:204], expected)
+
+
+@pytest.mark.parametrize("tool", [None, "norse", "snntorch", "spikingjelly"])
+def test_a_network_that_is_written_and_read_fires_at_the_same_steps(tool, tmp_path):
+    counts = (np.random.default_rng(3).random((200, 6)) < 0.2) * 1
+    net = neuro.from_nir(layers(), dt=1.0, from_="norse")
+    nir.write(tmp_path / "net.nir", neuro.to_nir(net, for_=tool))
+    again = neuro.from_nir(tmp_path / "net.nir", dt=1.0)
+    assert np.array_equal(run(net, counts, "lif_1"), run(again, counts, "lif_1"))
+
+
+def test_where_nothing_tells_the_tool_it_is_asked_for():
+    with pytest.raises(neuro.ModelError, match="nothing says which tool wrote it"):
+        neuro.from_nir(layers(), dt=1.0)
+
+
+def test_the_command_converts_both_ways(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    nir.write("a.nir", layers())
+    assert CliRunner().invoke(app, ["convert", "a.nir", "a.yaml", "--dt", "1", "--from", "norse"]).exit_code == 0
+    done = CliRunner().invoke(app, ["convert", "a.yaml", "b.nir", "--for", "norse", "--json"])
+    assert done.exit_code == 0, done.exception
+    assert '"exact": true' in done.stdout
+    refused = CliRunner().invoke(app, ["convert", "a.nir", "c.yaml", "--dt", "20", "--from", "norse"])
+    assert "lif     LIF     refused" in refused.stdout
+    assert isinstance(refused.exception, neuro.ModelError)
+
+
+def test_a_step_in_seconds_is_told():
+    with pytest.raises(neuro.ModelError, match=r"dt = 0\.0001 ms: the shortest time constant is 100,000 steps") as told:
+        neuro.from_nir(layers(), dt=1e-4, from_="norse")
+    assert told.value.hint == "dt is in ms: dt=0.1 for steps of 0.0001 s"
