@@ -32,7 +32,12 @@ from neuro.model.neurons.builtin import dc_generator, iaf_psc_delta, spike_gener
 from neuro.model.rules import SAME, all_to_all, grid, one_to_one, pairs
 
 DT = Quantity(unit="ms", doc="length of a step", above=0)
-RESET = Quantity(doc="what a spike does", kind="word", words=("to_value", "subtract", "subtract_next"), optional=True)
+RESET = Quantity(
+    doc="what a spike does",
+    kind="word",
+    words=("to_value", "to_value_next", "subtract", "subtract_next"),
+    optional=True,
+)
 LONG = 10_000
 """Steps of the shortest time constant above which a step is taken for one in seconds."""
 
@@ -112,8 +117,9 @@ def from_nir(graph: Any, dt: float, from_: str | None = None, *, reset: str | No
         dt: length of a step, ms. NIR has no steps, and its times are in seconds.
         from_: the tool whose convention holds: "norse", "snntorch", "sinabs", "spikingjelly", or "nir" for the
             equations of NIR; not needed if the graph was written by `to_nir`.
-        reset: "to_value", "subtract" or "subtract_next", where the file is known to mean another than its tool's
-            importer takes; "subtract_next" lowers V by V_th after the decay of the next step, as snnTorch by default.
+        reset: "to_value", "to_value_next", "subtract" or "subtract_next", where the file is known to mean another than
+            its tool's importer takes. "to_value_next" is in the step after the spike, which takes no input;
+            "subtract_next" lowers V by V_th after the decay of the next step, as snnTorch by default.
 
     Returns:
         The network; its `verdicts` says what became of each node.
@@ -160,7 +166,8 @@ def examine(graph: Any, dt: float, from_: str | None, reset: str | None) -> Read
 def _check_step(found: Read) -> None:
     """Refuse a step that was meant in seconds, as NIR's times are."""
     words = () if found.tool in ("sinabs", "snntorch") else ("tau", "tau_mem", "tau_syn")
-    taus = [np.min(node.fields[w]) for node in found.graph.nodes.values() for w in words if w in node.fields]
+    nodes = found.graph.nodes.values()
+    taus = [node.array(w).min() for node in nodes for w in words if w in node.fields and not node.problem[0]]
     steps = float(min(taus)) / found.step if taus else 0.0
     if LONG < steps < math.inf:
         said = f"dt = {found.step * 1e3:g} ms"
