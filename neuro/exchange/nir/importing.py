@@ -41,6 +41,12 @@ RESET = Quantity(
 LONG = 10_000
 """Steps of the shortest time constant above which a step is taken for one in seconds."""
 
+LACKS = {
+    **dict.fromkeys(("norse", "sinabs"), ("Delay", "Scale", "Threshold", "AvgPool2d")),
+    **dict.fromkeys(("snntorch", "spikingjelly"), ("Delay", "Scale", "Threshold")),
+}
+"""Types of nodes that a tool's own importer does not read."""
+
 MOST_PATHS = 10_000
 CURRENT, TICKS = "bias", "every_step"
 """The population that sends constant currents, and the neuron that fires in every step."""
@@ -179,6 +185,14 @@ def _judge(found: Read, node: Node, reset: str | None) -> None:
     """The verdict of a node by itself."""
     how = _HOW.get(node.kind, "")
     found.verdicts[node.name] = Verdict(node.name, node.kind, EXACT, how)
+    if node.kind in LACKS.get(str(found.tool), ()):
+        how = (
+            f"{how or 'as NIR defines it'}; {found.tool}'s own importer has no {node.kind}, and fails or leaves it out"
+        )
+        found.verdicts[node.name] = Verdict(node.name, node.kind, APPROXIMATE, how)
+    elif found.tool == "norse" and node.kind == "SumPool2d" and np.any(np.asarray(node.fields["padding"]) != 0):
+        how = f"{how}; Norse's own importer leaves its padding out"
+        found.verdicts[node.name] = Verdict(node.name, node.kind, APPROXIMATE, how)
     if node.kind != "Identity" and node.kind not in FIELDS:
         found.refuse(node.name, f"{node.kind} has no counterpart here", "replace it in the tool that wrote the file")
     elif node.problem[0]:
@@ -192,7 +206,8 @@ def _judge(found: Read, node: Node, reset: str | None) -> None:
             return
         found.cells[node.name] = cell
         how = cell.how + (f"; {cell.differs}" if cell.differs else "")
-        found.verdicts[node.name] = Verdict(node.name, node.kind, APPROXIMATE if cell.differs else EXACT, how)
+        if found.verdicts[node.name].verdict == EXACT:
+            found.verdicts[node.name] = Verdict(node.name, node.kind, APPROXIMATE if cell.differs else EXACT, how)
     elif node.kind == "Delay":
         steps = np.asarray(node.fields["delay"], dtype=np.float64) / found.step
         if np.any(steps < 0) or not np.allclose(steps, np.rint(steps), atol=1e-3):

@@ -74,7 +74,7 @@ def _norse(module: Any) -> tuple[Writer, str | None]:
     nir = package("from_torch")
 
     def scaled(module: Any, example: Any, step: float) -> Any:
-        """As `norse.torch.to_nir`, which writes dt / tau_mem_inv (so 1 s here), the batch as an axis, and no Flatten."""
+        """As `norse.torch.to_nir`, which writes dt / tau_mem_inv (so 1 s here), a batch as an axis, and no Flatten."""
 
         def node(part: Any) -> Any:
             if type(part).__name__ == "Flatten":
