@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+import shlex
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, TypeVar
+from typing import TYPE_CHECKING, Annotated, Any, TypeVar
 
 import typer
 
@@ -27,11 +28,17 @@ class Options:
         dt: length of a step in ms, None if not given.
         tool: which tool wrote the source, or is to read the destination; None if not given.
         reset: what a spike does, None if not given.
+        pynn: how a script of PyNN is run; its words are those of `neuro.from_pynn`.
+        seed: of what is drawn where a network is written with its draws.
+        duration: ms for which a script written for PyNN runs, None if not given.
     """
 
     dt: float | None
     tool: str | None
     reset: str | None
+    pynn: dict[str, Any]
+    seed: int
+    duration: float | None
 
 
 def _read_yaml(file: Path, options: Options) -> tuple[Network, Verdicts | None]:
@@ -50,6 +57,12 @@ def _read_nir(file: Path, options: Options) -> tuple[Network, Verdicts | None]:
     return net, net.verdicts
 
 
+def _read_pynn(file: Path, options: Options) -> tuple[Network, Verdicts | None]:
+    from neuro.exchange.pynn.read import from_pynn
+
+    return from_pynn(file, **options.pynn), None
+
+
 def _write_yaml(net: Network, file: Path, options: Options) -> Verdicts | None:
     net.save(file)
     return None
@@ -61,10 +74,18 @@ def _write_nir(net: Network, file: Path, options: Options) -> Verdicts | None:
     return save_nir(net, file, options.dt, options.tool)
 
 
+def _write_pynn(net: Network, file: Path, options: Options) -> Verdicts | None:
+    from neuro.exchange.pynn.write import to_pynn
+
+    to_pynn(net, file, seed=options.seed, duration=options.duration)
+    return None
+
+
 READERS: dict[str, Callable[[Path, Options], tuple[Network, Verdicts | None]]] = {
     ".yaml": _read_yaml,
     ".yml": _read_yaml,
     ".nir": _read_nir,
+    ".py": _read_pynn,
 }
 """What reads a network, and says what became of its nodes, by the ending of a file."""
 
@@ -72,6 +93,7 @@ WRITERS: dict[str, Callable[[Network, Path, Options], Verdicts | None]] = {
     ".yaml": _write_yaml,
     ".yml": _write_yaml,
     ".nir": _write_nir,
+    ".py": _write_pynn,
 }
 """What writes one."""
 
@@ -85,6 +107,22 @@ Tool = Annotated[
 Reset = Annotated[
     str | None, typer.Option("--reset", metavar="WORD", help="What a spike does in SRC: to_value or subtract.")
 ]
+RunScript = Annotated[
+    bool, typer.Option("--run-script", help="Run SRC, a script of PyNN, in a confined process that simulates nothing.")
+]
+Arguments = Annotated[
+    str | None, typer.Option("--arguments", metavar="TEXT", help="What SRC reads from its command line.")
+]
+Which = Annotated[
+    int | None, typer.Option("--network", metavar="N", help="Which network of SRC, from 1; else the last.")
+]
+Seconds = Annotated[float, typer.Option("--seconds", metavar="S", help="How long SRC may take.")]
+Memory = Annotated[float, typer.Option("--memory", metavar="GIB", help="How much memory SRC may use.")]
+Seed = Annotated[int, typer.Option("--seed", help="Of what is drawn and written into the file beside DST.")]
+For = Annotated[
+    float | None,
+    typer.Option("--for", metavar="MS", parser=milliseconds, help="How long DST runs; random trains are then written."),
+]
 Json = Annotated[bool, typer.Option("--json", help="Print the verdicts as JSON instead of a table.")]
 
 
@@ -95,10 +133,19 @@ def convert(
     tool: Tool = None,
     reset: Reset = None,
     as_json: Json = False,
+    run_script: RunScript = False,
+    arguments: Arguments = None,
+    network: Which = None,
+    seconds: Seconds = 120.0,
+    memory: Memory = 4.0,
+    seed: Seed = 0,
+    duration: For = None,
 ) -> None:
     """Convert a network from or to the format of another tool, chosen by the endings, with a verdict for each node."""
     read, write = _of(READERS, source, "read"), _of(WRITERS, destination, "written")
-    options = Options(dt, tool, reset)
+    pynn: dict[str, Any] = {"run_script": run_script, "network": network, "seconds": seconds, "memory": memory}
+    pynn["arguments"] = None if arguments is None else shlex.split(arguments)
+    options = Options(dt, tool, reset, pynn, seed, duration)
     net, table = read(source, options)
     table = write(net, destination, options) or table
     if table is not None:
