@@ -56,6 +56,7 @@ def main() -> None:
         _confine(folder)
         _run(code, here, outcome)
     outcome.write(folder / "outcome.json")
+    os._exit(0)  # what the script has left, threads and functions to call at the end, is not waited for
 
 
 def _compiled(script: Path, outcome: Any) -> CodeType | None:
@@ -79,9 +80,8 @@ def _run(code: CodeType, here: Path, outcome: Any) -> None:
     except MemoryError as error:
         outcome.fail("needs more memory than it may", _line(error, code.co_filename), kind="memory")
     except BaseException as error:
-        last = error.args and str(error).partition("\n")[0]
-        said = f"{type(error).__name__}: {last}" if last else type(error).__name__
-        strict = isinstance(error, Refused)
+        last, strict = str(error).partition("\n")[0], isinstance(error, Refused)
+        said = last if strict else f"{type(error).__name__}: {last}" if last else type(error).__name__
         outcome.fail(said[:400], _line(error, code.co_filename), kind="refused" if strict else "raised")
     outcome.end()
 

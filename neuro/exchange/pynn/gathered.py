@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable, Iterable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -56,21 +56,23 @@ class Synapses:
         return float(value)
 
 
-def network(experiment: Experiment, name: str) -> Network:
-    """The network of a script, from `setup` to `run`.
-
-    Problems and notes are added to those of the experiment.
-    """
-    return _Gathered(experiment, name).network()
-
-
 def shared(values: Any) -> Any:
     """One number where all values are equal, else the values."""
     values = np.asarray(values)
     return values.flat[0].item() if values.size and (values == values.flat[0]).all() else values
 
 
-class _Gathered:
+class Gathered:
+    """The network of a script, as it begins to run. Problems and notes are added to those of the experiment.
+
+    Args:
+        experiment: what the script has built.
+        name: of the network.
+
+    Attributes:
+        net: the network.
+    """
+
     def __init__(self, experiment: Experiment, name: str) -> None:
         self.experiment, self.step = experiment, experiment.timestep
         self.net = Network(_name(name), resolution=experiment.timestep)
@@ -79,7 +81,26 @@ class _Gathered:
         self.tau_minus: dict[Any, float] = {}
         self.bundles: list[Synapses] = []
 
-    def network(self) -> Network:
+        self._gather()
+
+    def close(self) -> Network:
+        """The network, with the rates that the script has set while it ran."""
+        for part, name in self.names.items():
+            if part.rates and name in self.net.populations:
+                self.net.populations[name] = replace(self.net.populations[name], model=self._scheduled(part))
+                part.rates = []
+        return self.net
+
+    def _scheduled(self, part: Any) -> Any:
+        first: Any = self.net.populations[self.names[part]].model
+        rates = {self.step: np.broadcast_to(first.rate, part.size)}
+        rates |= {max(self.step, self._rounded(time, "times")): values for time, values in part.rates}
+        table = np.array(list(rates.values()))
+        values = table[:, 0] if (table == table[:, :1]).all() else table.T
+        window = {"start": first.start, "stop": first.stop}
+        return MODELS["inhomogeneous_poisson_generator"](rate_times=list(rates), rate_values=values, **window)
+
+    def _gather(self) -> None:
         """All parts, in the order of the script."""
         made = self.experiment.projections
         self.bundles = [bundle for one in made for bundle in self._bundles(one)]
@@ -89,7 +110,6 @@ class _Gathered:
         self._each((bundle.made.where, self._projection, bundle) for bundle in self.bundles)
         self._each((where, self._current, (source, ids)) for source, ids, where in self.experiment.currents)
         self._each((part.where, self._probes, part) for part in self.experiment.populations)
-        return self.net
 
     def _each(self, parts: Iterable[tuple[Where | None, Callable[[Any], None], Any]]) -> None:
         for where, add, part in parts:
@@ -412,17 +432,17 @@ class _Gathered:
         return states[variable][0]
 
 
-_SOURCES: dict[str, Callable[[_Gathered, dict[str, Any]], Any]] = {
-    "SpikeSourceArray": _Gathered._spike_times,
-    "SpikeSourcePoisson": _Gathered._poisson,
-    "SpikeSourceGamma": _Gathered._gamma,
-    "SpikeSourcePoissonVariable": _Gathered._varying,
+_SOURCES: dict[str, Callable[[Gathered, dict[str, Any]], Any]] = {
+    "SpikeSourceArray": Gathered._spike_times,
+    "SpikeSourcePoisson": Gathered._poisson,
+    "SpikeSourceGamma": Gathered._gamma,
+    "SpikeSourcePoissonVariable": Gathered._varying,
 }
-_CURRENTS: dict[str, Callable[[_Gathered, dict[str, Any]], Any]] = {
-    "DCSource": _Gathered._dc,
-    "ACSource": _Gathered._ac,
-    "NoisyCurrentSource": _Gathered._noise,
-    "StepCurrentSource": _Gathered._steps,
+_CURRENTS: dict[str, Callable[[Gathered, dict[str, Any]], Any]] = {
+    "DCSource": Gathered._dc,
+    "ACSource": Gathered._ac,
+    "NoisyCurrentSource": Gathered._noise,
+    "StepCurrentSource": Gathered._steps,
 }
 
 

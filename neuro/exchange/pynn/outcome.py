@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from neuro.core.errors import Where
-from neuro.exchange.pynn.gathered import network
+from neuro.exchange.pynn.gathered import Gathered
 from neuro.exchange.pynn.recorder import SESSION, Experiment
 
 
@@ -22,18 +22,24 @@ class Outcome:
 
     def __init__(self, folder: Path, script: Path, beside: Path) -> None:
         self._folder, self._name = folder, script.stem
-        self._networks: list[tuple[Experiment, dict[str, Any]]] = []
+        self._networks: list[tuple[Experiment, Gathered]] = []
+        self._saved: list[str] = []
         self._failure: dict[str, Any] | None = None
         SESSION.files, SESSION.script = (str(script), f"{beside}/"), script.name
-        SESSION.finish = self._add
+        SESSION.finish, SESSION.close = self._add, self._close
 
     def _add(self, experiment: Experiment) -> None:
-        net = network(experiment, self._name)
-        found: dict[str, Any] = {}
-        if not experiment.problems:
-            found["file"] = f"{len(self._networks)}.yaml"
-            net.save(self._folder / found["file"])
-        self._networks.append((experiment, found))
+        self._close()
+        self._networks.append((experiment, Gathered(experiment, self._name)))
+
+    def _close(self) -> None:
+        """Save the last network, unless it cannot come."""
+        if len(self._saved) == len(self._networks):
+            return
+        experiment, gathered = self._networks[-1]
+        self._saved.append("" if experiment.problems else f"{len(self._saved)}.yaml")
+        if self._saved[-1]:
+            gathered.close().save(self._folder / self._saved[-1])
 
     def fail(self, message: str, line: int, kind: str = "raised") -> None:
         """The script ends by a mistake; what it does with results that are empty here is none."""
@@ -44,18 +50,20 @@ class Outcome:
         """The script has ended."""
         if self._failure is None or self._failure["harmless"]:
             SESSION.capture()
+        self._close()
 
     def write(self, path: Path) -> None:
         """Write the report."""
         networks = []
-        for experiment, found in self._networks:
+        for (experiment, _), file in zip(self._networks, self._saved, strict=True):
             about = {
+                "file": file,
                 "problems": [_entry(one) for one in experiment.problems],
                 "notes": [_entry(one) for one in experiment.notes],
                 "runs": experiment.runs,
                 "line": experiment.where.line if experiment.where else 0,
             }
-            networks.append(found | about)
+            networks.append(about)
         path.write_text(json.dumps({"networks": networks, "failure": self._failure}), "utf-8")
 
 

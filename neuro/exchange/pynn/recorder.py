@@ -60,7 +60,8 @@ class Session:
     Attributes:
         files: beginnings of names of files whose lines are the script's.
         experiment: what is being built.
-        finish: is called with an experiment that is complete.
+        finish: is called with an experiment that begins to run.
+        close: is called when it has run.
         read: whether the script has read results.
     """
 
@@ -69,6 +70,7 @@ class Session:
         self.script = ""
         self.experiment = Experiment()
         self.finish: Callable[[Experiment], None] = lambda experiment: None
+        self.close: Callable[[], None] = lambda: None
         self.captured = False
         self.read = False
 
@@ -158,6 +160,9 @@ class State(mock_simulator.State):
         """Pass time; what the script has changed since it ran cannot be part of a network."""
         experiment = SESSION.experiment
         SESSION.capture()
+        if STATE.min_delay == "auto":
+            delays = [one.column("delay").min() for one in experiment.projections if len(one)]
+            STATE.min_delay = min(delays, default=self.dt)
         if tstop > self.t:
             live = ((where, f"{what} while the network runs") for where, what in experiment.live)
             experiment.problems += [one for one in dict.fromkeys(live) if one not in experiment.problems]
@@ -173,13 +178,14 @@ class State(mock_simulator.State):
             self.dt = 1.0
 
 
-STATE = State()
+STATE: Any = State()
 SIMULATOR = SimpleNamespace(state=STATE, ID=mock_simulator.ID, name="neuro")
 
 
 def setup(timestep: Any = None, min_delay: Any = "auto", **extra: Any) -> int:
     """PyNN's `setup`: a network begins."""
     SESSION.capture()
+    SESSION.close()
     spinnaker = SESSION.experiment.spinnaker
     step = float((1.0 if spinnaker else 0.1) if timestep is None else timestep)
     smallest = step if min_delay in ("auto", None) else float(min_delay)
@@ -226,6 +232,7 @@ _reset = common.build_reset(SIMULATOR)
 def reset(annotations: Any = None) -> None:
     """PyNN's `reset`: the network begins anew, and what is changed from now on makes another one."""
     _reset(annotations or {})
+    SESSION.close()
     was = SESSION.experiment
     SESSION.experiment = replace(was, where=SESSION.where(), runs=[], live=[])
     SESSION.captured = not was.live
@@ -285,6 +292,9 @@ class STDPMechanism(Delayed, synapses.STDPMechanism):
 class _Source:
     def __init__(self, **parameters: Any) -> None:
         parameters.pop("rng", None)
+        times = np.asarray(parameters.get("times", ()), dtype=float)
+        if np.any(np.diff(times, prepend=-np.finfo(float).tiny) <= 0) or np.any(times < 0):
+            raise ValueError("Step current timestamps should be monotonically increasing, and not negative.")
         space = ParameterSpace(self.default_parameters, self.get_schema(), shape=(1,))  # type: ignore[attr-defined]
         space.update(**parameters)
         object.__setattr__(self, "_kept", space)
@@ -374,6 +384,11 @@ def _each(value: Any, size: int) -> NDArray[Any]:
     return found
 
 
+def _check_times(values: Iterable[Any]) -> None:
+    if any(np.any(np.diff(one.value) < 0) for one in values):
+        raise errors.InvalidParameterValueError("Spike times given to SpikeSourceArray must be in increasing order")
+
+
 class Assembly(common.Assembly):
     """PyNN's assembly."""
 
@@ -399,10 +414,16 @@ class _Neurons:
 
     def _set_parameters(self, parameter_space: Any) -> None:
         whole, chosen = self._whole()
-        SESSION.changed(f"parameters of population '{whole.label}' are set")
         parameter_space.evaluate(simplify=False)
-        for name, value in parameter_space.items():
-            whole.values[name][chosen] = _each(value, self.size)
+        given = {name: _each(value, self.size) for name, value in parameter_space.items()}
+        scheduled = SESSION.experiment.runs and type(whole.celltype).__name__ == "SpikeSourcePoisson"
+        if not (scheduled and given.keys() == {"rate"}):
+            SESSION.changed(f"parameters of population '{whole.label}' are set")
+        _check_times(given.get("spike_times", ()))
+        for name, value in given.items():
+            whole.values[name][chosen] = value
+        if scheduled:
+            whole.rates.append((STATE.t, whole.values["rate"].copy()))
 
     def _set_initial_value_array(self, variable: str, initial_values: Any) -> None:
         whole, chosen = self._whole()
@@ -447,6 +468,7 @@ class Population(_Neurons, mock_populations.Population):
     Attributes:
         values: by parameter, one value for each neuron, in PyNN's units.
         initial: by state, likewise.
+        rates: of a Poisson source, those that are set while it runs, each with the time.
         where: the line of the script that makes it.
         named: whether the script gives it a label.
     """
@@ -471,6 +493,7 @@ class Population(_Neurons, mock_populations.Population):
         self.where, self.named = SESSION.where(), label is not None
         self.values: dict[str, Any] = {}
         self.initial: dict[str, Any] = {}
+        self.rates: list[tuple[float, Any]] = []
         if SESSION.experiment.spinnaker and isinstance(size, float):
             size = int(np.ceil(size))
         if isinstance(cellclass, type):
@@ -494,6 +517,7 @@ class Population(_Neurons, mock_populations.Population):
         parameters.shape = (self.size,)
         parameters.evaluate(simplify=False)
         self.values = {name: _each(value, self.size) for name, value in parameters.as_dict().items()}
+        _check_times(self.values.get("spike_times", ()))
 
 
 # -- projections -----------------------------------------------------------------------------------------------------
@@ -595,18 +619,11 @@ class Projection(common.Projection):
         """Its synapses one by one."""
         return (Connection(self, k) for k in range(len(self)))
 
-    def set(self, **attributes: Any) -> None:
-        """PyNN's `set`."""
+    def _set_attributes(self, parameter_space: Any) -> None:
         SESSION.changed(f"synapses of projection '{self.label}' are set")
         pre, post = self.ends()
-        flat = {n: v for n, v in attributes.items() if isinstance(v, (list, np.ndarray)) and np.ndim(v) == 1}
-        for name, value in flat.items():
-            self.column(name)[:] = value
-        others = {name: value for name, value in attributes.items() if name not in flat}
-        parameters = ParameterSpace(others, self.synapse_type.get_schema(), self.shape)
-        parameters = self._handle_distance_expressions(parameters)
-        parameters.evaluate(simplify=False)
-        for name, value in parameters.as_dict().items():
+        parameter_space.evaluate(simplify=False)
+        for name, value in parameter_space.as_dict().items():
             self.column(name)[:] = value[pre, post]
 
     def _set_initial_value_array(self, variable: str, value: Any) -> None:
