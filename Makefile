@@ -6,7 +6,7 @@
 # make test-nest    5,000 random networks (NETWORKS=...) on the event backend, the reference and NEST
 # make test-mpi     the tests of NEST under MPI, which it builds once (15 minutes) in an environment of its own
 #                   (NEST_MPI=file.whl: a wheel that is built already); needs openmpi-bin libopenmpi-dev libgsl-dev
-# make test-oracles the tests of event files beside other libraries, in an environment of their own
+# make test-oracles the tests of event files, and of scripts of PyNN, beside other libraries, in environments of their own
 # make bench        how fast it is
 # make bench-peers  how fast NEST, Brian2, public emulators of Loihi, and packages that train by gradients are with the
 #                   same networks, in environments of their own
@@ -87,8 +87,9 @@ test-nest: $(VENV)/.test
 test-mpi: $(VENV)-mpi/.installed
 	$(VENV)-mpi/bin/python -m pytest tests/nest -p no:benchmark -ra
 
-test-oracles: $(VENV)-oracles/.installed
+test-oracles: $(VENV)-oracles/.installed $(VENV)-oracles-pynn/.installed
 	$(VENV)-oracles/bin/python -m pytest tests/events -n 2 -p no:benchmark -ra
+	$(VENV)-oracles-pynn/bin/python -m pytest tests/exchange/test_pynn_oracles.py -n 2 -p no:benchmark -ra
 
 demo: $(VENV)/.demo
 	$(BIN)/neuro remus demo --out "$(OUT)" $(if $(DATA),--data "$(DATA)")
@@ -132,6 +133,12 @@ $(VENV)-oracles/.installed: pyproject.toml
 	$(VENV)-oracles/bin/python $(PIP) --editable '.[test]' expelliarmus faery event_stream aedat tonic torch==2.13.0
 	@touch $@
 
+# PyNN 0.13 with NEST and Brian2; pyNN.nest does without the extension that it would compile.
+$(VENV)-oracles-pynn/.installed: pyproject.toml
+	$(call environment,$(VENV)-oracles-pynn)
+	$(VENV)-oracles-pynn/bin/python $(PIP) --editable '.[pynn]' nest-simulator brian2 'numpy<2.4' 'pytest>=8.3' pytest-xdist
+	@touch $@
+
 $(VENV)-peers/.installed:
 	$(call environment,$(VENV)-peers)
 	$(VENV)-peers/bin/python $(PIP) nest-simulator brian2 'numpy<2.4'
@@ -154,4 +161,4 @@ clean:
 	find . -name __pycache__ -not -path './.venv*' -prune -exec rm -rf {} +
 
 distclean: clean
-	rm -rf $(VENV) $(VENV)-mpi $(VENV)-oracles $(VENV)-peers $(VENV)-peers-chips $(VENV)-peers-torch
+	rm -rf $(VENV) $(VENV)-mpi $(VENV)-oracles $(VENV)-oracles-pynn $(VENV)-peers $(VENV)-peers-chips $(VENV)-peers-torch

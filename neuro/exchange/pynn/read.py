@@ -113,7 +113,7 @@ def _network(path: Path, report: dict[str, Any], folder: Path, number: int | Non
         raise ModelError(f"{path.name}: the network cannot come ({count})", others=others)
     net = load(folder / about["file"])
     net.inputs = ()
-    for note in _notes(about, networks, number, failure):
+    for note in _notes(about, networks, number, failure, where):
         warnings.warn(f"{path.name}: {note}" if isinstance(note, str) else str(note), ExchangeNote, stacklevel=3)
     return net
 
@@ -129,7 +129,9 @@ def _at(file: str, line: int) -> Where | None:
     return Where(file, line) if file else None
 
 
-def _notes(about: dict[str, Any], networks: list[Any], number: int | None, failure: Any) -> Iterator[Any]:
+def _notes(
+    about: dict[str, Any], networks: list[Any], number: int | None, failure: Any, where: Where | None
+) -> Iterator[Any]:
     """What is to be said of a network that comes in."""
     if len(networks) > 1:
         lines = ", ".join(str(one["line"]) for one in networks)
@@ -142,7 +144,8 @@ def _notes(about: dict[str, Any], networks: list[Any], number: int | None, failu
     for *place, message in about["notes"]:
         yield ModelError(message, where=_at(*place))
     if failure:
-        yield f"{failure['line']}: ends in what it does with results, which are empty here: {failure['message']}"
+        said = f"the script ends in what it does with results, which are empty here: {failure['message']}"
+        yield ModelError(said, where=where)
 
 
 # -- the process -----------------------------------------------------------------------------------------------------
@@ -218,7 +221,13 @@ def _tell(pipe: IO[bytes], run: _Run, folder: Path) -> None:
 def _environment(folder: Path, mark: str) -> dict[str, str]:
     kept = {name: value for name, value in os.environ.items() if not re.search("TOKEN|SECRET|PASSWORD|KEY", name)}
     paths = os.pathsep.join(os.path.abspath(path) for path in sys.path)
-    own = {"PYTHONPATH": paths, "MPLBACKEND": "Agg", "TMPDIR": str(folder / "files"), _MARK: mark}
+    own = {
+        "PYTHONPATH": paths,
+        "MPLBACKEND": "Agg",
+        "PYTHONHASHSEED": "0",
+        "TMPDIR": str(folder / "files"),
+        _MARK: mark,
+    }
     return kept | own | dict.fromkeys(_THREADS, "1")
 
 

@@ -394,6 +394,12 @@ class Assembly(common.Assembly):
 
     _simulator = SIMULATOR
 
+    @property
+    def receptor_types(self) -> list[str]:
+        """The receptors that all have, in their order; PyNN's is that of a set, which differs from run to run."""
+        others = [set(part.celltype.receptor_types) for part in self.populations]
+        return [one for one in self.populations[0].celltype.receptor_types if all(one in each for each in others)]
+
 
 class _Neurons:
     """What a population and a view of one have in common; values lie with the population."""

@@ -34,9 +34,9 @@ _SEED = Quantity(kind="integer", at_least=0, at_most=2**63 - 1)
 _DURATION = Quantity(unit="ms", above=0)
 _DEFAULT_DURATION = 1000.0
 _WIDTH = 116
-_EARLY = 1e-4
-"""Of a step: how much before the end of its step a spike is listed, since simulators round times up to a step, and what
-they compute with floats must not pass it."""
+_EARLY = 0.5
+"""Of a step: how much before its end a spike is listed. NEST and sPyNNaker round times up to a step. Brian2, which
+names a step by its beginning, rounds down. So all take the step that the time lies in."""
 _WITHOUT = {"V_min": -np.inf, "refractory_input": 0.0, "rk4_substeps": 0.0, "gsl_error_tol": 1e-6}
 """Parameters that no cell of PyNN has, with the value that stands for none."""
 _PEAK = 30.0
@@ -74,6 +74,8 @@ def trains(name, size):
 sim.setup(timestep={step!r}, min_delay={step!r}, max_delay={longest!r}, **extra)
 populations = {{}}
 '''
+_DELTA = """if not hasattr(sim.IF_curr_delta, "variable_map"):  # pyNN.nest 0.13 has forgotten its potential
+    sim.IF_curr_delta.variable_map, sim.IF_curr_delta.scale_factors = {"v": "V_m"}, {"v": 1.0}"""
 _TAIL = """
 sim.run(duration)
 
@@ -138,6 +140,8 @@ class _Script:
     def text(self, file: Path) -> tuple[str, dict[str, Any]]:
         """The script, and the arrays for the file beside it."""
         self._draw()
+        if any(part.model.name == "iaf_psc_delta" for part in self.program.populations):
+            self.lines.append(_DELTA)
         for part in self.program.populations:
             self._try(part.origin, f"population '{part.name}'", self._population, part)
         for index, one in enumerate(self.program.projections):
@@ -296,14 +300,18 @@ class _Script:
                 sign = -1.0 if receptor == "inhibitory" and cell.conductance else 1.0
                 ends = (pre[chosen], post[chosen], weights[chosen] * sign, delays[chosen])
                 name = part.name if chosen.all() else f"{part.name}.{receptor}"
-                self._connect(part, name, receptor, ends, learns)
+                for layer, rows in enumerate(_once(ends[0], ends[1])):
+                    label = f"{name}.{layer + 1}" if layer else name
+                    self._connect(part, label, receptor, tuple(column[rows] for column in ends), learns)
 
     def _connect(self, part: Projection, name: str, receptor: str, ends: tuple[Any, ...], learns: str) -> None:
         pre, post, weights, delays = ends
         source, target = self.program.populations[part.source], self.program.populations[part.target]
         alike = (weights == weights[0]).all() and (delays == delays[0]).all()
-        whole = alike and pre.size == part.size
+        whole = alike and pre.size == part.size and part.grid is None
         connector = {"one_to_one": "OneToOneConnector()", "dense": "AllToAllConnector()"}.get(part.layout, "")
+        if part.size == 1:
+            connector = "AllToAllConnector()"  # of single neurons PyNN 0.13 has no other with NumPy 2.1 and later
         if not (whole and connector):
             self.arrays[name] = np.column_stack((pre, post, weights, delays))
             connector = f'FromListConnector(data["{name}"], column_names=["weight", "delay"])'
@@ -325,6 +333,8 @@ class _Script:
             return "StaticSynapse("
         if not isinstance(rule, stdp):
             raise ModelError(f"{rule.name} is no standard synapse of PyNN")
+        if cell.weight == 1.0:
+            raise ModelError("stdp of weights in mV: simulators of PyNN disagree about the unit of 'w_max'")
         numbers = {word: np.unique(getattr(rule, word)) for word in ("lambda_", "alpha", "mu_plus", "mu_minus", "Wmax")}
         numbers["tau_minus"] = np.unique(target.parameters["tau_minus"])
         for word, values in numbers.items():
@@ -406,6 +416,16 @@ class _Script:
             self.lines.append(f'{of}.record("{theirs}", sampling_interval={probe.every * self.step!r})')
         for other in self.program.synapse_probes:
             self._note(f"probe '{other.name}' has no counterpart in PyNN and is left out")
+
+
+def _once(pre: Ints, post: Ints) -> Iterator[Any]:
+    """Rows in which each pair is there once, since pyNN.brian2 gives all synapses of a pair the same weight."""
+    order = np.lexsort((post, pre))
+    fresh = (np.diff(pre[order], prepend=-1) != 0) | (np.diff(post[order], prepend=-1) != 0)
+    first = np.flatnonzero(fresh)
+    repeated = np.arange(order.size) - np.repeat(first, np.diff(first, append=order.size))
+    for layer in range(int(repeated.max()) + 1):
+        yield np.sort(order[repeated == layer])
 
 
 def _words(values: dict[str, float]) -> str:
