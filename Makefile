@@ -136,7 +136,7 @@ $(VENV)-oracles/.installed: pyproject.toml
 # PyNN 0.13 with NEST and Brian2; pyNN.nest does without the extension that it would compile.
 $(VENV)-oracles-pynn/.installed: pyproject.toml
 	$(call environment,$(VENV)-oracles-pynn)
-	$(VENV)-oracles-pynn/bin/python $(PIP) --editable '.[pynn]' nest-simulator brian2 'numpy<2.4' 'pytest>=8.3' pytest-xdist
+	$(VENV)-oracles-pynn/bin/python $(PIP) --editable '.[pynn]' nest-simulator brian2 'numpy<2.4' 'pytest>=8.3' pytest-xdist 'hypothesis>=6.112'
 	@touch $@
 
 $(VENV)-peers/.installed:

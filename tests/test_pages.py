@@ -53,6 +53,7 @@ NEEDS = {
     "POKER-DVS": None,
     "MPI": None,
     "NEST": "nest",
+    "PyNN": "pyNN",
     "torch": "torch",
 }
 """What blocks may need, and the module that shows that it is there; None: never asked for by a test."""

@@ -169,10 +169,10 @@ class Gathered:
 
     def _rounded(self, times: Any, what: str, least: float = 0.0) -> Any:
         """Times on the grid, as NEST rounds them."""
-        steps = np.maximum(np.rint(np.asarray(times) / self.step), least)
+        steps = np.maximum(np.floor(np.asarray(times) / self.step + 0.5 + _ALMOST), least)
         if np.any(np.abs(steps * self.step - times) > _ALMOST * self.step):
             self._note(f"{what} are rounded to steps of {self.step:g} ms")
-        found = steps * self.step
+        found = np.round(steps * self.step, 9)
         return found if np.ndim(times) else float(found)
 
     def _spike_times(self, values: dict[str, Any]) -> Any:
@@ -184,7 +184,7 @@ class Gathered:
                 self._note(f"spike times are rounded up to steps of {self.step:g} ms, as NEST does")
             if np.any(steps < 1):
                 self._note("spikes at 0 ms leave in the first step")
-            rows.append((np.maximum(np.sort(steps), 1) * self.step).tolist())
+            rows.append((np.round(np.maximum(np.sort(steps), 1) * self.step, 9)).tolist())
         return MODELS["spike_generator"](spike_times=rows)
 
     def _poisson(self, values: dict[str, Any]) -> Any:

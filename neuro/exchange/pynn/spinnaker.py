@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from pyNN.connectors import FixedTotalNumberConnector
 from pyNN.parameters import Sequence
 from pyNN.standardmodels import StandardCellType, StandardSynapseType, STDPTimingDependence, build_translations
 
@@ -77,6 +78,7 @@ def public_names() -> dict[str, Any]:
         "SpikeSourcePoissonVariable": SpikeSourcePoissonVariable,
     }
     every = cells()
+    ours["MultapseConnector"] = FixedTotalNumberConnector
     return {**every, **synapses(), **ours, "IFCurDelta": every["IF_curr_delta"], "IFCurrDelta": every["IF_curr_delta"]}
 
 
