@@ -9,7 +9,6 @@ import re
 import shutil
 import sys
 import tempfile
-import warnings
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -39,9 +38,7 @@ def scenarios(folder: Path, work: Path) -> Iterator[tuple[str, Path]]:
 def verdict(script: Path) -> str:
     """The network, or why there is none."""
     try:
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore")
-            return f"ok: {neuro.from_pynn(script, run_script=True)!r}"
+        return f"ok: {neuro.from_pynn(script, run_script=True)!r}"
     except neuro.ModelError as error:
         first = error.others[0] if error.others else error
         return first.alone()[:160]

@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from neuro.core.registry import register as register
     from neuro.exchange.nir.exporting import to_nir as to_nir
     from neuro.exchange.nir.importing import check_nir as check_nir, from_nir as from_nir
-    from neuro.exchange.pynn.notes import ExchangeNote as ExchangeNote
+    from neuro.exchange.nir.torch_modules import from_torch as from_torch
     from neuro.exchange.pynn.read import from_pynn as from_pynn
     from neuro.exchange.pynn.write import to_pynn as to_pynn
     from neuro.exchange.verdict import Verdict as Verdict, Verdicts as Verdicts

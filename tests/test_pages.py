@@ -53,6 +53,8 @@ NEEDS = {
     "POKER-DVS": None,
     "MPI": None,
     "NEST": "nest",
+    "NIR": "nir",
+    "Norse": "norse",
     "PyNN": "pyNN",
     "torch": "torch",
 }

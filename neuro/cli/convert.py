@@ -60,7 +60,8 @@ def _read_nir(file: Path, options: Options) -> tuple[Network, Verdicts | None]:
 def _read_pynn(file: Path, options: Options) -> tuple[Network, Verdicts | None]:
     from neuro.exchange.pynn.read import from_pynn
 
-    return from_pynn(file, **options.pynn), None
+    net = from_pynn(file, **options.pynn)
+    return net, net.verdicts
 
 
 def _write_yaml(net: Network, file: Path, options: Options) -> Verdicts | None:
@@ -77,8 +78,7 @@ def _write_nir(net: Network, file: Path, options: Options) -> Verdicts | None:
 def _write_pynn(net: Network, file: Path, options: Options) -> Verdicts | None:
     from neuro.exchange.pynn.write import to_pynn
 
-    to_pynn(net, file, seed=options.seed, duration=options.duration)
-    return None
+    return to_pynn(net, file, seed=options.seed, duration=options.duration)
 
 
 READERS: dict[str, Callable[[Path, Options], tuple[Network, Verdicts | None]]] = {
@@ -105,7 +105,8 @@ Tool = Annotated[
     typer.Option("--tool", metavar="NAME", help="The tool that wrote SRC, or reads DST: norse, snntorch, ..."),
 ]
 Reset = Annotated[
-    str | None, typer.Option("--reset", metavar="WORD", help="What a spike does in SRC: to_value or subtract.")
+    str | None,
+    typer.Option("--reset", metavar="WORD", help="What a spike does in SRC: to_value, subtract or subtract_next."),
 ]
 RunScript = Annotated[
     bool, typer.Option("--run-script", help="Run SRC, a script of PyNN, in a confined process that simulates nothing.")

@@ -77,8 +77,8 @@ def grid_of(part: Projection, shapes: Mapping[str, Shape]) -> Grid:
 
 def _before(rule: grid, axis: int, length: int) -> int:
     """Lines of the border before the source."""
-    if isinstance(rule.padding, int):
-        return rule.padding
+    if rule.border is not None:
+        return rule.border[axis]
     return max(0, (math.ceil(length / rule.stride) - 1) * rule.stride + rule.kernel[axis] - length) // 2
 
 
@@ -126,9 +126,9 @@ def _sheet(part: Projection, source: Shape) -> Shape:
 def _outcome(part: Projection, height: int, width: int) -> tuple[int, int]:
     rule = part.rule
     assert isinstance(rule, grid)
-    if not isinstance(rule.padding, int):
+    if rule.border is None:
         return math.ceil(height / rule.stride), math.ceil(width / rule.stride)
-    high, wide = (n + 2 * rule.padding for n in (height, width))
+    high, wide = (n + 2 * b for n, b in zip((height, width), rule.border, strict=True))
     if rule.kernel[0] > high or rule.kernel[1] > wide:
         message = (
             f"projection '{part.name}': grid.kernel = {list(rule.kernel)}: expected at most [{high}, {wide}], "

@@ -168,15 +168,19 @@ class grid(Rule):
     """A sheet of neurons with one kernel per map, as a convolution.
 
     The source has the shape (channels, height, width) or (height, width), the target (maps, rows, columns).
-    Target (m, r, c) is reached from channel k, row r stride + i - padding, column c stride + j - padding with
-    the weight kernel[m, k, i, j]; the target's rows and columns may be `auto`. With padding `same` they are those of
-    the source divided by the stride, rounded up, and the border is spread evenly, an odd line of it at the end. With
-    `depthwise` each map is reached from one channel only, as many maps from each in order, with kernel[m, 0, i, j].
+    Target (m, r, c) is reached from channel k, row r stride + i - padding, column c stride + j - padding (or, there,
+    `column_padding`) with the weight kernel[m, k, i, j]; its rows and columns may be `auto`. With padding `same` they
+    are those of the source divided by the stride, rounded up, and the border is spread evenly, an odd line of it at the
+    end. With `depthwise` each map is reached from one channel only, as many maps from each in order, with
+    kernel[m, 0, i, j].
     """
 
     kernel: tuple[int, ...] = quantity(doc="height and width", kind="shape", at_least=1)
     stride: int = quantity(1, "", "step of the kernel", kind="integer", at_least=1)
     padding: int | str = quantity(0, "", "silent border round the source", kind="integer", at_least=0, words=(SAME,))
+    column_padding: int | None = quantity(
+        None, "", "border left and right, if other than above and below", kind="integer", at_least=0
+    )
     depthwise: bool = quantity(False, "", "whether a map is reached from one channel only", kind="boolean")
 
     def __post_init__(self) -> None:
@@ -185,6 +189,16 @@ class grid(Rule):
             raise ModelError(
                 f"grid.kernel = {list(self.kernel)}: expected two numbers, height and width", path=("kernel",)
             )
+        if self.column_padding is not None and not isinstance(self.padding, int):
+            message = f"grid.column_padding = {self.column_padding} beside padding: {self.padding}: expected numbers"
+            raise ModelError(message, path=("column_padding",), about=("padding",))
+
+    @property
+    def border(self) -> tuple[int, int] | None:
+        """Lines of the border above and below, and left and right; None where the sheet keeps its size."""
+        if not isinstance(self.padding, int):
+            return None
+        return self.padding, self.padding if self.column_padding is None else self.column_padding
 
 
 RULES: Registry[type[Rule]] = Registry(

@@ -3,7 +3,6 @@
 import os
 import subprocess
 import sys
-import warnings
 from contextlib import suppress
 from importlib.util import find_spec
 from pathlib import Path
@@ -56,19 +55,11 @@ print(block.spiketrains[0][0])
 """
 
 
-def recorded(path, **words):
-    """A network of a script, and its notes."""
-    with warnings.catch_warnings(record=True) as notes:
-        warnings.simplefilter("always")
-        net = neuro.from_pynn(path, run_script=True, **words)
-    return net, [str(note.message) for note in notes]
-
-
 @needs_pynn
 def test_a_script_is_recorded(tmp_path):
     path = tmp_path / "script.py"
     path.write_text(SCRIPT)
-    net, notes = recorded(path)
+    net = neuro.from_pynn(path, run_script=True)
     assert {name: part.ids.size for name, part in net.populations.items()} == {
         "in": 4, "noise": 2, "population2": 5, "other_cells": 3, "more": 2, "DCSource": 1,
     }  # fmt: skip
@@ -98,12 +89,15 @@ def test_a_script_is_recorded(tmp_path):
     assert (current.amplitude, current.start, current.stop) == (300.0, 9.5, 19.5)
     assert net.probes["population2_v"].every == 0.5
     assert net.probes["other_cells_gsyn_exc"].record == "g_ex"
-    assert notes == [
-        "script.py: runs for 50 ms (30, 20)",
-        "script.py:9: spike times are rounded up to steps of 0.1 ms, as NEST does",
-        "script.py:17: delays are rounded to steps of 0.1 ms",
-        "script.py:35: the script ends in what it does with results, which are empty here: "
-        "IndexError: index 0 is out of bounds for axis 0 with size 0",
+    assert net.verdicts.heading == "script.py; runs for 50 ms (30, 20)"
+    assert [(each.node, each.how) for each in net.verdicts] == [
+        ("script.py:9", "spike times are rounded up to steps of 0.1 ms, as NEST does"),
+        ("script.py:17", "delays are rounded to steps of 0.1 ms"),
+        (
+            "script.py:35",
+            "the script ends in what it does with results, which are empty here: "
+            "IndexError: index 0 is out of bounds for axis 0 with size 0",
+        ),
     ]
     assert os.listdir(tmp_path) == ["script.py"]
     neuro.compile(net)
@@ -191,7 +185,7 @@ def test_a_written_script_is_the_same_network(tmp_path):
     words = ["--seed", "14", "--for", "200"]
     done = CliRunner().invoke(app, ["convert", str(tmp_path / "net.yaml"), str(tmp_path / "net_pynn.py"), *words])
     assert done.exception is None
-    back, _ = recorded(tmp_path / "net_pynn.py")
+    back = neuro.from_pynn(tmp_path / "net_pynn.py", run_script=True)
     ours, theirs = neuro.compile(net, seed=14), neuro.compile(back)
     ours.run(200.0)
     theirs.run(200.0)

@@ -11,13 +11,20 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 
 from neuro.core.errors import ModelError, unknown
 from neuro.exchange.nir.graph import Floats, Node
 
-ASK = "say which tool wrote it: from_='norse', 'snntorch', 'sinabs', 'spikingjelly' or 'nir' (the equations of NIR)"
+ASK = "say which tool wrote it: from_='norse', 'snntorch', 'sinabs', 'spikingjelly', 'spyx', 'rockpool' or 'nir'"
+BY_GRAPH_EXECUTOR = ("norse", "sinabs")
+"""Tools whose importers run a graph by the `GraphExecutor` of nirtorch."""
+
+BEYOND_TWICE = "where more than V_th is left after a spike, snnTorch fires in the next step at 2 V_th only"
+"""What differs of an IF of snnTorch, where its input may exceed what `importing` bounds."""
+
 SNNTORCH_STEP = 1e-4
 """The step in seconds that snnTorch 1.0 has in its importer and exporter, whatever a step lasts."""
 
@@ -37,6 +44,9 @@ class Cell:
         several: whether it fires as often in a step as the threshold fits.
         lowest: a bound of the potential from below after a spike, None without one.
         start: the potential at the beginning, `rest` if None.
+        late: by how many steps the tool sends a spike after the threshold was crossed.
+        fall: how far the potential falls where that is not the threshold.
+        hold: for how many steps after a spike the potential stays, and does not take input.
         differs: what of it cannot be had exactly, "" if nothing.
     """
 
@@ -53,6 +63,9 @@ class Cell:
     several: bool = False
     lowest: Floats | None = None
     start: Floats | None = None
+    hold: int = 0
+    late: int = 0
+    fall: Floats | None = None
     differs: str = ""
 
 
@@ -71,7 +84,7 @@ def cell_of(node: Node, tool: str, step: float, reset: str | None) -> Cell:
         node: the node.
         tool: a name of `TOOLS`.
         step: seconds.
-        reset: "to_value" or "subtract" in place of the convention's, or None.
+        reset: "to_value", "subtract" or "subtract_next" in place of the convention's, or None.
 
     Raises:
         Unsupported: the convention has no such node, or not with these parameters.
@@ -82,8 +95,12 @@ def cell_of(node: Node, tool: str, step: float, reset: str | None) -> Cell:
         how = "fires where the input of a step reaches the threshold, and keeps nothing"
         return Cell(zero, zero, zero + 1.0, how, threshold=node.array("threshold"), reset=zero)
     cell = TOOLS[tool](node, step)
-    if cell.threshold is not None and reset == "subtract":
-        cell = replace(cell, reset=None)
+    if cell.threshold is not None and reset in ("subtract", "subtract_next"):
+        fall = cell.threshold / np.maximum(cell.keep, 1e-9) if reset == "subtract_next" else cell.threshold
+        when = "in the next step, after the decay" if reset == "subtract_next" else "in the same step"
+        how = f"{cell.how.rpartition('; ')[0]}; fires as there, and V falls by V_th {when}, as `reset` says"
+        cell = replace(cell, reset=None, fall=fall, hold=0, how=how)
+        cell = replace(cell, differs=BEYOND_TWICE if tool == "snntorch" and reset == "subtract" else "")
     elif cell.threshold is not None and reset == "to_value":
         value = np.zeros(node.shape) if node.fields.get("v_reset") is None else node.array("v_reset")
         cell = replace(cell, reset=value, several=False)
@@ -101,6 +118,20 @@ def find_tool(said: str | None, metadata: object) -> str | None:
     if name is not None and name not in TOOLS:
         raise unknown("convention", name, TOOLS)
     return None if name is None else str(name)
+
+
+def beyond_twice(keep: float, gain: float, threshold: float, largest: float) -> str:
+    """How many spikes of an IF of snnTorch differ, in 1000 steps of random input up to `largest`, in words."""
+    own = there = ours = theirs = differ = 0.0
+    for drive in np.random.default_rng(0).uniform(0.0, largest, 1000):
+        own, there = keep * own + gain * drive, keep * there + gain * drive
+        again = there - gain * drive > keep * threshold  # more than V_th was left
+        here, spike = own > threshold, there > threshold * (1 + again)
+        own, there = own - here * threshold, there - spike * threshold
+        ours, theirs, differ = ours + here, theirs + spike, differ + (here != spike)
+    return (
+        f"in 1000 steps of random input {differ:.0f} steps differ, with {ours:.0f} spikes here and {theirs:.0f} there"
+    )
 
 
 def _positive(node: Node, word: str) -> Floats:
@@ -163,7 +194,7 @@ def _snntorch(node: Node, step: float) -> Cell:
             how = "snnTorch 1.0 reads IF as Leaky with beta = 0.9, which fires at V > V_th and falls by V_th"
             if np.any(node.array("r") != 1.0):
                 raise Unsupported("r is not 1, which snnTorch does not have", "read it with from_='nir'")
-            differs = "beyond 2 V_th snnTorch does not fire in the next step"
+            differs = BEYOND_TWICE
             return Cell(0.9 * one, zero, one, how, threshold=node.array("v_threshold"), strict=True, differs=differs)
         case "I":
             return Cell(one, zero, node.array("r"), "V grows by r times the input")
@@ -183,7 +214,10 @@ def _snntorch(node: Node, step: float) -> Cell:
             cell = Cell(1.0 - a, zero, a * node.array("r"), how, i_keep=1.0 - b, i_gain=b * node.array("w_in"))
     if node.kind in ("LI", "CubaLI"):
         return cell
-    return replace(cell, how=f"{how}; {fires}", threshold=node.array("v_threshold"), strict=True, reset=zero)
+    hold = int(node.kind == "CubaLIF" and node.recurrent)
+    if hold:
+        fires = "RSynaptic of snnTorch 1.0 fires at V > V_th, then V = 0 in the next step, which takes no input"
+    return replace(cell, how=f"{how}; {fires}", threshold=node.array("v_threshold"), strict=True, reset=zero, hold=hold)
 
 
 def _sinabs(node: Node, step: float) -> Cell:
@@ -238,6 +272,49 @@ def _spikingjelly(node: Node, step: float) -> Cell:
     raise Unsupported(f"spikingjelly does not have {node.kind}", "read it with from_='nir'")
 
 
+def _spyx(node: Node, step: float) -> Cell:
+    """Spyx 1.0: `IF`, `LIF` and `CuBaLIF`, whose spikes are those of the potential of the step before."""
+    one, zero = np.ones(node.shape), np.zeros(node.shape)
+    fires = "fires a step after V > V_th, and falls by V_th then"
+    threshold = node.array("v_threshold") if "v_threshold" in node.fields else zero
+    spikes: dict[str, Any] = {"threshold": threshold, "strict": True, "late": 1}
+    match node.kind:
+        case "IF":
+            return Cell(one, zero, one, f"Spyx: V grows by the input; {fires}", **spikes)
+        case "LIF":
+            _zero(node, "v_leak", "Spyx")
+            a = _euler(node, "tau", step)
+            own = np.allclose(node.array("r"), 1.0 - a, rtol=1e-4)  # what Spyx 1.0 writes; it does not read r
+            gain = one if own else a * node.array("r")
+            how = "Spyx: Euler, the input as it is" if own else "Spyx: Euler, the input times r dt / tau"
+            return Cell(1.0 - a, zero, gain, f"{how}; {fires}", fall=threshold / np.maximum(1.0 - a, 1e-9), **spikes)
+        case "CubaLIF":
+            _zero(node, "v_leak", "Spyx")
+            a, b = (_euler(node, word, step) for word in ("tau_mem", "tau_syn"))
+            how = f"Spyx: Euler, the current first, then V with it, the input as it is; {fires}"
+            return Cell(1.0 - a, zero, one, how, i_keep=1.0 - b, i_gain=one, **spikes)
+    raise Unsupported(f"Spyx does not have {node.kind}", "read it with from_='nir'")
+
+
+def _rockpool(node: Node, step: float) -> Cell:
+    """Rockpool 3.1: `LIFNeuronTorch` and `LIFTorch`, whose input decays in the step in which it arrives."""
+    one, zero = np.ones(node.shape), np.zeros(node.shape)
+    fires = "fires at V >= V_th, several times if V_th fits several times, and falls by V_th each time"
+    if node.kind == "LIF":
+        _zero(node, "v_leak", "Rockpool")
+        tau = _positive(node, "tau")
+        how = f"Rockpool: exact decay, the input times r dt / tau; {fires}"
+        gain = node.array("r") * step / tau
+        return Cell(np.exp(-step / tau), zero, gain, how, threshold=node.array("v_threshold"), several=True)
+    if node.kind == "CubaLIF":
+        _zero(node, "v_leak", "Rockpool")
+        keep, i_keep = (np.exp(-step / _positive(node, word)) for word in ("tau_mem", "tau_syn"))
+        how = f"Rockpool: exact decay, also of the input in its first step, the current first; {fires}"
+        threshold = node.array("v_threshold")
+        return Cell(keep, zero, one, how, i_keep=i_keep, i_gain=i_keep, threshold=threshold, several=True)
+    raise Unsupported(f"Rockpool does not have {node.kind}", "read it with from_='nir'")
+
+
 def _nir(node: Node, step: float) -> Cell:
     """The equations of NIR, solved exactly for an input that is held for a step."""
     one, zero = np.ones(node.shape), np.zeros(node.shape)
@@ -264,6 +341,8 @@ TOOLS: dict[str, Callable[[Node, float], Cell]] = {
     "snntorch": _snntorch,
     "sinabs": _sinabs,
     "spikingjelly": _spikingjelly,
+    "spyx": _spyx,
+    "rockpool": _rockpool,
     "nir": _nir,
 }
 """The conventions by the name of the tool."""

@@ -12,18 +12,24 @@ import numpy as np
 
 from neuro.compiler.resolve import compile_network
 from neuro.core.checks import check
+from neuro.core.clock import NEVER
+from neuro.core.english import some
 from neuro.core.errors import ModelError
 from neuro.core.outputs import Kind, output
 from neuro.core.quantities import Quantity
-from neuro.exchange.nir.cells import TOOLS, Unsupported
+from neuro.exchange.nir.cells import BY_GRAPH_EXECUTOR, Unsupported
 from neuro.exchange.nir.graph import Floats, package
-from neuro.exchange.nir.nodes import Scaled, neuron_of
-from neuro.exchange.verdict import EXACT, REFUSED, Verdict, Verdicts
+from neuro.exchange.nir.nodes import READOUT, Scaled, neuron_of
+from neuro.exchange.verdict import APPROXIMATE, EXACT, REFUSED, Verdict, Verdicts
 from neuro.model.network import Network
-from neuro.model.neurons.builtin import dc_generator, iaf_psc_exp
+from neuro.model.neurons.builtin import cuba_lif, dc_generator, iaf_psc_delta, iaf_psc_exp
+from neuro.model.neurons.propagators import from_constant
 from neuro.program.program import Population, Program, Projection
 
-FOR = Quantity(doc="the tool that reads it", kind="word", words=tuple(TOOLS), optional=True)
+READERS = ("norse", "snntorch", "sinabs", "spikingjelly", "nir")
+"""The tools for which graphs are scaled."""
+
+FOR = Quantity(doc="the tool that reads it", kind="word", words=READERS, optional=True)
 DT = Quantity(unit="ms", doc="length of a step; that of the network if not given", above=0, optional=True)
 CONVENTION = "neuro_convention"
 """The word of a graph's metadata that says the convention in which it was written."""
@@ -49,6 +55,7 @@ class Written:
         tool: the convention.
         nodes, edges: of the graph.
         neurons: by population, what it is.
+        shapes: of their nodes, by population.
         depths: by population, by how many steps its spikes are later here than in a tool without delays.
         verdicts: of each part of the network.
     """
@@ -59,6 +66,7 @@ class Written:
     nodes: dict[str, Any] = field(default_factory=dict)
     edges: list[tuple[str, str]] = field(default_factory=list)
     neurons: dict[int, Scaled] = field(default_factory=dict)
+    shapes: dict[int, tuple[int, ...]] = field(default_factory=dict)
     depths: dict[int, int] = field(default_factory=dict)
     verdicts: list[Verdict] = field(default_factory=list)
 
@@ -105,21 +113,32 @@ def written(net: Network, dt: float | None, for_: str | None) -> tuple[Any, Verd
         raise ModelError(message, hint=f"neuro.Network(..., resolution={step:g})", path=("dt",))
     out = Written(package("to_nir"), compile_network(net, seed=0), tool)
     for index, part in enumerate(out.program.populations):
-        _add_population(out, index, part)
+        _scale(out, index, part)
     _find_depths(out)
+    for index, part in enumerate(out.program.populations):
+        _add_population(out, index, part)
     for projection in out.program.projections:
         _add_projection(out, projection)
     for index in out.neurons:
-        if not any(p.source == index and p.target != index for p in out.program.projections):
-            _add_output(out, out.program.populations[index])
+        if not any(p.source == index and p.target != index for p in _spiking(out)):
+            _add_output(out, index)
     table = Verdicts(f"{net.name}: for {tool}, steps of {net.resolution:g} ms", tuple(out.verdicts))
     if table.refused:
         return None, table
     metadata = {CONVENTION: tool, "neuro_dt_ms": net.resolution, "neuro_verdicts": table.to_json()}
     try:
-        return out.nir.NIRGraph(out.nodes, out.edges, metadata=metadata), table
+        return out.nir.NIRGraph(_single(out), out.edges, metadata=metadata), table
     except Exception as error:  # the package raises many kinds
         raise ModelError(f"to_nir: the package nir refuses the graph: {error}") from None
+
+
+def _single(out: Written) -> dict[str, Any]:
+    """The nodes, for a tool in the single precision in which it computes."""
+    for node in out.nodes.values() if out.tool != "nir" else ():
+        for word, value in vars(node).items():
+            if isinstance(value, np.ndarray) and value.dtype == np.float64:
+                setattr(node, word, value.astype(np.float32))
+    return out.nodes
 
 
 def save_nir(net: Network, path: str | PathLike[str], dt: float | None = None, for_: str | None = None) -> Verdicts:
@@ -138,43 +157,76 @@ def save_nir(net: Network, path: str | PathLike[str], dt: float | None = None, f
     return table
 
 
-def _add_population(out: Written, index: int, part: Population) -> None:
-    if part.kind in ("listed", "poisson", "generator"):
-        out.nodes[part.name] = out.nir.Input({"input": np.array(part.shape)})
-        listed = part.spike_steps.size or part.kind != "listed"
-        out.says(part, EXACT, "an Input" + ("; its spikes stay here" if listed else ""))
-        return
-    if part.kind == "current":
-        if not isinstance(part.model, dc_generator) or part.stop < 2**62:
-            out.says(part, REFUSED, "is a current that changes", "leave it out, or give the neurons I_e")
-        else:
-            out.says(part, EXACT, "the bias of the nodes that it drives")
+def _scale(out: Written, index: int, part: Population) -> None:
+    """What the neurons of a population are; generators, and a neuron that fires in every step, are none of them."""
+    if part.kind != "neuron" or _ticks(out, index):
         return
     try:
         out.neurons[index] = neuron_of(part, out.tool, out.program.resolution)
     except Unsupported as error:
         out.says(part, REFUSED, error.why, error.way_out)
-        return
-    made = out.neurons[index]
-    out.nodes[part.name] = getattr(out.nir, made.kind)(**{k: v.reshape(part.shape) for k, v in made.fields.items()})
-    out.says(part, EXACT, made.how)
 
 
-def _add_output(out: Written, part: Population) -> None:
+def _ticks(out: Written, index: int) -> bool:
+    """Whether a population is one neuron that fires in every step, whose weights are biases."""
+    part = out.program.populations[index]
+    heard = any(p.target == index for p in out.program.projections)
+    if type(part.model) is not iaf_psc_delta or part.size != 1 or heard:
+        return False
+    p = {word: float(values[0]) for word, values in part.parameters.items()}
+    push: float = p["I_e"] * from_constant(p["tau_m"], p["C_m"], out.program.resolution)  # type: ignore[no-untyped-call]
+    return p["t_ref"] == 0.0 and p["V_reset"] == p["E_L"] and p["E_L"] + push >= p["V_th"]
+
+
+def _add_population(out: Written, index: int, part: Population) -> None:
+    if part.kind in ("listed", "poisson", "generator"):
+        out.nodes[part.name] = out.nir.Input({"input": np.array(part.shape)})
+        out.shapes[index] = part.shape
+        listed = part.spike_steps.size or part.kind != "listed"
+        out.says(part, EXACT, "an Input" + ("; its spikes stay here" if listed else ""))
+    elif part.kind == "current":
+        if not isinstance(part.model, dc_generator) or part.stop < NEVER:
+            out.says(part, REFUSED, "is a current that changes", "leave it out, or give the neurons I_e")
+        else:
+            out.says(part, EXACT, "the bias of the nodes that it drives")
+    elif _ticks(out, index):
+        out.says(part, EXACT, "the bias of the nodes that it drives")
+    elif index in out.neurons:
+        made = out.neurons[index]
+        on_sheet = [p for p in _spiking(out) if index in (p.source, p.target) and p.grid is not None]
+        out.shapes[index] = part.shape if on_sheet else (part.size,)
+        if made.kind != READOUT:
+            fields = {word: values.reshape(out.shapes[index]) for word, values in made.fields.items()}
+            out.nodes[part.name] = getattr(out.nir, made.kind)(**fields)
+        depth = out.depths[index]
+        if made.bias.any() and depth:
+            how = f"{made.how}; its constant current begins {some(depth, 'step')} later there"
+            out.says(part, APPROXIMATE, how, "send the current by a dc_generator with that delay")
+        else:
+            out.says(part, EXACT, made.how)
+
+
+def _add_output(out: Written, index: int) -> None:
+    part = out.program.populations[index]
     name = "output" if "output" not in out.nodes else f"{part.name}_output"
-    out.nodes[name] = out.nir.Output({"output": np.array(part.shape)})
-    out.edges.append((part.name, name))
+    if out.neurons[index].kind == READOUT:
+        name = part.name
+    out.nodes[name] = out.nir.Output({"output": np.array(out.shapes[index])})
+    if name != part.name:
+        out.edges.append((part.name, name))
 
 
 def _lags(out: Written, part: Projection) -> int:
     """Steps that a spike takes until it acts on V_m."""
     model = out.program.populations[part.target].model
-    late = isinstance(model, iaf_psc_exp) and not getattr(model, "current_first", False)
+    late = isinstance(model, iaf_psc_exp) and not isinstance(model, cuba_lif)
     return int(part.delay_span[0]) + (1 if late else 0)
 
 
 def _spiking(out: Written) -> list[Projection]:
-    return [p for p in out.program.projections if p.carries == "spikes" and p.target in out.neurons]
+    """Projections of spikes among generators and neurons, but those that are biases."""
+    found = [p for p in out.program.projections if p.carries == "spikes" and p.target in out.neurons]
+    return [p for p in found if not _ticks(out, p.source)]
 
 
 def _find_depths(out: Written) -> None:
@@ -195,7 +247,7 @@ def _find_depths(out: Written) -> None:
 
 
 def _add_projection(out: Written, part: Projection) -> None:
-    if part.target not in out.neurons or part.carries == "current":
+    if part not in _spiking(out) or part.source not in out.shapes:
         return
     source, target = out.program.populations[part.source], out.program.populations[part.target]
     if part.synapse.learns:
@@ -215,15 +267,24 @@ def _add_projection(out: Written, part: Projection) -> None:
         out.nodes[f"{part.name}.delay"] = out.nir.Delay(np.full(source.shape, lag * out.step))
         out.edges.append((before, f"{part.name}.delay"))
         before = f"{part.name}.delay"
-    if part.grid is None and len(source.shape) > 1:
+    if part.grid is None and len(out.shapes[part.source]) > 1:
         flat = f"{part.name}.flatten"
         out.nodes[flat] = out.nir.Flatten({"input": np.array(source.shape)}, 0, -1)
         out.edges.append((before, flat))
         before = flat
+    if part.grid is None and len(out.shapes[part.target]) > 1:
+        out.says(part, REFUSED, f"leads to '{target.name}', which is a sheet of a grid", "make it a grid, too")
+        return
     out.nodes[part.name] = weights
     out.edges += [(before, part.name), (part.name, target.name)]
+    if isinstance(weights, out.nir.Conv2d) and weights.groups > 1 and out.tool == "spikingjelly":
+        out.says(part, REFUSED, "spikingjelly reads no convolution in groups", "use a grid that is not depthwise")
+        return
     if lag and out.tool in ("norse", "snntorch", "sinabs", "spikingjelly"):
         out.says(part, REFUSED, f"a delay of {lag} steps: {out.tool} has no Delay", "delays of one step a layer")
+    elif back and out.tool == "snntorch":
+        how += "; where snnTorch 1.0's importer does not fail with nirtorch 2.6, it sends the input through it, too"
+        out.says(part, APPROXIMATE, how)
     else:
         out.says(part, EXACT, how)
 
@@ -258,15 +319,33 @@ def _weights(out: Written, part: Projection, factor: Floats, bias: Floats | None
 
 
 def _bias_of(out: Written, part: Projection) -> Floats | None:
-    """The constant current of the target, for the first projection onto it."""
-    first = next(p for p in _spiking(out) if p.target == part.target)
+    """The constant input of the target, for the first projection onto it.
+
+    What begins a step late is that of recurrent weights, where a tool begins them a step late.
+    """
+    onto = [p for p in _spiking(out) if p.target == part.target]
+    first = next((p for p in onto if p.source != p.target), onto[0])
+    back = next((p for p in onto if p.source == p.target), None) if out.tool in BY_GRAPH_EXECUTOR else None
     made = out.neurons[part.target]
-    if first is not part:
-        return None
-    total = made.bias.copy()
+    total = made.bias * (part is first)
     for k, other in enumerate(out.program.projections):
-        if other.carries == "current" and other.target == part.target:
-            pre, post, slot = out.program.synapses(k)
-            amplitude = np.broadcast_to(out.program.populations[other.source].parameters["amplitude"], pre.max() + 1)
-            np.add.at(total, post, np.broadcast_to(other.weight, other.size)[slot] * amplitude[pre] * made.per_pa[post])
+        if other.target != part.target or not (other.carries == "current" or _ticks(out, other.source)):
+            continue
+        begin = int(other.delay_span[0]) + (2 if other.carries == "current" else 1)
+        late = begin - out.depths[part.target] - 1
+        of = back if back is not None and late == 1 else first
+        if part is not of:
+            continue
+        pre, post, slot = out.program.synapses(k)
+        values = np.broadcast_to(other.weight, other.size)[slot]
+        if other.carries == "current" and made.per_pa is not None:
+            amplitude = out.program.populations[other.source].parameters["amplitude"]
+            values = values * np.broadcast_to(amplitude, pre.max() + 1)[pre] * made.per_pa[post]
+        elif other.carries == "current":
+            out.says(other, REFUSED, "goes past the synapse of a CubaLIF, and no bias does", "leave it out")
+        else:
+            values = values * made.factor[post]
+        np.add.at(total, post, values)
+        if late - (of is back):
+            out.says(other, APPROXIMATE, f"begins {some(abs(late), 'step')} {'later' if late > 0 else 'earlier'} here")
     return total if total.any() else None

@@ -56,6 +56,7 @@ class Node:
         kind: its type in NIR.
         fields: its arrays and numbers by name.
         shape: of what it gives; () until `Graph` has found it.
+        recurrent: whether weights lead from it back to it.
         problem: why it cannot be used, and the way out; ("", "") if it can.
     """
 
@@ -63,6 +64,7 @@ class Node:
     kind: str
     fields: dict[str, Any]
     shape: Shape = ()
+    recurrent: bool = False
     problem: tuple[str, str] = ("", "")
 
     def array(self, word: str) -> Floats:

@@ -14,7 +14,16 @@ from neuro.core.checks import check
 from neuro.core.english import some
 from neuro.core.errors import ModelError
 from neuro.core.quantities import Quantity
-from neuro.exchange.nir.cells import ASK, Cell, Unsupported, cell_of, find_tool
+from neuro.exchange.nir.cells import (
+    ASK,
+    BEYOND_TWICE,
+    BY_GRAPH_EXECUTOR,
+    Cell,
+    Unsupported,
+    beyond_twice,
+    cell_of,
+    find_tool,
+)
 from neuro.exchange.nir.graph import FIELDS, STATEFUL, Floats, Graph, Node, Shape, sources
 from neuro.exchange.nir.maps import Map, map_of, same_in_each_map, sheet, together
 from neuro.exchange.nir.models import Made, model_of, one_or_all
@@ -22,10 +31,10 @@ from neuro.exchange.nir.reading import read
 from neuro.exchange.verdict import APPROXIMATE, EXACT, REFUSED, Verdict, Verdicts
 from neuro.model.network import Network
 from neuro.model.neurons.builtin import dc_generator, iaf_psc_delta, spike_generator
-from neuro.model.rules import all_to_all, grid, one_to_one, pairs
+from neuro.model.rules import SAME, all_to_all, grid, one_to_one, pairs
 
 DT = Quantity(unit="ms", doc="length of a step", above=0)
-RESET = Quantity(doc="what a spike does", kind="word", words=("to_value", "subtract"), optional=True)
+RESET = Quantity(doc="what a spike does", kind="word", words=("to_value", "subtract", "subtract_next"), optional=True)
 MOST_PATHS = 10_000
 CURRENT, TICKS = "bias", "every_step"
 """The population that sends constant currents, and the neuron that fires in every step."""
@@ -61,6 +70,7 @@ class Read:
         cells, made: of each stateful node.
         links: between neurons.
         bias: of each stateful node the constant input, in the unit of weighted input.
+        late: the part of it that begins with the second step.
         depths: by how many steps each node is later here than in the tool.
         verdicts: of each node.
     """
@@ -72,6 +82,7 @@ class Read:
     made: dict[str, Made] = field(default_factory=dict)
     links: list[Link] = field(default_factory=list)
     bias: dict[str, Floats] = field(default_factory=dict)
+    late: dict[str, Floats] = field(default_factory=dict)
     depths: dict[str, int] = field(default_factory=dict)
     verdicts: dict[str, Verdict] = field(default_factory=dict)
 
@@ -100,7 +111,8 @@ def from_nir(graph: Any, dt: float, from_: str | None = None, *, reset: str | No
         dt: length of a step, ms. NIR has no steps, and its times are in seconds.
         from_: the tool whose convention holds: "norse", "snntorch", "sinabs", "spikingjelly", or "nir" for the
             equations of NIR; not needed if the graph was written by `to_nir`.
-        reset: "to_value" or "subtract", where the file is known to mean another than its tool's importer takes.
+        reset: "to_value", "subtract" or "subtract_next", where the file is known to mean another than its tool's
+            importer takes; "subtract_next" lowers V by V_th after the decay of the next step, as snnTorch by default.
 
     Returns:
         The network; its `verdicts` says what became of each node.
@@ -187,7 +199,7 @@ def _find_links(found: Read) -> None:
     for name, node in graph.nodes.items():
         if node.kind not in (*STATEFUL, "Output"):
             continue
-        found.bias[name] = np.zeros(node.shape)
+        found.bias[name], found.late[name] = np.zeros(node.shape), np.zeros(node.shape)
         known: set[tuple[str, ...]] = set()
         first = len(found.links)
         for count, path in enumerate(sources(graph, name)):
@@ -195,17 +207,59 @@ def _find_links(found: Read) -> None:
                 raise ModelError(f"{graph.source}: more than {MOST_PATHS} paths lead to node '{name}'")
             _add_link(found, path, known)
         onto = found.links[first:]
-        if node.kind == "Output" and not (len(onto) == 1 and _is_plain(onto[0]) and not found.bias[name].any()):
+        if node.kind == "Output" and not (len(onto) == 1 and _is_plain(found, onto[0]) and not found.bias[name].any()):
             _read_out(found, node)
+    _bound_inputs(found)
+    _mark_recurrent(found)
     for link in found.links:
         silent = link.source in found.cells and found.cells[link.source].threshold is None
         if silent and link.target in found.cells:
             found.refuse(link.source, "its potential is sent on, and only spikes are sent here", "let it fire")
 
 
-def _is_plain(link: Link) -> bool:
+def _bound_inputs(found: Read) -> None:
+    """A reset of snnTorch is exact where the input of a step, a spike of each source, cannot leave more than V_th."""
+    for name, cell in found.cells.items():
+        if cell.differs != BEYOND_TWICE or cell.threshold is None:
+            continue
+        old = found.verdicts[name]
+        largest = np.maximum(found.bias[name] + found.late[name], 0.0).reshape(-1)
+        for link in found.links:
+            if link.target == name:
+                largest = largest + np.maximum(link.map.sparse().toarray(), 0.0).sum(axis=1)
+        keep, gain, threshold = (values.reshape(-1) for values in (cell.keep, cell.gain, cell.threshold))
+        if cell.i_keep is None and np.all(keep * threshold + gain * largest <= 2.0 * threshold):
+            how = f"{cell.how}; for at most one spike of each source in a step"
+            found.verdicts[name] = replace(old, verdict=EXACT, how=how)
+        else:
+            most = int(np.argmax(largest / threshold))
+            numbers = (float(values[most]) for values in (keep, gain, threshold, largest))
+            found.verdicts[name] = replace(old, how=f"{old.how}; {beyond_twice(*numbers)}")
+
+
+def _mark_recurrent(found: Read) -> None:
+    """Recurrent weights that are no subgraph, which snnTorch reads otherwise than it writes them."""
+    graph = found.graph
+    for name, node in graph.nodes.items():
+        loop = node.recurrent and node.kind in ("Linear", "Affine")
+        if found.tool == "snntorch" and loop and not _in_subgraph(graph, name):
+            how = (
+                "recurrent weights, as RLeaky and RSynaptic have them; snnTorch 1.0's importer, where it does not fail"
+            )
+            how += " with nirtorch 2.6, sends the input of the neurons through them, too"
+            found.verdicts[name] = Verdict(name, node.kind, APPROXIMATE, how)
+
+
+def _in_subgraph(graph: Graph, name: str) -> bool:
+    prefix = name.rpartition(".")[0]
+    return any(n.kind == "Identity" and n.name.rpartition(".")[0] == prefix for n in graph.nodes.values() if prefix)
+
+
+def _is_plain(found: Read, link: Link) -> bool:
     """Whether it sends on what it receives."""
-    return link.map.diagonal is not None and bool(np.all(link.map.diagonal == 1.0)) and not link.lag.any()
+    own = found.step * found.cells[link.source].late if link.source in found.cells else 0.0
+    same = link.map.diagonal is not None and np.all(link.map.diagonal == 1.0)
+    return bool(same and np.all(link.lag == own))
 
 
 def _read_out(found: Read, node: Node) -> None:
@@ -230,6 +284,8 @@ def _add_link(found: Read, path: list[str], known: set[tuple[str, ...]]) -> None
                 found.refuse(node.name, "differs from neuron to neuron behind weights", "delay the neurons before them")
                 return
             lag = lag + (node.array("delay").flat[0] if mixed else node.array("delay").reshape(lag.shape))
+    if path[0] in found.cells:
+        lag = lag + found.step * found.cells[path[0]].late
     identity = Map(shape, nodes[-1].shape, diagonal=np.ones(nodes[-1].shape))
     found.links.append(Link(path[0], path[-1], together([*maps, identity]), lag))
     for k, node in enumerate(nodes[1:-1]):
@@ -241,7 +297,9 @@ def _add_link(found: Read, path: list[str], known: set[tuple[str, ...]]) -> None
         values = np.asarray(bias, dtype=np.float64)
         values = values.reshape(-1, *[1] * (len(maps[k].target) - 1)) if node.kind.startswith("Conv") else values
         full = np.broadcast_to(values, maps[k].target).astype(np.float64)
-        found.bias[path[-1]] += together([*maps[k + 1 :], identity])(full)
+        # What comes back to a layer is of the step before, and the first step has none, in these also no bias.
+        late = path[0] == path[-1] and found.tool in BY_GRAPH_EXECUTOR
+        (found.late if late else found.bias)[path[-1]] += together([*maps[k + 1 :], identity])(full)
 
 
 def _find_depths(found: Read) -> None:
@@ -263,8 +321,8 @@ def _find_depths(found: Read) -> None:
             why = "is in a loop of several layers, which takes one step in the tools, and here one for each layer"
             found.refuse(name, why, "delay the way back in the tool, too, or leave out all but one layer of the loop")
     for name in found.cells:
-        old = found.verdicts[name]
-        found.verdicts[name] = replace(old, how=f"{old.how}; {some(depths[name], 'step')} later here")
+        old, later = found.verdicts[name], depths[name] - found.cells[name].late
+        found.verdicts[name] = replace(old, how=f"{old.how}; {some(later, 'step')} later here")
 
 
 def _has_current(found: Read, name: str, made: Made) -> bool:
@@ -275,7 +333,7 @@ def _network(found: Read) -> Network:
     graph, h = found.graph, found.step * 1e3
     net = Network(_name(graph.source.rpartition("/")[2].removesuffix(".nir"), set()), resolution=round(h, 12))
     names: dict[str, str] = {}
-    for name, node in graph.nodes.items():
+    for name, node in sorted(graph.nodes.items(), key=lambda item: found.depths.get(item[0], 0)):
         if node.kind == "Input":
             names[name] = _name(name, names.values())
             net.population(names[name], _laid(node.shape), spike_generator())
@@ -283,7 +341,7 @@ def _network(found: Read) -> Network:
             names[name] = _name(name, names.values())
             made = found.made[name]
             net.population(names[name], _laid(node.shape), made.model, initial=made.initial)
-    for link in found.links:
+    for link in sorted(found.links, key=lambda link: found.depths.get(link.target, 0)):
         if link.target in found.cells:
             _connect(net, found, link, names, h)
     _connect_biases(net, found, names, h)
@@ -318,11 +376,9 @@ def _connect(net: Network, found: Read, link: Link, names: dict[str, str], h: fl
     delay = _delay(found, link, h)
     label = _name(f"{source}_{target}", net.projections)
     if part.kernel is not None and np.isscalar(delay):
-        per_map = same_in_each_map(gain.reshape(part.target))
-        if per_map is not None:
-            kernel = part.kernel
-            rule = _grid(kernel.weight.shape[2:], kernel.stride, kernel.padding, kernel.depthwise)
-            weight = kernel.weight * per_map[:, None, None, None]
+        per_map, rule = same_in_each_map(gain.reshape(part.target)), _grid(part)
+        if per_map is not None and rule is not None:
+            weight = part.kernel.weight * per_map[:, None, None, None]
             net.connect(source, target, rule, weight=weight, delay=delay, name=label)
             return
     if part.diagonal is not None:
@@ -341,12 +397,19 @@ def _connect(net: Network, found: Read, link: Link, names: dict[str, str], h: fl
     net.connect(source, target, pairs(pre, post), weight=weight, delay=delay, name=label)
 
 
-def _grid(size: Any, stride: Any, padding: Any, depthwise: bool) -> grid:
-    return grid(kernel=tuple(size), stride=_one_or_pair(stride), padding=_one_or_pair(padding), depthwise=depthwise)
-
-
-def _one_or_pair(pair: tuple[int, int]) -> Any:
-    return pair[0] if pair[0] == pair[1] else pair
+def _grid(part: Map) -> grid | None:
+    """The rule of a convolution, None where the language has none: for unequal strides."""
+    assert part.kernel is not None
+    (_, *sides), (_, *places) = sheet(part.source), sheet(part.target)
+    size, border = part.kernel.weight.shape[2:], part.kernel.padding
+    for stride in dict.fromkeys(part.kernel.stride):
+        words: dict[str, Any] = {"kernel": size, "stride": stride, "depthwise": part.kernel.depthwise}
+        if places == [(n + 2 * b - k) // stride + 1 for n, b, k in zip(sides, border, size, strict=True)]:
+            apart = None if border[0] == border[1] else border[1]
+            return grid(**words, padding=border[0], column_padding=apart)
+        if stride == 1 and places == sides:
+            return grid(**words, padding=SAME)
+    return None
 
 
 def _connect_biases(net: Network, found: Read, names: dict[str, str], h: float) -> None:
@@ -356,20 +419,21 @@ def _connect_biases(net: Network, found: Read, names: dict[str, str], h: float) 
     that fires in every step.
     """
     for name, made in found.made.items():
-        bias, depth = found.bias[name], found.depths[name]
-        current = made.offset if made.per_input is None else made.offset + bias * made.per_input
-        if current.any():
-            if CURRENT not in net.populations:
-                net.population(CURRENT, 1, dc_generator(amplitude=1.0))
-            _from_one(net, CURRENT, names[name], current, h * (depth - 1))
-        if made.per_input is None and bias.any():
-            if TICKS not in net.populations:
-                ticking = iaf_psc_delta(tau_m=math.inf, C_m=h, t_ref=0.0, E_L=0.0, V_reset=0.0, V_th=1.0, I_e=1.0)
-                net.population(TICKS, 1, ticking)
-            _from_one(net, TICKS, names[name], bias * made.gain, h * depth)
+        offset, depth = made.offset, found.depths[name]
+        for bias, begin in ((found.bias[name], depth), (found.late[name], depth + 1)):
+            current = offset if made.per_input is None else offset + bias * made.per_input
+            if current.any():
+                _from_one(net, CURRENT, names[name], current, h * (begin - 1))
+            if made.per_input is None and bias.any():
+                _from_one(net, TICKS, names[name], bias * made.gain, h * begin)
+            offset = np.zeros_like(offset)
 
 
 def _from_one(net: Network, source: str, target: str, values: Floats, delay: float) -> None:
+    if source not in net.populations:
+        h = net.resolution
+        ticks = iaf_psc_delta(tau_m=math.inf, C_m=h, t_ref=0.0, E_L=0.0, V_reset=0.0, V_th=1.0, I_e=1.0)
+        net.population(source, 1, dc_generator(amplitude=1.0) if source == CURRENT else ticks)
     label = _name(f"{source}_{target}", net.projections)
     net.connect(source, target, all_to_all(), weight=values.reshape(1, -1), delay=round(delay, 9), name=label)
 

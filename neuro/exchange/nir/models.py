@@ -56,7 +56,7 @@ def model_of(cell: Cell, h: float) -> Made:
     endless = np.isinf(tau)
     # With this capacity a current of 1 pA adds 1 - keep mV in a step, as in NIR; without a leak 1 mV.
     capacity, push = np.where(endless, h, tau), np.where(endless, 1.0, 1.0 - cell.keep)
-    words = {"tau_m": tau, "C_m": capacity, "t_ref": 0.0, "E_L": cell.rest, **_spike(cell)}
+    words = {"tau_m": tau, "C_m": capacity, "t_ref": h * cell.hold, "E_L": cell.rest, **_spike(cell)}
     if cell.lowest is not None:
         words["V_min"] = cell.lowest
     initial = {} if cell.start is None or np.all(cell.start == cell.rest) else {"V_m": one_or_all(cell.start)}
@@ -84,7 +84,8 @@ def _spike(cell: Cell) -> dict[str, Any]:
     if cell.reset is None:
         if np.any(cell.threshold <= 0.0):
             raise Unsupported("v_threshold is not above 0, so that no spike lowers the potential", "raise it")
-        words = {"V_th": v_th, "V_reset": v_th - cell.threshold, "reset_by_subtraction": True}
+        fall = cell.threshold if cell.fall is None else cell.fall
+        words = {"V_th": v_th, "V_reset": v_th - fall, "reset_by_subtraction": True}
         return words | ({"max_spikes": MOST} if cell.several else {})
     if np.any(cell.reset >= v_th):
         raise Unsupported("v_reset is not below v_threshold", "raise v_threshold")

@@ -41,13 +41,62 @@ def _from_file(path: Path) -> Any:
             raise ModelError(f"{path}: is no NIR file: expected HDF5")
     nir = package("from_nir")
     try:
+        _check_sizes(path)
         graph = nir.read(path)
+    except ModelError:
+        raise
     except Exception as error:  # the package and HDF5 raise many kinds on damaged files
         reason = str(error).strip().partition("\n")[0]
         raise ModelError(f"{path}: cannot be read as NIR: {reason or type(error).__name__}") from None
     if not hasattr(graph, "nodes"):
         raise ModelError(f"{path}: holds a {type(graph).__name__}: expected a graph")
     return graph
+
+
+def _check_heaps(content: bytes) -> bool:
+    """Whether the collections in which HDF5 keeps texts are whole: it reads on for ever in some that are not.
+
+    Source: HDF5 File Format Specification 3.0, III.E, "Disk Format: Level 1E - Global Heap".
+    """
+    at = content.find(b"GCOL")
+    while at >= 0:
+        end = at + int.from_bytes(content[at + 8 : at + 16], "little")
+        place = at + 16
+        while place + 16 <= end <= len(content):
+            index = int.from_bytes(content[place : place + 2], "little")
+            length = int.from_bytes(content[place + 8 : place + 16], "little")
+            if index == 0:  # what is free, with its head
+                place += length if length else len(content)
+            else:
+                place += 16 + -(-length // 8) * 8
+        if place > end or end > len(content):
+            return False
+        at = content.find(b"GCOL", at + 4)
+    return True
+
+
+def _check_sizes(path: Path) -> None:
+    """Refuse arrays that the file cannot hold: HDF5 believes their shapes, and would read for hours.
+
+    Raises:
+        ModelError: an array is larger than what the file has of it.
+    """
+    import h5py
+
+    room = path.stat().st_size
+    if not _check_heaps(path.read_bytes()):
+        raise ModelError(f"{path}: is damaged: its texts are not whole")
+
+    def look(name: str, item: Any) -> None:
+        if not isinstance(item, h5py.Dataset):
+            return
+        size = math.prod(item.shape or ())
+        packed = item.compression is not None
+        if size > LARGEST or item.size * item.dtype.itemsize > (room * 1100 if packed else room):
+            raise ModelError(f"{path}: is damaged: array '{name}' of shape {list(item.shape)} does not fit in the file")
+
+    with h5py.File(path, "r") as file:
+        file.visititems(look)
 
 
 def _flat(graph: Any, source: str) -> Graph:
@@ -61,6 +110,8 @@ def _flat(graph: Any, source: str) -> Graph:
     if not any(node.kind == "Input" for node in nodes.values()):
         raise ModelError(f"{source}: has no Input node")
     _find_shapes(flat)
+    for name, node in nodes.items():
+        node.recurrent = any((b, name) in flat.edges for a, b in flat.edges if a == name)
     return flat
 
 

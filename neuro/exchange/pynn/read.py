@@ -10,7 +10,6 @@ import signal
 import subprocess
 import sys
 import tempfile
-import warnings
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
@@ -23,7 +22,7 @@ from neuro.core.errors import ModelError, Where
 from neuro.core.extras import needed
 from neuro.core.paths import existing
 from neuro.core.quantities import Quantity
-from neuro.exchange.pynn.notes import ExchangeNote
+from neuro.exchange.verdict import APPROXIMATE, Verdict, Verdicts
 from neuro.model.language import load
 from neuro.model.network import Network
 
@@ -74,8 +73,7 @@ def from_pynn(
         memory: that it may use, GiB.
 
     Returns:
-        The network; its parts are at lines of the script. How long the script runs it, and what is otherwise here, is
-        told by an `ExchangeNote` for each line.
+        The network. Its `verdicts` say how long the script runs it, and by line what is otherwise here.
 
     Raises:
         ModelError: the script may not be run, fails, takes too long or too much memory, builds no network, or builds
@@ -113,8 +111,7 @@ def _network(path: Path, report: dict[str, Any], folder: Path, number: int | Non
         raise ModelError(f"{path.name}: the network cannot come ({count})", others=others)
     net = load(folder / about["file"])
     net.inputs = ()
-    for note in _notes(about, networks, number, failure, where):
-        warnings.warn(f"{path.name}: {note}" if isinstance(note, str) else str(note), ExchangeNote, stacklevel=3)
+    net.verdicts = _verdicts(path.name, about, networks, number, failure)
     return net
 
 
@@ -129,23 +126,21 @@ def _at(file: str, line: int) -> Where | None:
     return Where(file, line) if file else None
 
 
-def _notes(
-    about: dict[str, Any], networks: list[Any], number: int | None, failure: Any, where: Where | None
-) -> Iterator[Any]:
-    """What is to be said of a network that comes in."""
+def _verdicts(name: str, about: dict[str, Any], networks: list[Any], number: int | None, failure: Any) -> Verdicts:
+    """How long the script runs the network, and by line what is otherwise here."""
+    runs, said = about["runs"], [name]
+    if runs:
+        shown = ", ".join(f"{ms:g}" for ms in runs[:5]) + (", ..." if len(runs) > 5 else "")
+        said.append(f"runs for {sum(runs):g} ms" + (f" ({shown})" if len(runs) > 1 else ""))
     if len(networks) > 1:
         lines = ", ".join(str(one["line"]) for one in networks)
         chosen = "the last" if number is None else f"number {number}"
-        yield f"builds {len(networks)} networks, at lines {lines}: this is {chosen}"
-    runs = about["runs"]
-    if runs:
-        shown = ", ".join(f"{ms:g}" for ms in runs[:5]) + (", ..." if len(runs) > 5 else "")
-        yield f"runs for {sum(runs):g} ms" + (f" ({shown})" if len(runs) > 1 else "")
-    for *place, message in about["notes"]:
-        yield ModelError(message, where=_at(*place))
+        said.append(f"builds {len(networks)} networks, at lines {lines}: this is {chosen}")
+    notes = [(f"{file}:{line}" if file else name, how) for file, line, how in about["notes"]]
     if failure:
-        said = f"the script ends in what it does with results, which are empty here: {failure['message']}"
-        yield ModelError(said, where=where)
+        how = f"the script ends in what it does with results, which are empty here: {failure['message']}"
+        notes.append((f"{name}:{failure['line']}", how))
+    return Verdicts("; ".join(said), tuple(Verdict(place, "line", APPROXIMATE, how) for place, how in notes))
 
 
 # -- the process -----------------------------------------------------------------------------------------------------

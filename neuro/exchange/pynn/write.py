@@ -6,7 +6,6 @@ What is drawn here, and what a script would be too long for, is written as array
 from __future__ import annotations
 
 import os
-import warnings
 from collections.abc import Iterable, Iterator
 from pathlib import Path
 from typing import Any
@@ -20,7 +19,7 @@ from neuro.core.outputs import marked, output, sealed
 from neuro.core.paths import file_path
 from neuro.core.quantities import Quantity
 from neuro.exchange.pynn.cells import BY_MODEL, DEPENDENCES, Cell
-from neuro.exchange.pynn.notes import ExchangeNote
+from neuro.exchange.verdict import APPROXIMATE, Verdict, Verdicts
 from neuro.model.network import Network
 from neuro.model.synapses import static, stdp
 from neuro.program.program import Floats, Ints, Population, Program, Projection
@@ -92,7 +91,7 @@ sim.end()
 """
 
 
-def to_pynn(net: Network, path: str | os.PathLike[str], *, seed: int = 0, duration: Any = None) -> None:
+def to_pynn(net: Network, path: str | os.PathLike[str], *, seed: int = 0, duration: Any = None) -> Verdicts:
     """Write a network as a script of PyNN, with a file `.npz` beside it for arrays.
 
     Weights and delays are in PyNN's units. What the network draws for this seed (connections, weights, delays,
@@ -105,6 +104,9 @@ def to_pynn(net: Network, path: str | os.PathLike[str], *, seed: int = 0, durati
         duration: ms for which the script runs, 1000 if not given. If it is given the trains of random generators are
             drawn for so long and written as spike times; otherwise a simulator draws those of `poisson_generator`.
 
+    Returns:
+        What is otherwise there.
+
     Raises:
         ModelError: the network has what PyNN's standard has not; `others` has each part. Or a file cannot be written.
     """
@@ -115,13 +117,13 @@ def to_pynn(net: Network, path: str | os.PathLike[str], *, seed: int = 0, durati
     long = None if duration is None else float(check(_DURATION, duration, "duration"))
     written = _Script(net, number, long)
     text, arrays = written.text(file)
-    for note in written.notes:
-        warnings.warn(note, ExchangeNote, stacklevel=2)
     with output(file, _SCRIPT) as script:
         script.write_text(_SCRIPT.seal(text), "utf-8")
         if arrays:
             with output(file.with_suffix(".npz"), _ARRAYS) as part, part.open("wb") as stream:
                 np.savez(stream, allow_pickle=False, written_by_neuro=np.zeros(0), **arrays)
+    notes = (Verdict(part, kind, APPROXIMATE, how) for part, kind, how in written.notes)
+    return Verdicts(f"{net.name} for PyNN", tuple(notes))
 
 
 class _Script:
@@ -134,7 +136,7 @@ class _Script:
         self.lines: list[str] = []
         self.arrays: dict[str, Any] = {}
         self.problems: list[ModelError] = []
-        self.notes: list[str] = []
+        self.notes: list[tuple[str, str, str]] = []
         self.trains: dict[str, tuple[Floats, Ints]] = {}
 
     def text(self, file: Path) -> tuple[str, dict[str, Any]]:
@@ -170,8 +172,8 @@ class _Script:
         except ModelError as error:
             self.problems.append(error.at(where, what))
 
-    def _note(self, message: str) -> None:
-        self.notes.append(message)
+    def _note(self, part: str, kind: str, how: str) -> None:
+        self.notes.append((part, kind, how))
 
     def _call(self, head: str, words: Iterable[str], tail: str = ")") -> None:
         """A call on one line, or with an argument on each."""
@@ -266,9 +268,9 @@ class _Script:
 
     def _listed(self, part: Population, steps: Any, ids: Any) -> tuple[str, dict[str, str]]:
         if np.any(np.asarray(steps) == 1):
-            self._note(f"spikes of '{part.name}' in the first step are lost in pyNN.nest")
+            self._note(part.name, "population", "spikes in the first step are lost in pyNN.nest")
         if np.unique(np.column_stack((steps, ids)), axis=0).shape[0] < len(ids):
-            self._note(f"neurons of '{part.name}' emit several spikes in a step, which pyNN.brian2 refuses")
+            self._note(part.name, "population", "several spikes of a neuron in a step, which pyNN.brian2 refuses")
         self.arrays[f"{part.name}.times"] = (np.asarray(steps, dtype=float) - _EARLY) * self.step
         self.arrays[f"{part.name}.ids"] = np.asarray(ids)
         return "SpikeSourceArray", {"spike_times": f'trains("{part.name}", {part.size})'}
@@ -410,12 +412,12 @@ class _Script:
             states = {} if part.model.name not in BY_MODEL else BY_MODEL[part.model.name].states
             theirs = next((name for name, (state, _) in states.items() if state == probe.record), None)
             if theirs is None or probe.mean:
-                self._note(f"probe '{probe.name}' has no counterpart in PyNN and is left out")
+                self._note(probe.name, "probe", "has no counterpart in PyNN and is left out")
                 continue
             of = f'populations["{part.name}"]' + ("" if probe.ids is None else f"[{probe.ids.tolist()}]")
             self.lines.append(f'{of}.record("{theirs}", sampling_interval={probe.every * self.step!r})')
         for other in self.program.synapse_probes:
-            self._note(f"probe '{other.name}' has no counterpart in PyNN and is left out")
+            self._note(other.name, "probe", "has no counterpart in PyNN and is left out")
 
 
 def _once(pre: Ints, post: Ints) -> Iterator[Any]:
