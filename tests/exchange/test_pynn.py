@@ -44,6 +44,7 @@ sim.DCSource(amplitude=0.3, start=10.0, stop=20.0).inject_into(cells[:2])
 cells[0:3].record("v", sampling_interval=0.5)
 other.record(["spikes", "gsyn_exc"])
 learnt.set(weight=0.03)
+sim.reset()
 sim.run(30.0)
 noise.set(rate=30.0)
 sim.run(20.0)
@@ -94,7 +95,7 @@ def test_a_script_is_recorded(tmp_path):
         ("script.py:9", "spike times are rounded up to steps of 0.1 ms, as NEST does"),
         ("script.py:17", "delays are rounded to steps of 0.1 ms"),
         (
-            "script.py:35",
+            "script.py:36",
             "the script ends in what it does with results, which are empty here: "
             "IndexError: index 0 is out of bounds for axis 0 with size 0",
         ),

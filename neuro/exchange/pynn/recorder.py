@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 from pyNN import common, connectors, core, errors, random, recording, space, standardmodels
 from pyNN.mock import populations as mock_populations, simulator as mock_simulator
+from pyNN.network import Network
 from pyNN.parameters import ArrayParameter, LazyArray, ParameterSpace, simplify
 from pyNN.standardmodels import build_translations, cells, electrodes, synapses
 
@@ -235,7 +236,7 @@ def reset(annotations: Any = None) -> None:
     SESSION.close()
     was = SESSION.experiment
     SESSION.experiment = replace(was, where=SESSION.where(), runs=[], live=[])
-    SESSION.captured = not was.live
+    SESSION.captured = SESSION.captured and not was.live
 
 
 # -- cells, synapses and sources -------------------------------------------------------------------------------------
@@ -463,6 +464,8 @@ class PopulationView(_Neurons, mock_populations.PopulationView):
 
     _simulator = SIMULATOR
     _assembly_class = Assembly
+    initial_values: dict[str, Any] = {}
+    """PyNN's own raises an error, also where a view is initialised."""
 
     def _whole(self) -> tuple[Any, Any]:
         return self.grandparent, self.index_in_grandparent(np.arange(self.size))
@@ -699,5 +702,5 @@ def public_names() -> dict[str, Any]:
         **{"NumpyRNG": random.NumpyRNG, "GSLRNG": random.GSLRNG, "RandomDistribution": random.RandomDistribution},
         **{"NativeRNG": random.NumpyRNG, "StandardCellType": standardmodels.StandardCellType},
         **{"Line": space.Line, "Grid2D": space.Grid2D, "Grid3D": space.Grid3D},
-        "state": STATE,
+        **{"state": STATE, "Network": Network},
     }
