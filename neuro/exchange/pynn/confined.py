@@ -80,7 +80,7 @@ def _run(code: CodeType, here: Path, outcome: Any) -> None:
     except MemoryError as error:
         outcome.fail("needs more memory than it may", _line(error, code.co_filename), kind="memory")
     except BaseException as error:
-        last, strict = str(error).partition("\n")[0], isinstance(error, Refused)
+        last, strict = next(filter(str.strip, str(error).splitlines()), ""), isinstance(error, Refused)
         said = last if strict else f"{type(error).__name__}: {last}" if last else type(error).__name__
         outcome.fail(said[:400], _line(error, code.co_filename), kind="refused" if strict else "raised")
     outcome.end()

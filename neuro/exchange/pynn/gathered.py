@@ -117,7 +117,8 @@ class Gathered:
             try:
                 add(part)
             except Incomplete as error:
-                self._problem(where, str(error))
+                if str(error):
+                    self._problem(where, str(error))
             except ModelError as error:
                 self._problem(where, error.message)
 
@@ -135,6 +136,8 @@ class Gathered:
         label = part.label if part.named else f"population{len(self.names)}"
         name = self.names[part] = _free(_name(label), {*self.names.values()})
         kind, what = type(part.celltype).__name__, f"population '{name}'"
+        if kind == "Placeholder":
+            return  # its line is a problem already
         made = _SOURCES.get(kind)
         if made is not None:
             model, initial = made(self, part.values), {}
@@ -249,9 +252,10 @@ class Gathered:
         self.net.connect(source, target, rule, synapse, name=name, **place)
 
     def _end(self, part: Any) -> str:
+        """The name of a population; what follows from one that cannot come is no problem of its own."""
         name = self.names.get(part, "")
         if name not in self.net.populations:
-            raise Incomplete(f"a projection of population '{name}', which cannot come")
+            raise Incomplete("")
         return name
 
     def _factor(self, bundle: Synapses, cell: Cell) -> Any:

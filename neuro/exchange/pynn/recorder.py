@@ -7,6 +7,7 @@ the script imports it, see `confined`.
 from __future__ import annotations
 
 import sys
+from collections import defaultdict
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, field, replace
 from types import SimpleNamespace
@@ -254,6 +255,16 @@ def _standard(module: Any, base: Any) -> dict[str, Any]:
 
 
 CELLS = {name: _as_it_is(kind) for name, kind in _standard(cells, standardmodels.StandardCellType).items()}
+PLACEHOLDER = type(
+    "Placeholder",
+    (CELLS["IF_curr_exp"],),
+    {
+        "can_record": lambda self, *variable: True,
+        "units": defaultdict(lambda: "mV"),
+        "receptor_types": ("excitatory", "inhibitory", "reward", "punishment"),
+    },
+)
+"""Stands for cells that are absent, so that the script goes on."""
 CELLS = {name: kind for name, kind in CELLS.items() if name not in ("PointNeuron", "MultiCompartmentNeuron")}
 
 
@@ -507,7 +518,7 @@ class Population(_Neurons, mock_populations.Population):
             size = int(np.ceil(size))
         if isinstance(cellclass, type):
             cellclass, cellparams = cellclass(**(cellparams or {})), None
-        cellclass = present(cellclass, CELLS["IF_curr_exp"])
+        cellclass = present(cellclass, PLACEHOLDER)
         super().__init__(size, cellclass, cellparams, structure, initial_values or {}, label)
         self.laid_out = structure is not None or isinstance(size, tuple)
         SESSION.experiment.populations.append(self)

@@ -10,7 +10,7 @@ from pyNN.connectors import FixedTotalNumberConnector
 from pyNN.parameters import Sequence
 from pyNN.standardmodels import StandardCellType, StandardSynapseType, STDPTimingDependence, build_translations
 
-from neuro.exchange.pynn.recorder import CELLS, SESSION, SYNAPSES, Delayed
+from neuro.exchange.pynn.recorder import CELLS, SESSION, SYNAPSES, Absent, Delayed
 
 EXTRAS = ("extra_models", "external_devices")
 """Names under which sPyNNaker keeps what it adds."""
@@ -62,6 +62,7 @@ def cells() -> dict[str, Any]:
             "receptor_types": ("excitatory", "inhibitory", "reward", "punishment"),
         }
         found[name] = type(name, (kind,), words)
+    found["Izhikevich"] = Absent("sPyNNaker's Izhikevich, whose synaptic currents are exponential,")
     return found
 
 
