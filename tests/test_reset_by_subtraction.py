@@ -14,6 +14,7 @@ MODELS = [
     (neuro.iaf_psc_delta(**WORDS, reset_by_subtraction=True), 1.0),
     (neuro.iaf_psc_delta(**WORDS, reset_by_subtraction=True, max_spikes=10), 1.0),
     (neuro.iaf_psc_delta(**{**WORDS, "t_ref": 3.0}, reset_by_subtraction=True, refractory_input=True), 1.0),
+    (neuro.iaf_psc_delta(**WORDS, reset_by_subtraction=True, threshold_rises=True), 1.0),
     (neuro.iaf_psc_exp(**{**WORDS, "t_ref": 2.0}, reset_by_subtraction=True), 10.0),
     (neuro.cuba_lif(**WORDS), 10.0),
     (neuro.cuba_lif(**{**WORDS, "t_ref": 2.0}, reset_by_subtraction=True, max_spikes=5), 10.0),
@@ -74,6 +75,11 @@ def test_it_fires_several_times_in_a_step():
     times, v = constant(model, 3.5)
     assert times == [2.0, 2.0, 3.0]
     assert v[1:3].tolist() == [1.5, 0.5]
+
+
+def test_the_threshold_rises_while_more_is_left():
+    model = neuro.iaf_psc_delta(**INTEGRATOR, reset_by_subtraction=True, threshold_rises=True)
+    assert constant(model, 3.5)[0] == [2.0, 3.0]  # 2.5 is left, then 1.5, which is below twice the threshold
 
 
 def test_several_spikes_without_it_are_refused():

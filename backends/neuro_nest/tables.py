@@ -72,7 +72,7 @@ UNREADABLE = frozenset({"I_syn_ex", "I_syn_in", "dI_syn_ex", "dI_syn_in"})
 RK4 = "rk4_substeps"
 """A parameter that NEST lacks: it always integrates by RKF45."""
 
-LACKING = (RK4, "reset_by_subtraction", "max_spikes")
+LACKING = (RK4, "reset_by_subtraction", "max_spikes", "threshold_rises")
 """Parameters that NEST lacks and are not passed."""
 
 TICKS_PER_MS = 1000

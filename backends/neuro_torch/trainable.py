@@ -15,7 +15,7 @@ from neuro.program.program import Program
 Words = Mapping[str, tuple[str, ...]]
 """By projection or population what of it learns."""
 
-FIXED = ("t_ref", "refractory_input", "reset_by_subtraction", "max_spikes", "tau_minus")
+FIXED = ("t_ref", "refractory_input", "reset_by_subtraction", "max_spikes", "threshold_rises", "tau_minus")
 """Parameters that count steps or choose, and so have no gradient, and one that only rules of pairs read."""
 
 

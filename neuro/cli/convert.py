@@ -26,7 +26,8 @@ class Options:
 
     Attributes:
         dt: length of a step in ms, None if not given.
-        tool: which tool wrote the source, or is to read the destination; None if not given.
+        written_by: the tool that wrote the source, None if not given.
+        read_by: the tool that is to read the destination, None if not given.
         reset: what a spike does, None if not given.
         pynn: how a script of PyNN is run; its words are those of `neuro.from_pynn`.
         seed: of what is drawn where a network is written with its draws.
@@ -34,30 +35,33 @@ class Options:
     """
 
     dt: float | None
-    tool: str | None
+    written_by: str | None
+    read_by: str | None
     reset: str | None
     pynn: dict[str, Any]
     seed: int
     duration: float | None
 
 
-def _read_yaml(file: Path, options: Options) -> tuple[Network, Verdicts | None]:
+def _read_yaml(file: Path, options: Options) -> tuple[Network | None, Verdicts | None]:
     from neuro.model.language import load
 
     return load(file), None
 
 
-def _read_nir(file: Path, options: Options) -> tuple[Network, Verdicts | None]:
+def _read_nir(file: Path, options: Options) -> tuple[Network | None, Verdicts | None]:
     from neuro.core.errors import ModelError
-    from neuro.exchange.nir.importing import from_nir
+    from neuro.exchange.nir.importing import check_nir, from_nir
 
     if options.dt is None:
         raise ModelError(f"{file}: NIR has no steps: expected the length of one", hint="--dt 1, in ms")
-    net = from_nir(file, options.dt, options.tool, reset=options.reset)
-    return net, net.verdicts
+    table = check_nir(file, options.dt, options.written_by, reset=options.reset)
+    if table.refused:
+        return None, table
+    return from_nir(file, options.dt, options.written_by, reset=options.reset), table
 
 
-def _read_pynn(file: Path, options: Options) -> tuple[Network, Verdicts | None]:
+def _read_pynn(file: Path, options: Options) -> tuple[Network | None, Verdicts | None]:
     from neuro.exchange.pynn.read import from_pynn
 
     net = from_pynn(file, **options.pynn)
@@ -72,7 +76,7 @@ def _write_yaml(net: Network, file: Path, options: Options) -> Verdicts | None:
 def _write_nir(net: Network, file: Path, options: Options) -> Verdicts | None:
     from neuro.exchange.nir.exporting import save_nir
 
-    return save_nir(net, file, options.dt, options.tool)
+    return save_nir(net, file, options.dt, options.read_by)
 
 
 def _write_pynn(net: Network, file: Path, options: Options) -> Verdicts | None:
@@ -81,13 +85,13 @@ def _write_pynn(net: Network, file: Path, options: Options) -> Verdicts | None:
     return to_pynn(net, file, seed=options.seed, duration=options.duration)
 
 
-READERS: dict[str, Callable[[Path, Options], tuple[Network, Verdicts | None]]] = {
+READERS: dict[str, Callable[[Path, Options], tuple[Network | None, Verdicts | None]]] = {
     ".yaml": _read_yaml,
     ".yml": _read_yaml,
     ".nir": _read_nir,
     ".py": _read_pynn,
 }
-"""What reads a network, and says what became of its nodes, by the ending of a file."""
+"""What reads a network and says what becomes of its nodes, by the ending of a file; no network if one is refused."""
 
 WRITERS: dict[str, Callable[[Network, Path, Options], Verdicts | None]] = {
     ".yaml": _write_yaml,
@@ -100,10 +104,10 @@ WRITERS: dict[str, Callable[[Network, Path, Options], Verdicts | None]] = {
 Source = Annotated[Path, typer.Argument(metavar="SRC", help="The network to read.")]
 Destination = Annotated[Path, typer.Argument(metavar="DST", help="The file to write.")]
 Dt = Annotated[float | None, typer.Option("--dt", metavar="MS", parser=milliseconds, help="Length of a step, in ms.")]
-Tool = Annotated[
-    str | None,
-    typer.Option("--tool", metavar="NAME", help="The tool that wrote SRC, or reads DST: norse, snntorch, ..."),
+From = Annotated[
+    str | None, typer.Option("--from", metavar="TOOL", help="The tool that wrote SRC: norse, snntorch, sinabs, ...")
 ]
+For = Annotated[str | None, typer.Option("--for", metavar="TOOL", help="The tool that reads DST.")]
 Reset = Annotated[
     str | None,
     typer.Option("--reset", metavar="WORD", help="What a spike does in SRC: to_value, subtract or subtract_next."),
@@ -120,9 +124,11 @@ Which = Annotated[
 Seconds = Annotated[float, typer.Option("--seconds", metavar="S", help="How long SRC may take.")]
 Memory = Annotated[float, typer.Option("--memory", metavar="GIB", help="How much memory SRC may use.")]
 Seed = Annotated[int, typer.Option("--seed", help="Of what is drawn and written into the file beside DST.")]
-For = Annotated[
+Duration = Annotated[
     float | None,
-    typer.Option("--for", metavar="MS", parser=milliseconds, help="How long DST runs; random trains are then written."),
+    typer.Option(
+        "--duration", metavar="MS", parser=milliseconds, help="How long DST runs; random trains are then written."
+    ),
 ]
 Json = Annotated[bool, typer.Option("--json", help="Print the verdicts as JSON instead of a table.")]
 
@@ -131,7 +137,8 @@ def convert(
     source: Source,
     destination: Destination,
     dt: Dt = None,
-    tool: Tool = None,
+    written_by: From = None,
+    read_by: For = None,
     reset: Reset = None,
     as_json: Json = False,
     run_script: RunScript = False,
@@ -140,17 +147,19 @@ def convert(
     seconds: Seconds = 120.0,
     memory: Memory = 4.0,
     seed: Seed = 0,
-    duration: For = None,
+    duration: Duration = None,
 ) -> None:
     """Convert a network from or to the format of another tool, chosen by the endings, with a verdict for each node."""
     read, write = _of(READERS, source, "read"), _of(WRITERS, destination, "written")
     pynn: dict[str, Any] = {"run_script": run_script, "network": network, "seconds": seconds, "memory": memory}
     pynn["arguments"] = None if arguments is None else shlex.split(arguments)
-    options = Options(dt, tool, reset, pynn, seed, duration)
+    options = Options(dt, written_by, read_by, reset, pynn, seed, duration)
     net, table = read(source, options)
-    table = write(net, destination, options) or table
+    if net is not None:
+        table = write(net, destination, options) or table
     if table is not None:
         typer.echo(table.to_json() if as_json else str(table))
+        table.check()
 
 
 def _of(table: dict[str, T], file: Path, done: str) -> T:

@@ -80,7 +80,16 @@ def test_where_nothing_tells_the_tool_it_is_asked_for():
 def test_the_command_converts_both_ways(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     nir.write("a.nir", layers())
-    assert CliRunner().invoke(app, ["convert", "a.nir", "a.yaml", "--dt", "1", "--tool", "norse"]).exit_code == 0
-    done = CliRunner().invoke(app, ["convert", "a.yaml", "b.nir", "--tool", "norse", "--json"])
+    assert CliRunner().invoke(app, ["convert", "a.nir", "a.yaml", "--dt", "1", "--from", "norse"]).exit_code == 0
+    done = CliRunner().invoke(app, ["convert", "a.yaml", "b.nir", "--for", "norse", "--json"])
     assert done.exit_code == 0, done.exception
     assert '"exact": true' in done.stdout
+    refused = CliRunner().invoke(app, ["convert", "a.nir", "c.yaml", "--dt", "20", "--from", "norse"])
+    assert "lif     LIF     refused" in refused.stdout
+    assert isinstance(refused.exception, neuro.ModelError)
+
+
+def test_a_step_in_seconds_is_told():
+    with pytest.raises(neuro.ModelError, match=r"dt = 0\.0001 ms: the shortest time constant is 100,000 steps") as told:
+        neuro.from_nir(layers(), dt=1e-4, from_="norse")
+    assert told.value.hint == "dt is in ms: dt=0.1 for steps of 0.0001 s"

@@ -59,7 +59,7 @@ def remove(name):
         (put("nodes/n1/tau", -one()), "node 'n1': tau = -1: expected a time above 0"),
         (put("nodes/n1/tau", np.nan * one()), "node 'n1': tau: found a number that is not finite"),
         (put("nodes/n1/v_threshold", -one()), "v_reset is not below v_threshold"),
-        (put("nodes/n0/weight", np.ones((3, 4))), "Type"),
+        (put("nodes/n0/weight", np.ones((3, 4))), r"net.nir: node 'n0' .* receives the shape \[3\]"),
         (put("nodes/n1/type", "Unheard"), "cannot be read as NIR"),
         (remove("nodes/n1/tau"), "cannot be read as NIR"),
         (remove("nodes/input"), "input"),

@@ -186,6 +186,9 @@ def of_falls(part: Population, how: str) -> Iterator[Problem]:
         why = "a neuron that is held would fire with what is left of its voltage"
         yield refused(part, "reset_by_subtraction with t_ref above 0", why, "give it t_ref: 0")
     yield approximated(part, "reset_by_subtraction", how)
+    if np.any(part.parameters.get("threshold_rises", np.zeros(1)) != 0.0):
+        why = "a compartment fires at its threshold, also with what is left after a spike"
+        yield approximated(part, "threshold_rises", why)
     if np.any(part.parameters.get("max_spikes", np.ones(1)) > 1.0):
         why = "a neuron fires once in a step here: what is left above the threshold fires in the next"
         yield approximated(part, "max_spikes above 1", why)

@@ -22,8 +22,11 @@ ASK = "say which tool wrote it: from_='norse', 'snntorch', 'sinabs', 'spikingjel
 BY_GRAPH_EXECUTOR = ("norse", "sinabs")
 """Tools whose importers run a graph by the `GraphExecutor` of nirtorch."""
 
-BEYOND_TWICE = "where more than V_th is left after a spike, snnTorch fires in the next step at 2 V_th only"
-"""What differs of an IF of snnTorch, where its input may exceed what `importing` bounds."""
+FALLS_AND_RISES = "fires at V > V_th, and falls by V_th; at 2 V_th while more than V_th is left"
+"""What a spike does in snnTorch 1.0 with reset by subtraction and without reset delay."""
+
+BEYOND = "while more than V_th is left after a spike, snnTorch fires at 2 V_th, and cuba_lif at V_th"
+"""What differs of a CubaLIF of snnTorch that is reset by subtraction."""
 
 SNNTORCH_STEP = 1e-4
 """The step in seconds that snnTorch 1.0 has in its importer and exporter, whatever a step lasts."""
@@ -44,6 +47,7 @@ class Cell:
         several: whether it fires as often in a step as the threshold fits.
         lowest: a bound of the potential from below after a spike, None without one.
         start: the potential at the beginning, `rest` if None.
+        rises: whether a spike needs the threshold once more while what is left is above it.
         late: by how many steps the tool sends a spike after the threshold was crossed.
         fall: how far the potential falls where that is not the threshold.
         hold: for how many steps after a spike the potential stays, and does not take input.
@@ -63,6 +67,7 @@ class Cell:
     several: bool = False
     lowest: Floats | None = None
     start: Floats | None = None
+    rises: bool = False
     hold: int = 0
     late: int = 0
     fall: Floats | None = None
@@ -98,9 +103,11 @@ def cell_of(node: Node, tool: str, step: float, reset: str | None) -> Cell:
     if cell.threshold is not None and reset in ("subtract", "subtract_next"):
         fall = cell.threshold / np.maximum(cell.keep, 1e-9) if reset == "subtract_next" else cell.threshold
         when = "in the next step, after the decay" if reset == "subtract_next" else "in the same step"
-        how = f"{cell.how.rpartition('; ')[0]}; fires as there, and V falls by V_th {when}, as `reset` says"
-        cell = replace(cell, reset=None, fall=fall, hold=0, how=how)
-        cell = replace(cell, differs=BEYOND_TWICE if tool == "snntorch" and reset == "subtract" else "")
+        rises = tool == "snntorch" and reset == "subtract" and cell.i_keep is None
+        spikes = FALLS_AND_RISES if rises else f"fires as there, and V falls by V_th {when}"
+        how = f"{cell.how.rpartition('; ')[0]}; {spikes}, as `reset` says"
+        differs = "" if rises or tool != "snntorch" or reset == "subtract_next" else BEYOND
+        cell = replace(cell, reset=None, fall=fall, hold=0, rises=rises, how=how, differs=differs)
     elif cell.threshold is not None and reset == "to_value":
         value = np.zeros(node.shape) if node.fields.get("v_reset") is None else node.array("v_reset")
         cell = replace(cell, reset=value, several=False)
@@ -118,20 +125,6 @@ def find_tool(said: str | None, metadata: object) -> str | None:
     if name is not None and name not in TOOLS:
         raise unknown("convention", name, TOOLS)
     return None if name is None else str(name)
-
-
-def beyond_twice(keep: float, gain: float, threshold: float, largest: float) -> str:
-    """How many spikes of an IF of snnTorch differ, in 1000 steps of random input up to `largest`, in words."""
-    own = there = ours = theirs = differ = 0.0
-    for drive in np.random.default_rng(0).uniform(0.0, largest, 1000):
-        own, there = keep * own + gain * drive, keep * there + gain * drive
-        again = there - gain * drive > keep * threshold  # more than V_th was left
-        here, spike = own > threshold, there > threshold * (1 + again)
-        own, there = own - here * threshold, there - spike * threshold
-        ours, theirs, differ = ours + here, theirs + spike, differ + (here != spike)
-    return (
-        f"in 1000 steps of random input {differ:.0f} steps differ, with {ours:.0f} spikes here and {theirs:.0f} there"
-    )
 
 
 def _positive(node: Node, word: str) -> Floats:
@@ -191,11 +184,10 @@ def _snntorch(node: Node, step: float) -> Cell:
     fires = "fires at V > V_th, then V = 0 in the same step"
     match node.kind:
         case "IF":
-            how = "snnTorch 1.0 reads IF as Leaky with beta = 0.9, which fires at V > V_th and falls by V_th"
+            how = f"snnTorch 1.0 reads IF as Leaky with beta = 0.9; {FALLS_AND_RISES}"
             if np.any(node.array("r") != 1.0):
                 raise Unsupported("r is not 1, which snnTorch does not have", "read it with from_='nir'")
-            differs = BEYOND_TWICE
-            return Cell(0.9 * one, zero, one, how, threshold=node.array("v_threshold"), strict=True, differs=differs)
+            return Cell(0.9 * one, zero, one, how, threshold=node.array("v_threshold"), strict=True, rises=True)
         case "I":
             return Cell(one, zero, node.array("r"), "V grows by r times the input")
         case "LIF" | "LI":

@@ -16,11 +16,9 @@ from neuro.core.errors import ModelError
 from neuro.core.quantities import Quantity
 from neuro.exchange.nir.cells import (
     ASK,
-    BEYOND_TWICE,
     BY_GRAPH_EXECUTOR,
     Cell,
     Unsupported,
-    beyond_twice,
     cell_of,
     find_tool,
 )
@@ -35,6 +33,9 @@ from neuro.model.rules import SAME, all_to_all, grid, one_to_one, pairs
 
 DT = Quantity(unit="ms", doc="length of a step", above=0)
 RESET = Quantity(doc="what a spike does", kind="word", words=("to_value", "subtract", "subtract_next"), optional=True)
+LONG = 10_000
+"""Steps of the shortest time constant above which a step is taken for one in seconds."""
+
 MOST_PATHS = 10_000
 CURRENT, TICKS = "bias", "every_step"
 """The population that sends constant currents, and the neuron that fires in every step."""
@@ -146,6 +147,7 @@ def examine(graph: Any, dt: float, from_: str | None, reset: str | None) -> Read
     found = Read(plain, find_tool(from_, plain.metadata), step)
     if found.tool is None and any(node.kind in STATEFUL for node in plain.nodes.values()):
         raise ModelError(f"{plain.source}: nothing says which tool wrote it, on which spikes depend", hint=ASK)
+    _check_step(found)
     for node in plain.nodes.values():
         _judge(found, node, reset)
     if not found.table().refused:
@@ -153,6 +155,17 @@ def examine(graph: Any, dt: float, from_: str | None, reset: str | None) -> Read
     if not found.table().refused:
         _find_depths(found)
     return found
+
+
+def _check_step(found: Read) -> None:
+    """Refuse a step that was meant in seconds, as NIR's times are."""
+    words = () if found.tool in ("sinabs", "snntorch") else ("tau", "tau_mem", "tau_syn")
+    taus = [np.min(node.fields[w]) for node in found.graph.nodes.values() for w in words if w in node.fields]
+    steps = float(min(taus)) / found.step if taus else 0.0
+    if LONG < steps < math.inf:
+        said = f"dt = {found.step * 1e3:g} ms"
+        message = f"{found.graph.source}: {said}: the shortest time constant is {steps:,.0f} steps"
+        raise ModelError(message, hint=f"dt is in ms: dt={found.step * 1e6:g} for steps of {found.step * 1e3:g} s")
 
 
 def _judge(found: Read, node: Node, reset: str | None) -> None:
@@ -209,32 +222,11 @@ def _find_links(found: Read) -> None:
         onto = found.links[first:]
         if node.kind == "Output" and not (len(onto) == 1 and _is_plain(found, onto[0]) and not found.bias[name].any()):
             _read_out(found, node)
-    _bound_inputs(found)
     _mark_recurrent(found)
     for link in found.links:
         silent = link.source in found.cells and found.cells[link.source].threshold is None
         if silent and link.target in found.cells:
             found.refuse(link.source, "its potential is sent on, and only spikes are sent here", "let it fire")
-
-
-def _bound_inputs(found: Read) -> None:
-    """A reset of snnTorch is exact where the input of a step, a spike of each source, cannot leave more than V_th."""
-    for name, cell in found.cells.items():
-        if cell.differs != BEYOND_TWICE or cell.threshold is None:
-            continue
-        old = found.verdicts[name]
-        largest = np.maximum(found.bias[name] + found.late[name], 0.0).reshape(-1)
-        for link in found.links:
-            if link.target == name:
-                largest = largest + np.maximum(link.map.sparse().toarray(), 0.0).sum(axis=1)
-        keep, gain, threshold = (values.reshape(-1) for values in (cell.keep, cell.gain, cell.threshold))
-        if cell.i_keep is None and np.all(keep * threshold + gain * largest <= 2.0 * threshold):
-            how = f"{cell.how}; for at most one spike of each source in a step"
-            found.verdicts[name] = replace(old, verdict=EXACT, how=how)
-        else:
-            most = int(np.argmax(largest / threshold))
-            numbers = (float(values[most]) for values in (keep, gain, threshold, largest))
-            found.verdicts[name] = replace(old, how=f"{old.how}; {beyond_twice(*numbers)}")
 
 
 def _mark_recurrent(found: Read) -> None:

@@ -86,6 +86,7 @@ def _spike(cell: Cell) -> dict[str, Any]:
             raise Unsupported("v_threshold is not above 0, so that no spike lowers the potential", "raise it")
         fall = cell.threshold if cell.fall is None else cell.fall
         words = {"V_th": v_th, "V_reset": v_th - fall, "reset_by_subtraction": True}
+        words |= {"threshold_rises": True} if cell.rises else {}
         return words | ({"max_spikes": MOST} if cell.several else {})
     if np.any(cell.reset >= v_th):
         raise Unsupported("v_reset is not below v_threshold", "raise v_threshold")

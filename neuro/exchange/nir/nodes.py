@@ -107,7 +107,7 @@ def _check_spikes(p: dict[str, Floats], tool: str) -> None:
         if np.any(p.get("V_min", np.array(-np.inf)) != lowest):
             raise Unsupported("Sinabs's IF has the lowest potential -V_th, its LIF none", "set V_min so")
         return
-    if falls.any():
+    if falls.any() or np.any(p.get("threshold_rises", 0.0)):
         raise Unsupported(f"{tool} resets to a value where it reads NIR", "for_='sinabs', or reset to a value")
     if np.any(p.get("V_min", np.array(-np.inf)) > -np.inf):
         raise Unsupported("V_min: only Sinabs's IF has a lowest potential", "leave it out")

@@ -28,7 +28,10 @@ def read(source: Any) -> Graph:
     if isinstance(source, (str, PathLike)):
         path = existing(source)
         record_input(path)
-        return _flat(_from_file(path), str(path))
+        try:
+            return _flat(_from_file(path), str(path))
+        except ModelError as error:
+            raise error.at(None, str(path)) from None
     if not all(hasattr(source, word) for word in ("nodes", "edges")):
         found = type(source).__name__
         raise ModelError(f"from_nir: found {found}: expected a file, or a nir.NIRGraph")
@@ -42,7 +45,7 @@ def _from_file(path: Path) -> Any:
     nir = package("from_nir")
     try:
         _check_sizes(path)
-        graph = nir.read(path)
+        graph = nir.read(path, type_check=False)  # what does not fit is told by `_find_shapes`
     except ModelError:
         raise
     except Exception as error:  # the package and HDF5 raise many kinds on damaged files

@@ -39,7 +39,7 @@ class iaf_psc_delta(Leaky):
         State("held_input", "mV", "input gathered while refractory", hidden=True),
     )
     linear: ClassVar[bool] = True
-    fixed: ClassVar[tuple[str, ...]] = ("reset_by_subtraction", "max_spikes")
+    fixed: ClassVar[tuple[str, ...]] = ("reset_by_subtraction", "max_spikes", "threshold_rises")
 
     V_min: Value = quantity(-math.inf, "mV", "lowest potential", infinite=True, arrays=True)
     I_e: Value = quantity(0.0, "pA", "constant current", arrays=True)
@@ -49,6 +49,10 @@ class iaf_psc_delta(Leaky):
         1, "", "most spikes of a step, if V_m falls and stays at V_th", kind="integer", at_least=1, at_most=255
     )
 
+    threshold_rises: bool = quantity(
+        False, "", "while V_m stays at V_th after it fell, a spike needs V_th - V_reset more", kind="boolean"
+    )
+
     @staticmethod
     def check_steps(parameters: Mapping[str, Any], resolution: float) -> None:
         """Refuse several spikes in a step without a fall."""
@@ -56,7 +60,7 @@ class iaf_psc_delta(Leaky):
 
 
 V_M, REFRACTORY, HELD = range(3)
-V_TH, V_RESET, E_L, V_MIN, P33, P30, I_E, R, GAIN, KEEP, FALL, MOST = range(12)
+V_TH, V_RESET, E_L, V_MIN, P33, P30, I_E, R, GAIN, KEEP, FALL, MOST, RISES = range(13)
 
 
 def constants(p, h, c):
@@ -71,6 +75,7 @@ def constants(p, h, c):
     c[KEEP] = p[9]
     c[FALL] = fall_of(p[10], p[6], p[5])
     c[MOST] = p[11]
+    c[RISES] = p[12]
 
 
 def step(s, c, x, i_0, lo, hi, fired):
@@ -103,14 +108,15 @@ def step(s, c, x, i_0, lo, hi, fired):
 def step_falling(s, c, x, i_0, lo, hi, fired):
     """The same where V falls at a spike: what is left may reach the threshold again, but not while it is held."""
     v_th, e_l, v_min, p33, p30, i_e = c[V_TH], c[E_L], c[V_MIN], c[P33], c[P30], c[I_E]
-    keep, fall, most = c[KEEP], c[FALL], c[MOST]
+    keep, fall, most, rises = c[KEEP], c[FALL], c[MOST], c[RISES]
     for i in range(lo, hi):
         held = s[REFRACTORY, i]
+        needed = v_th + fall if rises != 0.0 and s[V_M, i] >= v_th else v_th
         if held == 0.0:
             v = e_l + p33 * (s[V_M, i] - e_l) + p30 * (i_e + i_0[i]) + x[0, i] + s[HELD, i]
             s[V_M, i] = max(v, v_min)
             s[HELD, i] = 0.0
-            fired[i] = spikes_in(v, v_th, fall, most)
+            fired[i] = spikes_in(v, needed, fall, most)
         else:
             s[HELD, i] += keep * x[0, i] * p33**held
             s[REFRACTORY, i] = held - 1.0

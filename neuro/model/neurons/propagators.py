@@ -61,8 +61,12 @@ FALL = "V_m falls by V_th - V_reset at a spike, instead of to V_reset"
 def check_fall(model, parameters):
     """Refuse several spikes in a step of neurons that are reset to a value."""
     falls = np.any(parameters.get("reset_by_subtraction", 0.0) != 0.0)
-    if np.any(parameters.get("max_spikes", 1.0) != 1.0) and not falls:
+    several = np.any(parameters.get("max_spikes", 1.0) != 1.0)
+    if several and not falls:
         raise ModelError("max_spikes above 1: expected reset_by_subtraction: true", path=(model, "max_spikes"))
+    if np.any(parameters.get("threshold_rises", 0.0) != 0.0) and (several or not falls):
+        message = "threshold_rises: expected reset_by_subtraction: true, and max_spikes: 1"
+        raise ModelError(message, path=(model, "threshold_rises"))
 
 
 def fall_of(falls, v_th, v_reset):
