@@ -52,7 +52,6 @@ from importlib import import_module
 from pathlib import Path
 
 import numpy as np
-from pyNN.parameters import Sequence
 
 simulator = sys.argv[1] if len(sys.argv) > 1 else "nest"
 duration = float(sys.argv[2]) if len(sys.argv) > 2 else {duration!r}
@@ -67,7 +66,7 @@ dendritic = 0 if simulator == "brian2" else 1
 def trains(name, size):
     """The spike times of each neuron of a population."""
     times, ids = data[name + ".times"], data[name + ".ids"]
-    return [Sequence(times[ids == neuron]) for neuron in range(size)]
+    return [times[ids == neuron].tolist() for neuron in range(size)]
 
 
 sim.setup(timestep={step!r}, min_delay={step!r}, max_delay={longest!r}, **extra)
