@@ -54,6 +54,7 @@ EXAMPLES = {
     "specific_network": (),
     "simple_STDP": (),
     "Izhikevich": (),
+    "brunel": (),
     "VAbenchmarks": ("CUBA",),
 }
 """Those that pyNN.nest runs, with their arguments; the others draw currents, or never run."""
