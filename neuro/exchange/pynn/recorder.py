@@ -291,6 +291,8 @@ class STDPMechanism(Delayed, synapses.STDPMechanism):
     base_translations = build_translations(*((word, word) for word in ("weight", "delay", "dendritic_delay_fraction")))
 
     def __init__(self, timing_dependence: Any = None, weight_dependence: Any = None, *args: Any, **words: Any) -> None:
+        if not words.pop("backprop_delay", True):  # sPyNNaker's
+            SESSION.problem("'backprop_delay' is False: here a delay is dendritic")
         timing = present(timing_dependence, DEPENDENCES["SpikePairRule"])
         weight = present(weight_dependence, DEPENDENCES["AdditiveWeightDependence"])
         super().__init__(timing, weight, *args, **words)
