@@ -93,3 +93,20 @@ def test_a_step_in_seconds_is_told():
     with pytest.raises(neuro.ModelError, match=r"dt = 0\.0001 ms: the shortest time constant is 100,000 steps") as told:
         neuro.from_nir(layers(), dt=1e-4, from_="norse")
     assert told.value.hint == "dt is in ms: dt=0.1 for steps of 0.0001 s"
+
+
+@pytest.mark.parametrize(
+    "rule", [neuro.grid(kernel=(2, 3), padding="same"), neuro.grid(kernel=(1, 3), column_padding=1)]
+)
+def test_borders_of_grids_are_written_and_read(rule, tmp_path):
+    net = neuro.Network("sheet", resolution=1.0)
+    net.population("input", (1, 4, 6), neuro.spike_generator())
+    net.population("cells", (2, 4, 6), neuro.iaf_psc_delta(E_L=0.0, V_reset=0.0, V_th=1.0, t_ref=0.0))
+    weight = np.random.default_rng(0).normal(0.0, 1.0, (2, 1, *rule.kernel))
+    net.connect("input", "cells", rule, weight=weight, delay=1.0)
+    nir.write(tmp_path / "net.nir", neuro.to_nir(net))
+    again = neuro.from_nir(tmp_path / "net.nir", dt=1.0)
+    counts = (np.random.default_rng(1).random((50, 24)) < 0.2) * 1
+    assert again.projections["input_cells"].rule.name == "grid"
+    assert run(net, counts, "cells").sum() > 50
+    assert np.array_equal(run(net, counts, "cells"), run(again, counts, "cells"))

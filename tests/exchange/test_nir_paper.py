@@ -75,16 +75,16 @@ def recordings(every: int) -> tuple[list[tuple[np.ndarray, np.ndarray]], np.ndar
 def decisions(backend: str, every: int) -> tuple[np.ndarray, np.ndarray]:
     net = neuro.from_nir(NETWORKS / "cnn_sinabs.nir", dt=1.0, from_="sinabs")
     assert net.verdicts.exact
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore")
-        sim = neuro.compile(net, backend=backend)
     found, digits = recordings(every)
     decided = []
-    for steps, ids in found:
-        sim.reset()
-        sim.inject("input", steps + 1.0, ids)
-        sim.run(306.0)
-        decided.append(np.bincount(sim.spikes("12")[1], minlength=10).argmax())
+    with warnings.catch_warnings():  # what chips approximate, and voltages that are clipped below V_min
+        warnings.simplefilter("ignore")
+        sim = neuro.compile(net, backend=backend)
+        for steps, ids in found:
+            sim.reset()
+            sim.inject("input", steps + 1.0, ids)
+            sim.run(306.0)
+            decided.append(np.bincount(sim.spikes("12")[1], minlength=10).argmax())
     return np.array(decided), digits
 
 

@@ -89,7 +89,7 @@ def cell_of(node: Node, tool: str, step: float, reset: str | None) -> Cell:
         node: the node.
         tool: a name of `TOOLS`.
         step: seconds.
-        reset: "to_value", "subtract" or "subtract_next" in place of the convention's, or None.
+        reset: a word of `from_nir` in place of the convention's, or None.
 
     Raises:
         Unsupported: the convention has no such node, or not with these parameters.
@@ -108,9 +108,12 @@ def cell_of(node: Node, tool: str, step: float, reset: str | None) -> Cell:
         how = f"{cell.how.rpartition('; ')[0]}; {spikes}, as `reset` says"
         differs = "" if rises or tool != "snntorch" or reset == "subtract_next" else BEYOND
         cell = replace(cell, reset=None, fall=fall, hold=0, rises=rises, how=how, differs=differs)
-    elif cell.threshold is not None and reset == "to_value":
+    elif cell.threshold is not None and reset in ("to_value", "to_value_next"):
         value = np.zeros(node.shape) if node.fields.get("v_reset") is None else node.array("v_reset")
-        cell = replace(cell, reset=value, several=False)
+        hold = int(reset == "to_value_next")
+        when = "in the next step, which takes no input" if hold else "in the same step"
+        how = f"{cell.how.rpartition('; ')[0]}; fires as there, then V = v_reset {when}, as `reset` says"
+        cell = replace(cell, reset=value, several=False, rises=False, fall=None, hold=hold, how=how)
     return cell
 
 

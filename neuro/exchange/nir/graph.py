@@ -108,7 +108,10 @@ def spread(value: Any, shape: Shape, what: str) -> Floats:
     Raises:
         ModelError: it does not fit, or a number is not finite.
     """
-    array = np.asarray(value, dtype=np.float64)
+    try:
+        array = np.asarray(value, dtype=np.float64)
+    except (TypeError, ValueError):
+        raise ModelError(f"{what}: found {value!r:.40}: expected numbers") from None
     if not np.isfinite(array).all():
         raise ModelError(f"{what}: found a number that is not finite")
     if array.size == math.prod(shape):

@@ -32,9 +32,20 @@ from neuro.model.neurons.builtin import dc_generator, iaf_psc_delta, spike_gener
 from neuro.model.rules import SAME, all_to_all, grid, one_to_one, pairs
 
 DT = Quantity(unit="ms", doc="length of a step", above=0)
-RESET = Quantity(doc="what a spike does", kind="word", words=("to_value", "subtract", "subtract_next"), optional=True)
+RESET = Quantity(
+    doc="what a spike does",
+    kind="word",
+    words=("to_value", "to_value_next", "subtract", "subtract_next"),
+    optional=True,
+)
 LONG = 10_000
 """Steps of the shortest time constant above which a step is taken for one in seconds."""
+
+LACKS = {
+    **dict.fromkeys(("norse", "sinabs"), ("Delay", "Scale", "Threshold", "AvgPool2d")),
+    **dict.fromkeys(("snntorch", "spikingjelly"), ("Delay", "Scale", "Threshold")),
+}
+"""Types of nodes that a tool's own importer does not read."""
 
 MOST_PATHS = 10_000
 CURRENT, TICKS = "bias", "every_step"
@@ -112,8 +123,9 @@ def from_nir(graph: Any, dt: float, from_: str | None = None, *, reset: str | No
         dt: length of a step, ms. NIR has no steps, and its times are in seconds.
         from_: the tool whose convention holds: "norse", "snntorch", "sinabs", "spikingjelly", or "nir" for the
             equations of NIR; not needed if the graph was written by `to_nir`.
-        reset: "to_value", "subtract" or "subtract_next", where the file is known to mean another than its tool's
-            importer takes; "subtract_next" lowers V by V_th after the decay of the next step, as snnTorch by default.
+        reset: "to_value", "to_value_next", "subtract" or "subtract_next", where the file is known to mean another than
+            its tool's importer takes. "to_value_next" is in the step after the spike, which takes no input;
+            "subtract_next" lowers V by V_th after the decay of the next step, as snnTorch by default.
 
     Returns:
         The network; its `verdicts` says what became of each node.
@@ -160,7 +172,8 @@ def examine(graph: Any, dt: float, from_: str | None, reset: str | None) -> Read
 def _check_step(found: Read) -> None:
     """Refuse a step that was meant in seconds, as NIR's times are."""
     words = () if found.tool in ("sinabs", "snntorch") else ("tau", "tau_mem", "tau_syn")
-    taus = [np.min(node.fields[w]) for node in found.graph.nodes.values() for w in words if w in node.fields]
+    nodes = found.graph.nodes.values()
+    taus = [node.array(w).min() for node in nodes for w in words if w in node.fields and not node.problem[0]]
     steps = float(min(taus)) / found.step if taus else 0.0
     if LONG < steps < math.inf:
         said = f"dt = {found.step * 1e3:g} ms"
@@ -172,6 +185,14 @@ def _judge(found: Read, node: Node, reset: str | None) -> None:
     """The verdict of a node by itself."""
     how = _HOW.get(node.kind, "")
     found.verdicts[node.name] = Verdict(node.name, node.kind, EXACT, how)
+    if node.kind in LACKS.get(str(found.tool), ()):
+        how = (
+            f"{how or 'as NIR defines it'}; {found.tool}'s own importer has no {node.kind}, and fails or leaves it out"
+        )
+        found.verdicts[node.name] = Verdict(node.name, node.kind, APPROXIMATE, how)
+    elif found.tool == "norse" and node.kind == "SumPool2d" and np.any(np.asarray(node.fields["padding"]) != 0):
+        how = f"{how}; Norse's own importer leaves its padding out"
+        found.verdicts[node.name] = Verdict(node.name, node.kind, APPROXIMATE, how)
     if node.kind != "Identity" and node.kind not in FIELDS:
         found.refuse(node.name, f"{node.kind} has no counterpart here", "replace it in the tool that wrote the file")
     elif node.problem[0]:
@@ -185,7 +206,8 @@ def _judge(found: Read, node: Node, reset: str | None) -> None:
             return
         found.cells[node.name] = cell
         how = cell.how + (f"; {cell.differs}" if cell.differs else "")
-        found.verdicts[node.name] = Verdict(node.name, node.kind, APPROXIMATE if cell.differs else EXACT, how)
+        if found.verdicts[node.name].verdict == EXACT:
+            found.verdicts[node.name] = Verdict(node.name, node.kind, APPROXIMATE if cell.differs else EXACT, how)
     elif node.kind == "Delay":
         steps = np.asarray(node.fields["delay"], dtype=np.float64) / found.step
         if np.any(steps < 0) or not np.allclose(steps, np.rint(steps), atol=1e-3):

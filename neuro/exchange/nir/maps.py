@@ -78,6 +78,8 @@ def outcome(node: Node, shape: Shape) -> Shape:
     match node.kind:
         case "Linear" | "Affine":
             weight = np.asarray(node.fields["weight"])
+            if weight.ndim == 2 and shape[-1] != weight.shape[1] == math.prod(shape):
+                return (weight.shape[0],)  # Norse writes no Flatten
             if weight.ndim < 2 or shape[-1] != weight.shape[-1] or weight.ndim > 2:
                 raise _unfit(node, shape, f"weights of shape {list(weight.shape)}")
             return (*shape[:-1], weight.shape[0])
@@ -182,7 +184,7 @@ def map_of(node: Node, source: Shape) -> Map:
         case "Linear" | "Affine":
             weight = spread(node.fields["weight"], np.shape(node.fields["weight"]), f"node '{node.name}': weight")
             matrix = csr_array(weight)
-            repeats = math.prod(source[:-1])
+            repeats = math.prod(source) // matrix.shape[1]
             return Map(source, target, matrix=kron(eye_array(repeats), matrix).tocsr() if repeats > 1 else matrix)
         case "Scale":
             return Map(source, target, diagonal=spread(node.fields["scale"], target, f"node '{node.name}': scale"))

@@ -32,6 +32,8 @@ def read(source: Any) -> Graph:
             return _flat(_from_file(path), str(path))
         except ModelError as error:
             raise error.at(None, str(path)) from None
+        except (TypeError, ValueError, OverflowError) as error:  # of a field that is no number
+            raise ModelError(f"{path}: cannot be read as NIR: {str(error).partition(chr(10))[0]}") from None
     if not all(hasattr(source, word) for word in ("nodes", "edges")):
         found = type(source).__name__
         raise ModelError(f"from_nir: found {found}: expected a file, or a nir.NIRGraph")
@@ -136,11 +138,18 @@ def _gather(graph: Any, prefix: str, nodes: dict[str, Node], edges: list[tuple[s
         elif prefix and kind in ("Input", "Output"):
             nodes[full] = Node(full, "Identity", {})
         else:
-            nodes[full] = Node(full, kind, {word: getattr(node, word, None) for word in FIELDS.get(kind, ())})
+            nodes[full] = Node(full, kind, {word: _plain(getattr(node, word, None)) for word in FIELDS.get(kind, ())})
             if kind == "Input":
                 nodes[full].shape = _shape(next(iter((node.input_type or {}).values()), None), full)
     for a, b in graph.edges:
         edges.append((ends[a][1] if a in ends else prefix + str(a), ends[b][0] if b in ends else prefix + str(b)))
+
+
+def _plain(value: Any) -> Any:
+    """A field as a NumPy array; texts and nothing as they are."""
+    if value is None or isinstance(value, (str, bytes)):
+        return value
+    return np.asarray(value.detach() if hasattr(value, "detach") else value)
 
 
 def _shape(value: Any, name: str) -> Shape:

@@ -7,11 +7,14 @@ import copy
 import io
 import warnings
 from collections.abc import Callable
+from dataclasses import replace
 from importlib import import_module
 from typing import Any
 
 from neuro.core.errors import ModelError, unknown
+from neuro.exchange.nir.graph import package
 from neuro.exchange.nir.importing import from_nir
+from neuro.exchange.verdict import APPROXIMATE, EXACT
 from neuro.model.network import Network
 
 STEPS = {"norse": 1.0, "snntorch": 0.1, "sinabs": 1.0, "spikingjelly": 0.1}
@@ -50,7 +53,12 @@ def from_torch(module: Any, example: Any, of: str, dt: float | None = None) -> N
     except Exception as error:  # the writers raise many kinds
         reason = f"{type(error).__name__}: {str(error).partition(chr(10))[0]}"
         raise ModelError(f"from_torch: {of} cannot write the module as NIR: {reason}") from None
-    return from_nir(graph, step, of, reset=reset)
+    net = from_nir(graph, step, of, reset=reset)
+    if of == "snntorch":  # a module has no importer, whose recurrence may differ
+        recurrent = {n.node: n for n in net.verdicts if n.verdict == APPROXIMATE and n.kind in ("Linear", "Affine")}
+        nodes = tuple(replace(n, verdict=EXACT, how="weights") if n.node in recurrent else n for n in net.verdicts)
+        net.verdicts = replace(net.verdicts, nodes=nodes)
+    return net
 
 
 Writer = Callable[[Any, Any, float], Any]
@@ -62,11 +70,18 @@ def _norse(module: Any) -> tuple[Writer, str | None]:
         if type(part).__name__ in ("LIFCell", "LIF", "LIFRecurrentCell", "LIFRecurrent"):
             message = f"from_torch: Norse writes {type(part).__name__} as a CubaLIF, which it reads as another neuron"
             raise ModelError(message, hint="use LIFBoxCell, or write the graph by hand and read it with from_='nir'")
-    write = import_module("norse.torch.utils.export_nir").to_nir
+    writer, nirtorch = import_module("norse.torch.utils.export_nir"), import_module("nirtorch")
+    nir = package("from_torch")
 
     def scaled(module: Any, example: Any, step: float) -> Any:
-        """Norse 1.1 writes dt / tau_mem_inv, so 1 s stands for a step: with a dt of 1 s it writes 1 / tau_mem_inv."""
-        return write(module, example, dt=1.0)
+        """As `norse.torch.to_nir`, which writes dt / tau_mem_inv (so 1 s here), a batch as an axis, and no Flatten."""
+
+        def node(part: Any) -> Any:
+            if type(part).__name__ == "Flatten":
+                return nir.Flatten(None, max(part.start_dim - 1, 0), part.end_dim)
+            return writer._extract_norse_module(part, dt=1.0)
+
+        return nirtorch.extract_nir_graph(module, node, example, model_name="norse", ignore_dims=[0])
 
     return scaled, None
 
@@ -102,7 +117,8 @@ def _snntorch_reset(part: Any) -> str:
     if part.reset_mechanism == "none":
         raise ModelError("from_torch: reset_mechanism 'none'", hint="choose 'subtract' or 'zero'")
     if part.reset_mechanism == "zero":
-        return "to_value"
+        later = getattr(part, "reset_delay", True) and hasattr(part, "alpha")  # Leaky resets before it integrates
+        return "to_value_next" if later else "to_value"
     return "subtract_next" if getattr(part, "reset_delay", True) else "subtract"
 
 
