@@ -6,7 +6,8 @@
 # make test-nest    5,000 random networks (NETWORKS=...) on the event backend, the reference and NEST
 # make test-mpi     the tests of NEST under MPI, which it builds once (15 minutes) in an environment of its own
 #                   (NEST_MPI=file.whl: a wheel that is built already); needs openmpi-bin libopenmpi-dev libgsl-dev
-# make test-oracles the tests of event files and of networks beside other tools (NIR, SONATA), in environments of their own
+# make test-oracles the tests of event files, of networks beside other tools (NIR, SONATA) and of scripts of PyNN, in
+#                   environments of their own
 # make bench        how fast it is
 # make bench-peers  how fast NEST, Brian2, public emulators of Loihi, and packages that train by gradients are with the
 #                   same networks, in environments of their own
@@ -87,9 +88,10 @@ test-nest: $(VENV)/.test
 test-mpi: $(VENV)-mpi/.installed
 	$(VENV)-mpi/bin/python -m pytest tests/nest -p no:benchmark -ra
 
-test-oracles: $(VENV)-oracles/.installed $(if $(TORCH),$(VENV)-oracles-nir/.installed)
+test-oracles: $(VENV)-oracles/.installed $(VENV)-oracles-pynn/.installed $(if $(TORCH),$(VENV)-oracles-nir/.installed)
 	$(VENV)-oracles/bin/python -m pytest tests/events tests/exchange/test_sonata.py -n 2 -p no:benchmark -ra
 	$(if $(TORCH),$(VENV)-oracles-nir/bin/python -m pytest tests/exchange -p no:benchmark -ra)
+	$(VENV)-oracles-pynn/bin/python -m pytest tests/exchange/test_pynn_oracles.py -n 2 -p no:benchmark -ra
 
 demo: $(VENV)/.demo
 	$(BIN)/neuro remus demo --out "$(OUT)" $(if $(DATA),--data "$(DATA)")
@@ -133,6 +135,13 @@ $(VENV)-oracles/.installed: pyproject.toml
 	$(VENV)-oracles/bin/python $(PIP) --editable '.[test]' expelliarmus faery event_stream aedat tonic torch==2.13.0 libsonata
 	@touch $@
 
+# PyNN 0.13 with NEST and Brian2; pyNN.nest does without the extension that it would compile.
+$(VENV)-oracles-pynn/.installed: pyproject.toml
+	$(call environment,$(VENV)-oracles-pynn)
+	$(VENV)-oracles-pynn/bin/python $(PIP) --editable '.[pynn]' nest-simulator brian2 'numpy<2.4' 'pytest>=8.3' pytest-xdist \
+	  'hypothesis>=6.112'
+	@touch $@
+
 # Without what they need only for pictures and formats of their own; Sinabs asks for an older nir than nirtorch.
 $(VENV)-oracles-nir/.installed: pyproject.toml
 	$(call environment,$(VENV)-oracles-nir)
@@ -164,4 +173,4 @@ clean:
 	find . -name __pycache__ -not -path './.venv*' -prune -exec rm -rf {} +
 
 distclean: clean
-	rm -rf $(VENV) $(VENV)-mpi $(VENV)-oracles $(VENV)-oracles-nir $(VENV)-peers $(VENV)-peers-chips $(VENV)-peers-torch
+	rm -rf $(VENV) $(VENV)-mpi $(VENV)-oracles $(VENV)-oracles-nir $(VENV)-oracles-pynn $(VENV)-peers $(VENV)-peers-chips $(VENV)-peers-torch

@@ -23,6 +23,8 @@ if TYPE_CHECKING:
     from neuro.exchange.nir.exporting import to_nir as to_nir
     from neuro.exchange.nir.importing import check_nir as check_nir, from_nir as from_nir
     from neuro.exchange.nir.torch_modules import from_torch as from_torch
+    from neuro.exchange.pynn.read import from_pynn as from_pynn
+    from neuro.exchange.pynn.write import to_pynn as to_pynn
     from neuro.exchange.sonata import save_sonata as save_sonata
     from neuro.exchange.verdict import Verdict as Verdict, Verdicts as Verdicts
     from neuro.model.distributions import lognormal as lognormal, normal as normal, uniform as uniform

@@ -43,6 +43,24 @@ INSIDE = {
         "apps/neuro_agent/observations.py",
     ): "of an observation of another form; flat tells it as ModelError",
     ("Unsupported", "neuro/exchange/nir/"): "of a node; it becomes a verdict, and with all others a ModelError",
+    (
+        "Incomplete",
+        "neuro/exchange/pynn/gathered.py",
+    ): "of a part that cannot come; _each keeps it as a problem of its line",
+    ("Refused", "neuro/exchange/pynn/confined.py"): "to a script of PyNN; its process tells it, and read as ModelError",
+    ("AttributeError", "neuro/exchange/pynn/"): "to a script of PyNN, as of PyNN; read tells it as ModelError",
+    ("ValueError", "neuro/exchange/pynn/"): "to a script of PyNN, as of PyNN; read tells it as ModelError",
+    ("TypeError", "neuro/exchange/pynn/"): "to a script of PyNN, as of PyNN; read tells it as ModelError",
+    ("IndexError", "neuro/exchange/pynn/"): "to a script of PyNN, as of PyNN; read tells it as ModelError",
+    (
+        "InvalidParameterValueError",
+        "neuro/exchange/pynn/",
+    ): "to a script of PyNN, as of PyNN; read tells it as ModelError",
+    (
+        "NonExistentParameterError",
+        "neuro/exchange/pynn/",
+    ): "to a script of PyNN, as of PyNN; read tells it as ModelError",
+    ("ImportError", "neuro/exchange/pynn/"): "to a script of PyNN, as of PyNN; read tells it as ModelError",
     ("Exit", "neuro/cli/"): "the status of a command",
     ("Exit", "apps/"): "the status of a command",
 }

@@ -55,6 +55,7 @@ NEEDS = {
     "NEST": "nest",
     "NIR": "nir",
     "Norse": "norse",
+    "PyNN": "pyNN",
     "torch": "torch",
 }
 """What blocks may need, and the module that shows that it is there; None: never asked for by a test."""

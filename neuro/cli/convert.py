@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+import shlex
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, TypeVar
+from typing import TYPE_CHECKING, Annotated, Any, TypeVar
 
 import typer
 
@@ -28,12 +29,18 @@ class Options:
         written_by: the tool that wrote the source, None if not given.
         read_by: the tool that is to read the destination, None if not given.
         reset: what a spike does, None if not given.
+        pynn: how a script of PyNN is run; its words are those of `neuro.from_pynn`.
+        seed: of what is drawn where a network is written with its draws.
+        duration: ms for which a script written for PyNN runs, None if not given.
     """
 
     dt: float | None
     written_by: str | None
     read_by: str | None
     reset: str | None
+    pynn: dict[str, Any]
+    seed: int
+    duration: float | None
 
 
 def _read_yaml(file: Path, options: Options) -> tuple[Network | None, Verdicts | None]:
@@ -54,6 +61,13 @@ def _read_nir(file: Path, options: Options) -> tuple[Network | None, Verdicts | 
     return from_nir(file, options.dt, options.written_by, reset=options.reset), table
 
 
+def _read_pynn(file: Path, options: Options) -> tuple[Network | None, Verdicts | None]:
+    from neuro.exchange.pynn.read import from_pynn
+
+    net = from_pynn(file, **options.pynn)
+    return net, net.verdicts
+
+
 def _write_yaml(net: Network, file: Path, options: Options) -> Verdicts | None:
     net.save(file)
     return None
@@ -72,10 +86,17 @@ def _write_sonata(net: Network, file: Path, options: Options) -> Verdicts | None
     return save_sonata(compile(net), file)
 
 
+def _write_pynn(net: Network, file: Path, options: Options) -> Verdicts | None:
+    from neuro.exchange.pynn.write import to_pynn
+
+    return to_pynn(net, file, seed=options.seed, duration=options.duration)
+
+
 READERS: dict[str, Callable[[Path, Options], tuple[Network | None, Verdicts | None]]] = {
     ".yaml": _read_yaml,
     ".yml": _read_yaml,
     ".nir": _read_nir,
+    ".py": _read_pynn,
 }
 """What reads a network and says what becomes of its nodes, by the ending of a file; no network if one is refused."""
 
@@ -84,6 +105,7 @@ WRITERS: dict[str, Callable[[Network, Path, Options], Verdicts | None]] = {
     ".yml": _write_yaml,
     ".nir": _write_nir,
     ".json": _write_sonata,
+    ".py": _write_pynn,
 }
 """What writes one."""
 
@@ -98,6 +120,24 @@ Reset = Annotated[
     str | None,
     typer.Option("--reset", metavar="WORD", help="What a spike does in SRC: to_value, subtract or subtract_next."),
 ]
+RunScript = Annotated[
+    bool, typer.Option("--run-script", help="Run SRC, a script of PyNN, in a confined process that simulates nothing.")
+]
+Arguments = Annotated[
+    str | None, typer.Option("--arguments", metavar="TEXT", help="What SRC reads from its command line.")
+]
+Which = Annotated[
+    int | None, typer.Option("--network", metavar="N", help="Which network of SRC, from 1; else the last.")
+]
+Seconds = Annotated[float, typer.Option("--seconds", metavar="S", help="How long SRC may take.")]
+Memory = Annotated[float, typer.Option("--memory", metavar="GIB", help="How much memory SRC may use.")]
+Seed = Annotated[int, typer.Option("--seed", help="Of what is drawn and written into the file beside DST.")]
+Duration = Annotated[
+    float | None,
+    typer.Option(
+        "--duration", metavar="MS", parser=milliseconds, help="How long DST runs; random trains are then written."
+    ),
+]
 Json = Annotated[bool, typer.Option("--json", help="Print the verdicts as JSON instead of a table.")]
 
 
@@ -109,10 +149,19 @@ def convert(
     read_by: For = None,
     reset: Reset = None,
     as_json: Json = False,
+    run_script: RunScript = False,
+    arguments: Arguments = None,
+    network: Which = None,
+    seconds: Seconds = 120.0,
+    memory: Memory = 4.0,
+    seed: Seed = 0,
+    duration: Duration = None,
 ) -> None:
     """Convert a network from or to the format of another tool, chosen by the endings, with a verdict for each node."""
     read, write = _of(READERS, source, "read"), _of(WRITERS, destination, "written")
-    options = Options(dt, written_by, read_by, reset)
+    pynn: dict[str, Any] = {"run_script": run_script, "network": network, "seconds": seconds, "memory": memory}
+    pynn["arguments"] = None if arguments is None else shlex.split(arguments)
+    options = Options(dt, written_by, read_by, reset, pynn, seed, duration)
     net, table = read(source, options)
     if net is not None:
         table = write(net, destination, options) or table

@@ -1,0 +1,1 @@
+"""Scripts of PyNN as networks, and networks as scripts of PyNN."""

@@ -1,0 +1,252 @@
+"""A script of PyNN as a network: it is run in a process of its own, which records and simulates nothing."""
+
+from __future__ import annotations
+
+import json
+import os
+import re
+import shutil
+import signal
+import subprocess
+import sys
+import tempfile
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager, suppress
+from dataclasses import dataclass
+from pathlib import Path
+from typing import IO, Any
+from uuid import uuid4
+
+from neuro.core.checks import check
+from neuro.core.errors import ModelError, Where
+from neuro.core.extras import needed
+from neuro.core.paths import existing
+from neuro.core.quantities import Quantity
+from neuro.exchange.verdict import APPROXIMATE, Verdict, Verdicts
+from neuro.model.language import load
+from neuro.model.network import Network
+
+__all__ = ["from_pynn"]
+
+_MARK = "NEURO_SCRIPT"
+_MOST_BESIDE = 5_000
+"""Files beside a script that it can read by their names."""
+_ARGUMENTS = re.compile(r"get_simulator|get_script_args|sys\.argv|ArgumentParser")
+_SECONDS = Quantity(unit="s", above=0, at_most=86_400)
+_MEMORY = Quantity(above=0, at_most=4096)
+_NUMBER = Quantity(kind="integer", at_least=1)
+_THREADS = ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS", "NUMEXPR_NUM_THREADS")
+
+
+@dataclass(frozen=True, slots=True)
+class _Run:
+    """How a script is run."""
+
+    script: Path
+    arguments: Sequence[str]
+    seconds: float
+    memory: float
+
+
+def from_pynn(
+    script: str | os.PathLike[str],
+    *,
+    run_script: bool = False,
+    arguments: Sequence[str] | None = None,
+    network: int | None = None,
+    seconds: float = 120.0,
+    memory: float = 4.0,
+) -> Network:
+    """The network that a script of PyNN builds, for whatever simulator it is written.
+
+    The script is run in a process of its own, in which each simulator of PyNN is a recorder: nothing is simulated, and
+    results that the script reads are empty. It may read files, and write into a folder that is removed afterwards. It
+    may not start programs, use the network or write elsewhere. Connections, parameters and initial values are those
+    that the script draws.
+
+    Args:
+        script: a file of Python.
+        run_script: that the script may be run; without it the script is refused.
+        arguments: of the script; "nest", as the name of a simulator, if it reads any.
+        network: which one, from 1, where the script builds several; the last one if not given.
+        seconds: that the script may take.
+        memory: that it may use, GiB.
+
+    Returns:
+        The network. Its `verdicts` say how long the script runs it, and by line what is otherwise here.
+
+    Raises:
+        ModelError: the script may not be run, fails, takes too long or too much memory, builds no network, or builds
+            what cannot come; `others` has each line of it.
+    """
+    path = existing(script, "a script of PyNN")
+    if not run_script:
+        raise ModelError(
+            f"{path}: is a program, and only running it shows its network",
+            hint="--run-script (in Python run_script=True) runs it, without simulating, in a process of its own",
+        )
+    needed("pyNN", "pynn", "PyNN's scripts are read with PyNN, which is not installed")
+    if arguments is None:
+        arguments = ["nest"] if _ARGUMENTS.search(path.read_text("utf-8", "replace")) else []
+    limits = check(_SECONDS, seconds, "seconds"), check(_MEMORY, memory, "memory")
+    chosen = None if network is None else check(_NUMBER, network, "network")
+    with _folder(path) as folder:
+        report = _run(_Run(path.resolve(), list(arguments), *limits), folder)
+        return _network(path, report, folder / "networks", chosen)
+
+
+def _network(path: Path, report: dict[str, Any], folder: Path, number: int | None) -> Network:
+    failure, networks = report["failure"], report["networks"]
+    where = Where(path.name, failure["line"]) if failure else None
+    if failure and not failure["harmless"]:
+        raise ModelError(f"the script fails: {failure['message']}", where=where, hint=_HINTS.get(failure["kind"], ""))
+    if not networks:
+        raise ModelError(f"{path.name}: builds no network", hint="a network has a population of a simulator of PyNN")
+    if number is not None and number > len(networks):
+        raise ModelError(f"network = {number}: {path.name} builds {len(networks)}")
+    about = networks[-1 if number is None else number - 1]
+    if about["problems"]:
+        others = tuple(ModelError(message, where=_at(*place)) for *place, message in about["problems"])
+        count = f"{len(others)} problem" + "s" * (len(others) > 1)
+        raise ModelError(f"{path.name}: the network cannot come ({count})", others=others)
+    net = load(folder / about["file"])
+    net.inputs = ()
+    net.verdicts = _verdicts(path.name, about, networks, number, failure)
+    return net
+
+
+_HINTS = {
+    "memory": "--memory allows more",
+    "refused": "only what describes a network is allowed",
+    "time": "--seconds allows more",
+}
+
+
+def _at(file: str, line: int) -> Where | None:
+    return Where(file, line) if file else None
+
+
+def _verdicts(name: str, about: dict[str, Any], networks: list[Any], number: int | None, failure: Any) -> Verdicts:
+    """How long the script runs the network, and by line what is otherwise here."""
+    runs, said = about["runs"], [name]
+    if runs:
+        shown = ", ".join(f"{ms:g}" for ms in runs[:5]) + (", ..." if len(runs) > 5 else "")
+        said.append(f"runs for {sum(runs):g} ms" + (f" ({shown})" if len(runs) > 1 else ""))
+    if len(networks) > 1:
+        lines = ", ".join(str(one["line"]) for one in networks)
+        chosen = "the last" if number is None else f"number {number}"
+        said.append(f"builds {len(networks)} networks, at lines {lines}: this is {chosen}")
+    notes = [(f"{file}:{line}" if file else name, how) for file, line, how in about["notes"]]
+    if failure:
+        how = f"the script ends in what it does with results, which are empty here: {failure['message']}"
+        notes.append((f"{name}:{failure['line']}", how))
+    return Verdicts("; ".join(said), tuple(Verdict(place, "line", APPROXIMATE, how) for place, how in notes))
+
+
+# -- the process -----------------------------------------------------------------------------------------------------
+
+
+@contextmanager
+def _folder(script: Path) -> Iterator[Path]:
+    """A folder for the script to run in, with links to the files beside it."""
+    with tempfile.TemporaryDirectory(prefix="neuro-script-", ignore_cleanup_errors=True) as name:
+        folder = Path(name)
+        (folder / "networks").mkdir()
+        _mirror(script.resolve().parent, folder / "files")
+        (folder / "files" / script.name).unlink(missing_ok=True)
+        shutil.copyfile(script, folder / "files" / script.name)
+        yield folder
+
+
+def _mirror(source: Path, target: Path) -> None:
+    target.mkdir()
+    count = 0
+    for root, folders, files in os.walk(source):
+        folders[:] = sorted(name for name in folders if not name.startswith((".", "__pycache__")))
+        inside = target / os.path.relpath(root, source)
+        inside.mkdir(exist_ok=True)
+        for name in sorted(files):
+            count += 1
+            if count > _MOST_BESIDE:
+                return
+            (inside / name).symlink_to(Path(root) / name)
+
+
+def _run(run: _Run, folder: Path) -> dict[str, Any]:
+    """Run a script to its end, or end it; nothing that it has started stays."""
+    mark = uuid4().hex
+    with (folder / "output").open("wb") as output:
+        process = subprocess.Popen(
+            [sys.executable, "-P", "-m", "neuro.exchange.pynn.confined"],
+            stdin=subprocess.PIPE,
+            stdout=output,
+            stderr=subprocess.STDOUT,
+            cwd=folder,
+            env=_environment(folder, mark),
+            start_new_session=True,
+        )
+    assert process.stdin is not None
+    try:
+        _tell(process.stdin, run, folder)
+        code = process.wait(run.seconds)
+    except subprocess.TimeoutExpired:
+        return _failed(f"takes longer than {run.seconds:g} s", "time")
+    finally:
+        _end(process, mark)
+    try:
+        return dict(json.loads((folder / "outcome.json").read_text("utf-8")))
+    except (OSError, ValueError):
+        return _died(code, folder / "output", run)
+
+
+def _tell(pipe: IO[bytes], run: _Run, folder: Path) -> None:
+    words = {
+        "parent": os.getpid(),
+        "folder": str(folder),
+        "script": str(run.script),
+        "arguments": run.arguments,
+        "memory": int(run.memory * 2**30),
+        "seconds": run.seconds,
+    }
+    with suppress(BrokenPipeError):
+        pipe.write(json.dumps(words).encode())
+        pipe.close()
+
+
+def _environment(folder: Path, mark: str) -> dict[str, str]:
+    kept = {name: value for name, value in os.environ.items() if not re.search("TOKEN|SECRET|PASSWORD|KEY", name)}
+    paths = os.pathsep.join(os.path.abspath(path) for path in sys.path)
+    own = {
+        "PYTHONPATH": paths,
+        "MPLBACKEND": "Agg",
+        "PYTHONHASHSEED": "0",
+        "TMPDIR": str(folder / "files"),
+        _MARK: mark,
+    }
+    return kept | own | dict.fromkeys(_THREADS, "1")
+
+
+def _end(process: subprocess.Popen[bytes], mark: str) -> None:
+    """End the process and all that it has started, also what has left its group."""
+    with suppress(ProcessLookupError):
+        os.killpg(process.pid, signal.SIGKILL)
+    process.wait()
+    entry = f"{_MARK}={mark}".encode()
+    for folder in Path("/proc").glob("[0-9]*"):
+        with suppress(OSError):
+            if entry in (folder / "environ").read_bytes().split(b"\0"):
+                os.kill(int(folder.name), signal.SIGKILL)
+
+
+def _died(code: int, output: Path, run: _Run) -> dict[str, Any]:
+    if code == -signal.SIGXCPU:
+        return _failed(f"takes longer than {run.seconds:g} s", "time")
+    how = f"is ended by {signal.Signals(-code).name}" if code < 0 else f"ends with {code}"
+    text = output.read_bytes()[-2000:].decode("utf-8", "replace").strip().rpartition("\n")[2]
+    if "MemoryError" in text:
+        return _failed("needs more memory than it may", "memory")
+    return _failed(f"its process {how} before its network is complete" + (f": {text[:200]}" if text else ""), "")
+
+
+def _failed(message: str, kind: str) -> dict[str, Any]:
+    return {"networks": [], "failure": {"message": message, "line": 0, "harmless": False, "kind": kind}}

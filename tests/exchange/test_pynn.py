@@ -1,0 +1,239 @@
+"""Scripts of PyNN as networks, and back. What PyNN's own simulators make of them: `test_pynn_oracles`."""
+
+import os
+import subprocess
+import sys
+from contextlib import suppress
+from importlib.util import find_spec
+from pathlib import Path
+
+import numpy as np
+import pytest
+from typer.testing import CliRunner
+
+import neuro
+import pynn_networks
+from neuro.cli.commands import app
+
+needs_pynn = pytest.mark.skipif(find_spec("pyNN") is None, reason="PyNN is not installed")
+
+SCRIPT = """
+import pylab
+import numpy as np
+from pyNN.random import NumpyRNG, RandomDistribution
+import pyNN.nest as sim
+
+sim.setup(timestep=0.1, min_delay=0.5)
+rng = NumpyRNG(seed=5)
+stimulus = sim.Population(4, sim.SpikeSourceArray(spike_times=[[1.0, 2.05], [3.0], [], [4.0]]), label="in")
+noise = sim.Population(2, sim.SpikeSourcePoisson(rate=[10.0, 20.0], start=5.0, duration=45.0), label="noise")
+cells = sim.Population(5, sim.IF_curr_exp(tau_m=RandomDistribution("uniform", low=9.0, high=11.0, rng=rng), cm=0.5))
+other = sim.Population(3, sim.IF_cond_exp(tau_m=20.0, cm=1.0), initial_values={"v": -60.0}, label="other cells")
+more = sim.Population(2, sim.IF_curr_exp(), label="more")
+both = cells + more
+static = sim.StaticSynapse(weight=0.5, delay=1.0)
+sim.Projection(stimulus, cells[1:], sim.OneToOneConnector(), static)
+sim.Projection(noise, both, sim.AllToAllConnector(), sim.StaticSynapse(weight=0.01, delay=0.73))
+rule = sim.STDPMechanism(sim.SpikePairRule(tau_plus=17.0, tau_minus=33.0, A_plus=0.01, A_minus=0.02),
+                         sim.MultiplicativeWeightDependence(w_max=0.04), weight=0.02)
+learnt = sim.Projection(cells, other, sim.FixedProbabilityConnector(0.5, rng=rng), rule, label="learnt")
+sim.Projection(other, cells, sim.FromListConnector([(0, 1, -0.1, 0.5), (2, 3, -0.2, 0.9)]), receptor_type="inhibitory")
+sim.Projection(other, other, sim.AllToAllConnector(allow_self_connections=False), sim.StaticSynapse(weight=0.003),
+               receptor_type="inhibitory")
+sim.DCSource(amplitude=0.3, start=10.0, stop=20.0).inject_into(cells[:2])
+cells[0:3].record("v", sampling_interval=0.5)
+other.record(["spikes", "gsyn_exc"])
+learnt.set(weight=0.03)
+sim.reset()
+sim.run(30.0)
+noise.set(rate=30.0)
+sim.run(20.0)
+block = other.get_data().segments[0]
+assert len(block.spiketrains) == 3 and block.filter(name="gsyn_exc")[0].shape[1] == 3
+pylab.plot(learnt.get("weight", format="list", with_address=False))
+pylab.savefig("picture.png")
+print(block.spiketrains[0][0])
+"""
+
+
+@needs_pynn
+def test_a_script_is_recorded(tmp_path):
+    path = tmp_path / "script.py"
+    path.write_text(SCRIPT)
+    net = neuro.from_pynn(path, run_script=True)
+    assert {name: part.ids.size for name, part in net.populations.items()} == {
+        "in": 4, "noise": 2, "population2": 5, "other_cells": 3, "more": 2, "DCSource": 1,
+    }  # fmt: skip
+    assert net.resolution == 0.1
+    assert [list(row) for row in net.populations["in"].model.spike_times] == [[1.0, 2.1], [3.0], [], [4.0]]
+    noise = net.populations["noise"].model
+    assert (noise.start, noise.stop) == (5.0, 50.0)
+    assert np.array_equal(noise.rate_times, [0.1, 30.0])
+    assert np.array_equal(noise.rate_values, [[10.0, 30.0], [20.0, 30.0]])
+    cells, other = net.populations["population2"], net.populations["other_cells"]
+    assert cells.model.C_m == 500.0
+    assert np.ptp(cells.model.tau_m) > 0
+    assert cells.initial == {"V_m": -65.0}
+    assert (other.model.g_L, other.model.tau_minus, other.initial["V_m"]) == (50.0, 33.0, -60.0)
+    first = net.projections["in_population2"]
+    assert (list(first.rule.pre), list(first.rule.post), first.weight) == ([0, 1, 2, 3], [1, 2, 3, 4], 500.0)
+    assert net.projections["noise_population2"].rule == neuro.all_to_all()
+    assert net.projections["noise_more"].delay == pytest.approx(0.7)
+    learnt = net.projections["learnt"]
+    assert learnt.weight == 30.0
+    assert learnt.synapse == neuro.stdp(tau_plus=17.0, lambda_=0.01, alpha=2.0, mu_plus=1.0, mu_minus=1.0, Wmax=40.0)
+    back = net.projections["other_cells_population2"]
+    assert list(back.weight) == [-100.0, -200.0]
+    assert np.allclose(back.delay, [0.5, 0.9])
+    assert net.projections["other_cells_other_cells"].weight == -3.0
+    current = net.populations["DCSource"].model
+    assert (current.amplitude, current.start, current.stop) == (300.0, 9.5, 19.5)
+    assert net.probes["population2_v"].every == 0.5
+    assert net.probes["other_cells_gsyn_exc"].record == "g_ex"
+    assert net.verdicts.heading == "script.py; runs for 50 ms (30, 20)"
+    assert [(each.node, each.how) for each in net.verdicts] == [
+        ("script.py:9", "spike times are rounded up to steps of 0.1 ms, as NEST does"),
+        ("script.py:17", "delays are rounded to steps of 0.1 ms"),
+        (
+            "script.py:36",
+            "the script ends in what it does with results, which are empty here: "
+            "IndexError: index 0 is out of bounds for axis 0 with size 0",
+        ),
+    ]
+    assert os.listdir(tmp_path) == ["script.py"]
+    neuro.compile(net)
+
+
+@needs_pynn
+def test_what_cannot_come_is_told_by_line(tmp_path):
+    path = tmp_path / "script.py"
+    path.write_text(
+        "import pyNN.spiNNaker as p\np.setup(timestep=1.0)\ncells = p.Population(3, p.HH_cond_exp())\n"
+        "more = p.Population(3, p.extra_models.IFCurrExpCa2Adaptive())\nfine = p.Population(3, p.IF_curr_exp())\n"
+        "p.external_devices.SpikeInjector(3)\n"
+        "p.Projection(fine, fine, p.OneToOneConnector(), p.TsodyksMarkramSynapse(weight=1.0))\n"
+        "p.run(10)\nfine.set(tau_m=10.0)\np.run(10)\n"
+    )
+    with pytest.raises(neuro.ModelError) as caught:
+        neuro.from_pynn(path, run_script=True)
+    assert str(caught.value) == (
+        "script.py: the network cannot come (5 problems)\n"
+        "script.py:4: pyNN.spiNNaker.IFCurrExpCa2Adaptive has no counterpart\n"
+        "script.py:6: pyNN.spiNNaker.SpikeInjector has no counterpart\n"
+        "script.py:3: population 'population0': HH_cond_exp has no counterpart\n"
+        "script.py:7: TsodyksMarkramSynapse has no counterpart\n"
+        "script.py:9: parameters of population 'population2' are set while the network runs"
+    )
+
+
+BEGIN = "import pyNN.nest as sim\nsim.setup()\np = sim.Population(3, sim.IF_curr_exp())\n"
+HOSTILE = {
+    "while True: pass": "script.py: the script fails: takes longer than 1.5 s\n  hint: --seconds allows more",
+    "import os\nos.fork()": "script.py:5: the script fails: a script may not start programs",
+    "x = bytearray(10**11)": "script.py:4: the script fails: needs more memory than it may",
+    "open('/tmp/evil', 'w')": "script.py:4: the script fails: a script may not write '/tmp/evil'",
+    "import subprocess\nsubprocess.Popen(['sleep', '99'])": "script.py:5: the script fails: a script may not start",
+    "import socket\nsocket.create_connection(('127.0.0.1', 9))": "script.py:5: the script fails: a script may not use",
+    "import ctypes\nctypes.CDLL(None).fork()": "script.py:5: the script fails: a script may not call libraries",
+    "import os\nos.kill(os.getppid(), 9)": "script.py:5: the script fails: a script may not signal processes",
+    "import os\nos.remove(os.path.expanduser('~'))": "script.py:5: the script fails: a script may not change",
+    "raise RuntimeError('no')": "script.py:4: the script fails: RuntimeError: no",
+    "raise SystemExit(3)": "script.py:4: the script fails: it ends with 3",
+    "import os\nos._exit(0)": "script.py: the script fails: its process ends with 0 before its network is complete",
+    "import nest": "script.py:4: the script fails: ImportError: 'nest' is used beside PyNN",
+    "def f(:": "script.py:4: the script fails: is no Python: invalid syntax",
+}
+
+
+def left_over():
+    """Processes that scripts of this test have started and that still run."""
+    found, test = [], os.environ["PYTEST_CURRENT_TEST"].encode()
+    for folder in Path("/proc").glob("[0-9]*"):
+        with suppress(OSError):
+            said = (folder / "environ").read_bytes()
+            found += [folder.name] if b"\0NEURO_SCRIPT=" in said and test in said else []
+    return found
+
+
+@needs_pynn
+@pytest.mark.parametrize(
+    "code", [pytest.param(code, marks=[pytest.mark.slow] if k > 1 else []) for k, code in enumerate(HOSTILE)]
+)
+def test_a_hostile_script_is_refused(tmp_path, code):
+    path = tmp_path / "script.py"
+    path.write_text(BEGIN + code + "\n")
+    with pytest.raises(neuro.ModelError) as caught:
+        neuro.from_pynn(path, run_script=True, seconds=1.5 if "while" in code else 60.0)
+    assert str(caught.value).startswith(HOSTILE[code])
+    assert os.listdir(tmp_path) == ["script.py"]
+    assert not left_over()
+
+
+def test_a_script_is_run_only_if_it_may(tmp_path):
+    path = tmp_path / "script.py"
+    path.write_text("raise SystemExit(5)")
+    result = CliRunner().invoke(app, ["convert", str(path), str(tmp_path / "net.yaml")])
+    assert str(result.exception) == (
+        f"{path}: is a program, and only running it shows its network\n"
+        "  hint: --run-script (in Python run_script=True) runs it, without simulating, in a process of its own"
+    )
+
+
+@needs_pynn
+def test_a_written_script_is_the_same_network(tmp_path):
+    net = pynn_networks.network(14)
+    net.save(tmp_path / "net.yaml")
+    words = ["--seed", "14", "--duration", "200"]
+    done = CliRunner().invoke(app, ["convert", str(tmp_path / "net.yaml"), str(tmp_path / "net_pynn.py"), *words])
+    assert done.exception is None
+    back = neuro.from_pynn(tmp_path / "net_pynn.py", run_script=True)
+    ours, theirs = neuro.compile(net, seed=14), neuro.compile(back)
+    ours.run(200.0)
+    theirs.run(200.0)
+    for name in ("excite", "inhibit"):
+        mine, its = ours.spikes(name), theirs.spikes(name)
+        assert len(mine[0]) > 5 or name == "inhibit"
+        assert np.allclose(mine[0], its[0])
+        assert np.array_equal(mine[1], its[1])
+
+
+def test_a_written_script_is_python_and_keeps_what_is_small_in_itself(tmp_path):
+    net = neuro.Network("two")
+    net.population("a", 2, neuro.spike_generator(spike_times=[[1.0], [2.0]]))
+    net.population("b", 2, neuro.iaf_psc_exp())
+    net.connect("a", "b", neuro.one_to_one(), weight=250.0, delay=1.5)
+    neuro.to_pynn(net, tmp_path / "two.py")
+    text = (tmp_path / "two.py").read_text()
+    assert "sim.OneToOneConnector()" in text
+    assert "sim.StaticSynapse(weight=0.25, delay=1.5)" in text
+    assert sorted(np.load(tmp_path / "two.npz")) == ["a.ids", "a.times", "written_by_neuro"]
+    compile(text, "two.py", "exec")
+    neuro.to_pynn(net, tmp_path / "two.py")  # its own files are replaced
+    (tmp_path / "two.py").write_text(text + "# edited\n")
+    with pytest.raises(neuro.ModelError, match="exists and is not a script that neuro wrote"):
+        neuro.to_pynn(net, tmp_path / "two.py")
+
+
+def test_what_pynn_has_not_is_told_by_part(tmp_path):
+    net = neuro.Network("odd")
+    net.population("a", 2, neuro.sinusoidal_poisson_generator(rate=5.0))
+    net.population("b", 2, neuro.mat2_psc_exp())
+    net.population("c", 2, neuro.iaf_psc_exp())
+    net.connect("c", "c", neuro.all_to_all(), neuro.tsodyks2(), weight=1.0)
+    net.signal("reward", to="c")
+    with pytest.raises(neuro.ModelError) as caught:
+        neuro.to_pynn(net, tmp_path / "odd.py")
+    places = [str(one).partition(": ")[2].partition("\n")[0] for one in caught.value.others]
+    assert places == [
+        "population 'a': sinusoidal_poisson_generator is no standard cell of PyNN",
+        "population 'b': mat2_psc_exp is no standard cell of PyNN",
+        "projection 'c_c': tsodyks2 is no standard synapse of PyNN",
+        "signal 'reward': PyNN has no such part",
+    ]
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_reading_pynn_does_not_import_it():
+    code = "import neuro, sys; neuro.from_pynn, neuro.to_pynn; print('pyNN' in sys.modules)"
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert done.stdout == "False\n"
