@@ -361,6 +361,7 @@ def test_no_file_is_opened_for_writing_elsewhere():
         *(f"apps/{name}.py" for name in ("neuro_drone/watch", "neuro_recognise/detection/report")),
         *(f"apps/neuro_recognise/{name}.py" for name in ("telling/watch",)),
         "apps/neuro_agent/watch.py",
+        "neuro/exchange/pynn/write.py",
     }
     temporary = {
         *("neuro/rerun/again.py", "neuro/files/results.py", "neuro/events/formats/rosbag.py"),
@@ -369,6 +370,9 @@ def test_no_file_is_opened_for_writing_elsewhere():
         "neuro/core/html.py",  # a picture inside a page
         "neuro/plots/_canvas.py",  # a picture for a notebook
         "neuro/sweeps/network.py",  # a table for one run
+        *(
+            f"neuro/exchange/pynn/{name}.py" for name in ("read", "outcome")
+        ),  # what a script recorded, in a folder of its own
     }
     journal = {"neuro/sweeps/journal.py"}  # many add lines to it, so it is rewritten under its own lock
     assert found == {"neuro/core/outputs.py"} | formats | temporary | given | journal
