@@ -69,7 +69,7 @@ class Settings:
     actor_rate: float = _number(2.4, at_least=0.0)
     critic_rate: float = _number(0.06, at_least=0.0)
     errors: str = _word("plain", "plain", "normalised")
-    novelty: float = _number(0.5, at_least=0.0)
+    novelty: float = _number(0.0, at_least=0.0)
     sharpness: float = _number(4.0, above=0.0)
     explore: int = _whole(400, 0)
 
