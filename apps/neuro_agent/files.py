@@ -74,8 +74,9 @@ def arrays_of(agent: Learner) -> dict[str, dict[str, Any]]:
         "spread": agent.places.spread,
         "explored": np.array([agent.explored, agent.rewards.known]),
         "begun": np.array(agent.begun, dtype=np.int64),
-        "visits": agent.novelty.counts,
     }
+    if agent.novelty:
+        scales["visits"] = agent.novelty.counts
     return {"learnt": agent.weights, "scales": scales, "seen": {"vectors": agent.seen}}
 
 
@@ -86,7 +87,8 @@ def put_arrays(agent: Learner, arrays: dict[str, dict[str, Any]]) -> None:
     agent.places.middle[:], agent.places.spread[:] = scales["middle"], scales["spread"]
     agent.explored, agent.rewards.known = (bool(each) for each in scales["explored"])
     agent.begun = (int(scales["begun"][0]), int(scales["begun"][1]))
-    agent.novelty.counts[:] = scales["visits"]
+    if agent.novelty:
+        agent.novelty.counts[:] = scales["visits"]
     agent.seen = arrays["seen"]["vectors"]
     agent.learn_from(arrays["learnt"])
 

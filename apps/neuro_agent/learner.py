@@ -137,11 +137,10 @@ class Learner:
     def shrink(self, share: float) -> None:
         """Let rewards and values be this share of what they were: see `RewardScale.excess`."""
         self.rewards.shrink(share)
-        learnt = self.weights
-        learnt["value"] *= share
-        self._learnt["value"][...] = learnt["value"]
+        value = share * self.weights["value"]
+        self._learnt["value"][...] = value
         if self._copies is not None:
-            self._set({"value": learnt["value"]})
+            self._set({"value": value})
 
     def merge(self, before: Mapping[str, Floats]) -> dict[str, Floats]:
         """Let all copies have what they had at first, and what each of them has learnt since."""

@@ -18,7 +18,7 @@ MOST = 1.25
 """The largest magnitude of a value: at -1.6 the neurons of the critic fall silent, at 3.8 they spike in each ms."""
 SOME = 500
 """Control steps over which a value, or the size of errors, is averaged."""
-USUAL = 0.05
+TYPICAL = 0.05
 """Size of an error, root mean square, to which errors are normalised."""
 
 
@@ -32,7 +32,7 @@ class RewardScale:
     Attributes:
         factor: a reward times this is what the critic learns.
         first: the value that all states have before anything is learnt.
-        known: whether a reward that is not 0 has told the scale.
+        known: whether the scale has been taken from a reward that is not 0.
     """
 
     def __init__(self, discount: float, scale: float = 1.0) -> None:
@@ -79,11 +79,10 @@ class RewardScale:
             values: of the states, (copies,).
             rewards: as the environments gave them, (copies,).
         """
-        self._level += (float(values.sum()) / len(values) - self._level) / SOME
-        largest = self.factor * max(float(rewards.max()), -float(rewards.min()))
-        return min(
-            1.0, MOST / 2.0 / abs(self._level) if abs(self._level) > MOST else 1.0, 1.0 / max(1.0, largest / MOST)
-        )
+        # Of the few numbers of a control step, lists are faster than reductions of arrays.
+        self._level += (sum(values.tolist()) / len(values) - self._level) / SOME
+        level, largest = abs(self._level), self.factor * max(map(abs, rewards.tolist()))
+        return min(MOST / 2.0 / level if level > MOST else 1.0, MOST / largest if largest > MOST else 1.0)
 
     def shrink(self, share: float) -> None:
         """Let rewards be this share of what they were."""
@@ -122,7 +121,7 @@ class Novelty:
 
 
 class ErrorScale:
-    """What an error is to the actor: itself, or of the size USUAL on average, so that its rate fits any task.
+    """What an error is to the actor: itself, or of the size TYPICAL on average, so that its rate fits any task.
 
     Args:
         normalised: whether to scale.
@@ -142,4 +141,4 @@ class ErrorScale:
             return errors
         self._count = min(self._count + 1, SOME)
         self._square += (float(np.mean(errors**2)) - self._square) / self._count
-        return errors * (USUAL / math.sqrt(max(self._square, 1e-12)))
+        return errors * (TYPICAL / math.sqrt(max(self._square, 1e-12)))

@@ -51,14 +51,13 @@ def _read_yaml(file: Path, options: Options) -> tuple[Network | None, Verdicts |
 
 def _read_nir(file: Path, options: Options) -> tuple[Network | None, Verdicts | None]:
     from neuro.core.errors import ModelError
-    from neuro.exchange.nir.importing import check_nir, from_nir
+    from neuro.exchange.nir.importing import examine, network_of
 
     if options.dt is None:
         raise ModelError(f"{file}: NIR has no steps: expected the length of one", hint="--dt 1, in ms")
-    table = check_nir(file, options.dt, options.written_by, reset=options.reset)
-    if table.refused:
-        return None, table
-    return from_nir(file, options.dt, options.written_by, reset=options.reset), table
+    found = examine(file, options.dt, options.written_by, options.reset)
+    table = found.table()
+    return None if table.refused else network_of(found), table
 
 
 def _read_pynn(file: Path, options: Options) -> tuple[Network | None, Verdicts | None]:

@@ -20,7 +20,7 @@ class Verdict:
         node: its name.
         kind: its type, e.g. "LIF".
         verdict: "exact", "approximate" or "refused".
-        how: the convention under which it is exact, what differs and by how much, or why it is refused.
+        how: the convention under which it is exact, what differs, or why it is refused.
         way_out: what to do if it is refused.
     """
 

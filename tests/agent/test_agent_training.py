@@ -119,7 +119,14 @@ def test_what_a_file_holds_decides_alike(learnt, tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("twin", "settings"), [(False, {}), (True, {}), (True, {"encoder": "population"}), (False, {"spikes": "poisson"})]
+    ("twin", "settings"),
+    [
+        (False, {}),
+        (True, {}),
+        (True, {"encoder": "population"}),
+        (False, {"spikes": "poisson"}),
+        (False, {"novelty": 1.0, "errors": "normalised"}),
+    ],
 )
 def test_a_training_that_was_stopped_goes_on_to_the_same_bits(tmp_path, monkeypatch, twin, settings):
     monkeypatch.setattr(training, "BLOCK", 250)

@@ -109,11 +109,10 @@ def cell_of(node: Node, tool: str, step: float, reset: str | None) -> Cell:
         differs = "" if rises or tool != "snntorch" or reset == "subtract_next" else BEYOND
         cell = replace(cell, reset=None, fall=fall, hold=0, rises=rises, how=how, differs=differs)
     elif cell.threshold is not None and reset in ("to_value", "to_value_next"):
-        value = np.zeros(node.shape) if node.fields.get("v_reset") is None else node.array("v_reset")
         hold = int(reset == "to_value_next")
         when = "in the next step, which takes no input" if hold else "in the same step"
         how = f"{cell.how.rpartition('; ')[0]}; fires as there, then V = v_reset {when}, as `reset` says"
-        cell = replace(cell, reset=value, several=False, rises=False, fall=None, hold=hold, how=how)
+        cell = replace(cell, reset=_reset_value(node), several=False, rises=False, fall=None, hold=hold, how=how)
     return cell
 
 

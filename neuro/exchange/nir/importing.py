@@ -134,7 +134,15 @@ def from_nir(graph: Any, dt: float, from_: str | None = None, *, reset: str | No
         ModelError: the file is damaged, nothing tells the convention, or a node is refused: all of them, each with the
             way out.
     """
-    found = examine(graph, dt, from_, reset)
+    return network_of(examine(graph, dt, from_, reset))
+
+
+def network_of(found: Read) -> Network:
+    """The network of a graph that has been read, with its verdicts.
+
+    Raises:
+        ModelError: a node is refused.
+    """
     table = found.table()
     table.check()
     net = _network(found)

@@ -32,7 +32,7 @@ def read(source: Any) -> Graph:
             return _flat(_from_file(path), str(path))
         except ModelError as error:
             raise error.at(None, str(path)) from None
-        except (TypeError, ValueError, OverflowError) as error:  # of a field that is no number
+        except (TypeError, ValueError, OverflowError) as error:  # of a field that does not hold numbers
             raise ModelError(f"{path}: cannot be read as NIR: {str(error).partition(chr(10))[0]}") from None
     if not all(hasattr(source, word) for word in ("nodes", "edges")):
         found = type(source).__name__
@@ -47,7 +47,7 @@ def _from_file(path: Path) -> Any:
     nir = package("from_nir")
     try:
         _check_sizes(path)
-        graph = nir.read(path, type_check=False)  # what does not fit is told by `_find_shapes`
+        graph = nir.read(path, type_check=False)  # `_find_shapes` reports what does not fit
     except ModelError:
         raise
     except Exception as error:  # the package and HDF5 raise many kinds on damaged files

@@ -187,7 +187,7 @@ def _run(run: _Run, folder: Path) -> dict[str, Any]:
         )
     assert process.stdin is not None
     try:
-        _tell(process.stdin, run, folder)
+        _send(process.stdin, run, folder)
         code = process.wait(run.seconds)
     except subprocess.TimeoutExpired:
         return _failed(f"takes longer than {run.seconds:g} s", "time")
@@ -199,7 +199,7 @@ def _run(run: _Run, folder: Path) -> dict[str, Any]:
         return _died(code, folder / "output", run)
 
 
-def _tell(pipe: IO[bytes], run: _Run, folder: Path) -> None:
+def _send(pipe: IO[bytes], run: _Run, folder: Path) -> None:
     words = {
         "parent": os.getpid(),
         "folder": str(folder),

@@ -123,7 +123,7 @@ def _checked(table: Table, piece: Piece, name: str, kind: str) -> Column:
         raise ModelError(
             f"{table.path}: column '{name}' holds {column.dtype}: expected {_EXPECTED[kind]}", path=(name,)
         )
-    # One past the end of the other kind has no neuron: told by the value, never wrapped round.
+    # One past the end of the other kind has no neuron: the value is reported, never wrapped round.
     beyond = column < 0 if kind == UINT64 and column.dtype.kind == "i" else None
     if kind == INT64 and column.dtype == np.uint64:
         beyond = column > np.uint64(2**63 - 1)
