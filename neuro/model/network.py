@@ -258,7 +258,7 @@ class Network(Description):
             pre: of a projection only the synapses from these neurons: a population, a view of it, or ids.
             post: likewise those onto these neurons.
         """
-        what = f"probe '{name}'"
+        what = f"probe '{check_name(name, 'probe', self._where())}'"
         states = self._checked(RECORD, record, f"{what}: record", ("record",))
         if not states or len(set(states)) < len(states):
             message = f"{what}: record = {shown(record)}: expected one or several names, each once"
