@@ -127,10 +127,15 @@ class ActorCritic(Learner):
         return bill
 
     def act(self, observation: Any) -> Any:
-        """The action for one observation, by the frozen agent."""
+        """The action for one observation, by the frozen agent.
+
+        Raises:
+            ModelError: the observation is none of the space for which the agent was made.
+        """
         if self._acting is None:
             self._acting = self.frozen(self.seed)
-        return self.actions.of(self._acting.decide(flat(self.observations, observation)))[0]
+        seen = self.states.check(flat(self.observations, observation))
+        return self.actions.of(self._acting.decide(seen))[0]
 
     def watch(self, env: Any, path: str | PathLike[str], seed: int = 0, *, learning: bool = False) -> Episode:
         """Play an episode and write it as a page, see `neuro_agent.watch.watch`."""

@@ -16,7 +16,7 @@ from gymnasium.vector import AutoresetMode, VectorEnv
 
 from neuro import ModelError
 from neuro.apps import Quantity, check
-from neuro_agent.observations import dimensions_of, flat
+from neuro_agent.observations import States, flat
 
 __all__ = ["Environments"]
 
@@ -56,16 +56,13 @@ class Environments:
             raise ModelError(f"env: a vector of autoreset_mode {mode.name}: expected NEXT_STEP, gymnasium's default")
         spec = getattr(env, "spec", None)
         self.name = str(spec.id) if spec is not None else type(env).__name__
-        listed = [(d, one) for d, one in enumerate(dimensions_of(self.observations)) if one.states]
-        self._listed = [d for d, _ in listed]
-        self._first = np.array([one.first for _, one in listed])
-        self._states = np.array([one.states for _, one in listed])
+        self._states = States(self.observations)
         self.over: Bools = np.zeros(self.n, dtype=np.bool_)
         self._calls = 0
 
     def reset(self, seeds: Sequence[int]) -> Floats:
         """Begin all episodes, by the first seed; the first observations, (n, dimensions)."""
-        found, _ = self._call("reset", seed=int(seeds[0]))
+        found, _ = self._answer("reset", "observation, info", seed=int(seeds[0]))
         self.over = np.zeros(self.n, dtype=np.bool_)
         return self._vectors(found)
 
@@ -88,34 +85,36 @@ class Environments:
             return self.reset(seeds), np.zeros(1), np.zeros(1, np.bool_), np.zeros(1, np.bool_)
         return self._taken(*self._step(actions[0]))
 
-    def _step(self, action: Any) -> tuple[Any, Any, Any, Any]:
-        answer = self._call("step", action)
-        if not isinstance(answer, tuple) or len(answer) != 5:
+    def _step(self, action: Any) -> tuple[Any, ...]:
+        return self._answer("step", "observation, reward, terminated, truncated, info", action)[:4]
+
+    def _answer(self, name: str, expected: str, *given: Any, **named: Any) -> tuple[Any, ...]:
+        answer = self._call(name, *given, **named)
+        if not isinstance(answer, tuple) or len(answer) != 1 + expected.count(","):
             size = f"{len(answer)} values" if isinstance(answer, tuple) else type(answer).__name__
-            names = "observation, reward, terminated, truncated, info"
-            raise ModelError(f"env.step returned {size}: expected ({names})")
-        return answer[0], answer[1], answer[2], answer[3]
+            raise ModelError(f"env.{name} returned {size}: expected ({expected})")
+        return answer
 
     def _taken(self, found: Any, reward: Any, ended: Any, cut: Any) -> tuple[Floats, Floats, Bools, Bools]:
         try:
             rewards = np.asarray(reward, dtype=np.float64).reshape(self.n)
-        except (TypeError, ValueError):
+        except (TypeError, ValueError, OverflowError):
             raise ModelError(f"env.step returned the reward {reward!r}: expected a number") from None
         good = np.isfinite(rewards)
         if np.count_nonzero(good) < self.n:
             raise ModelError(f"env.step returned the reward {rewards[~good][0]:g}: expected a finite number")
-        ends, cuts = (np.asarray(each, dtype=np.bool_).reshape(self.n) for each in (ended, cut))
+        ends, cuts = self._flags("terminated", ended), self._flags("truncated", cut)
         self.over = ends | cuts
         return self._vectors(found), rewards, ends, cuts & ~ends
 
+    def _flags(self, name: str, found: Any) -> Bools:
+        flags = np.asarray(found)
+        if flags.size != self.n or flags.dtype.kind not in "bui":
+            raise ModelError(f"env.step returned {name} = {found!r}: expected True or False")
+        return flags.astype(np.bool_).reshape(self.n)
+
     def _vectors(self, found: Any) -> Floats:
-        vectors = flat(self.observations, found, self.n if self._vector else 0)
-        if self._listed:
-            values = vectors[:, self._listed]
-            bad = (values < self._first) | (values >= self._first + self._states)
-            if bad.any():
-                raise ModelError(f"observation: found {values[bad][0]:g}: expected one of {self.observations}")
-        return vectors
+        return self._states.check(flat(self.observations, found, self.n if self._vector else 0))
 
     def _call(self, name: str, *given: Any, **named: Any) -> Any:
         self._calls += 1

@@ -15,7 +15,7 @@ from neuro.coding import PERIOD
 from neuro_agent.actions import actions_of
 from neuro_agent.log import Log
 from neuro_agent.network import CRITIC, GAIN, REST, STEP, TAU, Weights, circuit, network
-from neuro_agent.observations import encoder_of
+from neuro_agent.observations import States, encoder_of
 from neuro_agent.rewards import ErrorScale, Novelty, RewardScale
 from neuro_agent.settings import USUAL, Settings, settings_of
 
@@ -52,6 +52,7 @@ class Learner:
     Attributes:
         settings: what was chosen.
         places: the neurons that stand for observations.
+        states: which of their numbers have states.
         actions: what the neurons of the circuits stand for.
         rewards: the scale of rewards.
         novelty: of observations.
@@ -70,7 +71,7 @@ class Learner:
     ) -> None:
         self.settings = s = settings_of(settings)
         self.observations, self.seed = observations, seed
-        self.places = encoder_of(observations, s)
+        self.places, self.states = encoder_of(observations, s), States(observations)
         self.actions = actions_of(actions, s.levels, s.circuits)
         self.rewards = RewardScale(s.discount, s.reward_scale)
         self.novelty = Novelty(self.places, s.novelty * (1.0 - s.discount))

@@ -51,11 +51,18 @@ class Corridor(gymnasium.Env):
                 return self._seen(), 0.0, False, {}
             case "space":
                 return np.zeros(3), 0.0, False, False, {}
+            case "two flags":
+                return self._seen(), 0.0, np.array([True, False]), False, {}
+            case "no flag":
+                return self._seen(), 0.0, False, "no", {}
+            case "between":
+                return self._seen() | {"place": 1.5}, 0.0, False, False, {}
             case "outside":
                 return self._seen() | {"place": 7}, 0.0, False, False, {}
             case "NaN":
                 return self._seen() | {"near": np.array([np.nan])}, 0.0, False, False, {}
-        return self._seen(), {"reward NaN": float("nan"), "text": "much"}[self.fault], False, False, {}
+        rewards = {"reward NaN": float("nan"), "text": "much", "large": 10**400}
+        return self._seen(), rewards[self.fault], False, False, {}
 
 
 def agent(seed=1, **settings):
@@ -189,9 +196,13 @@ def test_a_second_training_has_episodes_of_its_own():
         ("four values", "env.step returned 4 values: expected (observation, reward, terminated, truncated, info)"),
         ("space", "observation: found an array of shape [3]: expected one of Dict"),
         ("outside", "observation: found 7: expected one of Dict"),
+        ("between", "observation: found 1.5: expected one of Dict"),
+        ("two flags", "env.step returned terminated = array([ True, False]): expected True or False"),
+        ("no flag", "env.step returned truncated = 'no': expected True or False"),
         ("NaN", "observation: number 0 is nan: expected finite numbers"),
         ("reward NaN", "env.step returned the reward nan: expected a finite number"),
         ("text", "env.step returned the reward"),
+        ("large", "env.step returned the reward"),
     ],
 )
 def test_what_an_environment_must_not_give(fault, message):
@@ -203,6 +214,73 @@ def test_what_an_environment_must_not_give(fault, message):
     assert str(caught.value).startswith(message)
     assert all(np.isfinite(weight).all() for weight in one.weights.values())
     assert len(one.train(Corridor(), steps=50))
+
+
+@pytest.mark.parametrize(
+    ("answer", "found"),
+    [(None, "NoneType"), (np.zeros(2), "ndarray"), ((np.zeros(2), {}, 3), "3 values")],
+    ids=["nothing", "the observation alone", "three"],
+)
+def test_a_reset_has_to_give_an_observation_and_an_info(answer, found):
+    env = Corridor()
+    env.reset = lambda **words: answer
+    with pytest.raises(ModelError, match=rf"^env\.reset returned {found}: expected \(observation, info\)$"):
+        agent().train(env, steps=50)
+
+
+class Drifting(gymnasium.Env):
+    """A number that drifts; with `kept` all observations are one array, in which it writes on."""
+
+    observation_space = spaces.Box(-np.inf, np.inf, (1,), np.float64)
+    action_space = spaces.Discrete(2)
+
+    def __init__(self, kept):
+        self.kept, self.at = kept, np.zeros(1)
+
+    def reset(self, *, seed=None, options=None):
+        super().reset(seed=seed)
+        self.at[:], self.k = 0.0, 0
+        return self._seen(), {}
+
+    def _seen(self):
+        return self.at if self.kept else self.at.copy()
+
+    def step(self, action):
+        self.k += 1
+        self.at += self.np_random.normal()
+        return self._seen(), 1.0, False, self.k == 20, {}
+
+
+def test_an_environment_may_write_on_in_its_observation():
+    def trained(kept):
+        env = Drifting(kept)
+        one = neuro_agent.ActorCritic(env.observation_space, env.action_space, critics=5, explore=50)
+        one.train(env, steps=100)
+        return one
+
+    own, copied = trained(True), trained(False)
+    np.testing.assert_array_equal(own.places.spread, copied.places.spread)
+    np.testing.assert_array_equal(own.seen, copied.seen)
+    np.testing.assert_array_equal(own.weights["policy0"], copied.weights["policy0"])
+
+
+def test_the_order_of_a_dict_does_not_matter(tmp_path):
+    ordered = spaces.Dict([("near", spaces.Box(0.0, 1.0, (1,))), ("at", spaces.Discrete(7))])
+    one = neuro_agent.ActorCritic(ordered, spaces.Discrete(2), critics=5)
+    one.save(tmp_path / "a.h5")
+    names = [dimension.name for dimension in one.places.dimensions]
+    loaded = neuro_agent.ActorCritic.load(tmp_path / "a.h5")
+    assert [dimension.name for dimension in loaded.places.dimensions] == names
+    other = spaces.Dict(dict(ordered.spaces.items()))
+    seen = {"near": np.array([0.5], np.float32), "at": 3}
+    assert other == ordered
+    np.testing.assert_array_equal(flat(other, seen), flat(ordered, seen))
+
+
+def test_an_action_is_asked_for_a_state_that_there_is(learnt):
+    for place in (7, -1, 1.5):
+        with pytest.raises(ModelError, match=r"^observation: found .*: expected one of Dict"):
+            learnt.act({"place": place, "near": np.zeros(1, np.float32)})
 
 
 def test_the_scale_of_late_rewards_does_not_depend_on_an_interruption():
@@ -316,6 +394,7 @@ def test_an_environment_that_hangs_is_given_up():
         (spaces.Discrete(2), spaces.Box(-np.inf, np.inf, (1,)), "it has no bounds"),
         (spaces.Discrete(2), spaces.Text(3), "action space: found Text"),
         (spaces.Dict({}), spaces.Discrete(2), "observation space: it is empty"),
+        (spaces.Dict({1: spaces.Discrete(2)}), spaces.Discrete(2), "the key 1 is of type int: expected a text"),
     ],
 )
 def test_spaces_that_are_not_supported(observations, actions, message):
