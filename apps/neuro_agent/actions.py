@@ -27,7 +27,7 @@ class Actions:
     Attributes:
         sizes: neurons of each circuit.
         space: of the actions.
-        values: of a Box, what the neurons of each circuit stand for.
+        values: of a Box, what the neurons of each circuit stand for; of one of whole numbers the action is the nearest.
     """
 
     sizes: tuple[int, ...]
@@ -38,7 +38,11 @@ class Actions:
         """The actions of the winners of each circuit, (copies, circuits); the first axis is that of the copies."""
         if isinstance(self.space, spaces.Box):
             chosen = np.stack([values[winners[:, k]] for k, values in enumerate(self.values)], axis=1)
-            winners = chosen.reshape(len(chosen), int(np.prod(self.space.shape)), -1).mean(axis=2)
+            means = chosen.reshape(len(chosen), *self.space.shape, -1).mean(axis=-1)
+            # Means of equal numbers are rounded, and so may lie beyond the bound.
+            winners = np.clip(means, self.space.low, self.space.high)
+            if np.issubdtype(self.space.dtype, np.integer):
+                winners = np.rint(winners)
         elif isinstance(self.space, (spaces.Discrete, spaces.MultiDiscrete)):
             winners = winners + np.ravel(self.space.start)
         return winners.reshape(-1, *(self.space.shape or ())).astype(self.space.dtype, copy=False)

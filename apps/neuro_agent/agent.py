@@ -6,6 +6,7 @@ from os import PathLike
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Self
 
+from neuro.apps import unknown
 from neuro_agent import files, training
 from neuro_agent.deployed import DRAWING, Deployed, Frozen
 from neuro_agent.learner import Learner
@@ -98,8 +99,14 @@ class ActorCritic(Learner):
 
         shuffled: errors of other times teach. frozen: nothing does. random: actions are drawn, whatever the circuit
         chooses. scrambled: each place spikes in place of another, drawn anew at each step.
+
+        Raises:
+            ModelError: a name is unknown; or as of `train` and `test`.
         """
         found = {}
+        for name in names:
+            if name not in training.CONTROLS:
+                raise unknown("control", name, training.CONTROLS)
         for name in names:
             twin = type(self)(self.observations, self.actions.space, seed=self.seed, **self.settings.plain())
             training.train(twin, env, training.End(steps=steps), control=name)
@@ -154,6 +161,6 @@ class ActorCritic(Learner):
         """Read an agent that `save` wrote.
 
         Raises:
-            ModelError: there is no such file, it is something else, or damaged.
+            ModelError: there is no such file, it is something else, as an agent of another kind is, or damaged.
         """
         return files.load(Path(path), cls)

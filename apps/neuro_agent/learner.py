@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from typing import Any
+from typing import Any, ClassVar
 
 import gymnasium
 import numpy as np
@@ -50,6 +50,7 @@ class Learner:
         settings: by name, see `Settings`.
 
     Attributes:
+        kind: in what way it learns; what one kind has learnt says nothing to another.
         settings: what was chosen.
         places: the neurons that stand for observations.
         states: which of their numbers have states.
@@ -65,6 +66,8 @@ class Learner:
     Raises:
         ModelError: a space is of another kind or needs too many neurons, or a setting is unknown or out of bounds.
     """
+
+    kind: ClassVar[str] = "spiking"
 
     def __init__(
         self, observations: gymnasium.Space[Any], actions: gymnasium.Space[Any], *, seed: int = 0, **settings: Any

@@ -125,6 +125,31 @@ def test_what_a_file_holds_decides_alike(learnt, tmp_path):
     assert [again.act({"place": 5, "near": np.array([5 / 6], np.float32)}) for _ in range(5)].count(1) >= 4
 
 
+def test_what_a_twin_has_learnt_is_nothing_to_a_spiking_agent(learnt, tmp_path):
+    spaces_of, few = (Corridor.observation_space, Corridor.action_space), {"critics": 5, "explore": 20}
+    twin, file = neuro_agent.LinearTwin(*spaces_of, **few), tmp_path / "twin.h5"
+    twin.save(file)
+    assert neuro_agent.LinearTwin.load(file).kind == "linear twin"
+    with pytest.raises(ModelError, match=r"twin\.h5: an agent of kind 'linear twin': expected 'spiking'"):
+        neuro_agent.ActorCritic.load(file)
+    learnt.save(tmp_path / "agent.h5")
+    with pytest.raises(ModelError, match=r"agent\.h5: an agent of kind 'spiking': expected 'linear twin'"):
+        neuro_agent.LinearTwin.load(tmp_path / "agent.h5")
+    training.checkpoint(twin, tmp_path / "new.h5", Corridor()).keep()
+    with pytest.raises(ModelError, match="an unfinished training with kind = linear twin: found spiking now"):
+        neuro_agent.ActorCritic(*spaces_of, **few).train(Corridor(), steps=50, out=tmp_path / "new.h5")
+    for name in ("loihi", "evnt"):
+        with pytest.raises(ModelError, match=f"'{name}': the linear twin has no spikes"):
+            twin.test(Corridor(), 1, backend=name)
+    with pytest.raises(ModelError, match="'loihi': the linear twin has no spikes"):
+        twin.energy("loihi")
+
+
+def test_a_control_whose_name_is_mistyped_is_refused():
+    with pytest.raises(ModelError, match="unknown control 'shufled'"):
+        agent().controls(Corridor(), steps=20, names=("frozen", "shufled"))
+
+
 @pytest.mark.parametrize(
     ("twin", "settings"),
     [
@@ -481,6 +506,18 @@ def test_a_number_of_a_box_is_the_mean_of_what_its_circuits_choose():
     found = actions_of(spaces.Box(np.array([-1.0, 0.0]), np.array([1.0, 8.0]), dtype=np.float64), levels=2, circuits=4)
     assert found.sizes == (2,) * 8
     np.testing.assert_array_equal(found.of(np.array([[1, 1, 1, 0, 0, 0, 1, 0]])), [[0.5, 2.0]])
+
+
+def test_a_mean_of_whole_numbers_is_the_nearest_one():
+    found = actions_of(spaces.Box(-3, 3, (1,), np.int8), levels=2, circuits=4)
+    winners = np.array([[0, 0, 0, 0], [1, 0, 0, 0], [1, 1, 0, 0], [1, 1, 1, 0], [1, 1, 1, 1]])
+    np.testing.assert_array_equal(found.of(winners), [[-3], [-2], [0], [2], [3]])
+
+
+def test_an_action_stays_within_its_bounds():
+    space = spaces.Box(-0.1, 0.1, (1,), np.float64)  # the mean of three 0.1 is more than 0.1
+    found = actions_of(space, levels=2, circuits=3)
+    assert all(space.contains(found.of(np.full((1, 3), winner))[0]) for winner in (0, 1))
 
 
 @pytest.mark.parametrize("kind", [neuro_agent.ActorCritic, neuro_agent.LinearTwin])
