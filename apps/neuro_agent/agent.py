@@ -6,7 +6,7 @@ from os import PathLike
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Self
 
-from neuro.apps import unknown
+from neuro.apps import Quantity, check, unknown
 from neuro_agent import files, training
 from neuro_agent.deployed import DRAWING, Deployed, Frozen
 from neuro_agent.learner import Learner
@@ -125,8 +125,9 @@ class ActorCritic(Learner):
             steps: how many are shown; `per(steps, "decision")` of the bill gives joules a decision.
 
         Raises:
-            ModelError: the agent has not been trained, or there is no such target.
+            ModelError: the agent has not been trained, there is no such target, or `steps` is no number of steps.
         """
+        steps = check(Quantity(kind="integer", at_least=1), steps, "energy: steps")
         actor = Deployed(self, "event")
         for k in range(steps):
             actor.decide(self.seen[None, k % len(self.seen)])

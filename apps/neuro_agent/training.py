@@ -16,6 +16,7 @@ from neuro.apps import Bar, Checkpoint, Quantity, check, check_output, hdf5
 from neuro_agent import files
 from neuro_agent.environments import Environments
 from neuro_agent.log import Log, Test
+from neuro_agent.settings import SEED
 
 if TYPE_CHECKING:
     from neuro_agent.learner import Learner
@@ -236,10 +237,10 @@ class End:
         if self.until is None and self.steps is None and self.episodes is None:
             raise ModelError("train: found no end: expected until, steps or episodes", hint="until=475.0")
         if self.until is not None:
-            check(Quantity(), self.until, "train: until")
+            object.__setattr__(self, "until", check(Quantity(), self.until, "train: until"))
         for name, value in (("steps", self.steps), ("episodes", self.episodes), ("window", self.window)):
             if value is not None:
-                check(Quantity(kind="integer", at_least=1), value, f"train: {name}")
+                object.__setattr__(self, name, check(Quantity(kind="integer", at_least=1), value, f"train: {name}"))
 
     def reached(self, log: Log) -> bool:
         """Whether a training has ended by its episodes."""
@@ -268,10 +269,10 @@ def train(
 ) -> Log:
     """Train an agent, see `ActorCritic.train`."""
     worlds = fitting(agent, env, patience)
-    course = Course(agent, worlds, control)
-    kept = None if out is None else checkpoint(agent, out, env)
-    if out is not None and kept is not None:
+    course, kept = Course(agent, worlds, control), None
+    if out is not None:
         check_output(out, hdf5.kind(files.FORMAT))
+        kept = checkpoint(agent, out, env)
         course.go_on(kept.resume())
 
     def show(course: Course) -> None:
@@ -309,8 +310,9 @@ def test(
     most: int,
 ) -> Test:
     """Episodes without learning, see `ActorCritic.test`; `made` makes what decides."""
-    for name, value in (("episodes", episodes), ("most", most)):
-        check(Quantity(kind="integer", at_least=1), value, f"test: {name}")
+    whole = Quantity(kind="integer", at_least=1)
+    episodes, most = check(whole, episodes, "test: episodes"), check(whole, most, "test: most")
+    check(SEED, seed, "test: seed")
     worlds = fitting(agent, env, patience)
     if worlds.n != 1:
         raise ModelError(f"test: a vector of {worlds.n} environments: expected one", hint="gymnasium.make")

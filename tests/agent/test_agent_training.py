@@ -541,3 +541,34 @@ def test_a_smaller_scale_makes_rewards_smaller_to_the_critic():
 def test_no_circuits_are_refused():
     with pytest.raises(ModelError, match="circuits"):
         agent(circuits=0)
+
+
+@pytest.mark.parametrize("seed", [-1, 1.5, "one", None, 2**63])
+def test_a_seed_that_is_none_is_refused_at_once(seed, learnt):
+    with pytest.raises(ModelError, match="seed"):
+        agent(seed=seed)
+    with pytest.raises(ModelError, match="test: seed"):
+        learnt.test(Corridor(), 1, seed=seed)
+    with pytest.raises(ModelError, match="seed"):
+        learnt.watch(Corridor(), "page.html", seed=seed)
+
+
+def test_whole_numbers_may_be_written_as_floats(learnt):
+    assert training.End(steps=1e3, episodes=np.float64(5)) == training.End(steps=1000, episodes=5)
+    assert len(learnt.test(Corridor(), episodes=2.0).returns) == 2
+    for steps in (0, -3, 1.5):
+        with pytest.raises(ModelError, match="energy: steps"):
+            learnt.energy("loihi", steps=steps)
+
+
+@pytest.mark.parametrize("setting", [{"active": 10**9}, {"critics": 10**7}, {"circuits": 10**6}], ids=str)
+def test_settings_that_no_memory_holds_are_refused(setting):
+    with pytest.raises(ModelError, match="expected"):
+        neuro_agent.ActorCritic(spaces.Box(-1.0, 1.0, (2,)), spaces.Box(-1.0, 1.0, (1,)), **setting)
+
+
+@pytest.mark.parametrize("out", [".", "..", "/"])
+def test_a_folder_is_no_file_of_an_agent(out, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    with pytest.raises(ModelError, match="folder"):
+        agent().train(Corridor(), steps=10, out=out)
