@@ -75,7 +75,7 @@ class ActorCritic(Learner):
         seed: int = 0,
         backend: str = "event",
         patience: float = 60.0,
-        most: int = 10_000,
+        most: int = training.MOST,
     ) -> Test:
         """Episodes without learning, of seeds that no training has.
 

@@ -38,6 +38,7 @@ class Environments:
         observations: the space of one observation.
         actions: that of one action.
         over: which of them have ended and begin anew at the next step.
+        found: the last observation, or the last ones, as the environment gave them.
 
     Raises:
         ModelError: it is no environment.
@@ -58,6 +59,7 @@ class Environments:
         self.name = str(spec.id) if spec is not None else type(env).__name__
         self._states = States(self.observations)
         self.over: Bools = np.zeros(self.n, dtype=np.bool_)
+        self.found: Any = None
         self._calls = 0
 
     def reset(self, seeds: Sequence[int]) -> Floats:
@@ -66,7 +68,7 @@ class Environments:
         self.over = np.zeros(self.n, dtype=np.bool_)
         return self._vectors(found)
 
-    def step(self, actions: npt.NDArray[Any], seeds: Sequence[int]) -> tuple[Floats, Floats, Bools, Bools]:
+    def step(self, actions: npt.NDArray[Any] | list[Any], seeds: Sequence[int]) -> tuple[Floats, Floats, Bools, Bools]:
         """One step of each; of those that are over the first observation of the next episode.
 
         Args:
@@ -114,6 +116,7 @@ class Environments:
         return flags.astype(np.bool_).reshape(self.n)
 
     def _vectors(self, found: Any) -> Floats:
+        self.found = found
         return self._states.check(flat(self.observations, found, self.n if self._vector else 0))
 
     def _call(self, name: str, *given: Any, **named: Any) -> Any:

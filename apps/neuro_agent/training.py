@@ -42,6 +42,8 @@ SEEN = 500
 """Observations of the last control steps that an agent keeps."""
 SPARSE = 10
 """Where no reward comes, random moves go on for so many times as many control steps."""
+MOST = 10_000
+"""Control steps after which an episode of a test that does not end is cut off."""
 TESTS = 1 << 40
 """Seeds of tests begin here: no training comes so far."""
 

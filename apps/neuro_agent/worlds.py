@@ -46,9 +46,10 @@ def make(name: str, frames: bool = False) -> gymnasium.Env[Any, Any]:
     found = _find(name)
     with _told(name):
         if not isinstance(found, str):
-            env = found(render_mode="rgb_array") if frames and _renders(found) else found()
-            if not isinstance(env, gymnasium.Env):
-                raise ModelError(f"environment '{name}': made {type(env).__name__}: expected a gymnasium.Env")
+            env: gymnasium.Env[Any, Any] = found(render_mode="rgb_array") if frames and _renders(found) else found()
+            for space in ("observation_space", "action_space"):
+                if not isinstance(getattr(env, space, None), gymnasium.Space):
+                    raise ModelError(f"environment '{name}': it has no {space}: expected a space of gymnasium")
             return env
         env = gymnasium.make(found)
         return gymnasium.make(found, render_mode="rgb_array") if frames and _renders(env) else env
@@ -97,6 +98,11 @@ def _imported(module: str, name: str) -> Any:
             record_input(file)
         return found
     except ModuleNotFoundError as error:
+        if module.endswith(".py"):
+            inner = name.rpartition(":")[2]
+            raise ModelError(
+                f"environment '{name}': found a file: expected a module", hint=f"write {module[:-3]}:{inner}"
+            ) from None
         if error.name != module.partition(".")[0]:
             raise ModelError(
                 f"environment '{name}': module '{module}' needs '{error.name}', which is not here"

@@ -141,7 +141,7 @@ class Fields:
     def _too_many(self) -> ModelError:
         return ModelError(
             f"places of {len(self.dimensions)} dimensions in groups of {self._some}: expected at most {MOST} places",
-            hint="group=1, fewer fields or active ones need fewer; a wrapper may leave dimensions out, or make features of images",
+            hint="group=1, fewer fields or active ones need fewer; a wrapper may leave dimensions out or make features",
         )
 
 

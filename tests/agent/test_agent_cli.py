@@ -8,6 +8,7 @@ from pathlib import Path
 import pytest
 
 import neuro_agent
+from neuro import ModelError
 from neuro_agent import compare, worlds
 
 WALK = """\
@@ -121,6 +122,38 @@ def test_compare(neuro, walk):
     assert neuro(*words, "--out", "table.json")[2].startswith("error: table.json: exists and ")
 
 
+FAULTS = """
+class Raises(Walk):
+    def step(self, action):
+        raise OSError("no camera")
+class Endless(Walk):
+    def step(self, action):
+        return 1, 1.0, False, False, {}
+class Bare(gymnasium.Env):
+    action_space = spaces.Discrete(2)
+"""
+
+
+def test_compare_ends_where_episodes_do_not_and_tells_what_an_environment_raises(neuro, walk, monkeypatch):
+    monkeypatch.setattr(compare, "MOST", 30)
+    with Path("my_walk.py").open("a") as file:
+        file.write(FAULTS)
+    words = ("--steps", 10, "--seeds", 1, "--episodes", 2, "--only", "random", "--out", "table.json")
+    assert neuro("compare", "my_walk:Endless", *words).status == 0
+    assert json.loads(Path("table.json").read_text())["each"][0]["returns"] == [30.0, 30.0]
+    assert neuro("compare", "my_walk:Raises", *words) == (2, "", "error: env.step raised OSError: no camera\n")
+
+
+@pytest.mark.slow
+def test_what_an_environment_raises_in_a_training_of_stable_baselines(walk):
+    if find_spec("stable_baselines3") is None:
+        pytest.skip("stable-baselines3 is not installed: pip install stable-baselines3")
+    with Path("my_walk.py").open("a") as file:
+        file.write(FAULTS)
+    with pytest.raises(ModelError, match=r"^PPO of stable-baselines3, defaults: OSError: no camera$"):
+        compare.run(compare.Plan("my_walk:Raises", 10, (1,), 2, {}, ("ppo",)))
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("observations", ["Discrete", "Dict"])
 def test_compare_with_stable_baselines(walk, monkeypatch, observations):
@@ -186,6 +219,14 @@ def test_who_cannot_take_part(monkeypatch):
             "expected one of the current folder or a package",
         ),
         (
+            ("train", "my_walk.py:Walk", "--out", "a.h5"),
+            "environment 'my_walk.py:Walk': found a file: expected a module\n  hint: write my_walk:Walk",
+        ),
+        (
+            ("train", "my_walk:Bare", "--steps", 9, "--out", "a.h5"),
+            "environment 'my_walk:Bare': it has no observation_space: expected a space of gymnasium",
+        ),
+        (
             ("train", "my_walk:Walk", "--out", "a.h5"),
             "Invalid value for '--until': 'my_walk:Walk' names no return to reach: "
             "expected --until, --steps or --episodes\n  hint: see 'neuro agent train --help'",
@@ -199,6 +240,8 @@ def test_who_cannot_take_part(monkeypatch):
     ],
 )
 def test_mistakes(neuro, walk, words, message):
+    with Path("my_walk.py").open("a") as file:
+        file.write(FAULTS)
     answer = neuro(*words)
     assert (answer.status, answer.out) == (2, "")
     assert answer.err == f"error: {message}\n"
