@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+import json
 import signal
 import threading
 import time
-from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager, suppress
 from typing import Any
 
 import gymnasium
@@ -34,6 +35,7 @@ class Environments:
 
     Attributes:
         name: of the environment.
+        options: with which gymnasium made it, as far as they are plain data.
         n: how many episodes there are at a time.
         observations: the space of one observation.
         actions: that of one action.
@@ -57,6 +59,7 @@ class Environments:
             raise ModelError(f"env: a vector of autoreset_mode {mode.name}: expected NEXT_STEP, gymnasium's default")
         spec = getattr(env, "spec", None)
         self.name = str(spec.id) if spec is not None else type(env).__name__
+        self.options = {} if spec is None else _plain(spec.kwargs)
         self._states = States(self.observations)
         self.over: Bools = np.zeros(self.n, dtype=np.bool_)
         self.found: Any = None
@@ -161,3 +164,12 @@ class Environments:
         finally:
             over.set()
             watcher.join()
+
+
+def _plain(options: Mapping[str, Any]) -> dict[str, Any]:
+    plain = {}
+    for name, value in options.items():
+        with suppress(TypeError, ValueError):
+            plain[name] = json.loads(json.dumps(value))
+    plain.pop("render_mode", None)
+    return plain

@@ -112,7 +112,7 @@ class Course:
             some |= bool(reward.any())
         agent.places.learn(np.concatenate(seen))
         agent.rewards.learn(rewards, self.log.returns.tolist())
-        agent.explored = True
+        agent.explored = self.steps >= least  # a training that ends before has learnt nothing: the next explores anew
 
     def _count(self, begins: Bools) -> None:
         """Count a control step of all."""
@@ -254,7 +254,8 @@ class End:
 
 def checkpoint(agent: Learner, out: Path, env: Any) -> Checkpoint:
     """That of a training, beside the file of the agent."""
-    told = {"seed": agent.seed, "environment": Environments(env).name, "environments": Environments(env).n}
+    worlds = Environments(env)
+    told = {"seed": agent.seed, "environment": worlds.name, "options": worlds.options, "environments": worlds.n}
     told |= files.plain_of(agent)
     return Checkpoint(out, "neuro agent training 1", told)
 

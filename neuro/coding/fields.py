@@ -92,9 +92,9 @@ class Fields:
         self._high = np.array([one.high for one in self.dimensions])
 
     def learn(self, seen: Floats) -> None:
-        """Take middle and spread of unbounded dimensions from what was seen, (vectors, dimensions)."""
+        """Take middle and spread of unbounded dimensions from what was seen, (vectors, dimensions), at least two."""
         for d, one in enumerate(self.dimensions):
-            if not one.bounded and len(seen):
+            if not one.bounded and len(seen) > 1:
                 self.middle[d] = seen[:, d].mean()
                 self.spread[d] = max(float(seen[:, d].std()), 1e-9)
 

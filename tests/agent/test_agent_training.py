@@ -191,6 +191,47 @@ def test_a_training_that_was_stopped_goes_on_to_the_same_bits(tmp_path, monkeypa
     np.testing.assert_array_equal(whole.log.returns, second.log.returns)
 
 
+def test_what_was_stopped_goes_on_in_the_same_environment_only(tmp_path, monkeypatch):
+    monkeypatch.setattr(training, "BLOCK", 50)
+
+    class Stopped(gymnasium.Wrapper):
+        steps = 0
+
+        def step(self, action):
+            self.steps += 1
+            if self.steps > 180:
+                raise KeyboardInterrupt
+            return super().step(action)
+
+    def lake(slippery):
+        return gymnasium.make("FrozenLake-v1", is_slippery=slippery)
+
+    def made():
+        one = neuro_agent.ActorCritic(lake(True).observation_space, lake(True).action_space, critics=5, explore=20)
+        one.explored = True
+        return one
+
+    file = tmp_path / "lake.h5"
+    with pytest.raises(KeyboardInterrupt):
+        made().train(Stopped(lake(True)), steps=300, out=file)
+    with pytest.raises(ModelError, match=r"unfinished training with options\.is_slippery = True: found False now"):
+        made().train(lake(False), steps=300, out=file)
+    assert len(made().train(lake(True), steps=300, out=file))
+    assert file.exists()
+
+
+def test_random_moves_that_were_too_few_are_made_anew():
+    env, one = Drifting(False), neuro_agent.ActorCritic(Drifting.observation_space, Drifting.action_space, critics=5)
+    one.train(env, steps=1)
+    assert not one.explored
+    one.train(env, steps=500)
+    assert one.explored
+    assert one.places.spread[0] > 1.0
+    none = neuro_agent.ActorCritic(Drifting.observation_space, Drifting.action_space, critics=5, explore=0)
+    none.train(env, steps=10)
+    assert (none.places.middle[0], none.places.spread[0]) == (0.0, 1.0)
+
+
 def test_a_vector_of_environments_is_learnt_from_at_a_time():
     envs = gymnasium.vector.SyncVectorEnv([Corridor] * 4)
     one = agent(seed=3)
