@@ -75,12 +75,13 @@ def _actions(space: gymnasium.Space[Any], levels: int, circuits: int) -> Actions
             return Actions(tuple(int(n) for n in np.ravel(space.nvec)), space)
         case spaces.MultiBinary():
             return Actions((2,) * int(np.prod(space.shape)), space)
-        case spaces.Box() if max(np.abs(space.low).max(initial=0), np.abs(space.high).max(initial=0)) < BOUNDLESS:
-            ends = zip(np.ravel(space.low), np.ravel(space.high), strict=True)
+        case spaces.Box():
+            ends = [np.ravel(each).astype(np.float64) for each in (space.low, space.high)]
+            if np.abs(ends).max(initial=0.0) >= BOUNDLESS:
+                found = f"{space}: it has no bounds, or one beyond {BOUNDLESS:,.0f}"
+                raise ModelError(f"action space {found}: expected {EXPECTED}", hint="gymnasium.wrappers.RescaleAction")
             values = tuple(
-                np.linspace(low, high, levels, dtype=np.float64) for low, high in ends for _ in range(circuits)
+                np.linspace(low, high, levels) for low, high in zip(*ends, strict=True) for _ in range(circuits)
             )
             return Actions((levels,) * len(values), space, values)
-        case spaces.Box():
-            raise ModelError(f"action space {space}: it has no bounds: expected {EXPECTED}")
     raise ModelError(f"action space: found {type(space).__name__}: expected {EXPECTED}")

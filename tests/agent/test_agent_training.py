@@ -458,6 +458,8 @@ def test_an_environment_that_hangs_is_given_up():
         (spaces.Box(0, 255, (84, 84, 3)), spaces.Discrete(2), "places of 21168 dimensions in groups of 2"),
         (spaces.Discrete(2), spaces.Discrete(65), "65 actions: expected at most 64"),
         (spaces.Discrete(2), spaces.Box(-np.inf, np.inf, (1,)), "it has no bounds"),
+        (spaces.Discrete(2), spaces.Box(0.0, 2e6, (1,)), "it has no bounds, or one beyond 1,000,000"),
+        (spaces.Discrete(2), spaces.Box(-(2**63), 0, (1,), np.int64), "it has no bounds, or one beyond"),
         (spaces.Discrete(2), spaces.Text(3), "action space: found Text"),
         (spaces.Dict({}), spaces.Discrete(2), "observation space: it is empty"),
         (spaces.Dict({1: spaces.Discrete(2)}), spaces.Discrete(2), "the key 1 is of type int: expected a text"),
@@ -553,6 +555,13 @@ def test_a_mean_of_whole_numbers_is_the_nearest_one():
     found = actions_of(spaces.Box(-3, 3, (1,), np.int8), levels=2, circuits=4)
     winners = np.array([[0, 0, 0, 0], [1, 0, 0, 0], [1, 1, 0, 0], [1, 1, 1, 0], [1, 1, 1, 1]])
     np.testing.assert_array_equal(found.of(winners), [[-3], [-2], [0], [2], [3]])
+
+
+@pytest.mark.filterwarnings("error")
+def test_an_action_of_half_precision():
+    space = spaces.Box(-1.0, 1.0, (2,), np.float16)
+    action = actions_of(space, levels=3).of(np.array([[0, 2]]))
+    assert (action.dtype, action.tolist()) == (np.float16, [[-1.0, 1.0]])
 
 
 def test_an_action_stays_within_its_bounds():
