@@ -59,11 +59,12 @@ def train(
     ] = 1,
     set: Set = [],  # noqa: B006
 ) -> None:
-    """Train an agent and write it to a file; after a kill the same command goes on where it was.
+    """Train an agent and write it to a file; after a kill the same command goes on from its last 10,000 steps.
 
     --set changes a setting: --set fields=8 --set decay=0.8.
     """
     from neuro_agent import ActorCritic, worlds
+    from neuro_agent.training import checkpoint
 
     settings = assignments(set)
     bar = worlds.bar_of(environment) if until is None else until
@@ -76,7 +77,9 @@ def train(
     try:
         log = agent.train(env, bar, steps=steps, episodes=episodes, progress=True, out=out)
     except KeyboardInterrupt:
-        typer.echo("interrupted: the same command goes on where it was", err=True)
+        kept = checkpoint(agent, out, env).path.exists()
+        way = "the same command goes on from the last checkpoint" if kept else "before the first checkpoint"
+        typer.echo(f"interrupted: {way}", err=True)
         raise typer.Exit(130) from None
     worlds.remember(out, environment)
     typer.echo(f"{out}: {str(log).removeprefix('Log(').removesuffix(')')}")

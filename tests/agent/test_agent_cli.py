@@ -9,7 +9,7 @@ import pytest
 
 import neuro_agent
 from neuro import ModelError
-from neuro_agent import compare, worlds
+from neuro_agent import compare, training, worlds
 
 WALK = """\
 import gymnasium
@@ -67,14 +67,21 @@ def test_a_world_of_the_users_own_is_trained_tested_and_watched(neuro, walk):
     assert "learning goes on" in Path("page.html").read_text()
 
 
-def test_an_interruption_is_told(neuro, walk):
+def test_an_interruption_is_told(neuro, walk, monkeypatch):
     with Path("my_walk.py").open("a") as file:
         file.write(
             "class Left(Walk):\n    def step(self, action):\n        raise KeyboardInterrupt\n"
+            "class Late(Walk):\n    moves = 0\n    def step(self, action):\n        Late.moves += 1\n"
+            "        if Late.moves == 200:\n            raise KeyboardInterrupt\n        return super().step(action)\n"
             "class Fails(Walk):\n    def step(self, action):\n        raise OSError('no camera')\n"
         )
+    few = ("--set", "critics=5", "--set", "explore=30")
     answer = neuro("train", "my_walk:Left", "--steps", 100, "--out", "walk.h5")
-    assert answer == (130, "", "interrupted: the same command goes on where it was\n")
+    assert answer == (130, "", "interrupted: before the first checkpoint\n")
+    monkeypatch.setattr(training, "BLOCK", 50)
+    answer = neuro("train", "my_walk:Late", "--steps", 300, "--out", "late.h5", *few)
+    assert answer == (130, "", "interrupted: the same command goes on from the last checkpoint\n")
+    Path("late.h5.training").unlink()
     answer = neuro("train", "my_walk:Fails", "--steps", 100, "--out", "walk.h5")
     assert answer == (2, "", "error: env.step raised OSError: no camera\n")
     assert not list(Path().glob("*.h5*"))
@@ -87,6 +94,12 @@ def test_agents_and_pages_are_made_again_to_the_bit(neuro, answer, walk):
     assert neuro("watch", "walk.h5", "--out", "page.html").status == 0
     for name in ("walk.h5", "page.html"):
         assert answer("rerun", name).out == f"{name}: the same bits\n"
+
+
+def test_one_episode_tells_nothing_of_others(neuro, walk):
+    neuro("train", "my_walk:Walk", "--out", "walk.h5", "--steps", 30, "--set", "critics=5")
+    assert neuro("test", "walk.h5", "--episodes", 1).out.startswith("my_walk:Walk: 1 episode, return ")
+    assert json.loads(neuro("test", "walk.h5", "--episodes", 1, "--json").out)["interval"] is None
 
 
 def test_side_by_side_and_the_end_by_episodes(neuro, walk):
