@@ -8,6 +8,7 @@ import threading
 import time
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
+from types import FrameType
 from typing import Any
 
 import gymnasium
@@ -24,6 +25,8 @@ __all__ = ["Environments"]
 Floats = npt.NDArray[np.float64]
 Bools = npt.NDArray[np.bool_]
 _PATIENCE = Quantity("s", above=0, infinite=True)
+_GIVE_UP = signal.SIGURG
+"""Nobody else sends it, and it does nothing by default; a job in the background has no SIGINT."""
 
 
 class Environments:
@@ -149,21 +152,31 @@ class Environments:
                 elif time.monotonic() - since > self.patience:
                     hung.set()
                     # A real signal: it also ends a call that waits in the system, for a clock or a socket.
-                    signal.pthread_kill(main, signal.SIGINT)
+                    signal.pthread_kill(main, _GIVE_UP)
                     return
 
+        def give_up(number: int, frame: FrameType | None) -> None:
+            if hung.is_set():
+                raise _Hung
+
+        before = signal.signal(_GIVE_UP, give_up)
         watcher = threading.Thread(target=look, daemon=True)
         watcher.start()
         try:
-            yield
-        except KeyboardInterrupt:
-            if hung.is_set():
-                message = f"env: a call has not returned for {self.patience:g} s: expected an answer"
-                raise ModelError(message, hint="patience= gives it longer") from None
-            raise
+            try:
+                yield
+            finally:
+                over.set()
+                watcher.join()
+        except _Hung:
+            message = f"env: a call has not returned for {self.patience:g} s: expected an answer"
+            raise ModelError(message, hint="patience= gives it longer") from None
         finally:
-            over.set()
-            watcher.join()
+            signal.signal(_GIVE_UP, signal.SIG_DFL if before is None else before)
+
+
+class _Hung(BaseException):
+    """A call of an environment that does not return; no `except Exception` of the environment's own holds it."""
 
 
 def _plain(options: Mapping[str, Any]) -> dict[str, Any]:

@@ -208,7 +208,7 @@ class _Camera:
         mode = getattr(env, "render_mode", None)
         self._env = env if mode == "rgb_array" else None
         self.blank = ""
-        if self._env is None and "rgb_array" in env.metadata.get("render_modes", ()):
+        if self._env is None and "rgb_array" in (env.metadata or {}).get("render_modes", ()):
             self.blank = f"the environment's render_mode is {mode!r}: expected 'rgb_array'"
         elif self._env is None:
             self.blank = "the environment renders no rgb_array"

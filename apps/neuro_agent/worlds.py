@@ -71,7 +71,7 @@ def bar_of(name: str) -> float | None:
 
 
 def _renders(kind: Any) -> bool:
-    return "rgb_array" in getattr(kind, "metadata", {}).get("render_modes", ())
+    return "rgb_array" in (getattr(kind, "metadata", None) or {}).get("render_modes", ())
 
 
 def _find(name: str) -> Any:

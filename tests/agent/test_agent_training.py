@@ -1,5 +1,6 @@
 """Agents in environments of their own: what they learn, what they keep, what they refuse, and the chips."""
 
+import signal
 import time
 
 import gymnasium
@@ -439,16 +440,21 @@ def test_normalised_errors_have_one_size():
     np.testing.assert_array_equal(ErrorScale(normalised=False).of(drawn[0]), drawn[0])
 
 
-def test_an_environment_that_hangs_is_given_up():
+@pytest.mark.parametrize("interrupts", [signal.default_int_handler, signal.SIG_IGN], ids=["alone", "in the background"])
+def test_an_environment_that_hangs_is_given_up(interrupts):
     class Hanging(Corridor):
         def step(self, action):
             time.sleep(20.0 if self.k == 5 else 0.0)
             return super().step(action)
 
-    begun = time.monotonic()
-    with pytest.raises(ModelError, match=r"a call has not returned for 0\.4 s"):
-        agent().train(Hanging(), steps=50, patience=0.4)
+    begun, before = time.monotonic(), signal.signal(signal.SIGINT, interrupts)
+    try:
+        with pytest.raises(ModelError, match=r"a call has not returned for 0\.4 s"):
+            agent().train(Hanging(), steps=50, patience=0.4)
+    finally:
+        signal.signal(signal.SIGINT, before)
     assert time.monotonic() - begun < 10.0
+    assert signal.getsignal(signal.SIGURG) == signal.SIG_DFL
 
 
 @pytest.mark.parametrize(
