@@ -79,7 +79,10 @@ def _actions(space: gymnasium.Space[Any], levels: int, circuits: int) -> Actions
             ends = [np.ravel(each).astype(np.float64) for each in (space.low, space.high)]
             if np.abs(ends).max(initial=0.0) >= BOUNDLESS:
                 found = f"{space}: it has no bounds, or one beyond {BOUNDLESS:,.0f}"
-                raise ModelError(f"action space {found}: expected {EXPECTED}", hint="gymnasium.wrappers.RescaleAction")
+                raise ModelError(
+                    f"action space {found}: expected {EXPECTED}",
+                    hint="a wrapper gives it others: gymnasium.wrappers.TransformAction",
+                )
             values = tuple(
                 np.linspace(low, high, levels) for low, high in zip(*ends, strict=True) for _ in range(circuits)
             )

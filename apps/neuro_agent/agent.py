@@ -11,6 +11,7 @@ from neuro_agent import files, training
 from neuro_agent.deployed import DRAWING, Deployed, Frozen
 from neuro_agent.learner import Learner
 from neuro_agent.log import Log, Test
+from neuro_agent.network import Weights
 from neuro_agent.observations import flat
 from neuro_agent.watch import Episode, watch
 
@@ -144,6 +145,11 @@ class ActorCritic(Learner):
             self._acting = self.frozen(self.seed)
         seen = self.states.check(flat(self.observations, observation))
         return self.actions.of(self._acting.decide(seen))[0]
+
+    def learn_from(self, weights: Weights) -> None:
+        """Have learnt these weights, and go on from them."""
+        self._acting = None
+        super().learn_from(weights)
 
     def watch(self, env: Any, path: str | PathLike[str], seed: int = 0, *, learning: bool = False) -> Episode:
         """Play an episode and write it as a page, see `neuro_agent.watch.watch`."""

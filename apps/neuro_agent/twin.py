@@ -90,6 +90,7 @@ class LinearTwin(ActorCritic):
 
     def learn_from(self, weights: Weights) -> None:
         """Have learnt these weights."""
+        self._acting = None
         self._learnt = {name: weights[name].copy() for name in self.projections}
 
     def frozen(self, seed: int = 0, backend: str = "event") -> Any:

@@ -344,6 +344,16 @@ def test_the_order_of_a_dict_does_not_matter(tmp_path):
     np.testing.assert_array_equal(flat(other, seen), flat(ordered, seen))
 
 
+@pytest.mark.parametrize("kind", [neuro_agent.ActorCritic, neuro_agent.LinearTwin])
+def test_an_action_is_that_of_the_weights_of_now(kind):
+    one = kind(spaces.Discrete(2), spaces.Discrete(2), critics=5)
+    for best in (0, 1):
+        weights = np.zeros((2, 2))
+        weights[:, best] = 20.0
+        one.learn_from(one.weights | {"policy0": weights})
+        assert [one.act(0) for _ in range(10)] == [best] * 10
+
+
 def test_an_action_is_asked_for_a_state_that_there_is(learnt):
     for place in (7, -1, 1.5):
         with pytest.raises(ModelError, match=r"^observation: found .*: expected one of Dict"):
