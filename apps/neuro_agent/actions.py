@@ -78,9 +78,8 @@ def _actions(space: gymnasium.Space[Any], levels: int, circuits: int) -> Actions
         case spaces.Box():
             ends = [np.ravel(each).astype(np.float64) for each in (space.low, space.high)]
             if np.abs(ends).max(initial=0.0) >= BOUNDLESS:
-                found = f"{space}: it has no bounds, or one beyond {BOUNDLESS:,.0f}"
                 raise ModelError(
-                    f"action space {found}: expected {EXPECTED}",
+                    f"action space {space}: it has no bounds, or one beyond {BOUNDLESS:,.0f}: expected {EXPECTED}",
                     hint="a wrapper gives it others: gymnasium.wrappers.TransformAction",
                 )
             values = tuple(

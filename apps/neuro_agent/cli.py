@@ -30,7 +30,7 @@ Environment = Annotated[
 ]
 MaybeEnvironment = Annotated[
     str | None,
-    typer.Argument(metavar="[ENV]", help="Another than that in which it was trained.", show_default=False),
+    typer.Argument(metavar="ENV", help="Another environment than that of the training.", show_default=False),
 ]
 AgentFile = Annotated[Path, typer.Argument(metavar="FILE", help="An agent, as 'train' writes it.")]
 Episodes = Annotated[int, typer.Option("--episodes", metavar="N", parser=count, help="Episodes of each test.")]
@@ -55,11 +55,11 @@ def train(
     seed: Seed = 0,
     envs: Annotated[
         int,
-        typer.Option("--envs", metavar="N", parser=count, help="Environments side by side, each with a copy."),
+        typer.Option("--envs", metavar="N", parser=count, help="Environments side by side, each with a network."),
     ] = 1,
     set: Set = [],  # noqa: B006
 ) -> None:
-    """Train an agent and write it to a file; after a kill the same command goes on from its last 10,000 steps.
+    """Train an agent and write it to a file; after a kill the same command goes on from the last checkpoint.
 
     --set changes a setting: --set fields=8 --set decay=0.8.
     """
@@ -147,12 +147,13 @@ def compare(
     environment: Environment,
     steps: Steps,
     seeds: Annotated[
-        Any, typer.Option("--seeds", metavar="N,N,...", parser=seeds_of, help="Of the trainings of each.")
+        Any, typer.Option("--seeds", metavar="N,N,...", parser=seeds_of, help="Seeds; each is a training of each.")
     ] = "1,2,3",
     episodes: Episodes = 100,
     out: Annotated[Path | None, typer.Option("--out", metavar="FILE", help="All figures as JSON.")] = None,
     only: Annotated[
-        list[str], typer.Option("--only", metavar="NAME", help="Only this one, say agent; may be repeated.")
+        list[str],
+        typer.Option("--only", metavar="NAME", help="Only this: agent, twin, ppo, dqn or random; may be repeated."),
     ] = [],  # noqa: B006
     set: Set = [],  # noqa: B006
 ) -> None:

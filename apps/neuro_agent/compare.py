@@ -80,7 +80,7 @@ class Plan:
         only: names of those that are wanted; all that can be if none are given.
 
     Raises:
-        ModelError: a name is unknown, or one that is asked for cannot be.
+        ModelError: a name is unknown, one that is asked for cannot be, or a seed is there twice.
     """
 
     environment: str
@@ -96,6 +96,8 @@ class Plan:
                 raise unknown("contestant", name, NAMES)
             if name in self.left_out:
                 raise ModelError(f"'{name}' cannot be compared: {self.left_out[name]}")
+        if len(set(self.seeds)) < len(self.seeds):
+            raise ModelError(f"seeds {self.seeds}: found one twice: expected each once")
         env = worlds.make(self.environment)
         ActorCritic(env.observation_space, env.action_space, **self.settings)
 

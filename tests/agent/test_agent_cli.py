@@ -244,6 +244,10 @@ def test_who_cannot_take_part(monkeypatch):
             "Invalid value for '--until': 'my_walk:Walk' names no return to reach: "
             "expected --until, --steps or --episodes\n  hint: see 'neuro agent train --help'",
         ),
+        (
+            ("compare", "CartPole-v1", "--steps", "9", "--seeds", "2,2"),
+            "seeds (2, 2): found one twice: expected each once",
+        ),
         (("test", "none.h5"), "none.h5: no such file: expected a neuro agent 1"),
         (("test", "my_walk.py"), "my_walk.py: not a neuro agent 1"),
         (
