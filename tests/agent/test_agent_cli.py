@@ -67,6 +67,30 @@ def test_a_world_of_the_users_own_is_trained_tested_and_watched(neuro, walk):
     assert "learning goes on" in Path("page.html").read_text()
 
 
+PICTURED = """
+class Pictured(gymnasium.Wrapper):
+    metadata = property(lambda self: {"render_modes": ["rgb_array"]})
+    def __init__(self, render_mode=None):
+        super().__init__(Walk())
+        self.mode = render_mode
+    render_mode = property(lambda self: self.mode)
+    def render(self):
+        return np.zeros((4, 4, 3), np.uint8)
+class Blank(Walk):
+    metadata = {"render_modes": ["rgb_array"]}
+"""
+
+
+def test_a_wrapper_is_watched_and_so_is_what_takes_no_mode(neuro, walk):
+    with Path("my_walk.py").open("a") as file:
+        file.write(PICTURED)
+    few = ("--set", "critics=5", "--set", "explore=30")
+    assert neuro("train", "my_walk:Pictured", "--out", "walk.h5", "--steps", 60, *few).status == 0
+    assert " frames" in neuro("watch", "walk.h5", "--out", "page.html").out
+    told = neuro("watch", "walk.h5", "my_walk:Blank", "--out", "page.html").out
+    assert told.endswith("no frames, the environment's render_mode is None: expected 'rgb_array'\n")
+
+
 def test_an_interruption_is_told(neuro, walk, monkeypatch):
     with Path("my_walk.py").open("a") as file:
         file.write(
