@@ -104,9 +104,9 @@ def flat(space: gymnasium.Space[Any], found: Any, n: int = 0) -> Floats:
     good = np.isfinite(vectors)
     if np.count_nonzero(good) < good.size:
         bad = int(np.argmin(good))
-        raise ModelError(
-            f"observation: number {bad % vectors.shape[1]} is {vectors.flat[bad]:g}: expected finite numbers"
-        )
+        which, d = divmod(bad, vectors.shape[1])
+        place = dimensions_of(space)[d].name + (f" of environment {which}" if n else "")
+        raise ModelError(f"{place} is {vectors.flat[bad]:g}: expected a finite number")
     return vectors
 
 

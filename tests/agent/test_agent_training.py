@@ -266,7 +266,7 @@ def test_a_second_training_has_episodes_of_its_own():
         ("between", "observation: found 1.5: expected one of Dict"),
         ("two flags", "env.step returned terminated = array([ True, False]): expected True or False"),
         ("no flag", "env.step returned truncated = 'no': expected True or False"),
-        ("NaN", "observation: number 0 is nan: expected finite numbers"),
+        ("NaN", "observation['near'][0] is nan: expected a finite number"),
         ("reward NaN", "env.step returned the reward nan: expected a finite number"),
         ("text", "env.step returned the reward"),
         ("large", "env.step returned the reward"),
@@ -531,6 +531,13 @@ def test_each_grid_has_one_active_place_and_neighbours_share_some():
         here = places.cells(x)
         assert len(set(here)) == places.active == 24
         assert len(set(here) & set(near)) >= 18 > len(set(here) & set(far))
+
+
+def test_a_number_that_is_none_is_named_with_its_environment():
+    found = np.zeros((3, 2))
+    found[2, 1] = np.inf
+    with pytest.raises(ModelError, match=r"^observation\[1\] of environment 2 is inf: expected a finite number$"):
+        flat(spaces.Box(-1.0, 1.0, (2,)), found, 3)
 
 
 def test_vectors_of_another_way_to_begin_anew_are_refused():
