@@ -9,7 +9,10 @@ from typing import Any
 from neuro import ModelError
 from neuro.apps import Quantity, check_fields, unknown
 
-__all__ = ["Settings", "settings_of"]
+__all__ = ["SEED", "Settings", "settings_of"]
+
+SEED = Quantity(kind="integer", at_least=0, at_most=2**63 - 1)
+"""What a seed may be, as of `neuro.compile`."""
 
 
 def _number(default: float, **bounds: Any) -> Any:
@@ -20,8 +23,8 @@ def _word(default: str, *words: str) -> Any:
     return field(default=default, metadata={"quantity": Quantity(kind="word", words=words)})
 
 
-def _whole(default: int, least: int = 1) -> Any:
-    return field(default=default, metadata={"quantity": Quantity(kind="integer", at_least=least)})
+def _whole(default: int, least: int = 1, **bounds: Any) -> Any:
+    return field(default=default, metadata={"quantity": Quantity(kind="integer", at_least=least, **bounds)})
 
 
 USUAL = 24
@@ -60,9 +63,9 @@ class Settings:
     group: int = _whole(2)
     fields: int = _whole(6, 2)
     active: int = _whole(USUAL)
-    critics: int = _whole(100)
+    critics: int = _whole(100, at_most=10_000)
     levels: int = _whole(7, 2)
-    circuits: int = _whole(1)
+    circuits: int = _whole(1, at_most=64)
     reward_scale: float = _number(1.0, above=0.0)
     discount: float = _number(0.99, at_least=0.0, below=1.0)
     decay: float = _number(0.9, at_least=0.0, at_most=1.0)
