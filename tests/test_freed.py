@@ -1,4 +1,4 @@
-"""A simulation is freed with its last name, not when garbage is collected: arrays of a gigabyte must not wait for it."""
+"""A simulation is freed with its last name, not when garbage is collected: arrays of gigabytes must not wait."""
 
 import gc
 from collections.abc import Callable, Iterator

@@ -122,7 +122,7 @@ class Learner:
         self.errors.begin()
         seed = block_seed(self.seed, block)
         self._draws = draws_of(self, seed)
-        self._copies = neuro.compile(self.network(), copies=n, seed=seed)
+        self._copies = neuro.compile(self.network(), copies=n, seed=seed, backend=self.settings.backend)
         count = [CRITIC, *(circuit(k) for k in range(len(self.actions.sizes)))]
         self._stepper = self._copies.stepper(float(STEP), emit=["places", "ask"], count=count)
         self._ask = (np.arange(n + 1), np.full(n, STEP - 1), np.zeros(n, dtype=np.int64))

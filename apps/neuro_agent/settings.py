@@ -29,6 +29,8 @@ def _whole(default: int, least: int = 1, **bounds: Any) -> Any:
 
 USUAL = 24
 """Active places to which rates refer."""
+LEARNING = ("event", "reference")
+"""Backends that have neurons that draw, and rules that learn from move to move."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -56,6 +58,7 @@ class Settings:
         sharpness: how many times as sharply as while learning a frozen agent tells preferences apart: it need not try.
         explore: control steps at random before learning: the bounds of dimensions that have none are learnt from them,
             and the scale of rewards.
+        backend: on which it learns, "event" or "reference"; chips have no neurons that draw.
     """
 
     encoder: str = _word("places", "places", "tiles", "one_hot", "population")
@@ -75,6 +78,7 @@ class Settings:
     novelty: float = _number(0.0, at_least=0.0)
     sharpness: float = _number(4.0, above=0.0)
     explore: int = _whole(400, 0)
+    backend: str = _word("event", *LEARNING)
 
     def __post_init__(self) -> None:
         check_fields(self, "agent")
@@ -94,6 +98,9 @@ def settings_of(named: Mapping[str, Any]) -> Settings:
     for name in named:
         if name not in known:
             raise unknown("setting of an agent", name, known)
+    if named.get("backend", "event") not in LEARNING:
+        message = f"agent: backend = {named['backend']!r}: it learns on {' or '.join(LEARNING)}"
+        raise ModelError(message, hint="train on event, then agent.test(env, backend='loihi')")
     try:
         return Settings(**named)
     except TypeError as error:

@@ -25,7 +25,7 @@ Ints = npt.NDArray[np.int64]
 class LinearTwin(ActorCritic):
     """An actor-critic with linear functions of the active places, TD(lambda) and a softmax policy.
 
-    It has no spikes: the settings `spikes` and `critics` change nothing.
+    It has no spikes: the settings `spikes`, `critics` and `backend` change nothing.
 
     Source: Sutton & Barto, Reinforcement Learning, 2nd ed., 2018, section 13.5 (actor-critic with eligibility traces).
     """

@@ -611,6 +611,23 @@ def test_a_smaller_scale_makes_rewards_smaller_to_the_critic():
     assert [scale.first for scale in scales] == pytest.approx([1.0, 0.25])
 
 
+def test_it_learns_the_same_on_event_and_reference():
+    env, learnt = gymnasium.make("CartPole-v1"), []
+    for backend in ("event", "reference"):
+        settings = {"critics": 3, "active": 6, "explore": 20, "backend": backend}
+        agent = neuro_agent.ActorCritic(env.observation_space, env.action_space, seed=1, **settings)
+        agent.train(env, steps=80)
+        learnt.append(agent.weights)
+    assert all(np.any(each) and np.array_equal(each, learnt[1][name]) for name, each in learnt[0].items())
+
+
+def test_a_chip_on_which_it_cannot_learn_is_refused_with_the_way_out():
+    env = gymnasium.make("CartPole-v1")
+    with pytest.raises(ModelError, match="'loihi': it learns on event or reference") as refused:
+        neuro_agent.ActorCritic(env.observation_space, env.action_space, backend="loihi")
+    assert "train on event" in str(refused.value)
+
+
 def test_no_circuits_are_refused():
     with pytest.raises(ModelError, match="circuits"):
         agent(circuits=0)
