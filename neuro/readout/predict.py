@@ -1,0 +1,386 @@
+"""A network asked about recordings: what each backend decides, and what that takes."""
+
+from __future__ import annotations
+
+import copy
+import heapq
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from os import PathLike
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from neuro.chips.pricing.energy import Energy
+from neuro.coding.pixels import check_pixels, pixel_spikes
+from neuro.compare.runs import chip_of
+from neuro.core.clock import Clock
+from neuro.core.errors import ModelError, unknown
+from neuro.events import Events
+from neuro.events.dataset import Sample
+from neuro.events.window import windowed
+from neuro.exchange.nir.nodes import NEVER
+from neuro.model.network import Network
+from neuro.model.neurons import spike_generator
+from neuro.model.parts import AUTO, CENTRED, DECIDED_BY, Population, Readout
+from neuro.program.program import Program
+from neuro.readout.decisions import SILENT, by_counts, by_first, by_potential
+from neuro.readout.evaluation import Evaluation, evaluate
+from neuro.readout.overflows import Overflows
+from neuro.readout.showing import Showing
+from neuro.run.compiled import compile
+from neuro.run.simulation import Simulation
+
+Floats = npt.NDArray[np.float64]
+Ints = npt.NDArray[np.int64]
+Report = Callable[[int, int], object]
+"""Called with how many recordings are done, and of how many."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ShownRecording:
+    """What the output does while it is shown a recording.
+
+    Attributes:
+        name: of the recording.
+        ms: how long the network runs.
+        times: of the output's spikes, ms.
+        ids: which neuron emits each.
+        V_m: (steps, neurons), mV; None where spikes decide.
+    """
+
+    name: str
+    ms: float
+    times: Floats
+    ids: Ints
+    V_m: Floats | None
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Predictions:
+    """What a network on a backend says of recordings.
+
+    Attributes:
+        backend: its name.
+        readout: how it was asked; `classes` has the name of each neuron.
+        names: of the recordings.
+        decided: (recordings,) the class of each, -1 for none.
+        scores: (recordings, classes) what decides, see `neuro.readout.decisions`.
+        spikes: (recordings,) of the output.
+        labels: (recordings,) the right classes; None where they are not known.
+        bill: of a recording, the mean, where the backend is a chip that has costs.
+        overflows: of the registers of a chip, in how many recordings.
+        shown: the first recordings in full, as many as were asked for.
+    """
+
+    backend: str
+    readout: Readout
+    names: tuple[str, ...]
+    decided: Ints
+    scores: Floats
+    spikes: Ints
+    labels: Ints | None = None
+    bill: Energy | None = None
+    overflows: Overflows | None = None
+    shown: tuple[ShownRecording, ...] = ()
+
+    @property
+    def own(self) -> Evaluation | None:
+        """How good the decisions are; None where the right ones are not known."""
+        return None if self.labels is None else evaluate(self.decided, self.labels, self.readout.classes)
+
+    def class_of(self, k: int) -> str | None:
+        """The name of the class of recording k, None for none."""
+        return None if self.decided[k] == SILENT else str(self.readout.classes[self.decided[k]])
+
+    def agrees(self, other: Predictions) -> float:
+        """The share of decisions that are equal."""
+        return float(np.mean(self.decided == other.decided))
+
+
+def predict(
+    net: Network,
+    recordings: Sequence[Sample | Events],
+    *,
+    backend: str | PathLike[str] = "event",
+    labels: Sequence[str] | None = None,
+    seed: int = 0,
+    **words: Any,
+) -> Predictions:
+    """Show recordings to a network, each from time 0 on, and let its output decide.
+
+    Args:
+        net: the network.
+        recordings: as `neuro.events.recordings` finds them, or events.
+        backend: its name, or the table file of a chip.
+        labels: the name of the right class of each.
+        seed: of everything random.
+        words: of `neuro.Readout`, in place of those of the network. What neither says follows from the network: the
+            only spike_generator, the only population that is probed, or else that sends to none, potentials where it
+            never fires.
+
+    Raises:
+        EventFileError: a recording is damaged.
+        ModelError: the network has no such input or output, a recording is of another sensor, a label is no class, or
+            the backend cannot run the network.
+    """
+    asked = readout_of(net, **words)
+    check_recordings(recordings, asked, net)
+    return ask(net, recordings, asked, str(backend), labels=labels, seed=seed)
+
+
+def readout_of(net: Network, **words: Any) -> Readout:
+    """How a network is asked; arguments and errors as of `predict`. The classes have names, numbers at least."""
+    known = {} if net.readout_section is None else net.readout_section.parameters()
+    known |= {word: value for word, value in words.items() if value is not None}
+    found = Readout.from_words({"input": _input(net), "output": _output(net)} | known)
+    _check_clear(net, found)
+    for word in ("input", "output"):
+        if (name := getattr(found, word)) not in net.populations:
+            raise unknown(f"population for --{word}", name, net.populations)
+    _check_input(net.populations[found.input], found.input)
+    output, what = net.populations[found.output], f"--output {found.output}"
+    if output.model.role != "neuron":
+        raise ModelError(f"{what}: found {output.model.name}: expected neurons")
+    if "decide" not in known:
+        found = replace(found, decide="counts" if _fires(output) else "potential")
+    elif found.decide != "potential" and not _fires(output):
+        message = f"--decide {found.decide}: the neurons of '{found.output}' never fire"
+        raise ModelError(f"{message}: expected {DECIDED_BY[1]}", hint="--decide potential takes the highest mean V_m")
+    neurons, names = _size(output), found.classes
+    if names is not None and (len(names) != neurons or len(set(names)) < neurons):
+        message = f"{what}: {neurons} neurons and the classes {', '.join(names)}"
+        raise ModelError(f"{message}: expected as many different names as neurons")
+    return replace(found, classes=tuple(map(str, range(neurons))) if names is None else names)
+
+
+def check_recordings(recordings: Sequence[Sample | Events], readout: Readout, net: Network) -> None:
+    """Read all recordings, before any is shown.
+
+    Raises:
+        EventFileError: one is damaged.
+        ModelError: one is of another sensor, or there is none.
+    """
+    if not len(recordings):
+        raise ModelError("found no recording: expected at least one to ask about")
+    pixels = Pixels(net, readout)
+    for k, item in enumerate(recordings):
+        pixels.check(item, _name(item, k))
+
+
+def ask(
+    net: Network,
+    recordings: Sequence[Sample | Events],
+    readout: Readout,
+    backend: str = "event",
+    *,
+    labels: Sequence[str] | None = None,
+    seed: int = 0,
+    keep: int = 0,
+    report: Report = lambda done, total: None,
+) -> Predictions:
+    """Show recordings that were checked.
+
+    Args:
+        net: the network.
+        recordings: as of `predict`.
+        readout: as `readout_of` gives it.
+        backend: its name.
+        labels: as of `predict`.
+        seed: of everything random.
+        keep: how many of the first recordings are kept in full.
+        report: called with how many are done.
+
+    Raises:
+        ModelError: as of `predict`.
+    """
+    right = None if labels is None else _numbers(labels, readout)
+    sim, probe = _compiled(net, readout, backend, seed)
+    pixels, way, h = Pixels(net, readout), _way(sim.program, readout), net.resolution
+    total, neurons = len(recordings), len(readout.classes)
+    decided, spikes, scores = np.zeros(total, np.int64), np.zeros(total, np.int64), np.zeros((total, neurons))
+    showing, shown = Showing(sim, readout.input, readout.output), list[ShownRecording]()
+    for k, item in enumerate(recordings):
+        step, neuron = pixels.spikes(_load(item), _name(item, k))
+        steps = pixels.steps or int(step.max(initial=-1)) + 1 + way
+        times, ids = showing.show(step, neuron, steps)
+        V_m = sim.trace(probe)[1] if probe else None
+        decided[k], scores[k] = _decision(readout.decide, times, ids, V_m, neurons)
+        spikes[k] = len(ids)
+        if k < keep:
+            shown.append(ShownRecording(_name(item, k), steps * h, times, ids, V_m))
+        report(k + 1, total)
+    names = tuple(_name(item, k) for k, item in enumerate(recordings))
+    priced = _bill(showing, backend, total)
+    return Predictions(backend, readout, names, decided, scores, spikes, right, priced, showing.overflows, tuple(shown))
+
+
+class Pixels:
+    """What recordings make the input of a network emit.
+
+    Args:
+        net: the network.
+        readout: how it is asked.
+
+    Attributes:
+        steps: for which the network runs, None where that is up to each recording.
+    """
+
+    def __init__(self, net: Network, readout: Readout) -> None:
+        self._readout, self._h = readout, net.resolution
+        self._shape = tuple(int(side) for side in net.populations[readout.input].shape)
+        self.steps = None if readout.duration is None else Clock(self._h).step(readout.duration, "--duration")
+        if self.steps == 0:
+            raise ModelError(f"--duration = {readout.duration:g} ms: expected at least a step of {self._h:g} ms")
+
+    def check(self, item: Sample | Events, name: str) -> None:
+        """Refuse a recording that is damaged, or of another sensor."""
+        events = _load(item)
+        size, stated = (item.sensor_size, True) if isinstance(item, Events) else item.sensor()
+        if self._readout.window is None and stated:
+            self._refuse(size, name)
+        self.spikes(events, name)
+
+    def spikes(self, events: Events, name: str) -> tuple[Ints, Ints]:
+        """Steps from 0 on and neurons."""
+        asked = self._readout
+        if asked.window is not None:
+            rows, columns = self._shape[-2:]
+            at = None if asked.window == (CENTRED,) else asked.window
+            length = (int(events.t[-1] - events.t[0]) + 1) / 1000.0 if len(events) else 0.0
+            seen = length if self.steps is None else self.steps * self._h
+            events = windowed(events, (columns * asked.scale, rows * asked.scale), at, asked.start, seen, name)
+        elif len(events) and not self._fits((int(events.x.max()) + 1, int(events.y.max()) + 1)):
+            self._refuse((int(events.x.max()) + 1, int(events.y.max()) + 1), name)
+        step, neuron = pixel_spikes(
+            events, self._shape, self._h, steps=self.steps, scale=asked.scale, start=asked.start
+        )
+        if not asked.merge:
+            return step, neuron
+        size = math.prod(self._shape)
+        at_once = np.unique(step * size + neuron)
+        return at_once // size, at_once % size
+
+    def _fits(self, size: tuple[int, int]) -> bool:
+        rows, columns = self._shape[-2:]
+        return size[0] <= columns * self._readout.scale and size[1] <= rows * self._readout.scale
+
+    def _refuse(self, size: tuple[int, int], name: str) -> None:
+        """Refuse a sensor of another width and height than that of the pixels."""
+        scale, (rows, columns) = self._readout.scale, self._shape[-2:]
+        if tuple(-(-side // scale) for side in size) != (columns, rows):
+            expected = f"{columns * scale}x{rows * scale} px, as --input {self._readout.input} has the shape"
+            by = f" at scale {scale}" if scale > 1 else ""
+            hint = "in its file 'readout: {..., window: centred}' shows a part of the sensor, 'scale: 2' joins pixels"
+            message = f"{name}: found {size[0]}x{size[1]} px: expected {expected} {list(self._shape)}{by}"
+            raise ModelError(message, hint=hint)
+
+
+def _input(net: Network) -> str:
+    """The only population that recordings can be shown to; "" if that is not clear."""
+    found = [name for name, part in net.populations.items() if isinstance(part.model, spike_generator)]
+    return found[0] if len(found) == 1 else ""
+
+
+def _output(net: Network) -> str:
+    """The only population of neurons that is probed, or that sends to no other; "" if that is not clear."""
+    neurons = {name for name, part in net.populations.items() if part.model.role == "neuron"}
+    probed = {probe.of for probe in net.probes.values()} & neurons
+    last = neurons - {part.source for part in net.projections.values() if part.source != part.target}
+    found = probed if len(probed) == 1 else last
+    return next(iter(found)) if len(found) == 1 else ""
+
+
+def _check_clear(net: Network, readout: Readout) -> None:
+    """Refuse to guess the input or the output."""
+    roles = {"input": "spike_generator", "output": "population of neurons that is probed, or the last,"}
+    for word, what in roles.items():
+        if not getattr(readout, word):
+            names = ", ".join(f"'{name}'" for name in net.populations)
+            message = f"--{word} is not given, and there is no or more than one {what} among {names}"
+            raise ModelError(f"{message}: expected the name of one")
+
+
+def _check_input(pixels: Population, name: str) -> None:
+    if not isinstance(pixels.model, spike_generator):
+        what = f"--input {name}: found {pixels.model.name}"
+        raise ModelError(f"{what}: expected a spike_generator, whose spikes recordings are")
+    try:
+        check_pixels(pixels.shape)
+    except ModelError as error:
+        hint = "another shape of as many neurons in its file keeps their numbers"
+        raise error.but(hint=hint).at(None, f"--input {name}") from None
+
+
+def _fires(part: Population) -> bool:
+    """Whether any neuron of a population can reach its threshold."""
+    threshold = getattr(part.model, "V_th", 0.0)
+    values = getattr(threshold, "values", threshold)  # of a file
+    return not isinstance(values, (int, float, np.ndarray)) or bool(np.any(np.asarray(values) < NEVER))
+
+
+def _size(part: Population) -> int:
+    if AUTO in part.shape:
+        raise ModelError(f"--output {part.name}: shape {list(part.shape)}: expected numbers, a neuron for each class")
+    return math.prod(int(side) for side in part.shape)
+
+
+def _numbers(labels: Sequence[str], readout: Readout) -> Ints:
+    numbers = {name: k for k, name in enumerate(readout.classes)}
+    for name in labels:
+        if name not in numbers:
+            message = f"the class '{name}' is none of --output {readout.output}: expected {', '.join(numbers)}"
+            raise ModelError(message, hint="--classes A,B,... names its neurons in their order")
+    return np.array([numbers[name] for name in labels], np.int64)
+
+
+def _compiled(net: Network, readout: Readout, backend: str, seed: int) -> tuple[Simulation, str]:
+    """The network, and the probe of the potentials that decide, "" where spikes do."""
+    if readout.decide != "potential":
+        return compile(net, backend=backend, seed=seed), ""
+    watched, name = copy.copy(net), f"{readout.output}.V_m"
+    watched.probes = {key: probe for key, probe in net.probes.items() if key != name}
+    watched.probe(name, readout.output, "V_m")
+    return compile(watched, backend=backend, seed=seed), name
+
+
+def _way(program: Program, readout: Readout) -> int:
+    """Steps in which the last spike of the input has come to the output, on the shortest way.
+
+    Raises:
+        ModelError: there is no way.
+    """
+    index = {part.name: k for k, part in enumerate(program.populations)}
+    ahead, done = [(0, index[readout.input])], set[int]()
+    while ahead:
+        steps, at = heapq.heappop(ahead)
+        if at == index[readout.output]:
+            return steps
+        if at not in done:
+            done.add(at)
+            for part in program.projections:
+                if part.source == at and part.size:
+                    heapq.heappush(ahead, (steps + int(np.max(part.delay)), part.target))
+    raise ModelError(f"no projection leads from --input {readout.input} to --output {readout.output}: expected a way")
+
+
+def _decision(by: str, times: Floats, ids: Ints, V_m: Floats | None, neurons: int) -> tuple[int, Floats]:
+    if V_m is not None:
+        return by_potential(V_m)
+    return (by_counts if by == "counts" else by_first)(times, ids, neurons)
+
+
+def _bill(showing: Showing, backend: str, recordings: int) -> Energy | None:
+    """What a recording takes on the chip that a backend emulates."""
+    on = chip_of(backend)
+    return showing.sim.energy(backend, of=showing.taken).per(recordings, "recording") if on and on.costs else None
+
+
+def _load(item: Sample | Events) -> Events:
+    return item if isinstance(item, Events) else item.load()
+
+
+def _name(item: Sample | Events, k: int) -> str:
+    return f"recording {k}" if isinstance(item, Events) else item.path
