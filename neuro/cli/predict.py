@@ -60,6 +60,7 @@ def predict(
     What is not given the network's file says in its section 'readout', or it follows from the network. With --labels
     it prints accuracy and confusion instead of a row for each recording.
     """
+    from neuro.core.errors import ModelError
     from neuro.core.outputs import check_picture, write_picture
     from neuro.model.language import load
     from neuro.readout import pictures, told
@@ -70,7 +71,10 @@ def predict(
     net = load(file, params=assignments(set))
     names = None if classes is None else [name.strip() for name in classes.split(",")]
     said = {"input": input, "output": output, "decide": decide, "classes": names, "duration": duration}
-    readout = readout_of(net, **said)
+    try:
+        readout = readout_of(net, **said)
+    except ModelError as error:
+        raise error.but(where=None) from None
     chosen = _backends(backends)
     if picture is not None:
         check_picture(picture)

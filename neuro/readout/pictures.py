@@ -6,6 +6,7 @@ import math
 from pathlib import PurePath
 from typing import TYPE_CHECKING, Any
 
+from neuro.chips.pricing.energy import number
 from neuro.core.values import literal
 
 if TYPE_CHECKING:
@@ -53,7 +54,7 @@ def _panel(axis: Any, found: Predictions, k: int) -> None:
         mine = shown.ids == decided
         for chosen, colour in ((~mine, OTHER), (mine, DECIDED)):
             axis.plot(shown.times[chosen], shown.ids[chosen], "|", color=colour, markersize=6, markeredgewidth=1.0)
-        _name_classes(axis, found)
+        _name_classes(axis, found, k)
     else:
         times = [shown.ms * (step + 1) / len(shown.V_m) for step in range(len(shown.V_m))]
         for neuron, trace in enumerate(shown.V_m.T):
@@ -67,9 +68,15 @@ def _panel(axis: Any, found: Predictions, k: int) -> None:
     axis.set_title(literal(title), fontsize=8, loc="left", color="#D55E00" if wrong else "black")
 
 
-def _name_classes(axis: Any, found: Predictions) -> None:
-    """A row for each class."""
-    classes = found.readout.classes
+def _name_classes(axis: Any, found: Predictions, k: int) -> None:
+    """A row for each class, with its score to the right."""
+    classes, scores, decided = found.readout.classes, found.scores[k], found.decided[k]
     axis.set_ylim(len(classes) - 0.5, -0.5)
-    if len(classes) <= NAMED:
-        axis.set_yticks(range(len(classes)), [literal(name) for name in classes])
+    if len(classes) > NAMED:
+        return
+    axis.set_yticks(range(len(classes)), [literal(name) for name in classes])
+    place = {"transform": axis.get_yaxis_transform(), "fontsize": 6, "va": "center"}
+    for neuron in range(len(classes)):
+        if scores[neuron] > 0.0:  # no NaN
+            colour = DECIDED if neuron == decided else OTHER
+            axis.text(1.01, neuron, number(float(scores[neuron])), color=colour, **place)

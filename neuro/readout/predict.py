@@ -340,10 +340,19 @@ def _compiled(net: Network, readout: Readout, backend: str, seed: int) -> tuple[
     """The network, and the probe of the potentials that decide, "" where spikes do."""
     if readout.decide != "potential":
         return compile(net, backend=backend, seed=seed), ""
+    _check_threshold(net.populations[readout.output], backend)
     watched, name = copy.copy(net), f"{readout.output}.V_m"
     watched.probes = {key: probe for key, probe in net.probes.items() if key != name}
     watched.probe(name, readout.output, "V_m")
     return compile(watched, backend=backend, seed=seed), name
+
+
+def _check_threshold(output: Population, backend: str) -> None:
+    """Refuse a threshold that leaves no bit of a chip's registers to the potentials below it."""
+    if chip_of(backend) is not None and not _fires(output):
+        message = f"backend '{backend}': V_th of '{output.name}' is never reached, and sets the scale of its registers"
+        hint = "in its file a V_th just above the largest V_m that it reaches on event, and --decide potential"
+        raise ModelError(f"{message}: expected one near V_m", hint=hint)
 
 
 def _way(program: Program, readout: Readout) -> int:

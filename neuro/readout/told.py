@@ -28,16 +28,16 @@ def show(found: Sequence[Predictions]) -> None:
     for line in footnotes([one.bill for one in found if one.bill], False):
         print(f"- {line}")
     asked = first.readout
-    title = f"'{asked.output}' decides by {asked.decide}, shown by '{asked.input}'"
+    print(f"shown by '{asked.input}', '{asked.output}' decides by {asked.decide}")
     if first.own is None:
         head = ("recording", *(f"on {one.backend}" for one in found), SCORES[asked.decide])
-        out.print(table(head, list(_rows(found)), title=title))
+        out.print(table(head, list(_rows(found))))
     else:
         head = ("shown", *(f">{name}" for name in (*asked.classes, NOTHING)))
         counts = zip(asked.classes, first.own.confusion.tolist(), strict=True)
         rows = [(name, *(n or "." for n in row)) for name, row in counts if any(row)]
-        out.print(table(head, rows, title=f"{title}: decided on {first.backend}"))
-    out.print(table(("runs on", *_head(first)), [(one.backend, *_figures(one, first)) for one in found]))
+        out.print(table(head, rows, title=f"decided on {first.backend}"))
+    out.print(table(("runs on", *_head(found)), [(one.backend, *_figures(one, found)) for one in found]))
     if bills := [(one.backend, *one.bill.cells()) for one in found if one.bill]:
         out.print(table(("runs on", *COLUMNS), bills, title="a recording"))
 
@@ -56,18 +56,20 @@ def _best(one: Predictions, k: int) -> str:
     return ", ".join(f"{name} {number(score)}" for name, score in shown) or "-"
 
 
-def _head(first: Predictions) -> tuple[str, ...]:
-    right = () if first.own is None else (">right", ">of", ">accuracy", ">95 % interval")
-    return *right, ">equal decisions", f">{NOTHING}", ">spikes of a recording"
+def _head(found: Sequence[Predictions]) -> tuple[str, ...]:
+    right = () if found[0].own is None else (">right", ">of", ">accuracy", ">95 % interval")
+    equal = (">equal decisions",) if len(found) > 1 else ()
+    return *right, *equal, f">{NOTHING}", ">spikes of a recording"
 
 
-def _figures(one: Predictions, first: Predictions) -> tuple[Any, ...]:
+def _figures(one: Predictions, found: Sequence[Predictions]) -> tuple[Any, ...]:
+    """What stands below the head."""
     right: tuple[Any, ...] = ()
     if one.own is not None:
         low, high = one.own.interval
         right = one.own.correct, one.own.n, f"{one.own.accuracy:.1%}", f"{low:.1%} - {high:.1%}"
-    equal = "-" if one is first else f"{one.agrees(first):.1%}"
-    return *right, equal, int((one.decided < 0).sum()), number(float(one.spikes.mean()))
+    equal = (f"{one.agrees(found[0]):.1%}",) if len(found) > 1 else ()
+    return *right, *equal, int((one.decided < 0).sum()), number(float(one.spikes.mean()))
 
 
 def as_dict(network: str, found: Sequence[Predictions]) -> dict[str, Any]:
