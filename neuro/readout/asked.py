@@ -44,11 +44,11 @@ def gather(paths: Iterable[Path], part: str | None, labelled: bool) -> AskedReco
         found = recordings(path, part=part)
         alone = found.layout == "recording"
         classes |= dict.fromkeys([path.resolve().parent.name] if alone else found.classes)
-        for item in found:
-            if labelled and not alone and item.label == UNKNOWN:
+        samples += found
+        for item in found if labelled else ():
+            if not alone and item.label == UNKNOWN:
                 raise ModelError(f"{item.path}: its class is not known: expected recordings in folders of classes")
             labels.append(path.resolve().parent.name if alone else found.classes[item.label])
-            samples.append(item)
     return AskedRecordings(tuple(samples), tuple(labels) if labelled else None, tuple(classes))
 
 
