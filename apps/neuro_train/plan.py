@@ -116,7 +116,7 @@ class TrainingPlan:
         seen: dict[str, Any] = {"duration": self.duration, "start": self.start, "scale": self.scale, "merge": True}
         if self.window is not None:
             seen["window"] = corner(self.window) or CENTRED
-        return {"input": self.input, "output": self.output, "classes": tuple(classes), **seen}
+        return {"input": self.input, "output": self.output, "decide": "counts", "classes": tuple(classes), **seen}
 
     def as_words(self) -> dict[str, Any]:
         """All of it as plain data."""

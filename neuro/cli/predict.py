@@ -65,7 +65,8 @@ def predict(
     from neuro.model.language import load
     from neuro.readout import pictures, told
     from neuro.readout.asked import gather, with_classes
-    from neuro.readout.predict import ask, check_recordings, readout_of
+    from neuro.readout.predict import ask, check_recordings
+    from neuro.readout.resolve import readout_of
 
     _check_network(file, recordings)
     net = load(file, params=assignments(set))

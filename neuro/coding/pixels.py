@@ -40,9 +40,11 @@ def pixel_spikes(
         Steps from 0 on, and neurons, both (spikes,).
 
     Raises:
-        ModelError: the shape is another, or an event lies outside.
+        ModelError: the shape is another, an event lies outside, or the step is no whole number of us.
     """
     check_pixels(shape)
+    if abs(step * 1000.0 - round(step * 1000.0)) > 1e-6:
+        raise ModelError(f"steps of {step:g} ms: expected whole microseconds, as events have them")
     rows, columns = shape[-2:]
     since = events.t - (events.t[0] if len(events.t) else 0) - round(start * 1000.0)
     at = np.floor_divide(since, round(step * 1000.0)).astype(np.int64)

@@ -419,9 +419,9 @@ class Readout(Choice):
     word: ClassVar[str] = "readout"
     input: str = quantity(doc="the spike_generator of the pixels", kind="name")
     output: str = quantity(doc="the population of which each neuron stands for a class", kind="name")
-    decide: str = quantity(
-        "counts",
-        doc="the class of the neuron with most spikes, of the highest mean potential, or of the first spike",
+    decide: Any = quantity(
+        None,
+        doc="by most spikes, the highest mean potential or the first spike; by spikes where there are some",
         kind="word",
         words=DECIDED_BY,
     )

@@ -4,9 +4,8 @@ from __future__ import annotations
 
 import copy
 import heapq
-import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from os import PathLike
 from typing import Any
 
@@ -14,21 +13,18 @@ import numpy as np
 import numpy.typing as npt
 
 from neuro.chips.pricing.energy import Energy
-from neuro.coding.pixels import check_pixels, pixel_spikes
 from neuro.compare.runs import chip_of
-from neuro.core.clock import Clock
-from neuro.core.errors import ModelError, unknown
+from neuro.core.errors import ModelError
 from neuro.events import Events
 from neuro.events.dataset import Sample
-from neuro.events.window import windowed
-from neuro.exchange.nir.nodes import NEVER
 from neuro.model.network import Network
-from neuro.model.neurons import spike_generator
-from neuro.model.parts import AUTO, CENTRED, DECIDED_BY, Population, Readout
+from neuro.model.parts import Population, Readout
 from neuro.program.program import Program
 from neuro.readout.decisions import SILENT, by_counts, by_first, by_potential
 from neuro.readout.evaluation import Evaluation, evaluate
 from neuro.readout.overflows import Overflows
+from neuro.readout.pixels import Pixels, load, name_of
+from neuro.readout.resolve import fires, readout_of
 from neuro.readout.showing import Showing
 from neuro.run.compiled import compile
 from neuro.run.simulation import Simulation
@@ -131,31 +127,6 @@ def predict(
     return ask(net, recordings, asked, str(backend), labels=labels, seed=seed)
 
 
-def readout_of(net: Network, **words: Any) -> Readout:
-    """How a network is asked; arguments and errors as of `predict`. The classes have names, numbers at least."""
-    known = {} if net.readout_section is None else net.readout_section.parameters()
-    known |= {word: value for word, value in words.items() if value is not None}
-    found = Readout.from_words({"input": _input(net), "output": _output(net)} | known)
-    _check_clear(net, found)
-    for word in ("input", "output"):
-        if (name := getattr(found, word)) not in net.populations:
-            raise unknown(f"population for --{word}", name, net.populations)
-    _check_input(net.populations[found.input], found.input)
-    output, what = net.populations[found.output], f"--output {found.output}"
-    if output.model.role != "neuron":
-        raise ModelError(f"{what}: found {output.model.name}: expected neurons")
-    if "decide" not in known:
-        found = replace(found, decide="counts" if _fires(output) else "potential")
-    elif found.decide != "potential" and not _fires(output):
-        message = f"--decide {found.decide}: the neurons of '{found.output}' never fire"
-        raise ModelError(f"{message}: expected {DECIDED_BY[1]}", hint="--decide potential takes the highest mean V_m")
-    neurons, names = _size(output), found.classes
-    if names is not None and (len(names) != neurons or len(set(names)) < neurons):
-        message = f"{what}: {neurons} neurons and the classes {', '.join(names)}"
-        raise ModelError(f"{message}: expected as many different names as neurons")
-    return replace(found, classes=tuple(map(str, range(neurons))) if names is None else names)
-
-
 def check_recordings(recordings: Sequence[Sample | Events], readout: Readout, net: Network) -> None:
     """Read all recordings, before any is shown.
 
@@ -167,7 +138,7 @@ def check_recordings(recordings: Sequence[Sample | Events], readout: Readout, ne
         raise ModelError("found no recording: expected at least one to ask about")
     pixels = Pixels(net, readout)
     for k, item in enumerate(recordings):
-        pixels.check(item, _name(item, k))
+        pixels.check(item, name_of(item, k))
 
 
 def ask(
@@ -196,138 +167,30 @@ def ask(
     Raises:
         ModelError: as of `predict`.
     """
-    right = None if labels is None else _numbers(labels, readout)
+    right = None if labels is None else _numbers(labels, readout, len(recordings))
     sim, probe = _compiled(net, readout, backend, seed)
     pixels, way, h = Pixels(net, readout), _way(sim.program, readout), net.resolution
     total, neurons = len(recordings), len(readout.classes)
     decided, spikes, scores = np.zeros(total, np.int64), np.zeros(total, np.int64), np.zeros((total, neurons))
     showing, shown = Showing(sim, readout.input, readout.output), list[ShownRecording]()
     for k, item in enumerate(recordings):
-        step, neuron = pixels.spikes(_load(item), _name(item, k))
+        step, neuron = pixels.spikes(load(item), name_of(item, k))
         steps = pixels.steps or int(step.max(initial=-1)) + 1 + way
         times, ids = showing.show(step, neuron, steps)
         V_m = sim.trace(probe)[1] if probe else None
         decided[k], scores[k] = _decision(readout.decide, times, ids, V_m, neurons)
         spikes[k] = len(ids)
         if k < keep:
-            shown.append(ShownRecording(_name(item, k), steps * h, times, ids, V_m))
+            shown.append(ShownRecording(name_of(item, k), steps * h, times, ids, V_m))
         report(k + 1, total)
-    names = tuple(_name(item, k) for k, item in enumerate(recordings))
+    names = tuple(name_of(item, k) for k, item in enumerate(recordings))
     priced = _bill(showing, backend, total)
     return Predictions(backend, readout, names, decided, scores, spikes, right, priced, showing.overflows, tuple(shown))
 
 
-class Pixels:
-    """What recordings make the input of a network emit.
-
-    Args:
-        net: the network.
-        readout: how it is asked.
-
-    Attributes:
-        steps: for which the network runs, None where that is up to each recording.
-    """
-
-    def __init__(self, net: Network, readout: Readout) -> None:
-        self._readout, self._h = readout, net.resolution
-        self._shape = tuple(int(side) for side in net.populations[readout.input].shape)
-        self.steps = None if readout.duration is None else Clock(self._h).step(readout.duration, "--duration")
-        if self.steps == 0:
-            raise ModelError(f"--duration = {readout.duration:g} ms: expected at least a step of {self._h:g} ms")
-
-    def check(self, item: Sample | Events, name: str) -> None:
-        """Refuse a recording that is damaged, or of another sensor."""
-        events = _load(item)
-        size, stated = (item.sensor_size, True) if isinstance(item, Events) else item.sensor()
-        if self._readout.window is None and stated:
-            self._refuse(size, name)
-        self.spikes(events, name)
-
-    def spikes(self, events: Events, name: str) -> tuple[Ints, Ints]:
-        """Steps from 0 on and neurons."""
-        asked = self._readout
-        if asked.window is not None:
-            rows, columns = self._shape[-2:]
-            at = None if asked.window == (CENTRED,) else asked.window
-            length = (int(events.t[-1] - events.t[0]) + 1) / 1000.0 if len(events) else 0.0
-            seen = length if self.steps is None else self.steps * self._h
-            events = windowed(events, (columns * asked.scale, rows * asked.scale), at, asked.start, seen, name)
-        elif len(events) and not self._fits((int(events.x.max()) + 1, int(events.y.max()) + 1)):
-            self._refuse((int(events.x.max()) + 1, int(events.y.max()) + 1), name)
-        step, neuron = pixel_spikes(
-            events, self._shape, self._h, steps=self.steps, scale=asked.scale, start=asked.start
-        )
-        if not asked.merge:
-            return step, neuron
-        size = math.prod(self._shape)
-        at_once = np.unique(step * size + neuron)
-        return at_once // size, at_once % size
-
-    def _fits(self, size: tuple[int, int]) -> bool:
-        rows, columns = self._shape[-2:]
-        return size[0] <= columns * self._readout.scale and size[1] <= rows * self._readout.scale
-
-    def _refuse(self, size: tuple[int, int], name: str) -> None:
-        """Refuse a sensor of another width and height than that of the pixels."""
-        scale, (rows, columns) = self._readout.scale, self._shape[-2:]
-        if tuple(-(-side // scale) for side in size) != (columns, rows):
-            expected = f"{columns * scale}x{rows * scale} px, as --input {self._readout.input} has the shape"
-            by = f" at scale {scale}" if scale > 1 else ""
-            hint = "in its file 'readout: {..., window: centred}' shows a part of the sensor, 'scale: 2' joins pixels"
-            message = f"{name}: found {size[0]}x{size[1]} px: expected {expected} {list(self._shape)}{by}"
-            raise ModelError(message, hint=hint)
-
-
-def _input(net: Network) -> str:
-    """The only population that recordings can be shown to; "" if that is not clear."""
-    found = [name for name, part in net.populations.items() if isinstance(part.model, spike_generator)]
-    return found[0] if len(found) == 1 else ""
-
-
-def _output(net: Network) -> str:
-    """The only population of neurons that is probed, or that sends to no other; "" if that is not clear."""
-    neurons = {name for name, part in net.populations.items() if part.model.role == "neuron"}
-    probed = {probe.of for probe in net.probes.values()} & neurons
-    last = neurons - {part.source for part in net.projections.values() if part.source != part.target}
-    found = probed if len(probed) == 1 else last
-    return next(iter(found)) if len(found) == 1 else ""
-
-
-def _check_clear(net: Network, readout: Readout) -> None:
-    """Refuse to guess the input or the output."""
-    roles = {"input": "spike_generator", "output": "population of neurons that is probed, or the last,"}
-    for word, what in roles.items():
-        if not getattr(readout, word):
-            names = ", ".join(f"'{name}'" for name in net.populations)
-            message = f"--{word} is not given, and there is no or more than one {what} among {names}"
-            raise ModelError(f"{message}: expected the name of one")
-
-
-def _check_input(pixels: Population, name: str) -> None:
-    if not isinstance(pixels.model, spike_generator):
-        what = f"--input {name}: found {pixels.model.name}"
-        raise ModelError(f"{what}: expected a spike_generator, whose spikes recordings are")
-    try:
-        check_pixels(pixels.shape)
-    except ModelError as error:
-        hint = "another shape of as many neurons in its file keeps their numbers"
-        raise error.but(hint=hint).at(None, f"--input {name}") from None
-
-
-def _fires(part: Population) -> bool:
-    """Whether any neuron of a population can reach its threshold."""
-    threshold = getattr(part.model, "V_th", 0.0)
-    values = getattr(threshold, "values", threshold)  # of a file
-    return not isinstance(values, (int, float, np.ndarray)) or bool(np.any(np.asarray(values) < NEVER))
-
-
-def _size(part: Population) -> int:
-    if AUTO in part.shape:
-        raise ModelError(f"--output {part.name}: shape {list(part.shape)}: expected numbers, a neuron for each class")
-    return math.prod(int(side) for side in part.shape)
-
-
-def _numbers(labels: Sequence[str], readout: Readout) -> Ints:
+def _numbers(labels: Sequence[str], readout: Readout, recordings: int) -> Ints:
+    if len(labels) != recordings:
+        raise ModelError(f"labels: found {len(labels)} for {recordings} recordings: expected one for each")
     numbers = {name: k for k, name in enumerate(readout.classes)}
     for name in labels:
         if name not in numbers:
@@ -349,7 +212,7 @@ def _compiled(net: Network, readout: Readout, backend: str, seed: int) -> tuple[
 
 def _check_threshold(output: Population, backend: str) -> None:
     """Refuse a threshold that leaves no bit of a chip's registers to the potentials below it."""
-    if chip_of(backend) is not None and not _fires(output):
+    if chip_of(backend) is not None and not fires(output):
         message = f"backend '{backend}': V_th of '{output.name}' is never reached, and sets the scale of its registers"
         hint = "in its file a V_th just above the largest V_m that it reaches on event, and --decide potential"
         raise ModelError(f"{message}: expected one near V_m", hint=hint)
@@ -385,11 +248,3 @@ def _bill(showing: Showing, backend: str, recordings: int) -> Energy | None:
     """What a recording takes on the chip that a backend emulates."""
     on = chip_of(backend)
     return showing.sim.energy(backend, of=showing.taken).per(recordings, "recording") if on and on.costs else None
-
-
-def _load(item: Sample | Events) -> Events:
-    return item if isinstance(item, Events) else item.load()
-
-
-def _name(item: Sample | Events, k: int) -> str:
-    return f"recording {k}" if isinstance(item, Events) else item.path

@@ -162,6 +162,25 @@ def test_equal_counts_silence_and_equal_potentials():
     assert by_potential(np.array([[0.0, 2.0], [1.0, -2.0]]))[0] == 0
 
 
+def test_what_is_no_recording_is_refused_in_python():
+    net = snn.Network("one", resolution=1.0)
+    net.population("pixels", (2, 6, 8), snn.spike_generator(spike_times=[]))
+    net.population("out", 2, snn.iaf_psc_delta())
+    net.connect("pixels", "out", snn.all_to_all())
+    for found, message in (
+        ("Test.zip", "recordings: found 'T': expected recordings, or the events of each"),
+        ([], "found no recording: expected at least one to ask about"),
+    ):
+        with pytest.raises(snn.ModelError, match=message):
+            snn.predict(net, found)
+    with pytest.raises(snn.ModelError, match="labels: found 1 for 2 recordings: expected one for each"):
+        snn.predict(net, [events("left")] * 2, labels=["0"])
+    with pytest.raises(snn.ModelError, match=r"readout.window = \[3\]: expected centred, or \[column, row\]"):
+        net.readout(input="pixels", output="out", window=[3])
+    with pytest.raises(snn.ModelError, match="readout: unknown population 'ot'"):
+        net.readout(input="pixels", output="ot")
+
+
 def test_silence_is_nothing_and_a_recording_may_be_empty(run, tmp_path):
     save(Events([], [], [], [], (8, 6)), tmp_path / "none.npz")
     status, out, err = run("named.yaml", "none.npz")
