@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from neuro.readout.predict import Predictions
 
 Asked = Annotated[
-    list[Path], typer.Argument(metavar="REC...", help="Recordings, folders or zips of class folders, HDF5 data sets.")
+    list[Path], typer.Argument(metavar="REC", help="Recordings, folders or zips of class folders, HDF5 data sets.")
 ]
 Input = Annotated[str | None, typer.Option("--input", metavar="NAME", help="The population of the pixels.")]
 Output = Annotated[str | None, typer.Option("--output", metavar="NAME", help="The one with a neuron for each class.")]
