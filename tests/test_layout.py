@@ -26,6 +26,7 @@ LAYERS = (
     "verify",
     "compare",
     "exchange",
+    "readout",
     "report",
     "sweeps",
     "rerun",
