@@ -85,7 +85,8 @@ def verdicts(sim: Simulation) -> Verdicts:
             found.append(Verdict(part.name, "grid", REFUSED, why, "neuro.pairs lists the synapses"))
         elif part.synapse.learns:
             how = f"weights are those of now; SONATA has no {part.synapse.name}"
-            found.append(Verdict(part.name, part.synapse.name, APPROXIMATE, how))
+            measured = "not measured: a run in SONATA has no learning to compare with"
+            found.append(Verdict(part.name, part.synapse.name, APPROXIMATE, how, measured=measured))
         else:
             found.append(Verdict(part.name, part.synapse.name, EXACT, "weights and delays are attributes"))
     return Verdicts(f"{sim.program.name} to SONATA", tuple(found))

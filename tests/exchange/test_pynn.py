@@ -90,10 +90,13 @@ def test_a_script_is_recorded(tmp_path):
     assert (current.amplitude, current.start, current.stop) == (300.0, 9.5, 19.5)
     assert net.probes["population2_v"].every == 0.5
     assert net.probes["other_cells_gsyn_exc"].record == "g_ex"
-    assert net.verdicts.heading == "script.py; runs for 50 ms (30, 20)"
+    assert (
+        net.verdicts.heading
+        == "script.py; runs for 50 ms (30, 20); nothing is measured, since the script is not simulated"
+    )
     assert [(each.node, each.how) for each in net.verdicts] == [
-        ("script.py:9", "spike times are rounded up to steps of 0.1 ms, as NEST does"),
-        ("script.py:17", "delays are rounded to steps of 0.1 ms"),
+        ("script.py:9", "spike times are rounded up to steps of 0.1 ms, by 0.05 ms at most, as NEST does"),
+        ("script.py:17", "delays are rounded to steps of 0.1 ms, by 0.03 ms at most"),
         (
             "script.py:36",
             "the script ends in what it does with results, which are empty here: "

@@ -24,6 +24,7 @@ from neuro.exchange.nir.cells import (
 )
 from neuro.exchange.nir.graph import FIELDS, STATEFUL, Floats, Graph, Node, Shape, sources
 from neuro.exchange.nir.maps import Map, map_of, same_in_each_map, sheet, together
+from neuro.exchange.nir.measured import measure
 from neuro.exchange.nir.models import Made, model_of, one_or_all
 from neuro.exchange.nir.reading import read
 from neuro.exchange.verdict import APPROXIMATE, EXACT, REFUSED, Verdict, Verdicts
@@ -47,6 +48,7 @@ LACKS = {
 }
 """Types of nodes that a tool's own importer does not read."""
 
+NO_RUN = "not measured: the tool runs no such network"
 MOST_PATHS = 10_000
 CURRENT, TICKS = "bias", "every_step"
 """The population that sends constant currents, and the neuron that fires in every step."""
@@ -84,6 +86,7 @@ class Read:
         bias: of each stateful node the constant input, in the unit of weighted input.
         late: the part of it that begins with the second step.
         depths: by how many steps each node is later here than in the tool.
+        names: by Input and stateful node, the population that it is.
         verdicts: of each node.
     """
 
@@ -96,6 +99,7 @@ class Read:
     bias: dict[str, Floats] = field(default_factory=dict)
     late: dict[str, Floats] = field(default_factory=dict)
     depths: dict[str, int] = field(default_factory=dict)
+    names: dict[str, str] = field(default_factory=dict)
     verdicts: dict[str, Verdict] = field(default_factory=dict)
 
     def refuse(self, node: str, why: str, way_out: str) -> None:
@@ -160,6 +164,14 @@ def check_nir(graph: Any, dt: float, from_: str | None = None, *, reset: str | N
 
 
 def examine(graph: Any, dt: float, from_: str | None, reset: str | None) -> Read:
+    """Read a graph and decide on each node; of approximate ones measure by how much they differ."""
+    found = judge(graph, dt, from_, reset)
+    if not found.table().refused:
+        _measure(found)
+    return found
+
+
+def judge(graph: Any, dt: float, from_: str | None, reset: str | None = None) -> Read:
     """Read a graph and decide on each node."""
     step = check(DT, dt, "dt", ("dt",)) / 1e3
     reset = check(RESET, reset, "reset", ("reset",))
@@ -175,6 +187,21 @@ def examine(graph: Any, dt: float, from_: str | None, reset: str | None) -> Read
     if not found.table().refused:
         _find_depths(found)
     return found
+
+
+def _measure(found: Read) -> None:
+    """By how much approximate nodes differ: those of a kind together, since the tool has all of them so."""
+    kinds: dict[str, list[str]] = {}
+    for name, verdict in found.verdicts.items():
+        if verdict.verdict == APPROXIMATE and not verdict.measured:
+            kinds.setdefault(verdict.kind, []).append(name)
+    if not kinds:
+        return
+    net = _network(found)
+    for names in kinds.values():
+        measured = measure(found, net, found.names, found.depths, names)
+        for name in names:
+            found.verdicts[name] = replace(found.verdicts[name], measured=measured)
 
 
 def _check_step(found: Read) -> None:
@@ -194,13 +221,12 @@ def _judge(found: Read, node: Node, reset: str | None) -> None:
     how = _HOW.get(node.kind, "")
     found.verdicts[node.name] = Verdict(node.name, node.kind, EXACT, how)
     if node.kind in LACKS.get(str(found.tool), ()):
-        how = (
-            f"{how or 'as NIR defines it'}; {found.tool}'s own importer has no {node.kind}, and fails or leaves it out"
-        )
-        found.verdicts[node.name] = Verdict(node.name, node.kind, APPROXIMATE, how)
+        does = "runs only a part of the graph" if found.tool in BY_GRAPH_EXECUTOR else "refuses the file"
+        how = f"{how or 'as NIR defines it'}; {found.tool}'s own importer has no {node.kind}, and {does}"
+        found.verdicts[node.name] = Verdict(node.name, node.kind, APPROXIMATE, how, measured=NO_RUN)
     elif found.tool == "norse" and node.kind == "SumPool2d" and np.any(np.asarray(node.fields["padding"]) != 0):
-        how = f"{how}; Norse's own importer leaves its padding out"
-        found.verdicts[node.name] = Verdict(node.name, node.kind, APPROXIMATE, how)
+        how = f"{how}; Norse's own importer leaves its padding out, and all behind it has another shape"
+        found.verdicts[node.name] = Verdict(node.name, node.kind, APPROXIMATE, how, measured=NO_RUN)
     if node.kind != "Identity" and node.kind not in FIELDS:
         found.refuse(node.name, f"{node.kind} has no counterpart here", "replace it in the tool that wrote the file")
     elif node.problem[0]:
@@ -354,7 +380,7 @@ def _has_current(found: Read, name: str, made: Made) -> bool:
 def _network(found: Read) -> Network:
     graph, h = found.graph, found.step * 1e3
     net = Network(_name(graph.source.rpartition("/")[2].removesuffix(".nir"), set()), resolution=round(h, 12))
-    names: dict[str, str] = {}
+    names = found.names = {}
     for name, node in sorted(graph.nodes.items(), key=lambda item: found.depths.get(item[0], 0)):
         if node.kind == "Input":
             names[name] = _name(name, names.values())

@@ -173,21 +173,25 @@ class Gathered:
     def _rounded(self, times: Any, what: str, least: float = 0.0) -> Any:
         """Times on the grid, as NEST rounds them."""
         steps = np.maximum(np.floor(np.asarray(times) / self.step + 0.5 + _ALMOST), least)
-        if np.any(np.abs(steps * self.step - times) > _ALMOST * self.step):
-            self._note(f"{what} are rounded to steps of {self.step:g} ms")
+        off = np.max(np.abs(steps * self.step - times), initial=0.0)
+        if off > _ALMOST * self.step:
+            self._note(f"{what} are rounded to steps of {self.step:g} ms, by {off:.2g} ms at most")
         found = np.round(steps * self.step, 9)
         return found if np.ndim(times) else float(found)
 
     def _spike_times(self, values: dict[str, Any]) -> Any:
-        rows = []
+        rows, off = [], 0.0
         for given in values["spike_times"]:
             times = np.asarray(given.value, dtype=float)
             steps = np.ceil(times / self.step - _ALMOST)
-            if np.any(np.abs(steps * self.step - times) > _ALMOST * self.step):
-                self._note(f"spike times are rounded up to steps of {self.step:g} ms, as NEST does")
+            off = max(off, np.max(steps * self.step - times, initial=0.0))
             if np.any(steps < 1):
                 self._note("spikes at 0 ms leave in the first step")
             rows.append((np.round(np.maximum(np.sort(steps), 1) * self.step, 9)).tolist())
+        if off > _ALMOST * self.step:
+            self._note(
+                f"spike times are rounded up to steps of {self.step:g} ms, by {off:.2g} ms at most, as NEST does"
+            )
         return MODELS["spike_generator"](spike_times=rows)
 
     def _poisson(self, values: dict[str, Any]) -> Any:

@@ -14,6 +14,7 @@ import numpy as np
 
 from neuro.compiler import compile_network
 from neuro.core.checks import check
+from neuro.core.english import some
 from neuro.core.errors import ModelError, Where
 from neuro.core.outputs import marked, output, sealed
 from neuro.core.paths import file_path
@@ -266,10 +267,12 @@ class _Script:
         )
 
     def _listed(self, part: Population, steps: Any, ids: Any) -> tuple[str, dict[str, str]]:
-        if np.any(np.asarray(steps) == 1):
-            self._note(part.name, "population", "spikes in the first step are lost in pyNN.nest")
-        if np.unique(np.column_stack((steps, ids)), axis=0).shape[0] < len(ids):
-            self._note(part.name, "population", "several spikes of a neuron in a step, which pyNN.brian2 refuses")
+        if lost := np.count_nonzero(np.asarray(steps) == 1):
+            how = f"{lost} of {some(len(ids), 'spike')} are in the first step, and are lost in pyNN.nest"
+            self._note(part.name, "population", how)
+        if twice := len(ids) - np.unique(np.column_stack((steps, ids)), axis=0).shape[0]:
+            how = f"{some(twice, 'spike')} beyond the first of a neuron in a step, which pyNN.brian2 refuses"
+            self._note(part.name, "population", how)
         self.arrays[f"{part.name}.times"] = (np.asarray(steps, dtype=float) - _EARLY) * self.step
         self.arrays[f"{part.name}.ids"] = np.asarray(ids)
         return "SpikeSourceArray", {"spike_times": f'trains("{part.name}", {part.size})'}
