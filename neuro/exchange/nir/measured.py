@@ -6,7 +6,7 @@ import copy
 import math
 from collections.abc import Container, Mapping, Sequence
 from dataclasses import fields
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,13 +14,11 @@ from numpy.typing import NDArray
 from neuro.core.errors import ModelError
 from neuro.exchange.nir.cells import Cell
 from neuro.exchange.nir.graph import Floats
+from neuro.exchange.nir.judged import Read
 from neuro.exchange.nir.maps import Map
 from neuro.model.network import Network
 from neuro.model.neurons.builtin import spike_generator
 from neuro.run.compiled import compile
-
-if TYPE_CHECKING:
-    from neuro.exchange.nir.importing import Read
 
 Counts = NDArray[np.int64]
 """Of spikes, shape (steps, neurons)."""
