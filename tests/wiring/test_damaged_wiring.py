@@ -119,7 +119,7 @@ def test_a_filter_that_leaves_a_row_out_does_not_ask_for_its_neurons(tmp_path: P
         ({"transmitter": "nt", "signs": {"a": 1}}, "edges: unknown column 'nt'"),
         ({"transmitter": "type", "signs": {"KD": 1}, "dale": True}, "neuron 10 of neurons: unknown transmitter 'KC'"),
         ({"pre": "n"}, "from_file: column 'n' is named twice: expected another one"),
-        ({"key": "x"}, "edges: key = 'x': expected none, only HDF5 has a key"),
+        ({"key": "x"}, "edges: key = 'x': expected none, only HDF5 has key"),
         ({"layout": "matrix"}, "edges: row 2: found 2 weights: expected 2, as many as ids in row 1"),
     ],
 )
@@ -234,10 +234,33 @@ def sonata(**change: Any) -> Any:
         ({"source_node_id": None}, "edges: unknown column 'pre'"),
         ({"target_node_id": None}, "edges: 'edges/e' has no 'target_node_id'"),
         ({"0/n": [1.0]}, "edges: 'edges/e/0/n' has 1 values: expected one for each of 2 rows"),
+        ({"0/n": [1.0, 2.0, 3.0]}, "edges: 'edges/e/0/n' has 3 values: expected one for each of 2 rows"),
+        ({"source_node_id": [10]}, "edges: 'edges/e/source_node_id' has 1 values: expected one for each of 2 rows"),
+        ({"source_node_id": [10, 20, 30]}, "edges: 'edges/e/source_node_id' has 3 values: expected one for each of 2"),
         ({"0/n": [1.0, np.nan]}, "edges: row 2, column 'n': found .nan: expected a finite number"),
         ({"target_node_id": [20, 31]}, "edges: row 2, column 'target_node_id': found 31: expected the id of a neuron"),
-        ({"1/n": [1.0, 2.0]}, "edges: 'edges/e' has the groups ['0', '1']: expected one group, '0'"),
-        ({"edge_group_index": [0, 7]}, "edges: 'edges/e/0/n' has 2 values: expected one for each of 2 rows"),
+        ({"1/n": [1.0, 2.0]}, "edges: 'edges/e' has the groups 0, 1 and no 'edge_group_id'"),
+        ({"1/n": [2.0], "edge_group_id": [0, 1]}, "edges: 'edges/e' has the groups 0, 1 and no 'edge_group_index'"),
+        (
+            {"1/m": [2.0], "edge_group_id": [0, 1], "edge_group_index": [0, 0]},
+            "edges: row 2: its group has no 'n'",
+        ),
+        (
+            {"1/n": ["a"], "edge_group_id": [0, 1], "edge_group_index": [0, 0]},
+            "edges: column 'n' holds text in some groups, and numbers in others",
+        ),
+        (
+            {"edge_group_id": [0, 2]},
+            "edges: row 2, column 'edge_group_id': found 2: expected one of the groups 0",
+        ),
+        (
+            {"edge_group_index": [0, 7]},
+            "edges: row 2, column 'edge_group_index': found 7: expected the place of one of the 2 values of",
+        ),
+        (
+            {"edge_group_index": [0, -1]},
+            "edges: row 2, column 'edge_group_index': found -1: expected the place of one of the 2 values of",
+        ),
         (
             {"source_node_id": h5py.ExternalLink("other.h5", "/x")},
             "edges: 'edges/e/source_node_id': expected a data set",

@@ -82,7 +82,7 @@ def read_edges(rule: from_file, source: End, target: End) -> Edges:
 class _Reader:
     def __init__(self, rule: from_file, source: End, target: End) -> None:
         self.rule, self.source, self.target = rule, source, target
-        self.table: Table = open_table(rule.file, rule.key, rule.layout == "matrix")
+        self.table: Table = open_table(rule.file, rule.key, rule.layout == "matrix", rule.types)
         sonata = "source_node_id" in self.table.names
         self.pre, self.post = (getattr(rule, end) or (_NAMES[end] if sonata else end) for end in _NAMES)
         self.conditions = [Condition(text) for text in rule.where]

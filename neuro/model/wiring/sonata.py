@@ -1,5 +1,6 @@
-"""Edges and nodes of SONATA in HDF5: ids and types beside the attributes of the group "0".
+"""Edges and nodes of SONATA in HDF5: ids and types, the attributes of groups "0", "1", ..., and those of types.
 
+An attribute of a row is that of its group; where the group has none, that of its type.
 Source: the SONATA Developer Guide, AllenInstitute/sonata.
 """
 
@@ -7,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -15,10 +17,26 @@ from numpy.typing import NDArray
 
 from neuro.core import hdf5
 from neuro.core.errors import ModelError, unknown
-from neuro.model.wiring.columns import ROWS, Column, Piece, Texts
+from neuro.model.wiring.columns import ROWS, Column, Piece, Texts, cell
+from neuro.model.wiring.sonata_types import Types
 
 _FAILURES = (OSError, ValueError, KeyError, RuntimeError, TypeError, MemoryError)
 _IDS = {"edges": ("source_node_id", "target_node_id", "edge_type_id"), "nodes": ("node_id", "node_type_id")}
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Rows:
+    """Some rows: where they begin and end, and of each its group and its place there; None: one group, in order."""
+
+    begin: int
+    end: int
+    group: NDArray[Any] | None
+    place: NDArray[Any] | None
+    type: NDArray[np.int64] | None
+
+    @property
+    def size(self) -> int:
+        return self.end - self.begin
 
 
 class SonataTable:
@@ -27,12 +45,13 @@ class SonataTable:
     Args:
         path: of the file.
         key: the name of the population; the only one if not given.
+        types: a CSV with the attributes of types, None without one.
     """
 
     places, first = False, 1
 
-    def __init__(self, path: Path, key: str | None) -> None:
-        self.path, self._columns = path, {}
+    def __init__(self, path: Path, key: str | None, types: Path | None = None) -> None:
+        self.path = path
         with self._opened() as file:
             kind = next((kind for kind in _IDS if kind in file), None)
             if kind is None:
@@ -43,24 +62,25 @@ class SonataTable:
             chosen = known[0] if key is None else key
             if chosen not in known:
                 raise unknown(f"population of {kind}", chosen, known, path=("key",)).at(None, str(path))
-            place = f"{kind}/{chosen}"
-            self._columns = {name: f"{place}/{name}" for name in _IDS[kind] if name in file[place]}
-            groups = sorted(name for name in file[place] if name.isdecimal())
-            if len(groups) > 1:
-                raise ModelError(f"{path}: '{place}' has the groups {groups}: expected one group, '0'")
-            self._group = f"{place}/{groups[0]}" if groups else ""
-            self._order = f"{place}/{kind[:-1]}_group_index"
-            if groups:
-                own = (name for name in file[self._group] if name not in ("@library", "dynamics_params"))
-                self._columns |= {name: f"{self._group}/{name}" for name in own}
-            self._size = self._rows(file, kind, place)
-        self.names = tuple(self._columns)
+            self._place, self._word = f"{kind}/{chosen}", kind[:-1]
+            self._ids = tuple(name for name in _IDS[kind] if name in file[self._place])
+            self._groups = sorted((name for name in file[self._place] if name.isdecimal()), key=int)
+            own = {name: [g for g in self._groups if name in file[self._place][g]] for name in self._own(file)}
+            self._in_groups = {name: groups for name, groups in own.items() if name not in self._ids}
+            self._types = None if types is None else Types(types, f"{self._word}_type_id")
+            self._size = self._rows(file, kind)
+        shared = () if self._types is None else self._types.names
+        self.names = tuple(dict.fromkeys((*self._ids, *self._in_groups, *shared)))
 
-    def _rows(self, file: Any, kind: str, place: str) -> int:
+    def _own(self, file: Any) -> list[str]:
+        names = (name for group in self._groups for name in file[self._place][group])
+        return [name for name in dict.fromkeys(names) if name not in ("@library", "dynamics_params")]
+
+    def _rows(self, file: Any, kind: str) -> int:
         ids = "target_node_id" if kind == "edges" else "node_type_id"
-        if ids not in self._columns:
-            raise ModelError(f"{self.path}: '{place}' has no '{ids}': expected {', '.join(_IDS[kind])}")
-        return int(self._dataset(file, self._columns[ids]).shape[0])
+        if ids not in self._ids:
+            raise ModelError(f"{self.path}: '{self._place}' has no '{ids}': expected {', '.join(_IDS[kind])}")
+        return int(self._dataset(file, f"{self._place}/{ids}").shape[0])
 
     @contextmanager
     def _opened(self) -> Iterator[Any]:
@@ -91,40 +111,155 @@ class SonataTable:
 
     def pieces(self, kinds: Mapping[str, str]) -> Iterator[Piece]:
         """The data sets, some rows at a time."""
+        attributes = [name for name in kinds if name not in self._ids]
+        words = {
+            "group": f"{self._word}_group_id",
+            "place": f"{self._word}_group_index",
+            "type": f"{self._word}_type_id",
+        }
         with self._opened() as file:
-            data = {name: self._dataset(file, self._columns[name]) for name in kinds}
-            order = self._dataset(file, self._order) if self._order in file else None
+            whole = {name: self._of_rows(file, name) for name in kinds if name in self._ids}
+            needed = {
+                "group": bool(attributes and self._groups),
+                "place": bool(attributes and self._groups),
+                "type": self._types is not None and any(name in self._types.names for name in attributes),
+            }
+            about = {word: self._of_rows(file, name) for word, name in words.items() if needed[word]}
+            self._check(about)
             for begin in range(0, self._size, ROWS):
                 end = min(begin + ROWS, self._size)
-                place = slice(begin, end) if order is None else _places(order[begin:end], begin)
-                columns = {}
-                for name, values in data.items():
-                    in_group = bool(self._group) and self._columns[name].startswith(f"{self._group}/")
-                    columns[name] = self._read(file, name, values, place if in_group else slice(begin, end), end)
+                read = {word: None if data is None else data[begin:end] for word, data in about.items()}
+                rows = _Rows(begin, end, *(read.get(word) for word in words))
+                columns: dict[str, Column] = {name: data[begin:end] for name, data in whole.items()}
+                columns |= {name: self._attribute(file, name, rows) for name in attributes}
                 yield Piece(begin + 1, columns)
 
-    def _read(self, file: Any, name: str, data: Any, place: slice | NDArray[Any], end: int) -> Column:
-        last = end - 1 if isinstance(place, slice) else int(place.max(initial=0))
-        if last >= data.shape[0]:
-            message = f"{self.path}: '{self._columns[name]}' has {data.shape[0]} values: expected one for each of"
-            raise ModelError(f"{message} {self._size} rows")
-        words = f"{self._group}/@library/{name}"
-        is_text = data.dtype.kind in "OS"
-        values = (data.asstr() if is_text else data)[place if isinstance(place, slice) else slice(None)]
-        values = values if isinstance(place, slice) else values[place]
-        if is_text:
-            known, codes = np.unique(values.astype(str), return_inverse=True)
+    def _of_rows(self, file: Any, name: str) -> Any:
+        """A data set with a value for each row, None where the file has none."""
+        place = f"{self._place}/{name}"
+        if name not in file[self._place]:
+            return None
+        data = self._dataset(file, place)
+        if data.shape[0] != self._size:
+            raise ModelError(
+                f"{self.path}: '{place}' has {data.shape[0]} values: expected one for each of {self._size} rows"
+            )
+        return data
+
+    def _check(self, about: Mapping[str, Any]) -> None:
+        """What tells the rows of several groups apart, and the types of rows, has to be there."""
+        for word, name in (("group", "group_id"), ("place", "group_index")):
+            if len(self._groups) > 1 and about.get(word, 0) is None:
+                groups = f"the groups {', '.join(self._groups)}"
+                raise ModelError(f"{self.path}: '{self._place}' has {groups} and no '{self._word}_{name}'")
+        if about.get("type", 0) is None:
+            raise ModelError(f"{self.path}: '{self._place}' has no '{self._word}_type_id': expected one for 'types'")
+
+    def _attribute(self, file: Any, name: str, rows: _Rows) -> Column:
+        """An attribute of some rows: that of the group where it has it, else that of the type."""
+        groups = [(group, self._taken(rows, group)) for group in self._groups]
+        self._all_known(rows, groups)
+        parts: list[tuple[Any, Column]] = []
+        without = np.ones(rows.size, dtype=bool)
+        for group, taken in groups:
+            if group in self._in_groups.get(name, ()):
+                without[taken] = False
+                parts.append((taken, self._in_group(file, name, group, rows, taken)))
+        if self._types is not None and name in self._types.names and without.any():
+            parts.append((np.flatnonzero(without), self._of_types(name, rows, np.flatnonzero(without))))
+            without[:] = False
+        if without.any():
+            at = int(np.flatnonzero(without)[0])
+            raise ModelError(f"{self.path}: row {rows.begin + at + 1}: its group has no '{name}'", path=(name,))
+        return _together(parts, rows.size, f"{self.path}: column '{name}'")
+
+    def _taken(self, rows: _Rows, group: str) -> Any:
+        """Which of the rows are in a group."""
+        if rows.group is None:
+            return slice(0, rows.size)
+        mine = rows.group == int(group)
+        return slice(0, rows.size) if mine.all() else np.flatnonzero(mine)
+
+    def _all_known(self, rows: _Rows, groups: Any) -> None:
+        """Refuse rows of groups that are not there."""
+        if rows.group is None or not groups:
+            return
+        known = np.isin(rows.group, [int(group) for group, _ in groups])
+        if not known.all():
+            at = int(np.flatnonzero(~known)[0])
+            expected = f"one of the groups {', '.join(self._groups)}"
+            raise cell(self, rows.begin + at + 1, f"{self._word}_group_id", int(rows.group[at]), expected)
+
+    def _in_group(self, file: Any, name: str, group: str, rows: _Rows, taken: Any) -> Column:
+        """An attribute of those of the rows that are in a group."""
+        place = f"{self._place}/{group}/{name}"
+        data = self._dataset(file, place)
+        if rows.place is None:
+            if data.shape[0] != self._size:
+                message = f"{self.path}: '{place}' has {data.shape[0]} values: expected one for each of"
+                raise ModelError(f"{message} {self._size} rows")
+            return self._read(file, group, name, data, slice(rows.begin, rows.end))
+        index = rows.place[taken]
+        beyond = np.flatnonzero((index < 0) | (index >= data.shape[0]))
+        if beyond.size:
+            at = int(np.arange(rows.size)[taken][beyond[0]])
+            expected = f"the place of one of the {data.shape[0]} values of '{place}'"
+            raise cell(self, rows.begin + at + 1, f"{self._word}_group_index", int(index[beyond[0]]), expected)
+        if not index.size:
+            return self._read(file, group, name, data, slice(0, 0))
+        low, high = int(index.min()), int(index.max()) + 1
+        column = self._read(file, group, name, data, slice(low, high))
+        if index.size == high - low and np.array_equal(index, np.arange(low, high)):
+            return column
+        at = index.astype(np.int64) - low
+        return Texts(column.codes[at], column.words) if isinstance(column, Texts) else column[at]
+
+    def _read(self, file: Any, group: str, name: str, data: Any, place: slice) -> Column:
+        words = f"{self._place}/{group}/@library/{name}"
+        if data.dtype.kind in "OS":
+            known, codes = np.unique(data.asstr()[place].astype(str), return_inverse=True)
             return Texts(codes.astype(np.int64), tuple(known.tolist()))
-        if self._group and words in file:
-            library = tuple(str(word) for word in self._dataset(file, words).asstr()[()])
-            if values.size and not 0 <= values.min() <= values.max() < len(library):
-                raise ModelError(f"{self.path}: '{name}' holds codes beyond its {len(library)} words in @library")
-            return Texts(values.astype(np.int64), library)
-        found: NDArray[Any] = values
+        values: NDArray[Any] = data[place]
+        if words not in file:
+            return values
+        library = tuple(str(word) for word in self._dataset(file, words).asstr()[()])
+        if values.size and not 0 <= values.min() <= values.max() < len(library):
+            raise ModelError(f"{self.path}: '{name}' holds codes beyond its {len(library)} words in @library")
+        return Texts(values.astype(np.int64), library)
+
+    def _of_types(self, name: str, rows: _Rows, at: NDArray[np.int64]) -> Column:
+        """An attribute of the types of some rows."""
+        assert self._types is not None
+        assert rows.type is not None
+        places = self._types.places(rows.type[at])
+        lost = np.flatnonzero(places < 0)
+        if lost.size:
+            row = int(at[lost[0]])
+            expected = f"a type of {self._types.path}"
+            raise cell(self, rows.begin + row + 1, f"{self._word}_type_id", int(rows.type[row]), expected)
+        column, has = self._types.values(name, places)
+        if not has.all():
+            row = int(at[np.flatnonzero(~has)[0]])
+            message = f"{self.path}: row {rows.begin + row + 1}: type {int(rows.type[row])} of {self._types.path}"
+            raise ModelError(f"{message} has no '{name}'", path=(name,))
+        return column
+
+
+def _together(parts: list[tuple[Any, Column]], size: int, what: str) -> Column:
+    """One column of parts, each with the rows that it is of."""
+    if len(parts) == 1 and len(parts[0][1]) == size:
+        return parts[0][1]
+    texts = [(taken, part) for taken, part in parts if isinstance(part, Texts)]
+    numbers = [(taken, part) for taken, part in parts if not isinstance(part, Texts)]
+    if texts and numbers:
+        raise ModelError(f"{what} holds text in some groups, and numbers in others")
+    if not texts:
+        found = np.zeros(size, dtype=np.result_type(*(values.dtype for _, values in numbers)))
+        for taken, values in numbers:
+            found[taken] = values
         return found
-
-
-def _places(index: NDArray[Any], begin: int) -> slice | NDArray[Any]:
-    """Where the attributes of some rows lie in their group."""
-    in_order = np.array_equal(index, np.arange(begin, begin + index.size))
-    return slice(begin, begin + index.size) if in_order else index.astype(np.int64)
+    words: dict[str, int] = {}
+    codes = np.zeros(size, dtype=np.int64)
+    for taken, text in texts:
+        codes[taken] = text.each(np.array([words.setdefault(word, len(words)) for word in text.words], dtype=np.int64))
+    return Texts(codes, tuple(words))
