@@ -48,6 +48,8 @@ def save_sonata(sim: Simulation, path: str | PathLike[str]) -> Verdicts:
     Raises:
         ModelError: a projection has one kernel for all its neurons, or a file cannot be written.
     """
+    if not hasattr(sim, "program"):
+        raise ModelError(f"save_sonata: found {sim!r:.60}: expected a Simulation", hint="neuro.compile(net)")
     file = file_path(path, "path")
     if file.suffix != ".json":
         raise ModelError(f"{file}: cannot be written: expected a name ending in .json")

@@ -6,7 +6,7 @@ import json
 from collections.abc import Iterator
 from dataclasses import asdict, dataclass
 
-from neuro.core.errors import ModelError
+from neuro.core.errors import ModelError, unknown
 from neuro.core.tables import Table, as_html, as_text
 
 EXACT, APPROXIMATE, REFUSED = "exact", "approximate", "refused"
@@ -62,7 +62,10 @@ class Verdicts:
         return len(self.nodes)
 
     def __getitem__(self, node: str) -> Verdict:
-        return next(each for each in self.nodes if each.node == node)
+        for each in self.nodes:
+            if each.node == node:
+                return each
+        raise unknown("node", node, [each.node for each in self.nodes])
 
     def to_json(self) -> str:
         """The heading and a list of nodes."""

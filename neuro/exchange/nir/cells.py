@@ -132,8 +132,9 @@ def find_tool(said: str | None, metadata: object) -> str | None:
         ModelError: there is none of that name.
     """
     known = metadata.get("neuro_convention") if isinstance(metadata, dict) else None
-    name = said or (known.decode() if isinstance(known, bytes) else known)
-    if name is not None and name not in TOOLS:
+    known = known.decode("utf-8", "replace") if isinstance(known, bytes) else known
+    name = known if said is None else said
+    if name is not None and str(name) not in TOOLS:
         raise unknown("convention", name, TOOLS)
     return None if name is None else str(name)
 

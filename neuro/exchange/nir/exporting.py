@@ -108,6 +108,8 @@ def to_nir(net: Network, dt: float | None = None, for_: str | None = None) -> An
 
 def written(net: Network, dt: float | None, for_: str | None) -> tuple[Any, Verdicts]:
     """The graph of a network, None where a part is refused, and the verdicts."""
+    if not isinstance(net, Network):
+        raise ModelError(f"to_nir: found {net!r:.60}: expected a Network")
     tool = check(FOR, for_, "for_", ("for_",)) or "nir"
     step = check(DT, dt, "dt", ("dt",))
     if step is not None and not math.isclose(step, net.resolution):
@@ -218,7 +220,9 @@ def _add_population(out: Written, index: int, part: Population) -> None:
             fields = {word: values.reshape(out.shapes[index]) for word, values in made.fields.items()}
             out.nodes[part.name] = getattr(out.nir, made.kind)(**fields)
         depth = out.depths[index]
-        if made.bias.any() and depth:
+        if not any(p.target == index for p in _spiking(out)):
+            out.says(part, REFUSED, "receives no spikes: a graph has no such node", "connect it, or leave it out")
+        elif made.bias.any() and depth:
             how = f"{made.how}; its constant current begins {some(depth, 'step')} later there"
             out.says(part, APPROXIMATE, how, "send the current by a dc_generator with that delay")
         else:

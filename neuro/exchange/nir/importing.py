@@ -22,14 +22,15 @@ from neuro.exchange.nir.cells import (
     cell_of,
     find_tool,
 )
-from neuro.exchange.nir.graph import FIELDS, STATEFUL, Floats, Graph, Node, Shape, sources
+from neuro.exchange.nir.graph import FIELDS, STATEFUL, Floats, Graph, Node, Shape, sources, spread
 from neuro.exchange.nir.judged import Link, Read
 from neuro.exchange.nir.maps import Map, map_of, same_in_each_map, sheet, together
 from neuro.exchange.nir.measured import measure
 from neuro.exchange.nir.models import Made, model_of, one_or_all
 from neuro.exchange.nir.reading import read
-from neuro.exchange.verdict import APPROXIMATE, EXACT, Verdict, Verdicts
+from neuro.exchange.verdict import APPROXIMATE, EXACT, REFUSED, Verdict, Verdicts
 from neuro.model.network import Network
+from neuro.model.neurons.base import Model
 from neuro.model.neurons.builtin import dc_generator, iaf_psc_delta, spike_generator
 from neuro.model.rules import SAME, all_to_all, grid, one_to_one, pairs
 
@@ -50,6 +51,9 @@ LACKS = {
 """Types of nodes that a tool's own importer does not read."""
 
 NO_RUN = "not measured: the tool runs no such network"
+LONGEST = 200
+"""Letters of a name; YAML has none of more than 1024."""
+
 MOST_PATHS = 10_000
 CURRENT, TICKS = "bias", "every_step"
 """The population that sends constant currents, and the neuron that fires in every step."""
@@ -187,7 +191,7 @@ def _judge(found: Read, node: Node, reset: str | None) -> None:
         if found.verdicts[node.name].verdict == EXACT:
             found.verdicts[node.name] = Verdict(node.name, node.kind, APPROXIMATE if cell.differs else EXACT, how)
     elif node.kind == "Delay":
-        steps = np.asarray(node.fields["delay"], dtype=np.float64) / found.step
+        steps = node.array("delay") / found.step
         if np.any(steps < 0) or not np.allclose(steps, np.rint(steps), atol=1e-3):
             found.refuse(node.name, "is no multiple of the step", "choose a dt that divides it")
 
@@ -286,9 +290,10 @@ def _add_link(found: Read, path: list[str], known: set[tuple[str, ...]]) -> None
         if bias is None or rest in known:
             continue
         known.add(rest)
-        values = np.asarray(bias, dtype=np.float64)
-        values = values.reshape(-1, *[1] * (len(maps[k].target) - 1)) if node.kind.startswith("Conv") else values
-        full = np.broadcast_to(values, maps[k].target).astype(np.float64)
+        convolves, target = node.kind.startswith("Conv"), maps[k].target
+        values = spread(bias, target[:1] if convolves else target[-1:], f"node '{node.name}': bias")
+        values = values.reshape(-1, *[1] * (len(target) - 1)) if convolves else values
+        full = np.broadcast_to(values, target).astype(np.float64)
         # What comes back to a layer is of the step before, and the first step has none, in these also no bias.
         late = path[0] == path[-1] and found.tool in BY_GRAPH_EXECUTOR
         (found.late if late else found.bias)[path[-1]] += together([*maps[k + 1 :], identity])(full)
@@ -314,7 +319,8 @@ def _find_depths(found: Read) -> None:
             found.refuse(name, why, "delay the way back in the tool, too, or leave out all but one layer of the loop")
     for name in found.cells:
         old, later = found.verdicts[name], depths[name] - found.cells[name].late
-        found.verdicts[name] = replace(old, how=f"{old.how}; {some(later, 'step')} later here")
+        if old.verdict != REFUSED:
+            found.verdicts[name] = replace(old, how=f"{old.how}; {some(later, 'step')} later here")
 
 
 def _has_current(found: Read, name: str, made: Made) -> bool:
@@ -345,7 +351,7 @@ def _network(found: Read) -> Network:
 
 def _name(name: str, taken: Iterable[str]) -> str:
     """A name that a part may have."""
-    plain = re.sub(r"[^\w.-]", "_", name) or "node"
+    plain = re.sub(r"[^\w.-]", "_", name)[:LONGEST] or "node"
     names = (plain if k == 1 else f"{plain}_{k}" for k in range(1, MOST_PATHS))
     return next(each for each in names if each not in set(taken))
 
@@ -410,22 +416,22 @@ def _connect_biases(net: Network, found: Read, names: dict[str, str], h: float) 
     A generator of currents acts two steps after it begins. Input that a synapse filters comes as spikes, from a neuron
     that fires in every step.
     """
+    constant, ticks = (_name(source, net.populations) for source in (CURRENT, TICKS))
+    every_step = iaf_psc_delta(tau_m=math.inf, C_m=h, t_ref=0.0, E_L=0.0, V_reset=0.0, V_th=1.0, I_e=1.0)
     for name, made in found.made.items():
         offset, depth = made.offset, found.depths[name]
         for bias, begin in ((found.bias[name], depth), (found.late[name], depth + 1)):
             current = offset if made.per_input is None else offset + bias * made.per_input
             if current.any():
-                _from_one(net, CURRENT, names[name], current, h * (begin - 1))
+                _from_one(net, constant, dc_generator(amplitude=1.0), names[name], current, h * (begin - 1))
             if made.per_input is None and bias.any():
-                _from_one(net, TICKS, names[name], bias * made.gain, h * begin)
+                _from_one(net, ticks, every_step, names[name], bias * made.gain, h * begin)
             offset = np.zeros_like(offset)
 
 
-def _from_one(net: Network, source: str, target: str, values: Floats, delay: float) -> None:
+def _from_one(net: Network, source: str, model: Model, target: str, values: Floats, delay: float) -> None:
     if source not in net.populations:
-        h = net.resolution
-        ticks = iaf_psc_delta(tau_m=math.inf, C_m=h, t_ref=0.0, E_L=0.0, V_reset=0.0, V_th=1.0, I_e=1.0)
-        net.population(source, 1, dc_generator(amplitude=1.0) if source == CURRENT else ticks)
+        net.population(source, 1, model)
     label = _name(f"{source}_{target}", net.projections)
     net.connect(source, target, all_to_all(), weight=values.reshape(1, -1), delay=round(delay, 9), name=label)
 

@@ -110,6 +110,8 @@ def to_pynn(net: Network, path: str | os.PathLike[str], *, seed: int = 0, durati
     Raises:
         ModelError: the network has what PyNN's standard has not; `others` has each part. Or a file cannot be written.
     """
+    if not isinstance(net, Network):
+        raise ModelError(f"to_pynn: found {net!r:.60}: expected a Network")
     file = file_path(path, "path")
     if file.suffix != ".py":
         raise ModelError(f"{file}: cannot be written: expected a name ending in .py")
