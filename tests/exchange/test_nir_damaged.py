@@ -207,6 +207,28 @@ def test_every_bit_that_flips_is_survived(tmp_path):
             neuro.from_nir(path, dt=1.0, from_="norse")
 
 
+@pytest.mark.parametrize("what", ["heap", "index", "length"])
+def test_texts_that_are_elsewhere_are_not_read(what, tmp_path):
+    """HDF5 ended the process."""
+    path = written(tmp_path)
+    content = bytearray(path.read_bytes())
+    with h5py.File(path) as file:
+        at = file["node/nodes/n1/type"].id.get_offset() + {"length": 0, "heap": 4, "index": 12}[what]
+    content[at : at + 2] = b"\xff\x7f"
+    path.write_bytes(content)
+    with pytest.raises(neuro.ModelError, match="is damaged: the texts of 'node/nodes/n1/type' are not in the file"):
+        neuro.from_nir(path, dt=1.0, from_="norse")
+
+
+def test_what_is_a_list_in_place_of_a_text_is_not_read(tmp_path):
+    def change(node):
+        del node["nodes/n1/type"]
+        node["nodes/n1"].create_dataset("type", (), h5py.vlen_dtype(np.int64))
+
+    with pytest.raises(neuro.ModelError, match="is damaged: the texts of 'node/nodes/n1/type' are not in the file"):
+        neuro.from_nir(written(tmp_path, change), dt=1.0, from_="norse")
+
+
 def test_deep_subgraphs_are_refused():
     inner = graph(lif())
     for _ in range(20):

@@ -76,11 +76,12 @@ def _culprit(path: Path) -> str:
     return ""
 
 
-def _check_heaps(content: bytes) -> bool:
-    """Whether the collections in which HDF5 keeps texts are whole: it reads on for ever in some that are not.
+def _texts_in_heaps(content: bytes) -> dict[tuple[int, int], int] | None:
+    """The lengths of the texts of a file by heap and index; None where a heap is not whole: HDF5 reads on for ever.
 
     Source: HDF5 File Format Specification 3.0, III.E, "Disk Format: Level 1E - Global Heap".
     """
+    found: dict[tuple[int, int], int] = {}
     at = content.find(b"GCOL")
     while at >= 0:
         end = at + int.from_bytes(content[at + 8 : at + 16], "little")
@@ -88,14 +89,32 @@ def _check_heaps(content: bytes) -> bool:
         while place + 16 <= end <= len(content):
             index = int.from_bytes(content[place : place + 2], "little")
             length = int.from_bytes(content[place + 8 : place + 16], "little")
+            found[at, index] = length
             if index == 0:  # what is free, with its head
                 place += length if length else len(content)
             else:
                 place += 16 + -(-length // 8) * 8
         if place > end or end > len(content):
-            return False
+            return None
         at = content.find(b"GCOL", at + 4)
-    return True
+    return found
+
+
+def _has_its_texts(data: Any, content: bytes, texts: dict[tuple[int, int], int]) -> bool:
+    """Whether the texts to which a data set refers are there: HDF5 reads beyond the file for others."""
+    import h5py
+
+    if h5py.check_string_dtype(data.dtype) is None:
+        return False
+    begin = data.id.get_offset()
+    if begin is None:  # in pieces
+        return True
+    said = np.frombuffer(
+        content[begin : begin + 16 * data.size], [("length", "<u4"), ("heap", "<u8"), ("index", "<u4")]
+    )
+    return said.size == data.size and all(
+        not n or texts.get((heap, index), -1) >= n for n, heap, index in said.tolist()
+    )
 
 
 def _check_sizes(path: Path) -> None:
@@ -106,8 +125,9 @@ def _check_sizes(path: Path) -> None:
     """
     import h5py
 
-    room = path.stat().st_size
-    if not _check_heaps(path.read_bytes()):
+    room, content = path.stat().st_size, path.read_bytes()
+    texts = _texts_in_heaps(content)
+    if texts is None:
         raise ModelError(f"{path}: is damaged: its texts are not whole")
 
     def look(name: str, item: Any) -> None:
@@ -117,6 +137,8 @@ def _check_sizes(path: Path) -> None:
         packed = item.compression is not None
         if size > LARGEST or item.size * item.dtype.itemsize > (room * 1100 if packed else room):
             raise ModelError(f"{path}: is damaged: array '{name}' of shape {list(item.shape)} does not fit in the file")
+        if item.dtype.kind == "O" and not _has_its_texts(item, content, texts):
+            raise ModelError(f"{path}: is damaged: the texts of '{name}' are not in the file")
 
     with h5py.File(path, "r") as file:
         file.visititems(look)

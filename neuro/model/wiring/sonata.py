@@ -105,7 +105,8 @@ class SonataTable:
             if not isinstance(link, h5py.HardLink):
                 raise ModelError(f"{self.path}: '{place}': expected a data set of the file itself")
             data = data[part]
-        if not isinstance(data, h5py.Dataset) or data.is_virtual or data.external or len(data.shape) != 1:
+        readable = isinstance(data, h5py.Dataset) and not (data.is_virtual or data.external) and len(data.shape) == 1
+        if not readable or (data.dtype.kind not in "iufbS" and h5py.check_string_dtype(data.dtype) is None):
             raise ModelError(f"{self.path}: '{place}': expected a row of values in the file itself")
         return data
 
