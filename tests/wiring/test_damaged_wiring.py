@@ -207,14 +207,21 @@ def test_matrices_that_are_none(tmp_path: Path) -> None:
     assert refusal(tmp_path, b",10,20\n10,1,\xff\xfe\n", layout="matrix", weight=None).startswith("edges: ")
 
 
-def test_an_entry_beyond_a_matrix(tmp_path: Path) -> None:
+@pytest.mark.parametrize("shape", [(4, 4), (2, 3), (3, 2)])
+def test_a_matrix_of_another_size(tmp_path: Path, shape: tuple[int, int]) -> None:
     def write(path: Path) -> None:
         with path.open("wb") as file:
-            np.save(file, np.ones((4, 4)))
+            np.save(file, np.ones(shape))
 
     assert refusal(tmp_path, write, weight=None) == (
-        "edges: row 1, column 'post': found 3: expected the id of a neuron of neurons"
+        f"edges: a matrix of shape {list(shape)}: expected [3, 3], a row for each source and a column for each target"
     )
+
+
+def test_a_sparse_matrix_that_is_none(tmp_path: Path) -> None:
+    parts = {"indices": [0, 1], "indptr": [0, 2, 1, 2], "data": [1.0, 2.0], "shape": [3, 3], "format": b"csr"}
+    write = arrays(**parts)
+    assert refusal(tmp_path, write, weight=None).startswith("edges: no npz or npy file that can be read: ValueError")
 
 
 def sonata(**change: Any) -> Any:

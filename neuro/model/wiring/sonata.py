@@ -48,7 +48,7 @@ class SonataTable:
         types: a CSV with the attributes of types, None without one.
     """
 
-    places, first = False, 1
+    places, first = None, 1
 
     def __init__(self, path: Path, key: str | None, types: Path | None = None) -> None:
         self.path = path
