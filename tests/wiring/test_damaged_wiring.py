@@ -238,7 +238,9 @@ def sonata(**change: Any) -> Any:
 @pytest.mark.parametrize(
     ("change", "expected"),
     [
-        ({"source_node_id": None}, "edges: unknown column 'pre'"),
+        ({"source_node_id": None}, "edges: unknown column 'source_node_id'"),
+        ({"edge_group_index": [0.0, 0.5]}, "edges: 'edges/e/edge_group_index' holds float64: expected whole numbers"),
+        ({"edge_group_id": [0.0, np.nan]}, "edges: 'edges/e/edge_group_id' holds float64: expected whole numbers"),
         ({"target_node_id": None}, "edges: 'edges/e' has no 'target_node_id'"),
         ({"0/n": [1.0]}, "edges: 'edges/e/0/n' has 1 values: expected one for each of 2 rows"),
         ({"0/n": [1.0, 2.0, 3.0]}, "edges: 'edges/e/0/n' has 3 values: expected one for each of 2 rows"),

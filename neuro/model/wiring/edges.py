@@ -91,7 +91,7 @@ class _Reader:
         if self.table.places and self.table.places != shape:
             message = f"{rule.file}: a matrix of shape {list(self.table.places)}: expected {list(shape)}"
             raise ModelError(f"{message}, a row for each source and a column for each target")
-        sonata = "source_node_id" in self.table.names
+        sonata = any(name in self.table.names for name in _NAMES.values())
         self.pre, self.post = (getattr(rule, end) or (_NAMES[end] if sonata else end) for end in _NAMES)
         self.conditions = [Condition(text) for text in rule.where]
         weight = rule.weight or ("weight" if self.table.names == MATRIX else None)

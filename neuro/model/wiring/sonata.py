@@ -148,11 +148,14 @@ class SonataTable:
         return data
 
     def _check(self, about: Mapping[str, Any]) -> None:
-        """What tells the rows of several groups apart, and the types of rows, has to be there."""
+        """What tells the rows of several groups apart, and the types of rows, are whole numbers and have to be there."""
         for word, name in (("group", "group_id"), ("place", "group_index")):
             if len(self._groups) > 1 and about.get(word, 0) is None:
                 groups = f"the groups {', '.join(self._groups)}"
                 raise ModelError(f"{self.path}: '{self._place}' has {groups} and no '{self._word}_{name}'")
+        for data in about.values():
+            if data is not None and data.dtype.kind not in "iu":
+                raise ModelError(f"{self.path}: '{data.name.lstrip('/')}' holds {data.dtype}: expected whole numbers")
         if about.get("type", 0) is None:
             raise ModelError(f"{self.path}: '{self._place}' has no '{self._word}_type_id': expected one for 'types'")
 
