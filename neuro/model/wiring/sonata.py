@@ -148,7 +148,7 @@ class SonataTable:
         return data
 
     def _check(self, about: Mapping[str, Any]) -> None:
-        """What tells the rows of several groups apart, and the types of rows, are whole numbers and have to be there."""
+        """What tells rows of several groups apart, and types of rows: they have to be there, as whole numbers."""
         for word, name in (("group", "group_id"), ("place", "group_index")):
             if len(self._groups) > 1 and about.get(word, 0) is None:
                 groups = f"the groups {', '.join(self._groups)}"
