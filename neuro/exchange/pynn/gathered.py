@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from neuro.core.errors import ModelError, Where
 from neuro.exchange.pynn.cells import BY_NAME, DEPENDENCES, Cell
 from neuro.exchange.pynn.recorder import Experiment, Projection
+from neuro.exchange.pynn.short_term import difference
 from neuro.exchange.pynn.spinnaker import delta_jump
 from neuro.model.network import Network
 from neuro.model.neurons import MODELS
@@ -251,7 +252,7 @@ class Gathered:
         factor = self._factor(bundle, cell)
         weight = bundle.numbers("weight") * factor
         rule = _rule(bundle)
-        synapse = self._synapse(bundle, factor)
+        synapse = self._synapse(bundle, factor, rule)
         place = {"weight": self._laid(weight, rule, bundle), "delay": self._laid(delay, rule, bundle)}
         self.net.connect(source, target, rule, synapse, name=name, **place)
 
@@ -293,10 +294,12 @@ class Gathered:
                 f"'{word}' = {value:g} ms: rules onto one population share one time constant of post spikes"
             )
 
-    def _synapse(self, bundle: Synapses, factor: Any) -> Any:
+    def _synapse(self, bundle: Synapses, factor: Any, rule: Rule) -> Any:
         kind = _kind(bundle)
         if kind == "StaticSynapse":
             return SYNAPSES["static"]()
+        if kind == "TsodyksMarkramSynapse":
+            return self._short_term(bundle, rule)
         if kind != "STDPMechanism":
             raise Incomplete(f"{kind} has no counterpart")
         if np.ndim(factor):
@@ -315,6 +318,13 @@ class Gathered:
         if timing != "SpikePairRule":
             raise Incomplete(f"{timing} with {dependence} has no counterpart")
         return self._pair(bundle, dependence, factor)
+
+    def _short_term(self, bundle: Synapses, rule: Rule) -> Any:
+        share, tau_rec, tau_fac = bundle.numbers("U"), bundle.number("tau_rec"), bundle.number("tau_facil")
+        active = bundle.target.values.get(f"tau_syn_{'I' if bundle.made.receptor_type == 'inhibitory' else 'E'}")
+        if active is not None:
+            self._note(difference(float(np.mean(share)), tau_rec, tau_fac, float(np.mean(active))))
+        return SYNAPSES["tsodyks2"](U=self._laid(share, rule, bundle), tau_rec=tau_rec, tau_fac=tau_fac)
 
     def _pair(self, bundle: Synapses, dependence: str, factor: float) -> Any:
         if dependence in DEPENDENCES:

@@ -137,7 +137,7 @@ def _verdicts(name: str, about: dict[str, Any], networks: list[Any], number: int
         chosen = "the last" if number is None else f"number {number}"
         said.append(f"builds {len(networks)} networks, at lines {lines}: this is {chosen}")
     if about["notes"]:
-        said.append("nothing is measured, since the script is not simulated")
+        said.append("no spikes are compared, since the script is not simulated")
     notes = [(f"{file}:{line}" if file else name, how) for file, line, how in about["notes"]]
     if failure:
         how = f"the script ends in what it does with results, which are empty here: {failure['message']}"

@@ -20,9 +20,10 @@ from neuro.core.outputs import marked, output, sealed
 from neuro.core.paths import file_path
 from neuro.core.quantities import Quantity
 from neuro.exchange.pynn.cells import BY_MODEL, DEPENDENCES, Cell
+from neuro.exchange.pynn.short_term import difference
 from neuro.exchange.verdict import APPROXIMATE, Verdict, Verdicts
 from neuro.model.network import Network
-from neuro.model.synapses import static, stdp
+from neuro.model.synapses import static, stdp, tsodyks2
 from neuro.program.program import Floats, Ints, Population, Program, Projection
 
 __all__ = ["to_pynn"]
@@ -337,6 +338,8 @@ class _Script:
         rule = part.synapse
         if isinstance(rule, static):
             return "StaticSynapse("
+        if isinstance(rule, tsodyks2):
+            return self._short_term(part, rule, target)
         if not isinstance(rule, stdp):
             raise ModelError(f"{rule.name} is no standard synapse of PyNN")
         if cell.weight == 1.0:
@@ -357,6 +360,16 @@ class _Script:
         timing = f"sim.SpikePairRule({_words(pair)})"
         weight = f"sim.{dependence}({_words(bounds)})"
         return f"STDPMechanism({timing}, {weight}, dendritic_delay_fraction=dendritic, "
+
+    def _short_term(self, part: Projection, rule: tsodyks2, target: Population) -> str:
+        shares = np.unique(rule.U)
+        if shares.size > 1:
+            raise ModelError("'U' differs from synapse to synapse; PyNN has one number")
+        share, tau_rec, tau_fac = float(shares[0]), float(rule.tau_rec), float(rule.tau_fac)
+        active = target.parameters.get("tau_syn_in" if np.all(part.arriving(part.weight) < 0.0) else "tau_syn_ex")
+        if active is not None:
+            self._note(part.name, rule.name, difference(share, tau_rec, tau_fac, float(np.mean(active))))
+        return f"TsodyksMarkramSynapse({_words({'U': share, 'tau_rec': tau_rec, 'tau_facil': tau_fac})}, "
 
     # -- currents, probes
 
