@@ -12,7 +12,8 @@ from numpy.typing import NDArray
 
 from neuro.core.errors import ModelError, Where
 from neuro.exchange.pynn.cells import BY_NAME, DEPENDENCES, Cell
-from neuro.exchange.pynn.recorder import Experiment, Projection
+from neuro.exchange.pynn.projections import Projection
+from neuro.exchange.pynn.session import Experiment
 from neuro.exchange.pynn.short_term import difference
 from neuro.exchange.pynn.spinnaker import delta_jump
 from neuro.model.network import Network
