@@ -307,7 +307,7 @@ def test_a_missing_package_is_named_with_its_extra(tmp_path: Path, monkeypatch: 
     monkeypatch.setitem(sys.modules, "pyarrow", None)
     with pytest.raises(neuro.ModelError, match="the package pyarrow, which reads CSV and parquet, is missing") as error:
         neuro.neuron_table(tmp_path / "n.csv", id="id").neurons.size  # noqa: B018
-    assert "[wiring]" in error.value.hint
+    assert "[parquet]" in error.value.hint
 
 
 def test_every_byte_that_is_wrong_gives_an_error_or_a_network(tmp_path: Path) -> None:

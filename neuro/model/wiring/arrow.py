@@ -22,7 +22,7 @@ _EXPECTED = {NUMBER: "a number", "int64": "a whole number of 64 bits", "uint64":
 
 
 def _arrow(path: Path, module: str) -> Any:
-    return needed(f"pyarrow{module}", "wiring", f"{path}: the package pyarrow, which reads CSV and parquet, is missing")
+    return needed(f"pyarrow{module}", "parquet", f"{path}: the package pyarrow, which reads CSV and parquet, is missing")
 
 
 class CsvTable:
