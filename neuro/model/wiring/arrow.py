@@ -22,7 +22,8 @@ _EXPECTED = {NUMBER: "a number", "int64": "a whole number of 64 bits", "uint64":
 
 
 def _arrow(path: Path, module: str) -> Any:
-    return needed(f"pyarrow{module}", "parquet", f"{path}: the package pyarrow, which reads CSV and parquet, is missing")
+    message = f"{path}: the package pyarrow, which reads CSV and parquet, is missing"
+    return needed(f"pyarrow{module}", "parquet", message)
 
 
 class CsvTable:
