@@ -284,6 +284,31 @@ def test_sonata(tmp_path: Path, change: dict[str, Any], expected: str) -> None:
     assert refusal(tmp_path, sonata(**change)).startswith(expected)
 
 
+@pytest.mark.parametrize("what", ["heap", "index", "length"])
+def test_texts_of_sonata_that_are_elsewhere_are_not_read(tmp_path: Path, what: str) -> None:
+    """HDF5 read on for ever."""
+
+    def write(path: Path) -> None:
+        sonata(**{"0/nt": ["a", "b"]})(path)
+        content = bytearray(path.read_bytes())
+        with h5py.File(path) as file:
+            at = file["edges/e/0/nt"].id.get_offset() + {"length": 0, "heap": 4, "index": 12}[what]
+        content[at : at + 2] = b"\xff\x7f"
+        path.write_bytes(content)
+
+    message = refusal(tmp_path, write, transmitter="nt", signs={"a": 1, "b": 1})
+    assert message == "edges: 'edges/e/0/nt': expected a row of values in the file itself"
+
+
+def test_a_name_that_is_no_text_in_sonata(tmp_path: Path) -> None:
+    def write(path: Path) -> None:
+        sonata()(path)
+        with h5py.File(path, "r+") as file:
+            file["edges/e"].create_group(b"\xff\xfe")
+
+    assert refusal(tmp_path, write).startswith("edges: no HDF5 file that can be read: ")
+
+
 @pytest.mark.parametrize(
     "write", [as_parquet({"pre": [10], "post": [20], "n": [1]}), arrays(pre=[10], post=[20], n=[1]), sonata()]
 )

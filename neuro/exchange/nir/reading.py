@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 
 from neuro.core.errors import ModelError
+from neuro.core.hdf5_texts import Texts
 from neuro.core.inputs import record_input
 from neuro.core.paths import existing
 from neuro.exchange.nir.graph import FIELDS, Graph, Node, Shape, package
@@ -76,47 +77,6 @@ def _culprit(path: Path) -> str:
     return ""
 
 
-def _texts_in_heaps(content: bytes) -> dict[tuple[int, int], int] | None:
-    """The lengths of the texts of a file by heap and index; None where a heap is not whole: HDF5 reads on for ever.
-
-    Source: HDF5 File Format Specification 3.0, III.E, "Disk Format: Level 1E - Global Heap".
-    """
-    found: dict[tuple[int, int], int] = {}
-    at = content.find(b"GCOL")
-    while at >= 0:
-        end = at + int.from_bytes(content[at + 8 : at + 16], "little")
-        place = at + 16
-        while place + 16 <= end <= len(content):
-            index = int.from_bytes(content[place : place + 2], "little")
-            length = int.from_bytes(content[place + 8 : place + 16], "little")
-            found[at, index] = length
-            if index == 0:  # what is free, with its head
-                place += length if length else len(content)
-            else:
-                place += 16 + -(-length // 8) * 8
-        if place > end or end > len(content):
-            return None
-        at = content.find(b"GCOL", at + 4)
-    return found
-
-
-def _has_its_texts(data: Any, content: bytes, texts: dict[tuple[int, int], int]) -> bool:
-    """Whether the texts to which a data set refers are there: HDF5 reads beyond the file for others."""
-    import h5py
-
-    if h5py.check_string_dtype(data.dtype) is None:
-        return False
-    begin = data.id.get_offset()
-    if begin is None:  # in pieces
-        return True
-    said = np.frombuffer(
-        content[begin : begin + 16 * data.size], [("length", "<u4"), ("heap", "<u8"), ("index", "<u4")]
-    )
-    return said.size == data.size and all(
-        not n or texts.get((heap, index), -1) >= n for n, heap, index in said.tolist()
-    )
-
-
 def _check_sizes(path: Path) -> None:
     """Refuse arrays that the file cannot hold: HDF5 believes their shapes, and would read for hours.
 
@@ -125,9 +85,8 @@ def _check_sizes(path: Path) -> None:
     """
     import h5py
 
-    room, content = path.stat().st_size, path.read_bytes()
-    texts = _texts_in_heaps(content)
-    if texts is None:
+    room, texts = path.stat().st_size, Texts(path.read_bytes())
+    if not texts.whole:
         raise ModelError(f"{path}: is damaged: its texts are not whole")
 
     def look(name: str, item: Any) -> None:
@@ -137,7 +96,7 @@ def _check_sizes(path: Path) -> None:
         packed = item.compression is not None
         if size > LARGEST or item.size * item.dtype.itemsize > (room * 1100 if packed else room):
             raise ModelError(f"{path}: is damaged: array '{name}' of shape {list(item.shape)} does not fit in the file")
-        if item.dtype.kind == "O" and not _has_its_texts(item, content, texts):
+        if item.dtype.kind == "O" and not texts.has(item):
             raise ModelError(f"{path}: is damaged: the texts of '{name}' are not in the file")
 
     with h5py.File(path, "r") as file:

@@ -17,10 +17,14 @@ from numpy.typing import NDArray
 
 from neuro.core import hdf5
 from neuro.core.errors import ModelError, unknown
+from neuro.core.hdf5_texts import Texts as Heaps
 from neuro.model.wiring.columns import ROWS, Column, Piece, Texts, cell
 from neuro.model.wiring.sonata_types import Types
 
-_FAILURES = (OSError, ValueError, KeyError, RuntimeError, TypeError, MemoryError)
+_FAILURES = (OSError, ValueError, KeyError, RuntimeError, TypeError, MemoryError, AttributeError)
+_LOOKED_AT = 1 << 24
+"""Bytes of a file whose texts are checked."""
+
 _IDS = {"edges": ("source_node_id", "target_node_id", "edge_type_id"), "nodes": ("node_id", "node_type_id")}
 
 
@@ -106,9 +110,18 @@ class SonataTable:
                 raise ModelError(f"{self.path}: '{place}': expected a data set of the file itself")
             data = data[part]
         readable = isinstance(data, h5py.Dataset) and not (data.is_virtual or data.external) and len(data.shape) == 1
-        if not readable or (data.dtype.kind not in "iufbS" and h5py.check_string_dtype(data.dtype) is None):
+        if not readable or (data.dtype.kind not in "iufbS" and not self._has_texts(data)):
             raise ModelError(f"{self.path}: '{place}': expected a row of values in the file itself")
         return data
+
+    def _has_texts(self, data: Any) -> bool:
+        """Whether it holds texts that are in the file; of a large file it is believed, as a look takes long."""
+        import h5py
+
+        if self.path.stat().st_size > _LOOKED_AT:
+            return h5py.check_string_dtype(data.dtype) is not None
+        heaps = Heaps(self.path.read_bytes())
+        return heaps.whole and heaps.has(data)
 
     def pieces(self, kinds: Mapping[str, str]) -> Iterator[Piece]:
         """The data sets, some rows at a time."""
