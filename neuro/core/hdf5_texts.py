@@ -47,7 +47,7 @@ class Texts:
         return place <= end <= len(content)
 
     def has(self, data: Any) -> bool:
-        """Whether a data set holds texts, and all are in the file; those of one that is stored in chunks are believed."""
+        """Whether a data set holds texts that are in the file; those of one that is stored in chunks are believed."""
         import h5py
 
         if h5py.check_string_dtype(data.dtype) is None:
