@@ -28,14 +28,22 @@ _LOOKED_AT = 1 << 24
 _IDS = {"edges": ("source_node_id", "target_node_id", "edge_type_id"), "nodes": ("node_id", "node_type_id")}
 
 
+Places = slice | NDArray[np.int64]
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class _Rows:
-    """Some rows: where they begin and end, and of each its group and its place there; None: one group, in order."""
+    """Some rows.
+
+    Attributes:
+        begin, end: which.
+        members: of each group that has some of them which these are, from 0, and where they lie in the group.
+        type: of each its type, None where that is not asked for.
+    """
 
     begin: int
     end: int
-    group: NDArray[Any] | None
-    place: NDArray[Any] | None
+    members: tuple[tuple[str, Places, Places], ...]
     type: NDArray[np.int64] | None
 
     @property
@@ -143,7 +151,8 @@ class SonataTable:
             for begin in range(0, self._size, ROWS):
                 end = min(begin + ROWS, self._size)
                 read = {word: None if data is None else data[begin:end] for word, data in about.items()}
-                rows = _Rows(begin, end, *(read.get(word) for word in words))
+                members = self._members(begin, end, read.get("group"), read.get("place"))
+                rows = _Rows(begin, end, tuple(members), read.get("type"))
                 columns: dict[str, Column] = {name: data[begin:end] for name, data in whole.items()}
                 columns |= {name: self._attribute(file, name, rows) for name in attributes}
                 yield Piece(begin + 1, columns)
@@ -174,14 +183,12 @@ class SonataTable:
 
     def _attribute(self, file: Any, name: str, rows: _Rows) -> Column:
         """An attribute of some rows: that of the group where it has it, else that of the type."""
-        groups = [(group, self._taken(rows, group)) for group in self._groups]
-        self._all_known(rows, groups)
-        parts: list[tuple[Any, Column]] = []
+        parts: list[tuple[Places, Column]] = []
         without = np.ones(rows.size, dtype=bool)
-        for group, taken in groups:
+        for group, taken, place in rows.members:
             if group in self._in_groups.get(name, ()):
                 without[taken] = False
-                parts.append((taken, self._in_group(file, name, group, rows, taken)))
+                parts.append((taken, self._in_group(file, name, group, rows, taken, place)))
         if self._types is not None and name in self._types.names and without.any():
             parts.append((np.flatnonzero(without), self._of_types(name, rows, np.flatnonzero(without))))
             without[:] = False
@@ -190,46 +197,41 @@ class SonataTable:
             raise ModelError(f"{self.path}: row {rows.begin + at + 1}: its group has no '{name}'", path=(name,))
         return _together(parts, rows.size, f"{self.path}: column '{name}'")
 
-    def _taken(self, rows: _Rows, group: str) -> Any:
-        """Which of the rows are in a group."""
-        if rows.group is None:
-            return slice(0, rows.size)
-        mine = rows.group == int(group)
-        return slice(0, rows.size) if mine.all() else np.flatnonzero(mine)
+    def _members(
+        self, begin: int, end: int, group: NDArray[Any] | None, place: NDArray[Any] | None
+    ) -> Iterator[tuple[str, Places, Places]]:
+        """The rows by group."""
+        if group is not None and self._groups:
+            known = np.logical_or.reduce([group == int(name) for name in self._groups])
+            if not known.all():
+                at = int(np.flatnonzero(~known)[0])
+                expected = f"one of the groups {', '.join(self._groups)}"
+                raise cell(self, begin + at + 1, f"{self._word}_group_id", int(group[at]), expected)
+        for name in self._groups:
+            taken: Places = slice(0, end - begin)
+            if group is not None and len(self._groups) > 1:
+                taken = np.flatnonzero(group == int(name))
+            if isinstance(taken, slice) or taken.size:
+                yield name, taken, slice(begin, end) if place is None else _in_order(place[taken])
 
-    def _all_known(self, rows: _Rows, groups: Any) -> None:
-        """Refuse rows of groups that are not there."""
-        if rows.group is None or not groups:
-            return
-        known = np.isin(rows.group, [int(group) for group, _ in groups])
-        if not known.all():
-            at = int(np.flatnonzero(~known)[0])
-            expected = f"one of the groups {', '.join(self._groups)}"
-            raise cell(self, rows.begin + at + 1, f"{self._word}_group_id", int(rows.group[at]), expected)
-
-    def _in_group(self, file: Any, name: str, group: str, rows: _Rows, taken: Any) -> Column:
+    def _in_group(self, file: Any, name: str, group: str, rows: _Rows, taken: Places, place: Places) -> Column:
         """An attribute of those of the rows that are in a group."""
-        place = f"{self._place}/{group}/{name}"
-        data = self._dataset(file, place)
-        if rows.place is None:
-            if data.shape[0] != self._size:
-                message = f"{self.path}: '{place}' has {data.shape[0]} values: expected one for each of"
-                raise ModelError(f"{message} {self._size} rows")
-            return self._read(file, group, name, data, slice(rows.begin, rows.end))
-        index = rows.place[taken]
-        beyond = np.flatnonzero((index < 0) | (index >= data.shape[0]))
-        if beyond.size:
-            at = int(np.arange(rows.size)[taken][beyond[0]])
-            expected = f"the place of one of the {data.shape[0]} values of '{place}'"
-            raise cell(self, rows.begin + at + 1, f"{self._word}_group_index", int(index[beyond[0]]), expected)
-        if not index.size:
-            return self._read(file, group, name, data, slice(0, 0))
-        low, high = int(index.min()), int(index.max()) + 1
+        where = f"{self._place}/{group}/{name}"
+        data = self._dataset(file, where)
+        if f"{self._word}_group_index" not in file[self._place] and data.shape[0] != self._size:
+            message = f"{self.path}: '{where}' has {data.shape[0]} values: expected one for each of {self._size} rows"
+            raise ModelError(message)
+        low, high = (place.start, place.stop) if isinstance(place, slice) else (int(place.min()), int(place.max()) + 1)
+        if low < 0 or high > data.shape[0]:
+            index = np.arange(low, high) if isinstance(place, slice) else place
+            at = int(np.flatnonzero((index < 0) | (index >= data.shape[0]))[0])
+            row = rows.begin + int(np.arange(rows.size)[taken][at]) + 1
+            expected = f"the place of one of the {data.shape[0]} values of '{where}'"
+            raise cell(self, row, f"{self._word}_group_index", int(index[at]), expected)
         column = self._read(file, group, name, data, slice(low, high))
-        if index.size == high - low and np.array_equal(index, np.arange(low, high)):
+        if isinstance(place, slice):
             return column
-        at = index.astype(np.int64) - low
-        return Texts(column.codes[at], column.words) if isinstance(column, Texts) else column[at]
+        return Texts(column.codes[place - low], column.words) if isinstance(column, Texts) else column[place - low]
 
     def _read(self, file: Any, group: str, name: str, data: Any, place: slice) -> Column:
         words = f"{self._place}/{group}/@library/{name}"
@@ -262,7 +264,17 @@ class SonataTable:
         return column
 
 
-def _together(parts: list[tuple[Any, Column]], size: int, what: str) -> Column:
+def _in_order(index: NDArray[Any]) -> Places:
+    """Places as a slice where they follow each other."""
+    if index.dtype == np.uint64 and index.max(initial=0) >= 2**63:
+        index = np.minimum(index, 2**63 - 1)  # beyond any group
+    first = int(index[0])
+    if np.array_equal(index, np.arange(first, first + index.size)):
+        return slice(first, first + index.size)
+    return index.astype(np.int64)
+
+
+def _together(parts: list[tuple[Places, Column]], size: int, what: str) -> Column:
     """One column of parts, each with the rows that it is of."""
     if len(parts) == 1 and len(parts[0][1]) == size:
         return parts[0][1]
