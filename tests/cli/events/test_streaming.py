@@ -1,4 +1,4 @@
-"""`neuro events listen` and `send`, each in a process of its own."""
+"""`neuro events listen` and `send`."""
 
 import re
 import signal
@@ -23,17 +23,13 @@ def walk(tmp_path):
     return events
 
 
-def run(*words, cwd):
-    return subprocess.run([*NEURO, *words], cwd=cwd, capture_output=True, text=True, timeout=60)
-
-
-def test_a_recording_is_sent_heard_and_written(walk, tmp_path):
+def test_a_recording_is_sent_heard_and_written(run, walk, tmp_path):
     """Ctrl-C ends it, and the file is kept."""
     command = [*NEURO, "listen", "udp://127.0.0.1:0", "heard.es", "--format", "faery8", "--sensor", "34x34"]
     with subprocess.Popen(command, cwd=tmp_path, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as heard:
         url = heard.stderr.readline().split()[-1]
-        sent = run("send", "walk.es", url, "--format", "faery8", "--speed", "2", cwd=tmp_path)
-        assert re.fullmatch(rf"{url}: 500 events in \d+ datagrams, 0\.\d s(, at most [\d.]+ ms late)?\n", sent.stdout)
+        _, sent, _ = run("send", tmp_path / "walk.es", url, "--format", "faery8", "--speed", "2")
+        assert re.fullmatch(rf"{url}: 500 events in \d+ datagrams, \d\.\d s(, at most [\d.]+ ms late)?\n", sent)
         heard.send_signal(signal.SIGINT)
         told, _ = heard.communicate(timeout=30)
     assert heard.returncode == 0
@@ -41,18 +37,30 @@ def test_a_recording_is_sent_heard_and_written(walk, tmp_path):
     assert load(tmp_path / "heard.es") == walk
 
 
-def test_counts_alone_until_an_end(tmp_path):
-    words = ("listen", "udp://127.0.0.1:0", "--format", "spif", "--sensor", "34x34")
-    assert "0 events in 0 datagrams" in run(*words, "--for", "50", cwd=tmp_path).stdout
-    assert "0 events in 0 datagrams" in run(*words, "--until-silent", "50 ms", cwd=tmp_path).stdout
+HERE = ("udp://127.0.0.1:0", "--format", "spif", "--sensor", "34x34")
 
 
-def test_mistakes(walk, tmp_path):
-    told = run("listen", "udp://127.0.0.1:0", "--format", "spiff", "--sensor", "34x34", cwd=tmp_path)
-    assert told.returncode != 0
-    assert "unknown format of a stream 'spiff'" in told.stderr
-    assert "Traceback" not in told.stderr
-    told = run("send", "walk.es", "udp://127.0.0.1", "--format", "spif", cwd=tmp_path)
-    assert "expected udp://HOST:PORT" in told.stderr
-    told = run("listen", "udp://127.0.0.1:0", "walk.es", "--format", "spif", "--sensor", "34x34", cwd=tmp_path)
-    assert "--force" in told.stderr
+@pytest.mark.parametrize("end", [("--for", "50"), ("--until-silent", "50 ms")])
+def test_counts_alone_until_an_end(run, end):
+    status, out, err = run("listen", *HERE, *end)
+    assert status == 0
+    assert re.fullmatch(r"udp://127.0.0.1:\d+: 0 events in 0 datagrams, 0\.\d s\n", out)
+    assert err.startswith("listening at udp://127.0.0.1:")
+
+
+@pytest.mark.parametrize(
+    ("words", "message"),
+    [
+        (("listen", HERE[0], "--format", "spiff", "--sensor", "34x34"), "unknown format of a stream 'spiff'"),
+        (("listen", *HERE[:3]), "sensor is missing"),
+        (("listen", HERE[0], "walk.es", *HERE[1:]), "--force"),
+        (("send", "walk.es", "udp://127.0.0.1", "--format", "spif"), "expected udp://HOST:PORT"),
+        (("send", "walk.es", "udp://127.0.0.1:9", "--format", "spif", "--speed", "0"), "speed = 0"),
+        (("send", "none.es", "udp://127.0.0.1:9", "--format", "spif"), "no such file"),
+    ],
+)
+def test_mistakes(run, walk, tmp_path, monkeypatch, words, message):
+    monkeypatch.chdir(tmp_path)
+    status, _, err = run(*words)
+    assert status != 0
+    assert message in err
