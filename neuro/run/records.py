@@ -74,18 +74,19 @@ class Records:
         threads: int,
         record: Collection[str],
         all_weights: bool,
+        live: bool,
         turn: Turn | None,
-    ) -> Iterator[None]:
+    ) -> Iterator[ResultsWriter]:
         """Write what is recorded to a file of results within the block, and keep none of it."""
         from neuro.run.recording import ResultsWriter
 
         with held(turn, "record_to"):
             self.refuse_while_recording("record_to")
             parts = (sim, net, self._engine, self.recorder)
-            recording = ResultsWriter(*parts, path, threads=threads, record=record, all_weights=all_weights)
+            recording = ResultsWriter(*parts, path, threads=threads, record=record, all_weights=all_weights, live=live)
             self.recording = recording
         try:
-            yield
+            yield recording
             with held(turn, "record_to", wait=True):
                 recording.finish()
                 self._left = self._engine.step, recording.path
