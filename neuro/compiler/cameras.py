@@ -175,12 +175,22 @@ class CameraInput:
         steps, ids = (np.concatenate([_NONE, *(part[k] for part in parts)]) for k in (0, 1))
         return steps, ids
 
+    @property
+    def model(self) -> event_camera:
+        """That of the population."""
+        return self._model
+
+    def first_us(self, step: int) -> int:
+        """The first time of an event, us, that is emitted later than in this step."""
+        numerator, denominator = self._step_us
+        since = max(0, step - self._start) * numerator
+        return (self._origin or 0) + self._offset - (-since // denominator)
+
     def _begin(self, step: int) -> int | None:
         """The first time of the recording, us, that falls in a step after this one; None where all has to be read."""
         if self._origin is None or (step <= self._start and not self._offset and self._model.origin is None):
             return None
-        numerator, denominator = self._step_us
-        return self._origin + self._offset - (-(max(0, step - self._start) * numerator) // denominator)
+        return self.first_us(step)
 
     def _step(self, t: int) -> int:
         """The step in which an event at a time of the recording, us, is emitted."""

@@ -187,9 +187,9 @@ class ResultsWriter:
             self._count()
         return self._file.results
 
-    def note(self, place: str, part: Any) -> None:
-        """Write what else is to be kept: a dataclass, its arrays as arrays and the rest as attributes."""
-        self._file.complete(place, part)
+    def note(self, place: str, numbers: Mapping[str, Any]) -> None:
+        """Write what else is to be kept, as attributes of a group."""
+        self._file.update({place: numbers}, {})
 
     def finish(self) -> None:
         """Write the weights, and give the file its name.

@@ -64,7 +64,7 @@ class ResultsFile:
     def update(self, attributes: Mapping[str, Mapping[str, Any]], arrays: Mapping[str, Arrays]) -> None:
         """Write attributes and whole arrays of parts anew."""
         for place, named in attributes.items():
-            self._file[place].attrs.update(named)
+            self._file.require_group(place).attrs.update(named)
         for place, each in arrays.items():
             for word, array in each.items():
                 self._file[place][word][...] = array
