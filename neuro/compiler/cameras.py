@@ -62,6 +62,7 @@ class CameraInput:
     def __init__(self, part: Population, model: event_camera, clock: Clock) -> None:
         self._part, self._model = part, model
         self._played = model.played()
+        self._eyes: dict[tuple[int, int, int], Eye] = {}
         self._sensor = None if self._played is None else self._played.sensor_size
         self.again = self._played is None or self._played.again
         ratio = Fraction(clock.resolution).limit_denominator(_FINEST) * 1000
@@ -158,6 +159,7 @@ class CameraInput:
 
     def given(self, events: Any) -> tuple[Ints, Ints]:
         """Steps and neurons of Events, a structured array, or an iterable of them."""
+        from neuro.events import Events
         from neuro.events.playing import played
 
         if isinstance(events, (str, PathLike)):
@@ -166,7 +168,8 @@ class CameraInput:
             raise ModelError("its recording has not begun to play: expected 'origin'", hint="or run first")
         begin = self._origin + self._offset
         parts = []
-        for part in played(events).parts(None, self._least):
+        whole = [events] if isinstance(events, Events) else played(events).parts(None, self._least)
+        for part in whole:
             if len(part) and part.t[0] < begin:
                 raise ModelError(f"an event at {part.t[0]} us: expected from {begin} us on, the beginning")
             parts.append(self._spikes(part, -NEVER))
@@ -214,13 +217,16 @@ class CameraInput:
 
     def _eye(self, width: int, height: int) -> Eye:
         """What is seen of a sensor of this width and height."""
-        model, (rows, columns) = self._model, self.shape[-2:]
-        (left, right), (top, bottom) = self._sides(width, height)
         begin = (self._origin or 0) + self._offset
-        polarity = {"on": 1, "off": 0}.get(model.polarity, -1)
-        apart = rows * columns if self._split else 0
-        when = (begin, *self._step_us, self._start, min(self._stop, NEVER))
-        return Eye(*when, left, right, top, bottom, model.scale, rows, columns, polarity, apart)
+        if (width, height, begin) not in self._eyes:
+            model, (rows, columns) = self._model, self.shape[-2:]
+            (left, right), (top, bottom) = self._sides(width, height)
+            polarity = {"on": 1, "off": 0}.get(model.polarity, -1)
+            apart = rows * columns if self._split else 0
+            when = (begin, *self._step_us, self._start, min(self._stop, NEVER))
+            eye = Eye(*when, left, right, top, bottom, model.scale, rows, columns, polarity, apart)
+            self._eyes = {(width, height, begin): eye}
+        return self._eyes[width, height, begin]
 
 
 def _written(shape: tuple[int | str, ...]) -> str:

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from neuro.compiler.cameras import CameraInput
 from neuro.core.errors import ModelError
 from neuro.events import Events
-from neuro.events._events import joined_columns
+from neuro.events._events import empty_columns, joined_columns
 from neuro.run.simulation import Simulation
 
 _NONE = np.zeros(0, dtype=np.int64)
@@ -78,6 +78,11 @@ class Inlet:
         found = getattr(self._source, "counts", None)
         return {str(k): int(v) for k, v in found.items()} if isinstance(found, Mapping) else {}
 
+    def rehearse(self) -> None:
+        """Feed nothing, so that all that this needs is in memory."""
+        if (size := getattr(self._source, "sensor_size", None)) is not None:
+            self._sim.feed(self.name, Events(*empty_columns(0), tuple(size)))
+
     def begin(self) -> None:
         """Let go of what came before now."""
         self._source.take()
@@ -120,11 +125,11 @@ class Inlet:
             step: the last finished step.
             steps: of a tick.
         """
-        low, high = self._camera.first_us(step), self._camera.first_us(step + steps) - 1
+        low = self._camera.first_us(step)
         if steps == 1:
             t = np.full(len(events), low)
         else:
-            last = low + (int(received[-1]) - begin_ns) // 1000
+            high, last = self._camera.first_us(step + steps) - 1, low + (int(received[-1]) - begin_ns) // 1000
             t = np.clip(events.t + (last - int(events.t.max())), low, high)
         placed = Events._trusted(t, events.x, events.y, events.p, events.sensor_size, {})
         if steps > 1 and (t[1:] < t[:-1]).any():

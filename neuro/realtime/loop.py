@@ -118,7 +118,7 @@ class Loop:
         recorded = sim.record_to(out, record=record, threads=threads, live=True) if out is not None else nullcontext()
         failure: Exception | None = None
         with recorded as recording:
-            chores = _Chores(sim, recording, report)
+            chores = _Chores(recording, report)
             with self._interruptible(), punctual():
                 try:
                     self._first(recording)
@@ -139,10 +139,16 @@ class Loop:
 
     def _first(self, recording: ResultsWriter | None) -> None:
         """Run a tick before the clock starts."""
+        for inlet in self._inlets:
+            inlet.rehearse()
         self._sim.run(self._clock.ms(self._steps))
-        if recording is not None:
-            recording.drain()
+        self._forget(recording)
         Histogram().add_since(np.zeros(0, dtype=np.int64), 0)
+
+    def _forget(self, recording: ResultsWriter | None) -> None:
+        """Keep nothing in memory of what was recorded and goes to no file."""
+        if recording is None:
+            self._sim.forget(self._sim.time)
 
     def _go(self, run: LiveRun, ticks: int, chores: _Chores) -> None:
         """Run ticks at their times."""
@@ -156,6 +162,7 @@ class Loop:
             if time.monotonic_ns() < due:
                 run.empty.add(wait_until(due) - due)
             done = self._one(run, due, number)
+            self._forget(chores.recording)
             run.ticks += 1
             due += tick
             after = Cost.now()
@@ -227,10 +234,8 @@ class Loop:
 class _Chores:
     """What is done between ticks, now and then."""
 
-    def __init__(
-        self, sim: Simulation, recording: ResultsWriter | None, report: Callable[[LiveRun], object] | None
-    ) -> None:
-        self._sim, self._recording, self._report = sim, recording, report
+    def __init__(self, recording: ResultsWriter | None, report: Callable[[LiveRun], object] | None) -> None:
+        self.recording, self._report = recording, report
         now = time.monotonic_ns()
         self._drained = self._looked = self._committed = now
 
@@ -239,16 +244,14 @@ class _Chores:
 
     def do(self, run: LiveRun, now: int) -> None:
         self._drained = now
-        recording, second = self._recording, now - self._looked > 1e9
+        recording = self.recording
         if recording is not None:
             recording.drain()
             if now - self._committed > COMMIT_S * 1e9:
                 self._committed = now
                 recording.commit()
-        if second:
+        if now - self._looked > 1e9:
             self._looked = now
-            if recording is None:
-                self._sim.forget(max(0.0, self._sim.time - 1000.0))
             gc.collect()
             if self._report is not None:
                 self._report(run)

@@ -60,8 +60,8 @@ class InputFeeder:
             steps, ids = part.stream.given(events)
         except ModelError as error:
             raise error.at(None, f"feed: '{part.name}'") from None
-        if steps.size and steps.min() <= self._engine.step:
-            late, now = (self._clock.ms(step) for step in (int(steps.min()), self._engine.step))
+        if steps.size and (first := int(steps.min())) <= self._engine.step:
+            late, now = (self._clock.ms(step) for step in (first, self._engine.step))
             message = f"feed: an event of '{part.name}' in the step that ends at {late:g} ms"
             raise ModelError(f"{message}: expected later than {now:g} ms, the present")
         self._engine.inject(neurons.index, steps, ids)

@@ -50,6 +50,9 @@ class ResultsWriter:
         all_weights: as of `neuro.run.collect.collect`.
         live: whether another process writes the file, so that the run waits for no disk.
 
+    Attributes:
+        drained: the step up to which what was recorded has been moved out of memory.
+
     Raises:
         Unwritable: the file cannot be written, or another run writes it.
     """
@@ -77,7 +80,7 @@ class ResultsWriter:
         for each in (self.path, self.part):
             check_output(each, KIND)
         files = collect.files_of(net)
-        self._live, self._finished = live, False
+        self.live, self.drained, self._finished = live, engine.step, False
         self._file: ResultsFile | RemoteFile = RemoteFile(self.part) if live else ResultsFile(self.part)
         self._origin = partial(collect.origin, sim, net, threads, record, all_weights)
         head = {**collect.about(sim, threads), **collect.recordings_of(net), ATTRIBUTE: self._origin()}
@@ -125,7 +128,7 @@ class ResultsWriter:
             now = time.perf_counter()
             done += stretch
             self._stretch = max(1, int(stretch * min(10.0, STRETCH_S / max(now - began, 1e-9))))
-            if now - self._committed >= COMMIT_S and not self._live:
+            if now - self._committed >= COMMIT_S and not self.live:
                 self.commit()
 
     def drain(self) -> None:
@@ -138,6 +141,7 @@ class ResultsWriter:
             spikes["multiplicity"] = found.multiplicity[:end]
             self._append(f"populations/{self._sim.program.populations[index].name}", spikes)
         self._engine.forget(now)
+        self.drained = now
         for name, series in self._recorder.series.items():
             steps, values = series.take()
             self._append(f"traces/{name}", {"times_ms": clock.array_ms(steps), "values": values})
@@ -183,7 +187,7 @@ class ResultsWriter:
     def results(self) -> Results:
         """All that has been recorded."""
         self.drain()
-        if self._live:
+        if self.live:
             self._count()
         return self._file.results
 
