@@ -5,6 +5,7 @@ from __future__ import annotations
 import time
 from collections import deque
 from collections.abc import Mapping
+from dataclasses import asdict, is_dataclass
 from typing import Any, Protocol
 
 import numpy as np
@@ -23,8 +24,8 @@ class Source(Protocol):
     """Where live events come from, such as `neuro.events.listen` or a `Player`.
 
     A source may also have `received_ns`, when each of the events last taken was received, in ns of
-    `time.monotonic_ns` (one time for all, or one each); `sensor_size`, width and height in px; and `counts`, a mapping
-    of what was lost and damaged.
+    `time.monotonic_ns` (one time each, or that of the first for all); `sensor_size`, width and height in px; and
+    `counts`, a mapping or a dataclass of what was lost and damaged.
     """
 
     def take(self) -> Events:
@@ -34,8 +35,8 @@ class Source(Protocol):
 class Inlet:
     """One event camera of a network, and the source of its events.
 
-    An event acts one tick after it was received. Within its tick its place is that of its time stamp: the last event of
-    a tick is taken to have been sent when it was received, and those before it by as much earlier as their stamps are.
+    An event acts one tick after it was received. Within a tick the first event is where it was received, and the others
+    are later by as much as their time stamps are, up to the end of the tick.
 
     Args:
         sim: the simulation.
@@ -75,8 +76,10 @@ class Inlet:
     @property
     def counts(self) -> dict[str, int]:
         """What the source counts, e.g. datagrams that were lost."""
-        found = getattr(self._source, "counts", None)
-        return {str(k): int(v) for k, v in found.items()} if isinstance(found, Mapping) else {}
+        found: Any = getattr(self._source, "counts", None)
+        if is_dataclass(found) and not isinstance(found, type):
+            found = asdict(found)
+        return {str(k): int(v) for k, v in found.items() if v is not None} if isinstance(found, Mapping) else {}
 
     def rehearse(self) -> None:
         """Feed nothing, so that all that this needs is in memory."""
@@ -129,8 +132,8 @@ class Inlet:
         if steps == 1:
             t = np.full(len(events), low)
         else:
-            high, last = self._camera.first_us(step + steps) - 1, low + (int(received[-1]) - begin_ns) // 1000
-            t = np.clip(events.t + (last - int(events.t.max())), low, high)
+            high, first = self._camera.first_us(step + steps) - 1, low + (int(received[0]) - begin_ns) // 1000
+            t = np.clip(events.t + (first - int(events.t[0])), low, high)
         placed = Events._trusted(t, events.x, events.y, events.p, events.sensor_size, {})
         if steps > 1 and (t[1:] < t[:-1]).any():
             placed = placed[np.argsort(t, kind="stable")]

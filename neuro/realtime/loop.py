@@ -37,9 +37,10 @@ Act = Callable[[float], object]
 class Loop:
     """Events -> network -> action, once a tick, at the clock's pace.
 
-    An event that is received in one tick acts in the network in the next, at the same place within it. At the end of
-    that tick `act` is called, which reads the network by ports and moves what there is to move. The network's time is
-    that of the clock from the begin on, less what was skipped.
+    An event that is received in one tick acts in the network in the next, at the same place within it. After that tick
+    `act` is called, which reads the network by ports and moves what there is to move. The network's time is that of the
+    clock from the begin on, less what was skipped. Spikes and traces of a tick can be read in its `act`; then they go
+    to the file, or are forgotten.
 
     Args:
         sim: the simulation.
