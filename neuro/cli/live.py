@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from contextlib import ExitStack
+from dataclasses import replace
 from enum import StrEnum
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -13,6 +14,7 @@ from neuro.cli.options import Backend, NetworkFile, Seed, Set, Threads, assignme
 from neuro.cli.run import Record, keep_spikes
 
 if TYPE_CHECKING:
+    from neuro.model.network import Network
     from neuro.realtime import LiveRun, Source
     from neuro.run.simulation import Simulation
 
@@ -83,9 +85,10 @@ def live(
     keep_spikes(net, record)
     if out is not None:
         check_output(out, KIND)
-    sim = compiled(net, backend=backend, seed=seed, threads=threads)
     with ExitStack() as stack:
-        inputs = sources(sim, input, format, stack)
+        streams = streamed(net, stack)
+        sim = compiled(net, backend=backend, seed=seed, threads=threads)
+        inputs = streams | sources(sim, input, format, stack)
         loop = Loop(sim, tick=tick, inputs=inputs, late=late.value)
         run = loop.run(duration, out=out, record=record, threads=threads, report=_Lines())
     typer.echo(str(run))
@@ -94,6 +97,24 @@ def live(
     if run.ended:
         typer.echo(f"ended early: {run.ended}", err=True)
         raise typer.Exit(130 if run.ended == "interrupted" else 1)
+
+
+def streamed(net: Network, stack: ExitStack) -> dict[str, Source]:
+    """The streams that cameras of a network name, which become inputs of its loop; the stack closes them."""
+    from neuro.events import listen
+    from neuro.model.neurons import event_camera
+    from neuro.model.parts import AUTO
+
+    made: dict[str, Source] = {}
+    for name, part in net.populations.items():
+        model = part.model
+        if isinstance(model, event_camera) and model.stream is not None:
+            found = stack.enter_context(listen(model.stream, format=model.format, sensor=model.sensor))
+            made[name] = found
+            shape = model.seen(found.sensor_size) if AUTO in part.shape else part.shape
+            model = replace(model, stream=None, format=None, sensor=None)
+            net.populations[name] = replace(part, model=model, shape=shape)
+    return made
 
 
 def sources(sim: Simulation, texts: list[str], format: str | None, stack: ExitStack) -> dict[str, Source]:
