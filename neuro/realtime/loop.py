@@ -143,6 +143,8 @@ class Loop:
         for inlet in self._inlets:
             inlet.rehearse()
         self._sim.run(self._clock.ms(self._steps))
+        if recording is not None:
+            recording.drain()
         self._forget(recording)
         Histogram().add_since(np.zeros(0, dtype=np.int64), 0)
 
