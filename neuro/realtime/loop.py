@@ -174,7 +174,7 @@ class Loop:
                 run.missed_cost += after.since(before)
                 if late == "stop":
                     self.stop(f"the action of tick {number} was {(done - due) / 1e6:.3f} ms late")
-                elif late == "skip" and (past := (done - due) // tick):
+                elif late == "skip" and (past := min((done - due) // tick, ticks - number)):
                     run.skipped += past
                     number += past
                     due += past * tick
