@@ -18,9 +18,7 @@ def test_a_lap_in_real_time_beside_the_same_offline(drone):
     found = json.loads(out)
     assert found["starts"] == 1
     assert found["flown"] == found["per_start"][0]["steps"] > 50
-    assert found["error_px"] == pytest.approx(
-        found["offline"]["error_px"], abs=20.0
-    )  # of a ball that is not followed: 60
+    assert found["error_px"] == pytest.approx(found["offline"]["error_px"], abs=20.0)
     if not found["missed"] and not found["events_lost"]:
         assert found["error_px"] == found["offline"]["error_px"]
     assert 0.0 < found["latency_ms"]["p50"] < found["latency_ms"]["p99"]
