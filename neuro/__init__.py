@@ -16,6 +16,7 @@ if TYPE_CHECKING:
         compare as compare,
         events as events,
         plots as plots,
+        realtime as realtime,
         results as results,
     )
     from neuro.core.errors import ModelError as ModelError

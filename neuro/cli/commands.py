@@ -17,6 +17,7 @@ from neuro.cli.chips import check, energy, fit, show
 from neuro.cli.compare import compare, verify
 from neuro.cli.convert import convert
 from neuro.cli.events import app as events
+from neuro.cli.live import live
 from neuro.cli.predict import predict
 from neuro.cli.run import plot, report, rerun, run
 from neuro.cli.start import example, new
@@ -148,6 +149,7 @@ COMMANDS = (
     new,
     example,
     run,
+    live,
     rerun,
     plot,
     report,

@@ -59,6 +59,7 @@ class Records:
     @property
     def held_ms(self) -> float:
         """The time after which spikes and traces can be read."""
+        self._notice_drained()
         return 0.0 if self._in_file else self._clock.ms(self.held)
 
     def run(self, steps: int) -> None:
@@ -74,18 +75,19 @@ class Records:
         threads: int,
         record: Collection[str],
         all_weights: bool,
+        live: bool,
         turn: Turn | None,
-    ) -> Iterator[None]:
+    ) -> Iterator[ResultsWriter]:
         """Write what is recorded to a file of results within the block, and keep none of it."""
         from neuro.run.recording import ResultsWriter
 
         with held(turn, "record_to"):
             self.refuse_while_recording("record_to")
             parts = (sim, net, self._engine, self.recorder)
-            recording = ResultsWriter(*parts, path, threads=threads, record=record, all_weights=all_weights)
+            recording = ResultsWriter(*parts, path, threads=threads, record=record, all_weights=all_weights, live=live)
             self.recording = recording
         try:
-            yield
+            yield recording
             with held(turn, "record_to", wait=True):
                 recording.finish()
                 self._left = self._engine.step, recording.path
@@ -131,6 +133,7 @@ class Records:
             raise ModelError(f"spikes of '{part.name}', {a(part.said)}, are not recorded", hint=hint)
         if (results := self._file()) is not None:
             return results.spikes_of(part.name, of.ids, since, until)
+        self._notice_drained()
         after = -1 if since is None else self._clock.floor(since, "since")
         to = NEVER if until is None else self._clock.floor(until, "until")
         check_span(after, to, since, until)
@@ -144,6 +147,11 @@ class Records:
         if multiplicity.size and multiplicity.max() > 1:
             steps, ids = np.repeat(steps, multiplicity), np.repeat(ids, multiplicity)
         return self._clock.array_ms(steps), ids
+
+    def _notice_drained(self) -> None:
+        """What a live run has sent to its file is held no longer."""
+        if self.recording is not None and self.recording.live:
+            self.held = self.recording.drained
 
     def _check_held(self, name: str, since: float | None, until: float | None) -> None:
         """Refuse a time of which spikes are not held any more."""
@@ -190,14 +198,20 @@ class Records:
 
     @property
     def _in_file(self) -> bool:
-        return self.recording is not None or (self._left is not None and self._left[0] == self._engine.step)
+        if self.recording is not None:
+            return not self.recording.live
+        return self._left is not None and self._left[0] == self._engine.step
 
     def _file(self) -> Results | None:
-        """What was recorded, where that is in a file: while it is written, and after that until the network runs on."""
+        """What was recorded, where that is in a file: while it is written, and after that until the network runs on.
+
+        A live run does not wait for its file, so what is in memory is all that can be read.
+        """
+        if not self._in_file:
+            return None
         if self.recording is not None:
             return self.recording.results
-        if self._left is None or not self._in_file:
-            return None
+        assert self._left is not None
         from neuro.files.results import read
 
         return read(self._left[1])
