@@ -16,6 +16,7 @@ from neuro.cli.catalogue import backends, models, schema
 from neuro.cli.chips import check, energy, fit, show
 from neuro.cli.compare import compare, verify
 from neuro.cli.convert import convert
+from neuro.cli.doctor import doctor
 from neuro.cli.events import app as events
 from neuro.cli.run import plot, report, rerun, run
 from neuro.cli.start import example, new
@@ -153,6 +154,7 @@ COMMANDS = (
     compare,
     convert,
     check,
+    doctor,
     show,
     fit,
     energy,

@@ -1,0 +1,139 @@
+"""What a diagnosis consists of: findings, each with its evidence and what to do."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+from neuro.core.english import some
+from neuro.core.errors import Where
+from neuro.program.program import Population, Program, Projection, Signal, Trials
+
+if TYPE_CHECKING:
+    from neuro.diagnosis.observing import Observation
+
+SEVERITIES = ("fault", "warning", "note")
+"""A network with a fault cannot do what it is for; a warning is likely a mistake; a note is worth knowing."""
+
+
+@dataclass(frozen=True, slots=True)
+class Finding:
+    """Something that is wrong with a network.
+
+    Attributes:
+        name: which symptom, a short slug as `"silent"`.
+        severity: one of `SEVERITIES`.
+        what: the part, as "population 'exc'".
+        where: its place in the description, if known.
+        evidence: what was found, with numbers and units.
+        remedy: what to do.
+        shows: the populations whose spikes are evidence.
+    """
+
+    name: str
+    severity: str
+    what: str
+    where: Where | None
+    evidence: str
+    remedy: str
+    shows: tuple[str, ...] = ()
+
+    def __str__(self) -> str:
+        place = f"{self.where}: " if self.where else ""
+        return f"{self.severity} {self.name}: {place}{self.what}\n  found: {self.evidence}\n  remedy: {self.remedy}"
+
+    def as_dict(self) -> dict[str, Any]:
+        """The finding for JSON; `where` is null where it is not known."""
+        where = str(self.where) if self.where else None
+        return {
+            "name": self.name,
+            "severity": self.severity,
+            "what": self.what,
+            "where": where,
+            "evidence": self.evidence,
+            "remedy": self.remedy,
+        }
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Diagnosis:
+    """All findings about a network, faults first; iterable.
+
+    Attributes:
+        network: its name.
+        findings: what was found.
+        about: how the short run went, in a sentence.
+        observation: what was seen of the run, None where nothing ran.
+    """
+
+    network: str
+    findings: tuple[Finding, ...]
+    about: str
+    observation: Observation | None = None
+
+    def __iter__(self) -> Iterator[Finding]:
+        return iter(self.findings)
+
+    def __len__(self) -> int:
+        return len(self.findings)
+
+    @property
+    def faults(self) -> tuple[Finding, ...]:
+        """The findings that are faults."""
+        return tuple(each for each in self.findings if each.severity == "fault")
+
+    @property
+    def verdict(self) -> str:
+        """How many findings of each severity, in a line."""
+        counts = [(sum(each.severity == word for each in self.findings), word) for word in SEVERITIES]
+        return f"{self.network}: {', '.join(some(n, word) for n, word in counts if n) or 'nothing is wrong'}"
+
+    def __str__(self) -> str:
+        return "\n".join([*map(str, self.findings), self.about, self.verdict])
+
+    def as_dict(self) -> dict[str, Any]:
+        """The diagnosis for JSON."""
+        return {
+            "network": self.network,
+            "about": self.about,
+            "faults": len(self.faults),
+            "findings": [each.as_dict() for each in self.findings],
+        }
+
+    def page(self) -> str:
+        """A page with the findings and the spikes that are their evidence, as HTML text."""
+        from neuro.diagnosis.page import page
+
+        return page(self)
+
+
+Of = Population | Projection | Signal | Trials | Program
+"""What a finding may be about."""
+
+
+def fault(name: str, of: Of, evidence: str, remedy: str, *shows: str) -> Finding:
+    """A finding without which a part cannot do what it is for."""
+    return finding(name, "fault", of, evidence, remedy, *shows)
+
+
+def warning(name: str, of: Of, evidence: str, remedy: str, *shows: str) -> Finding:
+    """A finding that is likely a mistake."""
+    return finding(name, "warning", of, evidence, remedy, *shows)
+
+
+def note(name: str, of: Of, evidence: str, remedy: str, *shows: str) -> Finding:
+    """A finding that is worth knowing."""
+    return finding(name, "note", of, evidence, remedy, *shows)
+
+
+def finding(name: str, severity: str, of: Of, evidence: str, remedy: str, *shows: str) -> Finding:
+    """A finding about a part of a program; `shows` are the populations whose spikes are evidence."""
+    word = type(of).__name__.lower()
+    what = word if isinstance(of, Trials) else f"{'network' if isinstance(of, Program) else word} '{of.name}'"
+    return Finding(name, severity, what, getattr(of, "origin", None), evidence, remedy, shows)
+
+
+def ordered(findings: Iterable[Finding]) -> tuple[Finding, ...]:
+    """Findings by severity, else as they come."""
+    return tuple(sorted(findings, key=lambda each: SEVERITIES.index(each.severity)))
