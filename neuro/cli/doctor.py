@@ -11,8 +11,8 @@ import typer
 from neuro.cli.options import Backend, Duration, NetworkFile, Seed, Set, assignments, milliseconds, stoppable
 
 if TYPE_CHECKING:
+    from neuro.diagnosis.diagnosis import Diagnosis
     from neuro.diagnosis.doctor import Options
-    from neuro.diagnosis.findings import Diagnosis
 
 
 def hertz(text: str) -> float:

@@ -18,6 +18,8 @@ from neuro.program.program import Population
 CEILING = 0.6
 """Share of the highest possible rate at which neurons say little more: their refractory period sets the rate. Cortical
 neurons are below a tenth of it."""
+SLOW_HZ = 50.0
+"""A rate below it is no ceiling: neurons with a long t_ref answer once to each of several inputs."""
 CROWD = 10
 """Neurons below which a common rhythm may be chance."""
 VOLLEY = 0.5
@@ -198,7 +200,7 @@ def _fast(wiring: Wiring, seen: Observation, k: int) -> Iterator[Finding]:
     if not isinstance(part.model, Neuron) or part.model.relay or part.model.chip or part.model.most:
         return
     rate, most = seen.rate(k), ceiling_hz(part, seen.program.resolution)
-    if rate < CEILING * most:
+    if rate < max(CEILING * most, SLOW_HZ):
         return
     fires = f"its {some(part.size, 'neuron')} fire at {rate:.3g} Hz"
     evidence = f"{fires}, {rate / most:.0%} of the {most:.3g} Hz that t_ref allows"

@@ -13,7 +13,8 @@ from neuro.core.checks import check
 from neuro.core.errors import ModelError
 from neuro.core.quantities import Quantity
 from neuro.diagnosis import activity, learning, neurons, rules, structure
-from neuro.diagnosis.findings import Diagnosis, Finding, ordered
+from neuro.diagnosis.diagnosis import Diagnosis, ordered
+from neuro.diagnosis.findings import Finding
 from neuro.diagnosis.observing import Observation, observe
 from neuro.diagnosis.wiring import Wiring
 from neuro.model.network import Network
@@ -28,7 +29,7 @@ _RATE = Quantity("Hz", at_least=0)
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Options:
-    """How a network is examined, see `doctor`."""
+    """How a network is examined, see `doctor`; and whether it ran before, in ms, with signals that were set."""
 
     ms: float = 1000.0
     backend: str = "event"
@@ -36,6 +37,7 @@ class Options:
     train: bool = False
     drive: float = 0.0
     reward_after: float | None = None
+    ran: float = 0.0
     steered: bool = False
 
 
@@ -119,16 +121,16 @@ def examine(program: Program, options: Options) -> Diagnosis:
         way = each.way_out or "run it on a backend that takes it: neuro backends"
         findings.append(Finding(*kind, each.what, each.origin, f"backend '{options.backend}': {each.why}", way))
     if any(each.refused for each in problems):
-        return Diagnosis(program.name, ordered(iter(findings)), f"Nothing ran: {options.backend} refuses the network.")
+        return Diagnosis(program.name, ordered(findings), f"Nothing ran: {options.backend} refuses the network.")
     steps = math.ceil(options.ms / program.resolution - 1e-6)
     try:
         seen = observe(backend.build(program, threads=1), program, steps, options.drive, SECONDS)
     except ModelError as error:
         findings.append(_mistake(error))
-        return Diagnosis(program.name, ordered(iter(findings)), "The run stopped with an error.")
-    findings += [*activity.findings(wiring, seen), *learning.findings(wiring, seen, options.steered)]
+        return Diagnosis(program.name, ordered(findings), "The run stopped with an error.")
+    findings += [*activity.findings(wiring, seen), *learning.findings(wiring, seen, options.ran, options.steered)]
     findings += _on_request(wiring, seen, options)
-    return Diagnosis(program.name, ordered(iter(findings)), _about(seen, options), seen)
+    return Diagnosis(program.name, ordered(findings), _about(seen, options), seen)
 
 
 def _on_request(wiring: Wiring, seen: Observation, options: Options) -> Iterator[Finding]:

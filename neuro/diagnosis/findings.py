@@ -2,16 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
-from neuro.core.english import some
 from neuro.core.errors import Where
 from neuro.program.program import Population, Program, Projection, Signal, Trials
-
-if TYPE_CHECKING:
-    from neuro.diagnosis.observing import Observation
 
 SEVERITIES = ("fault", "warning", "note")
 """A network with a fault cannot do what it is for; a warning is likely a mistake; a note is worth knowing."""
@@ -56,58 +51,6 @@ class Finding:
         }
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Diagnosis:
-    """All findings about a network, faults first; iterable.
-
-    Attributes:
-        network: its name.
-        findings: what was found.
-        about: how the short run went, in a sentence.
-        observation: what was seen of the run, None where nothing ran.
-    """
-
-    network: str
-    findings: tuple[Finding, ...]
-    about: str
-    observation: Observation | None = None
-
-    def __iter__(self) -> Iterator[Finding]:
-        return iter(self.findings)
-
-    def __len__(self) -> int:
-        return len(self.findings)
-
-    @property
-    def faults(self) -> tuple[Finding, ...]:
-        """The findings that are faults."""
-        return tuple(each for each in self.findings if each.severity == "fault")
-
-    @property
-    def verdict(self) -> str:
-        """How many findings of each severity, in a line."""
-        counts = [(sum(each.severity == word for each in self.findings), word) for word in SEVERITIES]
-        return f"{self.network}: {', '.join(some(n, word) for n, word in counts if n) or 'nothing is wrong'}"
-
-    def __str__(self) -> str:
-        return "\n".join([*map(str, self.findings), self.about, self.verdict])
-
-    def as_dict(self) -> dict[str, Any]:
-        """The diagnosis for JSON."""
-        return {
-            "network": self.network,
-            "about": self.about,
-            "faults": len(self.faults),
-            "findings": [each.as_dict() for each in self.findings],
-        }
-
-    def page(self) -> str:
-        """A page with the findings and the spikes that are their evidence, as HTML text."""
-        from neuro.diagnosis.page import page
-
-        return page(self)
-
-
 Of = Population | Projection | Signal | Trials | Program
 """What a finding may be about."""
 
@@ -132,8 +75,3 @@ def finding(name: str, severity: str, of: Of, evidence: str, remedy: str, *shows
     word = type(of).__name__.lower()
     what = word if isinstance(of, Trials) else f"{'network' if isinstance(of, Program) else word} '{of.name}'"
     return Finding(name, severity, what, getattr(of, "origin", None), evidence, remedy, shows)
-
-
-def ordered(findings: Iterable[Finding]) -> tuple[Finding, ...]:
-    """Findings by severity, else as they come."""
-    return tuple(sorted(findings, key=lambda each: SEVERITIES.index(each.severity)))

@@ -23,19 +23,20 @@ SPENT = 0.25
 """Share of the way to the bound that weights have gone by then: a slow common drift is a rule at work."""
 
 
-def findings(wiring: Wiring, seen: Observation, steered: bool) -> Iterator[Finding]:
+def findings(wiring: Wiring, seen: Observation, ran: float, steered: bool) -> Iterator[Finding]:
     """Findings about projections that learn while the network runs.
 
     Args:
         wiring: of the network.
         seen: the run.
-        steered: whether signals were set before, by who asks.
+        ran: how long a simulation ran before that asks, in ms; 0 if none does.
+        steered: whether it set signals.
     """
     for q, learnt in seen.learning.items():
         part = seen.program.projections[q]
         pre, post = (bool(seen.populations[k].spikes.any()) for k in (part.source, part.target))
         if part.signal >= 0 and not steered:
-            yield from _unset(seen, part)
+            yield _unset(seen, part, ran)
         if part.dopamine >= 0:
             yield from _dopamine(seen, part, learnt)
         if not (pre and post) or seen.unstable:
@@ -43,19 +44,21 @@ def findings(wiring: Wiring, seen: Observation, steered: bool) -> Iterator[Findi
         moved = learnt.last != learnt.first
         modulated = part.synapse.modulated or part.synapse.learns == "moves"
         if not moved.any() and not modulated:
-            evidence = f"none of {some(part.size, 'weight')} changed in {seen.ms:g} ms, though both sides fired"
+            each = "delay" if part.synapse.delays else "weight"
+            evidence = f"none of {some(part.size, each)} changed in {seen.ms:g} ms, though both sides fired"
             remedy = "raise its learning rate, check that its time constants (ms) span the times between spikes"
             yield fault("learns-nothing", part, evidence, remedy)
-        elif moved.any():
+        elif moved.any() and not part.synapse.delays:
             yield from _bounds(part, learnt, seen)
 
 
-def _unset(seen: Observation, part: Projection) -> Iterator[Finding]:
+def _unset(seen: Observation, part: Projection, ran: float) -> Finding:
     signal = seen.program.signals[part.signal]
-    evidence = f"signal '{signal.name}' stayed at 0 in this run: a description cannot set it"
     page = "docs/how-to/reward-in-a-closed-loop.md"
     remedy = f"set it while the network runs: sim.signal('{signal.name}', reward); see {page}"
-    yield note("signal-not-set", part, evidence, remedy)
+    if ran > 0.0:
+        return warning("signal-not-set", part, f"signal '{signal.name}' was never set in {ran:g} ms", remedy)
+    return note("signal-not-set", part, f"signal '{signal.name}' stayed at 0: a description cannot set it", remedy)
 
 
 def _dopamine(seen: Observation, part: Projection, learnt: Learnt) -> Iterator[Finding]:

@@ -49,7 +49,7 @@ class Learnt:
     """What was seen of a projection that learns.
 
     Attributes:
-        first, last: its weights at the beginning and at the end.
+        first, last: its weights at the beginning and at the end; its delays in ms if it learns these.
         eligibility, modulator: their largest magnitude at each reading; empty where the rule has none.
         together: the largest magnitude of their product at one synapse, likewise.
     """
@@ -165,9 +165,14 @@ class _Watch:
             for q, part in enumerate(program.projections)
             if part.synapse.learns in ("pairs", "moves", "chip") and 0 < part.size <= MOST_SYNAPSES
         ]
-        self.first = {q: engine.get_synapses(q, "weight").copy() for q in self.plastic}
+        self.first = {q: self._moving(q).copy() for q in self.plastic}
         self.traces: dict[int, list[tuple[float, float, float]]] = {q: [] for q in self.plastic if self._teaches(q)}
         self._drive_rates()
+
+    def _moving(self, projection: int) -> Floats:
+        """What a rule changes: delays or weights."""
+        word = "delay" if self.program.projections[projection].synapse.delays else "weight"
+        return self.engine.get_synapses(projection, word)
 
     def _teaches(self, projection: int) -> bool:
         part = self.program.projections[projection]
@@ -253,7 +258,7 @@ class _Watch:
         learning = {}
         for q in self.plastic:
             try:
-                last = self.engine.get_synapses(q, "weight")
+                last = self._moving(q)
             except ModelError as error:
                 self.unstable = self.unstable or error.message
                 continue

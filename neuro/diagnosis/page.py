@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 
 import numpy as np
 
@@ -10,7 +10,7 @@ from neuro.core import html
 from neuro.core.html import Html, tag
 from neuro.core.outputs import sealed
 from neuro.core.version import VERSION
-from neuro.diagnosis.findings import SEVERITIES, Diagnosis, Finding
+from neuro.diagnosis.findings import SEVERITIES, Finding
 from neuro.diagnosis.observing import Observation
 from neuro.pages import raster
 from neuro.pages.raster import Strip, Window
@@ -19,22 +19,23 @@ PAGE = sealed("a page of 'neuro doctor'", '<meta name="generator" content="neuro
 COLUMNS = ("severity", "finding", "of", "place")
 
 
-def page(found: Diagnosis) -> str:
-    """The page as HTML text."""
+def page(network: str, lead: str, findings: Sequence[Finding], seen: Observation | None) -> str:
+    """The page as HTML text.
+
+    Args:
+        network: its name.
+        lead: what was found and how, in a line or two.
+        findings: what was found.
+        seen: of the run, None where nothing ran.
+    """
     parts = (
-        tag("header", tag("h1", found.network), tag("p", f"{found.verdict}. {found.about}", class_="lead")),
-        *_summary(found),
-        *(part for each in found for part in _finding(each, found.observation)),
-        *_all(found),
+        tag("header", tag("h1", network), tag("p", lead, class_="lead")),
+        html.table(COLUMNS, [(e.severity, e.name, e.what, e.where or "-") for e in findings]) if findings else None,
+        *(part for each in findings for part in _finding(each, seen)),
+        *(() if seen is None else _run(seen)),
         tag("footer", f"Written by neuro {VERSION} (neuro doctor)."),
     )
-    return html.page("neuro doctor", f"{found.network}: a diagnosis", parts, raster.script())
-
-
-def _summary(found: Diagnosis) -> Iterator[Html]:
-    if len(found):
-        rows = [(each.severity, each.name, each.what, each.where or "-") for each in found]
-        yield html.table(COLUMNS, rows)
+    return html.page("neuro doctor", f"{network}: a diagnosis", parts, raster.script())
 
 
 def _finding(each: Finding, seen: Observation | None) -> Iterator[Html]:
@@ -46,10 +47,7 @@ def _finding(each: Finding, seen: Observation | None) -> Iterator[Html]:
         yield from _raster(seen, [k for k, p in enumerate(seen.program.populations) if p.name in each.shows])
 
 
-def _all(found: Diagnosis) -> Iterator[Html]:
-    seen = found.observation
-    if seen is None:
-        return
+def _run(seen: Observation) -> Iterator[Html]:
     yield tag("h2", "The run")
     populations = seen.program.populations
     rows = [

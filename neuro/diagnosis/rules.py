@@ -106,7 +106,13 @@ def _copies(program: Program, part: Projection) -> Iterator[Finding]:
     """Maps that compete, or are taught, and begin as copies of each other: nothing ever distinguishes them."""
     target = program.populations[part.target]
     several = target.shape[0] > 1 if part.grid is not None else target.size > 1
-    if part.synapse.learns != "trials" or not several or part.size < 2 or part.layout not in ("dense", "grid"):
+    if (
+        part.synapse.learns != "trials"
+        or part.synapse.delays
+        or not several
+        or part.size < 2
+        or part.layout not in ("dense", "grid")
+    ):
         return
     maps = part.weight.reshape(target.shape[0], -1) if part.grid is not None and part.weight.size > 1 else None
     if maps is None and part.layout == "dense" and part.weight.size > 1:
