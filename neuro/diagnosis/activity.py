@@ -15,9 +15,10 @@ from neuro.diagnosis.wiring import Wiring
 from neuro.model.neurons import Neuron
 from neuro.program.program import Population
 
-CEILING = 0.6
-"""Share of the highest possible rate at which neurons say little more: their refractory period sets the rate. Cortical
-neurons are below a tenth of it."""
+CEILING, RUNAWAY = 0.7, 0.5
+"""Shares of the highest possible rate. At the first a neuron gets 13 times the input that makes it fire (tau_m 10 ms,
+t_ref 2 ms), and twice as much adds a tenth. The second is of populations that excite themselves: no cortical rhythm is
+near it."""
 SLOW_HZ = 50.0
 """A rate below it is no ceiling: neurons with a long t_ref answer once to each of several inputs."""
 CROWD = 10
@@ -125,7 +126,7 @@ class _Silence:
         if after:
             fired += f", so nothing reaches {after}"
         if cell is None or not v.size:
-            yield fault("silent", part, fired, self._general(k), part.name)
+            yield finding("silent", self._severity(k), part, fired, self._general(k), part.name)
             return
         top = float(v.max())
         fired += f"; the largest V_m was {top:.4g} mV, {cell.threshold - top:.3g} mV below V_th = {cell.threshold:g} mV"
@@ -150,7 +151,12 @@ class _Silence:
             remedy = f"raise `weight` of {self._names(k)} to about {times}, or the rate of its inputs, or lower V_th"
         else:
             remedy = self._general(k)
-        yield fault("silent", part, fired, remedy, part.name, *self._sources(k))
+        yield finding("silent", self._severity(k), part, fired, remedy, part.name, *self._sources(k))
+
+    def _severity(self, k: int) -> str:
+        """An output whose states are recorded may be there to be looked at below its threshold."""
+        probes = [p for p in self.seen.program.probes if p.population == k and p.record not in ("spikes", "rate")]
+        return "warning" if probes and not self.wiring.out_of(k) else "fault"
 
     def _is_fed(self, k: int) -> bool:
         """Whether another input than those that were not given reaches a population."""
@@ -200,11 +206,12 @@ def _fast(wiring: Wiring, seen: Observation, k: int) -> Iterator[Finding]:
     if not isinstance(part.model, Neuron) or part.model.relay or part.model.chip or part.model.most:
         return
     rate, most = seen.rate(k), ceiling_hz(part, seen.program.resolution)
-    if rate < max(CEILING * most, SLOW_HZ):
+    again = wiring.excites_itself(k)
+    if rate < max((RUNAWAY if again else CEILING) * most, SLOW_HZ):
         return
     fires = f"its {some(part.size, 'neuron')} fire at {rate:.3g} Hz"
     evidence = f"{fires}, {rate / most:.0%} of the {most:.3g} Hz that t_ref allows"
-    if wiring.excites_itself(k):
+    if again:
         names = ", ".join(f"'{seen.program.projections[q].name}'" for q in _loops(wiring, k))
         yield fault(
             "runaway",

@@ -99,6 +99,7 @@ def _spike(wiring: Wiring, q: int) -> Iterator[Finding]:
     cell, target = wiring.cell(part.target), wiring.program.populations[part.target]
     if cell is None or part.carries != "spikes" or not w.synapses or cell.distance <= 0.0:
         return
+    forced = part.layout == "one_to_one" and wiring.program.populations[part.source].kind == "listed"
     (up, _), (down, _) = wiring.receptors(q)
     largest = max(abs(w.largest), abs(w.least))
     # The mean magnitude: drawn weights have tails.
@@ -110,7 +111,7 @@ def _spike(wiring: Wiring, q: int) -> Iterator[Finding]:
         return
     one = f"a spike of weight {mean:.4g}{unit} moves V_m of '{target.name}' by {peak:.3g} mV, "
     meant = f"a weight of {1.0 / slope:.3g}{unit} moves it by 1 mV"
-    if peak > STRONG * cell.distance:
+    if peak > STRONG * cell.distance and not forced:  # listed spikes may well stand for those of their targets
         evidence = f"{one}{peak / cell.distance:.3g} times the way to the threshold"
         remedy = f"check the unit of `weight`: {meant}, and one of {cell.distance / slope:.3g}{unit} to the threshold"
         yield warning("strong-spike", part, evidence, remedy)

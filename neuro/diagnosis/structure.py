@@ -9,11 +9,11 @@ from collections.abc import Iterator
 import numpy as np
 
 from neuro.core.english import some
-from neuro.diagnosis.findings import Finding, fault, finding, warning
+from neuro.diagnosis.findings import Finding, fault, finding, note, warning
 from neuro.diagnosis.observing import idle_inputs
 from neuro.diagnosis.wiring import Wiring
 from neuro.model.neurons import Neuron
-from neuro.program.program import Population
+from neuro.program.program import Population, Program
 
 LONG_MS = 100.0
 """Delays in nervous systems are 0.1 to 50 ms; above this, microseconds or a rate stand in most likely."""
@@ -32,6 +32,11 @@ def findings(wiring: Wiring) -> Iterator[Finding]:
     yield from _signals(wiring)
 
 
+def is_open(program: Program) -> bool:
+    """Whether a program is to complete a network: what feeds inputs may give weights, too, learnt elsewhere."""
+    return bool(idle_inputs(program))
+
+
 def _projections(wiring: Wiring) -> Iterator[Finding]:
     program = wiring.program
     for q, part in enumerate(program.projections):
@@ -44,7 +49,8 @@ def _projections(wiring: Wiring) -> Iterator[Finding]:
             yield fault("no-synapses", part, evidence, remedy)
         elif w.least == w.largest == 0.0 and not part.synapse.learns:
             evidence = f"the weights of all {some(w.synapses, 'synapse')} are 0: no spike has an effect"
-            yield fault("zero-weights", part, evidence, "give it a `weight` other than 0")
+            severity = "warning" if is_open(program) else "fault"
+            yield finding("zero-weights", severity, part, evidence, "give it a `weight` other than 0")
         else:
             yield from _signs(wiring, q, source, target)
         longest = part.delay_span[1] * program.resolution
@@ -92,7 +98,9 @@ def _generators(wiring: Wiring) -> Iterator[Finding]:
         apart = part.kind != "neuron" and not wiring.out_of(k) and k not in released
         if apart and has_neurons and k not in probed:
             evidence = f"no projection begins at its {some(part.size, 'neuron')}, and no probe records them"
-            yield fault("unconnected", part, evidence, f"connect '{part.name}', or remove it")
+            # Spikes that are listed are recorded anyway, so they may be there to be read.
+            severity = "warning" if part.kind == "listed" else "fault"
+            yield finding("unconnected", severity, part, evidence, f"connect '{part.name}', or remove it")
 
 
 def can_fire_alone(wiring: Wiring, k: int) -> bool:
@@ -116,10 +124,13 @@ def _paths(wiring: Wiring) -> Iterator[Finding]:
     begin = [
         k for k, p in enumerate(program.populations) if p.kind not in ("neuron", "current") or can_fire_alone(wiring, k)
     ]
+    if not begin:
+        evidence = "it has no generator, and none of its neurons fires by itself"
+        remedy = "add a generator and connect it, or set currents or states from a program"
+        yield note("no-input", program, evidence, remedy)
+        return
     reached = wiring.reached(begin)
     trials = program.trials
-    # A program that feeds inputs may well give weights, too, as templates that were learnt elsewhere.
-    open_ended = bool(idle_inputs(program))
     for k, part in enumerate(program.populations):
         if part.kind != "neuron" or k in reached:
             continue
@@ -133,7 +144,8 @@ def _paths(wiring: Wiring) -> Iterator[Finding]:
             evidence = "no projection ends at it, and it does not fire by itself"
         output = ", the output of trials," if trials is not None and trials.output == k else ""
         remedy = f"connect an input to '{part.name}'{output} with weights that excite, or turn a projection round"
-        severity = "warning" if onto and open_ended else "fault"
+        mild = (onto and is_open(program)) or (isinstance(part.model, Neuron) and part.model.relay)
+        severity = "warning" if mild else "fault"
         yield finding("no-path", severity, part, evidence, remedy)
     if trials is not None and trials.output in reached and trials.output not in wiring.reached({trials.input}):
         first, last = (program.populations[k].name for k in (trials.input, trials.output))
