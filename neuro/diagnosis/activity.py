@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 
 from neuro.core.english import some
-from neuro.diagnosis.findings import Finding, fault, finding, note, warning
+from neuro.diagnosis.findings import Finding, fault, figure, finding, note, warning
 from neuro.diagnosis.observing import Observation
 from neuro.diagnosis.structure import can_fire_alone
 from neuro.diagnosis.wiring import Wiring
@@ -147,7 +147,7 @@ class _Silence:
         lift = (float(up[-1]) if up.size else cell.rest) - cell.rest
         fired += f"; its mean excitation lifts V_m by {lift:.3g} of {cell.distance:.3g} mV{self._rheobase(k)}"
         if lift > 1e-4 * cell.distance:
-            times = f"{cell.distance / lift:.2g} times"
+            times = f"{figure(cell.distance / lift)} times"
             remedy = f"raise `weight` of {self._names(k)} to about {times}, or the rate of its inputs, or lower V_th"
         else:
             remedy = self._general(k)
@@ -241,7 +241,7 @@ def _by(wiring: Wiring, seen: Observation, k: int) -> str:
     # What a spike leaves lasts about a membrane time constant.
     tau = cell.parameters.get("tau_m", 10.0)
     mean = pull * min(tau, 1000.0) / cell.h
-    return f" to about 1/{mean / cell.distance:.2g}" if mean > 1.5 * cell.distance else ""
+    return f" to about 1/{figure(mean / cell.distance)}" if mean > 1.5 * cell.distance else ""
 
 
 def _volleys(wiring: Wiring, seen: Observation, k: int) -> Iterator[Finding]:
@@ -313,7 +313,8 @@ def _copies(wiring: Wiring, seen: Observation, k: int) -> Iterator[Finding]:
     if not _is_copied(seen, k):
         return
     part, s = seen.program.populations[k], seen.populations[k]
-    learns = [p.name for p in seen.program.projections if p.target == k and p.synapse.learns]
+    # A signal has a value for each neuron, so it may teach copies differently.
+    learns = [p.name for p in seen.program.projections if p.target == k and p.synapse.learns and p.signal < 0]
     n = s.steps.size // s.ids.size
     evidence = f"{some(s.ids.size, 'neuron')} that were followed fired the same {some(n, 'spike')} in the same steps"
     remedy = "draw the weights onto them, connect them at random, or let `initial` differ; one neuron does as much"

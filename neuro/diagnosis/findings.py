@@ -55,6 +55,11 @@ Of = Population | Projection | Signal | Trials | Program
 """What a finding may be about."""
 
 
+def figure(value: float) -> str:
+    """A number > 0 with two digits, for remedies."""
+    return f"{value:.2g}" if value < 100.0 else f"{value:,.0f}"
+
+
 def fault(name: str, of: Of, evidence: str, remedy: str, *shows: str) -> Finding:
     """A finding without which a part cannot do what it is for."""
     return finding(name, "fault", of, evidence, remedy, *shows)

@@ -15,7 +15,7 @@ from functools import cache
 
 import numpy as np
 
-from neuro.diagnosis.findings import Finding, fault, note
+from neuro.diagnosis.findings import Finding, fault, figure, note
 from neuro.diagnosis.observing import Observation
 from neuro.diagnosis.wiring import Wiring
 
@@ -46,7 +46,7 @@ def findings(wiring: Wiring, seen: Observation) -> Iterator[Finding]:
         names = ", ".join(f"'{program.projections[q].name}'" for q in wiring.out_of(k))
         if sizes[k] < GONE and names:
             factor = 1.0 / max(sizes[k], 1e-30)
-            remedy = f"draw the weights of {names} up to {factor:.2g} times larger, so that potentials come near V_th"
+            remedy = f"draw the weights of {names} up to {figure(factor)} times larger, so that V_m comes near V_th"
             yield fault("gradients-vanish", part, evidence, remedy)
         elif sizes[k] > MUCH:
             yield fault("gradients-explode", part, evidence, f"draw smaller weights for {names}")

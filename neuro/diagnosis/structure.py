@@ -9,7 +9,7 @@ from collections.abc import Iterator
 import numpy as np
 
 from neuro.core.english import some
-from neuro.diagnosis.findings import Finding, fault, finding, note, warning
+from neuro.diagnosis.findings import Finding, fault, figure, finding, note, warning
 from neuro.diagnosis.observing import idle_inputs
 from neuro.diagnosis.wiring import Wiring
 from neuro.model.neurons import Neuron
@@ -187,7 +187,7 @@ def _thresholds(wiring: Wiring) -> Iterator[Finding]:
         v, fired = cell.follow(best, current=wiring.current(k))
         if not fired and v.size:
             share = (float(v.max()) - cell.rest) / cell.distance
-            factor = f"to about {_times(1.2 / share)} times" if share > 1e-6 else "far"
+            factor = f"to about {figure(1.2 / share)} times" if share > 1e-6 else "far"
             evidence = (
                 f"with all its inputs firing in every step V_m reaches {v.max():.4g} mV, "
                 f"{cell.threshold - v.max():.3g} mV below V_th = {cell.threshold:g} mV"
@@ -195,10 +195,6 @@ def _thresholds(wiring: Wiring) -> Iterator[Finding]:
             names = ", ".join(f"'{program.projections[q].name}'" for q in onto[:5])
             remedy = f"raise `weight` of {names} {factor}, or lower V_th"
             yield fault("cannot-fire", part, evidence, remedy, part.name)
-
-
-def _times(factor: float) -> str:
-    return f"{factor:.2g}" if factor < 100.0 else f"{factor:,.0f}"
 
 
 def _most(part: Population, h: float) -> float:
