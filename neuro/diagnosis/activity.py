@@ -209,7 +209,7 @@ def _fast(wiring: Wiring, seen: Observation, k: int) -> Iterator[Finding]:
     again = wiring.excites_itself(k)
     if rate < max((RUNAWAY if again else CEILING) * most, SLOW_HZ):
         return
-    fires = f"its {some(part.size, 'neuron')} fire at {rate:.3g} Hz"
+    fires = f"the mean rate of {some(part.size, 'neuron')} is {rate:.3g} Hz"
     evidence = f"{fires}, {rate / most:.0%} of the {most:.3g} Hz that t_ref allows"
     if again:
         names = ", ".join(f"'{seen.program.projections[q].name}'" for q in _loops(wiring, k))

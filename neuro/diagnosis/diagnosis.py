@@ -12,6 +12,8 @@ from neuro.diagnosis.findings import SEVERITIES, Finding
 from neuro.diagnosis.observing import Observation
 from neuro.diagnosis.page import page
 
+MOST_ALIKE = 4
+"""Findings of one name that are printed in full."""
 COLUMNS = ("severity", "finding", "of", "place", "found", "remedy")
 
 
@@ -49,7 +51,18 @@ class Diagnosis:
         return f"{self.network}: {', '.join(some(n, word) for n, word in counts if n) or 'nothing is wrong'}"
 
     def __str__(self) -> str:
-        return "\n".join([*map(str, self.findings), self.about, self.verdict])
+        return "\n".join([*self._lines(), self.about, self.verdict])
+
+    def _lines(self) -> Iterator[str]:
+        """The first findings of each name, and of which parts there are more."""
+        by_name: dict[tuple[str, str], list[Finding]] = {}
+        for each in self.findings:
+            by_name.setdefault((each.severity, each.name), []).append(each)
+        for alike in by_name.values():
+            yield from map(str, alike[:MOST_ALIKE])
+            if more := alike[MOST_ALIKE:]:
+                names = ", ".join(each.what for each in more[:MOST_ALIKE])
+                yield f"  likewise {names}{', ...' * (len(more) > MOST_ALIKE)} ({len(more)} more)"
 
     def _repr_html_(self) -> str:
         rows = tuple((e.severity, e.name, e.what, str(e.where or ""), e.evidence, e.remedy) for e in self)

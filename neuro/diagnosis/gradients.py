@@ -36,6 +36,14 @@ def findings(wiring: Wiring, seen: Observation) -> Iterator[Finding]:
             "no-gradients", program, "nothing fired, so gradients cannot be judged", "give it input, or `--drive 20`"
         )
         return
+    for wires in program.projections:
+        target = program.populations[wires.target]
+        alike = wires.layout == "dense" and bool((wires.weight == wires.weight[:1]).all())
+        if alike and target.size > 1 and wiring.out_of(wires.target):
+            evidence = (
+                f"all its weights are {wires.weight[0]:g}: {target.size} neurons of '{target.name}' get one gradient"
+            )
+            yield fault("weights-alike", wires, evidence, "draw them, as `weight: {normal: {mean: 0.0, std: 0.1}}`")
     sizes = _sizes(wiring, seen)
     for k, part in enumerate(program.populations):
         if part.kind != "neuron" or k not in sizes:
@@ -50,13 +58,13 @@ def findings(wiring: Wiring, seen: Observation) -> Iterator[Finding]:
             yield fault("gradients-vanish", part, evidence, remedy)
         elif sizes[k] > MUCH:
             yield fault("gradients-explode", part, evidence, f"draw smaller weights for {names}")
-    for q, part_of in enumerate(program.projections):
-        if part_of.source != part_of.target or part_of.carries != "spikes":
+    for q, wires in enumerate(program.projections):
+        if wires.source != wires.target or wires.carries != "spikes":
             continue
         growth = _growth(wiring, seen, q)
         if growth is not None and growth > MUCH:
             back = f"a gradient grows {growth:.2g} times on its way back through {WINDOW_MS:g} ms of recurrence"
-            yield fault("gradients-explode", part_of, back, "draw smaller recurrent weights, or cut gradients in time")
+            yield fault("gradients-explode", wires, back, "draw smaller recurrent weights, or cut gradients in time")
 
 
 def surrogate(wiring: Wiring, seen: Observation, k: int) -> float | None:

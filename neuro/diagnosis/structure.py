@@ -17,6 +17,8 @@ from neuro.program.program import Population, Program
 
 LONG_MS = 100.0
 """Delays in nervous systems are 0.1 to 50 ms; above this, microseconds or a rate stand in most likely."""
+ONE_STEP = 0.5
+"""Share of drawn delays of a single step above which the step hides their spread."""
 UNREACHED = 0.1
 """Share of neurons without a synapse above which a population is reported. A rule with a fixed indegree leaves none, a
 random one with a mean of 3 leaves 5 %."""
@@ -53,6 +55,11 @@ def _projections(wiring: Wiring) -> Iterator[Finding]:
             yield finding("zero-weights", severity, part, evidence, "give it a `weight` other than 0")
         else:
             yield from _signs(wiring, q, source, target)
+        if part.delay.size > 1 and float((part.delay == 1).mean()) > ONE_STEP:
+            share, h = f"{(part.delay == 1).mean():.0%}", program.resolution
+            evidence = f"{share} of its drawn delays were rounded to one step of {h:g} ms, the least that there is"
+            remedy = f"use a finer `resolution`, as {h / 10.0:g} ms, or longer delays; their unit is ms"
+            yield warning("coarse-delays", part, evidence, remedy)
         longest = part.delay_span[1] * program.resolution
         if longest > LONG_MS and not part.synapse.delays:
             evidence = f"a spike takes up to {longest:g} ms"
