@@ -104,11 +104,9 @@ class _Silence:
         self.per_step = seen.per_step()
         active = [k for k, s in enumerate(seen.populations) if s.spikes.any()]
         program = seen.program
-        self.heard = {
-            p.target
-            for q, p in enumerate(program.projections)
-            if p.carries == "spikes" and p.source in active and wiring.weights[q].synapses
-        }
+        self.heard = {k for k, part in enumerate(program.populations) if wiring.onto(k, "current")}
+        sent = [p for q, p in enumerate(program.projections) if p.source in active and wiring.weights[q].synapses]
+        self.heard |= {p.target for p in sent}
         self.waiting = wiring.reached(seen.idle - seen.driven)
 
     def findings(self, k: int) -> Iterator[Finding]:
@@ -184,6 +182,7 @@ class _Silence:
 
     def _names(self, k: int, inhibit: bool = False) -> str:
         wanted = [q for q in self.wiring.onto(k) if self.wiring.pushes(q)[1 if inhibit else 0] != 0.0]
+        wanted += [] if inhibit else self.wiring.onto(k, "current")
         return ", ".join(f"'{self.seen.program.projections[q].name}'" for q in wanted[:5]) or "its inputs"
 
     def _sources(self, k: int) -> list[str]:

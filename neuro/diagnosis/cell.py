@@ -108,6 +108,29 @@ class Cell:
         v = self.response(receptor)
         return float(v[np.abs(v).argmax()])
 
+    def to_fire(self, receptor: int) -> float:
+        """The weight of a single spike that makes the neuron fire; infinite where none does.
+
+        Of a linear model it follows from the response; elsewhere it is searched for, by halves, to a tenth.
+        """
+        slope = self.slope(receptor)
+        if slope == 0.0 or self.distance <= 0.0:
+            return math.inf
+        weight = self.distance / slope
+        if self.model.linear:
+            return weight
+        x, low, high = np.zeros(max(2, self.model.receptors)), 0.0, math.inf
+        for _ in range(16):
+            x[receptor] = weight
+            if self.follow(x, first_only=True)[1]:
+                high = weight
+            else:
+                low = weight
+            if high < 1.1 * low:
+                break
+            weight = 4.0 * low if math.isinf(high) else 0.5 * (low + high)
+        return high
+
     def response(self, receptor: int) -> Floats:
         """The potential after one spike at the end of each step, in mV per unit of weight, as of a small weight."""
         if receptor not in self._responses:

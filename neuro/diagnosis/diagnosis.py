@@ -83,5 +83,8 @@ class Diagnosis:
 
 
 def ordered(findings: Iterable[Finding]) -> tuple[Finding, ...]:
-    """Findings by severity, else as they come."""
-    return tuple(sorted(findings, key=lambda each: SEVERITIES.index(each.severity)))
+    """Findings by severity, else as they come; of those of one name about one part the first."""
+    first: dict[tuple[str, str], Finding] = {}
+    for each in findings:
+        first.setdefault((each.name, each.what), each)
+    return tuple(sorted(first.values(), key=lambda each: SEVERITIES.index(each.severity)))

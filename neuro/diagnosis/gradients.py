@@ -19,10 +19,10 @@ from neuro.diagnosis.findings import Finding, fault, figure, note
 from neuro.diagnosis.observing import Observation
 from neuro.diagnosis.wiring import Wiring
 
-GONE = 1e-3
+GONE = 1e-2
 """Size of a gradient, relative to that at the outputs, below which a layer hardly learns. Optimisers that rescale, as
 Adam does, hide it at first, not the noise of small batches."""
-MUCH = 1e3
+MUCH = 1e2
 """Likewise, above which a step overshoots."""
 WINDOW_MS = 100.0
 """What a recording takes through which errors go back in time: N-MNIST's saccades have 105 ms."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator
 
 import numpy as np
@@ -104,16 +105,20 @@ def _spike(wiring: Wiring, q: int) -> Iterator[Finding]:
     largest = max(abs(w.largest), abs(w.least))
     # The mean magnitude: drawn weights have tails.
     mean = (w.above - w.below) / w.synapses
-    slope = abs(cell.slope(up if w.above >= -w.below else down))
+    receptor = up if w.above >= -w.below else down
+    slope = abs(cell.slope(receptor))
     peak = slope * mean
     unit = f" {target.model.weight_unit}" if isinstance(target.model, Neuron) and target.model.weight_unit else ""
     if not slope or not largest:
         return
     one = f"a spike of weight {mean:.4g}{unit} moves V_m of '{target.name}' by {peak:.3g} mV, "
     meant = f"a weight of {1.0 / slope:.3g}{unit} moves it by 1 mV"
-    if peak > STRONG * cell.distance and not forced:  # listed spikes may well stand for those of their targets
-        evidence = f"{one}{peak / cell.distance:.3g} times the way to the threshold"
-        remedy = f"check the unit of `weight`: {meant}, and one of {cell.distance / slope:.3g}{unit} to the threshold"
+    # One that inhibits makes no neuron fire, so it is measured by the way to the threshold.
+    excites = w.above >= -w.below and peak > cell.distance / STRONG
+    fires = min(cell.to_fire(receptor) if excites else math.inf, cell.distance / slope)
+    if mean > STRONG * fires and not forced:  # listed spikes may well stand for those of their targets
+        evidence = f"{one}{mean / fires:.3g} times what makes it fire"
+        remedy = f"check the unit of `weight`: {meant}, and one of {fires:.3g}{unit} makes it fire"
         yield warning("strong-spike", part, evidence, remedy)
     elif peak < WEAK * cell.distance and not part.synapse.learns and _all_at_once(wiring, part.target) < cell.distance:
         evidence = f"{one}{peak / cell.distance:.2%} of the way to the threshold; all inputs at once do not reach it"

@@ -126,11 +126,15 @@ def can_fire_alone(wiring: Wiring, k: int) -> bool:
     )
 
 
+def _begins(wiring: Wiring, k: int) -> bool:
+    """Whether spikes may begin at a population: it is a generator, gets a current, or fires by itself."""
+    kind = wiring.program.populations[k].kind
+    return can_fire_alone(wiring, k) or bool(wiring.onto(k, "current")) if kind == "neuron" else kind != "current"
+
+
 def _paths(wiring: Wiring) -> Iterator[Finding]:
     program = wiring.program
-    begin = [
-        k for k, p in enumerate(program.populations) if p.kind not in ("neuron", "current") or can_fire_alone(wiring, k)
-    ]
+    begin = [k for k in range(len(program.populations)) if _begins(wiring, k)]
     if not begin:
         evidence = "it has no generator, and none of its neurons fires by itself"
         remedy = "add a generator and connect it, or set currents or states from a program"
