@@ -42,7 +42,8 @@ def _population(k: int, part: Population, engine: Engine) -> Population:
         return replace(part, spike_steps=steps, spike_ids=neurons, stream=None)
     if part.kind == "current" or part.schedule is not None:
         return part
-    return replace(part, parameters={word: engine.get(k, word) for word in part.parameters})
+    now = {word: engine.get(k, word) for word in part.parameters}
+    return replace(part, parameters={word: v[:1] if (v == v[0]).all() else v for word, v in now.items()})
 
 
 def _projection(q: int, part: Projection, engine: Engine, rule: Synapse, changed: bool) -> Projection:
