@@ -21,6 +21,8 @@ t_ref 2 ms), and twice as much adds a tenth. The second is of populations that e
 near it."""
 SLOW_HZ = 50.0
 """A rate below it is no ceiling: neurons with a long t_ref answer once to each of several inputs."""
+SHORT_MS = 100.0
+"""A run that silence is no fault in: at 10 Hz a spike comes every 100 ms."""
 CROWD = 10
 """Neurons below which a common rhythm may be chance."""
 VOLLEY = 0.5
@@ -152,7 +154,9 @@ class _Silence:
         yield finding("silent", self._severity(k), part, fired, remedy, part.name, *self._sources(k))
 
     def _severity(self, k: int) -> str:
-        """An output whose states are recorded may be there to be looked at below its threshold."""
+        """An output whose states are recorded may be looked at below its threshold; a short run says little."""
+        if self.seen.ms < SHORT_MS:
+            return "note"
         probes = [p for p in self.seen.program.probes if p.population == k and p.record not in ("spikes", "rate")]
         return "warning" if probes and not self.wiring.out_of(k) else "fault"
 
@@ -212,16 +216,11 @@ def _fast(wiring: Wiring, seen: Observation, k: int) -> Iterator[Finding]:
     evidence = f"{fires}, {rate / most:.0%} of the {most:.3g} Hz that t_ref allows"
     if again:
         names = ", ".join(f"'{seen.program.projections[q].name}'" for q in _loops(wiring, k))
-        yield fault(
-            "runaway",
-            part,
-            f"{evidence}; it excites itself through {names}",
-            f"lower `weight` of {names}{_by(wiring, seen, k)}, or strengthen the inhibition onto it",
-            part.name,
-        )
-        return
-    remedy = f"lower the weights or rates of its inputs{_by(wiring, seen, k)}, or its I_e"
-    yield fault("ceiling", part, evidence, remedy, part.name)
+        remedy = f"lower `weight` of {names}, or strengthen the inhibition onto it"
+        yield fault("runaway", part, f"{evidence}; it excites itself through {names}", remedy, part.name)
+    else:
+        remedy = f"lower the weights or rates of its inputs{_by(wiring, seen, k)}, or its I_e"
+        yield fault("ceiling", part, evidence, remedy, part.name)
 
 
 def _loops(wiring: Wiring, k: int) -> list[int]:

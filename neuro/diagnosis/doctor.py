@@ -99,6 +99,17 @@ def options_of(**words: Any) -> Options:
     return found
 
 
+def backend_of_copy(name: str) -> str:
+    """What a copy of a simulation runs on: chips on themselves, floats on `event`.
+
+    A second network may not be built where the first one runs: NEST has one kernel in a process.
+    """
+    try:
+        return name if getattr(find_backend(name), "arithmetic", "float") == "integer" else "event"
+    except ModelError:
+        return "event"  # a backend that was given as an object
+
+
 def refused(name: str, errors: list[ModelError]) -> Diagnosis:
     """The diagnosis of a network that cannot be compiled."""
     every = [each for error in errors for each in (error.but(others=()), *error.others)]

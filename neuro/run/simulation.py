@@ -627,8 +627,8 @@ class Simulation:
     ) -> Diagnosis:
         """Find out why the network does not work as it is now, see `neuro.doctor`; nothing of the simulation changes.
 
-        A copy runs from time 0, with the present weights and parameters. Its inputs emit what they have emitted here.
-        What signals were set to is not repeated.
+        A copy runs from time 0, with the present weights and parameters, on `event` or on the emulated chip. Its inputs
+        emit what they have emitted here. What signals were set to is not repeated.
 
         Args:
             ms: length of the run, to be rounded up to whole steps.
@@ -640,13 +640,12 @@ class Simulation:
         Raises:
             ModelError: an argument is not as described.
         """
-        from neuro.diagnosis.doctor import examine, options_of, refused
-        from neuro.program.backend import BACKENDS
+        from neuro.diagnosis.doctor import backend_of_copy, examine, options_of, refused
         from neuro.run.present import present
 
         options = options_of(
             ms=ms,
-            backend=self.backend if self.backend in BACKENDS else "event",
+            backend=backend_of_copy(self.backend),
             chip=chip,
             train=train,
             drive=drive,

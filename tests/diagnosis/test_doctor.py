@@ -1,6 +1,7 @@
 """The doctor on networks that ship and on random ones: no false alarm and no error; a simulation stays as it is."""
 
 import json
+import re
 import shutil
 import warnings
 from pathlib import Path
@@ -10,6 +11,8 @@ import pytest
 from hypothesis import HealthCheck, given, settings, strategies as st
 
 import neuro
+from neuro.compiler import compile_network
+from neuro.diagnosis.cell import Cell
 from neuro.model.network import Network
 from neuro.testing.strategies import networks
 from neuro_models import delays, grid_world, hedonists, linear_track, motion, orders
@@ -120,6 +123,38 @@ def test_injected_spikes_are_given_again():
     sim.inject("input", [5.0, 7.0])
     sim.run(10.0)
     assert len(sim.doctor(ms=20.0)) == 0
+
+
+def test_the_factor_of_a_remedy_suffices():
+    def fed(weight: float) -> neuro.Diagnosis:
+        net = Network("fed", resolution=0.1)
+        net.population("noise", 100, neuro.poisson_generator(rate=20.0))
+        net.population("cells", 20, neuro.iaf_psc_exp())
+        net.connect("noise", "cells", neuro.fixed_indegree(50), weight=weight)
+        return neuro.doctor(net)
+
+    (silent,) = fed(20.0)
+    factor = float(re.search(r"to about ([\d.,]+) times", silent.remedy)[1])
+    assert factor == pytest.approx(375.0 / (50 * 20.0 * 2e-3 * 20.0), rel=0.1)  # rheobase over the mean current
+    assert len(fed(20.0 * factor)) == 0
+
+
+@pytest.mark.parametrize(
+    ("model", "peak", "weight"),
+    [
+        (neuro.iaf_psc_delta(), 1.0, 15.0),
+        (neuro.iaf_psc_exp(), 0.00535, 2804.0),  # mV/pA: at its peak 4.02 ms after the spike
+        (neuro.izhikevich(), 1.0, 13.4),
+        (neuro.iaf_cond_exp(), 0.0527, 340.0),  # 300 nS would do if the reversal potential were far
+    ],
+    ids=lambda value: getattr(value, "name", ""),
+)
+def test_one_spike_is_measured(model, peak, weight):
+    net = Network("one")
+    net.population("cells", 1, model)
+    cell = Cell(compile_network(net, 0).populations[0], net.resolution)
+    assert cell.slope(0) == pytest.approx(peak, rel=0.01)
+    assert cell.to_fire(0) == pytest.approx(weight, rel=0.1)
 
 
 def test_wrong_arguments_are_refused():
