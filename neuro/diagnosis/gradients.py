@@ -51,7 +51,7 @@ def findings(wiring: Wiring, seen: Observation) -> Iterator[Finding]:
         s = surrogate(wiring, seen, k)
         said = "" if s is None else f"; the surrogate of its neurons is {s:.2g} on average, of at most 1"
         evidence = f"a gradient of 1 at the outputs is {sizes[k]:.2g} at it{said}"
-        names = ", ".join(f"'{program.projections[q].name}'" for q in wiring.out_of(k))
+        names = wiring.names(wiring.out_of(k))
         if sizes[k] < GONE and names:
             factor = 1.0 / max(sizes[k], 1e-30)
             remedy = f"draw the weights of {names} up to {figure(factor)} times larger, so that V_m comes near V_th"

@@ -55,7 +55,9 @@ def findings(wiring: Wiring, seen: Observation, ran: float, steered: bool) -> It
 def _unset(seen: Observation, part: Projection, ran: float) -> Finding:
     signal = seen.program.signals[part.signal]
     page = "docs/how-to/reward-in-a-closed-loop.md"
-    remedy = f"set it while the network runs: sim.signal('{signal.name}', reward); see {page}"
+    tau = part.synapse.parameters().get("tau_c")
+    soon = "" if tau is None else f", within {3.0 * float(np.max(tau)):g} ms of the spikes that earn it"
+    remedy = f"set it while the network runs{soon}: sim.signal('{signal.name}', reward); see {page}"
     if ran > 0.0:
         return warning("signal-not-set", part, f"signal '{signal.name}' was never set in {ran:g} ms", remedy)
     return note("signal-not-set", part, f"signal '{signal.name}' stayed at 0: a description cannot set it", remedy)

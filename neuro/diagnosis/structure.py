@@ -203,8 +203,7 @@ def _thresholds(wiring: Wiring) -> Iterator[Finding]:
                 f"with all its inputs firing in every step V_m reaches {v.max():.4g} mV, "
                 f"{cell.threshold - v.max():.3g} mV below V_th = {cell.threshold:g} mV"
             )
-            names = ", ".join(f"'{program.projections[q].name}'" for q in onto[:5])
-            remedy = f"raise `weight` of {names} {factor}, or lower V_th"
+            remedy = f"raise `weight` of {wiring.names(onto)} {factor}, or lower V_th"
             yield fault("cannot-fire", part, evidence, remedy, part.name)
 
 

@@ -130,6 +130,17 @@ class Wiring:
                 new.append(target)
         return population in found
 
+    def loops(self, population: int) -> list[int]:
+        """The projections onto a population that excite it and come from what it reaches itself."""
+        after = self.reached([population])
+        return [
+            q for q in self.onto(population) if self.program.projections[q].source in after and self.pushes(q)[0] > 0.0
+        ]
+
+    def names(self, projections: Iterable[int]) -> str:
+        """The first five of some projections, for messages."""
+        return ", ".join(f"'{self.program.projections[q].name}'" for q in list(projections)[:5])
+
     def drive(self, population: int, per_step: dict[int, float], excite: bool = False) -> Floats:
         """What arrives at each receptor of a mean neuron in a step.
 
