@@ -81,8 +81,11 @@ def doctor(
 def examined(file: Path, params: dict[str, object], seed: int, options: Options) -> Diagnosis:
     """The diagnosis of a file; all its mistakes are faults, and then nothing runs."""
     from neuro.compiler.mistakes import mistakes
+    from neuro.core.errors import ModelError
     from neuro.diagnosis.doctor import examine, refused
 
+    if not file.exists():
+        raise ModelError(f"{file}: no such file")
     found = mistakes(file, params, seed)
     if found.mistakes or found.program is None:
         return refused(file.stem, found.mistakes)

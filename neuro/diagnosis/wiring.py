@@ -49,6 +49,7 @@ class Wiring:
     def __init__(self, program: Program) -> None:
         self.program = program
         self._cells: dict[int, Cell] = {}
+        self._pushes: dict[int, tuple[float, float]] = {}
 
     def cell(self, population: int) -> Cell | None:
         """A neuron of a population, None where it has no threshold."""
@@ -71,11 +72,20 @@ class Wiring:
 
     def onto(self, population: int, carries: str = "spikes") -> list[int]:
         """The projections onto a population."""
-        return [q for q, p in enumerate(self.program.projections) if p.target == population and p.carries == carries]
+        return [q for q in self._ends[1][population] if self.program.projections[q].carries == carries]
 
     def out_of(self, population: int) -> list[int]:
         """The projections from a population."""
-        return [q for q, p in enumerate(self.program.projections) if p.source == population]
+        return self._ends[0][population]
+
+    @cached_property
+    def _ends(self) -> tuple[list[list[int]], list[list[int]]]:
+        """The projections from, and onto, each population."""
+        found: tuple[list[list[int]], ...] = tuple([[] for _ in self.program.populations] for _ in range(2))
+        for q, part in enumerate(self.program.projections):
+            found[0][part.source].append(q)
+            found[1][part.target].append(q)
+        return found[0], found[1]
 
     def receptors(self, projection: int) -> tuple[tuple[int, float], tuple[int, float]]:
         """The receptor and the factor with which weights of at least 0, and below 0, arrive."""
@@ -89,6 +99,11 @@ class Wiring:
 
     def pushes(self, projection: int) -> tuple[float, float]:
         """Sums of the weights of a projection that excite and, below 0, that inhibit, in units of its weights."""
+        if projection not in self._pushes:
+            self._pushes[projection] = self._sums(projection)
+        return self._pushes[projection]
+
+    def _sums(self, projection: int) -> tuple[float, float]:
         part, w = self.program.projections[projection], self.weights[projection]
         cell = self.cell(part.target)
         up = down = 0.0
@@ -118,16 +133,14 @@ class Wiring:
 
     def excites_itself(self, population: int) -> bool:
         """Whether spikes of a population come back to it along synapses that excite on the whole."""
-        steps: dict[int, set[int]] = {}
-        for q, part in enumerate(self.program.projections):
-            up, down = self.pushes(q)
-            if part.carries == "spikes" and up > -down:
-                steps.setdefault(part.source, set()).add(part.target)
         found, new = set[int](), [population]
         while new:
-            for target in steps.get(new.pop(), set()) - found:
-                found.add(target)
-                new.append(target)
+            for q in self.out_of(new.pop()):
+                up, down = self.pushes(q)
+                target = self.program.projections[q].target
+                if up > -down and target not in found:
+                    found.add(target)
+                    new.append(target)
         return population in found
 
     def loops(self, population: int) -> list[int]:

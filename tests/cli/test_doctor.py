@@ -67,6 +67,10 @@ def test_wrong_options_are_refused(words):
     assert run(str(EXAMPLE), *words).exit_code == 2
 
 
+def test_a_file_that_is_not_there_is_refused():
+    assert isinstance(run("nosuch.yaml").exception, ModelError)
+
+
 def test_an_unknown_chip_is_refused():
     assert isinstance(run(str(EXAMPLE), "--chip", "lohi").exception, ModelError)
 
