@@ -59,7 +59,7 @@ class Silence:
             yield warning("silenced", part, evidence, remedy, part.name)
             return
         lift = float(up[-1]) - cell.rest
-        evidence += f"; its mean excitation lifts V_m by {lift:.3g} of {cell.distance:.3g} mV{_rheobase(part)}"
+        evidence += f"; its mean excitation leads to {up[-1]:.4g} mV{_rheobase(part)}"
         times = f" to about {figure(cell.distance / lift)} times" if lift > 1e-4 * cell.distance else ""
         yield self._silent(k, part, evidence, times)
 
@@ -71,7 +71,8 @@ class Silence:
         names = f"`weight` of {self.wiring.names(onto)}{times}, or the rate of its inputs" if onto else "its I_e"
         sources = {self.program.projections[q].source for q in onto}
         shows = [p.name for j, p in enumerate(self.program.populations) if j in sources and p.records and j != k]
-        remedy = f"raise {names}, or lower V_th"
+        held_down = " or I_e" if onto and float(part.parameters.get("I_e", np.zeros(1)).max()) < 0.0 else ""
+        remedy = f"raise {names}{held_down}, or lower V_th"
         return finding(
             "silent", "note" if self.seen.ms < SHORT_MS else severity, part, evidence, remedy, part.name, *shows
         )

@@ -66,8 +66,8 @@ def _projections(wiring: Wiring) -> Iterator[Finding]:
             yield warning("long-delay", part, evidence, "give `delay` in ms; delays of axons are 0.1 to 50 ms")
 
 
-_INHIBITORY = re.compile(r"(^|_|\d)(inh\w*|in|i|interneurons?|basket\w*|pv|sst|gaba\w*)(_|\d|$)", re.IGNORECASE)
-_EXCITATORY = re.compile(r"(^|_|\d)(exc\w*|ex|e|pyr\w*)(_|\d|$)", re.IGNORECASE)
+_INHIBITORY = re.compile(r"(^|_)(?i:inh|basket|gaba|pv(_|$)|sst)|(^|_|\d)I(_|\d|$)")
+_EXCITATORY = re.compile(r"(^|_)(?i:exc|pyr)|(^|_|\d)E(_|\d|$)")
 
 
 def _signs(wiring: Wiring, q: int, source: Population, target: Population) -> Iterator[Finding]:
