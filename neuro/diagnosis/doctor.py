@@ -139,6 +139,11 @@ def examine(program: Program, options: Options) -> Diagnosis:
     except ModelError as error:
         findings.append(_mistake(error))
         return Diagnosis(program.name, ordered(findings), "The run stopped with an error.")
+    fired = {
+        f"population '{p.name}'" for p, s in zip(program.populations, seen.populations, strict=True) if s.spikes.any()
+    }
+    # States at the start, or a model's own ways, may do what was thought impossible: then the run is right.
+    findings = [each for each in findings if each.name not in ("cannot-fire", "no-path") or each.what not in fired]
     findings += [*activity.findings(wiring, seen), *learning.findings(wiring, seen, options.ran, options.steered)]
     findings += _on_request(wiring, seen, options)
     return Diagnosis(program.name, ordered(findings), _about(seen, options), seen)

@@ -9,7 +9,6 @@ from dataclasses import dataclass
 import numpy as np
 
 from neuro.core import keyed_random
-from neuro.core.errors import ModelError
 from neuro.diagnosis.wiring import MOST_SYNAPSES
 from neuro.model.neurons import Neuron
 from neuro.program.backend import Engine, EngineCounts, are_finite, unreadable
@@ -118,7 +117,8 @@ def idle_inputs(program: Program) -> set[int]:
 
 def _is_idle(part: Population) -> bool:
     if part.kind == "listed":
-        return part.stream is None and not part.spike_steps.size
+        # Events of an iterator come once, and are not taken from whoever will run the network.
+        return (part.stream is None or not part.stream.again) and not part.spike_steps.size
     return part.kind == "poisson" and part.largest("rate") == 0.0
 
 
@@ -157,7 +157,9 @@ class _Watch:
         self.potentials: list[list[Floats]] = [[] for _ in program.populations]
         self.draws = keyed_random.generator(program.seed, "doctor", program.name)
         self.streams: dict[int, Iterator[Stretch]] = {
-            k: part.stream.after(0) for k, part in enumerate(program.populations) if part.stream is not None
+            k: part.stream.after(0)
+            for k, part in enumerate(program.populations)
+            if part.stream is not None and part.stream.again
         }
         self.filled = dict.fromkeys(self.streams, 0)
         self.plastic = [
@@ -228,17 +230,14 @@ class _Watch:
         part = self.program.populations[population]
         v = self.engine.get(population, "V_m", self.ids[population])
         self.potentials[population].append(v)
-        names = [state.name for state in part.model.states if not state.hidden and state.name not in self._hidden]
+        hidden = unreadable(self.engine)
+        names = [state.name for state in part.model.states if not state.hidden and state.name not in hidden]
         # Every tenth reading, as it brings all neurons to the present.
         late = len(self.potentials[population]) % 10 == 0 or self.steps >= self.wanted
         if not np.isfinite(v).all() or (late and not self._is_finite(population, names)):
             self.unstable = (
                 f"a state of '{part.name}' was NaN or infinite at {self.steps * self.program.resolution:g} ms"
             )
-
-    @property
-    def _hidden(self) -> frozenset[str]:
-        return unreadable(self.engine)
 
     def _is_finite(self, population: int, names: list[str]) -> bool:
         model = self.program.populations[population].model
@@ -257,17 +256,10 @@ class _Watch:
             populations.append(Seen(counts.spikes[k], counts.events[k], bins, self.ids[k], steps, rows, v))
         learning = {}
         for q in self.plastic:
-            try:
-                last = self._moving(q)
-            except ModelError as error:
-                self.unstable = self.unstable or error.message
-                continue
             traces = np.array(self.traces.get(q, [])).reshape(-1, 3).T
-            learning[q] = Learnt(self.first[q], last, *traces)
-            if not np.isfinite(last).all():
-                self.unstable = (
-                    self.unstable or f"a weight of '{self.program.projections[q].name}' became NaN or infinite"
-                )
+            learning[q] = Learnt(self.first[q], self._moving(q), *traces)
+            if not np.isfinite(learning[q].last).all() and not self.unstable:
+                self.unstable = f"a weight of '{self.program.projections[q].name}' became NaN or infinite"
         return Observation(
             self.program,
             self.steps,

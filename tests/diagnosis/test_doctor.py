@@ -125,6 +125,18 @@ def test_injected_spikes_are_given_again():
     assert len(sim.doctor(ms=20.0)) == 0
 
 
+def test_events_that_come_once_are_not_taken():
+    events = neuro.events.load(CLI / "examples" / "walk.dat")
+    net = Network("once", resolution=1.0)
+    camera = net.population("camera", [2, 48, 64], neuro.event_camera(events=iter([events])))
+    net.population("cells", 5, neuro.iaf_psc_exp())
+    net.connect(camera, "cells", neuro.all_to_all(), weight=300.0)
+    assert [each.name for each in neuro.doctor(net, ms=100.0)] == ["no-input"]
+    sim = neuro.compile(net)
+    sim.run(100.0)
+    assert sim.counts().populations["camera"].spikes > 0
+
+
 def test_the_factor_of_a_remedy_suffices():
     def fed(weight: float) -> neuro.Diagnosis:
         net = Network("fed", resolution=0.1)
