@@ -147,10 +147,8 @@ def _paths(wiring: Wiring) -> Iterator[Finding]:
             continue
         onto = wiring.onto(k)
         if onto:
-            names = ", ".join(f"'{program.projections[q].name}'" for q in onto[:5])
-            evidence = (
-                f"no generator reaches it by synapses that excite, only {names}; it does not fire by itself either"
-            )
+            ways = f"no generator reaches it by synapses that excite, only {wiring.names(onto)}"
+            evidence = f"{ways}; it does not fire by itself either"
         else:
             evidence = "no projection ends at it, and it does not fire by itself"
         output = ", the output of trials," if trials is not None and trials.output == k else ""
@@ -199,10 +197,8 @@ def _thresholds(wiring: Wiring) -> Iterator[Finding]:
         if not fired and v.size:
             share = (float(v.max()) - cell.rest) / cell.distance
             factor = f"to about {figure(1.2 / share)} times" if share > 1e-6 else "far"
-            evidence = (
-                f"with all its inputs firing in every step V_m reaches {v.max():.4g} mV, "
-                f"{cell.threshold - v.max():.3g} mV below V_th = {cell.threshold:g} mV"
-            )
+            below = f"{cell.threshold - v.max():.3g} mV below V_th = {cell.threshold:g} mV"
+            evidence = f"with all its inputs firing in every step V_m reaches {v.max():.4g} mV, {below}"
             remedy = f"raise `weight` of {wiring.names(onto)} {factor}, or lower V_th"
             yield fault("cannot-fire", part, evidence, remedy, part.name)
 
@@ -216,8 +212,9 @@ def _most(part: Population, h: float) -> float:
         pairs = part.spike_steps * part.size + part.spike_ids
         several = int(np.unique(pairs, return_counts=True)[1].max(initial=1)) if pairs.size else 1
         return math.inf if part.stream is not None else float(several)
-    relay = isinstance(part.model, Neuron) and (part.model.relay or "max_spikes" in part.parameters)
-    return math.inf if part.kind == "generator" or relay else 1.0
+    if part.kind == "generator" or (isinstance(part.model, Neuron) and part.model.relay):
+        return math.inf
+    return float(np.max(part.parameters.get("max_spikes", 1.0)))
 
 
 def _signals(wiring: Wiring) -> Iterator[Finding]:
