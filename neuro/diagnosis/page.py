@@ -1,4 +1,4 @@
-"""A diagnosis as a page: each finding with its evidence, its remedy and the spikes that show it."""
+"""A diagnosis as a page: each finding with evidence, remedy, and the spikes, potentials or weights that show it."""
 
 from __future__ import annotations
 
@@ -10,12 +10,16 @@ from neuro.core import html
 from neuro.core.html import Html, tag
 from neuro.core.outputs import sealed
 from neuro.core.version import VERSION
+from neuro.diagnosis.cell import has_threshold
 from neuro.diagnosis.findings import SEVERITIES, Finding
 from neuro.diagnosis.observing import Observation
 from neuro.pages import raster
+from neuro.pages.histograms import drawings, histogram
 from neuro.pages.raster import Strip, Window
 
 PAGE = sealed("a page of 'neuro doctor'", '<meta name="generator" content="neuro doctor">', "<!-- digest {} -->")
+WIDE, TALL, TOP, LEFT = 900, 110, 12, 110
+"""Pixels of a drawing of potentials: its right and lower end, and where it begins."""
 COLUMNS = ("severity", "finding", "of", "place")
 
 
@@ -43,8 +47,37 @@ def _finding(each: Finding, seen: Observation | None) -> Iterator[Html]:
     yield tag("p", tag("b", each.what), f" {each.where}" if each.where else None)
     yield tag("p", each.evidence)
     yield tag("p", tag("b", "Remedy: "), each.remedy)
-    if seen is not None and each.severity != SEVERITIES[-1] and each.shows:
-        yield from _raster(seen, [k for k, p in enumerate(seen.program.populations) if p.name in each.shows])
+    if seen is None or each.severity == SEVERITIES[-1]:
+        return
+    shown = [k for k, p in enumerate(seen.program.populations) if p.name in each.shows]
+    yield from _raster(seen, shown)
+    yield from (_potential(seen, k) for k in shown if has_threshold(seen.program.populations[k]))
+    for q, learnt in seen.learning.items():
+        name = seen.program.projections[q].name
+        if each.what == f"projection '{name}'":
+            found = histogram(name, "", {"first": learnt.first, "last": learnt.last})
+            yield drawings([found], {"first": "at the beginning", "last": "at the end"})
+
+
+def _potential(seen: Observation, k: int) -> Html:
+    """The largest V_m of the neurons that were followed, along time, below the threshold."""
+    part, v = seen.program.populations[k], seen.populations[k].potentials.max(axis=1)
+    threshold = float(part.parameters["V_th"][0])
+    low, high = min(float(v.min()), threshold), max(float(v.max()), threshold)
+    x = LEFT + (WIDE - LEFT) * np.arange(1, v.size + 1) / v.size
+    y = TALL - (TALL - TOP) * (np.append(v, threshold) - low) / max(high - low, 1e-12)
+    points = " ".join(f"{a:.1f},{b:.1f}" for a, b in zip(x, y, strict=False))
+    drawing = html.svg(
+        WIDE,
+        TALL + 20,
+        html.line(LEFT, float(y[-1]), WIDE, float(y[-1]), "rule"),
+        html.text(LEFT - 6, float(y[-1]) + 4, f"V_th {threshold:g} mV", "quiet", "end"),
+        html.text(LEFT - 6, float(y[0]) + 4, f"{v[0]:.4g} mV", "quiet", "end") if abs(y[0] - y[-1]) > 12 else None,
+        html.text(WIDE, TALL + 16, f"{seen.ms:g} ms", "quiet", "end"),
+        tag("polyline", points=points, class_="curve chip0"),
+        label=f"largest V_m of {part.name}",
+    )
+    return html.figure(drawing, f"The largest V_m of {seen.populations[k].ids.size:,} neurons of {part.name}.")
 
 
 def _run(seen: Observation) -> Iterator[Html]:

@@ -202,4 +202,16 @@ def test_a_diagnosis_is_shown_in_a_notebook_and_as_a_page():
     page = found.page()
     assert "rheobase" in page
     assert page.count("<canvas") == 2
+    assert "largest V_m of exc" in page
     assert [each["name"] for each in found.as_dict()["findings"]] == [each.name for each in found]
+
+
+def test_a_page_shows_weights_that_ran_to_their_bound():
+    net = Network("learns", resolution=1.0)
+    net.population("noise", 20, neuro.poisson_generator(rate=50.0))
+    net.population("cells", 5, neuro.iaf_psc_exp())
+    rule = neuro.stdp(lambda_=0.2, alpha=0.01, mu_plus=0.0, mu_minus=0.0, Wmax=900.0)
+    net.connect("noise", "cells", neuro.pairwise_bernoulli(p=0.7), rule, weight=500.0)
+    found = neuro.doctor(net)
+    assert "weights-at-bounds" in {each.name for each in found}
+    assert "at the beginning" in found.page()
