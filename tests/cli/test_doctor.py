@@ -1,6 +1,8 @@
 """`neuro doctor`: its text, its JSON, its page and its exit status."""
 
 import json
+import subprocess
+import sys
 from pathlib import Path
 
 import pytest
@@ -41,6 +43,15 @@ def test_json_and_page(tmp_path):
     page = (tmp_path / "page.html").read_text("utf-8")
     assert "rheobase" in page
     assert "<canvas" in page
+
+
+def test_a_page_with_a_fault_can_be_made_again(tmp_path):
+    command = [sys.executable, "-m", "neuro"]
+    (tmp_path / "net.yaml").write_bytes(EXAMPLE.read_bytes())
+    made = [*command, "doctor", "net.yaml", "--set", "w=30", "--for", "100", "--out", "page.html"]
+    assert subprocess.run(made, cwd=tmp_path, capture_output=True).returncode == 1
+    again = subprocess.run([*command, "rerun", "page.html"], cwd=tmp_path, capture_output=True, text=True)
+    assert again.stdout == "page.html: the same bits\n"
 
 
 def test_all_mistakes_of_a_file_are_faults(tmp_path):
