@@ -50,7 +50,7 @@ def test_no_false_alarm_on_files_that_ship(file, tmp_path):
         shutil.copy(CLI / "examples" / "walk.dat", tmp_path)
         file = Path(shutil.copy(file, tmp_path))
     net = neuro.load(file, params=SMALLER.get(file.stem, {}))
-    check(neuro.doctor(net, ms=500.0))
+    check(neuro.doctor(net, ms=300.0))
 
 
 BUILT = {
@@ -65,10 +65,10 @@ BUILT = {
 
 @pytest.mark.parametrize("name", BUILT)
 def test_no_false_alarm_on_networks_made_in_python(name):
-    check(neuro.doctor(BUILT[name](), ms=500.0))
+    check(neuro.doctor(BUILT[name](), ms=300.0))
 
 
-@settings(max_examples=15, deadline=None, derandomize=True, suppress_health_check=list(HealthCheck))
+@settings(max_examples=10, deadline=None, derandomize=True, suppress_health_check=list(HealthCheck))
 @given(net=networks(), seed=st.integers(0, 5))
 def test_no_error_on_random_networks(net: Network, seed: int):
     found = neuro.doctor(net, ms=50.0 if net.resolution == 1.0 else 20.0, seed=seed, train=True, drive=20.0)
