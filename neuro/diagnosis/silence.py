@@ -3,16 +3,19 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from dataclasses import replace
 
 import numpy as np
 
 from neuro.core.english import some
-from neuro.diagnosis.findings import Finding, figure, finding, warning
+from neuro.diagnosis.findings import Finding, figure, finding
 from neuro.diagnosis.observing import Observation
 from neuro.diagnosis.structure import can_fire_alone
 from neuro.diagnosis.wiring import Wiring
 from neuro.program.program import Population
 
+NEARLY = 0.9
+"""Share of the way to the threshold beyond which a longer run, or another seed, may well bring spikes."""
 SHORT_MS = 100.0
 """A run in which silence is no fault yet: at 10 Hz a spike comes every 100 ms."""
 
@@ -52,16 +55,24 @@ class Silence:
         per_step, current = self.seen.per_step(), self.wiring.current(k)
         up, crossed = cell.follow(self.wiring.drive(k, per_step, excite=True), current=current)
         mean, _ = cell.follow(self.wiring.drive(k, per_step), current=current)
-        if crossed and mean[-1] < cell.threshold:
-            evidence += f"; its excitation alone would make it fire, inhibition keeps the mean at {mean[-1]:.4g} mV"
-            names = self.wiring.names(q for q in self.wiring.onto(k) if self.wiring.pushes(q)[1])
-            remedy = f"lower the inhibition of {names}, or raise its excitation"
-            yield warning("silenced", part, evidence, remedy, part.name)
-            return
         lift = float(up[-1]) - cell.rest
+        if (crossed or lift > NEARLY * cell.distance) and mean[-1] < up[-1]:
+            evidence += (
+                f"; its excitation alone leads to {up[-1]:.4g} mV, inhibition keeps the mean at {mean[-1]:.4g} mV"
+            )
+            inhibit = [q for q in self.wiring.onto(k) if self.wiring.pushes(q)[1]]
+            sources = {self.program.projections[q].source for q in inhibit}
+            back = {self.program.projections[q].target for q in self.wiring.out_of(k) if self.wiring.pushes(q)[1]}
+            # Of populations that inhibit each other one may lose.
+            severity = "note" if sources & back else "warning"
+            remedy = f"lower the inhibition of {self.wiring.names(inhibit)}, or raise its excitation"
+            yield finding("silenced", severity, part, evidence, remedy, part.name)
+            return
         evidence += f"; its mean excitation leads to {up[-1]:.4g} mV{_rheobase(part)}"
         times = f" to about {figure(cell.distance / lift)} times" if lift > 1e-4 * cell.distance else ""
-        yield self._silent(k, part, evidence, times)
+        found = self._silent(k, part, evidence, times)
+        nearly = top - cell.rest > NEARLY * cell.distance and found.severity == "fault"
+        yield replace(found, severity="warning") if nearly else found
 
     def _silent(self, k: int, part: Population, evidence: str, times: str) -> Finding:
         # A short run says little, and an output whose states are recorded may be looked at below its threshold.
