@@ -355,7 +355,7 @@ def test_no_file_is_opened_for_writing_elsewhere():
     }
     formats = {f"neuro/events/formats/{name}.py" for name in FORMATS}
     given = {
-        *(f"neuro/cli/{name}.py" for name in ("compare", "start", "run", "events/making")),
+        *(f"neuro/cli/{name}.py" for name in ("compare", "doctor", "start", "run", "events/making")),
         *(f"neuro/sweeps/{name}.py" for name in ("page", "folder", "worker")),
         "neuro/model/language/writer.py",
         *(f"apps/{name}.py" for name in ("neuro_drone/watch", "neuro_recognise/detection/report")),
