@@ -210,7 +210,7 @@ def main() -> None:
     parser.add_argument("--json", type=Path)
     chosen = parser.parse_args()
     low, high = map(int, chosen.seeds.split("-"))
-    kept, names = Kept(chosen.json), chosen.only or list(LABELS)
+    kept, names = Kept(chosen.json), chosen.only or [*SPACES, "search"]
     for task in chosen.tasks:
         rows = []
         for name in names:
