@@ -27,6 +27,7 @@ LAYERS = (
     "compare",
     "exchange",
     "report",
+    "live",
     "sweeps",
     "rerun",
     "testing",
@@ -35,7 +36,10 @@ LAYERS = (
 """From the ground up: a module imports from its own room and those before it."""
 PUBLIC = {
     "neuro",
-    *(f"neuro.{name}" for name in ("chips", "coding", "compare", "events", "plots", "extend", "apps", "results")),
+    *(
+        f"neuro.{name}"
+        for name in ("chips", "coding", "compare", "events", "live", "plots", "extend", "apps", "results")
+    ),
 }
 """Modules whose names are promised; `neuro.events` has public modules of its own, without a `_`."""
 PUBLIC_OF_BACKENDS = {"neuro_torch", "neuro_torch.losses", "neuro_torch.surrogates"}

@@ -17,6 +17,7 @@ from neuro.cli.chips import check, energy, fit, show
 from neuro.cli.compare import compare, verify
 from neuro.cli.convert import convert
 from neuro.cli.events import app as events
+from neuro.cli.live import live
 from neuro.cli.run import plot, report, rerun, run
 from neuro.cli.start import example, new
 from neuro.cli.sweep import sweep, tune
@@ -147,6 +148,7 @@ COMMANDS = (
     new,
     example,
     run,
+    live,
     rerun,
     plot,
     report,
