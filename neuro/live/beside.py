@@ -8,6 +8,8 @@ from __future__ import annotations
 import math
 import os
 import tempfile
+from copy import copy
+from dataclasses import replace
 from functools import lru_cache, partial
 from pathlib import Path
 from typing import Any
@@ -26,6 +28,7 @@ from neuro.model.language import load, save
 from neuro.model.network import Network
 from neuro.model.neurons import Neuron
 from neuro.model.neurons.current_generators import dc_generator
+from neuro.model.neurons.event_camera import event_camera
 from neuro.model.rules import one_to_one
 from neuro.program.backend import EngineCounts
 from neuro.program.counts import difference
@@ -64,9 +67,9 @@ class Beside:
         if synapses > LARGEST:
             return f"{synapses:,} synapses: a run is priced while it goes on up to {LARGEST:,}"
         try:
-            save(self._sim._net, self._path, anywhere=True)
+            save(without_recordings(self._sim), self._path)
         except ModelError as error:
-            return str(error)
+            return error.message
         return ""
 
     @property
@@ -114,7 +117,7 @@ class Beside:
             if isinstance(event, Done):
                 ended.append((event.job, event.found))
             elif isinstance(event, Raised):
-                ended.append((event.job, str(event.error)))
+                ended.append((event.job, getattr(event.error, "message", str(event.error))))
             elif isinstance(event, Lost):
                 ended.append((event.job, f"its process {event.how}"))
         return ended
@@ -123,6 +126,19 @@ class Beside:
         """End the process."""
         self._pool.close()
         self._folder.cleanup()
+
+
+def without_recordings(sim: Simulation) -> Network:
+    """The network with cameras that play nothing: what they have emitted is counted already."""
+    net = copy(sim._net)
+    shapes = {part.name: part.shape for part in sim.program.populations}
+    net.populations = {
+        name: replace(part, model=replace(part.model, file=None, events=None), shape=shapes[name])
+        if isinstance(part.model, event_camera)
+        else part
+        for name, part in net.populations.items()
+    }
+    return net
 
 
 def begin() -> Work:

@@ -40,10 +40,7 @@ def about(sim: Simulation) -> dict[str, Any]:
             {
                 "name": part.name,
                 "to": program.populations[part.target].name,
-                "sliders": [
-                    {"word": "value", "unit": "1/ms", "doc": "one value for all", "kind": "number"}
-                    | {"value": 0.0, "same": True, "low": -1.0, "high": 1.0, "least": None, "most": None}
-                ],
+                "sliders": [slider("value", Quantity(unit="1/ms", doc="one for all neurons"), np.zeros(1))],
             }
             for part in program.signals
         ],
@@ -124,22 +121,19 @@ def synapse_sliders(sim: Simulation, index: int) -> list[dict[str, Any]]:
 
 def slider(word: str, q: Quantity, values: Floats) -> dict[str, Any]:
     """A number that can be set: what it is now, how far its slider goes, and its bounds."""
-    value = shown_value(values)
-    low, high = span(q, value["value"])
-    least = q.at_least if q.at_least is not None else q.above
-    most = q.at_most if q.at_most is not None else q.below
-    return {
-        **{"word": word, "unit": q.unit, "doc": q.doc, "kind": q.kind, "low": low, "high": high},
-        **{"least": least, "most": most, "expected": q.expected()},
-        **value,
-    }
+    now = shown_value(values)
+    low, high = span(q, now["value"] or 0.0)
+    signs = {">": q.above, "≥": q.at_least, "<": q.below, "≤": q.at_most}
+    bounds = ", ".join(f"{sign} {bound:g}" for sign, bound in signs.items() if bound is not None)
+    about = {"word": word, "unit": q.unit, "doc": q.doc, "kind": q.kind, "bounds": bounds}
+    return {**about, "low": low, "high": high, **now}
 
 
 def shown_value(values: Floats) -> dict[str, Any]:
-    """The mean of values, and whether all are the same."""
-    finite = values[np.isfinite(values)]
+    """The mean of values, None where it is infinite, and whether all are the same."""
+    mean = float(values.mean()) if values.size else 0.0
     return {
-        "value": float(finite.mean()) if finite.size else 0.0,
+        "value": mean if math.isfinite(mean) else None,
         "same": bool(values.size == 0 or (values == values.flat[0]).all()),
     }
 

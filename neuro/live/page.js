@@ -154,6 +154,7 @@ function drawGraph() {
   nodes.clear(); edges.length = 0;
   const height = rows.length * (H + DOWN) - DOWN + 44;
   svg.setAttribute("viewBox", `0 0 ${width} ${height}`);
+  svg.style.maxWidth = 1.2 * width + "px";
   const lines = shape("g"), boxes = shape("g");
   rows.forEach((row, level) => row.forEach((p, k) => {
     const x = width / 2 + (k - (row.length - 1) / 2) * (W + GAP) - W / 2, y = 22 + level * (H + DOWN), index = about.populations.indexOf(p);
@@ -199,7 +200,7 @@ function colourGraph() {
   about.populations.forEach((p, k) => {
     const seen = nodes.get(p.name);
     seen.bar.setAttribute("width", (Math.sqrt(last.values[k] / most) * seen.room).toFixed(1));
-    const text = p.kind === "current" ? "current" : short(Number(last.values[k].toPrecision(3))) + " Hz";
+    const text = p.kind === "current" ? "current" : (last.values[k] < 100 ? Number(last.values[k].toFixed(last.values[k] < 10 ? 2 : 1)) : Math.round(last.values[k])) + " Hz";
     if (seen.rate.textContent !== text) seen.rate.textContent = text;
   });
   for (const {edge, head, from} of edges) {
@@ -294,12 +295,11 @@ function slider(p, q) {
       last = value.value;
       if (last < Number(range.min)) range.min = last;
       if (last > Number(range.max)) range.max = last;
-      if (document.activeElement !== range || value.value !== undefined && performance.now() - sent > 300) range.value = last;
-      if (document.activeElement !== exact) exact.value = Number(last.toPrecision(6));
-      const bounds = [q.least !== null && q.least !== undefined ? "≥ " + short(q.least) : "", q.most !== null && q.most !== undefined ? "≤ " + short(q.most) : ""].filter(Boolean).join(", ");
-      told.textContent = [unit, value.same === false ? "differs, mean" : bounds].filter(Boolean).join(" · ");
+      if (document.activeElement !== range || performance.now() - sent > 300) range.value = last ?? range.min;
+      if (document.activeElement !== exact) exact.value = last === null ? "" : Number(last.toPrecision(6));
+      told.textContent = [unit, last === null ? "infinite" : value.same === false ? "differs, mean" : q.bounds].filter(Boolean).join(" · ");
     };
-    range.value = known.value;
+    range.value = known.value ?? q.low;
     row.append(label, range, exact, error);
   }
   row.show(known);
