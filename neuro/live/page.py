@@ -28,16 +28,16 @@ from neuro.run.simulation import Simulation
 FRAME_S = 1 / 40
 POLL_S = 5e-3
 """How often messages are looked for."""
-SAMPLE_S = 5e-4
+SAMPLE_S = 1e-3
 STRETCH_S, LONGEST_MS = 2e-3, 20.0
 KEPT_MS = 500.0
 SEEN_S = 1.0
 """So long after a frame somebody is taken to look."""
 SLOW_S = 0.25
 PRICE_S = 1.0
-SHARE, SLOW_SHARE = 0.03, 0.01
-"""Of the time of the process: what frames may take, and all that is made seldom; where they take more, they come less
-often."""
+SHARE, SLOW_SHARE = 0.025, 0.008
+"""Of the time that the run takes and waits: what frames may take, and all that is made seldom. Where they take more,
+they come less often."""
 START_S = 20.0
 
 PORT = Quantity(kind="integer", at_least=0, at_most=65535)
@@ -85,6 +85,7 @@ class Page:
         host, port = check(HOST, host, "host"), check(PORT, port, "port")
         self.pace = None if speed is None else Pace(check(SPEED, speed, "speed"))
         self.restart, self._figures = restart, figures
+        self._waited = self._frame_due = 0.0
         self._due = self._slow_due = self._sample_due = self._price_due = self._seen_until = 0.0
         self._wanted = False
         self._taken = 0.0
@@ -139,8 +140,10 @@ class Page:
         if self.pace is None:
             return
         while (wait := self.pace.wait_s(self.sim.time)) > 0.0 and self._channel.open:
+            began = time.perf_counter()
             time.sleep(min(wait, POLL_S))
             now = time.perf_counter()
+            self._waited += now - began
             if now >= self._due:
                 self._attend(now)
 
@@ -256,13 +259,22 @@ class Page:
         self._channel.flush()
         for job, found in self.beside.found():
             self._found(job, found)
-        if self._wanted and self._channel.idle and self.sim.time != self.frames.time:
+        if (
+            self._wanted
+            and self._channel.idle
+            and self.sim.time != self.frames.time
+            and self._used() >= self._frame_due
+        ):
             self._send_frame(now)
-            if now >= self._slow_due:
-                self._seldom()
+            if self._used() >= self._slow_due:
+                self._seldom(now)
+
+    def _used(self) -> float:
+        """Seconds that the run took and waited; of one that others pace, those on the wall."""
+        return time.perf_counter() if self.pace is None else time.thread_time() + self._waited
 
     def _send_frame(self, now: float) -> None:
-        began = time.thread_time()
+        began, used = time.thread_time(), self._used()
         head, body = self.frames.take()
         since, ms = self._measured
         if now - since > 0.5:
@@ -271,11 +283,12 @@ class Page:
         self._channel.send(head | {"speed": round(self._speed, 4)}, body)
         self._wanted, self._seen_until = False, now + SEEN_S
         before, self._taken = self._taken, time.thread_time() - began
-        self._due = now + max(FRAME_S, min(before, self._taken) / SHARE)
+        self._due = now + FRAME_S
+        self._frame_due = used + min(before, self._taken) / SHARE
 
-    def _seldom(self) -> None:
+    def _seldom(self, now: float) -> None:
         """What is made a few times a second: the weights of one projection, joules, figures."""
-        began = time.thread_time()
+        began, used = time.thread_time(), self._used()
         if self._unread or self._learning:
             if self._unread:
                 index = self._unread.pop(0)
@@ -284,7 +297,6 @@ class Page:
                 index = self._learning[self._next % len(self._learning)]
             weights = weights_of(self.sim, index)
             self.keep(f"weights/{weights['projection']}", weights)
-        now = time.perf_counter()
         if now >= self._price_due:
             self._price_due = now + PRICE_S
             self.beside.price()
@@ -292,7 +304,7 @@ class Page:
                 self.keep("joules", {"refused": self.beside.refused})
         if self._figures is not None:
             self.keep("figures", {"figures": dict(self._figures())})
-        self._slow_due = now + max(SLOW_S, (time.thread_time() - began) / SLOW_SHARE)
+        self._slow_due = used + max(SLOW_S, (time.thread_time() - began) / SLOW_SHARE)
 
     def _found(self, job: dict[str, Any], found: Any) -> None:
         """Show what the process beside has computed."""

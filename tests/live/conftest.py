@@ -14,7 +14,7 @@ def websockets():
         pytest.skip("websockets is not installed: pip install '.[live]'")
 
 
-@pytest.fixture(scope="module")
+@pytest.fixture(scope="session")
 def running(websockets):
     one = Running()
     yield one
