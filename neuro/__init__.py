@@ -17,6 +17,7 @@ if TYPE_CHECKING:
         events as events,
         live as live,
         plots as plots,
+        realtime as realtime,
         results as results,
     )
     from neuro.core.errors import ModelError as ModelError

@@ -1,66 +1,219 @@
-"""A network that runs beside the clock on the wall, with a page that shows and steers it: `neuro live`."""
+"""A network in real time: `neuro live`."""
 
 from __future__ import annotations
 
 import math
-from typing import Annotated, Any
+from collections.abc import Callable, Iterator
+from contextlib import ExitStack
+from enum import StrEnum
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from neuro.cli.options import Backend, NetworkFile, Seed, Set, Threads, assignments, milliseconds, stoppable, whole
+from neuro.cli.options import (
+    Backend,
+    NetworkFile,
+    Seed,
+    Set,
+    Threads,
+    assignments,
+    milliseconds,
+    stoppable,
+    whole,
+)
+from neuro.cli.run import Record, keep_spikes
+from neuro.core.errors import ModelError
+
+if TYPE_CHECKING:
+    from neuro.live import Page
+    from neuro.realtime import LiveRun, Source
+    from neuro.run.simulation import Simulation
 
 
-def speed(text: str) -> float:
+class Late(StrEnum):
+    """What to do when an action comes too late, as of `neuro.realtime.LATE`."""
+
+    catch_up = "catch_up"
+    skip = "skip"
+    stop = "stop"
+
+
+_LONG = {"min": 60_000.0, "h": 3_600_000.0}
+
+
+def long_time(text: str) -> float:
+    """A time > 0 ms: a number, or one with its unit, also minutes and hours."""
+    for unit, ms in _LONG.items():
+        if text.endswith(unit):
+            return ms * milliseconds(text.removesuffix(unit).strip())
+    return milliseconds(text)
+
+
+def times_real_time(text: str) -> float:
     """A number > 0, "inf" as fast as possible."""
     try:
         number = float(text)
     except ValueError:
         number = math.nan
     if not number > 0:
-        raise typer.BadParameter(f"'{text}': expected a number > 0, times real time, or inf")
+        raise typer.BadParameter(f"'{text}': expected a number > 0, or inf")
     return number
 
 
-ShowPage = Annotated[bool, typer.Option("--page", help="Serve a page that shows and steers the run.")]
-Port = Annotated[
-    int,
-    typer.Option("--port", metavar="N", parser=lambda text: whole(text, 0), help="Of the page; any free one if 0."),
+Tick = Annotated[float, typer.Option("--tick", metavar="MS", parser=milliseconds, help="The length of a tick, in ms.")]
+Long = Annotated[
+    float | None,
+    typer.Option(
+        "--for",
+        metavar="MS",
+        parser=long_time,
+        help="How long: in ms, or 10 s, 5 min, 1 h; 10 s if not given, for ever where a page keeps time.",
+    ),
 ]
-Host = Annotated[str, typer.Option("--host", metavar="NAME", help="Where the page can be reached.")]
-Speed = Annotated[float, typer.Option("--speed", metavar="X", parser=speed, help="Times real time, or inf.")]
+Input = Annotated[
+    list[str],
+    typer.Option(
+        "--input",
+        metavar="NAME=FILE",
+        help="What an event camera sees: a recording, played at its own pace; repeatable.",
+    ),
+]
+WhenLate = Annotated[Late, typer.Option("--late", help="What to do when an action comes too late.")]
+LiveOut = Annotated[
+    Path | None, typer.Option("--out", metavar="FILE", help="The HDF5 file to write; none if not given.")
+]
+ShowPage = Annotated[
+    bool, typer.Option("--page", help="Show the run in the browser; without --input and --out the page keeps time.")
+]
+Host = Annotated[str, typer.Option("--host", metavar="NAME", help="Where the page listens.")]
+Port = Annotated[
+    int, typer.Option("--port", metavar="N", parser=lambda text: whole(text, 0), help="Of the page; 0: any free one.")
+]
+Speed = Annotated[
+    float | None,
+    typer.Option("--speed", metavar="X", parser=times_real_time, help="With --page: times real time, or inf."),
+]
 NoBrowser = Annotated[bool, typer.Option("--no-browser", help="Print the address of the page, and open no browser.")]
-Until = Annotated[float, typer.Option("--for", metavar="MS", parser=milliseconds, help="How long, in ms.")]
+
+REPORT_S = 10.0
 
 
 def live(
     file: NetworkFile,
-    page: ShowPage = False,
-    host: Host = "127.0.0.1",
-    port: Port = 0,
-    speed: Speed = 1.0,
-    duration: Until = math.inf,
+    tick: Tick = 1.0,
+    duration: Long = None,
+    input: Input = [],  # noqa: B006
+    late: WhenLate = Late.catch_up,
     backend: Backend = "event",
     seed: Seed = 0,
     threads: Threads = 1,
     set: Set = [],  # noqa: B006
+    record: Record = [],  # noqa: B006
+    out: LiveOut = None,
+    page: ShowPage = False,
+    host: Host = "127.0.0.1",
+    port: Port = 0,
+    speed: Speed = None,
     no_browser: NoBrowser = False,
 ) -> None:
-    """Run a network in real time, with a page in the browser that shows and steers it."""
+    """Run a network in real time on live events; report latencies, misses and drops, and keep what it saw."""
     import webbrowser
 
-    from neuro.core.errors import ModelError
-    from neuro.live.page import Page
+    from neuro.core.outputs import check_output
+    from neuro.files.results import KIND
     from neuro.model.language import load
+    from neuro.realtime import Loop
     from neuro.run.compiled import compile as compiled
 
-    if not page:
-        raise ModelError("neuro live: expected --page, which shows the run", hint="neuro run writes results")
+    real_time = [word for word, given in (("--input", input), ("--out", out)) if given]
+    if speed is not None and (real_time or not page):
+        raise ModelError(f"--speed: expected {'no ' + real_time[0] if real_time else '--page'}: a page keeps the speed")
     net = load(file, params=assignments(set))
-    words: dict[str, Any] = {"backend": backend, "threads": threads}
-    sim = compiled(net, seed=seed, **words)
-    shown = Page(sim, host, port, speed=speed, restart=lambda seed: compiled(net, seed=seed, **words))
-    with shown, stoppable(lambda: f"after {shown.sim.time:g} ms"):
-        typer.echo(f"page: {shown.url}")
-        if not no_browser:
-            webbrowser.open(shown.url)
-        shown.run(duration)
+    keep_spikes(net, record)
+    if out is not None:
+        check_output(out, KIND)
+
+    def simulation(seed: int) -> Simulation:
+        return compiled(net, backend=backend, seed=seed, threads=threads)
+
+    sim, lines = simulation(seed), _Lines()
+    with ExitStack() as stack:
+        shown: Page | None = None
+        if page:
+            shown = stack.enter_context(
+                _page(sim, (host, port), lines, None if real_time else speed or 1.0, simulation)
+            )
+            typer.echo(f"page: {shown.url}")
+            if not no_browser:
+                webbrowser.open(shown.url)
+        if shown is not None and not real_time:
+            with stoppable(lambda: f"at {shown.sim.time:g} ms"):
+                shown.run(math.inf if duration is None else duration)
+            return
+        inputs = sources(sim, input, format, stack)
+        watch = None if shown is None else shown.tick
+        loop = Loop(sim, tick=tick, inputs=inputs, late=late.value, watch=watch)
+        run = loop.run(duration or 10_000.0, out=out, record=record, threads=threads, report=lines)
+    typer.echo(str(run))
+    if out is not None:
+        typer.echo(f"{out}: {sim.time:g} ms; neuro rerun {out} makes it again")
+    if run.ended:
+        typer.echo(f"ended early: {run.ended}", err=True)
+        raise typer.Exit(130 if run.ended == "interrupted" else 1)
+
+
+def _page(
+    sim: Simulation,
+    at: tuple[str, int],
+    lines: _Lines,
+    speed: float | None,
+    simulation: Callable[[int], Simulation],
+) -> Page:
+    """A page that keeps time, or without a speed one on a loop, whose figures it shows."""
+    from neuro.live import Page
+
+    if speed is not None:
+        return Page(sim, *at, speed=speed, restart=simulation)
+    return Page(sim, *at, figures=lambda: lines.figures)
+
+
+def sources(sim: Simulation, texts: list[str]) -> dict[str, Source]:
+    """Sources by the names of cameras, of NAME=FILE."""
+    from neuro.realtime import Player
+
+    made: dict[str, Any] = {}
+    for text in texts:
+        name, equals, what = text.partition("=")
+        if not equals or not name or not what:
+            raise typer.BadParameter(f"'{text}': expected NAME=FILE", param_hint="'--input'")
+        sim.handles.neurons(name)
+        made[name] = Player(what)
+    return made
+
+
+class _Lines:
+    """A line about a live run now and then, on stderr: a bar that moves would take time from the ticks."""
+
+    def __init__(self) -> None:
+        self._next = 0.0
+        self.figures: dict[str, str] = {}
+
+    def __call__(self, run: LiveRun) -> None:
+        self.figures = dict(_figures(run))
+        seconds = (run.ticks + run.skipped) * run.tick_ms / 1000.0
+        if seconds >= self._next + REPORT_S:
+            self._next = seconds
+            times = f"event to action p99 {run.latency.ms(0.99):.3f} ms, empty loop {run.empty.ms(0.99):.3f} ms"
+            typer.echo(f"{seconds:,.0f} s: {times}, {run.misses:,} missed, {run.drops:,} drops", err=True)
+
+
+def _figures(run: LiveRun) -> Iterator[tuple[str, str]]:
+    """What a page shows of a live run."""
+    for name, found in (("event to action", run.latency), ("tick to action", run.response), ("empty loop", run.empty)):
+        yield (
+            f"{name}: p50, p99, largest",
+            ", ".join(f"{ms:.3f}" for ms in (found.ms(0.5), found.ms(0.99), found.largest_ms)) + " ms",
+        )
+    yield "ticks missed", f"{run.misses:,} of {run.ticks:,}"
+    yield "events dropped", f"{run.drops:,}"

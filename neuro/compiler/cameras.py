@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from neuro.compiler.check import naming_the_part
+from neuro.compiler.pixels import Eye, see
 from neuro.core.clock import NEVER, Clock
 from neuro.core.errors import ModelError
 from neuro.model.network import Network
@@ -61,6 +62,7 @@ class CameraInput:
     def __init__(self, part: Population, model: event_camera, clock: Clock) -> None:
         self._part, self._model = part, model
         self._played = model.played()
+        self._eyes: dict[tuple[int, int, int], Eye] = {}
         self._sensor = None if self._played is None else self._played.sensor_size
         self.again = self._played is None or self._played.again
         ratio = Fraction(clock.resolution).limit_denominator(_FINEST) * 1000
@@ -157,6 +159,7 @@ class CameraInput:
 
     def given(self, events: Any) -> tuple[Ints, Ints]:
         """Steps and neurons of Events, a structured array, or an iterable of them."""
+        from neuro.events import Events
         from neuro.events.playing import played
 
         if isinstance(events, (str, PathLike)):
@@ -165,19 +168,32 @@ class CameraInput:
             raise ModelError("its recording has not begun to play: expected 'origin'", hint="or run first")
         begin = self._origin + self._offset
         parts = []
-        for part in played(events).parts(None, self._least):
+        whole = [events] if isinstance(events, Events) else played(events).parts(None, self._least)
+        for part in whole:
             if len(part) and part.t[0] < begin:
                 raise ModelError(f"an event at {part.t[0]} us: expected from {begin} us on, the beginning")
             parts.append(self._spikes(part, -NEVER))
+        if len(parts) == 1:
+            return parts[0]
         steps, ids = (np.concatenate([_NONE, *(part[k] for part in parts)]) for k in (0, 1))
         return steps, ids
+
+    @property
+    def model(self) -> event_camera:
+        """That of the population."""
+        return self._model
+
+    def first_us(self, step: int) -> int:
+        """The first time of an event, us, that is emitted later than in this step."""
+        numerator, denominator = self._step_us
+        since = max(0, step - self._start) * numerator
+        return (self._origin or 0) + self._offset - (-since // denominator)
 
     def _begin(self, step: int) -> int | None:
         """The first time of the recording, us, that falls in a step after this one; None where all has to be read."""
         if self._origin is None or (step <= self._start and not self._offset and self._model.origin is None):
             return None
-        numerator, denominator = self._step_us
-        return self._origin + self._offset - (-(max(0, step - self._start) * numerator) // denominator)
+        return self.first_us(step)
 
     def _step(self, t: int) -> int:
         """The step in which an event at a time of the recording, us, is emitted."""
@@ -186,32 +202,31 @@ class CameraInput:
 
     def _spikes(self, events: Any, after: int) -> tuple[Ints, Ints]:
         """Steps and neurons of the events that are seen, in steps after this one."""
-        model, (width, height) = self._model, self._sensor or events.sensor_size
+        width, height = self._sensor or events.sensor_size
         if events.sensor_size != (width, height):
             size = "{}x{}".format(*events.sensor_size)
             raise ModelError(f"events of a {size} sensor: expected {width}x{height}, the recording's")
         if self._origin is None and len(events):
             self._origin = int(events.t[0])
-        numerator, denominator = self._step_us
-        since = events.t - ((self._origin or 0) + self._offset)
-        steps = since * denominator // numerator + (self._start + 1)
-        seen = (since >= 0) & (steps > after) & (steps <= self._stop)
-        (left, right), (top, bottom) = self._sides(width, height)
-        if (left, right, top, bottom) != (0, width, 0, height):
-            seen &= (events.x >= left) & (events.x < right) & (events.y >= top) & (events.y < bottom)
-        if model.polarity in ("on", "off"):
-            seen &= events.p == (model.polarity == "on")
-        if not seen.all():
-            events, steps = events[seen], steps[seen]
-        x = (events.x.astype(np.int64) - left) // model.scale
-        y = (events.y.astype(np.int64) - top) // model.scale
-        rows, columns = self.shape[-2:]
-        if self._sensor is None and x.size and (x.max() >= columns or y.max() >= rows):
-            k = int(((x >= columns) | (y >= rows)).argmax())
-            event = f"event at x = {events.x[k]}, y = {events.y[k]}, {events.t[k]} us"
-            raise ModelError(f"{event}: expected within its shape {list(self.shape)}")
-        ids = y * columns + x
-        return steps, ids + events.p * np.int64(rows * columns) if self._split else ids
+        steps, ids = np.empty(len(events), np.int64), np.empty(len(events), np.int64)
+        n = see(events.t, events.x, events.y, events.p, self._eye(width, height), after, steps, ids)
+        if n < 0:
+            t, x, y = (column[-1 - n] for column in (events.t, events.x, events.y))
+            raise ModelError(f"event at x = {x}, y = {y}, {t} us: expected within its shape {list(self.shape)}")
+        return steps[:n], ids[:n]
+
+    def _eye(self, width: int, height: int) -> Eye:
+        """What is seen of a sensor of this width and height."""
+        begin = (self._origin or 0) + self._offset
+        if (width, height, begin) not in self._eyes:
+            model, (rows, columns) = self._model, self.shape[-2:]
+            (left, right), (top, bottom) = self._sides(width, height)
+            polarity = {"on": 1, "off": 0}.get(model.polarity, -1)
+            apart = rows * columns if self._split else 0
+            when = (begin, *self._step_us, self._start, min(self._stop, NEVER))
+            eye = Eye(*when, left, right, top, bottom, model.scale, rows, columns, polarity, apart)
+            self._eyes = {(width, height, begin): eye}
+        return self._eyes[width, height, begin]
 
 
 def _written(shape: tuple[int | str, ...]) -> str:

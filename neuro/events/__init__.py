@@ -1,8 +1,8 @@
 """Events of event cameras: the type, files, data sets, filters, segmentation, representations and a pixel model.
 
 `Events` holds a recording; `load`, `stream` and `save` read and write files; `recordings` goes through a labelled
-folder or zip; `filters` clean and change a stream; `segmentation` cuts it; `representations` makes arrays of it; `DVS`
-makes events from images.
+folder or zip; `listen` and `send` are streams by the network; `filters` clean and change a stream; `segmentation` cuts
+it; `representations` makes arrays of it; `DVS` makes events from images.
 """
 
 from __future__ import annotations
@@ -14,6 +14,7 @@ from neuro.events.dvs import DVS, DVSParameters, dvs_events, frames_of
 from neuro.events.errors import EventFileError, EventFileWarning
 from neuro.events.files import load, save, stream
 from neuro.events.segmentation import msd_segments
+from neuro.events.streams import Listener, Sent, StreamCounts, listen, send
 
 __all__ = [
     "DVS",
@@ -24,16 +25,21 @@ __all__ = [
     "EventFileError",
     "EventFileWarning",
     "Events",
+    "Listener",
     "Recording",
     "Recordings",
+    "Sent",
+    "StreamCounts",
     "dvs_events",
     "filters",
     "frames_of",
+    "listen",
     "load",
     "msd_segments",
     "recordings",
     "representations",
     "save",
     "segmentation",
+    "send",
     "stream",
 ]

@@ -2,21 +2,23 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from contextlib import AbstractContextManager
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 
-from neuro.core.clock import Clock
-from neuro.program.program import Floats
+from neuro.core.clock import NEVER, Clock
+from neuro.program.program import Floats, Ints, Stretch
 
-__all__ = ["Trace", "Train", "Weights"]
+__all__ = ["Fed", "Trace", "Train", "Weights"]
 
 
 Opener = Callable[[], AbstractContextManager[Any]]
 _MISSING: Any = object()
+_MOST = 1 << 17
+"""Spikes of what was fed that are played at once."""
 
 
 class Stored:
@@ -132,6 +134,48 @@ class Train:
     def size(self) -> int:
         """Number of neurons."""
         return int(np.prod(self.shape))
+
+
+@dataclass(frozen=True, eq=False)
+class Fed:
+    """What one event camera was fed while a run was recorded, as spikes; a stream that a simulation can play.
+
+    Attributes:
+        steps: ascending where events were fed in the order of time; an entry for each row of spikes of one step.
+        sizes: how many spikes each entry has.
+        ids: their neurons.
+    """
+
+    steps: Lazy = Lazy()
+    sizes: Lazy = Lazy()
+    ids: Lazy = Lazy()
+
+    again: ClassVar[bool] = True
+    """It can be played several times."""
+
+    @property
+    def identity(self) -> str:
+        """What distinguishes it from another."""
+        return f"{int(np.sum(self.sizes))} spikes"
+
+    def after(self, step: int) -> Iterator[Stretch]:
+        """All spikes of later steps, in stretches; no more than one of them is in memory."""
+        steps, sizes, ids = np.asarray(self.steps), np.asarray(self.sizes), kept(self, "ids")
+        to_come = np.minimum.accumulate(steps[::-1])[::-1]
+        ends = np.cumsum(sizes)
+        first, entry = 0, 0
+        while entry < steps.size:
+            end = max(entry + 1, int(np.searchsorted(ends, first + _MOST)))
+            each, last = np.repeat(steps[entry:end], sizes[entry:end]), int(ends[end - 1])
+            neurons = np.asarray(ids[first:last], dtype=np.int64)
+            later = each > step
+            until = NEVER if end == steps.size else int(to_come[end]) - 1
+            yield Stretch(until, each[later], neurons[later])
+            first, entry = last, end
+
+    def given(self, events: Any) -> tuple[Ints, Ints]:
+        """Nothing is fed to what was fed."""
+        raise NotImplementedError
 
 
 @dataclass(frozen=True, eq=False)

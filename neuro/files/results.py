@@ -32,7 +32,7 @@ from __future__ import annotations
 
 import tempfile
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, field, fields
 from os import PathLike
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
@@ -51,7 +51,7 @@ from neuro.core.outputs import Kind
 from neuro.core.paths import existing
 from neuro.core.tables import Table, as_html, as_text
 from neuro.files.finished_runs import Sought, one_each, weights
-from neuro.files.parts import Opener, Stored, Trace, Train, Weights, kept, span
+from neuro.files.parts import Fed, Opener, Stored, Trace, Train, Weights, kept, span
 from neuro.model.network import Network
 from neuro.model.parts import Part
 from neuro.model.views import Shaped, View, named
@@ -87,6 +87,7 @@ class Results:
         files: the network's files by name, the YAML text among them as `network.yaml`.
         populations, projections, traces: the parts by name.
         path: of the file, None of what is in memory only.
+        fed: what event cameras were fed while the run was recorded, by name; `sim.replay(results)` feeds it again.
     """
 
     about: dict[str, Any]
@@ -95,6 +96,7 @@ class Results:
     projections: dict[str, Weights]
     traces: dict[str, Trace]
     path: Path | None = None
+    fed: dict[str, Fed] = field(default_factory=dict)
 
     @property
     def duration_ms(self) -> float:
@@ -382,35 +384,36 @@ def read_file(file: h5py.File, opener: Opener, path: Path | None = None) -> Resu
         {name: _read_part(Weights, group, opener) for name, group in file["projections"].items()},
         {name: _read_part(Trace, group, opener) for name, group in file["traces"].items()},
         path,
+        {name: _read_part(Fed, group, opener) for name, group in file.get("fed", {}).items()},
     )
 
 
-P = TypeVar("P", Train, Weights, Trace)
+P = TypeVar("P", Train, Weights, Trace, Fed)
 
 
 def write_part(group: h5py.Group, part: Any) -> None:
     """Write the arrays and attributes of a part that are not there yet."""
-    for field in fields(part):
-        value = getattr(part, field.name)
-        if field.name in group:
+    for each in fields(part):
+        value = getattr(part, each.name)
+        if each.name in group:
             continue
         if isinstance(value, np.ndarray):
             # Counts are written anew while a run goes on: packed, each time would take new room in the file.
-            packed = value.size > _LARGE and not field.name.endswith("_counts")
+            packed = value.size > _LARGE and not each.name.endswith("_counts")
             packing = {"compression": "gzip", "compression_opts": 1, "shuffle": True} if packed else {}
-            group.create_dataset(field.name, data=value, **packing)
+            group.create_dataset(each.name, data=value, **packing)
         elif isinstance(value, dict):
             group.attrs.update({_COUNT + name: number for name, number in value.items()})
         elif value is not None:
-            group.attrs[field.name] = value
+            group.attrs[each.name] = value
 
 
 def _read_part(kind: type[P], group: h5py.Group, opener: Opener) -> P:
     words: dict[str, Any] = {
-        field.name: _plain(group.attrs[field.name]) for field in fields(kind) if field.name in group.attrs
+        each.name: _plain(group.attrs[each.name]) for each in fields(kind) if each.name in group.attrs
     }
     words |= {name: Stored(opener, f"{group.name}/{name}", len(data)) for name, data in group.items()}
-    if any(field.name == "counts" for field in fields(kind)):
+    if any(each.name == "counts" for each in fields(kind)):
         counts = {name: value for name, value in group.attrs.items() if name.startswith(_COUNT)}
         words["counts"] = {name.removeprefix(_COUNT): int(value) for name, value in counts.items()}
     return kind(**words)

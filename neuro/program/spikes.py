@@ -14,6 +14,7 @@ from neuro.program.program import Ints, Program
 Part = tuple[NDArray[Any], NDArray[Any], NDArray[Any]]
 _NAMES = ("record.steps", "record.ids", "record.counts")
 _NO_INTS = np.zeros(0, dtype=np.int64)
+_FIRST = np.ones(1, dtype=np.bool_)
 
 
 class RecordedSpikes:
@@ -207,5 +208,14 @@ def _with_multiplicity(steps: Ints, neurons: Ints) -> Ints:
     if (int(steps.max()) - begin + 1) * span >= 1 << 63:
         pairs, counts = np.unique(np.stack([steps, neurons], axis=1), axis=0, return_counts=True)
         return np.column_stack([pairs, counts])
-    keys, counts = np.unique((steps - begin) * span + neurons, return_counts=True)  # several times faster
-    return np.column_stack([keys // span + begin, keys % span, counts])
+    keys = np.sort((steps - begin) * span + neurons)
+    firsts = np.flatnonzero(np.concatenate([_FIRST, keys[1:] != keys[:-1]]))
+    distinct = keys[firsts]
+    rows = np.empty((3, firsts.size), dtype=np.int64)
+    step, neuron, count = rows
+    np.floor_divide(distinct, span, out=step)
+    np.subtract(distinct, step * span, out=neuron)
+    step += begin
+    np.subtract(firsts[1:], firsts[:-1], out=count[:-1])
+    count[-1] = keys.size - firsts[-1]
+    return rows.T

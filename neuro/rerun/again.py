@@ -11,7 +11,7 @@ import shutil
 import subprocess
 import sys
 import tempfile
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -29,6 +29,7 @@ from neuro.core.paths import file_path
 from neuro.core.progress import Bar
 from neuro.core.provenance import ATTRIBUTE, differences, provenance
 from neuro.core.values import shown
+from neuro.files.parts import Weights
 from neuro.files.results import KIND, RECORDING, YAML, Results, read, write
 from neuro.files.state import FORMAT as STATE
 from neuro.model.language import load
@@ -86,9 +87,8 @@ def rerun(
 
 
 def _of_results(path: Path, backend: str, inputs: Sequence[Path], bar: Bar | None) -> Verdict:
-    then, record = read(path), record_of(path)
-    if not then.finished:
-        raise ModelError(f"{path}: a run that did not come to its end cannot be made again")
+    then = read(path)
+    record = json.loads(str(then.about.get(ATTRIBUTE) or "{}")) or record_of(path)
     if record.get("steered"):
         calls = ", ".join(f"sim.{name}" for name in record["steered"])
         raise ModelError(f"{path}: was changed while it ran by {calls}: expected a run without", hint=_by(record))
@@ -98,9 +98,13 @@ def _of_results(path: Path, backend: str, inputs: Sequence[Path], bar: Bar | Non
             net = _network(then, record, elsewhere, Path(folder))
         except ModelError as error:
             raise error.but(message=f"{path}: {error.message}", where=None) from None
-        now = _run(then, net, record, backend, bar)
-        write(replace(now, files=then.files), Path(folder) / "now.h5")
-        first = first_difference(path, Path(folder) / "now.h5")
+        now = replace(_run(then, net, record, backend, bar), files=then.files)
+        if not then.finished:  # it has no weights, and may have been cut off within a commit
+            about = now.about | {"finished": False}
+            now = replace(now, about=about, projections={n: _unweighted(p) for n, p in now.projections.items()})
+            write(then, Path(folder) / "then.h5")
+        write(now, Path(folder) / "now.h5")
+        first = first_difference(path if then.finished else Path(folder) / "then.h5", Path(folder) / "now.h5")
     return Verdict(
         first, (*differences(record, json.loads(now.about[ATTRIBUTE])), *edited(record.get("inputs", {}), elsewhere))
     )
@@ -114,12 +118,17 @@ def _run(then: Results, net: Network, record: Mapping[str, Any], backend: str, b
     on, threads = backend or str(then.about["backend"]), int(then.about["threads"])
     sim = compile(net, backend=on, seed=int(then.about["seed"]), threads=threads)
     steps = Clock(net.resolution).step(then.duration_ms, "run")
+    sim.replay(then)
     if bar is not None:
         advance(sim, steps, bar)
     else:
         sim.run(then.duration_ms)
     keep = {"record": record.get("record", ()), "all_weights": record.get("all_weights", False), "threads": threads}
     return collect(sim, net, **keep)
+
+
+def _unweighted(part: Weights) -> Weights:
+    return Weights(part.source, part.target, part.synapse, part.synapses, part.counts)
 
 
 def _network(results: Results, record: Mapping[str, Any], elsewhere: Mapping[str, str], folder: Path) -> Network:
@@ -340,6 +349,10 @@ _ORIGIN = {ATTRIBUTE, "neuro", "python", "numpy", "numba", "backend", "threads"}
 """Attributes that tell where a file comes from, which is compared apart."""
 
 
+_BESIDE = {"fed", "live"}
+"""Groups of what a run was given, and of the clock on the wall."""
+
+
 def first_difference(then: Path, now: Path) -> str:
     """What differs first in two HDF5 files, in words; "" if all arrays, texts and attributes are the same bits.
 
@@ -350,13 +363,15 @@ def first_difference(then: Path, now: Path) -> str:
         check(then)
         check(now)
         with h5py.File(then) as a, h5py.File(now) as b:
-            return _of_groups(a, b)
+            return _of_groups(a, b, _BESIDE)
     except OSError:
         raise ModelError(f"{then}: cannot be compared: expected two HDF5 files") from None
 
 
-def _of_groups(a: Any, b: Any) -> str:
+def _of_groups(a: Any, b: Any, but: Collection[str] = ()) -> str:
     for name in dict.fromkeys((*a, *b)):
+        if name in but:
+            continue
         place = f"{a.name.rstrip('/')}/{name}".lstrip("/")
         if (name in a) != (name in b):
             return f"{place}: {'there then, not now' if name in a else 'not there then, there now'}"

@@ -12,7 +12,7 @@ from neuro.core.clock import NEVER, Clock
 from neuro.core.english import a
 from neuro.core.errors import ModelError
 from neuro.program.backend import Engine
-from neuro.program.program import Program, Stream, Stretch
+from neuro.program.program import Ints, Program, Stream, Stretch
 from neuro.run import settable
 from neuro.run.handles import Neurons
 
@@ -45,8 +45,8 @@ class InputFeeder:
             raise ModelError(f"inject: a spike at {early:g} ms: expected times after {now:g} ms, the present")
         self._engine.inject(neurons.index, steps, emit)
 
-    def feed(self, neurons: Neurons, events: Any) -> None:
-        """Let an event camera emit more events.
+    def feed(self, neurons: Neurons, events: Any) -> tuple[Ints, Ints]:
+        """Let an event camera emit more events; return the steps and neurons of its spikes.
 
         Raises:
             ModelError: it is another model, the events are of another sensor, or one comes too late.
@@ -60,11 +60,12 @@ class InputFeeder:
             steps, ids = part.stream.given(events)
         except ModelError as error:
             raise error.at(None, f"feed: '{part.name}'") from None
-        if steps.size and steps.min() <= self._engine.step:
-            late, now = (self._clock.ms(step) for step in (int(steps.min()), self._engine.step))
+        if steps.size and (first := int(steps.min())) <= self._engine.step:
+            late, now = (self._clock.ms(step) for step in (first, self._engine.step))
             message = f"feed: an event of '{part.name}' in the step that ends at {late:g} ms"
             raise ModelError(f"{message}: expected later than {now:g} ms, the present")
         self._engine.inject(neurons.index, steps, ids)
+        return steps, ids
 
     def signal(self, index: int, values: ArrayLike) -> None:
         """Set a signal: one value for all neurons, or one for each."""
@@ -77,7 +78,7 @@ _NONE = np.zeros(0, dtype=np.int64)
 
 
 class StreamFeeder:
-    """Fills an engine from the streams of a program.
+    """Fills an engine from streams.
 
     All that is kept of a run is, for each stream, the step up to which the engine has its spikes: a stream is asked
     anew for what comes after it. So nothing depends on how a run is cut.
@@ -85,15 +86,25 @@ class StreamFeeder:
     Args:
         program: names the streams.
         engine: takes their spikes.
+        streams: by population.
     """
 
-    def __init__(self, program: Program, engine: Engine) -> None:
+    def __init__(self, program: Program, engine: Engine, streams: Mapping[int, Stream]) -> None:
         self._engine = engine
         self._names = [part.name for part in program.populations]
-        streams = {index: part.stream for index, part in enumerate(program.populations)}
-        self._streams: dict[int, Stream] = {k: stream for k, stream in streams.items() if stream is not None}
+        self._streams = dict(streams)
         self._coming: dict[int, Iterator[Stretch]] = {}
         self._filled = dict.fromkeys(self._streams, 0)
+
+    @property
+    def plays(self) -> bool:
+        """Whether there are streams."""
+        return bool(self._streams)
+
+    def play(self, index: int, stream: Stream) -> None:
+        """Let a population play one more stream, in the place of what it played by this."""
+        self._streams[index], self._filled[index] = stream, self._engine.step
+        self._coming.pop(index, None)
 
     def stretches(self, steps: int) -> Iterator[int]:
         """Cut a run into stretches; before one is given the engine has all that it emits in it."""
@@ -150,3 +161,9 @@ class StreamFeeder:
         """Go on where `state` was asked for."""
         self._coming.clear()
         self._filled = {index: int(arrays[self._names[index]]) for index in self._streams}
+
+
+def streams_of(program: Program) -> dict[int, Stream]:
+    """What the populations of a program play, by population."""
+    streams = {index: part.stream for index, part in enumerate(program.populations)}
+    return {index: stream for index, stream in streams.items() if stream is not None}

@@ -74,18 +74,19 @@ class Records:
         threads: int,
         record: Collection[str],
         all_weights: bool,
+        live: bool,
         turn: Turn | None,
-    ) -> Iterator[None]:
+    ) -> Iterator[ResultsWriter]:
         """Write what is recorded to a file of results within the block, and keep none of it."""
         from neuro.run.recording import ResultsWriter
 
         with held(turn, "record_to"):
             self.refuse_while_recording("record_to")
             parts = (sim, net, self._engine, self.recorder)
-            recording = ResultsWriter(*parts, path, threads=threads, record=record, all_weights=all_weights)
+            recording = ResultsWriter(*parts, path, threads=threads, record=record, all_weights=all_weights, live=live)
             self.recording = recording
         try:
-            yield
+            yield recording
             with held(turn, "record_to", wait=True):
                 recording.finish()
                 self._left = self._engine.step, recording.path
@@ -131,6 +132,8 @@ class Records:
             raise ModelError(f"spikes of '{part.name}', {a(part.said)}, are not recorded", hint=hint)
         if (results := self._file()) is not None:
             return results.spikes_of(part.name, of.ids, since, until)
+        if self.recording is not None and self.recording.live:
+            self.held = self.recording.drained
         after = -1 if since is None else self._clock.floor(since, "since")
         to = NEVER if until is None else self._clock.floor(until, "until")
         check_span(after, to, since, until)
@@ -190,14 +193,20 @@ class Records:
 
     @property
     def _in_file(self) -> bool:
-        return self.recording is not None or (self._left is not None and self._left[0] == self._engine.step)
+        if self.recording is not None:
+            return not self.recording.live
+        return self._left is not None and self._left[0] == self._engine.step
 
     def _file(self) -> Results | None:
-        """What was recorded, where that is in a file: while it is written, and after that until the network runs on."""
+        """What was recorded, where that is in a file: while it is written, and after that until the network runs on.
+
+        A live run does not wait for its file, so what is in memory is all that can be read.
+        """
+        if not self._in_file:
+            return None
         if self.recording is not None:
             return self.recording.results
-        if self._left is None or not self._in_file:
-            return None
+        assert self._left is not None
         from neuro.files.results import read
 
         return read(self._left[1])

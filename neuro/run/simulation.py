@@ -27,7 +27,7 @@ from neuro.program.counts import Counts, Tally
 from neuro.program.program import Floats, Ints
 from neuro.run.finite import Watch
 from neuro.run.handles import Handles, Neurons
-from neuro.run.inputs import InputFeeder, StreamFeeder
+from neuro.run.inputs import InputFeeder, StreamFeeder, streams_of
 from neuro.run.lesions import driver, outgoing
 from neuro.run.ports import Port, Ports
 from neuro.run.progress import advance
@@ -45,6 +45,8 @@ if TYPE_CHECKING:
     from neuro.chips.pricing.energy import Energy
     from neuro.files.exports import DataFrames
     from neuro.files.parts import Trace
+    from neuro.files.results import Results
+    from neuro.run.recording import ResultsWriter
 
 _FLAG = Quantity(kind="boolean")
 
@@ -81,7 +83,7 @@ class Simulation:
         )
         self._records = Records(program, engine, self._clock, self.handles, self._synapses)
         self._tally = Tally(program)
-        self._inflow = StreamFeeder(program, engine)
+        self._inflow, self._fed = StreamFeeder(program, engine, streams_of(program)), StreamFeeder(program, engine, {})
         self._watch = Watch(program, engine, self._clock)
         self.steered: dict[str, None] = {}
         turn: Turn = {}
@@ -153,7 +155,8 @@ class Simulation:
                 advance(self, steps, bar)
             return
         for stretch in self._inflow.stretches(steps):
-            self._records.run(stretch)
+            for part in self._fed.stretches(stretch):
+                self._records.run(part)
         self._watch.look()
 
     def _refuse_changed(self) -> NoReturn:
@@ -172,7 +175,8 @@ class Simulation:
         threads: int = 1,
         record: Collection[str] = (),
         all_weights: bool = False,
-    ) -> Iterator[None]:
+        live: bool = False,
+    ) -> Iterator[ResultsWriter]:
         """Write what is recorded to a file of results while the network runs, and keep none of it in memory.
 
         What memory holds of the time before goes there, too. `spikes` and `trace` read it from the file until the
@@ -186,13 +190,16 @@ class Simulation:
             record: names of the populations whose spikes to keep; all that are recorded if empty.
             all_weights: keep also the weights of static projections above a million synapses, which follow from
                 network and seed.
+            live: let another process write the file, so that the run waits for no disk. Nothing is packed, and what was
+                recorded goes there at the calls of `drain` and `commit` of what the block is given.
 
         Raises:
             ModelError: the file cannot be written, now or later, or the simulation records to a file already.
         """
         inner = self if self._turn is None else self._inner
-        with self._records.to_file(inner, self._net, path, threads, record, all_weights, self._turn):
-            yield
+        words = (path, threads, record, all_weights, live)
+        with self._records.to_file(inner, self._net, *words, self._turn) as recording:
+            yield recording
 
     @alone
     def reset(self, weights: bool = False) -> None:
@@ -204,6 +211,7 @@ class Simulation:
         self._engine.reset(weights)
         self._watch.begin()
         self._inflow.rewind()
+        self._fed.rewind()
         self._records.clear()
         self._ports.begin()
         if self.program.trials is not None:
@@ -358,6 +366,8 @@ class Simulation:
     def feed(self, of: Population | str, events: Any) -> None:
         """Let an event camera emit more events than those of its recording, while it runs.
 
+        A file of `record_to` keeps them, so that `neuro rerun` makes the run again.
+
         Args:
             of: the population, an `event_camera`.
             events: Events, a structured array with t, x, y and p, or an iterable of such, in the order of time. Their
@@ -366,8 +376,29 @@ class Simulation:
         Raises:
             ModelError: they are of another sensor, or one comes too late: its step is not after the present.
         """
-        self._inputs.feed(self.handles.neurons(of), events)
-        self.steered["feed"] = None
+        neurons = self.handles.neurons(of)
+        steps, ids = self._inputs.feed(neurons, events)
+        if self._records.recording is None:
+            self.steered["feed"] = None
+        else:
+            self._records.recording.feed(neurons.part.name, steps, ids)
+
+    @alone
+    def replay(self, run: Results) -> None:
+        """Feed event cameras what they were fed in a run, at the same steps, while this one runs.
+
+        Args:
+            run: results of the same network that were recorded to a file.
+
+        Raises:
+            ModelError: the network has no such camera.
+        """
+        for name, fed in run.fed.items():
+            self._fed.play(self.handles.neurons(name).index, fed)
+
+    def _refuse_replaying(self, what: str) -> None:
+        if self._fed.plays:
+            raise ModelError(f"{what}: a run is replayed, which no state keeps: expected a simulation without 'replay'")
 
     @alone
     def silence(self, of: Population | View | str) -> None:
@@ -628,6 +659,7 @@ class Simulation:
             ModelError: the file cannot be written, or a weight is NaN or infinite: its rule is unstable.
         """
         self._synapses.check()
+        self._refuse_replaying("save")
         from neuro.run.collect import files_of, record_of
 
         run = {"backend": self.backend, "seed": self.program.seed, "network": self._saved.fingerprint}
@@ -643,6 +675,7 @@ class Simulation:
             ModelError: the file is of something else; the simulation stays as it is.
         """
         self._records.refuse_while_recording("restore")
+        self._refuse_replaying("restore")
         self.steered["restore"] = None
         self._inflow.check_again("restore")
         self._saved.read(file_path(path, "path"), None if self.program.trials is None else self._trials)

@@ -18,7 +18,7 @@ from collections import Counter
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from struct import Struct
-from typing import Any, BinaryIO
+from typing import Any, BinaryIO, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -37,7 +37,8 @@ HEADER_LIMIT = 1 << 24
 """No header is longer; a damaged length must not fill the memory."""
 TYPES = {"EVTS": "events", "FRME": "frames", "IMUS": "imus", "TRIG": "triggers"}
 
-_ENTRY = Struct("<ii")
+ENTRY = Struct("<ii")
+"""Before each packet: the stream, and how many bytes the packet has."""
 _GUESS = 8, 1 << 24
 """Bytes of a packed event, about, and events at most, by which room is made at once."""
 _NUMBERS = 256
@@ -68,7 +69,7 @@ class Aedat4:
         if len(header) < size:
             raise Damage(f"the header has {size} bytes, which the file has not", len(MAGIC))
         try:
-            packed, self._table, streams = _header(header)
+            packed, self._table, streams = read_header(header)
         except Malformed as error:
             raise Damage(f"the header is damaged: {error}", len(lead)) from None
         self._streams = streams
@@ -114,15 +115,15 @@ class Aedat4:
         place, end = cursor.at, self._table if self._table > 0 else None
         if end is not None and place >= end:
             return False
-        entry = cursor.take(_ENTRY.size)
+        entry = cursor.take(ENTRY.size)
         if end is None and not entry.size:
             return False
-        if entry.size < _ENTRY.size:
+        if entry.size < ENTRY.size:
             raise Damage("the file ends before its table of packets" if end else "the file ends in a packet", place)
-        stream, size = _ENTRY.unpack(entry.data)
+        stream, size = ENTRY.unpack(entry.data)
         if stream not in self._streams:
             raise Damage(f"a packet of stream {stream}, which the header does not list", place)
-        if not 0 <= size <= LIMIT or (end is not None and place + _ENTRY.size + size > end):
+        if not 0 <= size <= LIMIT or (end is not None and place + ENTRY.size + size > end):
             raise Damage(f"a packet of {size} bytes, which do not fit before the table of packets", place)
         data = cursor.take(size)
         if data.size < size:
@@ -149,7 +150,7 @@ class Aedat4:
         place, data = cursor.at, cursor.held
         data = data[: self._table - place] if self._table > 0 else data[:]
         data.flags.writeable = False
-        room = min(data.size // _ENTRY.size, _MOST)
+        room = min(data.size // ENTRY.size, _MOST)
         begins, places = np.empty(room, np.int64), np.empty(room, np.int64)
         like = self._wanted, self._packets.head, self._packets.lead, self._highest
         columns = held.t, held.x, held.y, held.p
@@ -159,14 +160,32 @@ class Aedat4:
         held.added(begins[:found].tolist(), (place + places[:found]).tolist(), n, highest, ordered)
 
 
-def _header(data: bytes) -> tuple[str, int, dict[int, dict[str, Any]]]:
-    """Compression, place of the table of packets (-1: none) and the streams."""
+class Header(NamedTuple):
+    """What a header says.
+
+    Attributes:
+        compression: a word of `COMPRESSIONS`.
+        table: place of the table of packets, -1 without one.
+        streams: what is known of each, by its number.
+    """
+
+    compression: str
+    table: int
+    streams: dict[int, dict[str, Any]]
+
+
+def read_header(data: bytes) -> Header:
+    """Read the FlatBuffer `IOHE`.
+
+    Raises:
+        Malformed: it is none.
+    """
     table = FlatTable(data, b"IOHE")
     compression = table.number(0, I32, 0)
     if not 0 <= compression < len(COMPRESSIONS):
         raise Malformed(f"compression {compression} is not known")
     start, count = table.vector(2, 1)
-    return COMPRESSIONS[compression], table.number(1, I64, -1), _streams(data[start : start + count])
+    return Header(COMPRESSIONS[compression], table.number(1, I64, -1), _streams(data[start : start + count]))
 
 
 def _streams(info: bytes) -> dict[int, dict[str, Any]]:
@@ -243,7 +262,7 @@ def write(parts: Iterator[Events], path: Path) -> None:
     with path.open("wb") as file:
         for done, events in in_order(parts):
             if not file.tell():
-                file.write(MAGIC + _new_header(number, *events.sensor_size))
+                file.write(MAGIC + new_header(number, *events.sensor_size))
             outside = (events.x > LARGEST) | (events.y > LARGEST)
             refuse(events, (events.t < 0) | outside, done, f"t from 0 us on, x and y 0 to {LARGEST}", outside)
             for k in range(0, len(events), PACKET):
@@ -265,15 +284,20 @@ def _packer() -> tuple[int, Callable[[bytes], bytes]]:
 
 def _put(file: BinaryIO, events: Events, pack: Callable[[bytes], bytes]) -> tuple[int, int, int, int, int]:
     """Write a packet, and give its row of the table: place behind its entry, bytes, events, first and last time."""
+    data, place = pack(packet(events)), file.tell()
+    file.write(ENTRY.pack(0, len(data)) + data)
+    return place + ENTRY.size, len(data), len(events), int(events.t[0]), int(events.t[-1])
+
+
+def packet(events: Events) -> bytes:
+    """A packet that is not compressed."""
     records = np.zeros(len(events), RECORD)
     for name in "txyp":
         records[name] = getattr(events, name)
-    data, place = pack(_vector(b"EVTS", len(events), records.tobytes())), file.tell()
-    file.write(_ENTRY.pack(0, len(data)) + data)
-    return place + _ENTRY.size, len(data), len(events), int(events.t[0]), int(events.t[-1])
+    return _vector(b"EVTS", len(events), records.tobytes())
 
 
-def _new_header(compression: int, width: int, height: int) -> bytes:
+def new_header(compression: int, width: int, height: int) -> bytes:
     """The FlatBuffer `IOHE`; the place of the table is written when it is known."""
     text = _STREAM.format(compression=("NONE", "LZ4")[compression], width=width, height=height).encode()
     padded = text + bytes(8 - len(text) % 8)

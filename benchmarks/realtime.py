@@ -1,0 +1,98 @@
+"""The loop in real time: what feeding takes, and how late actions are, beside an empty loop in the same run.
+
+    python benchmarks/realtime.py [--seconds 10] [--out FILE.h5]
+    sudo chrt --fifo 1 python benchmarks/realtime.py
+
+Each row is a camera with noise at a rate, ticks of a length, and a network on grids; events are played from memory in
+the same process, as a `Player`. *tick to action* is the network's own part: take, feed, run, and counts read by a port.
+*event to action* has also the wait for the next tick. On cores that others use, too, the figures of the empty loop say
+how much is theirs; with `chrt` the loop goes before them.
+"""
+
+from __future__ import annotations
+
+import argparse
+import time
+
+import numpy as np
+
+import neuro
+from neuro.events import Events
+from neuro.realtime import Loop, Player, empty_loop
+
+ROWS = (
+    # width, height, events a second, ms of a tick, stride of the first grid
+    (64, 48, 1e5, 1.0, 4),
+    (346, 260, 1e6, 1.0, 4),
+    (640, 480, 5e6, 5.0, 7),
+)
+ROUNDS = 500
+
+
+def network(width: int, height: int, stride: int) -> neuro.Network:
+    """Maps of edges, and maps of these: with 346 x 260 px 43,000 neurons that are not pixels."""
+    net = neuro.Network("live", resolution=1.0)
+    net.population("camera", (2, height, width), neuro.event_camera())
+    cells = neuro.iaf_psc_delta(tau_m=10.0, V_th=-66.0)
+    weight = neuro.uniform(low=0.0, high=0.5)
+    net.population("edges", (4, "auto", "auto"), cells)
+    net.population("shapes", (4, "auto", "auto"), cells)
+    net.population("places", (1, "auto", "auto"), cells)
+    net.connect("camera", "edges", neuro.grid(kernel=[5, 5], stride=stride), weight=weight)
+    net.connect("edges", "shapes", neuro.grid(kernel=[5, 5]), weight=weight)
+    net.connect("shapes", "places", neuro.grid(kernel=[5, 5], stride=2), weight=weight)
+    return net
+
+
+def noise(width: int, height: int, n: int, us: int, begin: int = 0) -> Events:
+    """Events at random places and times."""
+    rng = np.random.default_rng(begin)
+    t = begin + np.sort(rng.integers(0, us, n))
+    return Events(t, rng.integers(0, width, n), rng.integers(0, height, n), rng.integers(0, 2, n), (width, height))
+
+
+def feeding(width: int, height: int, n: int, tick: float) -> float:
+    """Median ms of `sim.feed` with n events."""
+    net = neuro.Network("fed", resolution=1.0)
+    net.population("camera", (2, height, width), neuro.event_camera())
+    sim, us, taken = neuro.compile(net), round(1000 * tick), []
+    for k in range(ROUNDS):
+        events = noise(width, height, n, us, k * us)
+        began = time.perf_counter()
+        sim.feed("camera", events)
+        taken.append(time.perf_counter() - began)
+        sim.run(tick)
+    return 1000.0 * float(np.median(taken[20:]))
+
+
+def main() -> None:
+    """Print a row for each camera."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--seconds", type=float, default=10.0)
+    parser.add_argument("--out", help="also record to this file")
+    asked = parser.parse_args()
+    for width, height, rate, tick, stride in ROWS:
+        n = round(rate * tick / 1000.0)
+        nothing, fed = (feeding(width, height, m, tick) for m in (0, n))
+        sim = neuro.compile(network(width, height, stride), seed=1)
+        neurons = sum(part.size for part in sim.program.populations[1:])
+        counts, room = sim.port("places", "counts"), np.zeros(sim.program.populations[-1].size, dtype=np.int64)
+        events = noise(width, height, round(rate * asked.seconds), round(1e6 * asked.seconds))
+        loop = Loop(sim, tick=tick, inputs={"camera": Player(events)}, act=lambda ms, c=counts, r=room: c.get(r))
+        before = empty_loop(tick, 1000.0)
+        run = loop.run(1000.0 * asked.seconds, out=asked.out)
+        print(f"{width}x{height}, {rate:,.0f} events/s, ticks of {tick:g} ms, {neurons:,} neurons")
+        print(f"  feed: {nothing:.3f} ms + {1e6 * (fed - nothing) / n:.1f} ns an event ({n:,} events: {fed:.3f} ms)")
+        for name, h in (
+            ("tick to action", run.response),
+            ("event to action", run.latency),
+            ("empty loop, in the same ticks", run.empty),
+            ("empty loop, a second before", before),
+        ):
+            print(f"  {name:<30} {h}")
+        late = f"{run.misses:,} of {run.ticks:,} ticks missed, preempted {run.cost.preempted:,} times"
+        print(f"  {late}, {run.drops:,} drops")
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,127 @@
+"""`neuro events listen` and `send`: streams by the network."""
+
+from __future__ import annotations
+
+import math
+import signal
+import threading
+import time
+from collections.abc import Iterator
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from neuro.cli.events.options import Force, From, In, Lenient, Sensor, To, count, events_so_far, going, spare
+from neuro.cli.options import milliseconds
+
+if TYPE_CHECKING:
+    from neuro.core.progress import Bar
+    from neuro.events import Events, Listener
+
+Coding = Annotated[
+    str | None,
+    typer.Option("--format", metavar="FORMAT", help="spif, spif-timed, faery13, faery8, raw-evt3; by tcp:// aedat4."),
+]
+ListenAt = Annotated[
+    str,
+    typer.Argument(metavar="URL", help="udp://HOST:PORT of this machine, or tcp://HOST:PORT of a sender of AEDAT 4."),
+]
+SendTo = Annotated[
+    str,
+    typer.Argument(metavar="URL", help="udp://HOST:PORT of a receiver, or tcp://HOST:PORT to serve AEDAT 4 at."),
+]
+OutFile = Annotated[
+    str | None, typer.Argument(metavar="OUT", help="The recording to write, - for standard output; none: only counts.")
+]
+Silent = Annotated[
+    Any, typer.Option("--until-silent", metavar="MS", parser=milliseconds, help="End when nothing came for so long.")
+]
+For = Annotated[Any, typer.Option("--for", metavar="MS", parser=milliseconds, help="End after so long.")]
+
+
+def listen(
+    url: ListenAt,
+    target: OutFile = None,
+    format: Coding = None,
+    sensor: Sensor = None,
+    until_silent: Silent = None,
+    duration: For = None,
+    to_format: To = None,
+    force: Force = False,
+) -> None:
+    """Receive events from the network, count them, and write them to a file; Ctrl-C ends it and keeps the file."""
+    from neuro.events import listen as open_stream
+    from neuro.events.convert import write
+    from neuro.events.files import RECORDING
+
+    if target is not None:
+        spare("-", target, RECORDING, force)
+    silent = None if until_silent is None else until_silent / 1000.0
+    with (
+        open_stream(url, format=format, sensor=sensor, until_silent=silent) as stream,
+        going("nothing is written") as bar,
+    ):
+        if stream.url != url:
+            typer.echo(f"listening at {stream.url}", err=True)
+        begin = time.monotonic()
+        parts = _until_stopped(stream, math.inf if duration is None else begin + duration / 1000.0, bar)
+        if target is None:
+            for _ in parts:
+                pass
+        else:
+            write(parts, target, to_format, replace=force)
+        _tell(stream, time.monotonic() - begin, err=target == "-")
+
+
+def _until_stopped(stream: Listener, end: float, bar: Bar) -> Iterator[Events]:
+    """Parts of a stream, one at least, up to a time, its end or Ctrl-C."""
+    say, stopped = events_so_far(bar), threading.Event()
+    before = signal.signal(signal.SIGINT, lambda *_: stopped.set())
+    try:
+        yield stream.take()
+        while not stream.ended and not stopped.is_set() and (left := end - time.monotonic()) > 0:
+            if stream.wait(min(left, 0.1)):
+                yield stream.take()
+                say(stream.counts.events)
+                stopped.wait(0.01)
+        yield stream.take()
+    finally:
+        signal.signal(signal.SIGINT, before)
+
+
+def _tell(stream: Listener, seconds: float, err: bool) -> None:
+    counts = stream.counts
+    pieces = "pieces" if stream.format == "aedat4" else "datagrams"
+    found = f"{counts.events:,} events in {counts.datagrams:,} {pieces}, {seconds:.1f} s"
+    lost = "".join(f"; {name.replace('_', ' ')}: {count:,}" for name, count in counts.lost.items())
+    typer.echo(f"{stream.url}: {found}{lost}", err=err)
+
+
+Speed = Annotated[
+    float, typer.Option("--speed", metavar="N", help="Times as fast as it was recorded; inf: as fast as it goes.")
+]
+Bytes = Annotated[
+    Any,
+    typer.Option("--datagram", metavar="BYTES", parser=count, help="Of a datagram, at most; 512 for SPIF, else 1400."),
+]
+
+
+def send(
+    source: In,
+    url: SendTo,
+    format: Coding = None,
+    speed: Speed = 1.0,
+    datagram: Bytes = None,
+    from_format: From = None,
+    sensor: Sensor = None,
+    lenient: Lenient = False,
+) -> None:
+    """Send a recording by the network, each event at its time."""
+    from neuro.events import send as send_events
+    from neuro.events.convert import read
+
+    with going("the rest is not sent") as bar:
+        parts = read(source, from_format, sensor, not lenient)
+        sent = send_events(url, parts, format=format, speed=speed, datagram=datagram, report=events_so_far(bar))
+    late = f", at most {sent.latest_ms:.1f} ms late" if sent.latest_ms else ""
+    typer.echo(f"{url}: {sent.events:,} events in {sent.datagrams:,} datagrams, {sent.seconds:.1f} s{late}")

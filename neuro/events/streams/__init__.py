@@ -1,0 +1,8 @@
+"""Events by the network: received while a program runs, and sent at their own pace."""
+
+from __future__ import annotations
+
+from neuro.events.streams._listener import Listener, StreamCounts, listen
+from neuro.events.streams._sender import Sent, send
+
+__all__ = ["Listener", "Sent", "StreamCounts", "listen", "send"]

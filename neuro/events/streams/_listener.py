@@ -1,0 +1,270 @@
+"""Events that come by the network while a program runs."""
+
+from __future__ import annotations
+
+import math
+import socket
+import time
+from collections.abc import Iterator
+from dataclasses import dataclass, fields
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from neuro.core.checks import argument
+from neuro.core.errors import ModelError
+from neuro.events._events import Events, checked_size
+from neuro.events.formats._format import Damage
+from neuro.events.streams._address import Address, address, format_for
+from neuro.events.streams._codings import CODINGS, Decoder
+
+if TYPE_CHECKING:
+    from neuro.events.streams._receiver import Receiver
+
+BUFFER = 1 << 25
+"""Bytes that wait to be taken, at most; 0.8 s of 5 million events a second of 8 bytes."""
+_CONNECT_S = 5.0
+"""Time that a sender has to accept a connection and to say what it sends, s."""
+
+
+@dataclass(frozen=True, slots=True)
+class StreamCounts:
+    """What came and what was lost, since the stream was opened.
+
+    Attributes:
+        events: that were taken.
+        datagrams: that were taken; by TCP, pieces.
+        dropped_kernel: datagrams that came while the system's queue was full; None where it does not count them.
+        dropped_buffer: datagrams that came while the stream's own buffer was full.
+        damaged: datagrams, or connections, with bytes that are no event.
+        out_of_order: events left out, since they are earlier than one before them.
+        outside: events left out, since they are off the sensor.
+        restarts: how often the sender's clock fell back; the time of the events goes on from there.
+        connections: how often a connection was made anew.
+    """
+
+    events: int = 0
+    datagrams: int = 0
+    dropped_kernel: int | None = 0
+    dropped_buffer: int = 0
+    damaged: int = 0
+    out_of_order: int = 0
+    outside: int = 0
+    restarts: int = 0
+    connections: int = 0
+
+    @property
+    def lost(self) -> dict[str, int]:
+        """What is not as it should be: all counts above 0 but those of events and datagrams."""
+        named = {f.name: getattr(self, f.name) for f in fields(self)[2:]}
+        return {name: count for name, count in named.items() if count}
+
+
+class Listener:
+    """A stream of events that is received from now on; made by `listen`, closed by `close` or a `with` block.
+
+    A thread receives, without the interpreter, into a buffer of fixed size. One thread of the program takes what is
+    there. A loop goes through the parts as they come, at most one each `tick_ms`, so that filters and representations
+    take a stream as they take the parts of a recording.
+
+    Attributes:
+        url: the address, with the port that was free where 0 was asked for.
+        format: of the stream.
+        sensor_size: width and height, px.
+        received_ns: when the oldest datagram of the last `take` came, by `time.monotonic_ns`; None if there was none.
+    """
+
+    def __init__(
+        self, url: str, format: str, sensor: tuple[int, int], receiver: Receiver, decoder: Decoder, period: int,
+        until_silent: float, tick_ms: float,
+    ) -> None:  # fmt: skip
+        from neuro.events.streams import _coding_kernels as kernels
+
+        self.url, self.format, self.sensor_size = url, format, sensor
+        self.received_ns: int | None = None
+        self._receiver, self._decoder, self._period = receiver, decoder, period
+        self._until_silent, self._tick_s = until_silent, tick_ms / 1000.0
+        self._facts, self._kernels = np.zeros(kernels.FACTS, np.int64), kernels
+        self._events = self._datagrams = self._damaged = 0
+        self._take(0, 0)  # compiles what decodes
+
+    def take(self) -> Events:
+        """All events that have come and were not taken, in the order in which they came.
+
+        Events off the sensor, and those earlier than one before them, are left out and counted. A clock of 32 bits is
+        continued where it begins again.
+        """
+        first, last = self._receiver.entries
+        self.received_ns = self._receiver.received(first) if last > first else None
+        events = self._take(first, last)
+        self._receiver.release(last)
+        self._events += len(events)
+        self._datagrams += last - first
+        return events
+
+    def _take(self, first: int, last: int) -> Events:
+        n, columns, damaged = self._decoder(self._receiver.ring, self._receiver.index, first, last)
+        n = self._kernels.settle(n, *self.sensor_size, self._period, self._facts, *columns)
+        self._damaged += damaged
+        t, x, y, p = columns
+        return Events._trusted(t[:n], x[:n], y[:n], p[:n], self.sensor_size, {"stream": self.url})
+
+    def wait(self, timeout_s: float) -> bool:
+        """Wait until something has come that was not taken; whether it has.
+
+        Args:
+            timeout_s: the longest wait, s.
+        """
+        return self._receiver.wait(timeout_s)
+
+    def __iter__(self) -> Iterator[Events]:
+        due = time.monotonic()
+        while not self.ended:
+            if not self.wait(min(self._silence_left(), 0.1)):
+                continue
+            if (early := due - time.monotonic()) > 0:
+                time.sleep(early)
+            due = time.monotonic() + self._tick_s
+            part = self.take()
+            if len(part):
+                yield part
+
+    @property
+    def ended(self) -> bool:
+        """Whether it was closed, or has been silent for as long as was said, and everything is taken."""
+        first, last = self._receiver.entries
+        return first == last and (self._receiver.closed or self._silence_left() <= 0)
+
+    def _silence_left(self) -> float:
+        return self._until_silent - (time.monotonic_ns() - self._receiver.last_ns) / 1e9
+
+    @property
+    def counts(self) -> StreamCounts:
+        """What came and what was lost so far."""
+        kernels, facts, receiver = self._kernels, self._facts, self._receiver
+        return StreamCounts(
+            events=self._events,
+            datagrams=self._datagrams,
+            dropped_kernel=receiver.overflown,
+            dropped_buffer=receiver.refused,
+            damaged=self._damaged,
+            out_of_order=int(facts[kernels.BACK]),
+            outside=int(facts[kernels.OUTSIDE]),
+            restarts=int(facts[kernels.RESTARTS]),
+            connections=receiver.connections,
+        )
+
+    def close(self) -> None:
+        """Stop listening; what has come can still be taken."""
+        self._receiver.close()
+
+    def __enter__(self) -> Listener:
+        return self
+
+    def __exit__(self, *error: object) -> None:
+        self.close()
+
+    def __repr__(self) -> str:
+        return f"<Listener {self.url} {self.format} {'x'.join(map(str, self.sensor_size))}>"
+
+
+def listen(
+    url: str,
+    *,
+    format: str | None = None,
+    sensor: tuple[int, int] | None = None,
+    until_silent: float | None = None,
+    tick_ms: float = 10.0,
+    buffer: int = BUFFER,
+) -> Listener:
+    """Receive events from the network.
+
+    ::
+
+        with neuro.events.listen("udp://127.0.0.1:3333", format="spif", sensor=(346, 260)) as stream:
+            while stream.wait(1.0):
+                events = stream.take()
+
+    Args:
+        url: ``udp://HOST:PORT``, the address of this machine at which events come, 0.0.0.0 for all of its addresses;
+            port 0 takes a free one. Or ``tcp://HOST:PORT``, the address of a sender of AEDAT 4 as dv-processing is.
+        format: "spif" (or "spif-timed", which is received alike), "faery13", "faery8", "raw-evt3"; by TCP "aedat4".
+        sensor: width and height, px. By TCP the sender tells it.
+        until_silent: a loop over the stream ends when nothing has come for so long, s; None: never.
+        tick_ms: a loop over the stream gives at most one part in so long, ms.
+        buffer: bytes that may wait to be taken; at least 262,144.
+
+    Raises:
+        ModelError: the address cannot be used, the format is unknown, the sensor is missing or too large, or by TCP
+            nobody sends there, or something else than AEDAT 4.
+    """
+    from neuro.events.streams._receiver import LEAST, Receiver
+
+    where = address(url)
+    name = format_for(where.scheme, format, CODINGS)
+    size = None if sensor is None else checked_size(sensor)
+    buffer = int(argument("buffer", buffer, kind="integer", at_least=LEAST))
+    tick_ms = argument("tick_ms", tick_ms, at_least=0)
+    silent = math.inf if until_silent is None else argument("until_silent", until_silent, above=0)
+    if where.scheme == "tcp":
+        return _connected(where, name, size, buffer, silent, tick_ms)
+    coding = CODINGS[name]
+    if size is None:
+        raise ModelError("sensor is missing: expected width and height in px, as format "
+                         f"'{name}' does not tell them")  # fmt: skip
+    coding.check(size)
+    sock = where.new_socket()
+    try:
+        sock.bind(where.place)
+        bound = where.bound(sock.getsockname())
+    except OSError as error:
+        sock.close()
+        raise where.refused(error) from None
+    receiver = Receiver(sock, buffer, None)
+    return Listener(bound, name, size, receiver, coding.decoder(receiver.opened_ns), coding.period, silent, tick_ms)
+
+
+def _connected(
+    where: Address, name: str, size: tuple[int, int] | None, buffer: int, silent: float, tick_ms: float
+) -> Listener:
+    """A listener to a server of AEDAT 4."""
+    from neuro.events.streams._aedat4 import PacketDecoder, received_header
+    from neuro.events.streams._receiver import Receiver
+
+    def connect() -> tuple[socket.socket, Any]:
+        sock = where.new_socket()
+        try:
+            sock.settimeout(_CONNECT_S)
+            sock.connect(where.place)
+            return sock, received_header(sock, where.url)
+        except BaseException:
+            sock.close()
+            raise
+
+    def again() -> socket.socket | None:
+        try:
+            sock, told = connect()
+        except (OSError, ModelError):
+            return None
+        if (told[0].compression, *told[1:]) == (header.compression, number, found):
+            return sock
+        sock.close()
+        return None
+
+    try:
+        sock, (header, number, found) = connect()
+    except OSError as error:
+        raise where.refused(error) from None
+    try:
+        if size is not None and size != found:
+            said, given = ("{}x{}".format(*each) for each in (found, size))
+            raise ModelError(f"{where.url}: sends events of a {said} sensor: expected {given}")
+        decoder = PacketDecoder(header.compression, number, lambda: receiver.hang_up())
+    except Damage as damage:
+        sock.close()
+        raise ModelError(f"{where.url}: {damage.what}") from None
+    except ModelError:
+        sock.close()
+        raise
+    receiver = Receiver(sock, buffer, again)
+    return Listener(where.url, name, found, receiver, decoder, 0, silent, tick_ms)

@@ -1,0 +1,141 @@
+"""What comes from one source, cut into ticks and put on the network's time."""
+
+from __future__ import annotations
+
+import time
+from collections import deque
+from collections.abc import Mapping
+from dataclasses import asdict, is_dataclass
+from typing import Any, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from neuro.compiler.cameras import CameraInput
+from neuro.core.errors import ModelError
+from neuro.events import Events
+from neuro.events._events import empty_columns, joined_columns
+from neuro.run.simulation import Simulation
+
+_NONE = np.zeros(0, dtype=np.int64)
+
+
+class Source(Protocol):
+    """Where live events come from, such as `neuro.events.listen` or a `Player`.
+
+    A source may also have `received_ns`, when each of the events last taken was received, in ns of
+    `time.monotonic_ns` (one time each, or that of the first for all); `sensor_size`, width and height in px; and
+    `counts`, a mapping or a dataclass of what was lost and damaged.
+    """
+
+    def take(self) -> Events:
+        """All events that have come since this was last called, in the order of arrival; it does not wait."""
+
+
+class Inlet:
+    """One event camera of a network, and the source of its events.
+
+    An event acts one tick after it was received. Within a tick the first event is where it was received, and the others
+    are later by as much as their time stamps are, up to the end of the tick.
+
+    Args:
+        sim: the simulation.
+        name: of the population.
+        source: of its events.
+        tick_ns: the length of a tick.
+
+    Attributes:
+        name: of the population.
+        taken: events that have come.
+        fed: those that the network was given.
+        dropped: those of skipped ticks.
+
+    Raises:
+        ModelError: there is no such population, it cannot be fed, or the source has another sensor.
+    """
+
+    def __init__(self, sim: Simulation, name: str, source: Any, tick_ns: int) -> None:
+        if not callable(getattr(source, "take", None)):
+            raise ModelError(f"inputs: source of '{name}' is {source!r:.60}: expected one with 'take'")
+        neurons = sim.handles.neurons(name)
+        camera = neurons.part.stream
+        if neurons.view is not None or not isinstance(camera, CameraInput):
+            raise ModelError(f"inputs: '{name}' is {neurons.part.said}: expected an event_camera")
+        model = camera.model
+        if model.file is not None or model.events is not None:
+            raise ModelError(f"inputs: '{name}' plays a recording: expected an event_camera without one")
+        if model.start:
+            raise ModelError(f"inputs: '{name}' starts at {model.start:g} ms: expected 0")
+        if (size := getattr(source, "sensor_size", None)) is not None and model.seen(tuple(size)) != neurons.part.shape:
+            shapes = f"{list(model.seen(tuple(size)))}, that of its source: expected {list(neurons.part.shape)}"
+            raise ModelError(f"inputs: '{name}' would have the shape {shapes}")
+        self.name, self._sim, self._source, self._camera, self._tick_ns = name, sim, source, camera, tick_ns
+        self._waiting: deque[tuple[Events, NDArray[np.int64]]] = deque()
+        self.taken = self.fed = self.dropped = 0
+
+    @property
+    def counts(self) -> dict[str, int]:
+        """What the source counts, e.g. datagrams that were lost."""
+        found: Any = getattr(self._source, "counts", None)
+        if is_dataclass(found) and not isinstance(found, type):
+            found = asdict(found)
+        return {str(k): int(v) for k, v in found.items() if v is not None} if isinstance(found, Mapping) else {}
+
+    def rehearse(self) -> None:
+        """Feed nothing, so that all that this needs is in memory."""
+        if (size := getattr(self._source, "sensor_size", None)) is not None:
+            self._sim.feed(self.name, Events(*empty_columns(0), tuple(size)))
+
+    def begin(self) -> None:
+        """Let go of what came before now."""
+        self._source.take()
+        self._waiting.clear()
+
+    def take(self, begin_ns: int, end_ns: int) -> tuple[Events | None, NDArray[np.int64]]:
+        """The events that were received between two moments, and when; those received before are dropped."""
+        events = self._source.take()
+        if len(events):
+            self.taken += len(events)
+            received = getattr(self._source, "received_ns", None)
+            moments = np.asarray(time.monotonic_ns() if received is None else received, dtype=np.int64)
+            self._waiting.append((events, moments if moments.ndim else np.full(len(events), moments)))
+        now = []
+        while self._waiting and self._waiting[0][1][0] < end_ns:
+            each, received = self._waiting.popleft()
+            if received[0] < begin_ns:
+                first = int(np.searchsorted(received, begin_ns))
+                self.dropped += first
+                each, received = each[first:], received[first:]
+            if len(each) and received[-1] >= end_ns:
+                end = int(np.searchsorted(received, end_ns))
+                self._waiting.appendleft((each[end:], received[end:]))
+                each, received = each[:end], received[:end]
+            if len(each):
+                now.append((each, received))
+        if len(now) < 2:
+            return now[0] if now else (None, _NONE)
+        parts, times = zip(*now, strict=True)
+        columns = joined_columns((part.t, part.x, part.y, part.p) for part in parts)
+        return Events._trusted(*columns, parts[0].sensor_size, {}), np.concatenate(times)
+
+    def feed(self, events: Events, received: NDArray[np.int64], begin_ns: int, step: int, steps: int) -> None:
+        """Let the camera emit the events of a tick in the next steps of the network.
+
+        Args:
+            events: of the tick.
+            received: when each was.
+            begin_ns: when the tick began.
+            step: the last finished step.
+            steps: of a tick.
+        """
+        low = self._camera.first_us(step)
+        if steps == 1:
+            t = np.full(len(events), low)
+        else:
+            high, first = self._camera.first_us(step + steps) - 1, low + (int(received[0]) - begin_ns) // 1000
+            t = np.clip(events.t + (first - int(events.t[0])), low, high)
+        placed = Events._trusted(t, events.x, events.y, events.p, events.sensor_size, {})
+        if steps > 1 and (t[1:] < t[:-1]).any():
+            placed = placed[np.argsort(t, kind="stable")]
+        self._sim.feed(self.name, placed)
+        self.fed += len(events)

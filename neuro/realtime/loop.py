@@ -1,0 +1,263 @@
+"""A network at the pace of the clock: the events of a tick, the network, the action."""
+
+from __future__ import annotations
+
+import gc
+import signal
+import threading
+import time
+from collections.abc import Callable, Collection, Iterator, Mapping
+from contextlib import contextmanager, nullcontext
+from os import PathLike
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from neuro.core.clock import NEVER, Clock
+from neuro.core.errors import ModelError
+from neuro.core.hints import near
+from neuro.realtime.histogram import Histogram
+from neuro.realtime.inlet import Inlet, Source
+from neuro.realtime.pace import punctual, wait_until
+from neuro.realtime.report import PHASES, Cost, LiveRun
+from neuro.run.simulation import Simulation
+
+if TYPE_CHECKING:
+    from neuro.run.recording import ResultsWriter
+
+LATE = ("catch_up", "skip", "stop")
+"""What to do when a tick's action comes too late."""
+
+DRAIN_S, COMMIT_S = 0.02, 10.0
+"""Seconds after which what was recorded is sent to the file, and after which the file keeps it."""
+
+Act = Callable[[float], object]
+
+
+class Loop:
+    """Events -> network -> action, once a tick, at the clock's pace.
+
+    An event that is received in one tick acts in the network in the next, at the same place within it. After that tick
+    `act` is called, which reads the network by ports and moves what there is to move. The network's time is that of the
+    clock from the begin on, less what was skipped. Spikes and traces of a tick can be read in its `act`; then they go
+    to the file, or are forgotten.
+
+    Args:
+        sim: the simulation.
+        tick: the length of a tick in ms, a multiple of the network's resolution.
+        inputs: sources of events by the names of event cameras, see `Source`: what `neuro.events.listen` gives, or a
+            `Player`.
+        act: called after each tick with the network's time in ms.
+        late: where an action comes after the next tick is due: "catch_up" runs the ticks that are due without waiting,
+            "skip" leaves out those that are past, drops their events and lets the network's time stand still, "stop"
+            ends the run.
+        watch: called after each action, before what was recorded is forgotten, like `neuro.live.Page.tick`; no latency
+            has the time that it takes, but the next tick may come late by it.
+
+    Raises:
+        ModelError: the tick is no such multiple, there is no such population, its sensor is another, or an argument is
+            something else.
+    """
+
+    def __init__(
+        self,
+        sim: Simulation,
+        *,
+        tick: float,
+        inputs: Mapping[str, Source] | None = None,
+        act: Act | None = None,
+        late: str = "catch_up",
+        watch: Callable[[], object] | None = None,
+    ) -> None:
+        if late not in LATE:
+            raise ModelError(f"late = {late!r}: expected one of {', '.join(LATE)}", hint=near(str(late), LATE))
+        if act is not None and not callable(act):
+            raise ModelError(f"act = {act!r:.60}: expected a function of the time in ms")
+        self._clock = Clock(sim.program.resolution)
+        self._steps = self._clock.step(tick, "tick")
+        if not 0 < self._steps < NEVER:
+            raise ModelError(f"tick = {tick:g} ms: expected a finite time > 0 ms")
+        self._tick = round(self._clock.ms(self._steps) * 1e6)
+        self._sim, self._act, self._late, self._watch = sim, act, late, watch
+        self._inlets = [Inlet(sim, name, source, self._tick) for name, source in (inputs or {}).items()]
+        self._stopped, self._since = "", 0
+
+    def stop(self, why: str = "stopped") -> None:
+        """Let a run end after the present tick, from any thread."""
+        self._stopped = why
+
+    def run(
+        self,
+        ms: float,
+        *,
+        out: str | PathLike[str] | None = None,
+        record: Collection[str] = (),
+        threads: int = 1,
+        report: Callable[[LiveRun], object] | None = None,
+    ) -> LiveRun:
+        """Run in real time. Ctrl-C ends it after the present tick; what was recorded is then whole.
+
+        The first tick of the network is run before the clock starts, without events, so that all is in memory.
+
+        Args:
+            ms: how long, a multiple of the tick.
+            out: a file of results that also keeps what cameras were fed, so that `neuro rerun` makes the run again. It
+                is written by another process; of one that is killed all but the last ten seconds are in PATH.part.
+            record: names of the populations whose spikes to keep; all that are recorded if empty.
+            threads: that the network runs on, to be written there.
+            report: called about once a second with the account so far.
+
+        Returns:
+            The account: latencies, misses, drops.
+
+        Raises:
+            ModelError: the time is no multiple, the file cannot be written, or the network fails. An error of a source
+                or of `act` ends the run, and is raised when the file is whole.
+        """
+        ticks, rest = divmod(self._clock.step(ms, "run"), self._steps)
+        if rest or not 0 < ticks < NEVER // self._steps:
+            raise ModelError(f"run = {ms:g} ms: expected a multiple of the tick, {self._clock.ms(self._steps):g} ms")
+        self._stopped = ""
+        run, sim = LiveRun(self._clock.ms(self._steps)), self._sim
+        recorded = sim.record_to(out, record=record, threads=threads, live=True) if out is not None else nullcontext()
+        failure: Exception | None = None
+        with recorded as recording:
+            chores = _Chores(recording, report)
+            with self._interruptible(), punctual():
+                try:
+                    self._first(recording)
+                    self._go(run, ticks - 1, chores)
+                except Exception as error:
+                    failure = error
+                    run.ended = f"{type(error).__name__}: {error}"
+            run.inputs = {each.name: self._counts(each) for each in self._inlets}
+            if recording is not None:
+                recording.note("live", run.kept())
+        if failure is not None:
+            raise failure
+        return run
+
+    @staticmethod
+    def _counts(inlet: Inlet) -> dict[str, int]:
+        return {"taken": inlet.taken, "fed": inlet.fed, "dropped": inlet.dropped, **inlet.counts}
+
+    def _first(self, recording: ResultsWriter | None) -> None:
+        """Run a tick before the clock starts."""
+        for inlet in self._inlets:
+            inlet.rehearse()
+        self._sim.run(self._clock.ms(self._steps))
+        self._forget(recording)
+        Histogram().add_since(np.zeros(0, dtype=np.int64), 0)
+
+    def _forget(self, recording: ResultsWriter | None) -> None:
+        """Keep nothing in memory of what was recorded and goes to no file."""
+        if recording is None:
+            self._sim.forget(self._sim.time)
+
+    def _go(self, run: LiveRun, ticks: int, chores: _Chores) -> None:
+        """Run ticks at their times."""
+        for inlet in self._inlets:
+            inlet.begin()
+        tick, late, self._since = self._tick, self._late, 0
+        due, number = time.monotonic_ns() + tick, 0
+        began = before = Cost.now()
+        while number < ticks:
+            number += 1
+            if time.monotonic_ns() < due:
+                run.empty.add(wait_until(due) - due)
+            done = self._one(run, due, number)
+            if self._watch is not None:
+                self._watch()
+            self._forget(chores.recording)
+            run.ticks += 1
+            due += tick
+            after = Cost.now()
+            if done > due:
+                run.misses += 1
+                run.missed_cost += after.since(before)
+                if late == "stop":
+                    self.stop(f"the action of tick {number} was {(done - due) / 1e6:.3f} ms late")
+                elif late == "skip" and (past := (done - due) // tick):
+                    run.skipped += past
+                    number += past
+                    due += past * tick
+                    self._since = due - tick
+            before = after
+            if self._stopped:
+                run.ended = self._stopped
+                break
+            if chores.due(done):
+                run.cost = after.since(began)
+                run.inputs = {each.name: self._counts(each) for each in self._inlets}
+                chores.do(run, done)
+        run.cost = Cost.now().since(began)
+
+    def _one(self, run: LiveRun, due: int, number: int) -> int:
+        """One tick, that of the events that were received before it was due; when its action was done, ns."""
+        sim, step = self._sim, self._clock.step(self._sim.time, "time")
+        start = time.monotonic_ns()
+        found = [(inlet, *inlet.take(self._since, due)) for inlet in self._inlets]
+        taken = time.monotonic_ns()
+        for inlet, events, received in found:
+            if events is not None:
+                inlet.feed(events, received, due - self._tick, step, self._steps)
+        fed = time.monotonic_ns()
+        sim.run(self._clock.ms(self._steps))
+        ran = time.monotonic_ns()
+        if self._act is not None:
+            self._act(sim.time)
+        done = time.monotonic_ns()
+        for word, ns in zip(PHASES, (taken - start, fed - taken, ran - fed, done - ran), strict=True):
+            run.phases[word].add(ns)
+        for _, _, received in found:
+            run.latency.add_since(received, done)
+        if done - due > run.response.largest_ns:
+            marks = (start, taken, fed, ran, done)
+            phases = {w: (b - a) / 1e6 for w, a, b in zip(PHASES, marks, marks[1:], strict=False)}
+            run.largest_tick = number, phases
+        run.response.add(done - due)
+        return done
+
+    @contextmanager
+    def _interruptible(self) -> Iterator[None]:
+        """Let Ctrl-C end the run after the present tick, and a second one at once."""
+        if threading.current_thread() is not threading.main_thread():
+            yield
+            return
+
+        def stop(number: int, frame: Any) -> None:
+            if self._stopped:
+                raise KeyboardInterrupt
+            self.stop("interrupted")
+
+        before = signal.signal(signal.SIGINT, stop)
+        try:
+            yield
+        finally:
+            signal.signal(signal.SIGINT, before)
+
+
+class _Chores:
+    """What is done between ticks, now and then."""
+
+    def __init__(self, recording: ResultsWriter | None, report: Callable[[LiveRun], object] | None) -> None:
+        self.recording, self._report = recording, report
+        now = time.monotonic_ns()
+        self._drained = self._looked = self._committed = now
+
+    def due(self, now: int) -> bool:
+        return now - self._drained > DRAIN_S * 1e9
+
+    def do(self, run: LiveRun, now: int) -> None:
+        self._drained = now
+        recording = self.recording
+        if recording is not None:
+            recording.drain()
+            if now - self._committed > COMMIT_S * 1e9:
+                self._committed = now
+                recording.commit()
+        if now - self._looked > 1e9:
+            self._looked = now
+            gc.collect()
+            if self._report is not None:
+                self._report(run)

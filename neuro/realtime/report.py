@@ -1,0 +1,139 @@
+"""What a live run took: how late its actions were, and why."""
+
+from __future__ import annotations
+
+import resource
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from typing import Any
+
+from neuro.core.tables import Table, as_html, as_text
+from neuro.realtime.histogram import Histogram
+
+PHASES = ("take", "feed", "run", "act")
+"""What a tick does, in this order."""
+
+
+@dataclass(slots=True)
+class Cost:
+    """What kept this thread from going on: counts of the operating system.
+
+    Attributes:
+        preempted: times that another thread got the processor.
+        minor_faults: pages that were given or mapped anew.
+        major_faults: pages that were read from a disk.
+    """
+
+    preempted: int
+    minor_faults: int
+    major_faults: int
+
+    @classmethod
+    def now(cls) -> Cost:
+        """Up to now."""
+        used = resource.getrusage(getattr(resource, "RUSAGE_THREAD", resource.RUSAGE_SELF))
+        return cls(used.ru_nivcsw, used.ru_minflt, used.ru_majflt)
+
+    def __add__(self, other: Cost) -> Cost:
+        return Cost(
+            self.preempted + other.preempted,
+            self.minor_faults + other.minor_faults,
+            self.major_faults + other.major_faults,
+        )
+
+    def since(self, before: Cost) -> Cost:
+        """What came since."""
+        return Cost(
+            self.preempted - before.preempted,
+            self.minor_faults - before.minor_faults,
+            self.major_faults - before.major_faults,
+        )
+
+
+@dataclass(eq=False)
+class LiveRun:
+    """What a live run took.
+
+    Attributes:
+        tick_ms: the length of a tick.
+        ticks: how many were run.
+        misses: ticks whose action came after the next tick was due.
+        skipped: ticks that were left out, of `late="skip"`.
+        ended: why it ended before its time; "" where it did not.
+        latency: from the receipt of an event to the action of its tick.
+        response: from the moment when a tick was due to its action; the network's own part of the latency.
+        empty: the same of a loop that does nothing, on the same ticks: from the moment to awakening.
+        phases: the time of each of `PHASES`.
+        cost: of all ticks.
+        missed_cost: of those that missed.
+        largest_tick: the number of the slowest tick, and the ms of its phases.
+        inputs: of each input events taken, fed and dropped, and what its source counts.
+    """
+
+    tick_ms: float
+    ticks: int = 0
+    misses: int = 0
+    skipped: int = 0
+    ended: str = ""
+    latency: Histogram = field(default_factory=Histogram)
+    response: Histogram = field(default_factory=Histogram)
+    empty: Histogram = field(default_factory=Histogram)
+    phases: dict[str, Histogram] = field(default_factory=lambda: {word: Histogram() for word in PHASES})
+    cost: Cost = field(default_factory=lambda: Cost(0, 0, 0))
+    missed_cost: Cost = field(default_factory=lambda: Cost(0, 0, 0))
+    largest_tick: tuple[int, dict[str, float]] = (0, {})
+    inputs: dict[str, dict[str, int]] = field(default_factory=dict)
+
+    @property
+    def drops(self) -> int:
+        """Events that came and were not given to the network."""
+        return sum(counts["dropped"] for counts in self.inputs.values())
+
+    def __repr__(self) -> str:
+        return f"LiveRun({self.ticks:,} ticks of {self.tick_ms:g} ms, {self.misses:,} missed, {self.drops:,} drops)"
+
+    def __str__(self) -> str:
+        return as_text(repr(self), self.tables())
+
+    def _repr_html_(self) -> str:
+        return as_html(repr(self), self.tables())
+
+    def tables(self) -> list[Table]:
+        """Latencies, inputs, and what misses cost."""
+        times = tuple(
+            (name, f"{h.ms(0.5):.3f}", f"{h.ms(0.99):.3f}", f"{h.largest_ms:.3f}") for name, h in self._histograms()
+        )
+        inputs = tuple(
+            (name, *(f"{counts[word]:,}" for word in ("taken", "fed", "dropped")), _others(counts))
+            for name, counts in self.inputs.items()
+        )
+        words = ("preempted", "minor_faults", "major_faults")
+        costs = tuple(
+            (name, *(f"{getattr(cost, word):,}" for word in words))
+            for name, cost in (("all ticks", self.cost), ("missed ticks", self.missed_cost))
+        )
+        return [
+            Table("times", ("ms", ">p50", ">p99", ">largest"), times),
+            Table("inputs", ("name", ">taken", ">fed", ">dropped", "its source counts"), inputs),
+            Table("costs", ("in", ">preempted", ">minor page faults", ">major page faults"), costs),
+        ]
+
+    def _histograms(self) -> Iterator[tuple[str, Histogram]]:
+        yield "event to action", self.latency
+        yield "tick to action", self.response
+        yield "empty loop", self.empty
+        yield from self.phases.items()
+
+    def kept(self) -> dict[str, Any]:
+        """The same as attributes and arrays of a file."""
+        numbers = {word: getattr(self, word) for word in ("tick_ms", "ticks", "misses", "skipped", "ended", "drops")}
+        for name, h in self._histograms():
+            word = name.replace(" ", "_")
+            numbers |= {f"{word}.p50_ms": h.ms(0.5), f"{word}.p99_ms": h.ms(0.99), f"{word}.largest_ms": h.largest_ms}
+        for name, counts in self.inputs.items():
+            numbers |= {f"{name}.{word}": count for word, count in counts.items()}
+        return numbers
+
+
+def _others(counts: dict[str, int]) -> str:
+    return ", ".join(f"{n:,} {word}" for word, n in counts.items() if word not in ("taken", "fed", "dropped"))

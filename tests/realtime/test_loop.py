@@ -1,0 +1,249 @@
+"""A loop in real time: what comes live is what can be run again, and lateness is counted and answered."""
+
+import gc
+import os
+import signal
+import subprocess
+import sys
+import time
+from contextlib import suppress
+
+import numpy as np
+import pytest
+from hypothesis import given, settings, strategies as st
+
+import neuro
+from event_tests import refusal
+from neuro import ModelError
+from neuro.events import Events, save
+from neuro.realtime import Loop, Player
+from neuro.rerun.again import rerun
+
+SIZE = 16, 12
+
+
+def network(resolution=0.5, **words):
+    net = neuro.Network("live", resolution=resolution)
+    net.population("camera", (2, 12, 16), neuro.event_camera(**words))
+    net.population("cells", 6, neuro.iaf_psc_exp())
+    net.connect("camera", "cells", neuro.fixed_outdegree(n=2), weight=150.0, delay=1.0)
+    net.probe("v", "cells", "V_m", every=5.0)
+    net.probe("seen", "camera")
+    return net
+
+
+def noise(n, ms, seed=0):
+    rng = np.random.default_rng(seed)
+    t = np.sort(rng.integers(0, round(1000 * ms), n))
+    return Events(t, rng.integers(0, 16, n), rng.integers(0, 12, n), rng.integers(0, 2, n), SIZE)
+
+
+class Burst:
+    """All its events at the second `take`, as if they had just been received."""
+
+    sensor_size = SIZE
+
+    def __init__(self, events):
+        self._events, self._takes = events, 0
+        self.received_ns = None
+        self.counts = {"lost": 3}
+
+    def take(self):
+        self._takes += 1
+        self.received_ns = time.monotonic_ns() - 1000
+        return self._events if self._takes == 2 else self._events[:0]
+
+
+@settings(max_examples=4, deadline=None)
+@given(
+    seed=st.integers(0, 99),
+    n=st.integers(0, 3000),
+    tick=st.sampled_from([0.5, 1.0, 2.5]),
+    late=st.sampled_from(["catch_up", "skip"]),
+    backend=st.sampled_from(["event", "reference"]),
+)
+def test_what_was_live_can_be_run_again(tmp_path_factory, seed, n, tick, late, backend):
+    out = tmp_path_factory.mktemp("live") / "day.h5"
+    sim = neuro.compile(network(), backend, seed=seed)
+    run = Loop(sim, tick=tick, inputs={"camera": Player(noise(n, 30.0, seed))}, late=late).run(50.0, out=out)
+    counts = run.inputs["camera"]
+    assert counts["taken"] == n == counts["fed"] + counts["dropped"]
+    results = neuro.results.read(out)
+    assert results.counts().populations["camera"].spikes == counts["fed"] == len(results.spikes("camera")[0])
+    assert len(run.latency) == counts["fed"]
+    assert rerun(out).difference == ""
+
+
+def test_events_keep_their_place_within_a_tick():
+    sim = neuro.compile(network(origin=7000.0, offset=1.0))
+    t = np.array([0, 400, 900, 1600, 9000])
+    events = Events(t + 5_000_000, [1] * 5, [2] * 5, [1] * 5, SIZE)
+    inlet = Loop(sim, tick=10.0, inputs={"camera": Burst(events)})._inlets[0]
+    sim.run(5.0)
+    inlet.feed(events, np.full(5, 3_200_000), 0, 10, 20)
+    inlet.feed(events[::4], np.full(2, 3_200_000), 0, 10, 20)
+    sim.run(10.0)
+    assert (sim.spikes("camera")[0] - 5.0).tolist() == [3.5, 3.5, 4.0, 4.5, 5.0, 10.0, 10.0]
+    assert inlet.fed == 7
+
+
+def test_what_comes_after_the_moment_of_a_tick_waits_for_the_next():
+    sim = neuro.compile(network())
+    inlet = Loop(sim, tick=10.0, inputs={"camera": Player(noise(100, 5.0))})._inlets[0]
+    inlet.begin()
+    time.sleep(0.006)
+    begin = inlet._source._begin
+    found = [inlet.take(begin + 1_000_000, begin + end)[1] - begin for end in (2_000_000, 2_000_000, 10_000_000)]
+    t = noise(100, 5.0).t * 1000
+    t -= t[0]
+    assert [len(each) for each in found] == [np.sum((t >= 1_000_000) & (t < 2_000_000)), 0, np.sum(t >= 2_000_000)]
+    assert inlet.dropped == np.sum(t < 1_000_000)
+
+
+def slow(at):
+    def act(ms):
+        if ms == at:
+            time.sleep(0.025)
+
+    return act
+
+
+def test_catching_up_runs_every_tick():
+    sim = neuro.compile(network())
+    run = Loop(sim, tick=5.0, inputs={"camera": Player(noise(300, 60.0))}, act=slow(20.0)).run(100.0)
+    assert (run.ticks, run.skipped, run.drops, run.ended) == (19, 0, 0, "")
+    assert run.misses >= 4
+    assert sim.time == 100.0
+    assert run.inputs["camera"]["fed"] == 300
+    assert run.largest_tick[1]["act"] > 20.0
+
+
+def test_skipping_drops_what_was_missed():
+    sim = neuro.compile(network())
+    run = Loop(sim, tick=5.0, inputs={"camera": Player(noise(300, 60.0))}, act=slow(20.0), late="skip").run(100.0)
+    assert run.skipped >= 4
+    assert run.ticks + run.skipped == 19
+    assert sim.time == 100.0 - 5.0 * run.skipped
+    assert run.drops > 50
+    assert run.inputs["camera"]["fed"] == 300 - run.drops
+
+
+def test_stopping_ends_the_run_with_a_whole_file(tmp_path):
+    sim = neuro.compile(network())
+    run = Loop(sim, tick=5.0, act=slow(20.0), late="stop").run(1000.0, out=tmp_path / "day.h5")
+    assert run.ended.startswith("the action of tick ")
+    assert sim.time <= 20.0
+    assert neuro.results.read(tmp_path / "day.h5").duration_ms == sim.time
+
+
+def test_a_source_that_fails_leaves_a_whole_file(tmp_path):
+    class Broken(Burst):
+        def take(self):
+            if self._takes == 8:
+                raise OSError("unplugged")
+            return super().take()
+
+    sim = neuro.compile(network())
+    with pytest.raises(OSError, match="unplugged"):
+        Loop(sim, tick=2.0, inputs={"camera": Broken(noise(20, 1.0))}).run(1000.0, out=tmp_path / "day.h5")
+    results = neuro.results.read(tmp_path / "day.h5")
+    assert results.finished
+    assert results.counts().populations["camera"].spikes == 20
+    assert rerun(tmp_path / "day.h5").same
+    assert gc.isenabled()
+
+
+def test_memory_does_not_grow():
+    sim = neuro.compile(network())
+    counts = sim.port("cells", "counts")
+    room = np.zeros(6, dtype=np.int64)
+    held = []
+
+    def act(ms):
+        counts.get(room)
+        held.append(sum(sim.memory().values()))
+
+    Loop(sim, tick=1.0, inputs={"camera": Player(noise(20_000, 200.0))}, act=act).run(200.0)
+    assert held[-1] <= held[20]
+    assert len(sim.spikes("camera")[0]) == 0
+
+
+SCRIPT = """
+import sys
+
+sys.path[:0] = {path!r}
+import neuro.realtime.loop as loop
+loop.COMMIT_S = 0.05
+
+from neuro.cli.commands import app
+app(["live", "net.yaml", "--tick", "1 ms", "--for", "1 h", "--input", "camera=a.npz", "--out", "day.h5"])
+"""
+
+
+@pytest.mark.parametrize("how", [signal.SIGINT, signal.SIGKILL])
+def test_what_was_recorded_of_a_run_that_was_ended_can_be_run_again(tmp_path, how):
+    network().save(tmp_path / "net.yaml")
+    save(noise(2000, 200.0), tmp_path / "a.npz")
+    process = subprocess.Popen([sys.executable, "-c", SCRIPT.format(path=sys.path)], cwd=tmp_path, stdout=-1, stderr=-1)
+    part = tmp_path / "day.h5.part"
+    deadline = time.monotonic() + 60.0
+    while time.monotonic() < deadline and process.poll() is None:
+        with suppress(ModelError):
+            if neuro.results.read(part).duration_ms > 300.0:
+                break
+        time.sleep(0.05)
+    process.send_signal(how)
+    said = process.communicate(timeout=30)
+    path = part if how == signal.SIGKILL else tmp_path / "day.h5"
+    while how == signal.SIGKILL and _written_by_another(tmp_path):
+        time.sleep(0.05)
+    results = neuro.results.read(path)
+    assert results.counts().populations["camera"].spikes == 2000, said
+    assert results.finished == (how == signal.SIGINT)
+    assert rerun(path).difference == ""
+    if how == signal.SIGINT:
+        assert process.returncode == 130
+        assert b"ended early: interrupted" in said[1]
+
+
+def _written_by_another(folder):
+    """Whether a process still has a file of the folder open."""
+    for number in filter(str.isdigit, os.listdir("/proc")):
+        try:
+            if any(str(folder) in os.readlink(f"/proc/{number}/fd/{fd}") for fd in os.listdir(f"/proc/{number}/fd")):
+                return True
+        except OSError:
+            continue
+    return False
+
+
+def test_mistakes():
+    sim = neuro.compile(network())
+    played = neuro.compile(network(events=noise(10, 10.0)))
+    later = neuro.compile(network(start=5.0))
+    source = Player(noise(10, 1.0))
+    other = Player(Events([0], [0], [0], [0], (9, 9)))
+    for words, message in (
+        ({"tick": 0.7}, "tick = 0.7 ms: expected a multiple of the resolution, 0.5 ms"),
+        ({"tick": 0.0}, "tick = 0 ms: expected a finite time > 0 ms"),
+        ({"late": "skipp"}, "late = 'skipp': expected one of catch_up, skip, stop\n  hint: did you mean 'skip'?"),
+        ({"act": 3}, "act = 3: expected a function of the time in ms"),
+    ):
+        assert refusal(Loop, sim, **{"tick": 1.0} | words).startswith(message)
+    for of, inputs, message in (
+        (sim, {"cam": source}, "unknown population 'cam'"),
+        (sim, {"cells": source}, "inputs: 'cells' is iaf_psc_exp: expected an event_camera"),
+        (sim, {"camera": noise}, "inputs: source of 'camera' is <function noise at "),
+        (played, {"camera": source}, "inputs: 'camera' plays a recording: expected an event_camera without one"),
+        (later, {"camera": source}, "inputs: 'camera' starts at 5 ms: expected 0"),
+        (
+            sim,
+            {"camera": other},
+            "inputs: 'camera' would have the shape [2, 9, 9], that of its source: expected [2, 12, 16]",
+        ),
+    ):
+        assert refusal(Loop, of, tick=1.0, inputs=inputs).startswith(message)
+    loop = Loop(sim, tick=2.0)
+    assert refusal(loop.run, 3.0) == "run = 3 ms: expected a multiple of the tick, 2 ms"
+    assert refusal(Player, noise(1, 1.0), 0) == "speed = 0: expected a number > 0"
+    assert refusal(Player, 3) == "recording is 3: expected Events or the path of a file"
