@@ -1,24 +1,29 @@
 """The loop in real time: what feeding takes, and how late actions are, beside an empty loop in the same run.
 
-    python benchmarks/realtime.py [--seconds 10] [--out FILE.h5]
+    python benchmarks/realtime.py [--seconds 10] [--udp] [--out FILE.h5]
     sudo chrt --fifo 1 python benchmarks/realtime.py
 
-Each row is a camera with noise at a rate, ticks of a length, and a network on grids; events are played from memory in
-the same process, as a `Player`. *tick to action* is the network's own part: take, feed, run, and counts read by a port.
-*event to action* has also the wait for the next tick. On cores that others use, too, the figures of the empty loop say
-how much is theirs; with `chrt` the loop goes before them.
+Each row is a camera with noise at a rate, ticks of a length, and a network on grids. Events are played from memory in
+the same process, as a `Player`, or with `--udp` sent over the loopback by another process, on the other core. *tick to
+action* is the network's own part: take, feed, run, and counts read by a port. *event to action* has also the wait for
+the next tick; by UDP it is counted from the oldest datagram of a tick. On cores that others use, too, the figures of the
+empty loop say how much is theirs; with `chrt` the loop goes before them.
 """
 
 from __future__ import annotations
 
 import argparse
+import subprocess
+import sys
 import time
+from collections.abc import Iterator
+from contextlib import ExitStack, contextmanager
 
 import numpy as np
 
 import neuro
 from neuro.events import Events
-from neuro.realtime import Loop, Player, empty_loop
+from neuro.realtime import Loop, Player, Source, empty_loop
 
 ROWS = (
     # width, height, events a second, ms of a tick, stride of the first grid
@@ -65,22 +70,51 @@ def feeding(width: int, height: int, n: int, tick: float) -> float:
     return 1000.0 * float(np.median(taken[20:]))
 
 
+@contextmanager
+def sender(url: str, width: int, height: int, rate: float, seconds: float) -> Iterator[None]:
+    """Another process that sends noise over the loopback, at normal priority."""
+    words = (url, width, height, rate, seconds)
+    with subprocess.Popen(["chrt", "--other", "0", sys.executable, __file__, "--send", *map(str, words)]) as process:
+        yield
+        process.terminate()
+
+
+def send(url: str, width: str, height: str, rate: str, seconds: str) -> None:
+    """What that process does: parts of 100 ms, each at its time."""
+    n = round(float(rate) / 10)
+    parts = (noise(int(width), int(height), n, 100_000, 100_000 * k) for k in range(round(10 * float(seconds))))
+    neuro.events.send(url, parts, format="faery8")
+
+
 def main() -> None:
     """Print a row for each camera."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--seconds", type=float, default=10.0)
     parser.add_argument("--out", help="also record to this file")
+    parser.add_argument("--udp", action="store_true")
+    parser.add_argument("--send", nargs=5, help=argparse.SUPPRESS)
     asked = parser.parse_args()
+    if asked.send:
+        send(*asked.send)
+        return
     for width, height, rate, tick, stride in ROWS:
         n = round(rate * tick / 1000.0)
         nothing, fed = (feeding(width, height, m, tick) for m in (0, n))
         sim = neuro.compile(network(width, height, stride), seed=1)
         neurons = sum(part.size for part in sim.program.populations[1:])
         counts, room = sim.port("places", "counts"), np.zeros(sim.program.populations[-1].size, dtype=np.int64)
-        events = noise(width, height, round(rate * asked.seconds), round(1e6 * asked.seconds))
-        loop = Loop(sim, tick=tick, inputs={"camera": Player(events)}, act=lambda ms, c=counts, r=room: c.get(r))
         before = empty_loop(tick, 1000.0)
-        run = loop.run(1000.0 * asked.seconds, out=asked.out)
+        with ExitStack() as stack:
+            source: Source
+            if asked.udp:
+                listener = neuro.events.listen("udp://127.0.0.1:0", format="faery8", sensor=(width, height))
+                source = stack.enter_context(listener)
+                stack.enter_context(sender(listener.url, width, height, rate, asked.seconds + 30.0))
+                listener.wait(30.0)
+            else:
+                source = Player(noise(width, height, round(rate * asked.seconds), round(1e6 * asked.seconds)))
+            loop = Loop(sim, tick=tick, inputs={"camera": source}, act=lambda ms, c=counts, r=room: c.get(r))
+            run = loop.run(1000.0 * asked.seconds, out=asked.out)
         print(f"{width}x{height}, {rate:,.0f} events/s, ticks of {tick:g} ms, {neurons:,} neurons")
         print(f"  feed: {nothing:.3f} ms + {1e6 * (fed - nothing) / n:.1f} ns an event ({n:,} events: {fed:.3f} ms)")
         for name, h in (
@@ -90,6 +124,7 @@ def main() -> None:
             ("empty loop, a second before", before),
         ):
             print(f"  {name:<30} {h}")
+        print(f"  {run.inputs['camera']}")
         late = f"{run.misses:,} of {run.ticks:,} ticks missed, preempted {run.cost.preempted:,} times"
         print(f"  {late}, {run.drops:,} drops")
 

@@ -7,7 +7,7 @@ from collections.abc import Callable, Iterator
 from contextlib import ExitStack
 from enum import StrEnum
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
@@ -75,10 +75,12 @@ Input = Annotated[
     list[str],
     typer.Option(
         "--input",
-        metavar="NAME=FILE",
-        help="What an event camera sees: a recording, played at its own pace; repeatable.",
+        metavar="NAME=FROM",
+        help="What an event camera sees: what comes to udp://HOST:PORT, or from tcp://HOST:PORT, or a file, which is "
+        "played at its own pace; repeatable.",
     ),
 ]
+Format = Annotated[str | None, typer.Option("--format", metavar="NAME", help="Of what comes by UDP: 'spif', for one.")]
 WhenLate = Annotated[Late, typer.Option("--late", help="What to do when an action comes too late.")]
 LiveOut = Annotated[
     Path | None, typer.Option("--out", metavar="FILE", help="The HDF5 file to write; none if not given.")
@@ -104,6 +106,7 @@ def live(
     tick: Tick = 1.0,
     duration: Long = None,
     input: Input = [],  # noqa: B006
+    format: Format = None,
     late: WhenLate = Late.catch_up,
     backend: Backend = "event",
     seed: Seed = 0,
@@ -178,17 +181,23 @@ def _page(
     return Page(sim, *at, figures=lambda: lines.figures)
 
 
-def sources(sim: Simulation, texts: list[str]) -> dict[str, Source]:
-    """Sources by the names of cameras, of NAME=FILE."""
+def sources(sim: Simulation, texts: list[str], format: str | None, stack: ExitStack) -> dict[str, Source]:
+    """Sources by the names of cameras, of NAME=FROM; the stack closes those that are open."""
+    from neuro.compiler.cameras import CameraInput
+    from neuro.events import listen
     from neuro.realtime import Player
 
-    made: dict[str, Any] = {}
+    made: dict[str, Source] = {}
     for text in texts:
         name, equals, what = text.partition("=")
         if not equals or not name or not what:
-            raise typer.BadParameter(f"'{text}': expected NAME=FILE", param_hint="'--input'")
-        sim.handles.neurons(name)
-        made[name] = Player(what)
+            raise typer.BadParameter(f"'{text}': expected NAME=FILE or NAME=udp://HOST:PORT", param_hint="'--input'")
+        camera = sim.handles.neurons(name).part.stream
+        if "://" not in what:
+            made[name] = Player(what)
+        else:
+            size = camera.sensor_size if isinstance(camera, CameraInput) and what.startswith("udp") else None
+            made[name] = stack.enter_context(listen(what, format=format, sensor=size))
     return made
 
 

@@ -183,6 +183,11 @@ class CameraInput:
         """That of the population."""
         return self._model
 
+    @property
+    def sensor_size(self) -> tuple[int, int]:
+        """Width and height, px, of its recording; without one those of the smallest sensor of which all is seen."""
+        return self._least
+
     def first_us(self, step: int) -> int:
         """The first time of an event, us, that is emitted later than in this step."""
         numerator, denominator = self._step_us
