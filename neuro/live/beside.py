@@ -173,7 +173,7 @@ def _price(job: Job) -> list[dict[str, Any]]:
 
 
 def _bill(program: Program, counts: EngineCounts, chip: Chip, placement: Any) -> dict[str, Any]:
-    """Watts on a chip: joules in real time by the seconds that the network was run."""
+    """Joules of a second of the network on a chip in real time; a chip that is late is on for longer."""
     about = {"chip": chip.name, "title": chip.title}
     if isinstance(placement, str):
         return about | {"refused": placement}
@@ -183,7 +183,8 @@ def _bill(program: Program, counts: EngineCounts, chip: Chip, placement: Any) ->
         return about | {"refused": "; ".join(dict.fromkeys(each.message for each in (error.others or (error,))))}
     seconds = energy.duration_s
     static = energy.static_j / seconds if energy.static_known else None
-    return about | {"dynamic": energy.dynamic_j / seconds, "static": static, "chips": energy.chips}
+    late = (energy.chip_time_s or 0.0) / seconds if energy.late else None
+    return about | {"dynamic": energy.dynamic_j / seconds, "static": static, "chips": energy.chips, "late": late}
 
 
 def curve_of(sim: Simulation, population: str, neuron: int) -> Network:

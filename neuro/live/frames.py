@@ -22,6 +22,8 @@ from neuro.run.simulation import Simulation
 
 MOST_SPIKES = 2000
 """Of a population in a frame; of more an even choice, and all are counted."""
+MOST_READ = 8 * MOST_SPIKES
+"""Of a population in a frame that are looked at; of more about so many of the last."""
 MOST_COLUMNS = 4
 MOST_SAMPLES = 500
 WIDEST = 200
@@ -52,6 +54,7 @@ class Frames:
         """Forget what was before: the simulation went back, or to another state."""
         self.step = self._gathered = self._engine.step
         self._totals = {k: self._total(k) for k, p in self._populations if p.kind != "current"}
+        self._rate = [0.0] * len(self._populations)
         self._seen = {k: self._fired(k) for k, _ in self._cameras}
         self._sampled = []
         self._spikes: dict[int, list[tuple[Ints, Ints]]] = {k: [] for k, p in self._populations if p.records}
@@ -93,9 +96,11 @@ class Frames:
 
     def gather(self) -> None:
         """Take what was recorded since the last time, before it is forgotten."""
-        since, self._gathered = self._gathered, self._engine.step
+        since, now = self._gathered, self._engine.step
+        self._gathered = now
         for k, spikes in self._spikes.items():
-            found = self._engine.spikes(k, since)
+            expected = self._rate[k] * self._populations[k][1].size * (now - since) * self._clock.resolution * 1e-3
+            found = self._engine.spikes(k, max(since, now - int((now - since) * MOST_READ / max(expected, 1.0))))
             if found.ids.size:
                 spikes.append((found.steps, found.ids))
         for k, samples in self._samples.items():
@@ -134,7 +139,8 @@ class Frames:
             self._totals[k] = self._total(k)
             if seconds and (size := self._populations[k][1].size):
                 rates[k] = round((self._totals[k] - before) / (size * seconds), 3)
-        return list(rates.values())
+        self._rate = list(rates.values())
+        return self._rate
 
     def _fired(self, index: int) -> Ints:
         engine = self._engine

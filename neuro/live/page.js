@@ -574,15 +574,14 @@ function showCurve(message) {
   message.currents.forEach((_, k) => { pen.beginPath(); pen.arc(...place(k), 2.2, 0, 7); pen.fill(); });
 }
 function watts(value) {
-  if (value === null || value === undefined) return "–";
-  const [unit, size] = [["W", 1], ["mW", 1e-3], ["µW", 1e-6], ["nW", 1e-9]].find(([, each]) => value >= each * 0.9995) || ["pW", 1e-12];
+  const [unit, size] = [["J/s", 1], ["mJ/s", 1e-3], ["µJ/s", 1e-6], ["nJ/s", 1e-9]].find(([, each]) => value >= each * 0.9995) || ["pJ/s", 1e-12];
   return Number((value / size).toPrecision(3)) + " " + unit;
 }
 function showJoules(message) {
-  get("joules-told").textContent = message.refused || "Joules a second, of what was done in the last second and of chips that are on.";
+  get("joules-told").textContent = message.refused || "Joules of a second of the network, by what was done in the last one and chips that are on.";
   const rows = (message.chips || []).map(each => each.refused
     ? make("tr", {}, make("td", {title: each.refused}, each.chip, make("small", {}, each.refused)), make("td", {}, "–"))
-    : make("tr", {}, make("td", {title: each.title}, each.chip, make("small", {}, named(each.chips, "chip"))),
+    : make("tr", {}, make("td", {title: each.title}, each.chip, make("small", {}, named(each.chips, "chip") + (each.late ? `, takes ${short(Number(each.late.toPrecision(2)))} s for a second` : ""))),
       make("td", {}, watts(each.dynamic + (each.static || 0)), make("small", {}, each.static === null ? "dynamic; static: no figure" : `dynamic ${watts(each.dynamic)}, static ${watts(each.static)}`))));
   get("joules").tBodies[0].replaceChildren(...rows);
 }

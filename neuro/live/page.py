@@ -31,13 +31,14 @@ POLL_S = 5e-3
 SAMPLE_S = 1e-3
 STRETCH_S, LONGEST_MS = 2e-3, 20.0
 KEPT_MS = 500.0
+BESIDE_S = 0.05
 SEEN_S = 1.0
 """So long after a frame somebody is taken to look."""
 SLOW_S = 0.25
 PRICE_S = 1.0
-SHARE, SLOW_SHARE = 0.025, 0.008
-"""Of the time that the run takes and waits: what frames may take, and all that is made seldom. Where they take more,
-they come less often."""
+SHARE, SAMPLE_SHARE, SLOW_SHARE = 0.025, 0.005, 0.005
+"""Of the time that the run takes and waits: what frames may take, the state that is watched, and all that is made
+seldom. Where they take more, they come less often."""
 START_S = 20.0
 
 PORT = Quantity(kind="integer", at_least=0, at_most=65535)
@@ -85,9 +86,9 @@ class Page:
         host, port = check(HOST, host, "host"), check(PORT, port, "port")
         self.pace = None if speed is None else Pace(check(SPEED, speed, "speed"))
         self.restart, self._figures = restart, figures
-        self._waited = self._frame_due = 0.0
+        self._waited = self._frame_due = self._beside_due = 0.0
         self._due = self._slow_due = self._sample_due = self._price_due = self._seen_until = 0.0
-        self._wanted = False
+        self._wanted = self._ahead = False
         self._taken = 0.0
         self._measured = (time.perf_counter(), sim.time)
         self._speed = 0.0
@@ -132,14 +133,15 @@ class Page:
         if now >= self._due:
             self._attend(now)
         if now < self._seen_until:
-            if now >= self._sample_due:
-                self._sample_due = now + SAMPLE_S
-                self.frames.sample()
+            if self._used() >= self._sample_due:
+                self._sample()
             if self.frames.is_forgotten:
                 self.frames.gather()
         if self.pace is None:
             return
+        self._ahead = False
         while (wait := self.pace.wait_s(self.sim.time)) > 0.0 and self._channel.open:
+            self._ahead = True
             began = time.perf_counter()
             time.sleep(min(wait, POLL_S))
             now = time.perf_counter()
@@ -257,21 +259,27 @@ class Page:
                 reply, body = self.commands.answer(head["asked"])
                 self._channel.send({"to": head["of"], **reply}, body)
         self._channel.flush()
-        for job, found in self.beside.found():
-            self._found(job, found)
-        if (
-            self._wanted
-            and self._channel.idle
-            and self.sim.time != self.frames.time
-            and self._used() >= self._frame_due
-        ):
+        if now >= self._beside_due:
+            self._beside_due = now + BESIDE_S
+            for job, found in self.beside.found():
+                self._found(job, found)
+        if self._wanted and self._channel.idle and self.sim.time != self.frames.time and self._may_show():
             self._send_frame(now)
             if self._used() >= self._slow_due:
                 self._seldom(now)
 
+    def _may_show(self) -> bool:
+        """Whether a frame holds nothing up: the run is ahead and waits, or the last frames were long ago."""
+        return self._ahead or self._used() >= self._frame_due
+
     def _used(self) -> float:
         """Seconds that the run took and waited; of one that others pace, those on the wall."""
         return time.perf_counter() if self.pace is None else time.thread_time() + self._waited
+
+    def _sample(self) -> None:
+        began, used = time.thread_time(), self._used()
+        self.frames.sample()
+        self._sample_due = used + max(SAMPLE_S, (time.thread_time() - began) / SAMPLE_SHARE)
 
     def _send_frame(self, now: float) -> None:
         began, used = time.thread_time(), self._used()
@@ -284,7 +292,7 @@ class Page:
         self._wanted, self._seen_until = False, now + SEEN_S
         before, self._taken = self._taken, time.thread_time() - began
         self._due = now + FRAME_S
-        self._frame_due = used + min(before, self._taken) / SHARE
+        self._frame_due = used + 0.5 * (before + self._taken) / SHARE
 
     def _seldom(self, now: float) -> None:
         """What is made a few times a second: the weights of one projection, joules, figures."""
