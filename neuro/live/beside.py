@@ -42,6 +42,7 @@ CURRENTS = 24
 CURVE_MS = 1000.0
 LARGEST = 3_000_000
 """Synapses of a network that is compiled once more to be priced."""
+MOST_WAITING = 2
 NICE = 15
 
 Job = dict[str, Any]
@@ -59,6 +60,7 @@ class Beside:
         self._folder = tempfile.TemporaryDirectory(prefix="neuro-live-")
         self._pool = Processes(begin, 1)
         self._before: EngineCounts | None = None
+        self._curves = 0
         self.refused = self._refusal()
 
     def _refusal(self) -> str:
@@ -87,23 +89,22 @@ class Beside:
         now = self._sim.taken().raw_counts
         before, self._before = self._before, now
         if before is not None and now.steps > before.steps:
-            self._put({"do": "price", "path": str(self._path), "counts": difference(now, before)})
+            about = {"path": str(self._path), "seed": self._sim.program.seed}
+            self._pool.put({"do": "price", "counts": difference(now, before), **about})
 
     def curve(self, population: str, neuron: int) -> None:
         """Ask for the rates of a neuron at constant currents.
 
         Raises:
-            ModelError: it takes no current, or its model cannot be written.
+            ModelError: it takes no current, its model cannot be written, or several curves are asked for already.
         """
+        if self._pool.waiting > MOST_WAITING:
+            raise ModelError("curves are computed one after the other: try again when the last one is shown")
         net = curve_of(self._sim, population, neuron)
-        path = Path(self._folder.name) / "neuron.yaml"
-        path.unlink(missing_ok=True)
+        self._curves += 1
+        path = Path(self._folder.name) / f"curve-{self._curves}.yaml"
         save(net, path)
-        self._put({"do": "curve", "text": path.read_text("utf-8"), "population": population, "neuron": neuron})
-
-    def _put(self, job: Job) -> None:
-        seed, path = self._sim.program.seed, str(self._path)
-        self._pool.put({"seed": seed, "path": path} | job)
+        self._pool.put({"do": "curve", "path": str(path), "population": population, "neuron": neuron})
 
     def found(self) -> list[tuple[Job, Any]]:
         """Jobs that have ended, and what came of them, an error as text; without waiting."""
@@ -215,9 +216,7 @@ def has_curve(model: Neuron) -> bool:
 
 def _curve(job: Job) -> dict[str, Any]:
     """Rates at currents from 0 to three times that of the first spikes."""
-    path = Path(job["path"]).with_name("curve.yaml")
-    path.write_text(job["text"], "utf-8")
-    sim = compiled(load(path))
+    sim = compiled(load(job["path"]))
     rates = partial(_rates, sim)
     coarse = np.concatenate(([0.0], np.geomspace(1.0, 1e5, CURRENTS - 1)))
     firing = np.flatnonzero(rates(coarse) > 0.0)

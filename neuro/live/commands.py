@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import io
 import tempfile
+import time
 import zipfile
 from collections.abc import Callable
 from pathlib import Path
@@ -25,6 +26,8 @@ Answer = tuple[dict[str, Any], bytes]
 
 LARGEST_FILE = 256 << 20
 """Bytes of a state that a browser may fetch."""
+MOST_OWED_S, PAID = 1.0, 0.2
+"""Seconds that commands may take at once, and the share of the time in which that is made up for."""
 _NAME = Quantity(kind="name")
 _NUMBER = Quantity()
 _NEURON = Quantity(kind="integer", at_least=0)
@@ -66,6 +69,7 @@ class Commands:
 
     def __init__(self, page: Steered) -> None:
         self._page, self._sim = page, page.sim
+        self._owed, self._since = 0.0, time.monotonic()
         self._before: dict[str, dict[int, Floats]] = {}
         paced = ("pause", "resume", "step", "speed", "reset") if page.pace is not None else ()
         seeds = ("seed",) if page.restart is not None else ()
@@ -79,16 +83,22 @@ class Commands:
 
     def answer(self, asked: Asked) -> Answer:
         """Do it; the reply, and a file if one is asked for."""
-        number = asked.get("id", 0)
+        number, began = asked.get("id", 0), time.monotonic()
+        self._owed = max(0.0, self._owed - (began - self._since) * PAID)
         try:
             name = check(_NAME, asked.get("do"), "do")
             if name not in self._known:
                 raise unknown("command", name, self._known)
+            if self._owed > MOST_OWED_S:
+                raise ModelError("too much was asked for at once, which holds the simulation up: try again later")
             head, body = self._known[name](asked) or ({}, b"")
             return {"id": number, **head}, body
         except ModelError as error:
             hint = f" ({error.hint})" if error.hint else ""
             return {"id": number, "error": f"{error.message}{hint}"}, b""
+        finally:
+            self._since = time.monotonic()
+            self._owed = min(2.0 * MOST_OWED_S, self._owed + self._since - began)
 
     # the run
 

@@ -167,6 +167,17 @@ def test_the_curve_and_power_come_from_another_process(running):
     assert chips["loihi"]["static"] > chips["loihi"]["dynamic"]
 
 
+def test_what_is_asked_for_all_the_time_does_not_hold_the_run_up(running):
+    with running.client() as client:
+        for _ in range(5):
+            found = [client.ask(do="curve", population="exc", neuron=0) for _ in range(5)]
+        assert any("try again" in answer.get("error", "") for answer in found)
+    running.page.commands._owed = 1.5
+    with running.client() as client:
+        assert "too much was asked" in client.ask(do="save")["error"]
+    running.page.commands._owed = 0.0
+
+
 def test_the_curve_is_that_of_the_neuron_as_it_is():
     from neuro.live.beside import curve_of
 
