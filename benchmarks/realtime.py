@@ -6,8 +6,8 @@
 Each row is a camera with noise at a rate, ticks of a length, and a network on grids. Events are played from memory in
 the same process, as a `Player`, or with `--udp` sent over the loopback by another process, on the other core. *tick to
 action* is the network's own part: take, feed, run, and counts read by a port. *event to action* has also the wait for
-the next tick; by UDP it is counted from the oldest datagram of a tick. On cores that others use, too, the figures of the
-empty loop say how much is theirs; with `chrt` the loop goes before them.
+the next tick; by UDP it is counted from the oldest datagram of a tick. On cores that others use, too, the figures of
+the empty loop say how much is theirs; with `chrt` the loop goes before them.
 """
 
 from __future__ import annotations

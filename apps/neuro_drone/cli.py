@@ -138,6 +138,39 @@ def try_model(
 
 
 @app.command()
+def live(
+    model: MaybeModel = None,
+    scenario: Scenario = None,
+    controller: Untrained = None,
+    starts: Grid = 1,
+    path: PathKind = "varied",
+    seed: PathSeed = 0,
+    speed: Annotated[
+        float, typer.Option("--speed", metavar="X", min=0.01, help="So many times as fast as in real time.")
+    ] = 1.0,
+    backend: Backend = "event",
+    json: Json = False,
+    set: Set = [],  # noqa: B006
+) -> None:
+    """Fly laps in real time, the world in another process, events over the loopback; beside the same laps offline."""
+    from neuro_drone.evaluate import grid, try_out
+    from neuro_drone.live import fly_live
+    from neuro_drone.paths import FlightCourse
+    from neuro_drone.report import Bars, live_figures, show, show_live
+
+    course, pilot = FlightCourse(path, seed), _pilot(model, scenario, controller, set)
+    places = grid(pilot.scenario, starts, course=course)
+    with Bars() as bars:
+        flown = fly_live(pilot, places, backend=backend, speed=speed, report=bars.laps(len(places)))
+        offline = try_out(pilot, starts=places, backend=backend)
+    if json:
+        typer.echo(live_figures(pilot, flown, offline, course))
+    else:
+        show(pilot, flown.tried, course)
+        show_live(flown, offline)
+
+
+@app.command()
 def compare(
     scenario: ScenarioName = "B60",
     steps: Steps = 60_000,

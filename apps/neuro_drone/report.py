@@ -17,6 +17,7 @@ from neuro.apps import console, make_folder, sealed, table, write_picture, write
 from neuro_drone.compare import Summary
 from neuro_drone.controllers import CONTROLLERS
 from neuro_drone.evaluate import FlightTest, Lap
+from neuro_drone.live import LiveTest
 from neuro_drone.model import Model
 from neuro_drone.paths import FlightCourse
 from neuro_drone.scenario import NAMES, Ball, Scenario, load
@@ -117,6 +118,26 @@ def figures(model: Model, tried: FlightTest, course: FlightCourse) -> str:
     about = {"controller": model.controller, "scenario": model.scenario.name, "steps": model.steps, "seed": model.seed}
     each = words.pop("each")
     return json.dumps({**words, **about, "axes": list(axes(model.scenario)), "per_start": each}, indent=1)
+
+
+def live_figures(model: Model, live: LiveTest, offline: FlightTest, course: FlightCourse) -> str:
+    """All figures of laps in real time as JSON, beside those of the same laps offline."""
+    words = json.loads(figures(model, live.tried, course))
+    latency = {"p50": live.latency.ms(0.5), "p99": live.latency.ms(0.99), "largest": live.latency.largest_ms}
+    counts = {"flown": live.steps, "missed": live.missed, "events_lost": live.lost}
+    beside = {"error_px": offline.error_px, "laps": offline.laps}
+    return json.dumps(words | {"offline": beside, "latency_ms": latency} | counts, indent=1)
+
+
+def show_live(live: LiveTest, offline: FlightTest) -> None:
+    """Print what real time added."""
+    lines = (
+        f"offline the same laps: {offline.laps} of {offline.starts}, {offline.error_px:.2f} px",
+        f"events to action: {live.latency}",
+        f"{live.missed:,} of {live.steps:,} steps without an action in time, {live.lost:,} events lost",
+    )
+    for line in lines:
+        typer.echo(line)
 
 
 def axes(scenario: Scenario) -> tuple[str, ...]:

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator, Mapping
 from contextlib import ExitStack
+from dataclasses import replace
 from enum import StrEnum
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -26,7 +27,7 @@ from neuro.cli.run import Record, keep_spikes
 from neuro.core.errors import ModelError
 
 if TYPE_CHECKING:
-    from neuro.live import Page
+    from neuro.model.network import Network
     from neuro.realtime import LiveRun, Source
     from neuro.run.simulation import Simulation
 
@@ -129,9 +130,6 @@ def live(
     from neuro.realtime import Loop
     from neuro.run.compiled import compile as compiled
 
-    real_time = [word for word, given in (("--input", input), ("--out", out)) if given]
-    if speed is not None and (real_time or not page):
-        raise ModelError(f"--speed: expected {'no ' + real_time[0] if real_time else '--page'}: a page keeps the speed")
     net = load(file, params=assignments(set))
     keep_spikes(net, record)
     if out is not None:
@@ -140,21 +138,25 @@ def live(
     def simulation(seed: int) -> Simulation:
         return compiled(net, backend=backend, seed=seed, threads=threads)
 
-    sim, lines = simulation(seed), _Lines()
+    lines = _Lines()
     with ExitStack() as stack:
-        shown: Page | None = None
+        streams = streamed(net, stack)
+        paced = _is_paced(page, speed, {"--input": input, "--out": out, "stream": streams})
+        sim = simulation(seed)
+        shown = None
         if page:
-            shown = stack.enter_context(
-                _page(sim, (host, port), lines, None if real_time else speed or 1.0, simulation)
-            )
+            from neuro.live import Page
+
+            words = {"speed": speed or 1.0, "restart": simulation} if paced else {"figures": lambda: lines.figures}
+            shown = stack.enter_context(Page(sim, host, port, **words))
             typer.echo(f"page: {shown.url}")
             if not no_browser:
                 webbrowser.open(shown.url)
-        if shown is not None and not real_time:
+        if shown is not None and paced:
             with stoppable(lambda: f"at {shown.sim.time:g} ms"):
                 shown.run(math.inf if duration is None else duration)
             return
-        inputs = sources(sim, input, format, stack)
+        inputs = streams | sources(sim, input, format, stack)
         watch = None if shown is None else shown.tick
         loop = Loop(sim, tick=tick, inputs=inputs, late=late.value, watch=watch)
         run = loop.run(duration or 10_000.0, out=out, record=record, threads=threads, report=lines)
@@ -166,19 +168,31 @@ def live(
         raise typer.Exit(130 if run.ended == "interrupted" else 1)
 
 
-def _page(
-    sim: Simulation,
-    at: tuple[str, int],
-    lines: _Lines,
-    speed: float | None,
-    simulation: Callable[[int], Simulation],
-) -> Page:
-    """A page that keeps time, or without a speed one on a loop, whose figures it shows."""
-    from neuro.live import Page
+def _is_paced(page: bool, speed: float | None, real_time: Mapping[str, object]) -> bool:
+    """Whether a page keeps the time, as nothing else does."""
+    others = [word for word, given in real_time.items() if given]
+    if speed is not None and (others or not page):
+        expected = f"no {others[0]}, which runs in real time" if others else "--page, which keeps the speed"
+        raise ModelError(f"--speed {speed:g}: expected {expected}")
+    return page and not others
 
-    if speed is not None:
-        return Page(sim, *at, speed=speed, restart=simulation)
-    return Page(sim, *at, figures=lambda: lines.figures)
+
+def streamed(net: Network, stack: ExitStack) -> dict[str, Source]:
+    """The streams that cameras of a network name, which become inputs of its loop; the stack closes them."""
+    from neuro.events import listen
+    from neuro.model.neurons import event_camera
+    from neuro.model.parts import AUTO
+
+    made: dict[str, Source] = {}
+    for name, part in net.populations.items():
+        model = part.model
+        if isinstance(model, event_camera) and model.stream is not None:
+            found = stack.enter_context(listen(model.stream, format=model.format, sensor=model.sensor))
+            made[name] = found
+            shape = model.seen(found.sensor_size) if AUTO in part.shape else part.shape
+            model = replace(model, stream=None, format=None, sensor=None)
+            net.populations[name] = replace(part, model=model, shape=shape)
+    return made
 
 
 def sources(sim: Simulation, texts: list[str], format: str | None, stack: ExitStack) -> dict[str, Source]:

@@ -254,7 +254,9 @@ class Page:
         self._due = now + POLL_S
         for head in self._channel.receive():
             if "want" in head:
-                self._wanted = True
+                self._wanted, self._seen_until = True, now + SEEN_S
+                if head["first"]:
+                    self.frames.begin()
             else:
                 reply, body = self.commands.answer(head["asked"])
                 self._channel.send({"to": head["of"], **reply}, body)

@@ -187,7 +187,7 @@ class Server:
                 for client in self._clients.values():
                     client.frame(frame)
                 if self._clients:
-                    self._tell({"want": True})
+                    self._tell({"want": True, "first": False})
 
     # to and from browsers
 
@@ -224,8 +224,8 @@ class Server:
             return
         self._number += 1
         number, client = self._number, Client(connection, self._kept)
+        self._tell({"want": True, "first": not self._clients})
         self._clients[number] = client
-        self._tell({"want": True})
         sending = asyncio.ensure_future(client.send())
         try:
             async for message in connection:

@@ -62,7 +62,7 @@ class Inlet:
         if neurons.view is not None or not isinstance(camera, CameraInput):
             raise ModelError(f"inputs: '{name}' is {neurons.part.said}: expected an event_camera")
         model = camera.model
-        if model.file is not None or model.events is not None:
+        if any(getattr(model, word) is not None for word in ("file", "events", "stream")):
             raise ModelError(f"inputs: '{name}' plays a recording: expected an event_camera without one")
         if model.start:
             raise ModelError(f"inputs: '{name}' starts at {model.start:g} ms: expected 0")

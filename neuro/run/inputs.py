@@ -143,7 +143,7 @@ class StreamFeeder:
         for index in self._coming:
             if not self._streams[index].again:
                 message = (
-                    f"{what}: '{self._names[index]}' has played events of an iterator, which cannot be played again"
+                    f"{what}: '{self._names[index]}' has played events of an iterator or a stream, which come once"
                 )
                 hint = "give it Events, a list of them, or a function that makes an iterator"
                 raise ModelError(f"{message}: expected events that can", hint=hint)

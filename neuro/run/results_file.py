@@ -11,7 +11,6 @@ import h5py
 import numpy as np
 from numpy.typing import NDArray
 
-from neuro.core.errors import ModelError
 from neuro.core.growing import JournaledFile
 from neuro.core.hdf5 import FRONT
 from neuro.core.outputs import Unwritable
@@ -101,10 +100,7 @@ class ResultsFile:
             self._part.replace(path)
 
     def close(self) -> None:
-        """Let go of the file; one that did not end stays as far as it was written."""
-        with suppress(ModelError, OSError, RuntimeError):  # after another error, which is the one to report
-            if self._file and self._disk.error is None:
-                self.commit()
+        """Let go of the file; one that did not end stays as it was committed."""
         with suppress(OSError, RuntimeError):
             self._file.close()
         self._disk.close()

@@ -1,7 +1,7 @@
 """A process that writes a file of results, so that a run in real time waits for no disk.
 
 `python -m neuro.run.writer_process SOCKET FILE` does what it is sent, one call of a `ResultsFile` after the other.
-Where the other end is gone, killed say, it writes what has come and ends.
+Where the other end is gone, killed say, it does what it was sent and ends.
 """
 
 from __future__ import annotations
@@ -97,7 +97,7 @@ class RemoteFile:
         self._ask("finish", path)
 
     def close(self) -> None:
-        """Let the process write what it has, and end."""
+        """Let the process do what it was sent, and end."""
         with suppress(OSError, ModelError):
             self._flush()
         self._here.close()

@@ -49,7 +49,7 @@ def test_an_iterator_is_asked_when_its_events_are_due(walk):
     assert asked[-2] <= 10_000
     assert len(asked) < 4
     assert refusal(sim.reset) == (
-        "reset: 'camera' has played events of an iterator, which cannot be played again: expected events that can\n"
+        "reset: 'camera' has played events of an iterator or a stream, which come once: expected events that can\n"
         "  hint: give it Events, a list of them, or a function that makes an iterator"
     )
     sim.run(60.0)

@@ -35,7 +35,11 @@ class Running:
         self.error = None
         self.thread = threading.Thread(target=self.run)
         self.thread.start()
-        parts = urlsplit(self.page.url)
+        self.look(self.page)
+
+    def look(self, page):
+        """Find the way to a page."""
+        parts = urlsplit(page.url)
         self.host, self.port, self.token = parts.hostname, parts.port, parts.path
         self.origin = f"http://{parts.netloc}"
 

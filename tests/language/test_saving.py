@@ -151,8 +151,10 @@ def choices(draw, cls, names):
     if "signal" in said or "tau_n" not in cls.quantities():
         said.pop("dopamine", None)
     if cls is neuro.event_camera:
-        for word in ("offset", "origin"):
+        for word in ("offset", "origin", "sensor"):
             said.pop(word, None)
+        streamed = {"stream": "udp://127.0.0.1:3333", "format": "spif", "sensor": [9, 7]}
+        said |= draw(st.sampled_from([{}, streamed]))
     if cls is neuro.encode:
         said["values"] = draw(st.floats(0.5, 1.0) | arrays(st.floats(0.5, 1.0)))
     if cls is neuro.loihi_learning:

@@ -51,11 +51,11 @@ class Address:
         return ModelError(f"{self.url}: {text}", hint=hint)
 
 
-def address(url: object) -> Address:
-    """Take a URL apart, such as udp://127.0.0.1:3333 or tcp://[::1]:7777.
+def parsed(url: object) -> tuple[str, str, int]:
+    """Scheme, host and port of a URL such as udp://127.0.0.1:3333 or tcp://[::1]:7777.
 
     Raises:
-        ModelError: it is none, or its host is not known.
+        ModelError: it is none.
     """
     expected = "expected udp://HOST:PORT or tcp://HOST:PORT, such as udp://127.0.0.1:3333"
     if not isinstance(url, str):
@@ -70,12 +70,22 @@ def address(url: object) -> Address:
             raise unknown("kind of stream", parts.scheme, SCHEMES)
     if host is None or port is None or parts.path.strip("/") or parts.query or parts.fragment or parts.username:
         raise ModelError(f"url = {url!r:.80}: {expected}")
-    kind = socket.SOCK_DGRAM if parts.scheme == "udp" else socket.SOCK_STREAM
+    return parts.scheme, host, port
+
+
+def address(url: str) -> Address:
+    """Look up the host of a URL.
+
+    Raises:
+        ModelError: it is none, or its host is not known.
+    """
+    scheme, host, port = parsed(url)
+    kind = socket.SOCK_DGRAM if scheme == "udp" else socket.SOCK_STREAM
     try:
         family, _, _, _, place = socket.getaddrinfo(host, port, type=kind)[0]
     except (OSError, UnicodeError) as error:
         raise ModelError(f"{url}: host '{host}' is not known ({getattr(error, 'strerror', '') or error})") from None
-    return Address(url, parts.scheme, family, place)
+    return Address(url, scheme, family, place)
 
 
 def format_for(scheme: str, format: object, known: Iterable[str]) -> str:

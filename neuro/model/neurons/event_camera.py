@@ -1,4 +1,4 @@
-"""A recording of an event camera as spikes."""
+"""A recording of an event camera, or what one sends, as spikes."""
 
 from __future__ import annotations
 
@@ -55,7 +55,8 @@ class event_camera(Generator):
     Its shape is [2, height, width] with `split` polarities, OFF before ON, else [height, width]; `auto` takes it from
     the recording. An event t after the beginning is emitted in the step of `start` + t: with t = 0 in the first one
     after `start`. Several events of a neuron in one step make a spike of that multiplicity. The recording is read while
-    the network runs, a few 100,000 events ahead. Without a recording it emits what `sim.feed` gives it.
+    the network runs, a few 100,000 events ahead. Without a recording it emits what `sim.feed` gives it. A stream is
+    listened to from the first step on, and the network waits for its events.
     """
 
     equation: ClassVar[str] = "emits in step floor((t - origin - offset) / h) + 1 after start"
@@ -69,7 +70,16 @@ class event_camera(Generator):
         "in Python, instead: Events, a structured array, a list or an iterator of them, or a function that makes one",
         kind="events",
     )
-    format: str | None = quantity(None, "", "its format, where neither content nor ending shows it", kind="name")
+    stream: str | None = quantity(
+        None, "", "instead: the address of a stream, as of `neuro.events.listen`: udp://127.0.0.1:3333", kind="name"
+    )
+    format: str | None = quantity(
+        None, "", "its format, where neither content nor ending shows it; of a stream always", kind="name"
+    )
+    sensor: Any = quantity(None, "px", "of a stream: width and height", kind="shape", at_least=1)
+    until_silent: float = quantity(
+        5000.0, "ms", "a stream is over when nothing has come for so long", above=0, infinite=True
+    )
     polarity: str = quantity(
         "split",
         "",
@@ -96,8 +106,15 @@ class event_camera(Generator):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        if self.file is not None and self.events is not None:
-            raise ModelError("event_camera: found both 'file' and 'events': expected one of them", where=here())
+        given = [word for word in ("file", "events", "stream") if getattr(self, word) is not None]
+        if len(given) > 1:
+            both = f"both '{given[0]}' and '{given[1]}'"
+            raise ModelError(f"event_camera: found {both}: expected one of them", where=here())
+        if self.stream is None and self.sensor is not None:
+            message = "event_camera: found 'sensor' without 'stream': a recording tells its own"
+            raise ModelError(message, where=here(), path=("sensor",))
+        if self.stream is not None:
+            self._check_stream()
         if self.events is not None:
             from neuro.events.playing import played
 
@@ -108,6 +125,14 @@ class event_camera(Generator):
         if abs(self.offset * 1000.0 - round(self.offset * 1000.0)) > 1e-6:
             message = f"event_camera.offset = {self.offset:.12g} ms: expected whole us, as the times of events are"
             raise ModelError(message, where=here(), path=("offset",))
+
+    def _check_stream(self) -> None:
+        from neuro.events.streams import check_stream
+
+        try:
+            check_stream(self.stream, self.format, self.sensor)
+        except ModelError as error:
+            raise error.at(here(), "event_camera") from None
 
     def seen(self, sensor: tuple[int, int]) -> tuple[int, ...]:
         """The shape of what is seen of a sensor of this width and height, px.
@@ -144,6 +169,10 @@ class event_camera(Generator):
         Raises:
             EventFileError: there is no such file, or it is damaged where it begins.
         """
+        if self.stream is not None:
+            from neuro.events.streams import OfStream
+
+            return OfStream(self.stream, self.format, self.sensor, self.until_silent / 1000.0)
         if self.file is None:
             return self.events  # type: ignore[no-any-return]
         from neuro.events.playing import of_file

@@ -1,0 +1,219 @@
+"""A drone that flies in real time: the world in one process, the controller in another, events over the loopback."""
+
+from __future__ import annotations
+
+import multiprocessing
+import socket
+import struct
+import time
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+from math import inf
+from multiprocessing.connection import Connection
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from neuro import ModelError
+from neuro.events import Events, listen, send
+from neuro.realtime import Histogram
+from neuro_drone.controllers import Controller
+from neuro_drone.controllers.simple import Oracle
+from neuro_drone.env import CELLS, DroneEnv, count
+from neuro_drone.evaluate import FlightTest, Lap, Start, fly_lap
+from neuro_drone.geometry import CameraView
+from neuro_drone.model import Model
+from neuro_drone.scenario import Scenario
+
+__all__ = ["LiveTest", "fly_live"]
+
+FORMAT = "faery13"
+_LOOK = struct.Struct("<?qq")  # whether an episode begins, number of the step, events that were sent so far
+_ANSWER = struct.Struct("<q3d")  # number of the step, action
+_HOST = "127.0.0.1"
+_LOST_S = 0.005
+"""How long events that were sent are waited for."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class LiveTest:
+    """What came of laps that were flown in real time.
+
+    Attributes:
+        tried: the laps, as of a test.
+        latency: from the receipt of a step's first events to the sending of its action.
+        missed: steps at whose end no action had come, so that the one before went on.
+        steps: of all laps.
+        lost: events that were sent and not received.
+    """
+
+    tried: FlightTest
+    latency: Histogram
+    missed: int
+    steps: int
+    lost: int
+
+
+@dataclass(slots=True)
+class _Radio:
+    """The controller as the world has it: events go out, and at the end of a step the action is what has come by then.
+
+    As in a test, an action holds for the whole step after its look. It is asked for at the end of that step, so a step
+    stands still for no answer.
+    """
+
+    url: str
+    socket: socket.socket
+    step_s: float
+    missed: int = 0
+    steps: int = 0
+    _sent: int = 0
+    _begins: bool = True
+    _due: float = 0.0
+    _t_us: int = 0
+    _last_us: int = 0
+    _action: npt.NDArray[np.float64] = field(default_factory=lambda: np.zeros(3))
+
+    def begin(self) -> None:
+        """An episode begins; the camera's clock goes on."""
+        self._begins, self._action, self._t_us = True, np.zeros(3), self._last_us
+        self._due = time.monotonic()
+
+    def act(self, counts: npt.NDArray[Any], info: Mapping[str, Any]) -> npt.NDArray[np.float64]:
+        """Send the events of the last step, wait until this one is over, and take the action that has come."""
+        events: Events = info["events"]
+        if len(events):
+            shifted = Events(events.t + self._t_us, events.x, events.y, events.p, events.sensor_size)
+            self._last_us = int(shifted.t[-1])
+            send(self.url, shifted, format=FORMAT, speed=inf)
+        self._sent += len(events)
+        self.steps += 1
+        self.socket.send(_LOOK.pack(self._begins, self.steps, self._sent))
+        self._begins = False
+        self._due = max(self._due + self.step_s, time.monotonic())
+        time.sleep(max(0.0, self._due - time.monotonic()))
+        number = 0
+        while number < self.steps:
+            try:
+                number, *action = _ANSWER.unpack(self.socket.recv(_ANSWER.size, socket.MSG_DONTWAIT))
+            except BlockingIOError:
+                self.missed += 1
+                break
+            self._action = np.array(action)
+        return self._action[: info["supervised_error"].size]
+
+    def learn(self, info: Mapping[str, Any]) -> None:
+        """It learns nothing."""
+
+
+def _world(
+    scenario: Scenario, starts: Sequence[Start], url: str, answers: int, speed: float, report: Connection
+) -> None:
+    """Fly laps in real time, in a process of its own."""
+    try:
+        with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as radio:
+            radio.connect((_HOST, answers))
+            env, pilot = DroneEnv(scenario), _Radio(url, radio, scenario.step / 1000.0 / speed)
+            for index, start in enumerate(starts):
+                report.send(fly_lap(env, pilot, start, index))
+            report.send((pilot.missed, pilot.steps))
+    except Exception as error:
+        report.send(f"{type(error).__name__}: {error}")
+
+
+def fly_live(
+    model: Model,
+    starts: Sequence[Start],
+    *,
+    scenario: Scenario | None = None,
+    backend: str = "event",
+    speed: float = 1.0,
+    report: Callable[[Lap], None] | None = None,
+) -> LiveTest:
+    """Fly one lap from each start in real time, with frozen weights.
+
+    Args:
+        model: what was learnt.
+        starts: of the laps.
+        scenario: another one than that of the training.
+        backend: what runs the controller's network.
+        speed: how many times as fast as in real time.
+        report: called after each lap.
+
+    Raises:
+        ModelError: a start cannot be, the backend refuses the network, or the world's process fails.
+    """
+    world = scenario or model.scenario
+    controller = model.frozen(scenario, backend)
+    if isinstance(controller, Oracle):
+        raise ModelError("controller 'oracle' sees the true error, which no camera sends: expected another one")
+    size = CameraView(fov=world.camera.fov, tilt=world.camera.tilt).size
+    laps: list[Lap] = []
+    looks = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+    with listen(f"udp://{_HOST}:0", format=FORMAT, sensor=(size, size)) as stream, looks:
+        looks.bind((_HOST, 0))
+        pilot = _Pilot(controller, stream, looks, size)
+        context = multiprocessing.get_context("spawn")
+        ours, theirs = context.Pipe(duplex=False)
+        words = (world, tuple(starts), stream.url, looks.getsockname()[1], speed, theirs)
+        process = context.Process(target=_world, args=words, daemon=True)
+        process.start()
+        theirs.close()
+        try:
+            while True:
+                pilot.answer()
+                ended = not process.is_alive()
+                while ours.poll():
+                    told = ours.recv()
+                    if isinstance(told, Lap):
+                        laps.append(told)
+                        if report is not None:
+                            report(told)
+                    elif isinstance(told, str):
+                        raise ModelError(f"the world's process failed: {told}")
+                    else:
+                        missed, steps = told
+                        return LiveTest(FlightTest(tuple(laps)), pilot.latency, missed, steps, pilot.lost)
+                if ended:
+                    raise ModelError("the world's process ended before its laps")
+        finally:
+            process.terminate()
+            process.join()
+            ours.close()
+
+
+class _Pilot:
+    """The controller's end: looks come, actions go."""
+
+    def __init__(self, controller: Controller, stream: Any, looks: socket.socket, size: int) -> None:
+        self._controller, self._stream, self._looks = controller, stream, looks
+        self._shift = (size // CELLS).bit_length() - 1
+        self._counts = np.zeros((CELLS, CELLS), dtype=np.int64)
+        self.latency, self.lost, self._taken = Histogram(), 0, 0
+        looks.settimeout(0.1)
+
+    def answer(self) -> None:
+        """Wait a little for a look, and answer it."""
+        try:
+            message, world = self._looks.recvfrom(_LOOK.size)
+        except TimeoutError:
+            return
+        began = time.monotonic_ns()
+        begins, number, sent = _LOOK.unpack(message)
+        self._counts[...] = 0
+        deadline = time.monotonic() + _LOST_S
+        while self._taken < sent and (left := deadline - time.monotonic()) > 0:
+            if self._stream.wait(left):
+                events = self._stream.take()
+                began = min(began, self._stream.received_ns or began)
+                count(events.x, events.y, self._shift, self._counts)
+                self._taken += len(events)
+        self.lost, self._taken = self.lost + max(0, sent - self._taken), max(sent, self._taken)
+        if begins:
+            self._controller.begin()
+        action = np.zeros(3)
+        found = self._controller.act(self._counts, {})
+        action[: len(found)] = found
+        self._looks.sendto(_ANSWER.pack(number, *action.tolist()), world)
+        self.latency.add(time.monotonic_ns() - began)

@@ -1,0 +1,36 @@
+"""Laps in real time: the world in another process, events over the loopback."""
+
+import json
+
+import pytest
+
+from neuro import ModelError
+from neuro_drone.evaluate import grid
+from neuro_drone.live import fly_live
+from neuro_drone.pilot import pilot
+
+LAP = ("--controller", "centroid", "--scenario", "short.yaml", "--speed", "2")
+
+
+def test_a_lap_in_real_time_beside_the_same_offline(drone):
+    code, out, _ = drone("live", *LAP, "--json", "--set", "task.ball.lap=0.5")
+    assert code == 0
+    found = json.loads(out)
+    assert found["starts"] == 1
+    assert found["flown"] == found["per_start"][0]["steps"] > 50
+    assert found["events_lost"] == 0
+    assert found["error_px"] == pytest.approx(found["offline"]["error_px"], abs=6.0)
+    assert 0.0 < found["latency_ms"]["p50"] < 10.0
+
+
+def test_what_cannot_fly_so(drone):
+    code, _, err = drone("live", "--controller", "oracle", "--scenario", "short.yaml")
+    assert code == 2
+    assert "controller 'oracle' sees the true error, which no camera sends" in err
+
+
+def test_a_world_that_fails():
+    model = pilot(None, "A60", "centroid", [])
+    start = grid(model.scenario, 1)[0]
+    with pytest.raises(ModelError, match="the world's process failed: ModelError: "):
+        fly_live(model, [type(start)((1000.0, 0.0))])

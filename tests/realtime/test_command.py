@@ -1,0 +1,86 @@
+"""`neuro live`: inputs from files and streams, and what it refuses."""
+
+import socket
+from threading import Event, Thread
+
+import numpy as np
+import pytest
+
+import neuro
+from neuro.events import Events, save, send
+
+NET = """
+neuro: 1
+resolution: 1.0
+populations:
+  camera: {{model: {{event_camera: {{{stream}}}}}, shape: {shape}}}
+  cells: {{model: iaf_psc_exp, shape: 4}}
+projections:
+  in: {{from: camera, to: cells, rule: all_to_all, weight: 20.0}}
+"""
+LIVE = ("live", "net.yaml", "--tick", "2 ms", "--for", "0.3 s")
+
+
+@pytest.fixture
+def live(answer, monkeypatch, tmp_path):
+    """Write the network, then run `neuro live`; exit status, stdout and stderr."""
+    monkeypatch.chdir(tmp_path)
+    events = Events(1000 * np.arange(50), np.arange(50) % 16, np.zeros(50, int), np.ones(50, int), (16, 12))
+    save(events, "a.npz")
+
+    def run(*words, stream="", shape="[2, 12, 16]"):
+        (tmp_path / "net.yaml").write_text(NET.format(stream=stream, shape=shape))
+        return answer(*LIVE, *words)
+
+    run.events = events
+    return run
+
+
+def test_a_file_is_an_input(live):
+    code, out, err = live("--input", "camera=a.npz", "--out", "day.h5", "--record", "camera")
+    assert (code, err) == (0, "")
+    assert out.startswith("LiveRun(149 ticks of 2 ms, ")
+    assert "\nday.h5: 300 ms; neuro rerun day.h5 makes it again\n" in out
+    assert len(neuro.results.read("day.h5").spikes("camera")[0]) == 50
+
+
+@pytest.mark.parametrize("said", ["in the file", "on the command line"])
+def test_a_stream_is_an_input(live, said):
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as free:
+        free.bind(("127.0.0.1", 0))
+        url = f"udp://127.0.0.1:{free.getsockname()[1]}"
+
+    def sending():
+        for k in range(100):
+            send(url, Events(live.events.t[:1] + k, [1], [1], [1], (16, 12)), format="faery8")
+            pause.wait(0.05)
+            if pause.is_set():
+                break
+
+    pause = Event()
+    thread = Thread(target=sending)
+    thread.start()
+    if said == "in the file":
+        words, asked = {"stream": f"stream: '{url}', format: faery8, sensor: [16, 12]", "shape": "auto"}, ()
+    else:
+        words, asked = {}, ("--input", f"camera={url}", "--format", "faery8")
+    code, _, _ = live("--out", "day.h5", *asked, **words)
+    pause.set()
+    thread.join()
+    assert code == 0
+    assert neuro.results.read("day.h5").counts().populations["camera"].spikes > 2
+    assert neuro.results.read("day.h5").network().populations["camera"].model.stream is None
+
+
+def test_what_is_refused(live):
+    for words, message in (
+        (("--input", "a.npz"), "'a.npz': expected NAME=FILE or NAME=udp://HOST:PORT"),
+        (("--input", "cam=a.npz"), "unknown population 'cam'"),
+        (("--input", "camera=b.npz"), "b.npz: no such file"),
+        (("--input", "camera=udp://127.0.0.1:0"), "format is missing"),
+        (("--late", "never"), "found 'never': expected one of 'catch_up', 'skip', 'stop'"),
+        (("--tick", "1.5 ms"), "tick = 1.5 ms: expected a multiple of the resolution"),
+    ):
+        code, _, err = live(*words)
+        assert code == 2
+        assert message in err
