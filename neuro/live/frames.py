@@ -112,7 +112,7 @@ class Frames:
     def is_forgotten(self) -> bool:
         """Whether what is recorded is not kept until the next frame."""
         records = self._sim._records
-        return records.recording is not None or 0 < self.step <= records.held
+        return records.recording is not None or records.held >= max(self.step, 1)
 
     def take(self) -> tuple[dict[str, Any], bytes]:
         """The next frame."""
