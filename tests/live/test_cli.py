@@ -89,5 +89,5 @@ def test_a_page_on_a_loop_shows_spikes_pictures_and_figures(network):
     rate = sum(head["rates"][1] * (head["time"] - head["began"]) * 1e-3 * 3 for head, _ in heads)
     assert spikes == pytest.approx(rate, abs=0.5)
     assert spikes > 0
-    pictures = [np.frombuffer(body[-24:], "u1").reshape(2, 3, 4) for _, body in heads]
+    pictures = [np.frombuffer(body[-24:], "u1").reshape(2, 3, 4).astype(int) for _, body in heads]
     assert sum(picture[1, 2, 1] for picture in pictures) == sum(picture.sum() for picture in pictures) > 0
