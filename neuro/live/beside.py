@@ -43,7 +43,7 @@ CURVE_MS = 1000.0
 LARGEST = 3_000_000
 """Synapses of a network that is compiled once more to be priced."""
 MOST_WAITING = 2
-NICE = 15
+NICE = 10
 
 Job = dict[str, Any]
 

@@ -414,7 +414,8 @@ function showRaster() {
 function showRates() {
   const {pen, width, height} = canvas("rates"), foot = height - 8, left = LEFT, room = width - left - SIDE;
   const since = now - span, seen = rates.filter(each => each.time >= since - 100);
-  const indices = about.populations.map((p, k) => k).filter(k => about.populations[k].kind !== "current");
+  const all = about.populations.map((p, k) => k), cells = all.filter(k => about.populations[k].kind === "neuron");
+  const indices = cells.length ? cells : all;
   const most = nice(Math.max(1, ...seen.flatMap(each => indices.map(k => each.values[k]))));
   grid(pen, left, 8, room, foot - 8, 0, most);
   pen.save(); pen.beginPath(); pen.rect(left, 0, room + SIDE, height); pen.clip();

@@ -86,7 +86,7 @@ class Page:
         host, port = check(HOST, host, "host"), check(PORT, port, "port")
         self.pace = None if speed is None else Pace(check(SPEED, speed, "speed"))
         self.restart, self._figures = restart, figures
-        self._waited = self._frame_due = self._beside_due = 0.0
+        self._waited = self._frame_due = self._sample_used = self._beside_due = 0.0
         self._due = self._slow_due = self._sample_due = self._price_due = self._seen_until = 0.0
         self._wanted = self._ahead = False
         self._taken = 0.0
@@ -133,8 +133,8 @@ class Page:
         if now >= self._due:
             self._attend(now)
         if now < self._seen_until:
-            if self._used() >= self._sample_due:
-                self._sample()
+            if now >= self._sample_due and (self._ahead or self._used() >= self._sample_used):
+                self._sample(now)
             if self.frames.is_forgotten:
                 self.frames.gather()
         if self.pace is None:
@@ -278,10 +278,11 @@ class Page:
         """Seconds that the run took and waited; of one that others pace, those on the wall."""
         return time.perf_counter() if self.pace is None else time.thread_time() + self._waited
 
-    def _sample(self) -> None:
+    def _sample(self, now: float) -> None:
         began, used = time.thread_time(), self._used()
         self.frames.sample()
-        self._sample_due = used + max(SAMPLE_S, (time.thread_time() - began) / SAMPLE_SHARE)
+        self._sample_due = now + SAMPLE_S
+        self._sample_used = used + (time.thread_time() - began) / SAMPLE_SHARE
 
     def _send_frame(self, now: float) -> None:
         began, used = time.thread_time(), self._used()
