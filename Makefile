@@ -6,8 +6,8 @@
 # make test-nest    5,000 random networks (NETWORKS=...) on the event backend, the reference and NEST
 # make test-mpi     the tests of NEST under MPI, which it builds once (15 minutes) in an environment of its own
 #                   (NEST_MPI=file.whl: a wheel that is built already); needs openmpi-bin libopenmpi-dev libgsl-dev
-# make test-oracles the tests of event files, of networks beside other tools (NIR, SONATA) and of scripts of PyNN, in
-#                   environments of their own
+# make test-oracles the tests of event files and streams, of networks beside other tools (NIR, SONATA) and of scripts of
+#                   PyNN, in environments of their own
 # make bench        how fast it is
 # make bench-peers  how fast NEST, Brian2, public emulators of Loihi, and packages that train by gradients are with the
 #                   same networks, in environments of their own
@@ -132,7 +132,8 @@ $(VENV)-mpi/.installed: pyproject.toml
 
 $(VENV)-oracles/.installed: pyproject.toml
 	$(call environment,$(VENV)-oracles)
-	$(VENV)-oracles/bin/python $(PIP) --editable '.[test]' expelliarmus faery event_stream aedat tonic torch==2.13.0 libsonata
+	$(VENV)-oracles/bin/python $(PIP) --editable '.[test]' expelliarmus faery aestream dv-processing event_stream aedat \
+	  tonic torch==2.13.0 libsonata
 	@touch $@
 
 # PyNN 0.13 with NEST and Brian2; pyNN.nest does without the extension that it would compile.

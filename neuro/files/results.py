@@ -88,6 +88,7 @@ class Results:
         populations, projections, traces: the parts by name.
         path: of the file, None of what is in memory only.
         fed: what event cameras were fed while the run was recorded, by name; `sim.replay(results)` feeds it again.
+        live: of a run in real time its latencies, misses and drops, by name.
     """
 
     about: dict[str, Any]
@@ -97,6 +98,7 @@ class Results:
     traces: dict[str, Trace]
     path: Path | None = None
     fed: dict[str, Fed] = field(default_factory=dict)
+    live: dict[str, Any] = field(default_factory=dict)
 
     @property
     def duration_ms(self) -> float:
@@ -385,6 +387,7 @@ def read_file(file: h5py.File, opener: Opener, path: Path | None = None) -> Resu
         {name: _read_part(Trace, group, opener) for name, group in file["traces"].items()},
         path,
         {name: _read_part(Fed, group, opener) for name, group in file.get("fed", {}).items()},
+        {name: _plain(value) for name, value in file["live"].attrs.items()} if "live" in file else {},
     )
 
 

@@ -395,6 +395,7 @@ class Simulation:
         """
         for name, fed in run.fed.items():
             self._fed.play(self.handles.neurons(name).index, fed)
+            self.steered["replay"] = None
 
     def _refuse_replaying(self, what: str) -> None:
         if self._fed.plays:

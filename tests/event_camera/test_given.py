@@ -1,11 +1,15 @@
 """Events of a program: in any form, given at once or fed while it runs."""
 
+from fractions import Fraction
+
 import numpy as np
 import pytest
+from hypothesis import given, settings, strategies as st
 
 import neuro
 from event_tests import refusal
 from neuro.events import Events
+from neuro.program.spikes import _with_multiplicity
 from seen import network, same_run
 
 PARTS = {
@@ -95,3 +99,60 @@ NO_EVENTS = "expected Events, or an array with the fields t, x, y and p, or an i
 def test_what_cannot_be_fed(events, message):
     sim = neuro.compile(network(neuro.event_camera(), (2, 9, 12)))
     assert refusal(sim.feed, "camera", events) == f"feed: 'camera': {message}"
+
+
+@settings(max_examples=40, deadline=None)
+@given(
+    seed=st.integers(0, 10_000),
+    n=st.integers(20, 300),
+    polarity=st.sampled_from(["split", "merge", "on", "off"]),
+    scale=st.integers(1, 3),
+    crop=st.booleans(),
+    offset=st.sampled_from([0.0, 3.0]),
+    start=st.sampled_from([0.0, 2.0]),
+    stop=st.sampled_from([9.0, np.inf]),
+    resolution=st.sampled_from([0.1, 0.3, 1.0, 1.0 / 3.0]),
+)
+def test_events_fall_where_the_formula_says(seed, n, polarity, scale, crop, offset, start, stop, resolution):
+    rng = np.random.default_rng(seed)
+    t = np.sort(rng.integers(0, 15_000, n)) + 3000
+    x, y, p = rng.integers(0, 12, n), rng.integers(0, 9, n), rng.integers(0, 2, n)
+    columns, rows = ((3, 9), (1, 8)) if crop else ((0, 12), (0, 9))
+    words = {"crop": {"x": list(columns), "y": list(rows)}} if crop else {}
+    start, stop = (round(ms / resolution) * resolution if ms < np.inf else ms for ms in (start, stop))
+    model = neuro.event_camera(
+        polarity=polarity,
+        scale=scale,
+        offset=offset,
+        start=start,
+        stop=stop,
+        origin=0,
+        events=Events(t, x, y, p, (12, 9)),
+        **words,
+    )
+    net = neuro.Network("formula", resolution=resolution)
+    net.population("camera", "auto", model)
+    camera = neuro.compile(net, "reference").program.populations[0]
+    height, width = camera.shape[-2:]
+    numerator, denominator = Fraction(resolution).limit_denominator(10**6).as_integer_ratio()
+    expected = []
+    for when, column, row, side in zip(t.tolist(), x.tolist(), y.tolist(), p.tolist(), strict=True):
+        since = when - round(1000 * offset)
+        step = round(start / resolution) + since * denominator // (1000 * numerator) + 1
+        seen = columns[0] <= column < columns[1] and rows[0] <= row < rows[1] and polarity != ("on", "off")[side == 1]
+        if seen and since >= 0 and step * resolution <= stop + 1e-9:
+            neuron = (row - rows[0]) // scale * width + (column - columns[0]) // scale
+            expected.append((step, neuron + side * height * width * (polarity == "split")))
+    found = [
+        (s, k) for part in camera.stream.after(0) for s, k in zip(part.steps.tolist(), part.ids.tolist(), strict=True)
+    ]
+    assert found == expected
+
+
+@settings(max_examples=40, deadline=None)
+@given(spikes=st.lists(st.tuples(st.integers(1, 2**40), st.integers(0, 50)), max_size=60), near=st.booleans())
+def test_spikes_of_one_neuron_and_step_become_one_with_a_multiplicity(spikes, near):
+    rows = np.array([(step % 7 if near else step, neuron) for step, neuron in spikes], dtype=np.int64).reshape(-1, 2)
+    pairs, counts = np.unique(rows, axis=0, return_counts=True)
+    found = _with_multiplicity(rows[:, 0], rows[:, 1])
+    assert np.array_equal(found, np.column_stack([pairs, counts]))

@@ -206,6 +206,21 @@ def test_evt3_waits_for_time_and_row_after_a_loss():
         assert (after.t.tolist(), after.x.tolist(), after.y.tolist()) == ([2 * 4096], [21], [11])
 
 
+@pytest.mark.parametrize("size", [2, 34, 1000])
+def test_evt3_may_be_cut_anywhere(size, tmp_path):
+    """The words of a file, in datagrams that begin in the middle of rows and vectors."""
+    events = some(2000, size=(40, 20))
+    save(events, tmp_path / "a.raw", format="evt3")
+    data = (tmp_path / "a.raw").read_bytes()
+    words = data[data.index(b"% end\n") + 6 :]
+    with open_udp("raw-evt3") as stream:
+        cuts = range(0, len(words), size)
+        put(stream, *(words[k : k + size] for k in cuts))
+        got = taken(stream, len(cuts))
+        assert (got.t.tolist(), columns(got)) == (events.t.tolist(), columns(events))
+        assert stream.counts.lost == {}
+
+
 def test_full_buffer_drops_and_counts():
     """Each datagram is taken, refused by the buffer, or refused by the system."""
     data = some(5000).records().tobytes()
@@ -452,6 +467,15 @@ def test_a_server_of_something_else():
         thread.start()
         assert "does not send AEDAT 4" in message(listen, f"tcp://{HOST}:{port}")
         thread.join()
+
+
+def test_addresses_of_six_parts():
+    try:
+        stream = listen("udp://[::1]:0", format="faery13", sensor=SIZE)
+    except ModelError as error:
+        pytest.skip(str(error))
+    with stream:
+        assert through(stream, some(10), "faery13") == some(10)
 
 
 def test_closing_twice_and_taking_after():

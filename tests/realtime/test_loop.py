@@ -17,7 +17,7 @@ import neuro
 from event_tests import refusal
 from neuro import ModelError
 from neuro.events import Events, listen, save, send
-from neuro.realtime import Loop, Player
+from neuro.realtime import Histogram, Loop, Player
 from neuro.rerun.again import rerun
 
 SIZE = 16, 12
@@ -71,6 +71,8 @@ def test_what_was_live_can_be_run_again(tmp_path_factory, seed, n, tick, late, b
     results = neuro.results.read(out)
     assert results.counts().populations["camera"].spikes == counts["fed"] == len(results.spikes("camera")[0])
     assert len(run.latency) == counts["fed"]
+    assert (results.live["ticks"], results.live["camera.fed"]) == (run.ticks, counts["fed"])
+    assert results.live["tick_to_action.p99_ms"] == run.response.ms(0.99)
     assert rerun(out).difference == ""
 
 
@@ -266,3 +268,18 @@ def test_mistakes():
     assert refusal(loop.run, 3.0) == "run = 3 ms: expected a multiple of the tick, 2 ms"
     assert refusal(Player, noise(1, 1.0), 0) == "speed = 0: expected a number > 0"
     assert refusal(Player, 3) == "recording is 3: expected Events or the path of a file"
+
+
+def test_percentiles_of_a_histogram():
+    rng = np.random.default_rng(1)
+    ns = np.sort(rng.lognormal(12.0, 2.0, 5000).astype(np.int64))
+    one, together = Histogram(), Histogram()
+    for each in ns.tolist():
+        one.add(each)
+    together.add_since(10**12 - ns[::-1], 10**12)
+    assert np.array_equal(one.counts, together.counts)
+    assert one.largest_ms == together.largest_ms == ns[-1] / 1e6
+    for share in (0.01, 0.5, 0.99, 1.0):
+        exact = np.quantile(ns, share, method="inverted_cdf") / 1e6
+        assert exact <= one.ms(share) <= 1.032 * exact
+    assert np.isnan(Histogram().ms(0.5))

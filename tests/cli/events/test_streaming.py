@@ -1,0 +1,66 @@
+"""`neuro events listen` and `send`."""
+
+import re
+import signal
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+
+from neuro.events import Events, load, save
+
+NEURO = [sys.executable, "-c", "from neuro.cli import main; main()", "events"]
+
+
+@pytest.fixture
+def walk(tmp_path):
+    draw = np.random.default_rng(2)
+    n = 500
+    t = np.sort(draw.integers(0, 50_000, n))
+    events = Events(t, draw.integers(0, 34, n), draw.integers(0, 34, n), draw.integers(0, 2, n), (34, 34))
+    save(events, tmp_path / "walk.es")
+    return events
+
+
+def test_a_recording_is_sent_heard_and_written(run, walk, tmp_path):
+    """Ctrl-C ends it, and the file is kept."""
+    command = [*NEURO, "listen", "udp://127.0.0.1:0", "heard.es", "--format", "faery8", "--sensor", "34x34"]
+    with subprocess.Popen(command, cwd=tmp_path, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as heard:
+        url = heard.stderr.readline().split()[-1]
+        _, sent, _ = run("send", tmp_path / "walk.es", url, "--format", "faery8", "--speed", "2")
+        assert re.fullmatch(rf"{url}: 500 events in \d+ datagrams, \d\.\d s(, at most [\d.]+ ms late)?\n", sent)
+        heard.send_signal(signal.SIGINT)
+        told, _ = heard.communicate(timeout=30)
+    assert heard.returncode == 0
+    assert re.fullmatch(rf"{url}: 500 events in \d+ datagrams, \d+\.\d s\n", told)
+    assert load(tmp_path / "heard.es") == walk
+
+
+HERE = ("udp://127.0.0.1:0", "--format", "spif", "--sensor", "34x34")
+
+
+@pytest.mark.parametrize("end", [("--for", "50"), ("--until-silent", "50 ms")])
+def test_counts_alone_until_an_end(run, end):
+    status, out, err = run("listen", *HERE, *end)
+    assert status == 0
+    assert re.fullmatch(r"udp://127.0.0.1:\d+: 0 events in 0 datagrams, 0\.\d s\n", out)
+    assert err.startswith("listening at udp://127.0.0.1:")
+
+
+@pytest.mark.parametrize(
+    ("words", "message"),
+    [
+        (("listen", HERE[0], "--format", "spiff", "--sensor", "34x34"), "unknown format of a stream 'spiff'"),
+        (("listen", *HERE[:3]), "sensor is missing"),
+        (("listen", HERE[0], "walk.es", *HERE[1:]), "--force"),
+        (("send", "walk.es", "udp://127.0.0.1", "--format", "spif"), "expected udp://HOST:PORT"),
+        (("send", "walk.es", "udp://127.0.0.1:9", "--format", "spif", "--speed", "0"), "speed = 0"),
+        (("send", "none.es", "udp://127.0.0.1:9", "--format", "spif"), "no such file"),
+    ],
+)
+def test_mistakes(run, walk, tmp_path, monkeypatch, words, message):
+    monkeypatch.chdir(tmp_path)
+    status, _, err = run(*words)
+    assert status != 0
+    assert message in err
