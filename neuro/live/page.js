@@ -58,10 +58,15 @@ function heard(message) {
 function answered(message) {
   const row = waiting.get(message.id);
   waiting.delete(message.id);
-  if (message.error) say(message.error, true); else if (get("message").className) say("");
+  if (message.error) say(message.error, true);
   if (row) row(message.error || "");
 }
-function say(text, bad = false) { get("message").textContent = text; get("message").className = bad ? "bad" : ""; }
+let clearing = 0;
+function say(text, bad = false) {
+  get("message").textContent = text; get("message").className = bad ? "bad" : "";
+  clearTimeout(clearing);
+  if (text) clearing = setTimeout(() => say(""), bad ? 12000 : 4000);
+}
 function received(data) {
   const [headSize] = new Uint32Array(data, 0, 2), head = JSON.parse(new TextDecoder().decode(new Uint8Array(data, 8, headSize)));
   const body = data.slice(8 + headSize);

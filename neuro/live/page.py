@@ -13,6 +13,7 @@ from collections.abc import Callable, Mapping
 from typing import Any
 
 from neuro.core.checks import check
+from neuro.core.clock import Clock
 from neuro.core.errors import ModelError
 from neuro.core.extras import needed
 from neuro.core.quantities import Quantity
@@ -88,7 +89,7 @@ class Page:
         self.restart, self._figures = restart, figures
         self._waited = self._frame_due = self._sample_used = self._beside_due = 0.0
         self._due = self._slow_due = self._sample_due = self._price_due = self._seen_until = 0.0
-        self._wanted = self._ahead = False
+        self._wanted = self._ahead = self._stopped = False
         self._taken = 0.0
         self._measured = (time.perf_counter(), sim.time)
         self._speed = 0.0
@@ -130,7 +131,7 @@ class Page:
         Without a browser this takes a microsecond or two, with some at most 4 % of the time.
         """
         now = time.perf_counter()
-        if now >= self._due:
+        if now >= self._due and self._channel.open:
             self._attend(now)
         if now < self._seen_until:
             if now >= self._sample_due and (self._ahead or self._used() >= self._sample_used):
@@ -140,7 +141,7 @@ class Page:
         if self.pace is None:
             return
         self._ahead = False
-        while (wait := self.pace.wait_s(self.sim.time)) > 0.0 and self._channel.open:
+        while self._channel.open and not self._stopped and (wait := self.pace.wait_s(self.sim.time)) > 0.0:
             self._ahead = True
             began = time.perf_counter()
             time.sleep(min(wait, POLL_S))
@@ -155,23 +156,38 @@ class Page:
         A numerical instability pauses the run, and the page says so.
 
         Args:
-            ms: the time; for ever if not given.
+            ms: the time, a multiple of the resolution; for ever if not given.
 
         Raises:
-            ModelError: the page has no speed.
+            ModelError: the page has no speed, the time is no such multiple, or the process that serves the page has
+                ended.
         """
         if self.pace is None:
             raise ModelError("Page.run: found no speed: expected Page(sim, speed=1.0)")
-        while self.sim.time < ms and self._channel.open:
-            try:
-                self.sim.run(min(self._stretch_ms, ms - self.sim.time))
-            except ModelError as error:
-                self.pace.pause(True)
-                self.keep("trouble", {"error": error.message})
-                self.tell_state()
-            if self.sim.time - self.sim.held > 2 * KEPT_MS:
-                self.sim.forget(self.sim.time - KEPT_MS)
+        Clock(self.sim.program.resolution).step(ms, "run")
+        self._stopped = False
+        while self.sim.time < ms and not self._stopped:
+            self._advance(min(self._stretch_ms, ms - self.sim.time), self.pace)
             self.tick()
+            if not self._channel.open:
+                raise ModelError("the process that serves the page has ended")
+
+    def stop(self) -> None:
+        """Let `run` end after the present stretch, from any thread."""
+        self._stopped = True
+
+    def _advance(self, ms: float, pace: Pace) -> None:
+        before = self.sim.time
+        try:
+            self.sim.run(ms)
+        except ModelError as error:
+            if self.sim.time == before:
+                raise
+            pace.pause(True)
+            self.keep("trouble", {"error": error.message})
+            self.tell_state()
+        if self.sim.time - self.sim.held > 2 * KEPT_MS:
+            self.sim.forget(self.sim.time - KEPT_MS)
 
     @property
     def _stretch_ms(self) -> float:

@@ -37,7 +37,8 @@ MESSAGES_PER_S = 60.0
 BURST = 120.0
 WAITING = 1 << 16
 """Bytes that may wait for the network's process; a browser is told to try again beyond."""
-REPLIES = 64
+REPLIES, MOST_WAITING = 64, 64 << 20
+"""Answers, and bytes of these, that wait for a browser."""
 OPEN_S = 5.0
 
 _FOLDER = Path(__file__).parent
@@ -84,8 +85,9 @@ class Client:
         self._wake.set()
 
     def reply(self, reply: str | bytes) -> None:
-        """Send an answer to what it asked."""
-        self._replies.append(reply)
+        """Send an answer to what it asked, unless those before it are not fetched."""
+        if sum(map(len, self._replies)) < MOST_WAITING:
+            self._replies.append(reply)
         self._wake.set()
 
     async def send(self) -> None:

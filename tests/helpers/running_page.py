@@ -50,7 +50,7 @@ class Running:
             self.error = error
 
     def close(self):
-        self.page._channel.open = False  # as if its process had ended, which ends the run
+        self.page.stop()
         self.thread.join(10.0)
         self.page.close()
         assert self.error is None

@@ -15,7 +15,7 @@ import neuro
 from neuro import ModelError
 from neuro.live.frames import MOST_SPIKES, Frames, smaller
 from neuro.live.pace import Pace
-from running_page import until
+from running_page import Running, network, until
 
 
 def numbers(frame):
@@ -278,8 +278,37 @@ def test_an_instability_pauses_the_run(websockets):
         thread = threading.Thread(target=page.run)
         thread.start()
         assert until(lambda: page.pace.paused)
-        page._channel.open = False
+        page.stop()
         thread.join()
+
+
+def test_what_is_looked_at_runs_as_if_nobody_looked(websockets):
+    alone, seen = neuro.compile(network(), seed=3), neuro.compile(network(), seed=3)
+    alone.run(600.0)
+    with neuro.live.Page(seen, speed=2.0) as page:
+        thread = threading.Thread(target=page.run, args=(600.0,))
+        thread.start()
+        running = Running.__new__(Running)
+        running.look(page)
+        with running.client() as client:
+            assert client.frame()
+            thread.join()
+        assert page.frames.step > 0
+    assert seen.counts() == alone.counts()
+    assert np.array_equal(seen.weights("exc_out")[2], alone.weights("exc_out")[2])
+    assert np.array_equal(seen.get("exc", "V_m"), alone.get("exc", "V_m"))
+
+
+def test_a_run_ends_with_the_process_that_serves_it(websockets):
+    net = neuro.Network("n", resolution=1.0)
+    net.population("cells", 1, neuro.iaf_psc_exp())
+    with neuro.live.Page(neuro.compile(net), speed=1.0) as page:
+        with pytest.raises(ModelError, match=r"run = 0\.5 ms: expected a multiple"):
+            page.run(0.5)
+        page._process.kill()
+        with pytest.raises(ModelError, match="the process that serves the page has ended"):
+            page.run()
+        page.tick()
 
 
 def test_what_cannot_be_served_is_refused(websockets, monkeypatch):
