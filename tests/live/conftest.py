@@ -22,7 +22,7 @@ def running(websockets):
 
 
 @pytest.fixture(scope="session")
-def driver():
+def driver(tmp_path_factory):
     """Chromium, steered by selenium."""
     if find_spec("selenium") is None:
         pytest.skip("selenium is not installed")
@@ -37,6 +37,8 @@ def driver():
     options.binary_location = programs[0]
     for word in ("headless=new", "no-sandbox", "disable-gpu", "hide-scrollbars", "disable-dev-shm-usage"):
         options.add_argument(f"--{word}")
+    folder = str(tmp_path_factory.mktemp("downloads"))
+    options.add_experimental_option("prefs", {"download.default_directory": folder})
     options.set_capability("goog:loggingPrefs", {"browser": "ALL"})
     one = webdriver.Chrome(options=options, service=Service(programs[1]))
     yield one

@@ -131,6 +131,13 @@ def value_of(driver, id):
     return driver.execute_script("return document.getElementById(arguments[0]).value", id)
 
 
+@pytest.mark.parametrize(("button", "name"), [("picture", "ms.png"), ("save", "ms.h5"), ("network", "seen.yaml")])
+def test_what_is_saved_is_named(shown, button, name):
+    assert until(lambda: ink(shown, "raster") > 0)
+    shown.execute_script("document.getElementById(arguments[0]).click()", button)
+    assert until(lambda: text(shown, "message").endswith(f"{name} is saved"))
+
+
 @pytest.mark.parametrize("scheme", ["light", "dark"])
 @pytest.mark.parametrize("width", [390, 1600])
 def test_it_fits_narrow_and_wide_in_light_and_dark(shown, width, scheme):
