@@ -106,7 +106,8 @@ def rate(args: argparse.Namespace, busy: bool) -> None:
           f"{lost - known:,.0f} not explained")  # fmt: skip
     print(f"take      {1e6 * taking / takes:.0f} us each, {1e9 * taking / max(1, counts.events):.2f} ns an event; "
           f"the process used {cpu / lap:.0%} of a core")  # fmt: skip
-    print(f"other     {counts.lost}")
+    print(f"other     {counts.lost}; largest resident size {used.ru_maxrss / 1024:.0f} MB, "
+          f"{before.ru_maxrss / 1024:.0f} MB at the first event")  # fmt: skip
 
 
 def wake(args: argparse.Namespace) -> None:

@@ -13,11 +13,13 @@ import numpy as np
 import pytest
 
 import neuro
+from event_tests import refusal
 from neuro import ModelError
 from neuro.core import growing
 from neuro.core.growing import JournaledFile, JournalReader
 from neuro.core.hdf5 import FRONT
 from neuro.files.parts import Stored
+from neuro.rerun.again import first_difference
 
 
 def network():
@@ -318,3 +320,58 @@ def test_a_kill_within_a_commit_of_a_shorter_file_leaves_one_state(tmp_path, mon
             monkeypatch.setattr(growing, "_write", torn)
     assert set(states) == {(40_000, b"a"), (20_000, b"b")}
     assert path.stat().st_size == 20_000
+
+
+def test_another_process_writes_the_same_file(tmp_path):
+    files = {}
+    for live in (False, True):
+        sim = neuro.compile(network(), "reference")
+        with sim.record_to(tmp_path / f"{live}.h5", live=live) as recording:
+            sim.run(20.0)
+            recording.drain()
+            sim.run(13.0)
+            recording.commit()
+            assert sim.held == (33.0 if live else 0.0)
+            sim.run(7.0)
+        assert same(sim.spikes("cells"), neuro.results.read(tmp_path / f"{live}.h5").spikes("cells"))
+        files[live] = tmp_path / f"{live}.h5"
+    assert first_difference(*files.values()) == ""
+
+
+def test_what_keeps_another_process_from_writing_is_reported(path):
+    part = path.with_name("run.h5.part")
+    sim, other = (neuro.compile(network(), "reference") for _ in range(2))
+    with sim.record_to(path, live=True):
+        refused = refusal(lambda: other.record_to(path, live=True).__enter__())
+        assert refused == f"{part}: another run writes it: expected another name"
+        sim.run(5.0)
+    assert neuro.results.read(path).duration_ms == 5.0
+
+    def removed():
+        with sim.record_to(path.with_name("other.h5"), live=True):
+            path.with_name("other.h5.part").unlink()
+            sim.run(5.0)
+
+    assert refusal(removed) == f"{path.with_name('other.h5.part')}: cannot be written: it was removed"
+
+
+def test_a_run_that_is_replayed_is_not_saved(path):
+    sim = neuro.compile(network(), "reference")
+    sim.run(5.0, out=path)
+    sim.replay(neuro.results.read(path))
+    sim.save(path.with_name("state.h5"))
+    camera = neuro.Network("camera", resolution=1.0)
+    camera.population("eye", (2, 3), neuro.event_camera(polarity="merge"))
+    fed = neuro.compile(camera, "reference")
+    with fed.record_to(path):
+        fed.feed("eye", np.array([(1500, 1, 1, 1)], [(word, np.int64) for word in "txyp"]))
+        fed.run(5.0)
+    assert list(fed.steered) == []
+    again = neuro.compile(camera, "reference")
+    again.replay(neuro.results.read(path))
+    for call in (again.save, again.restore):
+        expected = f"{call.__name__}: a run is replayed, which no state keeps: expected a simulation without 'replay'"
+        assert refusal(call, path.with_name("state.h5")) == expected
+    again.run(5.0)
+    assert again.counts().populations["eye"].spikes == 1
+    assert list(again.steered) == ["replay"]

@@ -165,6 +165,17 @@ def test_a_recording_that_was_moved(played, run, again, capsys):
     ]
 
 
+def test_a_stream_that_was_played(folder, run, capsys):
+    """Nobody sends to it, so it ends at once."""
+    streamed = '{stream: "udp://127.0.0.1:0", format: spif, sensor: [9, 7], until_silent: 10 ms}'
+    (folder / "streamed.yaml").write_text(PLAYS.replace("{file: walk.dat}", streamed))
+    run("run", "streamed.yaml", "--for", 50, "--out", "a.h5")
+    run("rerun", "a.h5", status=2)
+    told = capsys.readouterr().err
+    assert "a.h5: listens to udp://127.0.0.1:0: what came from there does not come again" in told
+    assert "'neuro events listen' keeps a stream" in told
+
+
 def test_a_recording_that_was_edited(played, again):
     data = bytearray((played / "walk.dat").read_bytes())
     data[len(data) - 8 * len(neuro.events.load("walk.dat")) + 8 * 5 + 4] ^= 1  # x of the sixth event

@@ -146,6 +146,8 @@ class Loop:
         for inlet in self._inlets:
             inlet.rehearse()
         self._sim.run(self._clock.ms(self._steps))
+        if recording is not None:
+            recording.drain()
         self._forget(recording)
         Histogram().add_since(np.zeros(0, dtype=np.int64), 0)
 
@@ -177,7 +179,7 @@ class Loop:
                 run.missed_cost += after.since(before)
                 if late == "stop":
                     self.stop(f"the action of tick {number} was {(done - due) / 1e6:.3f} ms late")
-                elif late == "skip" and (past := (done - due) // tick):
+                elif late == "skip" and (past := min((done - due) // tick, ticks - number)):
                     run.skipped += past
                     number += past
                     due += past * tick

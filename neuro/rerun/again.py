@@ -143,6 +143,9 @@ def _network(results: Results, record: Mapping[str, Any], elsewhere: Mapping[str
     parts = [*description.get("populations", {}).values(), *description.get("projections", {}).values()]
     choices = [choice for part in parts for word in ("model", "rule") if isinstance(choice := part.get(word), dict)]
     said = [*(words or {} for choice in choices for words in choice.values()), *(p.get("neurons", {}) for p in parts)]
+    if url := next((words["stream"] for words in said if "stream" in words), ""):
+        hint = "'neuro events listen' keeps a stream as a recording, which can be played again"
+        raise ModelError(f"listens to {url}: what came from there does not come again", hint=hint)
     for name in {words["file"] for words in said if "file" in words}:
         if (folder / name).exists():
             continue

@@ -94,6 +94,8 @@ class ResultsWriter:
         self._make_room()
         self._stretch = 1
         self.commit()
+        if isinstance(self._file, RemoteFile):
+            self._file.wait()
 
     def _make_room(self) -> None:
         """The parts of the file, still without content."""

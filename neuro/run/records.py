@@ -59,6 +59,7 @@ class Records:
     @property
     def held_ms(self) -> float:
         """The time after which spikes and traces can be read."""
+        self._notice_drained()
         return 0.0 if self._in_file else self._clock.ms(self.held)
 
     def run(self, steps: int) -> None:
@@ -132,8 +133,7 @@ class Records:
             raise ModelError(f"spikes of '{part.name}', {a(part.said)}, are not recorded", hint=hint)
         if (results := self._file()) is not None:
             return results.spikes_of(part.name, of.ids, since, until)
-        if self.recording is not None and self.recording.live:
-            self.held = self.recording.drained
+        self._notice_drained()
         after = -1 if since is None else self._clock.floor(since, "since")
         to = NEVER if until is None else self._clock.floor(until, "until")
         check_span(after, to, since, until)
@@ -147,6 +147,11 @@ class Records:
         if multiplicity.size and multiplicity.max() > 1:
             steps, ids = np.repeat(steps, multiplicity), np.repeat(ids, multiplicity)
         return self._clock.array_ms(steps), ids
+
+    def _notice_drained(self) -> None:
+        """What a live run has sent to its file is held no longer."""
+        if self.recording is not None and self.recording.live:
+            self.held = self.recording.drained
 
     def _check_held(self, name: str, since: float | None, until: float | None) -> None:
         """Refuse a time of which spikes are not held any more."""

@@ -56,7 +56,15 @@ class RemoteFile:
             )
         self._waiting: deque[memoryview] = deque()
         self._here.setblocking(False)
-        self._ask("ready")
+        try:
+            self.wait()
+        except BaseException:
+            self.close()
+            raise
+
+    def wait(self) -> None:
+        """Wait until all calls are done."""
+        self._ask("wait")
 
     def begin(self, about: Mapping[str, Any], files: Mapping[str, bytes]) -> None:
         """Write what the run is of."""
@@ -152,6 +160,7 @@ class RemoteFile:
             while block := self._here.recv(1 << 16):
                 what += block
         self._here.setblocking(False)
+        what = what.removeprefix(b"-")
         return Unwritable(self._part, what.decode("utf-8", "replace") or "the process that writes it has ended")
 
 
@@ -167,7 +176,7 @@ def main(number: str, part: str) -> None:
                 if len(message) < _LENGTH.unpack(head)[0]:
                     break
                 call, words, answer = pickle.loads(message)
-                if call != "ready":
+                if call != "wait":
                     getattr(file, call)(*words)
                 if answer:
                     pipe.sendall(b"+")

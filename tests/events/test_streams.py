@@ -351,6 +351,28 @@ def test_aedat4_by_tcp():
     assert stream.counts.lost == {}
 
 
+def test_packets_of_a_file_by_tcp(tmp_path):
+    """What a file has behind its first line is what comes by TCP; its packets are compressed."""
+    from neuro.events.formats import aedat4
+
+    pytest.importorskip("lz4")
+    events = some(20_000)
+    save(events, tmp_path / "a.aedat4")
+    data = (tmp_path / "a.aedat4").read_bytes()
+    end = int.from_bytes(data[aedat4._HEAD_OF_TABLE :][:8], "little")
+    with socket.create_server((HOST, 0)) as server:
+
+        def answer():
+            with server.accept()[0] as client:
+                client.sendall(data[len(aedat4.MAGIC) : end])
+
+        sender = threading.Thread(target=answer)
+        sender.start()
+        with listen(f"tcp://{HOST}:{server.getsockname()[1]}") as stream:
+            assert wait_for(stream, 20_000) == events
+        sender.join()
+
+
 def test_a_sender_that_dies_and_comes_back():
     """The connection is made anew; what came before and after is there."""
     first = channel(f"tcp://{HOST}:0", None, None)

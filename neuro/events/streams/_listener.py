@@ -87,6 +87,7 @@ class Listener:
         self._facts, self._kernels = np.zeros(kernels.FACTS, np.int64), kernels
         self._events = self._datagrams = self._damaged = 0
         self._take(0, 0)  # compiles what decodes
+        self._ready_ns = time.monotonic_ns()
 
     def take(self) -> Events:
         """All events that have come and were not taken, in the order in which they came.
@@ -136,7 +137,7 @@ class Listener:
         return first == last and (self._receiver.closed or self._silence_left() <= 0)
 
     def _silence_left(self) -> float:
-        return self._until_silent - (time.monotonic_ns() - self._receiver.last_ns) / 1e9
+        return self._until_silent - (time.monotonic_ns() - max(self._receiver.last_ns, self._ready_ns)) / 1e9
 
     @property
     def counts(self) -> StreamCounts:

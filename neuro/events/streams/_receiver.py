@@ -24,7 +24,7 @@ ENTRIES = 1 << 16
 LEAST = 4 * kernel.LARGEST
 """Bytes of the smallest ring."""
 PATIENCE = 0.02
-"""Time after which a call that receives nothing comes back, s; closing takes as long."""
+"""Time after which a call that receives nothing comes back, s; so long closing may take."""
 QUEUE = 1 << 25
 """Bytes that the kernel is asked to queue; it grants up to its own limit (Linux: sysctl net.core.rmem_max)."""
 _OVERFLOW, _MEMINFO = 40, 55
@@ -86,10 +86,10 @@ class Receiver:
     def _run(self) -> None:
         while not self._state[kernel.STOP, 0]:
             got = self._receive()
-            if got == kernel.FULL:
-                time.sleep(0.001)
-            elif got == 0 and self._again is not None:
+            if got == 0 and self._again is not None:
                 self._connect()
+            else:  # no room by TCP, or an error
+                time.sleep(0.001)
 
     def _connect(self) -> None:
         """Connect anew, with an entry of no bytes between the two connections."""

@@ -22,6 +22,8 @@ LARGEST = 1 << 16
 """Bytes that one call can receive."""
 ALIGNED = 16
 """Entries begin at multiples of it, so that they can be read as words."""
+SECOND, SOON = 1_000_000_000, 1_000_000
+"""ns of a second, and of a call that did not wait for anything to come."""
 FULL = -2
 """Instead of a number of bytes: the ring has no room."""
 
@@ -51,7 +53,7 @@ def place(at, put, taken, index, bytes_):
 
 @kernel
 def receive(calls, descriptor, wake, datagrams, ring, index, state, message):
-    """Receive until there is nothing to receive for a while, the connection ends, or it is to stop.
+    """Receive until the connection ends, nothing can be received, or it is to stop.
 
     Args:
         calls: (4,) int64, addresses of `recvmsg`, `clock_gettime` and `write`, and the number of the clock.
@@ -64,7 +66,7 @@ def receive(calls, descriptor, wake, datagrams, ring, index, state, message):
         message: (WORDS,) int64, as `msghdr` lies in 64-bit systems.
 
     Returns:
-        bytes of the last call: 0 at the end of a connection, -1 if nothing came; or `FULL`.
+        bytes of the last call: 0 at the end of a connection, -1 if it failed at once; or `FULL`.
     """
     words = address(message)
     bytes_ = ring.size - LARGEST
@@ -79,10 +81,13 @@ def receive(calls, descriptor, wake, datagrams, ring, index, state, message):
         message[_LENGTH], message[_LENGTH + 1] = _ROOM, 0
         message[PIECE], message[PIECE + 1] = address(ring) + (bytes_ if at < 0 else at), LARGEST
         got = _recvmsg(calls[0], (descriptor, words, 0))
+        before = message[CLOCK] * SECOND + message[CLOCK + 1]
+        _clock_gettime(calls[1], (calls[3], words + 8 * CLOCK))
+        received = message[CLOCK] * SECOND + message[CLOCK + 1]
+        if got < 0 and received - before > SOON:
+            continue
         if got < 0 or (got == 0 and not datagrams):
             return got
-        _clock_gettime(calls[1], (calls[3], words + 8 * CLOCK))
-        received = message[CLOCK] * 1_000_000_000 + message[CLOCK + 1]
         if datagrams and message[_LENGTH] & 0xFFFFFFFF > 0:
             state[OVERFLOWN, 0] = message[CONTROL + 2] & 0xFFFFFFFF
         state[LAST, 0] = received
