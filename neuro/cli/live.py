@@ -27,6 +27,7 @@ from neuro.cli.run import Record, keep_spikes
 from neuro.core.errors import ModelError
 
 if TYPE_CHECKING:
+    from neuro.events import Listener
     from neuro.model.network import Network
     from neuro.realtime import LiveRun, Source
     from neuro.run.simulation import Simulation
@@ -100,6 +101,8 @@ Speed = Annotated[
 NoBrowser = Annotated[bool, typer.Option("--no-browser", help="Print the address of the page, and open no browser.")]
 
 REPORT_S = 10.0
+STREAM_TICK = 10.0
+"""ms between two looks at a stream that is shown only."""
 
 
 def live(
@@ -122,8 +125,6 @@ def live(
     no_browser: NoBrowser = False,
 ) -> None:
     """Run a network in real time on live events; report latencies, misses and drops, and keep what it saw."""
-    import webbrowser
-
     from neuro.core.outputs import check_output
     from neuro.files.results import KIND
     from neuro.model.language import load
@@ -149,9 +150,7 @@ def live(
 
             words = {"speed": speed or 1.0, "restart": simulation} if paced else {"figures": lambda: lines.figures}
             shown = stack.enter_context(Page(sim, host, port, **words))
-            typer.echo(f"page: {shown.url}")
-            if not no_browser:
-                webbrowser.open(shown.url)
+            announce(shown.url, no_browser)
         if shown is not None and paced:
             with stoppable(lambda: f"at {shown.sim.time:g} ms"):
                 shown.run(math.inf if duration is None else duration)
@@ -166,6 +165,32 @@ def live(
     if run.ended:
         typer.echo(f"ended early: {run.ended}", err=True)
         raise typer.Exit(130 if run.ended == "interrupted" else 1)
+
+
+def announce(url: str, no_browser: bool) -> None:
+    """Print the address of a page, and open it."""
+    import webbrowser
+
+    typer.echo(f"page: {url}")
+    if not no_browser:
+        webbrowser.open(url)
+
+
+def show_stream(stream: Listener, ms: float, no_browser: bool) -> None:
+    """Show the events of a stream on a page, as those of a camera that drives nothing, for so long or until Ctrl-C."""
+    from neuro.live import Page
+    from neuro.model.network import Network
+    from neuro.model.neurons import event_camera
+    from neuro.realtime import Loop
+    from neuro.run.compiled import compile as compiled
+
+    width, height = stream.sensor_size
+    net = Network("stream", resolution=1.0)
+    net.population("camera", (2, height, width), event_camera())
+    sim, lines = compiled(net), _Lines()
+    with Page(sim, figures=lambda: lines.figures) as page:
+        announce(page.url, no_browser)
+        Loop(sim, tick=STREAM_TICK, inputs={"camera": stream}, watch=page.tick).run(ms, report=lines)
 
 
 def _is_paced(page: bool, speed: float | None, real_time: Mapping[str, object]) -> bool:

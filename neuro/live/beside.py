@@ -65,6 +65,8 @@ class Beside:
 
     def _refusal(self) -> str:
         """Why the network cannot be priced, "" if it can."""
+        if all(part.kind != "neuron" for part in self._sim.program.populations):
+            return "no population computes"
         synapses = sum(part.size for part in self._sim.program.projections)
         if synapses > LARGEST:
             return f"{synapses:,} synapses: a run is priced while it goes on up to {LARGEST:,}"

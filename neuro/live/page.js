@@ -131,7 +131,11 @@ function begin(message) {
   if (get("projection").selectedIndex < 0) get("projection").selectedIndex = 0;
   get("weights-here").hidden = !about.projections.length;
   const cameras = about.populations.filter(p => p.camera);
+  const computes = about.populations.some(p => p.kind === "neuron");
   get("cameras").hidden = !cameras.length;
+  get(computes ? "right" : "middle").prepend(get("cameras"));
+  get("power").hidden = !computes;
+  get("spikes-here").hidden = !about.populations.some(p => p.records && p.size);
   get("pictures").replaceChildren();
   get("curve-here").hidden = true;
   drawGraph();
@@ -356,7 +360,7 @@ function resize() {
   read();
   const recorded = about.populations.map((p, index) => ({...p, index})).filter(p => p.records && p.size);
   const shown = recorded.slice(0, MOST_BANDS), sharp = devicePixelRatio || 1;
-  get("spikes-told").textContent = shown.length ? recorded.length > shown.length ? `of the first ${MOST_BANDS} of ${recorded.length} populations` : "" : "no population records its spikes";
+  get("spikes-told").textContent = recorded.length > shown.length ? `of the first ${MOST_BANDS} of ${recorded.length} populations` : "";
   let top = 18;
   bands = shown.map(p => {
     const height = Math.round((24 + 36 * Math.log10(p.size)) * (shown.length > 6 ? 0.5 : shown.length > 3 ? 0.7 : 1));
@@ -599,7 +603,7 @@ function showFigures(message) {
 // --- files
 
 function picture() {
-  const shown = ["raster", "rates", "traces"].map(get).filter(each => !each.closest("[hidden]") && each.width), sharp = devicePixelRatio || 1, pad = 24 * sharp;
+  const shown = ["raster", "rates", "traces"].map(get).filter(each => !each.closest("[hidden]") && each.clientWidth), sharp = devicePixelRatio || 1, pad = 24 * sharp;
   const width = Math.max(...shown.map(each => each.width)) + 2 * pad, head = 64 * sharp;
   const sheet = make("canvas", {width, height: head + shown.reduce((sum, each) => sum + each.height + pad, 0)}), pen = sheet.getContext("2d");
   pen.fillStyle = colours.card; pen.fillRect(0, 0, sheet.width, sheet.height);
