@@ -5,9 +5,10 @@
 On CartPole and MountainCar each contestant has its defaults and `tries` draws of settings, of the ranges in SPACES,
 which name what users of each tune (for PPO and DQN those of the settings that are published for these tasks). All are
 trained with seed 1 for as many control steps as the task has; the one with the best frozen mean return of 100 episodes
-is trained again with `--seeds`. Elsewhere all have their defaults. The figures are those of `--seeds` alone: frozen
-mean return in 100 new episodes, the same for all. What is done is kept in FILE, and not done again. One process, one
-core; needs stable-baselines3.
+is trained again with `--seeds`. Random search draws linear policies, which have no settings. Elsewhere only the
+spiking agent has tries, which show what its one set of defaults loses against settings by task; the others have their
+defaults. The figures are those of `--seeds` alone: frozen mean return in 100 new episodes, the same for all. What is
+done is kept in FILE, and not done again. One process, one core; needs stable-baselines3.
 """
 
 from __future__ import annotations
@@ -30,7 +31,13 @@ from neuro_agent.training import TESTS, episode_seed
 
 warnings.filterwarnings("ignore")
 
-STEPS = {"CartPole-v1": 60_000, "MountainCar-v0": 100_000, "Acrobot-v1": 40_000, "FrozenLake-v1": 100_000}
+STEPS = {
+    "CartPole-v1": 60_000,
+    "MountainCar-v0": 100_000,
+    "Acrobot-v1": 40_000,
+    "FrozenLake-v1": 100_000,
+    "CliffWalking-v1": 100_000,
+}
 """Control steps of each training: about what the slowest seeds of the spiking agent need."""
 TUNED = ("CartPole-v1", "MountainCar-v0")
 OURS = {
@@ -69,12 +76,13 @@ SPACES: Mapping[str, Mapping[str, tuple[Any, ...]]] = {
     },
 }
 Act = Callable[[Any], Any]
+LABELS = {**NAMES, "search": "random search, linear policies"}
 
 
 def drawn(name: str, number: int) -> dict[str, Any]:
     """The settings of a try; try 0 has the defaults."""
     rng = np.random.default_rng([number, 12])
-    space = SPACES[name] if number else {}
+    space = SPACES.get(name, {}) if number else {}
     return {key: values[int(rng.integers(len(values)))] for key, values in space.items()}
 
 
@@ -112,6 +120,36 @@ def theirs(name: str, task: str, seed: int, settings: Mapping[str, Any]) -> list
     return episodes(TASKS[task].make(task), act)
 
 
+def searched(task: str, seed: int) -> list[float]:
+    """Frozen returns of the best of linear policies that are drawn at random, each of which has three episodes."""
+    env, rng = TASKS[task].make(task), np.random.default_rng([seed, 13])
+    discrete = isinstance(env.observation_space, gymnasium.spaces.Discrete)
+    size = int(env.observation_space.n) if discrete else int(np.prod(env.observation_space.shape))
+    spread, best, found, steps = np.ones(size), -np.inf, np.zeros((0, 0)), 0
+    if not discrete:
+        env.action_space.seed(seed)
+        seen = [env.reset(seed=seed)[0]]
+        while len(seen) < 400:
+            now, _, ended, cut, _ = env.step(env.action_space.sample())
+            seen.append(env.reset()[0] if ended or cut else now)
+        spread, steps = np.std(seen, axis=0) + 1e-9, len(seen)
+
+    def act(weights: Any, now: Any) -> int:
+        return int(np.argmax(weights[:, now] if discrete else weights[:, :-1] @ (now / spread) + weights[:, -1]))
+
+    while steps < STEPS[task]:
+        weights, total = rng.normal(size=(int(env.action_space.n), size + (not discrete))), 0.0
+        for _ in range(3):
+            now, _ = env.reset(seed=int(rng.integers(2**31)))
+            over = False
+            while not over:
+                now, reward, ended, cut, _ = env.step(act(weights, now))
+                total, steps, over = total + float(reward), steps + 1, ended or cut
+        if total > best:
+            best, found = total, weights
+    return episodes(TASKS[task].make(task), lambda now: act(found, now))
+
+
 def episodes(env: gymnasium.Env[Any, Any], act: Act) -> list[float]:
     """The returns of the episodes that `ActorCritic.test` has."""
     returns = []
@@ -144,7 +182,7 @@ class Kept:
             begun, settings = time.process_time(), drawn(name, number)
             run = ours if name in ("agent", "twin") else theirs
             try:
-                returns = run(name, task, seed, settings)
+                returns = searched(task, seed) if name == "search" else run(name, task, seed, settings)
             except (ValueError, AssertionError) as error:  # settings that do not go together
                 returns = [float("-inf")]
                 print(f"{key}: {error}", flush=True)
@@ -172,20 +210,21 @@ def main() -> None:
     parser.add_argument("--json", type=Path)
     chosen = parser.parse_args()
     low, high = map(int, chosen.seeds.split("-"))
-    kept, names = Kept(chosen.json), chosen.only or list(SPACES)
+    kept, names = Kept(chosen.json), chosen.only or list(LABELS)
     for task in chosen.tasks:
         rows = []
         for name in names:
-            numbers = range(chosen.tries + 1) if task in TUNED else [0]
+            tried = name == "agent" or (task in TUNED and name in SPACES)
+            numbers = range(chosen.tries + 1) if tried else [0]
             best = max(numbers, key=lambda number: kept.mean(name, task, 1, number)) if len(numbers) > 1 else 0
             for number in sorted({0, best}):
                 means = [kept.mean(name, task, seed, number) for seed in range(low, high + 1)]
                 rows.append((float(np.mean(means)), name, number, means))
         rows.sort(reverse=True)
-        print(f"\n{task}, {STEPS[task]} control steps, bar {TASKS[task].bar:g}: {NAMES[rows[0][1]]} first")
+        print(f"\n{task}, {STEPS[task]} control steps, bar {TASKS[task].bar:g}: {LABELS[rows[0][1]]} first")
         for mean, name, number, means in rows:
             settings = f"try {number} {drawn(name, number)}" if number else "defaults"
-            print(f"  {mean:8.1f}  {NAMES[name].partition(',')[0]:32} {[round(m, 1) for m in means]}  {settings}")
+            print(f"  {mean:8.1f}  {LABELS[name].partition(',')[0]:32} {[round(m, 1) for m in means]}  {settings}")
 
 
 if __name__ == "__main__":

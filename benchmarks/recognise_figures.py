@@ -20,9 +20,8 @@ import numpy as np
 from kept import NMNIST, POKER
 from matplotlib.figure import Figure
 
-from neuro.apps import write_picture
+from neuro.apps import Evaluation, evaluate, write_picture
 from neuro.events import Recordings, recordings
-from neuro_recognise.evaluate import Evaluation, evaluate
 from neuro_recognise.telling.pictures import INK, ORANGE, PAPER, SHADES, accuracies
 
 ROOT = Path(__file__).resolve().parents[1]

@@ -22,10 +22,9 @@ import numpy as np
 from kept import NMNIST, POKER
 from numpy.typing import NDArray
 
-from neuro.apps import side_by_side
+from neuro.apps import side_by_side, wilson
 from neuro.cli.options import assignments
 from neuro.events import Recordings, recordings
-from neuro_recognise.evaluate import wilson
 from neuro_recognise.method import Method, choose
 from neuro_recognise.observations import observe
 from neuro_recognise.recogniser import learn, method_of

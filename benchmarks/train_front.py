@@ -9,8 +9,7 @@ from pathlib import Path
 
 from matplotlib.figure import Figure
 
-from neuro.apps import write_picture
-from neuro_recognise.evaluate import wilson
+from neuro.apps import wilson, write_picture
 from neuro_train.front import logarithmic
 
 REMUS = ((149.0, 217), (175.0, 218), (210.0, 224), (477.0, 220), (548.0, 224))

@@ -35,6 +35,7 @@ if TYPE_CHECKING:
     from neuro.model.network import Network as Network
     from neuro.model.neurons.builtin import *  # noqa: F403
     from neuro.model.parts import (
+        Readout as Readout,
         Trials as Trials,
         dropout as dropout,
         labels as labels,
@@ -71,6 +72,7 @@ if TYPE_CHECKING:
     from neuro.model.wiring.neurons import neuron_table as neuron_table
     from neuro.program.backend import OverflowWarning as OverflowWarning
     from neuro.program.counts import Counts as Counts
+    from neuro.readout.predict import Predictions as Predictions, predict as predict
     from neuro.run.compiled import (
         ApproximationWarning as ApproximationWarning,
         ModelWarning as ModelWarning,

@@ -27,6 +27,7 @@ LAYERS = (
     "verify",
     "compare",
     "exchange",
+    "readout",
     "report",
     "live",
     "sweeps",

@@ -44,7 +44,7 @@ def test_poker(figures):
 
 
 def test_what_folders_have_is_kept_if_it_is_all(figures, tmp_path, monkeypatch):
-    from neuro_recognise.evaluate import Evaluation
+    from neuro.apps import Evaluation
 
     monkeypatch.setattr(figures, "KEPT", tmp_path / "kept.json")
     (tmp_path / "kept.json").write_text('{"POKER-DVS": {"recordings": 4, "right": {"hats": [4], "boe": [1]}}}')

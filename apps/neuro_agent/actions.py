@@ -27,7 +27,7 @@ class Actions:
     Attributes:
         sizes: neurons of each circuit.
         space: of the actions.
-        values: of a Box, what the neurons of each circuit stand for.
+        values: of a Box, what the neurons of each circuit stand for; of one of whole numbers the action is the nearest.
     """
 
     sizes: tuple[int, ...]
@@ -38,7 +38,11 @@ class Actions:
         """The actions of the winners of each circuit, (copies, circuits); the first axis is that of the copies."""
         if isinstance(self.space, spaces.Box):
             chosen = np.stack([values[winners[:, k]] for k, values in enumerate(self.values)], axis=1)
-            winners = chosen.reshape(len(chosen), int(np.prod(self.space.shape)), -1).mean(axis=2)
+            means = chosen.reshape(len(chosen), *self.space.shape, -1).mean(axis=-1)
+            # Means of equal numbers are rounded, and so may lie beyond the bound.
+            winners = np.clip(means, self.space.low, self.space.high)
+            if np.issubdtype(self.space.dtype, np.integer):
+                winners = np.rint(winners)
         elif isinstance(self.space, (spaces.Discrete, spaces.MultiDiscrete)):
             winners = winners + np.ravel(self.space.start)
         return winners.reshape(-1, *(self.space.shape or ())).astype(self.space.dtype, copy=False)
@@ -71,12 +75,15 @@ def _actions(space: gymnasium.Space[Any], levels: int, circuits: int) -> Actions
             return Actions(tuple(int(n) for n in np.ravel(space.nvec)), space)
         case spaces.MultiBinary():
             return Actions((2,) * int(np.prod(space.shape)), space)
-        case spaces.Box() if max(np.abs(space.low).max(initial=0), np.abs(space.high).max(initial=0)) < BOUNDLESS:
-            ends = zip(np.ravel(space.low), np.ravel(space.high), strict=True)
+        case spaces.Box():
+            ends = [np.ravel(each).astype(np.float64) for each in (space.low, space.high)]
+            if np.abs(ends).max(initial=0.0) >= BOUNDLESS:
+                raise ModelError(
+                    f"action space {space}: it has no bounds, or one beyond {BOUNDLESS:,.0f}: expected {EXPECTED}",
+                    hint="a wrapper gives it others: gymnasium.wrappers.TransformAction",
+                )
             values = tuple(
-                np.linspace(low, high, levels, dtype=np.float64) for low, high in ends for _ in range(circuits)
+                np.linspace(low, high, levels) for low, high in zip(*ends, strict=True) for _ in range(circuits)
             )
             return Actions((levels,) * len(values), space, values)
-        case spaces.Box():
-            raise ModelError(f"action space {space}: it has no bounds: expected {EXPECTED}")
     raise ModelError(f"action space: found {type(space).__name__}: expected {EXPECTED}")

@@ -6,10 +6,12 @@ from os import PathLike
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Self
 
+from neuro.apps import Quantity, check, unknown
 from neuro_agent import files, training
 from neuro_agent.deployed import DRAWING, Deployed, Frozen
 from neuro_agent.learner import Learner
 from neuro_agent.log import Log, Test
+from neuro_agent.network import Weights
 from neuro_agent.observations import flat
 from neuro_agent.watch import Episode, watch
 
@@ -74,7 +76,7 @@ class ActorCritic(Learner):
         seed: int = 0,
         backend: str = "event",
         patience: float = 60.0,
-        most: int = 10_000,
+        most: int = training.MOST,
     ) -> Test:
         """Episodes without learning, of seeds that no training has.
 
@@ -98,8 +100,14 @@ class ActorCritic(Learner):
 
         shuffled: errors of other times teach. frozen: nothing does. random: actions are drawn, whatever the circuit
         chooses. scrambled: each place spikes in place of another, drawn anew at each step.
+
+        Raises:
+            ModelError: a name is unknown; or as of `train` and `test`.
         """
         found = {}
+        for name in names:
+            if name not in training.CONTROLS:
+                raise unknown("control", name, training.CONTROLS)
         for name in names:
             twin = type(self)(self.observations, self.actions.space, seed=self.seed, **self.settings.plain())
             training.train(twin, env, training.End(steps=steps), control=name)
@@ -118,8 +126,9 @@ class ActorCritic(Learner):
             steps: how many are shown; `per(steps, "decision")` of the bill gives joules a decision.
 
         Raises:
-            ModelError: the agent has not been trained, or there is no such target.
+            ModelError: the agent has not been trained, there is no such target, or `steps` is no number of steps.
         """
+        steps = check(Quantity(kind="integer", at_least=1), steps, "energy: steps")
         actor = Deployed(self, "event")
         for k in range(steps):
             actor.decide(self.seen[None, k % len(self.seen)])
@@ -127,10 +136,20 @@ class ActorCritic(Learner):
         return bill
 
     def act(self, observation: Any) -> Any:
-        """The action for one observation, by the frozen agent."""
+        """The action for one observation, by the frozen agent.
+
+        Raises:
+            ModelError: the observation is none of the space for which the agent was made.
+        """
         if self._acting is None:
             self._acting = self.frozen(self.seed)
-        return self.actions.of(self._acting.decide(flat(self.observations, observation)))[0]
+        seen = self.states.check(flat(self.observations, observation))
+        return self.actions.of(self._acting.decide(seen))[0]
+
+    def learn_from(self, weights: Weights) -> None:
+        """Have learnt these weights, and go on from them."""
+        self._acting = None
+        super().learn_from(weights)
 
     def watch(self, env: Any, path: str | PathLike[str], seed: int = 0, *, learning: bool = False) -> Episode:
         """Play an episode and write it as a page, see `neuro_agent.watch.watch`."""
@@ -149,6 +168,6 @@ class ActorCritic(Learner):
         """Read an agent that `save` wrote.
 
         Raises:
-            ModelError: there is no such file, it is something else, or damaged.
+            ModelError: there is no such file, it is something else, as an agent of another kind is, or damaged.
         """
         return files.load(Path(path), cls)

@@ -30,7 +30,7 @@ Environment = Annotated[
 ]
 MaybeEnvironment = Annotated[
     str | None,
-    typer.Argument(metavar="[ENV]", help="Another than that in which it was trained.", show_default=False),
+    typer.Argument(metavar="ENV", help="Another environment than that of the training.", show_default=False),
 ]
 AgentFile = Annotated[Path, typer.Argument(metavar="FILE", help="An agent, as 'train' writes it.")]
 Episodes = Annotated[int, typer.Option("--episodes", metavar="N", parser=count, help="Episodes of each test.")]
@@ -55,15 +55,16 @@ def train(
     seed: Seed = 0,
     envs: Annotated[
         int,
-        typer.Option("--envs", metavar="N", parser=count, help="Environments side by side, each with a copy."),
+        typer.Option("--envs", metavar="N", parser=count, help="Environments side by side, each with a network."),
     ] = 1,
     set: Set = [],  # noqa: B006
 ) -> None:
-    """Train an agent and write it to a file; after a kill the same command goes on where it was.
+    """Train an agent and write it to a file; after a kill the same command goes on from the last checkpoint.
 
     --set changes a setting: --set fields=8 --set decay=0.8.
     """
     from neuro_agent import ActorCritic, worlds
+    from neuro_agent.training import checkpoint
 
     settings = assignments(set)
     bar = worlds.bar_of(environment) if until is None else until
@@ -76,7 +77,9 @@ def train(
     try:
         log = agent.train(env, bar, steps=steps, episodes=episodes, progress=True, out=out)
     except KeyboardInterrupt:
-        typer.echo("interrupted: the same command goes on where it was", err=True)
+        kept = checkpoint(agent, out, env).path.exists()
+        way = "the same command goes on from the last checkpoint" if kept else "before the first checkpoint"
+        typer.echo(f"interrupted: {way}", err=True)
         raise typer.Exit(130) from None
     worlds.remember(out, environment)
     typer.echo(f"{out}: {str(log).removeprefix('Log(').removesuffix(')')}")
@@ -144,12 +147,13 @@ def compare(
     environment: Environment,
     steps: Steps,
     seeds: Annotated[
-        Any, typer.Option("--seeds", metavar="N,N,...", parser=seeds_of, help="Of the trainings of each.")
+        Any, typer.Option("--seeds", metavar="N,N,...", parser=seeds_of, help="Seeds; each is a training of each.")
     ] = "1,2,3",
     episodes: Episodes = 100,
     out: Annotated[Path | None, typer.Option("--out", metavar="FILE", help="All figures as JSON.")] = None,
     only: Annotated[
-        list[str], typer.Option("--only", metavar="NAME", help="Only this one, say agent; may be repeated.")
+        list[str],
+        typer.Option("--only", metavar="NAME", help="Only this: agent, twin, ppo, dqn or random; may be repeated."),
     ] = [],  # noqa: B006
     set: Set = [],  # noqa: B006
 ) -> None:

@@ -16,8 +16,9 @@ from neuro import ModelError
 from neuro.apps import install, side_by_side, unknown
 from neuro_agent import worlds
 from neuro_agent.agent import ActorCritic
+from neuro_agent.environments import Environments
 from neuro_agent.log import Test
-from neuro_agent.training import TESTS, episode_seed
+from neuro_agent.training import MOST, TESTS, episode_seed
 from neuro_agent.twin import LinearTwin
 
 __all__ = ["NAMES", "Found", "Plan", "Trial", "run"]
@@ -79,7 +80,7 @@ class Plan:
         only: names of those that are wanted; all that can be if none are given.
 
     Raises:
-        ModelError: a name is unknown, or one that is asked for cannot be.
+        ModelError: a name is unknown, one that is asked for cannot be, or a seed is there twice.
     """
 
     environment: str
@@ -95,6 +96,8 @@ class Plan:
                 raise unknown("contestant", name, NAMES)
             if name in self.left_out:
                 raise ModelError(f"'{name}' cannot be compared: {self.left_out[name]}")
+        if len(set(self.seeds)) < len(self.seeds):
+            raise ModelError(f"seeds {self.seeds}: found one twice: expected each once")
         env = worlds.make(self.environment)
         ActorCritic(env.observation_space, env.action_space, **self.settings)
 
@@ -106,8 +109,8 @@ class Plan:
         if find_spec("stable_baselines3") is None:
             reason = f"stable-baselines3 is not installed: {install('rl')}"
             return {"ppo": reason, "dqn": reason}
-        if isinstance(env.observation_space, spaces.Tuple):
-            found |= dict.fromkeys(("ppo", "dqn"), "it takes no Tuple of observations")
+        if _nested(env.observation_space):
+            found |= dict.fromkeys(("ppo", "dqn"), "it takes no Tuple of observations, and no Dict in a Dict")
         if not isinstance(env.action_space, spaces.Discrete):
             found["dqn"] = "it takes Discrete actions only"
         return found
@@ -165,6 +168,12 @@ class Found:
         )
 
 
+def _nested(space: gymnasium.Space[Any]) -> bool:
+    several = (spaces.Dict, spaces.Tuple)
+    inside = isinstance(space, spaces.Dict) and any(isinstance(part, several) for part in space.spaces.values())
+    return inside or isinstance(space, spaces.Tuple)
+
+
 def run(plan: Plan, report: Callable[[str], None] | None = None) -> Found:
     """Train and test all, on all cores.
 
@@ -201,8 +210,11 @@ def _baseline(trial: Trial, env: gymnasium.Env[Any, Any]) -> tuple[int, Test]:
 
     torch.set_num_threads(1)
     policy = "MultiInputPolicy" if isinstance(env.observation_space, spaces.Dict) else "MlpPolicy"
-    model = getattr(stable_baselines3, trial.name.upper())(policy, env, seed=trial.seed, device="cpu")
-    model.learn(trial.steps)
+    try:
+        model = getattr(stable_baselines3, trial.name.upper())(policy, env, seed=trial.seed, device="cpu")
+        model.learn(trial.steps)
+    except Exception as error:
+        raise ModelError(f"{NAMES[trial.name]}: {worlds.why(error)}") from error
 
     def act(seen: Any) -> Any:
         action = model.predict(seen, deterministic=True)[0]
@@ -214,14 +226,13 @@ def _baseline(trial: Trial, env: gymnasium.Env[Any, Any]) -> tuple[int, Test]:
 def _tested(trial: Trial, env: gymnasium.Env[Any, Any], act: Act) -> Test:
     """The episodes that `ActorCritic.test` has."""
     returns, lengths = np.zeros(trial.episodes), np.zeros(trial.episodes, dtype=np.int64)
-    for k in range(trial.episodes):
-        seen, _ = env.reset(seed=episode_seed(0, TESTS + k))
-        over = False
-        while not over:
-            seen, reward, ended, cut, _ = env.step(act(seen))
-            returns[k] += float(reward)
-            lengths[k] += 1
-            over = bool(ended or cut)
+    one = Environments(env)
+    with one.watched():
+        for k in range(trial.episodes):
+            one.reset([episode_seed(0, TESTS + k)])
+            while not one.over[0] and lengths[k] < MOST:
+                returns[k] += one.step([act(one.found)], [0])[1][0]
+                lengths[k] += 1
     return Test(returns, lengths)
 
 

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import json
 import signal
 import threading
 import time
-from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager, suppress
+from types import FrameType
 from typing import Any
 
 import gymnasium
@@ -16,13 +18,15 @@ from gymnasium.vector import AutoresetMode, VectorEnv
 
 from neuro import ModelError
 from neuro.apps import Quantity, check
-from neuro_agent.observations import dimensions_of, flat
+from neuro_agent.observations import States, flat
 
 __all__ = ["Environments"]
 
 Floats = npt.NDArray[np.float64]
 Bools = npt.NDArray[np.bool_]
 _PATIENCE = Quantity("s", above=0, infinite=True)
+_GIVE_UP = signal.SIGURG
+"""Nobody else sends it, and it does nothing by default; a job in the background has no SIGINT."""
 
 
 class Environments:
@@ -34,10 +38,12 @@ class Environments:
 
     Attributes:
         name: of the environment.
+        options: with which gymnasium made it, as far as they are plain data.
         n: how many episodes there are at a time.
         observations: the space of one observation.
         actions: that of one action.
         over: which of them have ended and begin anew at the next step.
+        found: the last observation, or the last ones, as the environment gave them.
 
     Raises:
         ModelError: it is no environment.
@@ -56,20 +62,19 @@ class Environments:
             raise ModelError(f"env: a vector of autoreset_mode {mode.name}: expected NEXT_STEP, gymnasium's default")
         spec = getattr(env, "spec", None)
         self.name = str(spec.id) if spec is not None else type(env).__name__
-        listed = [(d, one) for d, one in enumerate(dimensions_of(self.observations)) if one.states]
-        self._listed = [d for d, _ in listed]
-        self._first = np.array([one.first for _, one in listed])
-        self._states = np.array([one.states for _, one in listed])
+        self.options = {} if spec is None else _plain(spec.kwargs)
+        self._states = States(self.observations)
         self.over: Bools = np.zeros(self.n, dtype=np.bool_)
+        self.found: Any = None
         self._calls = 0
 
     def reset(self, seeds: Sequence[int]) -> Floats:
         """Begin all episodes, by the first seed; the first observations, (n, dimensions)."""
-        found, _ = self._call("reset", seed=int(seeds[0]))
+        found, _ = self._answer("reset", "observation, info", seed=int(seeds[0]))
         self.over = np.zeros(self.n, dtype=np.bool_)
         return self._vectors(found)
 
-    def step(self, actions: npt.NDArray[Any], seeds: Sequence[int]) -> tuple[Floats, Floats, Bools, Bools]:
+    def step(self, actions: npt.NDArray[Any] | list[Any], seeds: Sequence[int]) -> tuple[Floats, Floats, Bools, Bools]:
         """One step of each; of those that are over the first observation of the next episode.
 
         Args:
@@ -88,34 +93,37 @@ class Environments:
             return self.reset(seeds), np.zeros(1), np.zeros(1, np.bool_), np.zeros(1, np.bool_)
         return self._taken(*self._step(actions[0]))
 
-    def _step(self, action: Any) -> tuple[Any, Any, Any, Any]:
-        answer = self._call("step", action)
-        if not isinstance(answer, tuple) or len(answer) != 5:
+    def _step(self, action: Any) -> tuple[Any, ...]:
+        return self._answer("step", "observation, reward, terminated, truncated, info", action)[:4]
+
+    def _answer(self, name: str, expected: str, *given: Any, **named: Any) -> tuple[Any, ...]:
+        answer = self._call(name, *given, **named)
+        if not isinstance(answer, tuple) or len(answer) != 1 + expected.count(","):
             size = f"{len(answer)} values" if isinstance(answer, tuple) else type(answer).__name__
-            names = "observation, reward, terminated, truncated, info"
-            raise ModelError(f"env.step returned {size}: expected ({names})")
-        return answer[0], answer[1], answer[2], answer[3]
+            raise ModelError(f"env.{name} returned {size}: expected ({expected})")
+        return answer
 
     def _taken(self, found: Any, reward: Any, ended: Any, cut: Any) -> tuple[Floats, Floats, Bools, Bools]:
         try:
             rewards = np.asarray(reward, dtype=np.float64).reshape(self.n)
-        except (TypeError, ValueError):
+        except (TypeError, ValueError, OverflowError):
             raise ModelError(f"env.step returned the reward {reward!r}: expected a number") from None
         good = np.isfinite(rewards)
         if np.count_nonzero(good) < self.n:
             raise ModelError(f"env.step returned the reward {rewards[~good][0]:g}: expected a finite number")
-        ends, cuts = (np.asarray(each, dtype=np.bool_).reshape(self.n) for each in (ended, cut))
+        ends, cuts = self._flags("terminated", ended), self._flags("truncated", cut)
         self.over = ends | cuts
         return self._vectors(found), rewards, ends, cuts & ~ends
 
+    def _flags(self, name: str, found: Any) -> Bools:
+        flags = np.asarray(found)
+        if flags.size != self.n or flags.dtype.kind not in "bui":
+            raise ModelError(f"env.step returned {name} = {found!r}: expected True or False")
+        return flags.astype(np.bool_).reshape(self.n)
+
     def _vectors(self, found: Any) -> Floats:
-        vectors = flat(self.observations, found, self.n if self._vector else 0)
-        if self._listed:
-            values = vectors[:, self._listed]
-            bad = (values < self._first) | (values >= self._first + self._states)
-            if bad.any():
-                raise ModelError(f"observation: found {values[bad][0]:g}: expected one of {self.observations}")
-        return vectors
+        self.found = found
+        return self._states.check(flat(self.observations, found, self.n if self._vector else 0))
 
     def _call(self, name: str, *given: Any, **named: Any) -> Any:
         self._calls += 1
@@ -144,18 +152,37 @@ class Environments:
                 elif time.monotonic() - since > self.patience:
                     hung.set()
                     # A real signal: it also ends a call that waits in the system, for a clock or a socket.
-                    signal.pthread_kill(main, signal.SIGINT)
+                    signal.pthread_kill(main, _GIVE_UP)
                     return
 
+        def give_up(number: int, frame: FrameType | None) -> None:
+            if hung.is_set():
+                raise _Hung
+
+        before = signal.signal(_GIVE_UP, give_up)
         watcher = threading.Thread(target=look, daemon=True)
         watcher.start()
         try:
-            yield
-        except KeyboardInterrupt:
-            if hung.is_set():
-                message = f"env: a call has not returned for {self.patience:g} s: expected an answer"
-                raise ModelError(message, hint="patience= gives it longer") from None
-            raise
+            try:
+                yield
+            finally:
+                over.set()
+                watcher.join()
+        except _Hung:
+            message = f"env: a call has not returned for {self.patience:g} s: expected an answer"
+            raise ModelError(message, hint="patience= gives it longer") from None
         finally:
-            over.set()
-            watcher.join()
+            signal.signal(_GIVE_UP, signal.SIG_DFL if before is None else before)
+
+
+class _Hung(BaseException):
+    """A call of an environment that does not return; no `except Exception` of the environment's own holds it."""
+
+
+def _plain(options: Mapping[str, Any]) -> dict[str, Any]:
+    plain = {}
+    for name, value in options.items():
+        with suppress(TypeError, ValueError):
+            plain[name] = json.loads(json.dumps(value))
+    plain.pop("render_mode", None)
+    return plain

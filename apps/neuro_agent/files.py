@@ -1,7 +1,7 @@
 """An agent in one file.
 
 ```
-/            attributes: format "neuro agent 1", seed, settings, observations and actions (JSON), explored, solved
+/            attributes: format "neuro agent 1", seed, kind, settings, observations and actions (JSON), solved
 /learnt      weights by projection, mV, (places, neurons)
 /scales      factor and first of rewards; middle and spread of the dimensions of observations; visits of places
 /seen        observations of the last control steps
@@ -48,6 +48,9 @@ def load(path: Path, kind: type[A]) -> A:
     """Read an agent, see `ActorCritic.load`."""
     with hdf5.reading(path, FORMAT) as file:
         record_input(path)
+        found = json.loads(file.attrs.get("kind", '"spiking"'))
+        if found != kind.kind:
+            raise ModelError(f"{path}: an agent of kind '{found}': expected '{kind.kind}', as {kind.__name__} is")
         observations, actions, settings = (
             json.loads(file.attrs[name]) for name in ("observations", "actions", "settings")
         )
@@ -60,6 +63,7 @@ def load(path: Path, kind: type[A]) -> A:
 def plain_of(agent: Learner) -> dict[str, Any]:
     """What an agent is made from, as plain data."""
     return {
+        "kind": agent.kind,
         "settings": agent.settings.plain(),
         "observations": plain_space(agent.observations),
         "actions": plain_space(agent.actions.space),

@@ -4,20 +4,21 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from typing import Any
+from typing import Any, ClassVar
 
 import gymnasium
 import numpy as np
 import numpy.typing as npt
 
 import neuro
+from neuro.apps import check
 from neuro.coding import PERIOD
 from neuro_agent.actions import actions_of
 from neuro_agent.log import Log
 from neuro_agent.network import CRITIC, GAIN, REST, STEP, TAU, Weights, circuit, network
-from neuro_agent.observations import encoder_of
+from neuro_agent.observations import States, encoder_of
 from neuro_agent.rewards import ErrorScale, Novelty, RewardScale
-from neuro_agent.settings import USUAL, Settings, settings_of
+from neuro_agent.settings import SEED, USUAL, Settings, settings_of
 
 __all__ = ["Decision", "Learner"]
 
@@ -50,8 +51,10 @@ class Learner:
         settings: by name, see `Settings`.
 
     Attributes:
+        kind: in what way it learns; what one kind has learnt says nothing to another.
         settings: what was chosen.
         places: the neurons that stand for observations.
+        states: which of their numbers have states.
         actions: what the neurons of the circuits stand for.
         rewards: the scale of rewards.
         novelty: of observations.
@@ -62,15 +65,18 @@ class Learner:
         seen: observations of its last control steps, (n, dimensions).
 
     Raises:
-        ModelError: a space is of another kind or needs too many neurons, or a setting is unknown or out of bounds.
+        ModelError: a space is of another kind or needs too many neurons, a setting is unknown, or a setting or the seed
+            is out of bounds.
     """
+
+    kind: ClassVar[str] = "spiking"
 
     def __init__(
         self, observations: gymnasium.Space[Any], actions: gymnasium.Space[Any], *, seed: int = 0, **settings: Any
     ) -> None:
         self.settings = s = settings_of(settings)
-        self.observations, self.seed = observations, seed
-        self.places = encoder_of(observations, s)
+        self.observations, self.seed = observations, check(SEED, seed, "seed")
+        self.places, self.states = encoder_of(observations, s), States(observations)
         self.actions = actions_of(actions, s.levels, s.circuits)
         self.rewards = RewardScale(s.discount, s.reward_scale)
         self.novelty = Novelty(self.places, s.novelty * (1.0 - s.discount))
@@ -116,7 +122,7 @@ class Learner:
         self.errors.begin()
         seed = block_seed(self.seed, block)
         self._draws = draws_of(self, seed)
-        self._copies = neuro.compile(self.network(), copies=n, seed=seed)
+        self._copies = neuro.compile(self.network(), copies=n, seed=seed, backend=self.settings.backend)
         count = [CRITIC, *(circuit(k) for k in range(len(self.actions.sizes)))]
         self._stepper = self._copies.stepper(float(STEP), emit=["places", "ask"], count=count)
         self._ask = (np.arange(n + 1), np.full(n, STEP - 1), np.zeros(n, dtype=np.int64))

@@ -117,12 +117,13 @@ class Test:
 
     @property
     def interval(self) -> tuple[float, float]:
-        """The mean's 95 % interval, of the normal distribution."""
-        half = (
-            1.96 * float(self.returns.std(ddof=1)) / float(np.sqrt(len(self.returns))) if len(self.returns) > 1 else 0.0
-        )
+        """The mean's 95 % interval, of the normal distribution; NaN of one episode, which says nothing of others."""
+        n = len(self.returns)
+        half = 1.96 * float(self.returns.std(ddof=1)) / float(np.sqrt(n)) if n > 1 else float("nan")
         return self.mean - half, self.mean + half
 
     def __repr__(self) -> str:
+        if len(self.returns) == 1:
+            return f"Test(1 episode, return {self.mean:g})"
         low, high = self.interval
         return f"Test({len(self.returns)} episodes, mean return {self.mean:g}, 95 % {low:g} to {high:g})"

@@ -13,7 +13,7 @@ from neuro import ModelError
 from neuro.coding import Dimension, Fields, OneHot, Places, Population, Tiles
 from neuro_agent.settings import Settings
 
-__all__ = ["BOUNDLESS", "dimensions_of", "encoder_of", "flat"]
+__all__ = ["BOUNDLESS", "States", "dimensions_of", "encoder_of", "flat"]
 
 Floats = npt.NDArray[np.float64]
 BOUNDLESS = 1e6
@@ -62,10 +62,18 @@ def dimensions_of(space: gymnasium.Space[Any], name: str = "observation") -> lis
                 for k, (low, high) in enumerate(ends)
             ]
         case spaces.Dict():
-            return [one for key, part in space.spaces.items() for one in dimensions_of(part, f"{name}[{key!r}]")]
+            return [one for key, part in _named(space, name) for one in dimensions_of(part, f"{name}[{key!r}]")]
         case spaces.Tuple():
             return [one for k, part in enumerate(space.spaces) for one in dimensions_of(part, f"{name}[{k}]")]
     raise ModelError(f"{name} space: found {type(space).__name__}: expected {EXPECTED}")
+
+
+def _named(space: spaces.Dict, name: str = "observation") -> list[tuple[str, gymnasium.Space[Any]]]:
+    """The parts of a Dict by key: spaces that are equal may hold them in another order."""
+    for key in space.spaces:
+        if not isinstance(key, str):
+            raise ModelError(f"{name} space: the key {key!r} is of type {type(key).__name__}: expected a text")
+    return sorted(space.spaces.items())
 
 
 def _bound(value: float) -> float:
@@ -73,7 +81,7 @@ def _bound(value: float) -> float:
 
 
 def flat(space: gymnasium.Space[Any], found: Any, n: int = 0) -> Floats:
-    """Observations as vectors, (observations, dimensions).
+    """Observations as vectors, (observations, dimensions), which stay: many environments write on in their arrays.
 
     Args:
         space: of one observation.
@@ -89,17 +97,44 @@ def flat(space: gymnasium.Space[Any], found: Any, n: int = 0) -> Floats:
             vectors = np.concatenate([part.reshape(n or 1, -1) for part in _parts(space, found, ahead)], axis=1)
         else:
             vectors = _array(space, found, ahead).reshape(n or 1, -1)
-        vectors = vectors.astype(np.float64, copy=False)
-    except (TypeError, ValueError, KeyError, IndexError):
+        vectors = vectors.astype(np.float64)
+    except (TypeError, ValueError, KeyError, IndexError, OverflowError):
         listed = f"{n} of {space}, one for each environment" if n else f"one of {space}"
         raise ModelError(f"observation: found {_form(found)}: expected {listed}") from None
     good = np.isfinite(vectors)
     if np.count_nonzero(good) < good.size:
         bad = int(np.argmin(good))
-        raise ModelError(
-            f"observation: number {bad % vectors.shape[1]} is {vectors.flat[bad]:g}: expected finite numbers"
-        )
+        which, d = divmod(bad, vectors.shape[1])
+        place = dimensions_of(space)[d].name + (f" of environment {which}" if n else "")
+        raise ModelError(f"{place} is {vectors.flat[bad]:g}: expected a finite number")
     return vectors
+
+
+class States:
+    """Which numbers of an observation have states, and which these are.
+
+    Args:
+        space: of one observation.
+    """
+
+    def __init__(self, space: gymnasium.Space[Any]) -> None:
+        listed = [(d, one) for d, one in enumerate(dimensions_of(space)) if one.states]
+        self._space, self._at = space, [d for d, _ in listed]
+        self._first = np.array([one.first for _, one in listed])
+        self._count = np.array([one.states for _, one in listed])
+
+    def check(self, vectors: Floats) -> Floats:
+        """The vectors, (observations, dimensions), as they are.
+
+        Raises:
+            ModelError: a number is none of its states.
+        """
+        if self._at:
+            values = vectors[:, self._at]
+            bad = (values < self._first) | (values >= self._first + self._count) | (values != np.floor(values))
+            if bad.any():
+                raise ModelError(f"observation: found {values[bad][0]:g}: expected one of {self._space}")
+        return vectors
 
 
 def _form(observation: Any) -> str:
@@ -109,7 +144,7 @@ def _form(observation: Any) -> str:
 
 def _parts(space: gymnasium.Space[Any], found: Any, ahead: tuple[int, ...]) -> Any:
     if isinstance(space, spaces.Dict):
-        for key, part in space.spaces.items():
+        for key, part in _named(space):
             yield from _parts(part, found[key], ahead)
     elif isinstance(space, spaces.Tuple):
         for part, one in zip(space.spaces, found, strict=True):

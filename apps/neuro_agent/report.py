@@ -33,7 +33,8 @@ def told(test: Test) -> str:
 
 def as_json(test: Test, about: Mapping[str, Any]) -> str:
     """All figures of a test."""
-    figures = {"episodes": len(test.returns), "mean": test.mean, "interval": list(test.interval)}
+    interval = list(test.interval) if len(test.returns) > 1 else None
+    figures = {"episodes": len(test.returns), "mean": test.mean, "interval": interval}
     each = {"returns": test.returns.tolist(), "lengths": test.lengths.tolist()}
     return json.dumps({**about, **figures, **each}, indent=1)
 
@@ -43,7 +44,8 @@ def show_controls(found: Mapping[str, Test], about: str) -> None:
     rows = []
     for name, test in found.items():
         low, high = test.interval
-        rows.append((name, CONTROLS[name], f"{test.mean:.5g}", f"{low:.5g} to {high:.5g}", len(test.returns)))
+        interval = f"{low:.5g} to {high:.5g}" if len(test.returns) > 1 else ""
+        rows.append((name, CONTROLS[name], f"{test.mean:.5g}", interval, len(test.returns)))
     columns = ("control", "is", ">mean return", ">95 %", ">episodes")
     console().print(table(columns, rows, title=f"{about}; weights frozen"))
 

@@ -9,7 +9,10 @@ from typing import Any
 from neuro import ModelError
 from neuro.apps import Quantity, check_fields, unknown
 
-__all__ = ["Settings", "settings_of"]
+__all__ = ["SEED", "Settings", "settings_of"]
+
+SEED = Quantity(kind="integer", at_least=0, at_most=2**63 - 1)
+"""What a seed may be, as of `neuro.compile`."""
 
 
 def _number(default: float, **bounds: Any) -> Any:
@@ -20,12 +23,14 @@ def _word(default: str, *words: str) -> Any:
     return field(default=default, metadata={"quantity": Quantity(kind="word", words=words)})
 
 
-def _whole(default: int, least: int = 1) -> Any:
-    return field(default=default, metadata={"quantity": Quantity(kind="integer", at_least=least)})
+def _whole(default: int, least: int = 1, **bounds: Any) -> Any:
+    return field(default=default, metadata={"quantity": Quantity(kind="integer", at_least=least, **bounds)})
 
 
 USUAL = 24
 """Active places to which rates refer."""
+LEARNING = ("event", "reference")
+"""Backends that have neurons that draw, and rules that learn from move to move."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -53,6 +58,7 @@ class Settings:
         sharpness: how many times as sharply as while learning a frozen agent tells preferences apart: it need not try.
         explore: control steps at random before learning: the bounds of dimensions that have none are learnt from them,
             and the scale of rewards.
+        backend: on which it learns, "event" or "reference"; chips have no neurons that draw.
     """
 
     encoder: str = _word("places", "places", "tiles", "one_hot", "population")
@@ -60,9 +66,9 @@ class Settings:
     group: int = _whole(2)
     fields: int = _whole(6, 2)
     active: int = _whole(USUAL)
-    critics: int = _whole(100)
+    critics: int = _whole(100, at_most=10_000)
     levels: int = _whole(7, 2)
-    circuits: int = _whole(1)
+    circuits: int = _whole(1, at_most=64)
     reward_scale: float = _number(1.0, above=0.0)
     discount: float = _number(0.99, at_least=0.0, below=1.0)
     decay: float = _number(0.9, at_least=0.0, at_most=1.0)
@@ -72,6 +78,7 @@ class Settings:
     novelty: float = _number(0.0, at_least=0.0)
     sharpness: float = _number(4.0, above=0.0)
     explore: int = _whole(400, 0)
+    backend: str = _word("event", *LEARNING)
 
     def __post_init__(self) -> None:
         check_fields(self, "agent")
@@ -91,6 +98,9 @@ def settings_of(named: Mapping[str, Any]) -> Settings:
     for name in named:
         if name not in known:
             raise unknown("setting of an agent", name, known)
+    if named.get("backend", "event") not in LEARNING:
+        message = f"agent: backend = {named['backend']!r}: it learns on {' or '.join(LEARNING)}"
+        raise ModelError(message, hint="train on event, then agent.test(env, backend='loihi')")
     try:
         return Settings(**named)
     except TypeError as error:

@@ -16,6 +16,7 @@ from neuro.apps import Bar, Checkpoint, Quantity, check, check_output, hdf5
 from neuro_agent import files
 from neuro_agent.environments import Environments
 from neuro_agent.log import Log, Test
+from neuro_agent.settings import SEED
 
 if TYPE_CHECKING:
     from neuro_agent.learner import Learner
@@ -41,6 +42,8 @@ SEEN = 500
 """Observations of the last control steps that an agent keeps."""
 SPARSE = 10
 """Where no reward comes, random moves go on for so many times as many control steps."""
+MOST = 10_000
+"""Control steps after which an episode of a test that does not end is cut off."""
 TESTS = 1 << 40
 """Seeds of tests begin here: no training comes so far."""
 
@@ -109,7 +112,7 @@ class Course:
             some |= bool(reward.any())
         agent.places.learn(np.concatenate(seen))
         agent.rewards.learn(rewards, self.log.returns.tolist())
-        agent.explored = True
+        agent.explored = self.steps >= least  # a training that ends before has learnt nothing: the next explores anew
 
     def _count(self, begins: Bools) -> None:
         """Count a control step of all."""
@@ -236,10 +239,10 @@ class End:
         if self.until is None and self.steps is None and self.episodes is None:
             raise ModelError("train: found no end: expected until, steps or episodes", hint="until=475.0")
         if self.until is not None:
-            check(Quantity(), self.until, "train: until")
+            object.__setattr__(self, "until", check(Quantity(), self.until, "train: until"))
         for name, value in (("steps", self.steps), ("episodes", self.episodes), ("window", self.window)):
             if value is not None:
-                check(Quantity(kind="integer", at_least=1), value, f"train: {name}")
+                object.__setattr__(self, name, check(Quantity(kind="integer", at_least=1), value, f"train: {name}"))
 
     def reached(self, log: Log) -> bool:
         """Whether a training has ended by its episodes."""
@@ -251,7 +254,8 @@ class End:
 
 def checkpoint(agent: Learner, out: Path, env: Any) -> Checkpoint:
     """That of a training, beside the file of the agent."""
-    told = {"seed": agent.seed, "environment": Environments(env).name, "environments": Environments(env).n}
+    worlds = Environments(env)
+    told = {"seed": agent.seed, "environment": worlds.name, "options": worlds.options, "environments": worlds.n}
     told |= files.plain_of(agent)
     return Checkpoint(out, "neuro agent training 1", told)
 
@@ -268,10 +272,10 @@ def train(
 ) -> Log:
     """Train an agent, see `ActorCritic.train`."""
     worlds = fitting(agent, env, patience)
-    course = Course(agent, worlds, control)
-    kept = None if out is None else checkpoint(agent, out, env)
-    if out is not None and kept is not None:
+    course, kept = Course(agent, worlds, control), None
+    if out is not None:
         check_output(out, hdf5.kind(files.FORMAT))
+        kept = checkpoint(agent, out, env)
         course.go_on(kept.resume())
 
     def show(course: Course) -> None:
@@ -309,8 +313,9 @@ def test(
     most: int,
 ) -> Test:
     """Episodes without learning, see `ActorCritic.test`; `made` makes what decides."""
-    for name, value in (("episodes", episodes), ("most", most)):
-        check(Quantity(kind="integer", at_least=1), value, f"test: {name}")
+    whole = Quantity(kind="integer", at_least=1)
+    episodes, most = check(whole, episodes, "test: episodes"), check(whole, most, "test: most")
+    check(SEED, seed, "test: seed")
     worlds = fitting(agent, env, patience)
     if worlds.n != 1:
         raise ModelError(f"test: a vector of {worlds.n} environments: expected one", hint="gymnasium.make")

@@ -3,14 +3,18 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any
+from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 import numpy.typing as npt
 
+from neuro import ModelError
 from neuro_agent.agent import ActorCritic
 from neuro_agent.learner import Decision, rates_of
 from neuro_agent.network import Weights
+
+if TYPE_CHECKING:
+    from neuro.chips import Energy
 
 __all__ = ["LinearTwin"]
 
@@ -21,10 +25,12 @@ Ints = npt.NDArray[np.int64]
 class LinearTwin(ActorCritic):
     """An actor-critic with linear functions of the active places, TD(lambda) and a softmax policy.
 
-    It has no spikes: the settings `spikes` and `critics` change nothing.
+    It has no spikes: the settings `spikes`, `critics` and `backend` change nothing.
 
     Source: Sutton & Barto, Reinforcement Learning, 2nd ed., 2018, section 13.5 (actor-critic with eligibility traces).
     """
+
+    kind: ClassVar[str] = "linear twin"
 
     def begin(self, n: int, block: int = 0) -> None:
         """Begin a block of training with n episodes side by side, which learn one set of weights."""
@@ -84,11 +90,30 @@ class LinearTwin(ActorCritic):
 
     def learn_from(self, weights: Weights) -> None:
         """Have learnt these weights."""
+        self._acting = None
         self._learnt = {name: weights[name].copy() for name in self.projections}
 
     def frozen(self, seed: int = 0, backend: str = "event") -> Any:
-        """The twin as it is, which learns no more."""
+        """The twin as it is, which learns no more.
+
+        Raises:
+            ModelError: a backend other than the default is asked for.
+        """
+        if backend != "event":
+            raise _no_spikes(backend)
         return _Frozen(self, seed)
+
+    def energy(self, target: str, steps: int = 200) -> Energy:
+        """Nothing: see `Raises`.
+
+        Raises:
+            ModelError: always, since no chip runs it.
+        """
+        raise _no_spikes(target)
+
+
+def _no_spikes(where: str) -> ModelError:
+    return ModelError(f"'{where}': the linear twin has no spikes, so no backend runs it: expected an ActorCritic")
 
 
 class _Frozen:

@@ -208,7 +208,7 @@ class _Camera:
         mode = getattr(env, "render_mode", None)
         self._env = env if mode == "rgb_array" else None
         self.blank = ""
-        if self._env is None and "rgb_array" in env.metadata.get("render_modes", ()):
+        if self._env is None and "rgb_array" in (env.metadata or {}).get("render_modes", ()):
             self.blank = f"the environment's render_mode is {mode!r}: expected 'rgb_array'"
         elif self._env is None:
             self.blank = "the environment renders no rgb_array"
@@ -221,7 +221,9 @@ class _Camera:
             frame = np.asarray(self._env.render())
             if frame.ndim != 3 or frame.shape[2] not in (3, 4) or not frame.size:
                 raise ModelError(f"render() gave an array of shape {list(frame.shape)}")
-            _keep(self._images, k, _small(frame[..., :3].astype(np.uint8)), FRAMES)
+            if frame.dtype != np.uint8:
+                raise ModelError(f"render() gave numbers of {frame.dtype}: expected uint8")
+            _keep(self._images, k, _small(frame[..., :3]), FRAMES)
         except KeyboardInterrupt:
             raise
         except Exception as error:

@@ -9,8 +9,10 @@ import re
 import shutil
 import sys
 import warnings
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from functools import partial
+from inspect import signature
 from pathlib import Path
 from typing import Any
 
@@ -38,20 +40,19 @@ def make(name: str, frames: bool = False) -> gymnasium.Env[Any, Any]:
     Args:
         name: the id of a registered one, "CartPole-v1"; "module:Id-v0" of one that a module registers when it is
             imported; or "module:Class", a class of a module. Modules of the current folder are found.
-        frames: whether it is to render pictures, if it says that it can.
+        frames: whether it is to render pictures, if it says that it can and takes `render_mode`.
 
     Raises:
         ModelError: there is none of that name, it needs a package that is not installed, or it cannot be made.
     """
     found = _find(name)
     with _told(name):
-        if not isinstance(found, str):
-            env = found(render_mode="rgb_array") if frames and _renders(found) else found()
-            if not isinstance(env, gymnasium.Env):
-                raise ModelError(f"environment '{name}': made {type(env).__name__}: expected a gymnasium.Env")
-            return env
-        env = gymnasium.make(found)
-        return gymnasium.make(found, render_mode="rgb_array") if frames and _renders(env) else env
+        made = partial(gymnasium.make, found) if isinstance(found, str) else found
+        env: gymnasium.Env[Any, Any] = made()
+        for space in ("observation_space", "action_space"):
+            if not isinstance(getattr(env, space, None), gymnasium.Space):
+                raise ModelError(f"environment '{name}': it has no {space}: expected a space of gymnasium")
+        return made(render_mode="rgb_array") if frames and _renders(env) and _takes_mode(made) else env
 
 
 def make_many(name: str, n: int) -> gymnasium.Env[Any, Any] | VectorEnv[Any, Any, Any]:
@@ -69,8 +70,13 @@ def bar_of(name: str) -> float | None:
     return gymnasium.spec(found).reward_threshold if isinstance(found, str) else None
 
 
-def _renders(kind: Any) -> bool:
-    return "rgb_array" in getattr(kind, "metadata", {}).get("render_modes", ())
+def _renders(env: gymnasium.Env[Any, Any]) -> bool:
+    return "rgb_array" in (env.metadata or {}).get("render_modes", ())
+
+
+def _takes_mode(made: Callable[..., Any]) -> bool:
+    words = signature(made).parameters
+    return "render_mode" in words or any(one.kind is one.VAR_KEYWORD for one in words.values())
 
 
 def _find(name: str) -> Any:
@@ -97,6 +103,11 @@ def _imported(module: str, name: str) -> Any:
             record_input(file)
         return found
     except ModuleNotFoundError as error:
+        if module.endswith(".py"):
+            inner = name.rpartition(":")[2]
+            raise ModelError(
+                f"environment '{name}': found a file: expected a module", hint=f"write {module[:-3]}:{inner}"
+            ) from None
         if error.name != module.partition(".")[0]:
             raise ModelError(
                 f"environment '{name}': module '{module}' needs '{error.name}', which is not here"

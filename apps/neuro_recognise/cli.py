@@ -6,6 +6,7 @@ and Test the right half is taken.
 
 from __future__ import annotations
 
+import shlex
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
@@ -80,6 +81,15 @@ def _loaded(model: Path, values: Sequence[str] = ()) -> Recogniser:
     return Recogniser.load(model).changed(assignments([*values]))
 
 
+def _refuse_network(model: Path, words: Sequence[str]) -> None:
+    """Lead to the command that asks a network, as `neuro train` or `neuro convert` writes it."""
+    from neuro import ModelError
+
+    if model.suffix in (".yaml", ".yml"):
+        command = shlex.join(["neuro", "predict", str(model), *words])
+        raise ModelError(f"{model}: is a network: expected a recogniser, as 'train' writes it", hint=command)
+
+
 def _recordings(path: Path, part: str, classes: tuple[str, ...] | None = None) -> Recordings:
     from neuro.events import recordings
 
@@ -137,6 +147,7 @@ def try_model(
     from neuro_recognise.telling import report
     from neuro_recognise.telling.tried import try_out
 
+    _refuse_network(model, [str(data), "--labels", "--part", part])
     trained = _loaded(model, set)
     tried = try_out(trained, _recordings(data, part, trained.classes), backend)
     if out is not None:
@@ -164,6 +175,7 @@ def predict(
     from neuro_recognise.telling import report
     from neuro_recognise.telling.tried import predict_files
 
+    _refuse_network(model, [str(file) for file in recordings])
     trained = _loaded(model, set)
     found, wrong = predict_files(trained, recordings, backend, allow, assurance)
     if found or json:

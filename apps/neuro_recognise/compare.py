@@ -19,8 +19,10 @@ import numpy as np
 
 from neuro import ModelError
 from neuro.apps import (
+    Evaluation,
     Unwritable,
     check_output,
+    evaluate,
     find_backend,
     kept_json,
     make_folder,
@@ -31,7 +33,7 @@ from neuro.apps import (
 )
 from neuro.events import EventFileError, Recordings
 from neuro_recognise.code import code_of
-from neuro_recognise.evaluate import Evaluation, evaluate, price
+from neuro_recognise.evaluate import price
 from neuro_recognise.method import Answer, Method, Progress, choose
 from neuro_recognise.methods import METHODS, method_of
 from neuro_recognise.observations import observe

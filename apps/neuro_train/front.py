@@ -9,9 +9,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from neuro.apps import Kind, console, literal, table, write_picture, write_text
+from neuro.apps import Kind, console, literal, table, wilson, write_picture, write_text
 from neuro.chips import COLUMNS, between
-from neuro_recognise.evaluate import wilson
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

@@ -111,6 +111,13 @@ class TrainingPlan:
         """The chip whose grid the weights lie on."""
         return next(iter(self.cost), "loihi")
 
+    def readout(self, classes: Sequence[str]) -> dict[str, Any]:
+        """The words of `neuro.Readout` by which the network is asked as it is tested: the neuron that fires most."""
+        seen: dict[str, Any] = {"duration": self.duration, "start": self.start, "scale": self.scale, "merge": True}
+        if self.window is not None:
+            seen["window"] = corner(self.window) or CENTRED
+        return {"input": self.input, "output": self.output, "decide": "counts", "classes": tuple(classes), **seen}
+
     def as_words(self) -> dict[str, Any]:
         """All of it as plain data."""
         return asdict(self) | {"trainable": list(self.trainable), "cost": dict(self.cost)}

@@ -24,12 +24,12 @@ import numpy.typing as npt
 
 import neuro
 from neuro import ModelError
-from neuro.apps import fingerprint, install, kept_json, make_folder, sealed, unknown, write_text
+from neuro.apps import fingerprint, install, kept_json, make_folder, sealed, unknown, warn_of_overflows, write_text
 from neuro_train.data import but, show
 from neuro_train.front import SPENT, FrontPlace
 from neuro_train.plan import TrainingPlan
 from neuro_train.room import rooms
-from neuro_train.tested import on_backend, warn_of_overflows
+from neuro_train.tested import on_backend
 from neuro_train.trainer import begun, identity, learn, module_of
 
 if TYPE_CHECKING:

@@ -10,11 +10,10 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import numpy.typing as npt
 
-from neuro.apps import console, html, sealed, table, write_text
+from neuro.apps import console, html, sealed, table, warn_of_overflows, wilson, write_text
 from neuro.chips import COLUMNS, footnotes
-from neuro_recognise.evaluate import wilson
 from neuro_train.room import MARGIN, MemoryRoom, told
-from neuro_train.tested import TestedNetwork, summed, warn_of_overflows
+from neuro_train.tested import TestedNetwork, summed
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

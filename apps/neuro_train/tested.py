@@ -3,9 +3,7 @@
 from __future__ import annotations
 
 import math
-import warnings
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
@@ -15,32 +13,14 @@ import torch
 
 import neuro
 import neuro_torch
-from neuro import OverflowWarning
+from neuro.apps import Evaluation, Overflows, Showing, evaluate
 from neuro.chips import place, price
-from neuro_recognise.evaluate import Evaluation, evaluate
 from neuro_train.data import BatchData
 from neuro_train.plan import TrainingPlan
 from neuro_train.room import AT_ONCE, MemoryRoom, chip_of, scales
 
 if TYPE_CHECKING:
     from neuro.chips import Energy
-
-Overflows = Mapping[str, tuple[int, str]]
-"""By what overflows, such as "input wraps of hidden", in how many recordings, and what keeps it from that."""
-
-
-@contextmanager
-def noted(found: dict[str, tuple[int, str]]) -> Iterator[None]:
-    """Add what overflows inside, in a recording, to what was found, instead of warning of it."""
-    with warnings.catch_warnings(record=True) as caught:
-        warnings.simplefilter("always", OverflowWarning)
-        yield
-    for each in caught:
-        message = each.message
-        if not isinstance(message, OverflowWarning):
-            warnings.warn_explicit(message, each.category, each.filename, each.lineno)
-        elif message.what:
-            found[message.what] = found.get(message.what, (0, ""))[0] + 1, message.hint
 
 
 def summed(each: Iterator[Mapping[str, Any]]) -> dict[str, tuple[int, str]]:
@@ -50,13 +30,6 @@ def summed(each: Iterator[Mapping[str, Any]]) -> dict[str, tuple[int, str]]:
         for what, (recordings, hint) in one.items():
             found[what] = found.get(what, (0, ""))[0] + recordings, hint
     return found
-
-
-def warn_of_overflows(backend: str, found: Overflows, recordings: int) -> None:
-    """Warn once of each register that overflowed, with in how many recordings."""
-    for what, (some, hint) in found.items():
-        text = f"backend '{backend}': {what} in {some} of {recordings} recordings\n  hint: {hint}"
-        warnings.warn(text, OverflowWarning, stacklevel=2)
 
 
 Ints = npt.NDArray[np.int64]
@@ -135,20 +108,14 @@ def on_backend(
     sim = neuro.compile(net, backend=backend, seed=plan.seed, **options)
     events, h = shown.events, net.resolution
     spikes = torch.zeros(len(shown), events.steps, math.prod(int(side) for side in net.populations[plan.output].shape))
-    taken: Any = None
-    overflows: dict[str, tuple[int, str]] = {}
+    showing = Showing(sim, plan.input, plan.output)
     for k in range(len(shown)):
-        sim.reset()
         train = events.trains[plan.input].of([k])
-        sim.inject(plan.input, (train.step + 1.0) * h, train.neuron)
-        with noted(overflows):
-            sim.run(events.steps * h)
-        times, ids = sim.spikes(plan.output)
+        times, ids = showing.show(train.step, train.neuron, events.steps)
         np.add.at(spikes[k].numpy(), (np.rint(times / h).astype(np.int64) - 1, ids), 1.0)
-        taken = sim.taken() if taken is None else taken + sim.taken()
         report(f"{backend}: testing", k + 1, len(shown))
-    bill = _bill(sim, taken, backend, len(shown), plan.neurons_per_core)
-    return _tried(backend, spikes, shown, h, bill, overflows)
+    bill = _bill(sim, showing.taken, backend, len(shown), plan.neurons_per_core)
+    return _tried(backend, spikes, shown, h, bill, showing.overflows)
 
 
 def _bill(

@@ -317,7 +317,9 @@ class _Training:
             module(self._shown.events[[0]])
         curves = {name: np.array(values) for name, values in self._noted.items()}
         rates = {name: self._plan.rate * size for name, size in self._sizes.items()}
-        return Trained(module.network(), module, curves, self._spent, rates)
+        net = module.network()
+        net.readout(**self._plan.readout(self._shown.classes))
+        return Trained(net, module, curves, self._spent, rates)
 
 
 def _loss(plan: TrainingPlan, found: neuro_torch.Outcome, labels: Tensor) -> Tensor:

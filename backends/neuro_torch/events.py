@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from neuro.coding.pixels import check_pixels, pixel_spikes
 from neuro.core.clock import Clock
 from neuro.core.errors import ModelError
 
@@ -132,8 +133,7 @@ class Events:
         steps = Clock(step).step(float(duration), "duration")
         if steps < 1:
             raise ModelError(f"duration = {duration:g} ms: expected at least one step of {step:g} ms")
-        if len(shape) not in (2, 3) or (len(shape) == 3 and shape[0] != 2):
-            raise ModelError(f"shape {list(shape)}: expected [2, rows, columns] or [rows, columns]")
+        check_pixels(shape)
         trains = [_of_camera(one, tuple(shape), step, steps, scale, start) for one in recordings]
         return cls.of_trains(steps, {population: _joined(trains)})
 
@@ -214,18 +214,7 @@ def collate(samples: Sequence[Any]) -> Any:
 
 def _of_camera(events: Any, shape: tuple[int, ...], step: float, steps: int, scale: int, start: float) -> Train:
     """The spikes of one recording."""
-    rows, columns = shape[-2:]
-    since = events.t - (events.t[0] if len(events.t) else 0) - round(start * 1000.0)
-    at = np.floor_divide(since, round(step * 1000.0))
-    seen = (at >= 0) & (at < steps)
-    x, y = (np.asarray(each, dtype=np.int64)[seen] // scale for each in (events.x, events.y))
-    for k in np.flatnonzero((x >= columns) | (y >= rows))[:1]:
-        message = f"an event at x = {x[k] * scale}, y = {y[k] * scale} px"
-        raise ModelError(f"{message}: expected within the shape {list(shape)} at scale {scale}")
-    neuron = y * columns + x
-    if len(shape) == 3:
-        neuron = neuron + np.asarray(events.p, dtype=np.int64)[seen] * (rows * columns)
-    at = np.asarray(at[seen], dtype=np.int64)
+    at, neuron = pixel_spikes(events, shape, step, steps=steps, scale=scale, start=start)
     order, _ = _each_once(np.zeros(len(at), dtype=np.int64), at, neuron)
     ends = np.array([0, len(order)], dtype=np.int64)
     return Train(ends, at[order].astype(np.int32), neuron[order].astype(np.int32))

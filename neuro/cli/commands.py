@@ -18,6 +18,7 @@ from neuro.cli.compare import compare, verify
 from neuro.cli.convert import convert
 from neuro.cli.events import app as events
 from neuro.cli.live import live
+from neuro.cli.predict import predict
 from neuro.cli.run import plot, report, rerun, run
 from neuro.cli.start import example, new
 from neuro.cli.sweep import sweep, tune
@@ -153,6 +154,7 @@ COMMANDS = (
     plot,
     report,
     compare,
+    predict,
     convert,
     check,
     show,

@@ -92,9 +92,9 @@ class Fields:
         self._high = np.array([one.high for one in self.dimensions])
 
     def learn(self, seen: Floats) -> None:
-        """Take middle and spread of unbounded dimensions from what was seen, (vectors, dimensions)."""
+        """Take middle and spread of unbounded dimensions from what was seen, (vectors, dimensions), at least two."""
         for d, one in enumerate(self.dimensions):
-            if not one.bounded and len(seen):
+            if not one.bounded and len(seen) > 1:
                 self.middle[d] = seen[:, d].mean()
                 self.spread[d] = max(float(seen[:, d].std()), 1e-9)
 
@@ -141,7 +141,7 @@ class Fields:
     def _too_many(self) -> ModelError:
         return ModelError(
             f"places of {len(self.dimensions)} dimensions in groups of {self._some}: expected at most {MOST} places",
-            hint="group=1 or fewer fields need fewer; a wrapper may leave dimensions out, or make features of an image",
+            hint="group=1, fewer fields or active ones need fewer; a wrapper may leave dimensions out or make features",
         )
 
 
@@ -158,7 +158,10 @@ class _Grids(Fields):
         shift = []
         for chosen in self._groups:
             # Grids of dimensions with few values would all be the same.
-            for grid in range(1 if all(self.dimensions[d].states for d in chosen) else grids):
+            count = 1 if all(self.dimensions[d].states for d in chosen) else grids
+            if len(members) + count > MOST:
+                raise self._too_many()
+            for grid in range(count):
                 members.append(chosen)
                 shift.append([0.0 if self.dimensions[d].states else (grid * self._odd(k) / grids) % 1.0
                               for k, d in enumerate(chosen)])  # fmt: skip

@@ -37,7 +37,7 @@ from neuro.program.program import Program
 MOST = 1000
 """Mistakes after which no more are looked for."""
 _ENDS = (("from",), ("to",), ("of",), ("record",))
-_OF_SENSOR = ("file", "events", "format", "polarity", "crop", "scale", "event_camera")
+_OF_SENSOR = ("file", "events", "stream", "sensor", "format", "polarity", "crop", "scale", "event_camera")
 _OF_DECISIONS = ("labels", "dropout", "reset")
 _WORDS = ("unknown word of", "unknown parameter of", "unknown state of")
 _HANGS_ON = {"count of synapses": ("from", "to", "rule"), "neurons at an end": ("from", "to")}

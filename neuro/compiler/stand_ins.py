@@ -25,8 +25,10 @@ _WORDS: Mapping[Words, tuple[Any, Any]] = {
     ("projections", "weight"): (0.0, 0.0),
     ("trials", "duration"): (10.0, 20.0),
 }
-_PARTS = {"from": (), "to": (Neuron,), "of": (), "input": (spike_generator,)}
+_PARTS = {"from": (), "to": (Neuron,), "of": (), "input": (spike_generator,), "output": ()}
 """Words that name a population, and of which model it is."""
+_SETTINGS = ("trials", "readout")
+"""Sections that are no parts by name."""
 
 
 def stand_in(sections: Mapping[str, Node], path: Words, gone: Node | None, error: ModelError, turn: int) -> Any:
@@ -48,10 +50,10 @@ def stand_in(sections: Mapping[str, Node], path: Words, gone: Node | None, error
         return model if path[2:] else {"model": model, "shape": _SHAPE[turn]}
     if path[0] == "probes" and path[2:] == ("record",):
         return error.suggestion or next((word for word in error.expected if word not in ALONE), None)
-    place = (path[0], *path[2:]) if path[0] != "trials" else path
+    place = (path[0], *path[2:]) if path[0] not in _SETTINGS else path
     if place in _WORDS:
         return _WORDS[place][turn]
-    if path[-1] in _PARTS and (len(path) == 3 or path[0] in ("trials", "groups")):
+    if path[-1] in _PARTS and (len(path) == 3 or path[0] in ("groups", *_SETTINGS)):
         return _named(sections, path[-1], error)
     return _needed(path[-2], path[-1], turn) if len(path) > 3 else None
 

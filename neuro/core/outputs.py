@@ -41,6 +41,7 @@ __all__ = [
     "Kind",
     "Unwritable",
     "check_output",
+    "check_picture",
     "kept_json",
     "make_folder",
     "marked",
@@ -286,6 +287,13 @@ def write_picture(path: Path, figure: Figure) -> None:
     kind, metadata = _PICTURES[ending]
     with output(path, kind) as part:
         figure.savefig(part, format=ending[1:], metadata=metadata)
+
+
+def check_picture(path: Path) -> None:
+    """See whether a picture may be written, before long work; errors as of `check_output`, and for another ending."""
+    if path.suffix not in _PICTURES:
+        raise ModelError(f"{path}: expected a name ending in {', '.join(_PICTURES)}")
+    check_output(path, _PICTURES[path.suffix][0])
 
 
 @contextmanager

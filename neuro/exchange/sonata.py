@@ -48,6 +48,8 @@ def save_sonata(sim: Simulation, path: str | PathLike[str]) -> Verdicts:
     Raises:
         ModelError: a projection has one kernel for all its neurons, or a file cannot be written.
     """
+    if not hasattr(sim, "program"):
+        raise ModelError(f"save_sonata: found {sim!r:.60}: expected a Simulation", hint="neuro.compile(net)")
     file = file_path(path, "path")
     if file.suffix != ".json":
         raise ModelError(f"{file}: cannot be written: expected a name ending in .json")
@@ -85,7 +87,8 @@ def verdicts(sim: Simulation) -> Verdicts:
             found.append(Verdict(part.name, "grid", REFUSED, why, "neuro.pairs lists the synapses"))
         elif part.synapse.learns:
             how = f"weights are those of now; SONATA has no {part.synapse.name}"
-            found.append(Verdict(part.name, part.synapse.name, APPROXIMATE, how))
+            measured = "not measured: a run in SONATA has no learning to compare with"
+            found.append(Verdict(part.name, part.synapse.name, APPROXIMATE, how, measured=measured))
         else:
             found.append(Verdict(part.name, part.synapse.name, EXACT, "weights and delays are attributes"))
     return Verdicts(f"{sim.program.name} to SONATA", tuple(found))

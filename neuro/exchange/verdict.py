@@ -6,7 +6,7 @@ import json
 from collections.abc import Iterator
 from dataclasses import asdict, dataclass
 
-from neuro.core.errors import ModelError
+from neuro.core.errors import ModelError, unknown
 from neuro.core.tables import Table, as_html, as_text
 
 EXACT, APPROXIMATE, REFUSED = "exact", "approximate", "refused"
@@ -22,6 +22,7 @@ class Verdict:
         verdict: "exact", "approximate" or "refused".
         how: the convention under which it is exact, what differs, or why it is refused.
         way_out: what to do if it is refused.
+        measured: by how much it differs if it is approximate, in a short run, or why nothing is measured.
     """
 
     node: str
@@ -29,6 +30,7 @@ class Verdict:
     verdict: str
     how: str
     way_out: str = ""
+    measured: str = ""
 
 
 @dataclass(frozen=True, slots=True)
@@ -60,7 +62,10 @@ class Verdicts:
         return len(self.nodes)
 
     def __getitem__(self, node: str) -> Verdict:
-        return next(each for each in self.nodes if each.node == node)
+        for each in self.nodes:
+            if each.node == node:
+                return each
+        raise unknown("node", node, [each.node for each in self.nodes])
 
     def to_json(self) -> str:
         """The heading and a list of nodes."""
@@ -82,7 +87,7 @@ class Verdicts:
 
     def _tables(self) -> list[Table]:
         rows = tuple(
-            (each.node, each.kind, each.verdict, each.how + (f"; {each.way_out}" if each.way_out else ""))
+            (each.node, each.kind, each.verdict, "; ".join(filter(None, (each.how, each.way_out, each.measured))))
             for each in self.nodes
         )
         return [Table("", ("node", "type", "verdict", "how"), rows)]

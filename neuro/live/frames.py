@@ -114,6 +114,11 @@ class Frames:
         records = self._sim._records
         return records.recording is not None or records.held >= max(self.step, 1)
 
+    @property
+    def went_back(self) -> bool:
+        """Whether the simulation was reset meanwhile, or took over an earlier state."""
+        return self._engine.step < self._gathered
+
     def take(self) -> tuple[dict[str, Any], bytes]:
         """The next frame."""
         self.gather()

@@ -136,7 +136,7 @@ class Page:
         if now < self._seen_until:
             if now >= self._sample_due and (self._ahead or self._used() >= self._sample_used):
                 self._sample(now)
-            if self.frames.is_forgotten:
+            if self.frames.is_forgotten and not self.frames.went_back:
                 self.frames.gather()
         if self.pace is None:
             return
@@ -268,6 +268,8 @@ class Page:
     def _attend(self, now: float) -> None:
         """Do what is asked for, and send a frame if one is wanted."""
         self._due = now + POLL_S
+        if self.frames.went_back:
+            self.begin()
         for head in self._channel.receive():
             if "want" in head:
                 self._wanted, self._seen_until = True, now + SEEN_S

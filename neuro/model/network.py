@@ -36,6 +36,7 @@ from neuro.model.parts import (
     Population,
     Probe,
     Projection,
+    Readout,
     Side,
     Signal,
     Trials,
@@ -71,7 +72,7 @@ class Network(Description):
         self.resolution: float = self._checked(RESOLUTION, resolution, "resolution", ("resolution",))
         self.populations, self.projections = {}, {}
         self.signals, self.groups, self.probes = {}, {}, {}
-        self.trials_section = None
+        self.trials_section, self.readout_section = None, None
         self.trials_origin: Where | None = None
         self.latest: Part | Trials | None = None
 
@@ -258,7 +259,7 @@ class Network(Description):
             pre: of a projection only the synapses from these neurons: a population, a view of it, or ids.
             post: likewise those onto these neurons.
         """
-        what = f"probe '{name}'"
+        what = f"probe '{check_name(name, 'probe', self._where())}'"
         states = self._checked(RECORD, record, f"{what}: record", ("record",))
         if not states or len(set(states)) < len(states):
             message = f"{what}: record = {shown(record)}: expected one or several names, each once"
@@ -289,6 +290,21 @@ class Network(Description):
             raise error.at(self._where(), "trials") from None
         self.trials_section, self.trials_origin = section, self._where()
         self.latest = section
+        return section
+
+    def readout(self, **words: Any) -> Readout:
+        """Say how the network is asked about recordings, in place of what was said; the words are those of `Readout`.
+
+        Backends do not see it: `neuro.predict` does.
+        """
+        try:
+            section = Readout.from_words(words)
+            for word in ("input", "output"):
+                if (name := getattr(section, word)) not in self.populations:
+                    raise unknown("population", name, self.populations, path=(word,))
+        except ModelError as error:
+            raise error.at(self._where(), "readout") from None
+        self.readout_section = section
         return section
 
     def save(self, path: str | Path) -> None:

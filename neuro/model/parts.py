@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from neuro.core.choice import Choice
 from neuro.core.errors import ModelError, Where
 from neuro.core.quantities import Quantity, Value, quantity, word_of
-from neuro.core.values import same
+from neuro.core.values import same, shown
 from neuro.model.neurons import Model
 from neuro.model.rules import Rule
 from neuro.model.synapses import Synapse
@@ -405,6 +405,47 @@ class Trials(Choice):
     reset: Any = quantity(("V_m",), "", "states that start anew", kind="names")
 
 
+DECIDED_BY = ("counts", "potential", "first")
+"""How an output decides: most spikes, the highest mean potential, or the first spike."""
+CENTRED = "centred"
+"""Asks for a window round what each recording shows."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Readout(Choice):
+    """How recordings of event cameras are shown to a network, and how its output decides on their class."""
+
+    kind: ClassVar[str] = "readout"
+    word: ClassVar[str] = "readout"
+    input: str = quantity(doc="the spike_generator of the pixels", kind="name")
+    output: str = quantity(doc="the population of which each neuron stands for a class", kind="name")
+    decide: Any = quantity(
+        None,
+        doc="by most spikes, the highest mean potential or the first spike; by spikes where there are some",
+        kind="word",
+        words=DECIDED_BY,
+    )
+    classes: Any = quantity(None, doc="names of the output's neurons, in their order", kind="names")
+    duration: Any = quantity(None, "ms", "how long it runs for a recording; until each has come through", above=0)
+    start: float = quantity(0.0, "ms", "from a recording's first event to its first step", at_least=0)
+    scale: int = quantity(1, "px", "in a row and in a column that are one neuron", kind="integer", at_least=1)
+    window: Any = quantity(
+        None,
+        "px",
+        "of a larger sensor: column and row from which it is seen, or round what each recording shows",
+        kind="shape",
+        at_least=0,
+        words=(CENTRED,),
+    )
+    merge: bool = quantity(False, doc="whether events of a pixel in one step are one spike", kind="boolean")
+
+    def __post_init__(self) -> None:
+        Choice.__post_init__(self)
+        if self.window not in (None, (CENTRED,)) and (len(self.window) != 2 or CENTRED in self.window):
+            message = f"readout.window = {shown(list(self.window))}: expected {CENTRED}, or [column, row]"
+            raise ModelError(message, path=("window",))
+
+
 class Description:
     """What a network consists of.
 
@@ -413,6 +454,7 @@ class Description:
         resolution: length of a step in ms.
         populations, projections, signals, groups, probes: the parts by name, in the order of definition.
         trials_section: the trials, or None.
+        readout_section: how it is asked about recordings, or None.
     """
 
     name: str
@@ -423,3 +465,4 @@ class Description:
     groups: dict[str, Group]
     probes: dict[str, Probe]
     trials_section: Trials | None
+    readout_section: Readout | None

@@ -190,6 +190,7 @@ class from_file(Rule):
         "edges", "", "what a CSV is: a row for each edge, or a matrix", kind="word", words=("edges", "matrix")
     )
     key: str | None = quantity(None, "", "of HDF5: the population of edges", kind="name")
+    types: Any = quantity(None, "", "of SONATA: the CSV with the attributes of edge types", kind="file")
     shuffle: str | None = quantity(
         None, "", "what is drawn anew, as a control", kind="word", words=("edges", "signs", "weights")
     )

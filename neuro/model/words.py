@@ -145,8 +145,6 @@ def heading(net: Any) -> str:
 
 def tables(net: Any) -> list[Table]:
     """What a network consists of, as it was described; a kind of part that it has none of has no rows."""
-    trials = net.trials_section
-    said = ", ".join(f"{word_of(name)}={in_words(value)}" for name, value in trials.changed().items()) if trials else ""
     return [
         Table("populations", ("name", "model", "shape", "parameters"), tuple(_populations(net))),
         Table(
@@ -157,8 +155,16 @@ def tables(net: Any) -> list[Table]:
         Table("signals", ("name", "to"), tuple((part.name, in_words(part.to)) for part in net.signals.values())),
         Table("groups", ("name", "what"), tuple((part.name, in_words(part.choice)) for part in net.groups.values())),
         Table("probes", ("name", "of", "record", ">every (ms)"), tuple(_probes(net))),
-        Table("trials", ("what",), ((said,),) if trials else ()),
+        Table("trials", ("what",), _section(net.trials_section)),
+        Table("readout", ("what",), _section(net.readout_section)),
     ]
+
+
+def _section(section: Any) -> tuple[tuple[str], ...]:
+    """A row of what a section says; none where there is no such section."""
+    if section is None:
+        return ()
+    return ((", ".join(f"{word_of(name)}={in_words(value)}" for name, value in section.changed().items()),),)
 
 
 def _populations(net: Any) -> Iterator[tuple[str, ...]]:

@@ -61,6 +61,7 @@ def learnt_network(
         view, pre, post = (_moved(each, copy) for each in (probe.view, probe.pre, probe.post))
         copy.probes[name] = replace(probe, view=view, pre=pre, post=post)
     copy.trials_section, copy.trials_origin = net.trials_section, net.trials_origin
+    copy.readout_section = net.readout_section
     return copy
 
 

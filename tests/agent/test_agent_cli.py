@@ -8,7 +8,8 @@ from pathlib import Path
 import pytest
 
 import neuro_agent
-from neuro_agent import compare, worlds
+from neuro import ModelError
+from neuro_agent import compare, training, worlds
 
 WALK = """\
 import gymnasium
@@ -66,14 +67,45 @@ def test_a_world_of_the_users_own_is_trained_tested_and_watched(neuro, walk):
     assert "learning goes on" in Path("page.html").read_text()
 
 
-def test_an_interruption_is_told(neuro, walk):
+PICTURED = """
+class Pictured(gymnasium.Wrapper):
+    metadata = property(lambda self: {"render_modes": ["rgb_array"]})
+    def __init__(self, render_mode=None):
+        super().__init__(Walk())
+        self.mode = render_mode
+    render_mode = property(lambda self: self.mode)
+    def render(self):
+        return np.zeros((4, 4, 3), np.uint8)
+class Blank(Walk):
+    metadata = {"render_modes": ["rgb_array"]}
+"""
+
+
+def test_a_wrapper_is_watched_and_so_is_what_takes_no_mode(neuro, walk):
+    with Path("my_walk.py").open("a") as file:
+        file.write(PICTURED)
+    few = ("--set", "critics=5", "--set", "explore=30")
+    assert neuro("train", "my_walk:Pictured", "--out", "walk.h5", "--steps", 60, *few).status == 0
+    assert " frames" in neuro("watch", "walk.h5", "--out", "page.html").out
+    told = neuro("watch", "walk.h5", "my_walk:Blank", "--out", "page.html").out
+    assert told.endswith("no frames, the environment's render_mode is None: expected 'rgb_array'\n")
+
+
+def test_an_interruption_is_told(neuro, walk, monkeypatch):
     with Path("my_walk.py").open("a") as file:
         file.write(
             "class Left(Walk):\n    def step(self, action):\n        raise KeyboardInterrupt\n"
+            "class Late(Walk):\n    moves = 0\n    def step(self, action):\n        Late.moves += 1\n"
+            "        if Late.moves == 200:\n            raise KeyboardInterrupt\n        return super().step(action)\n"
             "class Fails(Walk):\n    def step(self, action):\n        raise OSError('no camera')\n"
         )
+    few = ("--set", "critics=5", "--set", "explore=30")
     answer = neuro("train", "my_walk:Left", "--steps", 100, "--out", "walk.h5")
-    assert answer == (130, "", "interrupted: the same command goes on where it was\n")
+    assert answer == (130, "", "interrupted: before the first checkpoint\n")
+    monkeypatch.setattr(training, "BLOCK", 50)
+    answer = neuro("train", "my_walk:Late", "--steps", 300, "--out", "late.h5", *few)
+    assert answer == (130, "", "interrupted: the same command goes on from the last checkpoint\n")
+    Path("late.h5.training").unlink()
     answer = neuro("train", "my_walk:Fails", "--steps", 100, "--out", "walk.h5")
     assert answer == (2, "", "error: env.step raised OSError: no camera\n")
     assert not list(Path().glob("*.h5*"))
@@ -86,6 +118,12 @@ def test_agents_and_pages_are_made_again_to_the_bit(neuro, answer, walk):
     assert neuro("watch", "walk.h5", "--out", "page.html").status == 0
     for name in ("walk.h5", "page.html"):
         assert answer("rerun", name).out == f"{name}: the same bits\n"
+
+
+def test_one_episode_tells_nothing_of_others(neuro, walk):
+    neuro("train", "my_walk:Walk", "--out", "walk.h5", "--steps", 30, "--set", "critics=5")
+    assert neuro("test", "walk.h5", "--episodes", 1).out.startswith("my_walk:Walk: 1 episode, return ")
+    assert json.loads(neuro("test", "walk.h5", "--episodes", 1, "--json").out)["interval"] is None
 
 
 def test_side_by_side_and_the_end_by_episodes(neuro, walk):
@@ -119,6 +157,38 @@ def test_compare(neuro, walk):
     assert neuro(*words, "--out", "table.json")[0] == 0
     Path("table.json").write_text(Path("table.json").read_text().replace("wins", "loses"))
     assert neuro(*words, "--out", "table.json")[2].startswith("error: table.json: exists and ")
+
+
+FAULTS = """
+class Raises(Walk):
+    def step(self, action):
+        raise OSError("no camera")
+class Endless(Walk):
+    def step(self, action):
+        return 1, 1.0, False, False, {}
+class Bare(gymnasium.Env):
+    action_space = spaces.Discrete(2)
+"""
+
+
+def test_compare_ends_where_episodes_do_not_and_tells_what_an_environment_raises(neuro, walk, monkeypatch):
+    monkeypatch.setattr(compare, "MOST", 30)
+    with Path("my_walk.py").open("a") as file:
+        file.write(FAULTS)
+    words = ("--steps", 10, "--seeds", 1, "--episodes", 2, "--only", "random", "--out", "table.json")
+    assert neuro("compare", "my_walk:Endless", *words).status == 0
+    assert json.loads(Path("table.json").read_text())["each"][0]["returns"] == [30.0, 30.0]
+    assert neuro("compare", "my_walk:Raises", *words) == (2, "", "error: env.step raised OSError: no camera\n")
+
+
+@pytest.mark.slow
+def test_what_an_environment_raises_in_a_training_of_stable_baselines(walk):
+    if find_spec("stable_baselines3") is None:
+        pytest.skip("stable-baselines3 is not installed: pip install stable-baselines3")
+    with Path("my_walk.py").open("a") as file:
+        file.write(FAULTS)
+    with pytest.raises(ModelError, match=r"^PPO of stable-baselines3, defaults: OSError: no camera$"):
+        compare.run(compare.Plan("my_walk:Raises", 10, (1,), 2, {}, ("ppo",)))
 
 
 @pytest.mark.slow
@@ -186,9 +256,21 @@ def test_who_cannot_take_part(monkeypatch):
             "expected one of the current folder or a package",
         ),
         (
+            ("train", "my_walk.py:Walk", "--out", "a.h5"),
+            "environment 'my_walk.py:Walk': found a file: expected a module\n  hint: write my_walk:Walk",
+        ),
+        (
+            ("train", "my_walk:Bare", "--steps", 9, "--out", "a.h5"),
+            "environment 'my_walk:Bare': it has no observation_space: expected a space of gymnasium",
+        ),
+        (
             ("train", "my_walk:Walk", "--out", "a.h5"),
             "Invalid value for '--until': 'my_walk:Walk' names no return to reach: "
             "expected --until, --steps or --episodes\n  hint: see 'neuro agent train --help'",
+        ),
+        (
+            ("compare", "CartPole-v1", "--steps", "9", "--seeds", "2,2"),
+            "seeds (2, 2): found one twice: expected each once",
         ),
         (("test", "none.h5"), "none.h5: no such file: expected a neuro agent 1"),
         (("test", "my_walk.py"), "my_walk.py: not a neuro agent 1"),
@@ -199,6 +281,8 @@ def test_who_cannot_take_part(monkeypatch):
     ],
 )
 def test_mistakes(neuro, walk, words, message):
+    with Path("my_walk.py").open("a") as file:
+        file.write(FAULTS)
     answer = neuro(*words)
     assert (answer.status, answer.out) == (2, "")
     assert answer.err == f"error: {message}\n"

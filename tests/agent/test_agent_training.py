@@ -1,5 +1,6 @@
 """Agents in environments of their own: what they learn, what they keep, what they refuse, and the chips."""
 
+import signal
 import time
 
 import gymnasium
@@ -51,11 +52,18 @@ class Corridor(gymnasium.Env):
                 return self._seen(), 0.0, False, {}
             case "space":
                 return np.zeros(3), 0.0, False, False, {}
+            case "two flags":
+                return self._seen(), 0.0, np.array([True, False]), False, {}
+            case "no flag":
+                return self._seen(), 0.0, False, "no", {}
+            case "between":
+                return self._seen() | {"place": 1.5}, 0.0, False, False, {}
             case "outside":
                 return self._seen() | {"place": 7}, 0.0, False, False, {}
             case "NaN":
                 return self._seen() | {"near": np.array([np.nan])}, 0.0, False, False, {}
-        return self._seen(), {"reward NaN": float("nan"), "text": "much"}[self.fault], False, False, {}
+        rewards = {"reward NaN": float("nan"), "text": "much", "large": 10**400}
+        return self._seen(), rewards[self.fault], False, False, {}
 
 
 def agent(seed=1, **settings):
@@ -118,6 +126,31 @@ def test_what_a_file_holds_decides_alike(learnt, tmp_path):
     assert [again.act({"place": 5, "near": np.array([5 / 6], np.float32)}) for _ in range(5)].count(1) >= 4
 
 
+def test_what_a_twin_has_learnt_is_nothing_to_a_spiking_agent(learnt, tmp_path):
+    spaces_of, few = (Corridor.observation_space, Corridor.action_space), {"critics": 5, "explore": 20}
+    twin, file = neuro_agent.LinearTwin(*spaces_of, **few), tmp_path / "twin.h5"
+    twin.save(file)
+    assert neuro_agent.LinearTwin.load(file).kind == "linear twin"
+    with pytest.raises(ModelError, match=r"twin\.h5: an agent of kind 'linear twin': expected 'spiking'"):
+        neuro_agent.ActorCritic.load(file)
+    learnt.save(tmp_path / "agent.h5")
+    with pytest.raises(ModelError, match=r"agent\.h5: an agent of kind 'spiking': expected 'linear twin'"):
+        neuro_agent.LinearTwin.load(tmp_path / "agent.h5")
+    training.checkpoint(twin, tmp_path / "new.h5", Corridor()).keep()
+    with pytest.raises(ModelError, match="an unfinished training with kind = linear twin: found spiking now"):
+        neuro_agent.ActorCritic(*spaces_of, **few).train(Corridor(), steps=50, out=tmp_path / "new.h5")
+    for name in ("loihi", "evnt"):
+        with pytest.raises(ModelError, match=f"'{name}': the linear twin has no spikes"):
+            twin.test(Corridor(), 1, backend=name)
+    with pytest.raises(ModelError, match="'loihi': the linear twin has no spikes"):
+        twin.energy("loihi")
+
+
+def test_a_control_whose_name_is_mistyped_is_refused():
+    with pytest.raises(ModelError, match="unknown control 'shufled'"):
+        agent().controls(Corridor(), steps=20, names=("frozen", "shufled"))
+
+
 @pytest.mark.parametrize(
     ("twin", "settings"),
     [
@@ -159,6 +192,47 @@ def test_a_training_that_was_stopped_goes_on_to_the_same_bits(tmp_path, monkeypa
     np.testing.assert_array_equal(whole.log.returns, second.log.returns)
 
 
+def test_what_was_stopped_goes_on_in_the_same_environment_only(tmp_path, monkeypatch):
+    monkeypatch.setattr(training, "BLOCK", 50)
+
+    class Stopped(gymnasium.Wrapper):
+        steps = 0
+
+        def step(self, action):
+            self.steps += 1
+            if self.steps > 180:
+                raise KeyboardInterrupt
+            return super().step(action)
+
+    def lake(slippery):
+        return gymnasium.make("FrozenLake-v1", is_slippery=slippery)
+
+    def made():
+        one = neuro_agent.ActorCritic(lake(True).observation_space, lake(True).action_space, critics=5, explore=20)
+        one.explored = True
+        return one
+
+    file = tmp_path / "lake.h5"
+    with pytest.raises(KeyboardInterrupt):
+        made().train(Stopped(lake(True)), steps=300, out=file)
+    with pytest.raises(ModelError, match=r"unfinished training with options\.is_slippery = True: found False now"):
+        made().train(lake(False), steps=300, out=file)
+    assert len(made().train(lake(True), steps=300, out=file))
+    assert file.exists()
+
+
+def test_random_moves_that_were_too_few_are_made_anew():
+    env, one = Drifting(False), neuro_agent.ActorCritic(Drifting.observation_space, Drifting.action_space, critics=5)
+    one.train(env, steps=1)
+    assert not one.explored
+    one.train(env, steps=500)
+    assert one.explored
+    assert one.places.spread[0] > 1.0
+    none = neuro_agent.ActorCritic(Drifting.observation_space, Drifting.action_space, critics=5, explore=0)
+    none.train(env, steps=10)
+    assert (none.places.middle[0], none.places.spread[0]) == (0.0, 1.0)
+
+
 def test_a_vector_of_environments_is_learnt_from_at_a_time():
     envs = gymnasium.vector.SyncVectorEnv([Corridor] * 4)
     one = agent(seed=3)
@@ -189,9 +263,13 @@ def test_a_second_training_has_episodes_of_its_own():
         ("four values", "env.step returned 4 values: expected (observation, reward, terminated, truncated, info)"),
         ("space", "observation: found an array of shape [3]: expected one of Dict"),
         ("outside", "observation: found 7: expected one of Dict"),
-        ("NaN", "observation: number 0 is nan: expected finite numbers"),
+        ("between", "observation: found 1.5: expected one of Dict"),
+        ("two flags", "env.step returned terminated = array([ True, False]): expected True or False"),
+        ("no flag", "env.step returned truncated = 'no': expected True or False"),
+        ("NaN", "observation['near'][0] is nan: expected a finite number"),
         ("reward NaN", "env.step returned the reward nan: expected a finite number"),
         ("text", "env.step returned the reward"),
+        ("large", "env.step returned the reward"),
     ],
 )
 def test_what_an_environment_must_not_give(fault, message):
@@ -203,6 +281,83 @@ def test_what_an_environment_must_not_give(fault, message):
     assert str(caught.value).startswith(message)
     assert all(np.isfinite(weight).all() for weight in one.weights.values())
     assert len(one.train(Corridor(), steps=50))
+
+
+@pytest.mark.parametrize(
+    ("answer", "found"),
+    [(None, "NoneType"), (np.zeros(2), "ndarray"), ((np.zeros(2), {}, 3), "3 values")],
+    ids=["nothing", "the observation alone", "three"],
+)
+def test_a_reset_has_to_give_an_observation_and_an_info(answer, found):
+    env = Corridor()
+    env.reset = lambda **words: answer
+    with pytest.raises(ModelError, match=rf"^env\.reset returned {found}: expected \(observation, info\)$"):
+        agent().train(env, steps=50)
+
+
+class Drifting(gymnasium.Env):
+    """A number that drifts; with `kept` all observations are one array, in which it writes on."""
+
+    observation_space = spaces.Box(-np.inf, np.inf, (1,), np.float64)
+    action_space = spaces.Discrete(2)
+
+    def __init__(self, kept):
+        self.kept, self.at = kept, np.zeros(1)
+
+    def reset(self, *, seed=None, options=None):
+        super().reset(seed=seed)
+        self.at[:], self.k = 0.0, 0
+        return self._seen(), {}
+
+    def _seen(self):
+        return self.at if self.kept else self.at.copy()
+
+    def step(self, action):
+        self.k += 1
+        self.at += self.np_random.normal()
+        return self._seen(), 1.0, False, self.k == 20, {}
+
+
+def test_an_environment_may_write_on_in_its_observation():
+    def trained(kept):
+        env = Drifting(kept)
+        one = neuro_agent.ActorCritic(env.observation_space, env.action_space, critics=5, explore=50)
+        one.train(env, steps=100)
+        return one
+
+    own, copied = trained(True), trained(False)
+    np.testing.assert_array_equal(own.places.spread, copied.places.spread)
+    np.testing.assert_array_equal(own.seen, copied.seen)
+    np.testing.assert_array_equal(own.weights["policy0"], copied.weights["policy0"])
+
+
+def test_the_order_of_a_dict_does_not_matter(tmp_path):
+    ordered = spaces.Dict([("near", spaces.Box(0.0, 1.0, (1,))), ("at", spaces.Discrete(7))])
+    one = neuro_agent.ActorCritic(ordered, spaces.Discrete(2), critics=5)
+    one.save(tmp_path / "a.h5")
+    names = [dimension.name for dimension in one.places.dimensions]
+    loaded = neuro_agent.ActorCritic.load(tmp_path / "a.h5")
+    assert [dimension.name for dimension in loaded.places.dimensions] == names
+    other = spaces.Dict(dict(ordered.spaces.items()))
+    seen = {"near": np.array([0.5], np.float32), "at": 3}
+    assert other == ordered
+    np.testing.assert_array_equal(flat(other, seen), flat(ordered, seen))
+
+
+@pytest.mark.parametrize("kind", [neuro_agent.ActorCritic, neuro_agent.LinearTwin])
+def test_an_action_is_that_of_the_weights_of_now(kind):
+    one = kind(spaces.Discrete(2), spaces.Discrete(2), critics=5)
+    for best in (0, 1):
+        weights = np.zeros((2, 2))
+        weights[:, best] = 20.0
+        one.learn_from(one.weights | {"policy0": weights})
+        assert [one.act(0) for _ in range(10)] == [best] * 10
+
+
+def test_an_action_is_asked_for_a_state_that_there_is(learnt):
+    for place in (7, -1, 1.5):
+        with pytest.raises(ModelError, match=r"^observation: found .*: expected one of Dict"):
+            learnt.act({"place": place, "near": np.zeros(1, np.float32)})
 
 
 def test_the_scale_of_late_rewards_does_not_depend_on_an_interruption():
@@ -295,16 +450,21 @@ def test_normalised_errors_have_one_size():
     np.testing.assert_array_equal(ErrorScale(normalised=False).of(drawn[0]), drawn[0])
 
 
-def test_an_environment_that_hangs_is_given_up():
+@pytest.mark.parametrize("interrupts", [signal.default_int_handler, signal.SIG_IGN], ids=["alone", "in the background"])
+def test_an_environment_that_hangs_is_given_up(interrupts):
     class Hanging(Corridor):
         def step(self, action):
             time.sleep(20.0 if self.k == 5 else 0.0)
             return super().step(action)
 
-    begun = time.monotonic()
-    with pytest.raises(ModelError, match=r"a call has not returned for 0\.4 s"):
-        agent().train(Hanging(), steps=50, patience=0.4)
+    begun, before = time.monotonic(), signal.signal(signal.SIGINT, interrupts)
+    try:
+        with pytest.raises(ModelError, match=r"a call has not returned for 0\.4 s"):
+            agent().train(Hanging(), steps=50, patience=0.4)
+    finally:
+        signal.signal(signal.SIGINT, before)
     assert time.monotonic() - begun < 10.0
+    assert signal.getsignal(signal.SIGURG) == signal.SIG_DFL
 
 
 @pytest.mark.parametrize(
@@ -314,8 +474,11 @@ def test_an_environment_that_hangs_is_given_up():
         (spaces.Box(0, 255, (84, 84, 3)), spaces.Discrete(2), "places of 21168 dimensions in groups of 2"),
         (spaces.Discrete(2), spaces.Discrete(65), "65 actions: expected at most 64"),
         (spaces.Discrete(2), spaces.Box(-np.inf, np.inf, (1,)), "it has no bounds"),
+        (spaces.Discrete(2), spaces.Box(0.0, 2e6, (1,)), "it has no bounds, or one beyond 1,000,000"),
+        (spaces.Discrete(2), spaces.Box(-(2**63), 0, (1,), np.int64), "it has no bounds, or one beyond"),
         (spaces.Discrete(2), spaces.Text(3), "action space: found Text"),
         (spaces.Dict({}), spaces.Discrete(2), "observation space: it is empty"),
+        (spaces.Dict({1: spaces.Discrete(2)}), spaces.Discrete(2), "the key 1 is of type int: expected a text"),
     ],
 )
 def test_spaces_that_are_not_supported(observations, actions, message):
@@ -370,6 +533,13 @@ def test_each_grid_has_one_active_place_and_neighbours_share_some():
         assert len(set(here) & set(near)) >= 18 > len(set(here) & set(far))
 
 
+def test_a_number_that_is_none_is_named_with_its_environment():
+    found = np.zeros((3, 2))
+    found[2, 1] = np.inf
+    with pytest.raises(ModelError, match=r"^observation\[1\] of environment 2 is inf: expected a finite number$"):
+        flat(spaces.Box(-1.0, 1.0, (2,)), found, 3)
+
+
 def test_vectors_of_another_way_to_begin_anew_are_refused():
     mode = gymnasium.vector.AutoresetMode.SAME_STEP
     with pytest.raises(ModelError, match="autoreset_mode SAME_STEP: expected NEXT_STEP"):
@@ -404,6 +574,25 @@ def test_a_number_of_a_box_is_the_mean_of_what_its_circuits_choose():
     np.testing.assert_array_equal(found.of(np.array([[1, 1, 1, 0, 0, 0, 1, 0]])), [[0.5, 2.0]])
 
 
+def test_a_mean_of_whole_numbers_is_the_nearest_one():
+    found = actions_of(spaces.Box(-3, 3, (1,), np.int8), levels=2, circuits=4)
+    winners = np.array([[0, 0, 0, 0], [1, 0, 0, 0], [1, 1, 0, 0], [1, 1, 1, 0], [1, 1, 1, 1]])
+    np.testing.assert_array_equal(found.of(winners), [[-3], [-2], [0], [2], [3]])
+
+
+@pytest.mark.filterwarnings("error")
+def test_an_action_of_half_precision():
+    space = spaces.Box(-1.0, 1.0, (2,), np.float16)
+    action = actions_of(space, levels=3).of(np.array([[0, 2]]))
+    assert (action.dtype, action.tolist()) == (np.float16, [[-1.0, 1.0]])
+
+
+def test_an_action_stays_within_its_bounds():
+    space = spaces.Box(-0.1, 0.1, (1,), np.float64)  # the mean of three 0.1 is more than 0.1
+    found = actions_of(space, levels=2, circuits=3)
+    assert all(space.contains(found.of(np.full((1, 3), winner))[0]) for winner in (0, 1))
+
+
 @pytest.mark.parametrize("kind", [neuro_agent.ActorCritic, neuro_agent.LinearTwin])
 def test_pairs_of_opponents_learn_to_steer_finely(kind):
     few = {"critics": 20, "explore": 100, "active": 4, "discount": 0.8, "reward_scale": 0.3, "actor_rate": 4.0}
@@ -422,6 +611,54 @@ def test_a_smaller_scale_makes_rewards_smaller_to_the_critic():
     assert [scale.first for scale in scales] == pytest.approx([1.0, 0.25])
 
 
+def test_it_learns_the_same_on_event_and_reference():
+    env, learnt = gymnasium.make("CartPole-v1"), []
+    for backend in ("event", "reference"):
+        settings = {"critics": 3, "active": 6, "explore": 20, "backend": backend}
+        agent = neuro_agent.ActorCritic(env.observation_space, env.action_space, seed=1, **settings)
+        agent.train(env, steps=80)
+        learnt.append(agent.weights)
+    assert all(np.any(each) and np.array_equal(each, learnt[1][name]) for name, each in learnt[0].items())
+
+
+def test_a_chip_on_which_it_cannot_learn_is_refused_with_the_way_out():
+    env = gymnasium.make("CartPole-v1")
+    with pytest.raises(ModelError, match="'loihi': it learns on event or reference") as refused:
+        neuro_agent.ActorCritic(env.observation_space, env.action_space, backend="loihi")
+    assert "train on event" in str(refused.value)
+
+
 def test_no_circuits_are_refused():
     with pytest.raises(ModelError, match="circuits"):
         agent(circuits=0)
+
+
+@pytest.mark.parametrize("seed", [-1, 1.5, "one", None, 2**63])
+def test_a_seed_that_is_none_is_refused_at_once(seed, learnt):
+    with pytest.raises(ModelError, match="seed"):
+        agent(seed=seed)
+    with pytest.raises(ModelError, match="test: seed"):
+        learnt.test(Corridor(), 1, seed=seed)
+    with pytest.raises(ModelError, match="seed"):
+        learnt.watch(Corridor(), "page.html", seed=seed)
+
+
+def test_whole_numbers_may_be_written_as_floats(learnt):
+    assert training.End(steps=1e3, episodes=np.float64(5)) == training.End(steps=1000, episodes=5)
+    assert len(learnt.test(Corridor(), episodes=2.0).returns) == 2
+    for steps in (0, -3, 1.5):
+        with pytest.raises(ModelError, match="energy: steps"):
+            learnt.energy("loihi", steps=steps)
+
+
+@pytest.mark.parametrize("setting", [{"active": 10**9}, {"critics": 10**7}, {"circuits": 10**6}], ids=str)
+def test_settings_that_no_memory_holds_are_refused(setting):
+    with pytest.raises(ModelError, match="expected"):
+        neuro_agent.ActorCritic(spaces.Box(-1.0, 1.0, (2,)), spaces.Box(-1.0, 1.0, (1,)), **setting)
+
+
+@pytest.mark.parametrize("out", [".", "..", "/"])
+def test_a_folder_is_no_file_of_an_agent(out, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    with pytest.raises(ModelError, match="folder"):
+        agent().train(Corridor(), steps=10, out=out)

@@ -136,6 +136,7 @@ def fails(self):
     [
         (fails, "it needs gymnasium[toy-text]: pip install 'gymnasium[toy-text]'"),
         (lambda self: None, "ModelError: render() gave an array of shape []"),
+        (lambda self: np.ones((4, 4, 3)), "ModelError: render() gave numbers of float64: expected uint8"),
         (lambda self: 1 / 0, "ZeroDivisionError: division by zero"),
     ],
 )

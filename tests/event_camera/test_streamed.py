@@ -1,57 +1,50 @@
 """A stream by the network is a population as a recording is."""
 
+import queue
 import socket
 import threading
-import time
 
 import numpy as np
 import pytest
 
 import neuro
 from event_tests import refusal
-from neuro.events import send
+from neuro.events import listen, send
 from neuro.events.errors import EventFileWarning
+from neuro.events.streams import _played
 from seen import network, same_run
 
 HOST = "127.0.0.1"
-HERE = f"udp://{HOST}:3333"
+HERE = f"udp://{HOST}:0"
 
 
-def free_port() -> int:
-    """A port at which nobody listened just now; a stream of a description cannot tell which one it has got."""
-    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as sock:
-        sock.bind((HOST, 0))
-        return int(sock.getsockname()[1])
+@pytest.fixture
+def sent(monkeypatch):
+    """A function that makes a thread; it sends events to the stream that is opened next, at its free port."""
+    urls: queue.Queue[str] = queue.Queue()
+
+    def opened(*given, **more):
+        stream = listen(*given, **more)
+        urls.put(stream.url)
+        return stream
+
+    monkeypatch.setattr(_played, "listen", opened)
+
+    def to_come(events):
+        thread = threading.Thread(target=lambda: send(urls.get(timeout=20.0), events, format="faery13"))
+        thread.start()
+        return thread
+
+    return to_come
 
 
-def of(walk, port, **more):
-    words = {"stream": f"udp://{HOST}:{port}", "format": "faery13", "sensor": walk.sensor_size, "until_silent": 500.0}
-    return neuro.event_camera(**words | more)
+def of(walk):
+    return neuro.event_camera(stream=HERE, format="faery13", sensor=walk.sensor_size, until_silent=500.0)
 
 
-def sent_when_heard(port, events) -> threading.Thread:
-    """A thread that sends as soon as somebody listens."""
-
-    def run():
-        deadline = time.monotonic() + 10.0
-        while time.monotonic() < deadline:
-            with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as sock:
-                try:
-                    sock.bind((HOST, port))
-                except OSError:
-                    break
-            time.sleep(0.01)
-        send(f"udp://{HOST}:{port}", events, format="faery13")
-
-    thread = threading.Thread(target=run)
-    thread.start()
-    return thread
-
-
-def test_a_stream_does_what_its_recording_does(walk):
-    port = free_port()
-    sims = [neuro.compile(network(model)) for model in (of(walk, port), neuro.event_camera(events=walk))]
-    thread = sent_when_heard(port, walk)
+def test_a_stream_does_what_its_recording_does(walk, sent):
+    sims = [neuro.compile(network(model)) for model in (of(walk), neuro.event_camera(events=walk))]
+    thread = sent(walk)
     for sim in sims:
         sim.run(70.0)
     thread.join()
@@ -59,10 +52,8 @@ def test_a_stream_does_what_its_recording_does(walk):
     assert refusal(sims[0].reset).startswith("reset: 'camera' has played events of an iterator or a stream")
 
 
-def test_in_a_file(walk, tmp_path):
-    """With crop and shape as of a recording; checking and compiling listen to nothing."""
-    port = free_port()
-    text = f"""
+def text_of(port):
+    return f"""
 neuro: 1
 resolution: 0.1
 populations:
@@ -73,23 +64,31 @@ populations:
     shape: auto
 probes: {{sent: {{of: camera}}}}
 """
-    (tmp_path / "net.yaml").write_text(text)
+
+
+def test_compiling_listens_to_nothing(tmp_path):
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as busy:
-        busy.bind((HOST, port))
+        busy.bind((HOST, 0))
+        (tmp_path / "net.yaml").write_text(text_of(busy.getsockname()[1]))
         sim = neuro.compile(neuro.load(tmp_path / "net.yaml"))
-        assert sim.program.populations[0].shape == (2, 9, 8)
         assert "another program listens there" in refusal(sim.run, 1.0)
-    thread = sent_when_heard(port, walk)
+
+
+def test_in_a_file(walk, tmp_path, sent):
+    """With crop and shape as of a recording."""
+    (tmp_path / "net.yaml").write_text(text_of(0))
+    sim = neuro.compile(neuro.load(tmp_path / "net.yaml"))
+    assert sim.program.populations[0].shape == (2, 9, 8)
+    thread = sent(walk)
     sim.run(70.0)
     thread.join()
     assert sim.counts().populations["camera"].spikes == len(walk.inside((2, 10), (0, 9)))
 
 
-def test_losses_are_warned_of(walk):
-    port = free_port()
-    sim = neuro.compile(network(of(walk, port)))
+def test_losses_are_warned_of(walk, sent):
+    sim = neuro.compile(network(of(walk)))
     far = neuro.events.Events(walk.t, walk.x + 6, walk.y, walk.p, (18, 9))
-    thread = sent_when_heard(port, far)
+    thread = sent(far)
     with pytest.warns(EventFileWarning, match=f"outside {np.count_nonzero(far.x >= 12):,}"):
         sim.run(1000.0)
     thread.join()
@@ -112,3 +111,24 @@ def test_mistakes(words, message):
     given = {"stream": HERE, "format": "spif", "sensor": [12, 9], **words}
     told = refusal(lambda: neuro.event_camera(**given))
     assert told.partition(": ")[2].startswith(message) or told.startswith(message)
+
+
+def test_mistakes_of_a_file_have_places_and_none_only_follows(tmp_path, capsys, monkeypatch):
+    """A stream without an address leaves 'sensor' and 'shape: auto' without a meaning, which is not told."""
+    from neuro.cli import main
+
+    (tmp_path / "net.yaml").write_text("""
+neuro: 1
+populations:
+  a: {model: {event_camera: {stream: "udp://127.0.0.1:3333", format: spiff, sensor: [9, 7]}}, shape: auto}
+  b: {model: {event_camera: {stream: "udp:127.0.0.1:3333", format: spif, sensor: [9, 7]}}, shape: auto}
+  c: {model: {event_camera: {stream: "udp://127.0.0.1:3333", format: spif}}, shape: auto}
+""")
+    monkeypatch.setattr("sys.argv", ["neuro", "check", str(tmp_path / "net.yaml")])
+    with pytest.raises(SystemExit):
+        main()
+    told = capsys.readouterr().err.replace(f"{tmp_path}/", "")
+    assert told.count("error:") == 3
+    assert "net.yaml:4:70: population 'a': event_camera: unknown format of a stream 'spiff'" in told
+    assert "net.yaml:5:38: population 'b': event_camera: url = 'udp:127.0.0.1:3333': expected udp://HOST" in told
+    assert "net.yaml:6:29: population 'c': event_camera: sensor is missing: expected [width, height] in px" in told

@@ -320,6 +320,7 @@ DECIDES = {
     "no model of inh": ["no parameter", "no such record"],
     "own model": ["own parameter"],
     "no synapse": ["tau_c", "no signal", "no state of dopamine"],
+    "no signal": ["no state of dopamine"],
     "no recording": ["shape of a camera"],
     "unknown target": ["unit of a weight"],
     "probe of nobody": ["no such record"],

@@ -240,6 +240,35 @@ def test_what_a_caller_forgets_is_shown(websockets):
     assert head["spikes"] == [[0, spikes]]
 
 
+def test_what_is_reset_elsewhere_begins_anew(websockets):
+    net = neuro.Network("reset", resolution=1.0)
+    net.population("cells", 3, neuro.iaf_psc_exp(I_e=1000.0))
+    sim = neuro.compile(net)
+    with neuro.live.Page(sim) as page:
+        running = Running.__new__(Running)
+        running.look(page)
+        stop = threading.Event()
+
+        def run():
+            while not stop.is_set():
+                sim.run(5.0)
+                page.tick()
+                time.sleep(1e-3)
+                if sim.time >= 100.0:
+                    sim.reset()
+
+        thread = threading.Thread(target=run)
+        thread.start()
+        with running.client() as client:
+            frames = [client.frame() for _ in range(12)]
+        stop.set()
+        thread.join()
+    for head, _ in frames:
+        assert 0.0 <= head["began"] < head["time"] <= 100.0
+        assert head["rates"][0] >= 0.0
+    assert any(after[0]["time"] < before[0]["time"] for before, after in pairwise(frames))
+
+
 def test_pace_keeps_real_time_and_catches_nothing_up(monkeypatch):
     clock = [100.0]
     monkeypatch.setattr("neuro.live.pace.time.perf_counter", lambda: clock[0])

@@ -59,8 +59,14 @@ def test_files_of_any_format_are_predicted(neuro, folder, model, tmp_path):
         (("train", "hats", "--data", "{folder}", "--settings", "x"), "unknown settings of method 'hats' 'x'"),
         (("test", "nothing.h5", "--data", "{folder}"), "nothing.h5: no such file"),
         (("predict", "nothing.h5", "one.bin"), "nothing.h5: no such file"),
+        (("predict", "net.yaml", "a b.bin", "c.bin"),
+         "net.yaml: is a network: expected a recogniser, as 'train' writes it\n"
+         "  hint: neuro predict net.yaml 'a b.bin' c.bin\n"),
+        (("test", "net.yaml", "--data", "data"),
+         "net.yaml: is a network: expected a recogniser, as 'train' writes it\n"
+         "  hint: neuro predict net.yaml data --labels --part Test\n"),
     ],
-)
+)  # fmt: skip
 def test_mistakes_are_one_message(neuro, folder, words, told):
     code, out, err = neuro(*(word.format(folder=folder) for word in words))
     assert (code, out) == (2, "")

@@ -5,7 +5,7 @@ import json
 import numpy as np
 import pytest
 
-from neuro_recognise.evaluate import evaluate
+from neuro.apps import evaluate
 from neuro_recognise.method import choose
 from neuro_recognise.methods.hats import Hats
 from neuro_recognise.recogniser import Recogniser

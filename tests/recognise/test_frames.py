@@ -6,9 +6,9 @@ from hypothesis import given, settings, strategies as st
 from scipy.signal import convolve2d
 from scipy.stats import binomtest
 
+from neuro.apps import evaluate, wilson
 from neuro.coding import log_intensity_to_latency
 from neuro.events import Events, recordings, save
-from neuro_recognise.evaluate import evaluate, wilson
 from neuro_recognise.method import SILENT, choose
 from neuro_recognise.methods.remus import Remus
 from neuro_recognise.observations import observe

@@ -13,11 +13,11 @@ import numpy as np
 import pytest
 
 import neuro
+from neuro.apps import evaluate
 from neuro.chips import Energy
 from neuro.core import hdf5
 from neuro.events import Events
 from neuro_models import names, path
-from neuro_recognise.evaluate import evaluate
 from neuro_recognise.method import METHODS, SILENT, choose
 from neuro_recognise.methods.framewise import Framewise
 from neuro_recognise.methods.remus import Remus

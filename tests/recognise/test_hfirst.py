@@ -8,10 +8,10 @@ import pytest
 
 import neuro
 import neuro_models
+from neuro.apps import evaluate
 from neuro.chips import cells
 from neuro.events import Events, recordings
 from neuro_recognise.compare import MethodComparison, compare, contestants
-from neuro_recognise.evaluate import evaluate
 from neuro_recognise.method import choose
 from neuro_recognise.methods.hfirst import (
     READINGS,

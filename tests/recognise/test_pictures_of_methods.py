@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 from scipy.ndimage import gaussian_filter
 
+from neuro.apps import Evaluation
 from neuro.events import Events
 from neuro_recognise.detection.boxes import Boxes
-from neuro_recognise.evaluate import Evaluation
 from neuro_recognise.parts.banks import gabor_bank
 from neuro_recognise.recogniser import fit, method_of
 from neuro_recognise.telling.pictures import accuracies, boxes_on_frames, confusion, images, prototypes, reconstructed

@@ -11,10 +11,11 @@ import pytest
 pytest.importorskip("torch", reason="PyTorch is not installed")
 
 import neuro as snn
+from neuro.apps import noted, warn_of_overflows
 from neuro.events import recordings
 from neuro_train.data import show
 from neuro_train.plan import TrainingPlan
-from neuro_train.tested import noted, on_backend, summed, warn_of_overflows
+from neuro_train.tested import on_backend, summed
 
 PLAN = TrainingPlan(input="pixels", output="out", duration=60.0)
 

@@ -214,3 +214,25 @@ def test_every_second_recording_is_mirrored():
     mirrored = np.array([np.array_equal(one, other[..., ::-1]) for one, other in pairs])
     assert np.all(mirrored ^ np.array([np.array_equal(one, other) for one, other in pairs]))
     assert 15 < mirrored.sum() < 45
+
+
+def test_the_file_says_how_it_is_asked_and_answers_as_it_was_tested(neuro, answer, folder, file):
+    words = (file, "--data", folder, *QUICK, "--test", folder, "--start", 5, "--window", "0,0")
+    status, _, _ = neuro(*words, "--backends", "event,loihi")
+    assert status == 0
+    section = snn.load("trained.yaml").readout_section
+    assert section.classes == ("lying", "oblique", "upright")
+    assert (section.input, section.output, section.decide) == ("pixels", "out", "counts")
+    assert (section.duration, section.start, section.window, section.merge) == (60.0, 5.0, (0, 0), True)
+    asked = answer(
+        "predict", "trained.yaml", folder, "--part", "Test", "--labels", "--backends", "event,loihi", "--json"
+    )
+    told = json.loads(asked.out)["backends"]
+    plan = TrainingPlan(**PLAN, start=5.0, window="0,0")
+    net, unseen = snn.load("trained.yaml"), recordings(folder, part="Test")
+    shown = show(net, unseen, plan, lambda *told: None)
+    for backend in ("event", "loihi"):
+        tried = on_backend(net, backend, shown, plan)
+        assert told[backend]["confusion"] == tried.own.confusion.tolist()
+        assert np.array_equal(snn.predict(net, unseen, backend=backend).scores, tried.spikes.sum(axis=1))
+    assert told["loihi"]["energy"]["total_j"] == tried.bill.total_j

@@ -119,7 +119,7 @@ def test_a_filter_that_leaves_a_row_out_does_not_ask_for_its_neurons(tmp_path: P
         ({"transmitter": "nt", "signs": {"a": 1}}, "edges: unknown column 'nt'"),
         ({"transmitter": "type", "signs": {"KD": 1}, "dale": True}, "neuron 10 of neurons: unknown transmitter 'KC'"),
         ({"pre": "n"}, "from_file: column 'n' is named twice: expected another one"),
-        ({"key": "x"}, "edges: key = 'x': expected none, only HDF5 has a key"),
+        ({"key": "x"}, "edges: key = 'x': expected none, only HDF5 has key"),
         ({"layout": "matrix"}, "edges: row 2: found 2 weights: expected 2, as many as ids in row 1"),
     ],
 )
@@ -207,14 +207,21 @@ def test_matrices_that_are_none(tmp_path: Path) -> None:
     assert refusal(tmp_path, b",10,20\n10,1,\xff\xfe\n", layout="matrix", weight=None).startswith("edges: ")
 
 
-def test_an_entry_beyond_a_matrix(tmp_path: Path) -> None:
+@pytest.mark.parametrize("shape", [(4, 4), (2, 3), (3, 2)])
+def test_a_matrix_of_another_size(tmp_path: Path, shape: tuple[int, int]) -> None:
     def write(path: Path) -> None:
         with path.open("wb") as file:
-            np.save(file, np.ones((4, 4)))
+            np.save(file, np.ones(shape))
 
     assert refusal(tmp_path, write, weight=None) == (
-        "edges: row 1, column 'post': found 3: expected the id of a neuron of neurons"
+        f"edges: a matrix of shape {list(shape)}: expected [3, 3], a row for each source and a column for each target"
     )
+
+
+def test_a_sparse_matrix_that_is_none(tmp_path: Path) -> None:
+    parts = {"indices": [0, 1], "indptr": [0, 2, 1, 2], "data": [1.0, 2.0], "shape": [3, 3], "format": b"csr"}
+    write = arrays(**parts)
+    assert refusal(tmp_path, write, weight=None).startswith("edges: no npz or npy file that can be read: ValueError")
 
 
 def sonata(**change: Any) -> Any:
@@ -231,13 +238,38 @@ def sonata(**change: Any) -> Any:
 @pytest.mark.parametrize(
     ("change", "expected"),
     [
-        ({"source_node_id": None}, "edges: unknown column 'pre'"),
+        ({"source_node_id": None}, "edges: unknown column 'source_node_id'"),
+        ({"edge_group_index": [0.0, 0.5]}, "edges: 'edges/e/edge_group_index' holds float64: expected whole numbers"),
+        ({"edge_group_id": [0.0, np.nan]}, "edges: 'edges/e/edge_group_id' holds float64: expected whole numbers"),
         ({"target_node_id": None}, "edges: 'edges/e' has no 'target_node_id'"),
         ({"0/n": [1.0]}, "edges: 'edges/e/0/n' has 1 values: expected one for each of 2 rows"),
+        ({"0/n": [1.0, 2.0, 3.0]}, "edges: 'edges/e/0/n' has 3 values: expected one for each of 2 rows"),
+        ({"source_node_id": [10]}, "edges: 'edges/e/source_node_id' has 1 values: expected one for each of 2 rows"),
+        ({"source_node_id": [10, 20, 30]}, "edges: 'edges/e/source_node_id' has 3 values: expected one for each of 2"),
         ({"0/n": [1.0, np.nan]}, "edges: row 2, column 'n': found .nan: expected a finite number"),
         ({"target_node_id": [20, 31]}, "edges: row 2, column 'target_node_id': found 31: expected the id of a neuron"),
-        ({"1/n": [1.0, 2.0]}, "edges: 'edges/e' has the groups ['0', '1']: expected one group, '0'"),
-        ({"edge_group_index": [0, 7]}, "edges: 'edges/e/0/n' has 2 values: expected one for each of 2 rows"),
+        ({"1/n": [1.0, 2.0]}, "edges: 'edges/e' has the groups 0, 1 and no 'edge_group_id'"),
+        ({"1/n": [2.0], "edge_group_id": [0, 1]}, "edges: 'edges/e' has the groups 0, 1 and no 'edge_group_index'"),
+        (
+            {"1/m": [2.0], "edge_group_id": [0, 1], "edge_group_index": [0, 0]},
+            "edges: row 2: its group has no 'n'",
+        ),
+        (
+            {"1/n": ["a"], "edge_group_id": [0, 1], "edge_group_index": [0, 0]},
+            "edges: column 'n' holds text in some groups, and numbers in others",
+        ),
+        (
+            {"edge_group_id": [0, 2]},
+            "edges: row 2, column 'edge_group_id': found 2: expected one of the groups 0",
+        ),
+        (
+            {"edge_group_index": [0, 7]},
+            "edges: row 2, column 'edge_group_index': found 7: expected the place of one of the 2 values of",
+        ),
+        (
+            {"edge_group_index": [0, -1]},
+            "edges: row 2, column 'edge_group_index': found -1: expected the place of one of the 2 values of",
+        ),
         (
             {"source_node_id": h5py.ExternalLink("other.h5", "/x")},
             "edges: 'edges/e/source_node_id': expected a data set",
@@ -250,6 +282,31 @@ def sonata(**change: Any) -> Any:
 )
 def test_sonata(tmp_path: Path, change: dict[str, Any], expected: str) -> None:
     assert refusal(tmp_path, sonata(**change)).startswith(expected)
+
+
+@pytest.mark.parametrize("what", ["heap", "index", "length"])
+def test_texts_of_sonata_that_are_elsewhere_are_not_read(tmp_path: Path, what: str) -> None:
+    """HDF5 read on for ever."""
+
+    def write(path: Path) -> None:
+        sonata(**{"0/nt": ["a", "b"]})(path)
+        content = bytearray(path.read_bytes())
+        with h5py.File(path) as file:
+            at = file["edges/e/0/nt"].id.get_offset() + {"length": 0, "heap": 4, "index": 12}[what]
+        content[at : at + 2] = b"\xff\x7f"
+        path.write_bytes(content)
+
+    message = refusal(tmp_path, write, transmitter="nt", signs={"a": 1, "b": 1})
+    assert message == "edges: 'edges/e/0/nt': expected a row of values in the file itself"
+
+
+def test_a_name_that_is_no_text_in_sonata(tmp_path: Path) -> None:
+    def write(path: Path) -> None:
+        sonata()(path)
+        with h5py.File(path, "r+") as file:
+            file["edges/e"].create_group(b"\xff\xfe")
+
+    assert refusal(tmp_path, write).startswith("edges: no HDF5 file that can be read: ")
 
 
 @pytest.mark.parametrize(
@@ -275,7 +332,7 @@ def test_a_missing_package_is_named_with_its_extra(tmp_path: Path, monkeypatch: 
     monkeypatch.setitem(sys.modules, "pyarrow", None)
     with pytest.raises(neuro.ModelError, match="the package pyarrow, which reads CSV and parquet, is missing") as error:
         neuro.neuron_table(tmp_path / "n.csv", id="id").neurons.size  # noqa: B018
-    assert "[wiring]" in error.value.hint
+    assert "[parquet]" in error.value.hint
 
 
 def test_every_byte_that_is_wrong_gives_an_error_or_a_network(tmp_path: Path) -> None:

@@ -8,10 +8,9 @@ from typing import Any
 
 import numpy as np
 
-from neuro.apps import console, html, sealed, table, write_text
+from neuro.apps import console, html, sealed, table, wilson, write_text
 from neuro.chips import COLUMNS, cells
 from neuro_recognise.compare import Compared, MethodComparison
-from neuro_recognise.evaluate import wilson
 from neuro_recognise.telling.pictures import accuracies, confusion
 
 PAGE = sealed(

@@ -15,10 +15,9 @@ from numpy.typing import NDArray
 from scipy.ndimage import gaussian_filter
 from scipy.signal import convolve
 
-from neuro.apps import literal
+from neuro.apps import Evaluation, literal, wilson
 from neuro.events import Events, representations
 from neuro_recognise.detection.boxes import COLOURS, UNKNOWN, Boxes
-from neuro_recognise.evaluate import Evaluation, wilson
 from neuro_recognise.shown import Floats
 
 

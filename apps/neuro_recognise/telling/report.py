@@ -8,9 +8,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from neuro.apps import Bar as Line, console, install, number, table, write_picture
+from neuro.apps import Bar as Line, Evaluation, console, install, number, table, write_picture
 from neuro_recognise.deciding.stopping import ASSUMES, ASSURANCE, Outcome, least_allowed, outcome
-from neuro_recognise.evaluate import Evaluation
 from neuro_recognise.method import METHODS, SILENT, Progress
 from neuro_recognise.methods import method_of
 from neuro_recognise.recogniser import Recogniser

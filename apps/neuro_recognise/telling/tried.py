@@ -10,9 +10,9 @@ from pathlib import Path
 import numpy as np
 
 from neuro import ModelError
+from neuro.apps import Evaluation, evaluate
 from neuro.events import Events, Recordings, load
 from neuro_recognise.deciding.stopping import ASSURANCE
-from neuro_recognise.evaluate import Evaluation, evaluate
 from neuro_recognise.method import SILENT, Answer, choose
 from neuro_recognise.recogniser import Recogniser
 from neuro_recognise.shown import Floats

@@ -52,7 +52,7 @@ class EventEngine:
         self._changes = ChangedValues(self._program)
         self._record = RecordedSpikes()
         self._currents = Currents(self._program)
-        self._drives = VaryingCurrents(self._program, self._currents, self._a, self._parameter)
+        self._drives = VaryingCurrents(self._program, self._currents, self._a)
         self._rates = Rates(self._program)
         self._steady = not any(p.kind == "current" or p.schedule is not None for p in self._program.populations)
         n_threads = self._a.net["edges"].shape[1] - 1
@@ -97,7 +97,7 @@ class EventEngine:
         apply(self._currents, self._program, self._a, self._view, step)
         for k, rate in self._rates.new(step):
             generators.set_rate(self._a, k, self._a.places[k].by_place(rate) if rate.size > 1 else rate, step)
-        until, replaced = self._drives.prepare(step)
+        until, replaced = self._drives.prepare(step, self._parameter)
         if replaced:
             self._pack()
         return min(until, self._currents.next_change(step), self._rates.next_change(step))

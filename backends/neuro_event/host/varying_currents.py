@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Any
+from typing import Any, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,6 +13,8 @@ from neuro.program.drives import CurrentLine, Emission, filtered_current, lines_
 from neuro.program.program import Floats, Program
 from neuro_event.building.arrays import EventArrays
 from neuro_event.loop import steps, tables as t
+
+Parameter: TypeAlias = Callable[[int, str], Floats]
 
 SHORTEST, LONGEST = 64, 1024
 """Steps of a stretch."""
@@ -28,13 +30,10 @@ class VaryingCurrents:
         program: the whole network.
         currents: what its generators are set to.
         arrays: where the loop finds its tables.
-        parameter: gives a parameter of a population as it is now.
     """
 
-    def __init__(
-        self, program: Program, currents: Currents, arrays: EventArrays, parameter: Callable[[int, str], Floats]
-    ) -> None:
-        self._program, self._currents, self._a, self._parameter = program, currents, arrays, parameter
+    def __init__(self, program: Program, currents: Currents, arrays: EventArrays) -> None:
+        self._program, self._currents, self._a = program, currents, arrays
         self._driven = driven(program)
         self._emissions: dict[int, Emission] = {}
         self._lines: list[CurrentLine] = []
@@ -45,8 +44,13 @@ class VaryingCurrents:
         """Something was set: what was worked out is no longer so."""
         self._until = -1
 
-    def prepare(self, step: int) -> tuple[int, bool]:
+    def prepare(self, step: int, parameter: Parameter) -> tuple[int, bool]:
         """Work out the currents of the steps after `step`.
+
+        Args:
+            step: the step before.
+            parameter: gives a parameter of a population as it is now. It is passed each time, since an engine that
+                is reached from its own parts would be freed by the garbage collector only, long after its last use.
 
         Returns:
             The last step for which they are known, and whether arrays were replaced.
@@ -55,12 +59,12 @@ class VaryingCurrents:
             return int(NEVER), False
         replaced = self._until < 0
         if replaced:
-            self._lay_out()
+            self._lay_out(parameter)
         if self._until <= step:
             self._fill(step)
         return self._until, replaced
 
-    def _lay_out(self) -> None:
+    def _lay_out(self, parameter: Parameter) -> None:
         """Lay out lines and weights anew."""
         self._lines = [k for k in lines_of(self._program, self._currents) if k.weight.size]
         for line in self._lines:
@@ -70,14 +74,14 @@ class VaryingCurrents:
         parts, begun, first = _Parts(), set[int](), 0
         span = self._steps + self._currents.longest
         for line in self._lines:
-            self._enter(parts, line, first, begun)
+            self._enter(parts, line, first, begun, parameter)
             emission = self._emissions[line.projection]
             first += emission.room(span) * emission.columns
         self._a.net |= parts.tables()
         self._a.net["emitted"] = np.zeros(first)
         self._a.net["emitted_rows"] = np.zeros((len(self._lines), span), dtype=np.int64)
 
-    def _enter(self, parts: _Parts, line: CurrentLine, first: int, begun: set[int]) -> None:
+    def _enter(self, parts: _Parts, line: CurrentLine, first: int, begun: set[int], parameter: Parameter) -> None:
         """Enter one line whose values begin at `first`."""
         p = self._program.projections[line.projection]
         place, n = self._a.places[p.target], self._program.populations[p.target].size
@@ -86,7 +90,7 @@ class VaryingCurrents:
         row[t.DRIVEN], row[t.CHARGED], row[t.BEGINS] = p.target, t.NONE, 0
         if p.receptor is not None:
             words = type(self._program.populations[p.target].model).filters[p.receptor.name]  # type: ignore[attr-defined]
-            row[t.CHARGED], share = filtered_current(self._program, p, {words[1]: self._parameter(p.target, words[1])})
+            row[t.CHARGED], share = filtered_current(self._program, p, {words[1]: parameter(p.target, words[1])})
             row[t.SHARE] = parts.add("shares", place.by_place(np.broadcast_to(share, n)))
         elif p.target not in begun:
             row[t.BEGINS] = 1

@@ -22,14 +22,21 @@ def check_stream(url: str | None, format: str | None, sensor: tuple[int, ...] | 
     """Refuse what `listen` would refuse, without listening.
 
     Raises:
-        ModelError: the address or the format is none, or the sensor is missing or too large.
+        ModelError: the address or the format is none, or the sensor is missing or too large; `path` is the word.
     """
-    name = format_for(parsed(url)[0], format, CODINGS)
-    if sensor is None:
-        raise ModelError("sensor is missing: expected [width, height] in px", path=("sensor",))
-    size = checked_size(sensor)
-    if name in CODINGS:
-        CODINGS[name].check(size)
+    word = "stream"
+    try:
+        scheme = parsed(url)[0]
+        word = "format"
+        name = format_for(scheme, format, CODINGS)
+        word = "sensor"
+        if sensor is None:
+            raise ModelError("sensor is missing: expected [width, height] in px")
+        size = checked_size(sensor)
+        if name in CODINGS:
+            CODINGS[name].check(size)
+    except ModelError as error:
+        raise error.but(path=(word,)) from None
 
 
 @dataclass(frozen=True, slots=True)

@@ -28,6 +28,15 @@ FALLS_AND_RISES = "fires at V > V_th, and falls by V_th; at 2 V_th while more th
 BEYOND = "while more than V_th is left after a spike, snnTorch fires at 2 V_th, and cuba_lif at V_th"
 """What differs of a CubaLIF of snnTorch that is reset by subtraction."""
 
+MOST_SPIKES = 255
+"""Of a step here, where a tool has any number."""
+
+FIRES_AND_FALLS = (
+    f"fires at V >= V_th, several times if V_th fits several times (here {MOST_SPIKES} at most), "
+    "and falls by V_th each time"
+)
+"""What a spike does in Sinabs and Rockpool."""
+
 SNNTORCH_STEP = 1e-4
 """The step in seconds that snnTorch 1.0 has in its importer and exporter, whatever a step lasts."""
 
@@ -123,8 +132,9 @@ def find_tool(said: str | None, metadata: object) -> str | None:
         ModelError: there is none of that name.
     """
     known = metadata.get("neuro_convention") if isinstance(metadata, dict) else None
-    name = said or (known.decode() if isinstance(known, bytes) else known)
-    if name is not None and name not in TOOLS:
+    known = known.decode("utf-8", "replace") if isinstance(known, bytes) else known
+    name = known if said is None else said
+    if name is not None and str(name) not in TOOLS:
         raise unknown("convention", name, TOOLS)
     return None if name is None else str(name)
 
@@ -217,11 +227,10 @@ def _snntorch(node: Node, step: float) -> Cell:
 def _sinabs(node: Node, step: float) -> Cell:
     """Sinabs 3.1: `IAF`, `LIF` and `ExpLeak` as its importer makes them, whose tau is in steps."""
     one, zero = np.ones(node.shape), np.zeros(node.shape)
-    fires = "fires at V >= V_th, several times if V_th fits several times, and falls by V_th each time"
     match node.kind:
         case "IF":
             threshold = node.array("v_threshold")
-            how = f"Sinabs: V grows by the input, r is not used; {fires}; then V >= -V_th"
+            how = f"Sinabs: V grows by the input, r is not used; {FIRES_AND_FALLS}; then V >= -V_th"
             return Cell(one, zero, one, how, threshold=threshold, several=True, lowest=-threshold)
         case "I":
             return Cell(one, zero, one, "V grows by the input")
@@ -236,7 +245,7 @@ def _sinabs(node: Node, step: float) -> Cell:
             cell = Cell(keep, zero, gain, how)
             if node.kind == "LI":
                 return cell
-            return replace(cell, how=f"{how}; {fires}", threshold=node.array("v_threshold"), several=True)
+            return replace(cell, how=f"{how}; {FIRES_AND_FALLS}", threshold=node.array("v_threshold"), several=True)
     raise Unsupported(f"Sinabs does not have {node.kind}", "read it with from_='nir'")
 
 
@@ -293,17 +302,16 @@ def _spyx(node: Node, step: float) -> Cell:
 def _rockpool(node: Node, step: float) -> Cell:
     """Rockpool 3.1: `LIFNeuronTorch` and `LIFTorch`, whose input decays in the step in which it arrives."""
     one, zero = np.ones(node.shape), np.zeros(node.shape)
-    fires = "fires at V >= V_th, several times if V_th fits several times, and falls by V_th each time"
     if node.kind == "LIF":
         _zero(node, "v_leak", "Rockpool")
         tau = _positive(node, "tau")
-        how = f"Rockpool: exact decay, the input times r dt / tau; {fires}"
+        how = f"Rockpool: exact decay, the input times r dt / tau; {FIRES_AND_FALLS}"
         gain = node.array("r") * step / tau
         return Cell(np.exp(-step / tau), zero, gain, how, threshold=node.array("v_threshold"), several=True)
     if node.kind == "CubaLIF":
         _zero(node, "v_leak", "Rockpool")
         keep, i_keep = (np.exp(-step / _positive(node, word)) for word in ("tau_mem", "tau_syn"))
-        how = f"Rockpool: exact decay, also of the input in its first step, the current first; {fires}"
+        how = f"Rockpool: exact decay, also of the input in its first step, the current first; {FIRES_AND_FALLS}"
         threshold = node.array("v_threshold")
         return Cell(keep, zero, one, how, i_keep=i_keep, i_gain=i_keep, threshold=threshold, several=True)
     raise Unsupported(f"Rockpool does not have {node.kind}", "read it with from_='nir'")

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from os import PathLike
 from pathlib import Path
 from typing import Any
@@ -19,6 +19,8 @@ from neuro.core.outputs import Kind, output
 from neuro.core.quantities import Quantity
 from neuro.exchange.nir.cells import BY_GRAPH_EXECUTOR, Unsupported
 from neuro.exchange.nir.graph import Floats, package
+from neuro.exchange.nir.importing import judge
+from neuro.exchange.nir.measured import measure
 from neuro.exchange.nir.nodes import READOUT, Scaled, neuron_of
 from neuro.exchange.verdict import APPROXIMATE, EXACT, REFUSED, Verdict, Verdicts
 from neuro.model.network import Network
@@ -106,6 +108,8 @@ def to_nir(net: Network, dt: float | None = None, for_: str | None = None) -> An
 
 def written(net: Network, dt: float | None, for_: str | None) -> tuple[Any, Verdicts]:
     """The graph of a network, None where a part is refused, and the verdicts."""
+    if not isinstance(net, Network):
+        raise ModelError(f"to_nir: found {net!r:.60}: expected a Network")
     tool = check(FOR, for_, "for_", ("for_",)) or "nir"
     step = check(DT, dt, "dt", ("dt",))
     if step is not None and not math.isclose(step, net.resolution):
@@ -125,12 +129,28 @@ def written(net: Network, dt: float | None, for_: str | None) -> tuple[Any, Verd
     table = Verdicts(f"{net.name}: for {tool}, steps of {net.resolution:g} ms", tuple(out.verdicts))
     if table.refused:
         return None, table
-    metadata = {CONVENTION: tool, "neuro_dt_ms": net.resolution, "neuro_verdicts": table.to_json()}
     try:
         # The package works out the size of some convolutions wrongly; `_add_projection` has made sure that all fit.
-        return out.nir.NIRGraph(_single(out), out.edges, metadata=metadata, type_check=False), table
+        graph = out.nir.NIRGraph(_single(out), out.edges, type_check=False)
     except Exception as error:  # the package raises many kinds
         raise ModelError(f"to_nir: the package nir refuses the graph: {error}") from None
+    if not table.exact:
+        measured = _measured(out, net, graph)
+        parts = (replace(each, measured=measured) if each.verdict == APPROXIMATE else each for each in table)
+        table = replace(table, nodes=tuple(parts))
+    graph.metadata = {CONVENTION: tool, "neuro_dt_ms": net.resolution, "neuro_verdicts": table.to_json()}
+    return graph, table
+
+
+def _measured(out: Written, net: Network, graph: Any) -> str:
+    """By how much the graph differs in the tool, with all that is approximate."""
+    found = judge(graph, net.resolution, out.tool)
+    if found.table().refused:
+        return "not measured: the graph does not come in again"
+    parts = {part.name: index for index, part in enumerate(out.program.populations) if part.name in graph.nodes}
+    depths = {name: out.depths[index] for name, index in parts.items()}
+    differing = [each.node for each in found.table() if each.verdict == APPROXIMATE]
+    return measure(found, net, {name: name for name in parts}, depths, differing)
 
 
 def _single(out: Written) -> dict[str, Any]:
@@ -200,7 +220,9 @@ def _add_population(out: Written, index: int, part: Population) -> None:
             fields = {word: values.reshape(out.shapes[index]) for word, values in made.fields.items()}
             out.nodes[part.name] = getattr(out.nir, made.kind)(**fields)
         depth = out.depths[index]
-        if made.bias.any() and depth:
+        if not any(p.target == index for p in _spiking(out)):
+            out.says(part, REFUSED, "receives no spikes: a graph has no such node", "connect it, or leave it out")
+        elif made.bias.any() and depth:
             how = f"{made.how}; its constant current begins {some(depth, 'step')} later there"
             out.says(part, APPROXIMATE, how, "send the current by a dc_generator with that delay")
         else:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Iterable
-from dataclasses import dataclass, field, replace
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -22,12 +22,15 @@ from neuro.exchange.nir.cells import (
     cell_of,
     find_tool,
 )
-from neuro.exchange.nir.graph import FIELDS, STATEFUL, Floats, Graph, Node, Shape, sources
+from neuro.exchange.nir.graph import FIELDS, STATEFUL, Floats, Graph, Node, Shape, sources, spread
+from neuro.exchange.nir.judged import Link, Read
 from neuro.exchange.nir.maps import Map, map_of, same_in_each_map, sheet, together
+from neuro.exchange.nir.measured import measure
 from neuro.exchange.nir.models import Made, model_of, one_or_all
 from neuro.exchange.nir.reading import read
 from neuro.exchange.verdict import APPROXIMATE, EXACT, REFUSED, Verdict, Verdicts
 from neuro.model.network import Network
+from neuro.model.neurons.base import Model
 from neuro.model.neurons.builtin import dc_generator, iaf_psc_delta, spike_generator
 from neuro.model.rules import SAME, all_to_all, grid, one_to_one, pairs
 
@@ -47,67 +50,16 @@ LACKS = {
 }
 """Types of nodes that a tool's own importer does not read."""
 
+NO_RUN = "not measured: the tool runs no such network"
+LONGEST = 200
+"""Letters of a name; YAML has none of more than 1024."""
+
 MOST_PATHS = 10_000
 CURRENT, TICKS = "bias", "every_step"
 """The population that sends constant currents, and the neuron that fires in every step."""
 
 DENSE = 0.5
 """Share of weights that are not 0 from which all pairs are connected."""
-
-
-@dataclass(slots=True)
-class Link:
-    """What one neuron node sends another along one path of linear nodes.
-
-    Attributes:
-        source, target: names of the nodes.
-        map: the linear nodes together.
-        lag: seconds of the delays on the path, an element each of the source; 0 without one.
-    """
-
-    source: str
-    target: str
-    map: Map
-    lag: Floats
-
-
-@dataclass(slots=True)
-class Read:
-    """A graph with all that a network needs.
-
-    Attributes:
-        graph: the graph.
-        tool: the convention, None where nothing tells.
-        step: seconds.
-        cells, made: of each stateful node.
-        links: between neurons.
-        bias: of each stateful node the constant input, in the unit of weighted input.
-        late: the part of it that begins with the second step.
-        depths: by how many steps each node is later here than in the tool.
-        verdicts: of each node.
-    """
-
-    graph: Graph
-    tool: str | None
-    step: float
-    cells: dict[str, Cell] = field(default_factory=dict)
-    made: dict[str, Made] = field(default_factory=dict)
-    links: list[Link] = field(default_factory=list)
-    bias: dict[str, Floats] = field(default_factory=dict)
-    late: dict[str, Floats] = field(default_factory=dict)
-    depths: dict[str, int] = field(default_factory=dict)
-    verdicts: dict[str, Verdict] = field(default_factory=dict)
-
-    def refuse(self, node: str, why: str, way_out: str) -> None:
-        """A node cannot be had."""
-        if node not in self.verdicts or self.verdicts[node].verdict != REFUSED:
-            self.verdicts[node] = Verdict(node, self.graph.nodes[node].kind, REFUSED, why, way_out)
-
-    def table(self) -> Verdicts:
-        """The verdicts in the order of the graph."""
-        nodes = [each for each in self.graph.nodes.values() if each.kind != "Identity"]
-        heading = f"{self.graph.source}: from {self.tool or 'an unknown tool'}, steps of {self.step * 1e3:g} ms"
-        return Verdicts(heading, tuple(self.verdicts[node.name] for node in nodes))
 
 
 def from_nir(graph: Any, dt: float, from_: str | None = None, *, reset: str | None = None) -> Network:
@@ -160,6 +112,14 @@ def check_nir(graph: Any, dt: float, from_: str | None = None, *, reset: str | N
 
 
 def examine(graph: Any, dt: float, from_: str | None, reset: str | None) -> Read:
+    """Read a graph and decide on each node; of approximate ones measure by how much they differ."""
+    found = judge(graph, dt, from_, reset)
+    if not found.table().refused:
+        _measure(found)
+    return found
+
+
+def judge(graph: Any, dt: float, from_: str | None, reset: str | None = None) -> Read:
     """Read a graph and decide on each node."""
     step = check(DT, dt, "dt", ("dt",)) / 1e3
     reset = check(RESET, reset, "reset", ("reset",))
@@ -175,6 +135,21 @@ def examine(graph: Any, dt: float, from_: str | None, reset: str | None) -> Read
     if not found.table().refused:
         _find_depths(found)
     return found
+
+
+def _measure(found: Read) -> None:
+    """By how much approximate nodes differ: those of a kind together, since the tool has all of them so."""
+    kinds: dict[str, list[str]] = {}
+    for name, verdict in found.verdicts.items():
+        if verdict.verdict == APPROXIMATE and not verdict.measured:
+            kinds.setdefault(verdict.kind, []).append(name)
+    if not kinds:
+        return
+    net = _network(found)
+    for names in kinds.values():
+        measured = measure(found, net, found.names, found.depths, names)
+        for name in names:
+            found.verdicts[name] = replace(found.verdicts[name], measured=measured)
 
 
 def _check_step(found: Read) -> None:
@@ -194,13 +169,12 @@ def _judge(found: Read, node: Node, reset: str | None) -> None:
     how = _HOW.get(node.kind, "")
     found.verdicts[node.name] = Verdict(node.name, node.kind, EXACT, how)
     if node.kind in LACKS.get(str(found.tool), ()):
-        how = (
-            f"{how or 'as NIR defines it'}; {found.tool}'s own importer has no {node.kind}, and fails or leaves it out"
-        )
-        found.verdicts[node.name] = Verdict(node.name, node.kind, APPROXIMATE, how)
+        does = "runs only a part of the graph" if found.tool in BY_GRAPH_EXECUTOR else "refuses the file"
+        how = f"{how or 'as NIR defines it'}; {found.tool}'s own importer has no {node.kind}, and {does}"
+        found.verdicts[node.name] = Verdict(node.name, node.kind, APPROXIMATE, how, measured=NO_RUN)
     elif found.tool == "norse" and node.kind == "SumPool2d" and np.any(np.asarray(node.fields["padding"]) != 0):
-        how = f"{how}; Norse's own importer leaves its padding out"
-        found.verdicts[node.name] = Verdict(node.name, node.kind, APPROXIMATE, how)
+        how = f"{how}; Norse's own importer leaves its padding out, and all behind it has another shape"
+        found.verdicts[node.name] = Verdict(node.name, node.kind, APPROXIMATE, how, measured=NO_RUN)
     if node.kind != "Identity" and node.kind not in FIELDS:
         found.refuse(node.name, f"{node.kind} has no counterpart here", "replace it in the tool that wrote the file")
     elif node.problem[0]:
@@ -217,7 +191,7 @@ def _judge(found: Read, node: Node, reset: str | None) -> None:
         if found.verdicts[node.name].verdict == EXACT:
             found.verdicts[node.name] = Verdict(node.name, node.kind, APPROXIMATE if cell.differs else EXACT, how)
     elif node.kind == "Delay":
-        steps = np.asarray(node.fields["delay"], dtype=np.float64) / found.step
+        steps = node.array("delay") / found.step
         if np.any(steps < 0) or not np.allclose(steps, np.rint(steps), atol=1e-3):
             found.refuse(node.name, "is no multiple of the step", "choose a dt that divides it")
 
@@ -316,9 +290,10 @@ def _add_link(found: Read, path: list[str], known: set[tuple[str, ...]]) -> None
         if bias is None or rest in known:
             continue
         known.add(rest)
-        values = np.asarray(bias, dtype=np.float64)
-        values = values.reshape(-1, *[1] * (len(maps[k].target) - 1)) if node.kind.startswith("Conv") else values
-        full = np.broadcast_to(values, maps[k].target).astype(np.float64)
+        convolves, target = node.kind.startswith("Conv"), maps[k].target
+        values = spread(bias, target[:1] if convolves else target[-1:], f"node '{node.name}': bias")
+        values = values.reshape(-1, *[1] * (len(target) - 1)) if convolves else values
+        full = np.broadcast_to(values, target).astype(np.float64)
         # What comes back to a layer is of the step before, and the first step has none, in these also no bias.
         late = path[0] == path[-1] and found.tool in BY_GRAPH_EXECUTOR
         (found.late if late else found.bias)[path[-1]] += together([*maps[k + 1 :], identity])(full)
@@ -344,7 +319,8 @@ def _find_depths(found: Read) -> None:
             found.refuse(name, why, "delay the way back in the tool, too, or leave out all but one layer of the loop")
     for name in found.cells:
         old, later = found.verdicts[name], depths[name] - found.cells[name].late
-        found.verdicts[name] = replace(old, how=f"{old.how}; {some(later, 'step')} later here")
+        if old.verdict != REFUSED:
+            found.verdicts[name] = replace(old, how=f"{old.how}; {some(later, 'step')} later here")
 
 
 def _has_current(found: Read, name: str, made: Made) -> bool:
@@ -354,7 +330,7 @@ def _has_current(found: Read, name: str, made: Made) -> bool:
 def _network(found: Read) -> Network:
     graph, h = found.graph, found.step * 1e3
     net = Network(_name(graph.source.rpartition("/")[2].removesuffix(".nir"), set()), resolution=round(h, 12))
-    names: dict[str, str] = {}
+    names = found.names = {}
     for name, node in sorted(graph.nodes.items(), key=lambda item: found.depths.get(item[0], 0)):
         if node.kind == "Input":
             names[name] = _name(name, names.values())
@@ -375,7 +351,7 @@ def _network(found: Read) -> Network:
 
 def _name(name: str, taken: Iterable[str]) -> str:
     """A name that a part may have."""
-    plain = re.sub(r"[^\w.-]", "_", name) or "node"
+    plain = re.sub(r"[^\w.-]", "_", name)[:LONGEST] or "node"
     names = (plain if k == 1 else f"{plain}_{k}" for k in range(1, MOST_PATHS))
     return next(each for each in names if each not in set(taken))
 
@@ -440,22 +416,22 @@ def _connect_biases(net: Network, found: Read, names: dict[str, str], h: float) 
     A generator of currents acts two steps after it begins. Input that a synapse filters comes as spikes, from a neuron
     that fires in every step.
     """
+    constant, ticks = (_name(source, net.populations) for source in (CURRENT, TICKS))
+    every_step = iaf_psc_delta(tau_m=math.inf, C_m=h, t_ref=0.0, E_L=0.0, V_reset=0.0, V_th=1.0, I_e=1.0)
     for name, made in found.made.items():
         offset, depth = made.offset, found.depths[name]
         for bias, begin in ((found.bias[name], depth), (found.late[name], depth + 1)):
             current = offset if made.per_input is None else offset + bias * made.per_input
             if current.any():
-                _from_one(net, CURRENT, names[name], current, h * (begin - 1))
+                _from_one(net, constant, dc_generator(amplitude=1.0), names[name], current, h * (begin - 1))
             if made.per_input is None and bias.any():
-                _from_one(net, TICKS, names[name], bias * made.gain, h * begin)
+                _from_one(net, ticks, every_step, names[name], bias * made.gain, h * begin)
             offset = np.zeros_like(offset)
 
 
-def _from_one(net: Network, source: str, target: str, values: Floats, delay: float) -> None:
+def _from_one(net: Network, source: str, model: Model, target: str, values: Floats, delay: float) -> None:
     if source not in net.populations:
-        h = net.resolution
-        ticks = iaf_psc_delta(tau_m=math.inf, C_m=h, t_ref=0.0, E_L=0.0, V_reset=0.0, V_th=1.0, I_e=1.0)
-        net.population(source, 1, dc_generator(amplitude=1.0) if source == CURRENT else ticks)
+        net.population(source, 1, model)
     label = _name(f"{source}_{target}", net.projections)
     net.connect(source, target, all_to_all(), weight=values.reshape(1, -1), delay=round(delay, 9), name=label)
 

@@ -12,10 +12,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from neuro.core.errors import ModelError
-from neuro.exchange.nir.graph import STATEFUL, Floats, Node, Shape, spread
+from neuro.exchange.nir.graph import Floats, Node, Shape, spread
 
 Pair = tuple[int, int]
-SAME_SHAPE = ("Input", "Output", "Identity", "Scale", "Delay", *STATEFUL)
+_HUGE = 2**40
+"""What no stride, size or axis reaches."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -96,11 +97,32 @@ def outcome(node: Node, shape: Shape) -> Shape:
 
 
 def _axis(node: Node, word: str, axes: int) -> int:
-    given = int(np.asarray(node.fields[word]).reshape(-1)[0])
+    given = _whole(node, word)
     axis = given + axes if given < 0 else given
     if not 0 <= axis < axes:
         raise ModelError(f"node '{node.name}': {word} = {given} of {axes} axes")
     return axis
+
+
+def _whole(node: Node, word: str) -> int:
+    """A field that is one whole number."""
+    numbers = wholes(node.fields[word])
+    if len(numbers) != 1:
+        raise ModelError(f"node '{node.name}': {word} = {shown(node.fields[word])}: expected a whole number")
+    return numbers[0]
+
+
+def wholes(value: Any) -> list[int]:
+    """Whole numbers; none where a number is not whole, or beyond what a shape may be."""
+    array = np.atleast_1d(np.asarray(value, dtype=np.float64))
+    if array.ndim > 1 or not np.all(np.abs(array) < _HUGE) or np.any(array != np.rint(array)):
+        return []
+    return [int(n) for n in array]
+
+
+def shown(value: Any) -> str:
+    """A field for messages."""
+    return f"{np.asarray(value).tolist()!r:.60}"
 
 
 def _unfit(node: Node, shape: Shape, of: str) -> ModelError:
@@ -109,14 +131,11 @@ def _unfit(node: Node, shape: Shape, of: str) -> ModelError:
 
 def _pair(node: Node, value: Any, word: str, least: int) -> Pair:
     """One whole number for each axis of a sheet; of one axis the columns."""
-    try:
-        numbers = [int(n) for n in np.atleast_1d(np.asarray(value, dtype=np.float64))]
-    except (TypeError, ValueError):
-        numbers = []
+    numbers = wholes(value)
     first = 0 if word == "padding" else 1
     pair = (first, *numbers) if node.kind == "Conv1d" else tuple(numbers * 2 if len(numbers) == 1 else numbers)
     if len(pair) != 2 or min(pair) < least:
-        raise ModelError(f"node '{node.name}': {word} = {value!r:.40}: expected whole numbers >= {least}")
+        raise ModelError(f"node '{node.name}': {word} = {shown(value)}: expected whole numbers >= {least}")
     return pair[0], pair[1]
 
 
@@ -165,7 +184,7 @@ def _sliding_outcome(node: Node, shape: Shape, weight: NDArray[Any] | None) -> S
 
 
 def _groups(node: Node) -> int:
-    groups = int(np.asarray(node.fields["groups"]).reshape(-1)[0])
+    groups = _whole(node, "groups")
     if groups < 1:
         raise ModelError(f"node '{node.name}': groups = {groups}: expected at least 1")
     return groups

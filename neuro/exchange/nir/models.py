@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from neuro.exchange.nir.cells import Cell, Unsupported
+from neuro.exchange.nir.cells import MOST_SPIKES, Cell, Unsupported
 from neuro.exchange.nir.graph import Floats
 from neuro.model.neurons.base import Neuron
 from neuro.model.neurons.builtin import cuba_lif, iaf_psc_delta
@@ -18,9 +18,6 @@ AT_ONCE = 1e-3
 
 NEVER = 1e30
 """A threshold in mV that no potential reaches."""
-
-MOST = 255
-"""Spikes of a step where any number may be."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -87,7 +84,7 @@ def _spike(cell: Cell) -> dict[str, Any]:
         fall = cell.threshold if cell.fall is None else cell.fall
         words = {"V_th": v_th, "V_reset": v_th - fall, "reset_by_subtraction": True}
         words |= {"threshold_rises": True} if cell.rises else {}
-        return words | ({"max_spikes": MOST} if cell.several else {})
+        return words | ({"max_spikes": MOST_SPIKES} if cell.several else {})
     if np.any(cell.reset >= v_th):
         raise Unsupported("v_reset is not below v_threshold", "raise v_threshold")
     return {"V_th": v_th, "V_reset": cell.reset}

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from contextlib import suppress
 from os import PathLike
 from pathlib import Path
 from typing import Any
@@ -10,13 +11,16 @@ from typing import Any
 import numpy as np
 
 from neuro.core.errors import ModelError
+from neuro.core.hdf5_texts import Texts
 from neuro.core.inputs import record_input
 from neuro.core.paths import existing
 from neuro.exchange.nir.graph import FIELDS, Graph, Node, Shape, package
-from neuro.exchange.nir.maps import outcome
+from neuro.exchange.nir.maps import outcome, shown, wholes
 
 LARGEST = 2**28
 """Elements of a shape; more is taken for damage."""
+
+SIZES = f"whole sizes of at least 1, of {LARGEST:,} elements at most"
 
 
 def read(source: Any) -> Graph:
@@ -28,16 +32,18 @@ def read(source: Any) -> Graph:
     if isinstance(source, (str, PathLike)):
         path = existing(source)
         record_input(path)
-        try:
-            return _flat(_from_file(path), str(path))
-        except ModelError as error:
-            raise error.at(None, str(path)) from None
-        except (TypeError, ValueError, OverflowError) as error:  # of a field that does not hold numbers
-            raise ModelError(f"{path}: cannot be read as NIR: {str(error).partition(chr(10))[0]}") from None
-    if not all(hasattr(source, word) for word in ("nodes", "edges")):
-        found = type(source).__name__
-        raise ModelError(f"from_nir: found {found}: expected a file, or a nir.NIRGraph")
-    return _flat(source, "graph")
+        named = str(path)
+    else:
+        path, named = None, "graph"
+        if not all(hasattr(source, word) for word in ("nodes", "edges")):
+            found = type(source).__name__
+            raise ModelError(f"from_nir: found {found}: expected a file, or a nir.NIRGraph")
+    try:
+        return _flat(source if path is None else _from_file(path), named)
+    except ModelError as error:
+        raise (error if path is None else error.at(None, named)) from None
+    except (TypeError, ValueError, OverflowError, AttributeError) as error:  # of a field that is something else
+        raise ModelError(f"{named}: cannot be read as NIR: {str(error).partition(chr(10))[0]}") from None
 
 
 def _from_file(path: Path) -> Any:
@@ -51,33 +57,24 @@ def _from_file(path: Path) -> Any:
     except ModelError:
         raise
     except Exception as error:  # the package and HDF5 raise many kinds on damaged files
-        reason = str(error).strip().partition("\n")[0]
-        raise ModelError(f"{path}: cannot be read as NIR: {reason or type(error).__name__}") from None
-    if not hasattr(graph, "nodes"):
-        raise ModelError(f"{path}: holds a {type(graph).__name__}: expected a graph")
+        reason = str(error).strip().partition("\n")[0] or type(error).__name__
+        reason = f"has no {reason}" if isinstance(error, KeyError) else reason
+        raise ModelError(f"{path}: cannot be read as NIR: {_culprit(path)}{reason}") from None
     return graph
 
 
-def _check_heaps(content: bytes) -> bool:
-    """Whether the collections in which HDF5 keeps texts are whole: it reads on for ever in some that are not.
+def _culprit(path: Path) -> str:
+    """The first node that the package cannot read, for a message that says what is wrong but not where."""
+    import h5py
 
-    Source: HDF5 File Format Specification 3.0, III.E, "Disk Format: Level 1E - Global Heap".
-    """
-    at = content.find(b"GCOL")
-    while at >= 0:
-        end = at + int.from_bytes(content[at + 8 : at + 16], "little")
-        place = at + 16
-        while place + 16 <= end <= len(content):
-            index = int.from_bytes(content[place : place + 2], "little")
-            length = int.from_bytes(content[place + 8 : place + 16], "little")
-            if index == 0:  # what is free, with its head
-                place += length if length else len(content)
-            else:
-                place += 16 + -(-length // 8) * 8
-        if place > end or end > len(content):
-            return False
-        at = content.find(b"GCOL", at + 4)
-    return True
+    nir = package("from_nir")
+    with suppress(Exception), h5py.File(path, "r") as file:
+        for name, node in file["node/nodes"].items():
+            try:
+                nir.dict2NIRNode(nir.serialization.hdf2dict(node))
+            except Exception:  # the package raises many kinds
+                return f"node '{name}': "
+    return ""
 
 
 def _check_sizes(path: Path) -> None:
@@ -88,8 +85,8 @@ def _check_sizes(path: Path) -> None:
     """
     import h5py
 
-    room = path.stat().st_size
-    if not _check_heaps(path.read_bytes()):
+    room, texts = path.stat().st_size, Texts(path.read_bytes())
+    if not texts.whole:
         raise ModelError(f"{path}: is damaged: its texts are not whole")
 
     def look(name: str, item: Any) -> None:
@@ -99,21 +96,25 @@ def _check_sizes(path: Path) -> None:
         packed = item.compression is not None
         if size > LARGEST or item.size * item.dtype.itemsize > (room * 1100 if packed else room):
             raise ModelError(f"{path}: is damaged: array '{name}' of shape {list(item.shape)} does not fit in the file")
+        if item.dtype.kind == "O" and not texts.has(item):
+            raise ModelError(f"{path}: is damaged: the texts of '{name}' are not in the file")
 
     with h5py.File(path, "r") as file:
         file.visititems(look)
+        kind = file["node/type"][()].decode() if "node/type" in file else "no node"
+        if kind != "NIRGraph":
+            raise ModelError(f"{path}: holds {kind}: expected a graph, NIRGraph")
 
 
 def _flat(graph: Any, source: str) -> Graph:
     nodes: dict[str, Node] = {}
     edges: list[tuple[str, str]] = []
     _gather(graph, "", nodes, edges, depth=0)
-    unknown = {end for edge in edges for end in edge} - set(nodes)
-    if unknown:
-        raise ModelError(f"{source}: an edge names '{min(unknown)}', which is no node")
     flat = Graph(source, nodes, list(dict.fromkeys(edges)), dict(graph.metadata or {}))
     if not any(node.kind == "Input" for node in nodes.values()):
         raise ModelError(f"{source}: has no Input node")
+    if into := [(a, b) for a, b in flat.edges if nodes[b].kind == "Input"]:
+        raise ModelError(f"{source}: edge '{into[0][0]}' -> '{into[0][1]}': an Input receives nothing")
     _find_shapes(flat)
     for name, node in nodes.items():
         node.recurrent = any((b, name) in flat.edges for a, b in flat.edges if a == name)
@@ -127,6 +128,8 @@ def _gather(graph: Any, prefix: str, nodes: dict[str, Node], edges: list[tuple[s
     for name, node in graph.nodes.items():
         full = prefix + str(name)
         kind = type(node).__name__
+        if full in nodes:
+            raise ModelError(f"node '{full}': is there twice, in a subgraph and beside it: expected different names")
         if kind == "NIRGraph":
             _gather(node, full + ".", nodes, edges, depth + 1)
             inner = {
@@ -138,24 +141,39 @@ def _gather(graph: Any, prefix: str, nodes: dict[str, Node], edges: list[tuple[s
         elif prefix and kind in ("Input", "Output"):
             nodes[full] = Node(full, "Identity", {})
         else:
-            nodes[full] = Node(full, kind, {word: _plain(getattr(node, word, None)) for word in FIELDS.get(kind, ())})
+            fields = {word: _plain(getattr(node, word, None), full, word) for word in FIELDS.get(kind, ())}
+            nodes[full] = Node(full, kind, fields)
             if kind == "Input":
                 nodes[full].shape = _shape(next(iter((node.input_type or {}).values()), None), full)
-    for a, b in graph.edges:
-        edges.append((ends[a][1] if a in ends else prefix + str(a), ends[b][0] if b in ends else prefix + str(b)))
+    known = {str(name) for name in graph.nodes}
+    for a, b in ((str(a), str(b)) for a, b in graph.edges):
+        if lost := [end for end in (a, b) if end not in known]:
+            raise ModelError(f"an edge names '{prefix}{lost[0]}', which is no node")
+        edges.append((ends[a][1] if a in ends else prefix + a, ends[b][0] if b in ends else prefix + b))
 
 
-def _plain(value: Any) -> Any:
-    """A field as a NumPy array; texts and nothing as they are."""
-    if value is None or isinstance(value, (str, bytes)):
+def _plain(value: Any, name: str, word: str) -> Any:
+    """A field as a NumPy array of real numbers; nothing as it is, and the word that a padding may be.
+
+    Raises:
+        ModelError: it holds something else.
+    """
+    if value is None or (word == "padding" and isinstance(value, (str, bytes))):
         return value
-    return np.asarray(value.detach() if hasattr(value, "detach") else value)
+    try:
+        array = np.asarray(value.detach() if hasattr(value, "detach") else value)
+    except (TypeError, ValueError) as error:
+        raise ModelError(f"node '{name}': {word}: expected numbers: {error!s:.100}") from None
+    is_word = word == "padding" and array.size == 1 and array.dtype.kind in "SUO"
+    if array.dtype.kind not in "fiub" and not is_word:
+        raise ModelError(f"node '{name}': {word}: found {array.dtype}: expected real numbers")
+    return array
 
 
 def _shape(value: Any, name: str) -> Shape:
-    sizes = () if value is None else tuple(int(n) for n in np.atleast_1d(value))
+    sizes = () if value is None else tuple(wholes(value))
     if not sizes or min(sizes) < 1 or math.prod(sizes) > LARGEST:
-        raise ModelError(f"node '{name}': shape {list(sizes)}: expected sizes of at least 1")
+        raise ModelError(f"node '{name}': shape {shown(value)}: expected {SIZES}")
     return sizes
 
 
@@ -171,14 +189,15 @@ def _find_shapes(graph: Graph) -> None:
         if not left or len(left) == len(pending):
             break
         pending = left
-    for name in [n for n in graph.nodes if not graph.nodes[n].shape]:
-        node = graph.nodes[name]
-        if graph.before(name):
-            raise ModelError(f"{graph.source}: node '{name}': its shape does not follow from what it receives")
-        node.problem = "receives nothing", "connect it, or leave it out"
-        node.shape = (1,)
+    for node in graph.nodes.values():
+        if not node.shape:
+            why = "receives what comes from no Input" if graph.before(node.name) else "receives nothing"
+            node.problem = why, "connect it, or leave it out"
+            node.shape = (1,)
     for a, b in graph.edges:
         node = graph.nodes[b]
+        if node.problem[0] or graph.nodes[a].problem[0]:
+            continue
         if node.shape != outcome(node, graph.nodes[a].shape):
             raise ModelError(
                 f"{graph.source}: edge '{a}' -> '{b}': shape {list(graph.nodes[a].shape)} does not fit {node.kind}"
@@ -187,5 +206,5 @@ def _find_shapes(graph: Graph) -> None:
 
 def _checked(graph: Graph, node: Node, shape: Shape) -> Shape:
     if min(shape, default=0) < 1 or math.prod(shape) > LARGEST:
-        raise ModelError(f"{graph.source}: node '{node.name}': shape {list(shape)}: expected sizes of at least 1")
+        raise ModelError(f"{graph.source}: node '{node.name}': shape {list(shape)}: expected {SIZES}")
     return shape

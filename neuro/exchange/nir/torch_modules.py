@@ -56,7 +56,8 @@ def from_torch(module: Any, example: Any, of: str, dt: float | None = None) -> N
     net = from_nir(graph, step, of, reset=reset)
     if of == "snntorch":  # a module has no importer, whose recurrence may differ
         recurrent = {n.node: n for n in net.verdicts if n.verdict == APPROXIMATE and n.kind in ("Linear", "Affine")}
-        nodes = tuple(replace(n, verdict=EXACT, how="weights") if n.node in recurrent else n for n in net.verdicts)
+        exact = {"verdict": EXACT, "how": "weights", "measured": ""}
+        nodes = tuple(replace(n, **exact) if n.node in recurrent else n for n in net.verdicts)
         net.verdicts = replace(net.verdicts, nodes=nodes)
     return net
 

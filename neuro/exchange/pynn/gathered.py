@@ -12,7 +12,9 @@ from numpy.typing import NDArray
 
 from neuro.core.errors import ModelError, Where
 from neuro.exchange.pynn.cells import BY_NAME, DEPENDENCES, Cell
-from neuro.exchange.pynn.recorder import Experiment, Projection
+from neuro.exchange.pynn.projections import Projection
+from neuro.exchange.pynn.session import Experiment
+from neuro.exchange.pynn.short_term import difference
 from neuro.exchange.pynn.spinnaker import delta_jump
 from neuro.model.network import Network
 from neuro.model.neurons import MODELS
@@ -173,21 +175,25 @@ class Gathered:
     def _rounded(self, times: Any, what: str, least: float = 0.0) -> Any:
         """Times on the grid, as NEST rounds them."""
         steps = np.maximum(np.floor(np.asarray(times) / self.step + 0.5 + _ALMOST), least)
-        if np.any(np.abs(steps * self.step - times) > _ALMOST * self.step):
-            self._note(f"{what} are rounded to steps of {self.step:g} ms")
+        off = np.max(np.abs(steps * self.step - times), initial=0.0)
+        if off > _ALMOST * self.step:
+            self._note(f"{what} are rounded to steps of {self.step:g} ms, by {off:.2g} ms at most")
         found = np.round(steps * self.step, 9)
         return found if np.ndim(times) else float(found)
 
     def _spike_times(self, values: dict[str, Any]) -> Any:
-        rows = []
+        rows, off = [], 0.0
         for given in values["spike_times"]:
             times = np.asarray(given.value, dtype=float)
             steps = np.ceil(times / self.step - _ALMOST)
-            if np.any(np.abs(steps * self.step - times) > _ALMOST * self.step):
-                self._note(f"spike times are rounded up to steps of {self.step:g} ms, as NEST does")
+            off = max(off, np.max(steps * self.step - times, initial=0.0))
             if np.any(steps < 1):
                 self._note("spikes at 0 ms leave in the first step")
             rows.append((np.round(np.maximum(np.sort(steps), 1) * self.step, 9)).tolist())
+        if off > _ALMOST * self.step:
+            self._note(
+                f"spike times are rounded up to steps of {self.step:g} ms, by {off:.2g} ms at most, as NEST does"
+            )
         return MODELS["spike_generator"](spike_times=rows)
 
     def _poisson(self, values: dict[str, Any]) -> Any:
@@ -247,7 +253,7 @@ class Gathered:
         factor = self._factor(bundle, cell)
         weight = bundle.numbers("weight") * factor
         rule = _rule(bundle)
-        synapse = self._synapse(bundle, factor)
+        synapse = self._synapse(bundle, factor, rule)
         place = {"weight": self._laid(weight, rule, bundle), "delay": self._laid(delay, rule, bundle)}
         self.net.connect(source, target, rule, synapse, name=name, **place)
 
@@ -289,10 +295,12 @@ class Gathered:
                 f"'{word}' = {value:g} ms: rules onto one population share one time constant of post spikes"
             )
 
-    def _synapse(self, bundle: Synapses, factor: Any) -> Any:
+    def _synapse(self, bundle: Synapses, factor: Any, rule: Rule) -> Any:
         kind = _kind(bundle)
         if kind == "StaticSynapse":
             return SYNAPSES["static"]()
+        if kind == "TsodyksMarkramSynapse":
+            return self._short_term(bundle, rule)
         if kind != "STDPMechanism":
             raise Incomplete(f"{kind} has no counterpart")
         if np.ndim(factor):
@@ -311,6 +319,13 @@ class Gathered:
         if timing != "SpikePairRule":
             raise Incomplete(f"{timing} with {dependence} has no counterpart")
         return self._pair(bundle, dependence, factor)
+
+    def _short_term(self, bundle: Synapses, rule: Rule) -> Any:
+        share, tau_rec, tau_fac = bundle.numbers("U"), bundle.number("tau_rec"), bundle.number("tau_facil")
+        active = bundle.target.values.get(f"tau_syn_{'I' if bundle.made.receptor_type == 'inhibitory' else 'E'}")
+        if active is not None:
+            self._note(difference(float(np.mean(share)), tau_rec, tau_fac, float(np.mean(active))))
+        return SYNAPSES["tsodyks2"](U=self._laid(share, rule, bundle), tau_rec=tau_rec, tau_fac=tau_fac)
 
     def _pair(self, bundle: Synapses, dependence: str, factor: float) -> Any:
         if dependence in DEPENDENCES:

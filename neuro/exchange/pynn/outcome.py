@@ -8,7 +8,7 @@ from typing import Any
 
 from neuro.core.errors import Where
 from neuro.exchange.pynn.gathered import Gathered
-from neuro.exchange.pynn.recorder import SESSION, Experiment
+from neuro.exchange.pynn.session import SESSION, Experiment
 
 
 class Outcome:

@@ -136,6 +136,8 @@ def _verdicts(name: str, about: dict[str, Any], networks: list[Any], number: int
         lines = ", ".join(str(one["line"]) for one in networks)
         chosen = "the last" if number is None else f"number {number}"
         said.append(f"builds {len(networks)} networks, at lines {lines}: this is {chosen}")
+    if about["notes"]:
+        said.append("no spikes are compared, since the script is not simulated")
     notes = [(f"{file}:{line}" if file else name, how) for file, line, how in about["notes"]]
     if failure:
         how = f"the script ends in what it does with results, which are empty here: {failure['message']}"

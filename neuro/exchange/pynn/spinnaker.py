@@ -10,7 +10,8 @@ from pyNN.connectors import FixedTotalNumberConnector
 from pyNN.parameters import Sequence
 from pyNN.standardmodels import StandardCellType, StandardSynapseType, STDPTimingDependence, build_translations
 
-from neuro.exchange.pynn.recorder import CELLS, SESSION, SYNAPSES, Absent, Delayed
+from neuro.exchange.pynn.session import SESSION
+from neuro.exchange.pynn.standard import CELLS, SYNAPSES, Absent, Delayed
 
 EXTRAS = ("extra_models", "external_devices")
 """Names under which sPyNNaker keeps what it adds."""

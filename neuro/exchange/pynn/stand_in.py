@@ -20,6 +20,9 @@ from pyNN import utility
 from pyNN.utility import script_tools
 
 from neuro.exchange.pynn import recorder, spinnaker
+from neuro.exchange.pynn.clock import STATE
+from neuro.exchange.pynn.session import SESSION
+from neuro.exchange.pynn.standard import Absent
 
 _GENERAL = (
     *("common", "connectors", "core", "descriptions", "errors", "models", "morphology", "network", "parameters"),
@@ -52,11 +55,11 @@ class Simulator(ModuleType):
         if self.spinnaker and name in spinnaker.EXTRAS:
             return self
         if self.spinnaker and name.startswith(("set_", "add_", "get_", "activate_", "extract_")):
-            recorder.SESSION.note(f"{name} concerns the machine alone and is left out")
+            SESSION.note(f"{name} concerns the machine alone and is left out")
             return _nothing
         if self.spinnaker and name == "name":
             return lambda: "neuro"
-        return recorder.Absent(f"{self.__name__}.{name}")
+        return Absent(f"{self.__name__}.{name}")
 
 
 class Finder(MetaPathFinder, Loader):
@@ -88,7 +91,7 @@ class Finder(MetaPathFinder, Loader):
     def exec_module(self, module: ModuleType) -> None:
         """The script is written for this simulator."""
         if isinstance(module, Simulator) and module.spinnaker:
-            recorder.STATE.written_for_spinnaker()
+            STATE.written_for_spinnaker()
 
 
 def _get_simulator(*arguments: Any) -> Any:
@@ -99,7 +102,7 @@ def _get_simulator(*arguments: Any) -> Any:
         if choices is None:
             break
         sys.argv.append(choices[1])
-        recorder.SESSION.note(f"argument '{name}' is '{choices[1]}', since none is given ({text})")
+        SESSION.note(f"argument '{name}' is '{choices[1]}', since none is given ({text})")
     return _pynn_get_simulator(*arguments)
 
 

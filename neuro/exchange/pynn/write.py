@@ -14,14 +14,16 @@ import numpy as np
 
 from neuro.compiler import compile_network
 from neuro.core.checks import check
+from neuro.core.english import some
 from neuro.core.errors import ModelError, Where
 from neuro.core.outputs import marked, output, sealed
 from neuro.core.paths import file_path
 from neuro.core.quantities import Quantity
 from neuro.exchange.pynn.cells import BY_MODEL, DEPENDENCES, Cell
+from neuro.exchange.pynn.short_term import difference
 from neuro.exchange.verdict import APPROXIMATE, Verdict, Verdicts
 from neuro.model.network import Network
-from neuro.model.synapses import static, stdp
+from neuro.model.synapses import static, stdp, tsodyks2
 from neuro.program.program import Floats, Ints, Population, Program, Projection
 
 __all__ = ["to_pynn"]
@@ -109,6 +111,8 @@ def to_pynn(net: Network, path: str | os.PathLike[str], *, seed: int = 0, durati
     Raises:
         ModelError: the network has what PyNN's standard has not; `others` has each part. Or a file cannot be written.
     """
+    if not isinstance(net, Network):
+        raise ModelError(f"to_pynn: found {net!r:.60}: expected a Network")
     file = file_path(path, "path")
     if file.suffix != ".py":
         raise ModelError(f"{file}: cannot be written: expected a name ending in .py")
@@ -266,10 +270,12 @@ class _Script:
         )
 
     def _listed(self, part: Population, steps: Any, ids: Any) -> tuple[str, dict[str, str]]:
-        if np.any(np.asarray(steps) == 1):
-            self._note(part.name, "population", "spikes in the first step are lost in pyNN.nest")
-        if np.unique(np.column_stack((steps, ids)), axis=0).shape[0] < len(ids):
-            self._note(part.name, "population", "several spikes of a neuron in a step, which pyNN.brian2 refuses")
+        if lost := np.count_nonzero(np.asarray(steps) == 1):
+            how = f"{lost} of {some(len(ids), 'spike')} are in the first step, and are lost in pyNN.nest"
+            self._note(part.name, "population", how)
+        if twice := len(ids) - np.unique(np.column_stack((steps, ids)), axis=0).shape[0]:
+            how = f"{some(twice, 'spike')} beyond the first of a neuron in a step, which pyNN.brian2 refuses"
+            self._note(part.name, "population", how)
         self.arrays[f"{part.name}.times"] = (np.asarray(steps, dtype=float) - _EARLY) * self.step
         self.arrays[f"{part.name}.ids"] = np.asarray(ids)
         return "SpikeSourceArray", {"spike_times": f'trains("{part.name}", {part.size})'}
@@ -332,6 +338,8 @@ class _Script:
         rule = part.synapse
         if isinstance(rule, static):
             return "StaticSynapse("
+        if isinstance(rule, tsodyks2):
+            return self._short_term(part, rule, target)
         if not isinstance(rule, stdp):
             raise ModelError(f"{rule.name} is no standard synapse of PyNN")
         if cell.weight == 1.0:
@@ -352,6 +360,16 @@ class _Script:
         timing = f"sim.SpikePairRule({_words(pair)})"
         weight = f"sim.{dependence}({_words(bounds)})"
         return f"STDPMechanism({timing}, {weight}, dendritic_delay_fraction=dendritic, "
+
+    def _short_term(self, part: Projection, rule: tsodyks2, target: Population) -> str:
+        shares = np.unique(rule.U)
+        if shares.size > 1:
+            raise ModelError("'U' differs from synapse to synapse; PyNN has one number")
+        share, tau_rec, tau_fac = float(shares[0]), float(rule.tau_rec), float(rule.tau_fac)
+        active = target.parameters.get("tau_syn_in" if np.all(part.arriving(part.weight) < 0.0) else "tau_syn_ex")
+        if active is not None:
+            self._note(part.name, rule.name, difference(share, tau_rec, tau_fac, float(np.mean(active))))
+        return f"TsodyksMarkramSynapse({_words({'U': share, 'tau_rec': tau_rec, 'tau_facil': tau_fac})}, "
 
     # -- currents, probes
 

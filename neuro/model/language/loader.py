@@ -28,7 +28,7 @@ from neuro.model.language.reader import Node
 from neuro.model.language.sources import gather
 from neuro.model.network import Network, check_name
 from neuro.model.neurons import Model
-from neuro.model.parts import AUTO, CHOSEN, DELAY, EXTENT, POSITIONS, WEIGHT, Population, Trials
+from neuro.model.parts import AUTO, CHOSEN, DELAY, EXTENT, POSITIONS, WEIGHT, Population, Readout, Trials
 from neuro.model.synapses import static
 from neuro.model.views import indices, view
 from neuro.model.wiring.neurons import neuron_table
@@ -95,6 +95,9 @@ class _Builder:
         if "trials" in self.sections:
             self.trials(self.sections["trials"])
         self.each("probes", self.probe)
+        if "readout" in self.sections:
+            with within("readout"):
+                self.net.readout_section = with_parameters(Readout, self.sections["readout"])
         self.net.place = None
         self.references()
         return self.net
@@ -196,6 +199,8 @@ class _Builder:
             self.names(projection.synapse, node, f"projection '{name}'")
         if self.net.trials_section is not None:
             self.names(self.net.trials_section, self.sections["trials"], "trials")
+        if self.net.readout_section is not None:
+            self.names(self.net.readout_section, self.sections["readout"], "readout")
 
     def names(self, choice: Choice, node: Node, context: str) -> None:
         for word, name in choice.parameters().items():

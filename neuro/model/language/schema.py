@@ -37,6 +37,7 @@ from neuro.model.parts import (
     Population as PopulationPart,
     Probe,
     Projection,
+    Readout,
     Signal,
     Trials,
 )
@@ -54,7 +55,7 @@ def schema() -> Schema:
     return {
         "$schema": "https://json-schema.org/draft/2020-12/schema",
         "title": "neuro network",
-        "description": "A spiking network: populations, projections, signals, groups, trials and probes.",
+        "description": "A spiking network: populations, projections, signals, groups, trials, probes and readout.",
         **_closed(
             {
                 "neuro": {"const": VERSION, "description": "version of the language"},
@@ -82,6 +83,7 @@ def schema() -> Schema:
                 "groups": _named({"$ref": "#/$defs/group"}, Group),
                 "trials": _words(Trials),
                 "probes": _named(_probe(), Probe),
+                "readout": _words(Readout),
             },
         ),
         "if": {"anyOf": [{"required": ["models"]}, {"required": ["include"]}]},

@@ -13,7 +13,7 @@ from neuro.model.language.reader import Node, read
 
 OWN = ("neuro", "name", "include")
 GATHERED = ("parameters", "models", "populations", "projections", "signals", "groups", "probes")
-SECTIONS = (*OWN, "resolution", *GATHERED[:-1], "trials", "probes")
+SECTIONS = (*OWN, "resolution", *GATHERED[:-1], "trials", "probes", "readout")
 VERSION = 1
 
 

@@ -217,6 +217,8 @@ def describe(net: Description, arrays: Arrays) -> dict[str, Any]:
     if net.trials_section is not None:
         sections["trials"] = _parameters(net.trials_section, arrays, "trials")
     sections["probes"] = {p.name: _probe(p, arrays) for p in net.probes.values()}
+    if net.readout_section is not None:
+        sections["readout"] = _parameters(net.readout_section, arrays, "readout")
     return {word: section for word, section in sections.items() if section != {}}
 
 

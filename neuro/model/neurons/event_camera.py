@@ -112,7 +112,7 @@ class event_camera(Generator):
             raise ModelError(f"event_camera: found {both}: expected one of them", where=here())
         if self.stream is None and self.sensor is not None:
             message = "event_camera: found 'sensor' without 'stream': a recording tells its own"
-            raise ModelError(message, where=here(), path=("sensor",))
+            raise ModelError(message, where=here(), path=("sensor",), missing="stream")
         if self.stream is not None:
             self._check_stream()
         if self.events is not None:

@@ -32,7 +32,10 @@ def open_arrays(path: Path) -> Table:
                 from scipy.sparse import load_npz
 
                 file.seek(0)
-                return _Sparse(path, load_npz(file).tocoo())
+                matrix = load_npz(file)
+                if hasattr(matrix, "check_format"):
+                    matrix.check_format(full_check=True)
+                return _Sparse(path, matrix.tocoo())
             return _Columns(path, names)
     except _FAILURES as error:
         raise _damaged(path, error) from None
@@ -47,7 +50,7 @@ def _damaged(path: Path, error: Exception) -> ModelError:
 
 
 class _Columns:
-    places, first = False, 1
+    places, first = None, 1
 
     def __init__(self, path: Path, names: tuple[str, ...]) -> None:
         self.path, self.names = path, names
@@ -86,13 +89,13 @@ def _part(column: Column, begin: int) -> Column:
 class _Dense:
     """A matrix; row k and column k are of the k-th neuron."""
 
-    places, first, names = True, 1, MATRIX
+    first, names = 1, MATRIX
 
     def __init__(self, path: Path, matrix: NDArray[Any]) -> None:
         if matrix.ndim != 2 or matrix.dtype.kind not in "iuf":
             found = f"{matrix.dtype} of shape {list(matrix.shape)}"
             raise ModelError(f"{path}: an array of {found}: expected a matrix of numbers, (sources, targets)")
-        self.path, self._matrix = path, matrix
+        self.path, self._matrix, self.places = path, matrix, matrix.shape
 
     def pieces(self, kinds: Mapping[str, str]) -> Iterator[Piece]:
         """The entries that are not 0, row by row."""
@@ -106,10 +109,10 @@ class _Dense:
 class _Sparse:
     """A sparse matrix, likewise."""
 
-    places, first, names = True, 1, MATRIX
+    first, names = 1, MATRIX
 
     def __init__(self, path: Path, matrix: Any) -> None:
-        self.path, self._matrix = path, matrix
+        self.path, self._matrix, self.places = path, matrix, matrix.shape
 
     def pieces(self, kinds: Mapping[str, str]) -> Iterator[Piece]:
         """The stored entries."""

@@ -22,13 +22,14 @@ _EXPECTED = {NUMBER: "a number", "int64": "a whole number of 64 bits", "uint64":
 
 
 def _arrow(path: Path, module: str) -> Any:
-    return needed(f"pyarrow{module}", "wiring", f"{path}: the package pyarrow, which reads CSV and parquet, is missing")
+    message = f"{path}: the package pyarrow, which reads CSV and parquet, is missing"
+    return needed(f"pyarrow{module}", "parquet", message)
 
 
 class CsvTable:
     """A CSV with a header; rows are counted with it, as lines are."""
 
-    places, first = False, 2
+    places, first = None, 2
 
     def __init__(self, path: Path) -> None:
         self.path = path
@@ -111,7 +112,7 @@ def _column(table: Table, first: int, name: str, values: Any, kind: str) -> Colu
 class ParquetTable:
     """A parquet file; rows are counted from 1."""
 
-    places, first = False, 1
+    places, first = None, 1
 
     def __init__(self, path: Path) -> None:
         self.path = path
@@ -142,7 +143,7 @@ class ParquetTable:
 class CsvMatrix:
     """A CSV whose first line has the ids of the targets, and each other line the id of a source and its weights."""
 
-    places, first, names = False, 2, MATRIX
+    places, first, names = None, 2, MATRIX
 
     def __init__(self, path: Path) -> None:
         self.path = path

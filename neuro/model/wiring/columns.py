@@ -68,14 +68,16 @@ class Table(Protocol):
     Attributes:
         path: of the file.
         names: of the columns.
-        places: whether `pre` and `post` of a matrix are places in the order of the neurons, not ids.
         first: the number of the first row: 2 where a header is the first line.
     """
 
     path: Path
     names: tuple[str, ...]
-    places: bool
     first: int
+
+    @property
+    def places(self) -> tuple[int, ...] | None:
+        """The shape of a matrix whose `pre` and `post` are places in the order of the neurons; None: they are ids."""
 
     def pieces(self, kinds: Mapping[str, str]) -> Iterator[Piece]:
         """The columns of these names, asked for as a kind each; all rows, in order."""

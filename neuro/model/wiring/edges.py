@@ -43,6 +43,10 @@ class End(Protocol):
     def ids(self) -> Ids:
         """Their ids."""
 
+    @property
+    def size(self) -> int:
+        """How many they are."""
+
     def find(self, ids: Column, places: bool) -> NDArray[np.int64]:
         """The neuron with each id."""
 
@@ -51,7 +55,7 @@ class Counted:
     """Neurons of a population without a table: their ids count from 0."""
 
     def __init__(self, n: int, name: str) -> None:
-        self.ids = Ids(None, n, f"'{name}', whose ids are 0 to {n - 1}")
+        self.ids, self.size = Ids(None, n, f"'{name}', whose ids are 0 to {n - 1}"), n
 
     def find(self, ids: Column, places: bool) -> NDArray[np.int64]:
         """The neuron with each id, `NOWHERE` where there is none."""
@@ -82,8 +86,12 @@ def read_edges(rule: from_file, source: End, target: End) -> Edges:
 class _Reader:
     def __init__(self, rule: from_file, source: End, target: End) -> None:
         self.rule, self.source, self.target = rule, source, target
-        self.table: Table = open_table(rule.file, rule.key, rule.layout == "matrix")
-        sonata = "source_node_id" in self.table.names
+        self.table: Table = open_table(rule.file, rule.key, rule.layout == "matrix", rule.types)
+        shape = (source.size, target.size)
+        if self.table.places and self.table.places != shape:
+            message = f"{rule.file}: a matrix of shape {list(self.table.places)}: expected {list(shape)}"
+            raise ModelError(f"{message}, a row for each source and a column for each target")
+        sonata = any(name in self.table.names for name in _NAMES.values())
         self.pre, self.post = (getattr(rule, end) or (_NAMES[end] if sonata else end) for end in _NAMES)
         self.conditions = [Condition(text) for text in rule.where]
         weight = rule.weight or ("weight" if self.table.names == MATRIX else None)
@@ -92,7 +100,7 @@ class _Reader:
 
     def parts(self) -> Iterator[tuple[Any, ...]]:
         """Source, target, factor of the weight and of the delay, piece by piece."""
-        rule, places = self.rule, self.table.places
+        rule, places = self.rule, bool(self.table.places)
         kinds = {name: NUMBER for condition in self.conditions for name in condition.names}
         kinds |= {name: NUMBER for name in (self.weight, rule.delay) if name}
         if rule.transmitter and not rule.dale:
@@ -126,7 +134,7 @@ class _Reader:
 
     def _find(self, piece: Piece, kept: Any, word: str, end: End) -> NDArray[np.int64]:
         ids = _some(piece.columns[word], kept)
-        found = end.find(ids, self.table.places)
+        found = end.find(ids, bool(self.table.places))
         lost = np.flatnonzero(found == NOWHERE)
         if lost.size:
             at = int(lost[0])

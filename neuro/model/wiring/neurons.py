@@ -42,6 +42,7 @@ class neuron_table(Choice):
     )
     only: Any = quantity(None, "", "column: value, or a list of values: the rows that are taken", kind="words")
     key: str | None = quantity(None, "", "of HDF5: the population of nodes", kind="name")
+    types: Any = quantity(None, "", "of SONATA: the CSV with the attributes of node types", kind="file")
 
     @cached_property
     def neurons(self) -> Neurons:
@@ -102,7 +103,7 @@ class Neurons:
     def __init__(self, said: neuron_table) -> None:
         self._said = said
         self._columns: dict[str, Column] = {}
-        self._table: Table = open_table(said.file, said.key)
+        self._table: Table = open_table(said.file, said.key, types=said.types)
         if self._table.places:
             raise ModelError(f"{said.file}: a matrix: expected a table of neurons, a row for each")
         by_default = "node_id" if "node_id" in self._table.names else None

@@ -1,5 +1,6 @@
-"""Edges and nodes of SONATA in HDF5: ids and types beside the attributes of the group "0".
+"""Edges and nodes of SONATA in HDF5: ids and types, the attributes of groups "0", "1", ..., and those of types.
 
+An attribute of a row is that of its group; where the group has none, that of its type.
 Source: the SONATA Developer Guide, AllenInstitute/sonata.
 """
 
@@ -7,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -15,10 +17,38 @@ from numpy.typing import NDArray
 
 from neuro.core import hdf5
 from neuro.core.errors import ModelError, unknown
-from neuro.model.wiring.columns import ROWS, Column, Piece, Texts
+from neuro.core.hdf5_texts import Texts as Heaps
+from neuro.model.wiring.columns import ROWS, Column, Piece, Texts, cell
+from neuro.model.wiring.sonata_types import Types
 
-_FAILURES = (OSError, ValueError, KeyError, RuntimeError, TypeError, MemoryError)
+_FAILURES = (OSError, ValueError, KeyError, RuntimeError, TypeError, MemoryError, AttributeError)
+_LOOKED_AT = 1 << 24
+"""Bytes of a file whose texts are checked."""
+
 _IDS = {"edges": ("source_node_id", "target_node_id", "edge_type_id"), "nodes": ("node_id", "node_type_id")}
+
+
+Places = slice | NDArray[np.int64]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Rows:
+    """Some rows.
+
+    Attributes:
+        begin, end: which.
+        members: of each group that has some of them which these are, from 0, and where they lie in the group.
+        type: of each its type, None where that is not asked for.
+    """
+
+    begin: int
+    end: int
+    members: tuple[tuple[str, Places, Places], ...]
+    type: NDArray[np.int64] | None
+
+    @property
+    def size(self) -> int:
+        return self.end - self.begin
 
 
 class SonataTable:
@@ -27,12 +57,13 @@ class SonataTable:
     Args:
         path: of the file.
         key: the name of the population; the only one if not given.
+        types: a CSV with the attributes of types, None without one.
     """
 
-    places, first = False, 1
+    places, first = None, 1
 
-    def __init__(self, path: Path, key: str | None) -> None:
-        self.path, self._columns = path, {}
+    def __init__(self, path: Path, key: str | None, types: Path | None = None) -> None:
+        self.path = path
         with self._opened() as file:
             kind = next((kind for kind in _IDS if kind in file), None)
             if kind is None:
@@ -43,24 +74,25 @@ class SonataTable:
             chosen = known[0] if key is None else key
             if chosen not in known:
                 raise unknown(f"population of {kind}", chosen, known, path=("key",)).at(None, str(path))
-            place = f"{kind}/{chosen}"
-            self._columns = {name: f"{place}/{name}" for name in _IDS[kind] if name in file[place]}
-            groups = sorted(name for name in file[place] if name.isdecimal())
-            if len(groups) > 1:
-                raise ModelError(f"{path}: '{place}' has the groups {groups}: expected one group, '0'")
-            self._group = f"{place}/{groups[0]}" if groups else ""
-            self._order = f"{place}/{kind[:-1]}_group_index"
-            if groups:
-                own = (name for name in file[self._group] if name not in ("@library", "dynamics_params"))
-                self._columns |= {name: f"{self._group}/{name}" for name in own}
-            self._size = self._rows(file, kind, place)
-        self.names = tuple(self._columns)
+            self._place, self._word = f"{kind}/{chosen}", kind[:-1]
+            self._ids = tuple(name for name in _IDS[kind] if name in file[self._place])
+            self._groups = sorted((name for name in file[self._place] if name.isdecimal()), key=int)
+            own = {name: [g for g in self._groups if name in file[self._place][g]] for name in self._own(file)}
+            self._in_groups = {name: groups for name, groups in own.items() if name not in self._ids}
+            self._types = None if types is None else Types(types, f"{self._word}_type_id")
+            self._size = self._rows(file, kind)
+        shared = () if self._types is None else self._types.names
+        self.names = tuple(dict.fromkeys((*self._ids, *self._in_groups, *shared)))
 
-    def _rows(self, file: Any, kind: str, place: str) -> int:
+    def _own(self, file: Any) -> list[str]:
+        names = (name for group in self._groups for name in file[self._place][group])
+        return [name for name in dict.fromkeys(names) if name not in ("@library", "dynamics_params")]
+
+    def _rows(self, file: Any, kind: str) -> int:
         ids = "target_node_id" if kind == "edges" else "node_type_id"
-        if ids not in self._columns:
-            raise ModelError(f"{self.path}: '{place}' has no '{ids}': expected {', '.join(_IDS[kind])}")
-        return int(self._dataset(file, self._columns[ids]).shape[0])
+        if ids not in self._ids:
+            raise ModelError(f"{self.path}: '{self._place}' has no '{ids}': expected {', '.join(_IDS[kind])}")
+        return int(self._dataset(file, f"{self._place}/{ids}").shape[0])
 
     @contextmanager
     def _opened(self) -> Iterator[Any]:
@@ -85,46 +117,178 @@ class SonataTable:
             if not isinstance(link, h5py.HardLink):
                 raise ModelError(f"{self.path}: '{place}': expected a data set of the file itself")
             data = data[part]
-        if not isinstance(data, h5py.Dataset) or data.is_virtual or data.external or len(data.shape) != 1:
+        readable = isinstance(data, h5py.Dataset) and not (data.is_virtual or data.external) and len(data.shape) == 1
+        if not readable or (data.dtype.kind not in "iufbS" and not self._has_texts(data)):
             raise ModelError(f"{self.path}: '{place}': expected a row of values in the file itself")
         return data
 
+    def _has_texts(self, data: Any) -> bool:
+        """Whether it holds texts that are in the file; of a large file it is believed, as a look takes long."""
+        import h5py
+
+        if self.path.stat().st_size > _LOOKED_AT:
+            return h5py.check_string_dtype(data.dtype) is not None
+        heaps = Heaps(self.path.read_bytes())
+        return heaps.whole and heaps.has(data)
+
     def pieces(self, kinds: Mapping[str, str]) -> Iterator[Piece]:
         """The data sets, some rows at a time."""
+        attributes = [name for name in kinds if name not in self._ids]
+        words = {
+            "group": f"{self._word}_group_id",
+            "place": f"{self._word}_group_index",
+            "type": f"{self._word}_type_id",
+        }
         with self._opened() as file:
-            data = {name: self._dataset(file, self._columns[name]) for name in kinds}
-            order = self._dataset(file, self._order) if self._order in file else None
+            whole = {name: self._of_rows(file, name) for name in kinds if name in self._ids}
+            needed = {
+                "group": bool(attributes and self._groups),
+                "place": bool(attributes and self._groups),
+                "type": self._types is not None and any(name in self._types.names for name in attributes),
+            }
+            about = {word: self._of_rows(file, name) for word, name in words.items() if needed[word]}
+            self._check(about)
             for begin in range(0, self._size, ROWS):
                 end = min(begin + ROWS, self._size)
-                place = slice(begin, end) if order is None else _places(order[begin:end], begin)
-                columns = {}
-                for name, values in data.items():
-                    in_group = bool(self._group) and self._columns[name].startswith(f"{self._group}/")
-                    columns[name] = self._read(file, name, values, place if in_group else slice(begin, end), end)
+                read = {word: None if data is None else data[begin:end] for word, data in about.items()}
+                members = self._members(begin, end, read.get("group"), read.get("place"))
+                rows = _Rows(begin, end, tuple(members), read.get("type"))
+                columns: dict[str, Column] = {name: data[begin:end] for name, data in whole.items()}
+                columns |= {name: self._attribute(file, name, rows) for name in attributes}
                 yield Piece(begin + 1, columns)
 
-    def _read(self, file: Any, name: str, data: Any, place: slice | NDArray[Any], end: int) -> Column:
-        last = end - 1 if isinstance(place, slice) else int(place.max(initial=0))
-        if last >= data.shape[0]:
-            message = f"{self.path}: '{self._columns[name]}' has {data.shape[0]} values: expected one for each of"
-            raise ModelError(f"{message} {self._size} rows")
-        words = f"{self._group}/@library/{name}"
-        is_text = data.dtype.kind in "OS"
-        values = (data.asstr() if is_text else data)[place if isinstance(place, slice) else slice(None)]
-        values = values if isinstance(place, slice) else values[place]
-        if is_text:
-            known, codes = np.unique(values.astype(str), return_inverse=True)
+    def _of_rows(self, file: Any, name: str) -> Any:
+        """A data set with a value for each row, None where the file has none."""
+        place = f"{self._place}/{name}"
+        if name not in file[self._place]:
+            return None
+        data = self._dataset(file, place)
+        if data.shape[0] != self._size:
+            raise ModelError(
+                f"{self.path}: '{place}' has {data.shape[0]} values: expected one for each of {self._size} rows"
+            )
+        return data
+
+    def _check(self, about: Mapping[str, Any]) -> None:
+        """What tells rows of several groups apart, and types of rows: they have to be there, as whole numbers."""
+        for word, name in (("group", "group_id"), ("place", "group_index")):
+            if len(self._groups) > 1 and about.get(word, 0) is None:
+                groups = f"the groups {', '.join(self._groups)}"
+                raise ModelError(f"{self.path}: '{self._place}' has {groups} and no '{self._word}_{name}'")
+        for data in about.values():
+            if data is not None and data.dtype.kind not in "iu":
+                raise ModelError(f"{self.path}: '{data.name.lstrip('/')}' holds {data.dtype}: expected whole numbers")
+        if about.get("type", 0) is None:
+            raise ModelError(f"{self.path}: '{self._place}' has no '{self._word}_type_id': expected one for 'types'")
+
+    def _attribute(self, file: Any, name: str, rows: _Rows) -> Column:
+        """An attribute of some rows: that of the group where it has it, else that of the type."""
+        parts: list[tuple[Places, Column]] = []
+        without = np.ones(rows.size, dtype=bool)
+        for group, taken, place in rows.members:
+            if group in self._in_groups.get(name, ()):
+                without[taken] = False
+                parts.append((taken, self._in_group(file, name, group, rows, taken, place)))
+        if self._types is not None and name in self._types.names and without.any():
+            parts.append((np.flatnonzero(without), self._of_types(name, rows, np.flatnonzero(without))))
+            without[:] = False
+        if without.any():
+            at = int(np.flatnonzero(without)[0])
+            raise ModelError(f"{self.path}: row {rows.begin + at + 1}: its group has no '{name}'", path=(name,))
+        return _together(parts, rows.size, f"{self.path}: column '{name}'")
+
+    def _members(
+        self, begin: int, end: int, group: NDArray[Any] | None, place: NDArray[Any] | None
+    ) -> Iterator[tuple[str, Places, Places]]:
+        """The rows by group."""
+        if group is not None and self._groups:
+            known = np.logical_or.reduce([group == int(name) for name in self._groups])
+            if not known.all():
+                at = int(np.flatnonzero(~known)[0])
+                expected = f"one of the groups {', '.join(self._groups)}"
+                raise cell(self, begin + at + 1, f"{self._word}_group_id", int(group[at]), expected)
+        for name in self._groups:
+            taken: Places = slice(0, end - begin)
+            if group is not None and len(self._groups) > 1:
+                taken = np.flatnonzero(group == int(name))
+            if isinstance(taken, slice) or taken.size:
+                yield name, taken, slice(begin, end) if place is None else _in_order(place[taken])
+
+    def _in_group(self, file: Any, name: str, group: str, rows: _Rows, taken: Places, place: Places) -> Column:
+        """An attribute of those of the rows that are in a group."""
+        where = f"{self._place}/{group}/{name}"
+        data = self._dataset(file, where)
+        if f"{self._word}_group_index" not in file[self._place] and data.shape[0] != self._size:
+            message = f"{self.path}: '{where}' has {data.shape[0]} values: expected one for each of {self._size} rows"
+            raise ModelError(message)
+        low, high = (place.start, place.stop) if isinstance(place, slice) else (int(place.min()), int(place.max()) + 1)
+        if low < 0 or high > data.shape[0]:
+            index = np.arange(low, high) if isinstance(place, slice) else place
+            at = int(np.flatnonzero((index < 0) | (index >= data.shape[0]))[0])
+            row = rows.begin + int(np.arange(rows.size)[taken][at]) + 1
+            expected = f"the place of one of the {data.shape[0]} values of '{where}'"
+            raise cell(self, row, f"{self._word}_group_index", int(index[at]), expected)
+        column = self._read(file, group, name, data, slice(low, high))
+        if isinstance(place, slice):
+            return column
+        return Texts(column.codes[place - low], column.words) if isinstance(column, Texts) else column[place - low]
+
+    def _read(self, file: Any, group: str, name: str, data: Any, place: slice) -> Column:
+        words = f"{self._place}/{group}/@library/{name}"
+        if data.dtype.kind in "OS":
+            known, codes = np.unique(data.asstr()[place].astype(str), return_inverse=True)
             return Texts(codes.astype(np.int64), tuple(known.tolist()))
-        if self._group and words in file:
-            library = tuple(str(word) for word in self._dataset(file, words).asstr()[()])
-            if values.size and not 0 <= values.min() <= values.max() < len(library):
-                raise ModelError(f"{self.path}: '{name}' holds codes beyond its {len(library)} words in @library")
-            return Texts(values.astype(np.int64), library)
-        found: NDArray[Any] = values
+        values: NDArray[Any] = data[place]
+        if words not in file:
+            return values
+        library = tuple(str(word) for word in self._dataset(file, words).asstr()[()])
+        if values.size and not 0 <= values.min() <= values.max() < len(library):
+            raise ModelError(f"{self.path}: '{name}' holds codes beyond its {len(library)} words in @library")
+        return Texts(values.astype(np.int64), library)
+
+    def _of_types(self, name: str, rows: _Rows, at: NDArray[np.int64]) -> Column:
+        """An attribute of the types of some rows."""
+        assert self._types is not None
+        assert rows.type is not None
+        places = self._types.places(rows.type[at])
+        lost = np.flatnonzero(places < 0)
+        if lost.size:
+            row = int(at[lost[0]])
+            expected = f"a type of {self._types.path}"
+            raise cell(self, rows.begin + row + 1, f"{self._word}_type_id", int(rows.type[row]), expected)
+        column, has = self._types.values(name, places)
+        if not has.all():
+            row = int(at[np.flatnonzero(~has)[0]])
+            message = f"{self.path}: row {rows.begin + row + 1}: type {int(rows.type[row])} of {self._types.path}"
+            raise ModelError(f"{message} has no '{name}'", path=(name,))
+        return column
+
+
+def _in_order(index: NDArray[Any]) -> Places:
+    """Places as a slice where they follow each other."""
+    if index.dtype == np.uint64 and index.max(initial=0) >= 2**63:
+        index = np.minimum(index, 2**63 - 1)  # beyond any group
+    first = int(index[0])
+    if np.array_equal(index, np.arange(first, first + index.size)):
+        return slice(first, first + index.size)
+    return index.astype(np.int64)
+
+
+def _together(parts: list[tuple[Places, Column]], size: int, what: str) -> Column:
+    """One column of parts, each with the rows that it is of."""
+    if len(parts) == 1 and len(parts[0][1]) == size:
+        return parts[0][1]
+    texts = [(taken, part) for taken, part in parts if isinstance(part, Texts)]
+    numbers = [(taken, part) for taken, part in parts if not isinstance(part, Texts)]
+    if texts and numbers:
+        raise ModelError(f"{what} holds text in some groups, and numbers in others")
+    if not texts:
+        found = np.zeros(size, dtype=np.result_type(*(values.dtype for _, values in numbers)))
+        for taken, values in numbers:
+            found[taken] = values
         return found
-
-
-def _places(index: NDArray[Any], begin: int) -> slice | NDArray[Any]:
-    """Where the attributes of some rows lie in their group."""
-    in_order = np.array_equal(index, np.arange(begin, begin + index.size))
-    return slice(begin, begin + index.size) if in_order else index.astype(np.int64)
+    words: dict[str, int] = {}
+    codes = np.zeros(size, dtype=np.int64)
+    for taken, text in texts:
+        codes[taken] = text.each(np.array([words.setdefault(word, len(words)) for word in text.words], dtype=np.int64))
+    return Texts(codes, tuple(words))

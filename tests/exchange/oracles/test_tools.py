@@ -12,6 +12,8 @@ import numpy as np
 import pytest
 
 import neuro
+from neuro.exchange.nir import measured
+from neuro.exchange.nir.importing import judge
 
 TOOLS = ("nir", "norse", "snntorch", "sinabs", "spikingjelly")
 nir, norse, snntorch, sinabs, spikingjelly = (
@@ -83,6 +85,28 @@ def test_random_graphs(tool, run, dt, share, tmp_path):
     print(f"{tool}: {ran} of 200 run there, {exact} of them exact here")
     assert ran >= 50
     assert exact >= share * ran
+
+
+def test_what_snntorch_makes_of_recurrent_weights_is_what_is_measured(tmp_path):
+    ran = 0
+    for seed in range(200):
+        graph = random_nir.random_graph(nir, seed, "snntorch")
+        found = judge(graph, 0.1, "snntorch")
+        differing = {each.node for each in found.table() if each.verdict == "approximate"}
+        if not differing:
+            continue
+        nir.write(tmp_path / "net.nir", graph)
+        shape = graph.nodes["input"].input_type["input"]
+        counts = (np.random.default_rng(seed).random((measured.STEPS, *shape)) < 0.3).astype(np.float32)
+        try:
+            expected = of_snntorch(nir.read(tmp_path / "net.nir"), counts)
+        except Exception:  # the importer does not run it
+            continue
+        ran += 1
+        layers = [measured.Layer(found, name, differing) for name in sorted(found.cells, key=found.depths.get)]
+        spikes = measured.run_there(layers, {"input": counts.reshape(len(counts), -1)})
+        assert np.array_equal(spikes[layers[-1].name], expected.reshape(len(counts), -1)), f"seed {seed}"
+    assert ran >= 15
 
 
 def braille_of_snntorch(graph: Any, counts: np.ndarray) -> np.ndarray:

@@ -1,0 +1,1 @@
+"""Networks that recognise, asked about recordings of event cameras: decisions, accuracy, joules, pictures."""

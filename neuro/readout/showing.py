@@ -1,0 +1,52 @@
+"""Recordings shown to a network, one after the other, each from time 0 on."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import numpy.typing as npt
+
+from neuro.readout.overflows import noted
+
+if TYPE_CHECKING:
+    from neuro.program.program import Floats, Ints
+    from neuro.run.simulation import Simulation
+    from neuro.run.trials import TrialCounts
+
+
+class Showing:
+    """Shows recordings, and adds up what that takes.
+
+    Args:
+        sim: the compiled network.
+        input: the spike_generator of the pixels.
+        output: the population whose spikes are asked for.
+
+    Attributes:
+        taken: what all recordings took, None before the first.
+        overflows: of the registers of a chip, in how many recordings.
+    """
+
+    def __init__(self, sim: Simulation, input: str, output: str) -> None:
+        self.sim, self._input, self._output = sim, input, output
+        self.taken: TrialCounts | None = None
+        self.overflows: dict[str, tuple[int, str]] = {}
+
+    def show(self, step: npt.NDArray[Any], neuron: npt.NDArray[Any], steps: int) -> tuple[Floats, Ints]:
+        """Show one.
+
+        Args:
+            step: of each spike of the input, from 0 on.
+            neuron: that emits it.
+            steps: how long the network runs.
+
+        Returns:
+            The output's spikes: times in ms, and neurons.
+        """
+        sim, h = self.sim, self.sim.program.resolution
+        sim.reset()
+        sim.inject(self._input, (step + 1.0) * h, neuron)
+        with noted(self.overflows):
+            sim.run(steps * h)
+        self.taken = sim.taken() if self.taken is None else self.taken + sim.taken()
+        return sim.spikes(self._output)

@@ -1,0 +1,111 @@
+"""What people and programs see of predictions: tables, and plain data for JSON."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from typing import Any
+
+import numpy as np
+
+from neuro.chips.pricing.energy import COLUMNS, footnotes, number
+from neuro.core.tables import console, table
+from neuro.readout.overflows import warn_of_overflows
+from neuro.readout.predict import Predictions
+
+FORMAT = "neuro predictions 1"
+NOTHING = "nothing"
+"""What stands for the class where there is no decision."""
+SCORES = {"counts": "spikes", "first": "first spike, ms", "potential": "mean V_m, mV"}
+BEST = 3
+"""Scores that a row shows."""
+
+
+def show(found: Sequence[Predictions]) -> None:
+    """Print a row for each recording, or with labels for each class, then one for each backend; warn of overflows."""
+    first, out = found[0], console()
+    for one in found:
+        warn_of_overflows(one.backend, one.overflows or {}, len(one.names))
+    for line in footnotes([one.bill for one in found if one.bill], False):
+        print(f"- {line}")
+    asked = first.readout
+    print(f"shown by '{asked.input}', '{asked.output}' decides by {asked.decide}")
+    if first.own is None:
+        head = ("recording", *(f"on {one.backend}" for one in found), SCORES[asked.decide])
+        out.print(table(head, list(_rows(found))))
+    else:
+        head = ("shown", *(f">{name}" for name in (*asked.classes, NOTHING)))
+        counts = zip(asked.classes, first.own.confusion.tolist(), strict=True)
+        rows = [(name, *(n or "." for n in row)) for name, row in counts if any(row)]
+        out.print(table(head, rows, title=f"decided on {first.backend}"))
+    out.print(table(("runs on", *_head(found)), [(one.backend, *_figures(one, found)) for one in found]))
+    if bills := [(one.backend, *one.bill.cells()) for one in found if one.bill]:
+        out.print(table(("runs on", *COLUMNS), bills, title="a recording"))
+
+
+def _rows(found: Sequence[Predictions]) -> Iterator[tuple[str, ...]]:
+    first = found[0]
+    for k, name in enumerate(first.names):
+        yield name, *(one.class_of(k) or NOTHING for one in found), _best(first, k)
+
+
+def _best(one: Predictions, k: int) -> str:
+    """The best scores of a recording."""
+    sign = 1.0 if one.readout.decide == "first" else -1.0
+    order = np.argsort(sign * one.scores[k], kind="stable")[:BEST]
+    shown = [(one.readout.classes[c], one.scores[k, c]) for c in order if np.isfinite(one.scores[k, c])]
+    return ", ".join(f"{name} {number(score)}" for name, score in shown) or "-"
+
+
+def _head(found: Sequence[Predictions]) -> tuple[str, ...]:
+    right = () if found[0].own is None else (">right", ">of", ">accuracy", ">95 % interval")
+    equal = (">equal decisions",) if len(found) > 1 else ()
+    return *right, *equal, f">{NOTHING}", ">spikes of a recording"
+
+
+def _figures(one: Predictions, found: Sequence[Predictions]) -> tuple[Any, ...]:
+    """What stands below the head."""
+    right: tuple[Any, ...] = ()
+    if one.own is not None:
+        low, high = one.own.interval
+        right = one.own.correct, one.own.n, f"{one.own.accuracy:.1%}", f"{low:.1%} - {high:.1%}"
+    equal = (f"{one.agrees(found[0]):.1%}",) if len(found) > 1 else ()
+    return *right, *equal, int((one.decided < 0).sum()), number(float(one.spikes.mean()))
+
+
+def as_dict(network: str, found: Sequence[Predictions]) -> dict[str, Any]:
+    """All of it as plain values: what is not there is None; energies as of `neuro energy`."""
+    first = found[0]
+    readout = {word: _plain(value) for word, value in first.readout.parameters().items()}
+    about = {"format": FORMAT, "network": network, "readout": readout}
+    return about | {
+        "backends": {one.backend: _about(one, first) for one in found},
+        "recordings": [_recording(found, k) for k in range(len(first.names))],
+    }
+
+
+def _about(one: Predictions, first: Predictions) -> dict[str, Any]:
+    own = {} if one.own is None else one.own.as_words()
+    overflows = {what: some for what, (some, _) in (one.overflows or {}).items()}
+    energy = None if one.bill is None else one.bill.as_dict()
+    return {**own, "equal_decisions": one.agrees(first), "overflows": overflows, "energy": energy}
+
+
+def _recording(found: Sequence[Predictions], k: int) -> dict[str, Any]:
+    first = found[0]
+    label = None if first.labels is None else first.readout.classes[first.labels[k]]
+    decided = {
+        one.backend: {
+            "class": one.class_of(k),
+            "scores": {
+                name: float(score) if np.isfinite(score) else None
+                for name, score in zip(one.readout.classes, one.scores[k], strict=True)
+            },
+            "spikes": int(one.spikes[k]),
+        }
+        for one in found
+    }
+    return {"recording": first.names[k], "label": label, "decided": decided}
+
+
+def _plain(value: Any) -> Any:
+    return list(value) if isinstance(value, tuple) else value
