@@ -22,6 +22,9 @@ if TYPE_CHECKING:
     )
     from neuro.core.errors import ModelError as ModelError
     from neuro.core.registry import register as register
+    from neuro.diagnosis.diagnosis import Diagnosis as Diagnosis
+    from neuro.diagnosis.doctor import doctor as doctor
+    from neuro.diagnosis.findings import Finding as Finding
     from neuro.exchange.nir.exporting import to_nir as to_nir
     from neuro.exchange.nir.importing import check_nir as check_nir, from_nir as from_nir
     from neuro.exchange.nir.torch_modules import from_torch as from_torch

@@ -22,6 +22,7 @@ LAYERS = (
     "files",
     "plots",
     "pages",
+    "diagnosis",
     "run",
     "realtime",
     "verify",

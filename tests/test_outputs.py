@@ -355,7 +355,7 @@ def test_no_file_is_opened_for_writing_elsewhere():
     }
     formats = {f"neuro/events/formats/{name}.py" for name in FORMATS}
     given = {
-        *(f"neuro/cli/{name}.py" for name in ("compare", "start", "run", "events/making")),
+        *(f"neuro/cli/{name}.py" for name in ("compare", "doctor", "start", "run", "events/making")),
         *(f"neuro/sweeps/{name}.py" for name in ("page", "folder", "worker")),
         "neuro/model/language/writer.py",
         *(f"apps/{name}.py" for name in ("neuro_drone/watch", "neuro_recognise/detection/report")),
@@ -367,6 +367,7 @@ def test_no_file_is_opened_for_writing_elsewhere():
         *("neuro/rerun/again.py", "neuro/files/results.py", "neuro/events/formats/rosbag.py"),
         "apps/neuro_recognise/parts/layers.py",
         "neuro/kernels/kept.py",  # machine code, in a folder of its own
+        "neuro/run/results_file.py",  # a run that is under way
         "neuro/core/html.py",  # a picture inside a page
         "neuro/plots/_canvas.py",  # a picture for a notebook
         "neuro/sweeps/network.py",  # a table for one run

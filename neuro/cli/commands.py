@@ -16,6 +16,7 @@ from neuro.cli.catalogue import backends, models, schema
 from neuro.cli.chips import check, energy, fit, show
 from neuro.cli.compare import compare, verify
 from neuro.cli.convert import convert
+from neuro.cli.doctor import doctor
 from neuro.cli.events import app as events
 from neuro.cli.live import live
 from neuro.cli.predict import predict
@@ -157,6 +158,7 @@ COMMANDS = (
     predict,
     convert,
     check,
+    doctor,
     show,
     fit,
     energy,

@@ -43,6 +43,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
     from neuro.chips.pricing.energy import Energy
+    from neuro.diagnosis.diagnosis import Diagnosis
     from neuro.files.exports import DataFrames
     from neuro.files.parts import Trace
     from neuro.files.results import Results
@@ -645,6 +646,50 @@ class Simulation:
         """The network with what it has learnt: save it, or compile it for another backend."""
         self._synapses.check()
         return learnt_network(self._net, self.program, self._engine, self._clock, self._rules)
+
+    @alone
+    def doctor(
+        self,
+        ms: float = 1000.0,
+        *,
+        chip: str | None = None,
+        train: bool = False,
+        drive: float = 0.0,
+        reward_after: float | None = None,
+    ) -> Diagnosis:
+        """Find out why the network does not work as it is now, see `neuro.doctor`; nothing of the simulation changes.
+
+        A copy runs from time 0, with the present weights and parameters, on `event` or on the emulated chip. Its inputs
+        emit what they have emitted here. What signals were set to is not repeated.
+
+        Args:
+            ms: length of the run, to be rounded up to whole steps.
+            chip: also judge what becomes of the network on this chip.
+            train: also judge the gradients that training with surrogates would see.
+            drive: rate in Hz of Poisson spikes for inputs that have not emitted any; 0: these stay silent.
+            reward_after: how long after the spikes that earned it a reward comes, in ms.
+
+        Raises:
+            ModelError: an argument is not as described.
+        """
+        from neuro.diagnosis.doctor import backend_of_copy, examine, options_of, refused
+        from neuro.run.present import present
+
+        options = options_of(
+            ms=ms,
+            backend=backend_of_copy(self.backend),
+            chip=chip,
+            train=train,
+            drive=drive,
+            reward_after=reward_after,
+            ran=self.time,
+            steered="signal" in self.steered,
+        )
+        try:
+            self._synapses.check()
+        except ModelError as error:
+            return refused(self.program.name, [error])
+        return examine(present(self.program, self._engine, self._rules, self.steered), options)
 
     # files
 

@@ -1,0 +1,156 @@
+"""What a short run shows of activity: missing inputs, ceilings, runaway, copies, dead outputs."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import replace
+
+import numpy as np
+
+from neuro.core.english import some
+from neuro.diagnosis import rhythm
+from neuro.diagnosis.findings import Finding, fault, figure, finding, note, warning
+from neuro.diagnosis.observing import Observation
+from neuro.diagnosis.silence import Silence
+from neuro.diagnosis.wiring import Wiring
+from neuro.model.neurons import Neuron
+from neuro.program.program import Population
+
+CEILING, RUNAWAY = 0.7, 0.5
+"""Shares of the highest possible rate. At the first a neuron gets 13 times the input that makes it fire (tau_m 10 ms,
+t_ref 2 ms), and twice as much adds a tenth. The second is of populations that excite themselves: no cortical rhythm is
+near it."""
+SLOW_HZ = 50.0
+"""A rate below it is no ceiling: neurons with a long t_ref answer once to each of several inputs."""
+DEAD = 0.25
+"""Share of outputs without a spike that is reported: weights drawn around 0 leave some without a net excitation."""
+
+
+def findings(wiring: Wiring, seen: Observation) -> Iterator[Finding]:
+    """Findings about activity."""
+    if seen.unstable:
+        evidence = f"{seen.unstable}, on {seen.program.resolution:g} ms steps"
+        remedy = f"use a finer `resolution`, as {seen.program.resolution / 4.0:g} ms, or smaller weights and currents"
+        yield fault("unstable", seen.program, evidence, remedy)
+        return
+    yield from _inputs(wiring, seen)
+    decided = {
+        g.population for g in seen.program.groups if getattr(g.choice, "first_to_fire", False) or g.choice.several
+    }
+    silent, tried = Silence(wiring, seen), wiring.reached(seen.driven)
+    for k, part in enumerate(seen.program.populations):
+        if part.kind != "neuron" or seen.steps == 0:
+            continue
+        if not seen.populations[k].spikes.any():
+            found = silent.findings(k)
+        elif k not in decided:  # their spikes end with a decision
+            found = _firing(wiring, seen, k)
+        else:
+            continue
+        # What an input does that was made up for the examination proves no fault.
+        yield from map(_milder, found) if k in tried else found
+
+
+def _milder(found: Finding) -> Finding:
+    return replace(found, severity="warning") if found.severity == "fault" else found
+
+
+def _firing(wiring: Wiring, seen: Observation, k: int) -> Iterator[Finding]:
+    """Of a population that fires."""
+    yield from list(_fast(wiring, seen, k)) or rhythm.findings(wiring, seen, k)
+    yield from _copies(wiring, seen, k)
+    yield from _dead(wiring, seen, k)
+
+
+def _inputs(wiring: Wiring, seen: Observation) -> Iterator[Finding]:
+    """Generators that gave nothing, though the rest of the network may wait for them."""
+    program, h = seen.program, seen.program.resolution
+    for k, part in enumerate(program.populations):
+        if part.kind in ("neuron", "current"):
+            continue
+        heard = bool(wiring.out_of(k))
+        if k in seen.idle - seen.driven and heard:
+            lacks, word = (
+                ("lists no spikes", "spike_times") if part.kind == "listed" else ("has a rate of 0 Hz", "rate")
+            )
+            remedy = f"feed it from a program, or set its {word}; `neuro doctor --drive 20Hz` tries Poisson spikes"
+            yield note("no-input", part, f"no input was given: it {lacks}", remedy)
+        elif k not in seen.idle and not seen.populations[k].spikes.any() and heard and part.stop > part.start:
+            first = part.spike_steps.min(initial=2**62) if part.kind == "listed" and part.stream is None else part.start
+            if first >= seen.steps:
+                evidence = f"its first spikes come at {first * h:g} ms, after the run of {seen.ms:g} ms"
+                yield warning("late-input", part, evidence, "run longer (`--for`), or check its times: they are in ms")
+            else:
+                yield note(
+                    "late-input", part, f"it emitted no spike in {seen.ms:g} ms", "raise its rate, or run longer"
+                )
+
+
+def ceiling_hz(part: Population, h: float) -> float:
+    """The highest rate of a neuron in Hz: one spike in each refractory period and step."""
+    held = part.parameters.get("t_ref", part.parameters.get("dead_time", np.zeros(1)))
+    return 1000.0 / (round(float(held.min()) / h) * h + h)
+
+
+def _fast(wiring: Wiring, seen: Observation, k: int) -> Iterator[Finding]:
+    part = seen.program.populations[k]
+    if not isinstance(part.model, Neuron) or part.model.relay or part.model.chip or part.model.most:
+        return
+    rate, most = seen.rate(k), ceiling_hz(part, seen.program.resolution)
+    again = wiring.excites_itself(k)
+    if rate < max((RUNAWAY if again else CEILING) * most, SLOW_HZ):
+        return
+    fires = f"the mean rate of {some(part.size, 'neuron')} is {rate:.3g} Hz"
+    evidence = f"{fires}, {rate / most:.0%} of the {most:.3g} Hz that t_ref allows"
+    if again:
+        names = wiring.names(wiring.loops(k))
+        remedy = f"lower `weight` of {names}, or strengthen the inhibition onto it"
+        yield fault("runaway", part, f"{evidence}; it excites itself through {names}", remedy, part.name)
+    else:
+        remedy = f"lower the weights or rates of its inputs{_by(wiring, seen, k)}, or its I_e"
+        yield fault("ceiling", part, evidence, remedy, part.name)
+
+
+def _by(wiring: Wiring, seen: Observation, k: int) -> str:
+    """How far the mean input is beyond the threshold, as a share to which it may be lowered."""
+    cell = wiring.cell(k)
+    if cell is None or cell.distance <= 0.0:
+        return ""
+    x = wiring.drive(k, seen.per_step())
+    pull = sum(x[r] * cell.slope(r) for r in range(min(x.size, cell.model.receptors)))
+    # What a spike leaves lasts about a membrane time constant.
+    tau = cell.parameters.get("tau_m", 10.0)
+    mean = pull * min(tau, 1000.0) / cell.h
+    return f" to about 1/{figure(mean / cell.distance)}" if mean > 1.5 * cell.distance else ""
+
+
+def _copies(wiring: Wiring, seen: Observation, k: int) -> Iterator[Finding]:
+    if not rhythm.is_copied(seen, k):
+        return
+    part, s = seen.program.populations[k], seen.populations[k]
+    # A signal has a value for each neuron, so it may teach copies differently.
+    learns = [p.name for p in seen.program.projections if p.target == k and p.synapse.learns and p.signal < 0]
+    n = s.steps.size // s.ids.size
+    evidence = f"{some(s.ids.size, 'neuron')} that were followed fired the same {some(n, 'spike')} in the same steps"
+    remedy = "draw the weights onto them, connect them at random, or let `initial` differ; one neuron does as much"
+    if learns:
+        evidence += f", so '{learns[0]}' teaches all of them alike"
+    yield finding("neurons-alike", "warning" if learns else "note", part, evidence, remedy, part.name)
+
+
+def _dead(wiring: Wiring, seen: Observation, k: int) -> Iterator[Finding]:
+    """Neurons of an output that stay silent while the others fire: more than chance explains."""
+    part, spikes = seen.program.populations[k], seen.populations[k].spikes
+    outputs = [p.target for p in seen.program.projections if p.source == k and p.target != k]
+    silent = int((spikes == 0).sum())
+    if outputs or not silent or part.size < 2:
+        return
+    others = float(spikes[spikes > 0].mean())
+    if others < 10.0 or silent < DEAD * part.size:  # of 10 spikes expected, none is a chance of 1 in 20,000
+        return
+    evidence = (
+        f"{silent:,} of {some(part.size, 'neuron')} never fired, the others {others:.3g} times each in {seen.ms:g} ms"
+    )
+    ids = ", ".join(map(str, np.flatnonzero(spikes == 0)[:5]))
+    remedy = f"look at the inputs of neurons {ids}: raise their weights, or draw them with less spread"
+    yield warning("dead-outputs", part, evidence, remedy, part.name)

@@ -1,0 +1,128 @@
+"""What a short run shows of learning: weights that do not move, that are lost at a bound, that move one way only."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+
+from neuro.core.english import some
+from neuro.diagnosis.findings import Finding, fault, note, warning
+from neuro.diagnosis.observing import Learnt, Observation
+from neuro.diagnosis.rules import LEFT
+from neuro.diagnosis.wiring import Wiring
+from neuro.program.program import Projection
+
+AT_BOUND = 0.9
+"""Share of weights at one bound which leaves nothing to learn. Additive rules end at both bounds: that is a result."""
+NEAR = 0.05
+"""Share of the way between the bounds that counts as at a bound: a single pair of spikes may lead away from it."""
+ONE_WAY = 0.99
+"""Share of changes of one sign above which a rule only grows or only shrinks weights."""
+SPENT = 0.25
+"""Share of the way to the bound that weights have gone by then: a slow common drift is a rule at work."""
+
+
+def findings(wiring: Wiring, seen: Observation, ran: float, steered: bool) -> Iterator[Finding]:
+    """Findings about projections that learn while the network runs.
+
+    Args:
+        wiring: of the network.
+        seen: the run.
+        ran: how long a simulation ran before that asks, in ms; 0 if none does.
+        steered: whether it set signals.
+    """
+    for q, learnt in seen.learning.items():
+        part = seen.program.projections[q]
+        pre, post = (bool(seen.populations[k].spikes.any()) for k in (part.source, part.target))
+        if part.signal >= 0 and not steered:
+            yield _unset(seen, part, ran)
+        if part.dopamine >= 0:
+            yield from _dopamine(seen, part, learnt)
+        if not (pre and post) or seen.unstable:
+            continue
+        moved = learnt.last != learnt.first
+        modulated = part.synapse.modulated or part.synapse.learns == "moves"
+        if not moved.any() and not modulated:
+            each = "delay" if part.synapse.delays else "weight"
+            evidence = f"none of {some(part.size, each)} changed in {seen.ms:g} ms, though both sides fired"
+            remedy = "raise its learning rate, check that its time constants (ms) span the times between spikes"
+            yield fault("learns-nothing", part, evidence, remedy)
+        elif moved.any() and not part.synapse.delays:
+            yield from _bounds(part, learnt, seen)
+
+
+def _unset(seen: Observation, part: Projection, ran: float) -> Finding:
+    signal = seen.program.signals[part.signal]
+    page = "docs/how-to/reward-in-a-closed-loop.md"
+    tau = part.synapse.parameters().get("tau_c")
+    soon = "" if tau is None else f", within {3.0 * float(np.max(tau)):g} ms of the spikes that earn it"
+    remedy = f"set it while the network runs{soon}: sim.signal('{signal.name}', reward); see {page}"
+    if ran > 0.0:
+        return warning("signal-not-set", part, f"signal '{signal.name}' was never set in {ran:g} ms", remedy)
+    return note("signal-not-set", part, f"signal '{signal.name}' stayed at 0: a description cannot set it", remedy)
+
+
+def _dopamine(seen: Observation, part: Projection, learnt: Learnt) -> Iterator[Finding]:
+    releases = seen.program.populations[part.dopamine]
+    if part.dopamine in seen.idle - seen.driven:
+        return
+    if not seen.populations[part.dopamine].spikes.any():
+        evidence = f"'{releases.name}', which releases its dopamine, fired 0 spikes in {seen.ms:g} ms: n stayed at 0"
+        remedy = f"make '{releases.name}' fire: give it an input, spikes or a rate"
+        yield fault("no-dopamine", part, evidence, remedy, releases.name)
+        return
+    c, n = learnt.eligibility, learnt.modulator
+    if not c.size or c.max() == 0.0 or n.max() == 0.0:
+        return
+    met = float(learnt.together.max() / (c.max() * n.max()))
+    if met < LEFT:
+        tau = float(np.max(part.synapse.parameters()["tau_c"]))
+        gap = abs(int(n.argmax()) - int(c.argmax())) * seen.ms / c.size
+        evidence = (
+            f"eligibility and dopamine hardly meet: their product reaches {met:.2g} of the product of their peaks, "
+            f"which are {gap:.3g} ms apart; tau_c = {tau:g} ms"
+        )
+        yield fault(
+            "eligibility-dies",
+            part,
+            evidence,
+            f"raise tau_c to about {max(gap, 2 * tau):.2g} ms, or release dopamine earlier",
+        )
+
+
+def _bounds(part: Projection, learnt: Learnt, seen: Observation) -> Iterator[Finding]:
+    low, high = (np.broadcast_to(end, learnt.last.shape) for end in part.synapse.bounds())
+    w = learnt.last
+    if not (np.isfinite(low).all() and np.isfinite(high).all()):
+        return
+    slack = NEAR * np.maximum(high - low, 1e-300)
+    top, bottom = w >= high - slack, w <= low + slack
+    began = learnt.first >= high - slack, learnt.first <= low + slack
+    for at, before, name in ((top, began[0], "largest"), (bottom, began[1], "smallest")):
+        if float(at.mean()) >= AT_BOUND > float(before.mean()) and at.size >= 4:
+            end = float((high if name == "largest" else low).mean())
+            evidence = f"{at.mean():.0%} of {some(w.size, 'weight')} are at the {name}, {end:g}, after {seen.ms:g} ms"
+            evidence += f", {before.mean():.0%} were before"
+            opposite = "depression (alpha, A_minus)" if name == "largest" else "potentiation (lambda, A_plus)"
+            remedy = (
+                f"lower the learning rate, strengthen {opposite}, or choose a rule whose changes depend on the weight"
+            )
+            yield fault("weights-at-bounds", part, evidence, remedy)
+            return
+    moved = w[w != learnt.first] - learnt.first[w != learnt.first]
+    up = float((moved > 0.0).mean())
+    room = np.where(moved.mean() > 0.0, high - learnt.first, learnt.first - low).mean()
+    gone = abs(float((w - learnt.first).mean())) / max(float(room), 1e-300)
+    if moved.size >= 20 and not 1.0 - ONE_WAY < up < ONE_WAY and gone > SPENT:
+        grows = up > 0.5
+        evidence = (
+            f"{max(up, 1.0 - up):.0%} of {some(moved.size, 'weight')} that changed {'grew' if grows else 'shrank'}, by "
+            f"{gone:.0%} of the way to the bound in {seen.ms:g} ms"
+        )
+        other = (
+            "raise the depression (alpha, A_minus)"
+            if grows
+            else "raise the potentiation (A_plus), or lower alpha or A_minus"
+        )
+        yield warning("one-way", part, evidence, f"{other}, or lower the learning rate")

@@ -1,0 +1,134 @@
+"""What neurons and generators are set to: time constants, thresholds, rates, and how strong one spike is."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+
+import numpy as np
+
+from neuro.core.english import some
+from neuro.diagnosis.findings import Finding, fault, warning
+from neuro.diagnosis.wiring import Wiring
+from neuro.model.neurons import Neuron
+from neuro.program.program import Population
+
+STRONG = 10.0
+"""Threshold distances by which one spike lifts V_m above which the unit of its weight is doubted. One is enough to
+fire, as relays need; networks that are trained have a few."""
+WEAK = 1e-3
+"""Share of the threshold distance below which one spike is doubted, if all inputs at once do not reach the threshold
+either: a hundred steps of a thousandth are as strong as a drive of many spikes, hence the second condition."""
+FAST_HZ = 1000.0
+"""No neuron fires faster, so a faster generator stands for many neurons."""
+
+
+def findings(wiring: Wiring) -> Iterator[Finding]:
+    """Findings about populations and single spikes."""
+    for k, part in enumerate(wiring.program.populations):
+        if isinstance(part.model, Neuron) and not part.model.chip:
+            yield from _steps(part, wiring.program.resolution)
+            yield from _potentials(wiring, k)
+        elif part.kind != "neuron":
+            yield from _generator(wiring, k)
+    for q in range(len(wiring.program.projections)):
+        yield from _spike(wiring, q)
+
+
+def _steps(part: Population, h: float) -> Iterator[Finding]:
+    """Time constants that a step jumps over: what an input leaves is gone before the next step."""
+    for word, values in part.parameters.items():
+        unit = part.model.quantities()[word].unit if word in part.model.quantities() else ""
+        least = float(values.min(initial=np.inf))
+        if word.startswith("tau") and unit == "ms" and 0.0 < least < h:
+            left = np.exp(-h / least)
+            evidence = f"{word} = {least:g} ms is shorter than a step of {h:g} ms, over which {left:.2g} of it is left"
+            remedy = f"use a `resolution` of at most {least / 4.0:.2g} ms, or check the unit of {word}: it is ms"
+            yield fault("coarse-step", part, evidence, remedy)
+
+
+def _potentials(wiring: Wiring, k: int) -> Iterator[Finding]:
+    part, cell = wiring.program.populations[k], wiring.cell(k)
+    if cell is None:
+        return
+    p = part.parameters
+    if "E_L" in p and bool(np.all(p["E_L"] >= p["V_th"])):
+        evidence = f"E_L = {p['E_L'].max():g} mV is not below V_th = {p['V_th'].min():g} mV: it fires without any input"
+        yield warning("fires-by-itself", part, evidence, "lower E_L or raise V_th; I_e drives neurons on purpose")
+    start = np.broadcast_to(part.initial["V_m"], part.size)
+    over = int((start >= p["V_th"]).sum())
+    if over and not bool(np.all(p.get("E_L", -np.inf) >= p["V_th"])):
+        share = over / part.size
+        if share > 0.5:
+            evidence = (
+                f"V_m of {over:,} of {some(part.size, 'neuron')} is at or above V_th at the start: they fire at once"
+            )
+            yield warning("starts-firing", part, evidence, "draw `initial: {V_m: ...}` between V_reset and V_th")
+    for word, above in (("E_ex", True), ("E_in", False)):
+        if word in p and bool(np.all(p[word] <= p["V_th"] if above else p[word] >= p["V_th"])):
+            name, does = ("excitatory", "cannot lift V_m to") if above else ("inhibitory", "lifts V_m to")
+            evidence = (
+                f"{word} = {p[word].max():g} mV, the {name} reversal potential, {does} V_th = {p['V_th'].min():g} mV"
+            )
+            yield fault("reversal", part, evidence, f"set {word} {'above' if above else 'below'} V_th")
+
+
+def _generator(wiring: Wiring, k: int) -> Iterator[Finding]:
+    part, h = wiring.program.populations[k], wiring.program.resolution
+    if part.stop <= part.start:
+        evidence = f"it ends at {part.stop * h:g} ms and begins at {part.start * h:g} ms, so it never emits"
+        yield fault("never-on", part, evidence, "set `stop` after `start`")
+    if part.kind != "poisson":
+        return
+    rate = part.largest("rate")
+    for q in wiring.out_of(k):
+        target = wiring.program.populations[wiring.program.projections[q].target]
+        each = wiring.weights[q].synapses / target.size
+        if rate > FAST_HZ and each > 1.5:
+            evidence = (
+                f"each of its {some(part.size, 'neuron')} emits {rate:g} Hz, and a neuron of '{target.name}' hears "
+                f"{each:.3g} of them: {rate * each:,.0f} spikes a second"
+            )
+            remedy = f"`rate` is of one neuron: if {rate:g} Hz is meant for all, set it to {rate / part.size:.3g} Hz"
+            yield warning("rate-of-all", part, evidence, remedy, target.name)
+            return
+
+
+def _spike(wiring: Wiring, q: int) -> Iterator[Finding]:
+    """What one spike does, beside the way to the threshold."""
+    part, w = wiring.program.projections[q], wiring.weights[q]
+    cell, target = wiring.cell(part.target), wiring.program.populations[part.target]
+    if cell is None or part.carries != "spikes" or not w.synapses or cell.distance <= 0.0:
+        return
+    forced = part.layout == "one_to_one" and wiring.program.populations[part.source].kind == "listed"
+    (up, _), (down, _) = wiring.receptors(q)
+    largest = max(abs(w.largest), abs(w.least))
+    # The mean magnitude: drawn weights have tails.
+    mean = (w.above - w.below) / w.synapses
+    receptor = up if w.above >= -w.below else down
+    slope = abs(cell.slope(receptor))
+    peak = slope * mean
+    unit = f" {target.model.weight_unit}" if isinstance(target.model, Neuron) and target.model.weight_unit else ""
+    if not slope or not largest:
+        return
+    one = f"a spike of weight {mean:.4g}{unit} moves V_m of '{target.name}' by {peak:.3g} mV, "
+    meant = f"a weight of {1.0 / slope:.3g}{unit} moves it by 1 mV"
+    # One that inhibits makes no neuron fire, so it is measured by the way to the threshold.
+    excites = w.above >= -w.below and peak > cell.distance / STRONG
+    fires = min(cell.to_fire(receptor) if excites else math.inf, cell.distance / slope)
+    if mean > STRONG * fires and not forced:  # listed spikes may well stand for those of their targets
+        evidence = f"{one}{mean / fires:.3g} times what makes it fire"
+        remedy = f"check the unit of `weight`: {meant}, and one of {fires:.3g}{unit} makes it fire"
+        yield warning("strong-spike", part, evidence, remedy)
+    elif peak < WEAK * cell.distance and not part.synapse.learns and _all_at_once(wiring, part.target) < cell.distance:
+        evidence = f"{one}{peak / cell.distance:.2%} of the way to the threshold; all inputs at once do not reach it"
+        yield warning("weak-spike", part, evidence, f"check the unit of `weight`: {meant}")
+
+
+def _all_at_once(wiring: Wiring, population: int) -> float:
+    """How far one spike of each input together moves V_m of a mean neuron up, in mV."""
+    size = wiring.program.populations[population].size
+    cell = wiring.cell(population)
+    assert cell is not None
+    slope = max(abs(cell.slope(k)) for k in range(cell.model.receptors))
+    return slope * sum(wiring.pushes(q)[0] for q in wiring.onto(population)) / size

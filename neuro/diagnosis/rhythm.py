@@ -1,0 +1,94 @@
+"""Neurons that fire together: volleys of excitation that comes back, rhythms of the step, copies."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+
+from neuro.diagnosis.findings import Finding, fault, finding
+from neuro.diagnosis.observing import Observation
+from neuro.diagnosis.wiring import Wiring
+
+CROWD = 10
+"""Neurons below which a common rhythm may be chance."""
+VOLLEY = 0.5
+"""Share of neurons that fire within a bin which makes a volley."""
+IN_VOLLEYS = 0.8
+"""Share of spikes in volleys that makes activity synchronous. Gamma rhythms of balanced networks have volleys of a few
+percent of the neurons."""
+COLLECTIVE = 3.0
+"""Variance over mean of the spikes in a step above which neurons act together; independent ones have at most 1."""
+FEW_STEPS = 4
+"""A rhythm of so few steps follows from the resolution: delay and reset are one step each at least."""
+
+
+def findings(wiring: Wiring, seen: Observation, k: int) -> Iterator[Finding]:
+    """Of a population that fires."""
+    part, s, h = seen.program.populations[k], seen.populations[k], seen.program.resolution
+    active = int((s.spikes > 0).sum())
+    if active < CROWD or not s.bins.size or not s.bins.any():
+        return
+    in_volley = s.bins >= VOLLEY * active
+    # A volley may lie across the edge of two bins.
+    pairs = s.bins[:-1] + s.bins[1:] >= VOLLEY * active
+    in_volley[:-1] |= pairs
+    in_volley[1:] |= pairs
+    begins = np.flatnonzero(np.diff(in_volley.astype(np.int8), prepend=0) == 1)
+    share = float(s.bins[in_volley].sum() / s.bins.sum())
+    back = _comes_back(wiring, k)
+    if begins.size < 5 or share < IN_VOLLEYS or not back or float(in_volley.mean()) > 0.5:
+        yield from _alternates(seen, k, back)
+        return
+    if is_copied(seen, k) or not wiring.excites_itself(k):
+        return  # equal inputs make equal spikes, and inhibition may well pace a population
+    period = float(np.median(np.diff(begins))) * seen.bin * h
+    volleys = f"{begins.size} volleys of more than half of {active:,} neurons"
+    evidence = f"{share:.0%} of its spikes fall into {volleys}, {period:.3g} ms apart"
+    names = wiring.names(wiring.loops(k))
+    spread = "spread its delays (`delay: {uniform: ...}`)"
+    remedy = f"lower `weight` of {names}, {spread}, or give each neuron noise of its own"
+    # Spikes that are listed, as those of a recording, may well come in volleys by themselves.
+    listed = [
+        j for j, p in enumerate(seen.program.populations) if p.kind == "listed" and seen.populations[j].spikes.any()
+    ]
+    severity = "warning" if k in wiring.reached(listed) else "fault"
+    yield finding("synchrony", severity, part, evidence, remedy, part.name)
+
+
+def _comes_back(wiring: Wiring, k: int) -> bool:
+    """Whether spikes of a population have any effect on it."""
+    return any(wiring.program.projections[q].source in wiring.reached([k], excite=False) for q in wiring.onto(k))
+
+
+def _alternates(seen: Observation, k: int, back: bool) -> Iterator[Finding]:
+    """A rhythm of a few steps of neurons that hear each other, which another resolution would not have."""
+    part, s, h = seen.program.populations[k], seen.populations[k], seen.program.resolution
+    if not back or s.ids.size < CROWD or is_copied(seen, k) or seen.steps < 100:
+        return
+    steps = s.bins if seen.bin == 1 else np.bincount(s.steps, minlength=seen.steps + 1)[1:]
+    if steps.mean() == 0.0 or steps.var() < COLLECTIVE * steps.mean():
+        return
+    power = np.abs(np.fft.rfft(steps - steps.mean())) ** 2
+    per_step = np.fft.rfftfreq(steps.size)
+    fast = per_step >= 1.0 / FEW_STEPS
+    if power[fast].sum() > IN_VOLLEYS * power.sum():
+        period = 1.0 / per_step[int(power.argmax())]
+        evidence = (
+            f"its spikes come every {period:.2g} steps of {h:g} ms: {power[fast].sum() / power.sum():.0%} of the "
+            f"variance of their number, which is {steps.var() / steps.mean():.2g} times that of independent neurons"
+        )
+        remedy = f"use a finer `resolution`, as {h / 10.0:g} ms, with delays of many steps, drawn for each synapse"
+        yield fault("step-oscillation", part, evidence, remedy, part.name)
+
+
+def is_copied(seen: Observation, k: int) -> bool:
+    """Whether all neurons that were followed fired the same spikes, at least three."""
+    s = seen.populations[k]
+    if s.ids.size < 2 or s.steps.size < 3 * s.ids.size or s.steps.size % s.ids.size:
+        return False
+    trains = np.sort(s.steps * s.ids.size + s.rows).reshape(-1, s.ids.size)
+    return bool(
+        (trains % s.ids.size == np.arange(s.ids.size)).all()
+        and (trains // s.ids.size == trains[:, :1] // s.ids.size).all()
+    )

@@ -1,0 +1,223 @@
+"""What a program connects: sums of weights, signs, and what reaches what."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from neuro.diagnosis.cell import Cell, has_threshold
+from neuro.model.neurons import Neuron
+from neuro.program.counts import fan_out
+from neuro.program.program import Floats, Ints, Program, Projection
+
+MOST_SYNAPSES = 5_000_000
+"""Of a projection whose synapses are summed neuron by neuron; larger ones are taken at their mean."""
+
+
+@dataclass(frozen=True, slots=True)
+class Weights:
+    """The weights of a projection as described.
+
+    Attributes:
+        synapses: how many there are; of a grid those that its kernels make.
+        least, largest: of the weights; 0 without synapses.
+        above, below: sums of the weights over all synapses that are at least 0, and below 0.
+    """
+
+    synapses: int
+    least: float
+    largest: float
+    above: float
+    below: float
+
+    @property
+    def mean(self) -> float:
+        """Of a synapse."""
+        return (self.above + self.below) / self.synapses if self.synapses else 0.0
+
+
+class Wiring:
+    """The connections of a program.
+
+    Args:
+        program: the network.
+    """
+
+    def __init__(self, program: Program) -> None:
+        self.program = program
+        self._cells: dict[int, Cell] = {}
+        self._pushes: dict[int, tuple[float, float]] = {}
+
+    def cell(self, population: int) -> Cell | None:
+        """A neuron of a population, None where it has no threshold."""
+        if population not in self._cells and has_threshold(self.program.populations[population]):
+            self._cells[population] = Cell(self.program.populations[population], self.program.resolution)
+        return self._cells.get(population)
+
+    @cached_property
+    def weights(self) -> list[Weights]:
+        """Of each projection."""
+        return [self._weights(index, part) for index, part in enumerate(self.program.projections)]
+
+    def _weights(self, index: int, part: Projection) -> Weights:
+        count = int(fan_out(self.program, index).sum()) if part.carries == "spikes" else part.size
+        if not count or not part.weight.size:
+            return Weights(count, 0.0, 0.0, 0.0, 0.0)
+        each, w = count / part.weight.size, part.weight
+        below = float(w.sum(where=w < 0.0)) * each
+        return Weights(count, float(w.min()), float(w.max()), float(w.sum()) * each - below, below)
+
+    def onto(self, population: int, carries: str = "spikes") -> list[int]:
+        """The projections onto a population."""
+        return [q for q in self._ends[1][population] if self.program.projections[q].carries == carries]
+
+    def out_of(self, population: int) -> list[int]:
+        """The projections from a population."""
+        return self._ends[0][population]
+
+    @cached_property
+    def _ends(self) -> tuple[list[list[int]], list[list[int]]]:
+        """The projections from, and onto, each population."""
+        found: tuple[list[list[int]], ...] = tuple([[] for _ in self.program.populations] for _ in range(2))
+        for q, part in enumerate(self.program.projections):
+            found[0][part.source].append(q)
+            found[1][part.target].append(q)
+        return found[0], found[1]
+
+    def receptors(self, projection: int) -> tuple[tuple[int, float], tuple[int, float]]:
+        """The receptor and the factor with which weights of at least 0, and below 0, arrive."""
+        part = self.program.projections[projection]
+        model = self.program.populations[part.target].model
+        factor = -1.0 if part.receptor is not None and part.receptor.negated else 1.0
+        if part.receptor is not None:
+            return (part.receptor.index, factor), (part.receptor.index, factor)
+        second = 1 if isinstance(model, Neuron) and model.receptors == 2 else 0
+        return (0, 1.0), (second, 1.0)
+
+    def pushes(self, projection: int) -> tuple[float, float]:
+        """Sums of the weights of a projection that excite and, below 0, that inhibit, in units of its weights."""
+        if projection not in self._pushes:
+            self._pushes[projection] = self._sums(projection)
+        return self._pushes[projection]
+
+    def _sums(self, projection: int) -> tuple[float, float]:
+        part, w = self.program.projections[projection], self.weights[projection]
+        cell = self.cell(part.target)
+        up = down = 0.0
+        for total, (receptor, factor) in zip((w.above, w.below), self.receptors(projection), strict=True):
+            slope = 1.0 if cell is None else cell.slope(receptor) or 1.0
+            signed = abs(total) * np.sign(total * factor * slope)
+            up, down = up + max(signed, 0.0), down + min(signed, 0.0)
+        return up, down
+
+    def reached(self, begin: Iterable[int], excite: bool = True) -> set[int]:
+        """The populations that spikes of some reach, with these, along synapses that may excite.
+
+        Weights that learn may come to do so. With `excite` False any synapse counts whose weight is or may become other
+        than 0.
+        """
+        found, new = set(begin), list(begin)
+        while new:
+            source = new.pop()
+            for q in self.out_of(source):
+                part = self.program.projections[q]
+                up, down = self.pushes(q)
+                passes = up > 0.0 or (part.synapse.learns != "" and self.weights[q].synapses > 0)
+                if part.target not in found and (passes or (not excite and down < 0.0)):
+                    found.add(part.target)
+                    new.append(part.target)
+        return found
+
+    def excites_itself(self, population: int) -> bool:
+        """Whether spikes of a population come back to it along synapses that excite on the whole."""
+        found, new = set[int](), [population]
+        while new:
+            for q in self.out_of(new.pop()):
+                up, down = self.pushes(q)
+                target = self.program.projections[q].target
+                if up > -down and target not in found:
+                    found.add(target)
+                    new.append(target)
+        return population in found
+
+    def loops(self, population: int) -> list[int]:
+        """The projections onto a population that excite it and come from what it reaches itself."""
+        after = self.reached([population])
+        return [
+            q for q in self.onto(population) if self.program.projections[q].source in after and self.pushes(q)[0] > 0.0
+        ]
+
+    def names(self, projections: Iterable[int]) -> str:
+        """The first five of some projections, for messages."""
+        return ", ".join(f"'{self.program.projections[q].name}'" for q in list(projections)[:5])
+
+    def drive(self, population: int, per_step: dict[int, float], excite: bool = False) -> Floats:
+        """What arrives at each receptor of a mean neuron in a step.
+
+        Args:
+            population: the neuron's.
+            per_step: spikes of a neuron of each source in a step.
+            excite: whether only what excites is counted.
+        """
+        cell = self.cell(population)
+        part = self.program.populations[population]
+        x = np.zeros(max(2, getattr(part.model, "receptors", 1)))
+        for q in self.onto(population):
+            p, w = self.program.projections[q], self.weights[q]
+            for total, (receptor, factor) in zip((w.above, w.below), self.receptors(q), strict=True):
+                arriving = per_step.get(p.source, 0.0) * total * factor / part.size
+                if not excite or cell is None or arriving * cell.slope(receptor) > 0.0:
+                    x[receptor] += arriving
+        return x
+
+    def strongest(self, population: int, most: dict[int, float]) -> Floats | None:
+        """What arrives at the excitable receptors of its best connected neuron if sources emit the most in a step.
+
+        None where the sums would take too long.
+        """
+        part, cell = self.program.populations[population], self.cell(population)
+        sums = np.zeros((max(2, getattr(part.model, "receptors", 1)), part.size))
+        for q in self.onto(population):
+            p = self.program.projections[q]
+            if self.weights[q].synapses > MOST_SYNAPSES or cell is None:
+                return None
+            sides = self.receptors(q)
+            _, post, place = self.program.synapses(q)
+            w = np.broadcast_to(p.weight, max(p.weight.size, 1 + int(place.max(initial=0))))[place]
+            for chosen, (receptor, factor) in zip((w >= 0.0, w < 0.0), sides, strict=True):
+                arriving = w[chosen] * factor
+                helps = arriving * cell.slope(receptor) > 0.0
+                amounts = arriving[helps] * most[p.source]
+                sums[receptor] += np.bincount(post[chosen][helps], amounts, minlength=part.size)
+        pushes = sum(sums[k] * (cell.slope(k) if cell else 0.0) for k in range(len(sums)))
+        best: Floats = sums[:, int(np.argmax(pushes))]
+        return best
+
+    def inputs_of_each(self, population: int) -> Ints | None:
+        """How many synapses each neuron of a population has onto it; None where that takes too long to count."""
+        size = self.program.populations[population].size
+        total = np.zeros(size, dtype=np.int64)
+        for q in self.onto(population):
+            p = self.program.projections[q]
+            if self.weights[q].synapses > MOST_SYNAPSES:
+                return None
+            if p.layout == "dense":
+                total += self.program.populations[p.source].size
+            elif p.layout == "one_to_one":
+                total += 1
+            else:
+                total += np.bincount(self.program.synapses(q)[1], minlength=size)
+        return total
+
+    def current(self, population: int) -> float:
+        """The constant current in pA of generators into a mean neuron, at the largest that it comes to."""
+        size, total = self.program.populations[population].size, 0.0
+        for q in self.onto(population, "current"):
+            source = self.program.populations[self.program.projections[q].source]
+            word = "amplitude" if "amplitude" in source.parameters or source.schedule is not None else ""
+            w = self.weights[q]
+            total += (source.largest(word) if word else 0.0) * (w.above + w.below) / size
+        return total

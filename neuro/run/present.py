@@ -1,0 +1,52 @@
+"""A simulation as it is now as a program: for a copy that starts anew with its weights, parameters and inputs."""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Mapping
+from dataclasses import replace
+
+import numpy as np
+
+from neuro.model.synapses import Synapse
+from neuro.program.backend import Engine
+from neuro.program.program import Population, Program, Projection
+
+_OF_WEIGHTS = ("set", "set_weights", "silence", "restore", "trials")
+
+
+def present(program: Program, engine: Engine, rules: Mapping[int, Synapse], steered: Collection[str]) -> Program:
+    """The program with the present weights and parameters, whose listed inputs emit what they have emitted.
+
+    Args:
+        program: what was compiled.
+        engine: it runs; it is only read.
+        rules: the present synapse models of projections.
+        steered: the calls by which the simulation was changed.
+    """
+    populations = tuple(_population(k, part, engine) for k, part in enumerate(program.populations))
+    changed = any(call in steered for call in _OF_WEIGHTS)
+    projections = tuple(_projection(q, part, engine, rules[q], changed) for q, part in enumerate(program.projections))
+    return replace(program, populations=populations, projections=projections)
+
+
+def _population(k: int, part: Population, engine: Engine) -> Population:
+    if part.kind == "listed":
+        if part.stream is not None and part.stream.again:
+            return part
+        emitted = engine.spikes(k, -1) if part.records else None
+        if emitted is None or not emitted.steps.size:
+            return part
+        times = np.concatenate([part.spike_steps, np.repeat(emitted.steps, emitted.multiplicity)])
+        ids = np.concatenate([part.spike_ids, np.repeat(emitted.ids, emitted.multiplicity)])
+        steps, neurons = np.unique(np.stack([times, ids]), axis=1)
+        return replace(part, spike_steps=steps, spike_ids=neurons, stream=None)
+    if part.kind == "current" or part.schedule is not None:
+        return part
+    now = {word: engine.get(k, word) for word in part.parameters}
+    return replace(part, parameters={word: v[:1] if (v == v[0]).all() else v for word, v in now.items()})
+
+
+def _projection(q: int, part: Projection, engine: Engine, rule: Synapse, changed: bool) -> Projection:
+    if part.carries == "current" or not part.size or not (changed or part.synapse.learns):
+        return part
+    return replace(part, synapse=rule, weight=engine.get_synapses(q, "weight"))

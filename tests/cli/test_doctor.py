@@ -1,0 +1,94 @@
+"""`neuro doctor`: its text, its JSON, its page and its exit status."""
+
+import json
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+from typer.testing import CliRunner
+
+from neuro.cli.commands import app
+from neuro.core.errors import ModelError
+
+EXAMPLE = Path(__file__).parents[2] / "neuro" / "cli" / "examples" / "net.yaml"
+
+
+def run(*words: str):
+    return CliRunner().invoke(app, ["doctor", *words])
+
+
+def test_a_network_without_fault_ends_well():
+    found = run(str(EXAMPLE))
+    assert found.exit_code == 0
+    assert "warning neurons-alike" in found.stdout
+    assert found.stdout.endswith("It ran 1000 ms on event, seed 0.\npair: 1 warning\n")
+
+
+def test_a_fault_has_place_evidence_and_remedy():
+    found = run(str(EXAMPLE), "--set", "w=30", "--for", "500", "--seed", "2")
+    assert found.exit_code == 1
+    assert f"fault silent: {EXAMPLE}:7:3: population 'exc'" in found.stdout
+    assert "0 of 10 neurons fired in 500 ms, so nothing reaches 'inh'; the largest V_m was" in found.stdout
+    assert "rheobase is 375 pA" in found.stdout
+    assert "remedy: raise `weight` of 'noise_exc' to about" in found.stdout
+
+
+def test_json_and_page(tmp_path):
+    found = run(str(EXAMPLE), "--set", "w=30", "--json", "--out", str(tmp_path / "page.html"))
+    assert found.exit_code == 1
+    told = json.loads(found.stdout)
+    assert told["faults"] == 1
+    assert [each["name"] for each in told["findings"]] == ["silent"]
+    page = (tmp_path / "page.html").read_text("utf-8")
+    assert "rheobase" in page
+    assert "<canvas" in page
+
+
+def test_a_page_with_a_fault_can_be_made_again(tmp_path):
+    command = [sys.executable, "-m", "neuro"]
+    (tmp_path / "net.yaml").write_bytes(EXAMPLE.read_bytes())
+    made = [*command, "doctor", "net.yaml", "--set", "w=30", "--for", "100", "--out", "page.html"]
+    assert subprocess.run(made, cwd=tmp_path, capture_output=True).returncode == 1
+    again = subprocess.run([*command, "rerun", "page.html"], cwd=tmp_path, capture_output=True, text=True)
+    assert again.stdout == "page.html: the same bits\n"
+
+
+def test_all_mistakes_of_a_file_are_faults(tmp_path):
+    file = tmp_path / "wrong.yaml"
+    text = EXAMPLE.read_text("utf-8")
+    file.write_text(text.replace("iaf_psc_exp", "iaf_psc_ex", 1).replace("fixed_indegree", "fixed_indegre"), "utf-8")
+    found = run(str(file))
+    assert found.exit_code == 1
+    assert found.stdout.count("fault mistake") == 2
+    assert "Nothing ran" in found.stdout
+
+
+def test_many_findings_of_a_kind_are_folded(tmp_path):
+    populations = "\n".join(f"  p{k}: {{model: {{iaf_psc_exp: {{E_L: -50.0}}}}, shape: 2}}" for k in range(9))
+    file = tmp_path / "many.yaml"
+    file.write_text(f"neuro: 1\nname: many\npopulations:\n{populations}\n", "utf-8")
+    found = run(str(file), "--for", "5")
+    assert found.stdout.count("warning fires-by-itself") == 4
+    assert "likewise population 'p4', population 'p5', population 'p6', population 'p7', ... (5 more)" in found.stdout
+
+
+@pytest.mark.parametrize("words", [("--drive", "20 mV"), ("--drive", "-1"), ("--for", "0")])
+def test_wrong_options_are_refused(words):
+    assert run(str(EXAMPLE), *words).exit_code == 2
+
+
+def test_a_file_that_is_not_there_is_refused():
+    assert isinstance(run("nosuch.yaml").exception, ModelError)
+
+
+def test_an_unknown_chip_is_refused():
+    assert isinstance(run(str(EXAMPLE), "--chip", "lohi").exception, ModelError)
+
+
+def test_inputs_may_be_driven():
+    follower = Path(__file__).parents[2] / "examples" / "follower.yaml"
+    assert "no-input" in run(str(follower), "--for", "100").stdout
+    driven = run(str(follower), "--for", "100", "--drive", "0.02 kHz").stdout
+    assert "no-input" not in driven
+    assert "cells driven at 20 Hz" in driven
