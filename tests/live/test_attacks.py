@@ -7,6 +7,8 @@ from contextlib import ExitStack
 
 import pytest
 
+pytest.importorskip("websockets", reason="websockets is not installed: pip install '.[live]'")
+
 from neuro.live.serving import BURST, LONGEST_MESSAGE, MOST_CLIENTS
 
 
