@@ -15,6 +15,7 @@ if TYPE_CHECKING:
         coding as coding,
         compare as compare,
         events as events,
+        live as live,
         plots as plots,
         realtime as realtime,
         results as results,

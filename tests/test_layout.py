@@ -30,6 +30,7 @@ LAYERS = (
     "exchange",
     "readout",
     "report",
+    "live",
     "sweeps",
     "rerun",
     "testing",
@@ -38,8 +39,8 @@ LAYERS = (
 """From the ground up: a module imports from its own room and those before it."""
 PUBLIC = {
     "neuro",
-    *(f"neuro.{name}" for name in ("chips", "coding", "compare", "events", "plots", "realtime", "results")),
-    *(f"neuro.{name}" for name in ("extend", "apps")),
+    *(f"neuro.{name}" for name in ("chips", "coding", "compare", "events", "live", "plots", "realtime")),
+    *(f"neuro.{name}" for name in ("results", "extend", "apps")),
 }
 """Modules whose names are promised; `neuro.events` has public modules of its own, without a `_`."""
 PUBLIC_OF_BACKENDS = {"neuro_torch", "neuro_torch.losses", "neuro_torch.surrogates"}

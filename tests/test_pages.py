@@ -57,6 +57,7 @@ NEEDS = {
     "Norse": "norse",
     "PyNN": "pyNN",
     "torch": "torch",
+    "websockets": "websockets",
 }
 """What blocks may need, and the module that shows that it is there; None: never asked for by a test."""
 

@@ -150,6 +150,19 @@ def test_counts_of_a_generator_that_is_not_recorded(sim):
     assert counts.get().sum() == sim.counts().populations["noise"].spikes > 0
 
 
+def test_counts_of_a_generator_whose_spikes_are_tallied():
+    """It drives neurons one to one so fast that the loop keeps no list of its spikes."""
+    net = neuro.Network("tallied", resolution=1.0)
+    noise = net.population("noise", 10, neuro.poisson_generator(rate=800.0))
+    cells = net.population("cells", 10, neuro.iaf_psc_exp())
+    net.connect(noise, cells, neuro.one_to_one(), weight=1.0)
+    sim = neuro.compile(net, seed=1)
+    sim.run(100.0)
+    before, port = sim.counts().spikes, sim.port("noise", "counts")
+    sim.run(100.0)
+    assert port.get().sum() == sim.counts().spikes - before > 0
+
+
 def test_a_simulation_with_ports_is_dropped_at_once():
     gc.collect()
     gc.disable()

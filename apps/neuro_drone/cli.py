@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -137,6 +138,22 @@ def try_model(
         show(pilot, tried, course)
 
 
+def _announced(no_browser: bool) -> Callable[[Any, Any], Any]:
+    """What makes a page, prints its address and opens it."""
+    import webbrowser
+
+    from neuro.live import Page
+
+    def page(sim: Any, figures: Any) -> Page:
+        shown = Page(sim, figures=figures)
+        typer.echo(f"page: {shown.url}", err=True)
+        if not no_browser:
+            webbrowser.open(shown.url)
+        return shown
+
+    return page
+
+
 @app.command()
 def live(
     model: MaybeModel = None,
@@ -151,6 +168,8 @@ def live(
     backend: Backend = "event",
     json: Json = False,
     set: Set = [],  # noqa: B006
+    page: Annotated[bool, typer.Option("--page", help="Show the controller's network in the browser.")] = False,
+    no_browser: Annotated[bool, typer.Option("--no-browser", help="Print the address of the page only.")] = False,
 ) -> None:
     """Fly laps in real time, the world in another process, events over the loopback; beside the same laps offline."""
     from neuro_drone.evaluate import grid, try_out
@@ -161,7 +180,8 @@ def live(
     course, pilot = FlightCourse(path, seed), _pilot(model, scenario, controller, set)
     places = grid(pilot.scenario, starts, course=course)
     with Bars() as bars:
-        flown = fly_live(pilot, places, backend=backend, speed=speed, report=bars.laps(len(places)))
+        shown, report = _announced(no_browser) if page else None, bars.laps(len(places))
+        flown = fly_live(pilot, places, backend=backend, speed=speed, report=report, page=shown)
         offline = try_out(pilot, starts=places, backend=backend)
     if json:
         typer.echo(live_figures(pilot, flown, offline, course))

@@ -7,15 +7,16 @@ import socket
 import struct
 import time
 from collections.abc import Callable, Mapping, Sequence
+from contextlib import ExitStack
 from dataclasses import dataclass, field
 from math import inf
 from multiprocessing.connection import Connection
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import numpy.typing as npt
 
-from neuro import ModelError
+from neuro import ModelError, Simulation
 from neuro.events import Events, listen, send
 from neuro.realtime import Histogram
 from neuro_drone.controllers import Controller
@@ -25,6 +26,9 @@ from neuro_drone.evaluate import FlightTest, Lap, Start, begin, fly_lap
 from neuro_drone.geometry import CameraView
 from neuro_drone.model import Model
 from neuro_drone.scenario import Scenario
+
+if TYPE_CHECKING:
+    from neuro.live import Page
 
 __all__ = ["LiveTest", "fly_live"]
 
@@ -132,6 +136,7 @@ def fly_live(
     backend: str = "event",
     speed: float = 1.0,
     report: Callable[[Lap], None] | None = None,
+    page: Callable[[Simulation, Callable[[], dict[str, str]]], Page] | None = None,
 ) -> LiveTest:
     """Fly one lap from each start in real time, with frozen weights.
 
@@ -142,20 +147,27 @@ def fly_live(
         backend: what runs the controller's network.
         speed: how many times as fast as in real time.
         report: called after each lap.
+        page: makes a page on the controller's network, which has figures to show; it is closed at the end.
 
     Raises:
-        ModelError: a start cannot be, the backend refuses the network, or the world's process fails.
+        ModelError: a start cannot be, the backend refuses the network, the controller is none and cannot be shown, or
+            the world's process fails.
     """
     world = scenario or model.scenario
     controller = model.frozen(scenario, backend)
     if isinstance(controller, Oracle):
         raise ModelError("controller 'oracle' sees the true error, which no camera sends: expected another one")
+    sim: Simulation | None = getattr(controller, "sim", None)
+    if page is not None and sim is None:
+        raise ModelError("the controller is no network: expected a spiking one, which a page shows")
     size = CameraView(fov=world.camera.fov, tilt=world.camera.tilt).size
     laps: list[Lap] = []
     looks = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
-    with listen(f"udp://{_HOST}:0", format=FORMAT, sensor=(size, size)) as stream, looks:
-        looks.bind((_HOST, 0))
+    with ExitStack() as stack:
+        stream = stack.enter_context(listen(f"udp://{_HOST}:0", format=FORMAT, sensor=(size, size)))
+        stack.enter_context(looks).bind((_HOST, 0))
         pilot = _Pilot(controller, stream, looks, size, _LOST * world.step / 1000.0 / speed)
+        shown = None if page is None or sim is None else stack.enter_context(page(sim, pilot.figures))
         context = multiprocessing.get_context("spawn")
         ours, theirs = context.Pipe(duplex=False)
         words = (world, tuple(starts), stream.url, looks.getsockname()[1], speed, theirs)
@@ -165,6 +177,8 @@ def fly_live(
         try:
             while True:
                 pilot.answer()
+                if shown is not None:
+                    shown.tick()
                 ended = not process.is_alive()
                 while ours.poll():
                     told = ours.recv()
@@ -195,6 +209,12 @@ class _Pilot:
         self.latency, self.lost, self._taken = Histogram(), 0, 0
         looks.settimeout(0.1)
         controller.act(self._counts, {})  # all that an action needs is in memory when the laps begin
+
+    def figures(self) -> dict[str, str]:
+        """What a page shows of it."""
+        found = (self.latency.ms(0.5), self.latency.ms(0.99), self.latency.largest_ms)
+        times = ", ".join(f"{ms:.3f}" for ms in found)
+        return {"event to action: p50, p99, largest": f"{times} ms", "events lost": f"{self.lost:,}"}
 
     def answer(self) -> None:
         """Wait a little for a look, and answer it."""

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+from collections.abc import Iterator, Mapping
 from contextlib import ExitStack
 from dataclasses import replace
 from enum import StrEnum
@@ -10,10 +12,22 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from neuro.cli.options import Backend, NetworkFile, Seed, Set, Threads, assignments, milliseconds
+from neuro.cli.options import (
+    Backend,
+    NetworkFile,
+    Seed,
+    Set,
+    Threads,
+    assignments,
+    milliseconds,
+    stoppable,
+    whole,
+)
 from neuro.cli.run import Record, keep_spikes
+from neuro.core.errors import ModelError
 
 if TYPE_CHECKING:
+    from neuro.events import Listener
     from neuro.model.network import Network
     from neuro.realtime import LiveRun, Source
     from neuro.run.simulation import Simulation
@@ -38,9 +52,26 @@ def long_time(text: str) -> float:
     return milliseconds(text)
 
 
+def times_real_time(text: str) -> float:
+    """A number > 0, "inf" as fast as possible."""
+    try:
+        number = float(text)
+    except ValueError:
+        number = math.nan
+    if not number > 0:
+        raise typer.BadParameter(f"'{text}': expected a number > 0, or inf")
+    return number
+
+
 Tick = Annotated[float, typer.Option("--tick", metavar="MS", parser=milliseconds, help="The length of a tick, in ms.")]
 Long = Annotated[
-    float, typer.Option("--for", metavar="MS", parser=long_time, help="How long: in ms, or 10 s, 5 min, 1 h.")
+    float | None,
+    typer.Option(
+        "--for",
+        metavar="MS",
+        parser=long_time,
+        help="How long: in ms, or 10 s, 5 min, 1 h; 10 s if not given, for ever where a page keeps time.",
+    ),
 ]
 Input = Annotated[
     list[str],
@@ -56,14 +87,28 @@ WhenLate = Annotated[Late, typer.Option("--late", help="What to do when an actio
 LiveOut = Annotated[
     Path | None, typer.Option("--out", metavar="FILE", help="The HDF5 file to write; none if not given.")
 ]
+ShowPage = Annotated[
+    bool, typer.Option("--page", help="Show the run in the browser; without --input and --out the page keeps time.")
+]
+Host = Annotated[str, typer.Option("--host", metavar="NAME", help="Where the page listens.")]
+Port = Annotated[
+    int, typer.Option("--port", metavar="N", parser=lambda text: whole(text, 0), help="Of the page; 0: any free one.")
+]
+Speed = Annotated[
+    float | None,
+    typer.Option("--speed", metavar="X", parser=times_real_time, help="With --page: times real time, or inf."),
+]
+NoBrowser = Annotated[bool, typer.Option("--no-browser", help="Print the address of the page, and open no browser.")]
 
 REPORT_S = 10.0
+STREAM_TICK = 10.0
+"""ms between two looks at a stream that is shown only."""
 
 
 def live(
     file: NetworkFile,
     tick: Tick = 1.0,
-    duration: Long = 10_000.0,
+    duration: Long = None,
     input: Input = [],  # noqa: B006
     format: Format = None,
     late: WhenLate = Late.catch_up,
@@ -73,6 +118,11 @@ def live(
     set: Set = [],  # noqa: B006
     record: Record = [],  # noqa: B006
     out: LiveOut = None,
+    page: ShowPage = False,
+    host: Host = "127.0.0.1",
+    port: Port = 0,
+    speed: Speed = None,
+    no_browser: NoBrowser = False,
 ) -> None:
     """Run a network in real time on live events; report latencies, misses and drops, and keep what it saw."""
     from neuro.core.outputs import check_output
@@ -85,18 +135,71 @@ def live(
     keep_spikes(net, record)
     if out is not None:
         check_output(out, KIND)
+
+    def simulation(seed: int) -> Simulation:
+        return compiled(net, backend=backend, seed=seed, threads=threads)
+
+    lines = _Lines()
     with ExitStack() as stack:
         streams = streamed(net, stack)
-        sim = compiled(net, backend=backend, seed=seed, threads=threads)
+        paced = _is_paced(page, speed, {"--input": input, "--out": out, "stream": streams})
+        sim = simulation(seed)
+        shown = None
+        if page:
+            from neuro.live import Page
+
+            words = {"speed": speed or 1.0, "restart": simulation} if paced else {"figures": lambda: lines.figures}
+            shown = stack.enter_context(Page(sim, host, port, **words))
+            announce(shown.url, no_browser)
+        if shown is not None and paced:
+            with stoppable(lambda: f"at {shown.sim.time:g} ms"):
+                shown.run(math.inf if duration is None else duration)
+            return
         inputs = streams | sources(sim, input, format, stack)
-        loop = Loop(sim, tick=tick, inputs=inputs, late=late.value)
-        run = loop.run(duration, out=out, record=record, threads=threads, report=_Lines())
+        watch = None if shown is None else shown.tick
+        loop = Loop(sim, tick=tick, inputs=inputs, late=late.value, watch=watch)
+        run = loop.run(duration or 10_000.0, out=out, record=record, threads=threads, report=lines)
     typer.echo(str(run))
     if out is not None:
         typer.echo(f"{out}: {sim.time:g} ms; neuro rerun {out} makes it again")
     if run.ended:
         typer.echo(f"ended early: {run.ended}", err=True)
         raise typer.Exit(130 if run.ended == "interrupted" else 1)
+
+
+def announce(url: str, no_browser: bool) -> None:
+    """Print the address of a page, and open it."""
+    import webbrowser
+
+    typer.echo(f"page: {url}")
+    if not no_browser:
+        webbrowser.open(url)
+
+
+def show_stream(stream: Listener, ms: float, no_browser: bool) -> None:
+    """Show the events of a stream on a page, as those of a camera that drives nothing, for so long or until Ctrl-C."""
+    from neuro.live import Page
+    from neuro.model.network import Network
+    from neuro.model.neurons import event_camera
+    from neuro.realtime import Loop
+    from neuro.run.compiled import compile as compiled
+
+    width, height = stream.sensor_size
+    net = Network("stream", resolution=1.0)
+    net.population("camera", (2, height, width), event_camera())
+    sim, lines = compiled(net), _Lines()
+    with Page(sim, figures=lambda: lines.figures) as page:
+        announce(page.url, no_browser)
+        Loop(sim, tick=STREAM_TICK, inputs={"camera": stream}, watch=page.tick).run(ms, report=lines)
+
+
+def _is_paced(page: bool, speed: float | None, real_time: Mapping[str, object]) -> bool:
+    """Whether a page keeps the time, as nothing else does."""
+    others = [word for word, given in real_time.items() if given]
+    if speed is not None and (others or not page):
+        expected = f"no {others[0]}, which runs in real time" if others else "--page, which keeps the speed"
+        raise ModelError(f"--speed {speed:g}: expected {expected}")
+    return page and not others
 
 
 def streamed(net: Network, stack: ExitStack) -> dict[str, Source]:
@@ -142,10 +245,23 @@ class _Lines:
 
     def __init__(self) -> None:
         self._next = 0.0
+        self.figures: dict[str, str] = {}
 
     def __call__(self, run: LiveRun) -> None:
+        self.figures = dict(_figures(run))
         seconds = (run.ticks + run.skipped) * run.tick_ms / 1000.0
         if seconds >= self._next + REPORT_S:
             self._next = seconds
             times = f"event to action p99 {run.latency.ms(0.99):.3f} ms, empty loop {run.empty.ms(0.99):.3f} ms"
             typer.echo(f"{seconds:,.0f} s: {times}, {run.misses:,} missed, {run.drops:,} drops", err=True)
+
+
+def _figures(run: LiveRun) -> Iterator[tuple[str, str]]:
+    """What a page shows of a live run."""
+    for name, found in (("event to action", run.latency), ("tick to action", run.response), ("empty loop", run.empty)):
+        yield (
+            f"{name}: p50, p99, largest",
+            ", ".join(f"{ms:.3f}" for ms in (found.ms(0.5), found.ms(0.99), found.largest_ms)) + " ms",
+        )
+    yield "ticks missed", f"{run.misses:,} of {run.ticks:,}"
+    yield "events dropped", f"{run.drops:,}"

@@ -51,6 +51,8 @@ class Loop:
         late: where an action comes after the next tick is due: "catch_up" runs the ticks that are due without waiting,
             "skip" leaves out those that are past, drops their events and lets the network's time stand still, "stop"
             ends the run.
+        watch: called after each action, before what was recorded is forgotten, like `neuro.live.Page.tick`; no latency
+            has the time that it takes, but the next tick may come late by it.
 
     Raises:
         ModelError: the tick is no such multiple, there is no such population, its sensor is another, or an argument is
@@ -65,6 +67,7 @@ class Loop:
         inputs: Mapping[str, Source] | None = None,
         act: Act | None = None,
         late: str = "catch_up",
+        watch: Callable[[], object] | None = None,
     ) -> None:
         if late not in LATE:
             raise ModelError(f"late = {late!r}: expected one of {', '.join(LATE)}", hint=near(str(late), LATE))
@@ -75,7 +78,7 @@ class Loop:
         if not 0 < self._steps < NEVER:
             raise ModelError(f"tick = {tick:g} ms: expected a finite time > 0 ms")
         self._tick = round(self._clock.ms(self._steps) * 1e6)
-        self._sim, self._act, self._late = sim, act, late
+        self._sim, self._act, self._late, self._watch = sim, act, late, watch
         self._inlets = [Inlet(sim, name, source, self._tick) for name, source in (inputs or {}).items()]
         self._stopped, self._since = "", 0
 
@@ -165,6 +168,8 @@ class Loop:
             if time.monotonic_ns() < due:
                 run.empty.add(wait_until(due) - due)
             done = self._one(run, due, number)
+            if self._watch is not None:
+                self._watch()
             self._forget(chores.recording)
             run.ticks += 1
             due += tick

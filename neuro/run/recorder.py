@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from bisect import bisect_right
 from collections.abc import Mapping
 from typing import Any
 
@@ -39,6 +40,13 @@ class Series:
         """Steps, and the values in them, shape (steps, columns)."""
         steps = np.array(self._steps, dtype=np.int64)
         return steps, np.array(self._values, dtype=np.float64).reshape(len(steps), self._columns)
+
+    def after(self, step: int, most: int) -> tuple[Ints, Floats]:
+        """Likewise of the steps after one, of many an even choice; in a time that depends on neither number."""
+        first = bisect_right(self._steps, step)
+        every = -(-(len(self._steps) - first) // most) or 1
+        steps = np.array(self._steps[first::every], dtype=np.int64)
+        return steps, np.array(self._values[first::every], dtype=np.float64).reshape(len(steps), self._columns)
 
     def recorded(self) -> tuple[Ints, Floats]:
         """Likewise as people read them: of a single number the values have the shape (steps,)."""

@@ -169,9 +169,8 @@ def new_rule(part: Projection, rule: Synapse, values: Mapping[str, Any], chosen:
         chosen: which synapses they are for, None for all.
     """
     names = {word_of(entry.name): entry.name for entry in fields(rule)}
-    fixed = {*_FIXED, *(trace.starts for trace in rule.pre), *(_RANGE if rule.delays else ())}
-    settable = [word for word in rule.numbers() if word not in fixed]
-    of_post = {trace.tau for trace in rule.post} if rule.learns == "pairs" else set()
+    of_post = _of_post(rule)
+    settable = [*settable_numbers(rule), *of_post]
     for word in values:
         if word in of_post:
             message = f"{rule.name}.{word} of '{part.name}': a trace of post spikes decays with it, so it is fixed"
@@ -182,6 +181,17 @@ def new_rule(part: Projection, rule: Synapse, values: Mapping[str, Any], chosen:
             raise _no_parameter(part, rule, word, settable)
     new = {word: _of_synapses(part, rule, word, value, chosen) for word, value in values.items()}
     return replace(rule, **{names[word]: value for word, value in new.items()})
+
+
+def settable_numbers(rule: Synapse) -> list[str]:
+    """The numbers of a synapse model that can be set."""
+    fixed = {*_FIXED, *(trace.starts for trace in rule.pre), *(_RANGE if rule.delays else ()), *_of_post(rule)}
+    return [word for word in rule.numbers() if word not in fixed]
+
+
+def _of_post(rule: Synapse) -> set[str]:
+    """Those with which a trace of post spikes decays."""
+    return {trace.tau for trace in rule.post} if rule.learns == "pairs" else set()
 
 
 def _of_synapses(part: Projection, rule: Synapse, word: str, value: Any, chosen: Chosen | None) -> Any:

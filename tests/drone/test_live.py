@@ -1,6 +1,8 @@
 """Laps in real time: the world in another process, events over the loopback."""
 
 import json
+from importlib.util import find_spec
+from pathlib import Path
 
 import pytest
 
@@ -8,6 +10,7 @@ from neuro import ModelError
 from neuro_drone.evaluate import grid
 from neuro_drone.live import fly_live
 from neuro_drone.pilot import pilot
+from neuro_drone.train import train
 
 LAP = ("--controller", "centroid", "--scenario", "short.yaml", "--speed", "2")
 
@@ -28,6 +31,18 @@ def test_what_cannot_fly_so(drone):
     code, _, err = drone("live", "--controller", "oracle", "--scenario", "short.yaml")
     assert code == 2
     assert "controller 'oracle' sees the true error, which no camera sends" in err
+
+
+@pytest.mark.skipif(find_spec("websockets") is None, reason="websockets is not installed: pip install '.[live]'")
+def test_a_lap_is_shown_on_a_page(drone):
+    train("short.yaml", steps=1, out=Path("model.h5"))
+    code, out, err = drone("live", "model.h5", "--speed", 10, "--json", "--page", "--no-browser")
+    assert code == 0, err
+    assert "page: http://127.0.0.1:" in err
+    assert json.loads(out)["flown"] > 0
+    code, _, err = drone("live", *LAP, "--page", "--no-browser")
+    assert code == 2
+    assert "the controller is no network" in err
 
 
 def test_a_world_that_fails():

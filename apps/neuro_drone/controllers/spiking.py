@@ -126,8 +126,8 @@ class Spiking:
         sim, s = self.sim, self._settings
         rates = s.rate * counts.ravel() if s.coding == "counts" else s.total * shares(counts, s.coding)
         self._rate.set(np.minimum(s.rate_max, rates))
-        sim.run(self._scenario.step)
         sim.forget(before=sim.time)
+        sim.run(self._scenario.step)
         fired = self._fired.get(self._counts).tolist()
         pairs = zip(self._factor, fired[0::2], fired[1::2], strict=True)
         return np.array([max(-1.0, min(1.0, factor * (a - b))) for factor, a, b in pairs])

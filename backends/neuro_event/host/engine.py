@@ -510,6 +510,8 @@ class EventEngine:
 
     def fired(self, population: int) -> Ints:
         """Spikes of each neuron of a population since the start or the last reset."""
+        if self._a.net["pops"][population, t.COUNTS] >= 0:
+            generators.settle(self._a)
         place = self._a.places[population]
         return place.by_id(self._a.net["spikes"][place.begin : place.end].copy())
 

@@ -12,7 +12,9 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from neuro.cli.events.options import Force, From, In, Lenient, Sensor, To, count, events_so_far, going, spare
+from neuro.cli.live import NoBrowser, show_stream
 from neuro.cli.options import milliseconds
+from neuro.core.errors import ModelError
 
 if TYPE_CHECKING:
     from neuro.core.progress import Bar
@@ -38,6 +40,10 @@ Silent = Annotated[
 ]
 For = Annotated[Any, typer.Option("--for", metavar="MS", parser=milliseconds, help="End after so long.")]
 
+ShowStream = Annotated[bool, typer.Option("--page", help="Show the events in the browser, and write none.")]
+FOR_EVER = 1e11
+"""ms of a stream that is shown until Ctrl-C."""
+
 
 def listen(
     url: ListenAt,
@@ -48,12 +54,18 @@ def listen(
     duration: For = None,
     to_format: To = None,
     force: Force = False,
+    page: ShowStream = False,
+    no_browser: NoBrowser = False,
 ) -> None:
     """Receive events from the network, count them, and write them to a file; Ctrl-C ends it and keeps the file."""
     from neuro.events import listen as open_stream
     from neuro.events.convert import write
     from neuro.events.files import RECORDING
 
+    if page and (target is not None or until_silent is not None):
+        raise ModelError(
+            "--page: expected neither OUT nor --until-silent", hint="neuro live --page --out FILE keeps events"
+        )
     if target is not None:
         spare("-", target, RECORDING, force)
     silent = None if until_silent is None else until_silent / 1000.0
@@ -64,6 +76,10 @@ def listen(
         if stream.url != url:
             typer.echo(f"listening at {stream.url}", err=True)
         begin = time.monotonic()
+        if page:
+            show_stream(stream, FOR_EVER if duration is None else duration, no_browser)
+            _tell(stream, time.monotonic() - begin, err=False)
+            return
         parts = _until_stopped(stream, math.inf if duration is None else begin + duration / 1000.0, bar)
         if target is None:
             for _ in parts:

@@ -1,0 +1,157 @@
+"""The page in Chromium: it loads, plays, sets, survives a reload, and is used by the keyboard alone."""
+
+import pytest
+
+from running_page import until
+
+
+@pytest.fixture
+def shown(running, driver):
+    """The page of the running network, as it is when frames come; nothing may be told on the console."""
+    driver.get_log("browser")
+    running.page.pace.pause(False)
+    driver.get(running.page.url)
+    assert until(lambda: number(driver, "time") > 0.0)
+    yield driver
+    assert driver.get_log("browser") == []
+    driver.get("about:blank")
+
+
+def number(driver, id):
+    """The number that an element begins with, in ms where it is a time in s; 0 where it has none."""
+    words = driver.execute_script("return document.getElementById(arguments[0]).textContent", id).split()
+    try:
+        return float(words[0]) * (1000.0 if words[1] == "s" else 1.0)
+    except (IndexError, ValueError):
+        return 0.0
+
+
+def ink(driver, id):
+    """How many pixels of a canvas have a colour."""
+    script = """
+        const canvas = document.getElementById(arguments[0]), copy = new OffscreenCanvas(canvas.width, canvas.height);
+        const pen = copy.getContext("2d", {willReadFrequently: true});
+        pen.drawImage(canvas, 0, 0);
+        const data = pen.getImageData(0, 0, canvas.width, canvas.height).data;
+        let found = 0;
+        for (let k = 0; k < data.length; k += 4) {
+            const most = Math.max(data[k], data[k + 1], data[k + 2]), least = Math.min(data[k], data[k + 1], data[k + 2]);
+            found += data[k + 3] > 100 && most - least > 60;
+        }
+        return found;"""  # noqa: E501
+    return driver.execute_script(script, id)
+
+
+def threshold(running):
+    return running.page.sim._engine.get(1, "V_th")[0]  # a call of the simulation would be in the way of its thread
+
+
+def press(driver, *keys):
+    from selenium.webdriver import ActionChains
+
+    chain = ActionChains(driver)
+    for key in keys:
+        chain.send_keys(key)
+    chain.perform()
+
+
+def text(driver, id):
+    return driver.execute_script("return document.getElementById(arguments[0]).textContent", id)
+
+
+def value(driver, id):
+    return float(driver.execute_script("return document.getElementById(arguments[0]).value", id))
+
+
+def test_it_loads_and_plays(shown):
+    assert shown.title.startswith("seen")
+    assert text(shown, "told").startswith("112 neurons, 680 synapses")
+    before = number(shown, "time")
+    assert until(lambda: number(shown, "time") > before + 200.0)
+    for canvas in ("raster", "rates", "traces", "histogram"):
+        assert until(lambda canvas=canvas: ink(shown, canvas) > 100), canvas
+
+
+def test_a_slider_acts_and_survives_a_reload(shown, running):
+    from selenium.webdriver.common.by import By
+    from selenium.webdriver.common.keys import Keys
+
+    slider = shown.find_element(By.ID, "slider-V_th")
+    before = value(shown, "slider-V_th")
+    slider.send_keys(Keys.ARROW_RIGHT * 5)
+    assert until(lambda: threshold(running) > before)
+    assert until(lambda: abs(threshold(running) - value(shown, "slider-V_th")) < 1e-6)
+    now = value(shown, "slider-V_th")
+    shown.refresh()
+    assert until(lambda: number(shown, "time") > 0.0)
+    assert value(shown, "slider-V_th") == pytest.approx(now)
+    exact = shown.find_element(By.CSS_SELECTOR, "[data-of='exc/V_th'] input[type=number]")
+    exact.clear()
+    exact.send_keys("-90", Keys.ENTER)
+    assert until(lambda: "expected less than V_th" in text(shown, "message"))
+    assert threshold(running) == pytest.approx(now)
+    exact.clear()
+    exact.send_keys("-55", Keys.ENTER)
+    assert until(lambda: threshold(running) == -55.0)
+
+
+def test_it_is_used_by_the_keyboard_alone(shown, running):
+    from selenium.webdriver.common.keys import Keys
+
+    def focused():
+        return shown.execute_script("const e = document.activeElement; return e.id || e.getAttribute('aria-label')")
+
+    def tab_to(test):
+        for _ in range(40):
+            press(shown, Keys.TAB)
+            if test(focused() or ""):
+                return
+        pytest.fail(f"never reached; at {focused()}")
+
+    press(shown, " ")
+    assert until(lambda: running.page.pace.paused and text(shown, "play") == "Go on")
+    before = running.page.sim.time
+    press(shown, ".")
+    assert until(lambda: running.page.sim.time > before)
+    tab_to(lambda name: name == "play")
+    press(shown, Keys.ENTER)
+    assert until(lambda: not running.page.pace.paused)
+    tab_to(lambda name: name.startswith("out, "))
+    press(shown, Keys.ENTER)
+    assert until(lambda: value_of(shown, "part") == "out")
+    tab_to(lambda name: name == "silence")
+    press(shown, " ")
+    assert until(lambda: running.page.commands.silenced == ["out"])
+    assert until(lambda: text(shown, "silence") == "Restore" and focused() == "silence")
+    press(shown, " ")
+    assert until(lambda: running.page.commands.silenced == [])
+
+
+def value_of(driver, id):
+    return driver.execute_script("return document.getElementById(arguments[0]).value", id)
+
+
+@pytest.mark.parametrize(("button", "name"), [("picture", "ms.png"), ("save", "ms.h5"), ("network", "seen.yaml")])
+def test_what_is_saved_is_named(shown, button, name):
+    assert until(lambda: ink(shown, "raster") > 0)
+    shown.execute_script("document.getElementById(arguments[0]).click()", button)
+    assert until(lambda: text(shown, "message").endswith(f"{name} is saved"))
+
+
+@pytest.mark.parametrize("scheme", ["light", "dark"])
+@pytest.mark.parametrize("width", [390, 1600])
+def test_it_fits_narrow_and_wide_in_light_and_dark(shown, width, scheme):
+    metrics = {"width": width, "height": 900, "deviceScaleFactor": 1, "mobile": width < 500}
+    shown.execute_cdp_cmd("Emulation.setDeviceMetricsOverride", metrics)
+    media = [{"name": "prefers-color-scheme", "value": scheme}]
+    shown.execute_cdp_cmd("Emulation.setEmulatedMedia", {"features": media})
+    try:
+        assert until(lambda: shown.execute_script("return innerWidth") == width)
+        script = "return [...document.querySelectorAll('body *')].filter(e => e.getBoundingClientRect().right > innerWidth + 1).map(e => e.outerHTML.slice(0, 80))"  # noqa: E501
+        assert until(lambda: shown.execute_script(script) == []), shown.execute_script(script)
+        dark = shown.execute_script("return getComputedStyle(document.body).backgroundColor") == "rgb(16, 19, 23)"
+        assert dark == (scheme == "dark")
+        assert until(lambda: ink(shown, "raster") > 50)
+    finally:
+        shown.execute_cdp_cmd("Emulation.clearDeviceMetricsOverride", {})
+        shown.execute_cdp_cmd("Emulation.setEmulatedMedia", {"features": []})
