@@ -110,3 +110,33 @@ def test_borders_of_grids_are_written_and_read(rule, tmp_path):
     assert again.projections["input_cells"].rule.name == "grid"
     assert run(net, counts, "cells").sum() > 50
     assert np.array_equal(run(net, counts, "cells"), run(again, counts, "cells"))
+
+
+def driven(model: neuro.Model, rule) -> neuro.Network:
+    """Two neurons that a generator of currents drives beside spikes."""
+    net = neuro.Network("driven", resolution=1.0)
+    net.population("input", 3, neuro.spike_generator())
+    net.population("dc", 3, model)
+    net.population("cells", 2, neuro.iaf_psc_delta(tau_m=20.0, C_m=1.0, t_ref=0.0, E_L=0.0, V_reset=0.0, V_th=15.0))
+    net.connect("input", "cells", neuro.all_to_all(), weight=5.0, delay=2.0)
+    net.connect("dc", "cells", rule, weight=1.0, delay=1.0)
+    return net
+
+
+def test_currents_of_some_generators_are_biases():
+    rule = neuro.pairs([0, 1], [1, 1])
+    graph = neuro.to_nir(driven(neuro.dc_generator(amplitude=[1.0, 2.0, 3.0]), rule))
+    push = -20.0 * np.expm1(-1.0 / 20.0)
+    assert graph.nodes["input_cells"].bias == pytest.approx([0.0, 3.0 * push])
+    assert neuro.to_nir(driven(neuro.dc_generator(amplitude=1.0), neuro.pairs([], [])))
+
+
+def test_a_current_that_begins_later_is_no_exact_bias():
+    graph = neuro.to_nir(driven(neuro.dc_generator(amplitude=1.0, start=50.0), neuro.all_to_all()))
+    assert '"begins 50 steps later here"' in graph.metadata["neuro_verdicts"]
+
+
+def test_a_current_that_changes_is_refused():
+    model = neuro.step_current_generator(amplitude_times=[1.0], amplitude_values=[2.0])
+    with pytest.raises(neuro.ModelError, match=r"node 'dc' .*is a current that changes"):
+        neuro.to_nir(driven(model, neuro.all_to_all()))

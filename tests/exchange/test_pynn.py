@@ -108,6 +108,22 @@ def test_a_script_is_recorded(tmp_path):
 
 
 @needs_pynn
+def test_a_current_flows_into_several_parts_and_networks(tmp_path):
+    path = tmp_path / "script.py"
+    path.write_text(
+        "import pyNN.nest as sim\nsim.setup(timestep=0.1)\ncells = sim.Population(3, sim.IF_curr_exp())\n"
+        "source = sim.StepCurrentSource(times=[10.0, 30.0], amplitudes=[0.1, -0.1])\n"
+        "cells[0:1].inject(source)\ncells[2].inject(source)\n"
+        "sim.run(5.0)\nsim.reset()\ncells.set(tau_m=10.0)\nsim.run(5.0)\n"
+    )
+    net = neuro.from_pynn(path, run_script=True)
+    assert net.populations["population0"].model.tau_m == 10.0
+    for name, cell in (("StepCurrentSource", 0), ("StepCurrentSource_2", 2)):
+        assert list(net.populations[name].model.amplitude_values) == [100.0, -100.0]
+        assert list(net.projections[f"{name}_population0"].rule.post) == [cell]
+
+
+@needs_pynn
 def test_what_cannot_come_is_told_by_line(tmp_path):
     path = tmp_path / "script.py"
     path.write_text(
