@@ -173,6 +173,8 @@ def test_what_is_no_recording_is_refused_in_python():
     ):
         with pytest.raises(snn.ModelError, match=message):
             snn.predict(net, found)
+    with pytest.raises(snn.ModelError, match=r"predict: found 'net\.yaml': expected a Network"):
+        snn.predict("net.yaml", [events("left")])
     with pytest.raises(snn.ModelError, match="labels: found 1 for 2 recordings: expected one for each"):
         snn.predict(net, [events("left")] * 2, labels=["0"])
     with pytest.raises(snn.ModelError, match=r"readout.window = \[3\]: expected centred, or \[column, row\]"):

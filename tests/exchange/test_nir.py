@@ -89,6 +89,37 @@ def test_the_command_converts_both_ways(tmp_path, monkeypatch):
     assert isinstance(refused.exception, neuro.ModelError)
 
 
+@pytest.mark.parametrize("content", [b"no NIR", None])
+def test_a_file_of_another_tool_is_not_replaced(content, tmp_path):
+    file = tmp_path / "other.nir"
+    if content is None:
+        nir.write(file, layers())
+    else:
+        file.write_bytes(content)
+    net = neuro.from_nir(layers(), dt=1.0, from_="norse")
+    net.save(tmp_path / "net.yaml")
+    done = CliRunner().invoke(app, ["convert", str(tmp_path / "net.yaml"), str(file)])
+    assert str(done.exception) == f"{file}: exists and is not a NIR file of neuro: expected a new name"
+
+
+@pytest.mark.parametrize(
+    ("words", "ends"),
+    [
+        ("a.yaml b.yaml --dt 1", "SRC to end in .nir, or DST to end in .nir"),
+        ("a.yaml b.nir --from norse", "SRC to end in .nir"),
+        ("a.nir b.yaml --dt 1 --for norse", "DST to end in .nir"),
+        ("a.py b.yaml --run-script --reset subtract", "SRC to end in .nir"),
+        ("a.yaml b.nir --seed 1", "DST to end in .py"),
+        ("a.yaml b.py --network 2", "SRC to end in .py"),
+    ],
+)
+def test_an_option_that_neither_file_uses_is_refused(words, ends):
+    word, source, destination = words.split()[-2], *words.split()[:2]
+    error = CliRunner().invoke(app, ["convert", *words.split()]).exception
+    assert isinstance(error, neuro.ModelError)
+    assert str(error) == f"{word}: has no use from {source} to {destination}: expected {ends}"
+
+
 def test_a_step_in_seconds_is_told():
     with pytest.raises(neuro.ModelError, match=r"dt = 0\.0001 ms: the shortest time constant is 100,000 steps") as told:
         neuro.from_nir(layers(), dt=1e-4, from_="norse")

@@ -350,6 +350,8 @@ def test_a_shuffle_is_seeded_and_saved(larger: neuro.Network, tmp_path: Path) ->
 def test_what_cannot_be_shuffled_is_refused(tmp_path: Path) -> None:
     with pytest.raises(neuro.ModelError, match="no edges from a file"):
         neuro.shuffled(neuro.Network(), "edges")
+    with pytest.raises(neuro.ModelError, match=r"shuffled: found 'net\.yaml': expected a Network"):
+        neuro.shuffled("net.yaml", "edges")
     columns = {"pre": [0, 0, 1], "post": [1, 2, 2]}
     net = neuro.Network()
     net.population("a", 3, neuro.iaf_psc_exp())

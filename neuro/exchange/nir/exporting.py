@@ -40,8 +40,11 @@ CONVENTION = "neuro_convention"
 def _is_ours(path: Path) -> bool:
     import h5py
 
-    with h5py.File(path, "r") as file:
-        return CONVENTION in file["node/metadata"]
+    try:
+        with h5py.File(path, "r") as file:
+            return CONVENTION in file.get("node/metadata", ())
+    except OSError:
+        return False
 
 
 KIND = Kind("a NIR file of neuro", _is_ours)
