@@ -129,19 +129,20 @@ def test_what_cannot_come_is_told_by_line(tmp_path):
     path.write_text(
         "import pyNN.spiNNaker as p\np.setup(timestep=1.0)\ncells = p.Population(3, p.HH_cond_exp())\n"
         "more = p.Population(3, p.extra_models.IFCurrExpCa2Adaptive())\nfine = p.Population(3, p.IF_curr_exp())\n"
-        "p.external_devices.SpikeInjector(3)\n"
+        "p.external_devices.SpikeInjector(3)\np.Population(1, p.SpikeSourceArray(spike_times=[-1.5, 3.0]))\n"
         "p.Projection(fine, fine, p.OneToOneConnector(), p.SimpleStochasticSynapse(weight=1.0))\n"
         "p.run(10)\nfine.set(tau_m=10.0)\np.run(10)\n"
     )
     with pytest.raises(neuro.ModelError) as caught:
         neuro.from_pynn(path, run_script=True)
     assert str(caught.value) == (
-        "script.py: the network cannot come (5 problems)\n"
+        "script.py: the network cannot come (6 problems)\n"
         "script.py:4: pyNN.spiNNaker.IFCurrExpCa2Adaptive has no counterpart\n"
         "script.py:6: pyNN.spiNNaker.SpikeInjector has no counterpart\n"
         "script.py:3: population 'population0': HH_cond_exp has no counterpart\n"
-        "script.py:7: SimpleStochasticSynapse has no counterpart\n"
-        "script.py:9: parameters of population 'population2' are set while the network runs"
+        "script.py:7: a spike at -1.5 ms: expected times of at least 0 ms\n"
+        "script.py:8: SimpleStochasticSynapse has no counterpart\n"
+        "script.py:10: parameters of population 'population2' are set while the network runs"
     )
 
 
