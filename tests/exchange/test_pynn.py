@@ -276,6 +276,22 @@ def test_what_pynn_has_not_is_told_by_part(tmp_path):
     assert list(tmp_path.iterdir()) == []
 
 
+@pytest.mark.parametrize(
+    ("model", "word"),
+    [
+        (neuro.iaf_psc_exp(reset_by_subtraction=True), "reset_by_subtraction"),
+        (neuro.iaf_psc_delta(t_ref=0.0, reset_by_subtraction=True, max_spikes=3), "reset_by_subtraction"),
+        (neuro.iaf_psc_delta(V_min=-80.0), "V_min"),
+    ],
+)
+def test_a_reset_that_pynn_has_not_is_refused(model, word, tmp_path):
+    net = neuro.Network("odd")
+    net.population("a", 2, model)
+    with pytest.raises(neuro.ModelError) as caught:
+        neuro.to_pynn(net, tmp_path / "odd.py")
+    assert f"'{word}' has no counterpart in PyNN's IF_curr_" in str(caught.value)
+
+
 def test_reading_pynn_does_not_import_it():
     code = "import neuro, sys; neuro.from_pynn, neuro.to_pynn; print('pyNN' in sys.modules)"
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
