@@ -261,8 +261,8 @@ MISTAKES = {
     ),
     "apart.yaml data --output out": "no projection leads from --input pixels to --output out: expected a way",
     "two.yaml data": (
-        "--input is not given, and there is no or more than one spike_generator among 'pixels', 'more', 'hidden', "
-        "'out': expected the name of one"
+        "--input is not given: expected just one spike_generator among 'pixels', 'more', 'hidden', 'out'\n"
+        "  hint: --input NAME takes one of them"
     ),
     "flat.yaml data": (
         "--input pixels: shape [96]: expected [2, rows, columns], OFF then ON, or [rows, columns]\n"
