@@ -35,8 +35,8 @@ def save_sonata(sim: Simulation, path: str | PathLike[str]) -> Verdicts:
     """Write the network of a simulation as it is now, and the spikes that it has recorded.
 
     Beside `net.json`, the configuration, are `net_nodes.h5` and `net_node_types.csv`, `net_edges.h5` and
-    `net_edge_types.csv`, and `net_spikes.h5` where spikes were recorded. A node has the parameters and initial states of
-    its neuron as attributes, an edge `syn_weight`, in the unit of the target's model, and `delay` in ms. Nodes are
+    `net_edge_types.csv`, and `net_spikes.h5` where spikes were recorded. A node has the parameters and initial states
+    of its neuron as attributes, an edge `syn_weight`, in the unit of the target's model, and `delay` in ms. Nodes are
     counted from 0.
 
     Args:
