@@ -183,6 +183,15 @@ def test_what_is_no_recording_is_refused_in_python():
         net.readout(input="pixels", output="ot")
 
 
+def test_no_recording_teaches_the_network_for_the_next(tmp_path):
+    learning = "weight: 1.5, delay: 2.0, synapse: {stdp: {lambda: 0.5, Wmax: 5.0}}}"
+    (tmp_path / "stdp.yaml").write_text(NETWORK.replace("weight: 1.5, delay: 2.0}", learning))
+    net, shown = snn.load(tmp_path / "stdp.yaml"), [events("left"), events("right"), events("left")]
+    found = snn.predict(net, shown)
+    assert found.spikes[0] > 0
+    assert np.array_equal(found.scores, [snn.predict(net, [each]).scores[0] for each in shown])
+
+
 def test_silence_is_nothing_and_a_recording_may_be_empty(run, tmp_path):
     save(Events([], [], [], [], (8, 6)), tmp_path / "none.npz")
     status, out, err = run("named.yaml", "none.npz")
