@@ -108,16 +108,27 @@ WRITERS: dict[str, Callable[[Network, Path, Options], Verdicts | None]] = {
 }
 """What writes one."""
 
+READING = {".nir": ("--dt", "--from", "--reset"), ".py": ("--run-script", "--arguments", "--network")}
+WRITING = {".nir": ("--dt", "--for"), ".py": ("--seed", "--duration")}
+"""By the ending of SRC, and of DST, the options that are for it alone."""
+
 Source = Annotated[Path, typer.Argument(metavar="SRC", help="The network to read.")]
 Destination = Annotated[Path, typer.Argument(metavar="DST", help="The file to write.")]
 Dt = Annotated[float | None, typer.Option("--dt", metavar="MS", parser=milliseconds, help="Length of a step, in ms.")]
 From = Annotated[
     str | None, typer.Option("--from", metavar="TOOL", help="The tool that wrote SRC: norse, snntorch, sinabs, ...")
 ]
-For = Annotated[str | None, typer.Option("--for", metavar="TOOL", help="The tool that reads DST.")]
+For = Annotated[
+    str | None,
+    typer.Option(
+        "--for", metavar="TOOL", help="The tool that reads DST: norse, snntorch, sinabs, spikingjelly or nir."
+    ),
+]
 Reset = Annotated[
     str | None,
-    typer.Option("--reset", metavar="WORD", help="What a spike does in SRC: to_value, subtract or subtract_next."),
+    typer.Option(
+        "--reset", metavar="WORD", help="What a spike does in SRC: to_value, to_value_next, subtract or subtract_next."
+    ),
 ]
 RunScript = Annotated[
     bool, typer.Option("--run-script", help="Run SRC, a script of PyNN, in a confined process that simulates nothing.")
@@ -130,7 +141,10 @@ Which = Annotated[
 ]
 Seconds = Annotated[float, typer.Option("--seconds", metavar="S", help="How long SRC may take.")]
 Memory = Annotated[float, typer.Option("--memory", metavar="GIB", help="How much memory SRC may use.")]
-Seed = Annotated[int, typer.Option("--seed", help="Of what is drawn and written into the file beside DST.")]
+Seed = Annotated[
+    int | None,
+    typer.Option("--seed", help="Of what is drawn and written into the file beside DST; else 0."),
+]
 Duration = Annotated[
     float | None,
     typer.Option(
@@ -153,14 +167,18 @@ def convert(
     network: Which = None,
     seconds: Seconds = 120.0,
     memory: Memory = 4.0,
-    seed: Seed = 0,
+    seed: Seed = None,
     duration: Duration = None,
 ) -> None:
     """Convert a network from or to the format of another tool, chosen by the endings, with a verdict for each node."""
     read, write = _of(READERS, source, "read"), _of(WRITERS, destination, "written")
+    given: dict[str, object] = {"--dt": dt, "--from": written_by, "--for": read_by, "--reset": reset}
+    given |= {"--run-script": run_script or None, "--arguments": arguments, "--network": network}
+    given |= {"--seed": seed, "--duration": duration}
+    _check_options([word for word, value in given.items() if value is not None], source, destination)
     pynn: dict[str, Any] = {"run_script": run_script, "network": network, "seconds": seconds, "memory": memory}
     pynn["arguments"] = None if arguments is None else shlex.split(arguments)
-    options = Options(dt, written_by, read_by, reset, pynn, seed, duration)
+    options = Options(dt, written_by, read_by, reset, pynn, seed or 0, duration)
     net, table = read(source, options)
     if net is not None:
         table = write(net, destination, options) or table
@@ -175,3 +193,15 @@ def _of(table: dict[str, T], file: Path, done: str) -> T:
     if file.suffix not in table:
         raise ModelError(f"{file}: cannot be {done}: expected a name ending in {', '.join(sorted(table))}")
     return table[file.suffix]
+
+
+def _check_options(given: list[str], source: Path, destination: Path) -> None:
+    """Refuse options that neither file has a use for."""
+    from neuro.core.errors import ModelError
+
+    used = (*READING.get(source.suffix, ()), *WRITING.get(destination.suffix, ()))
+    for word in given:
+        if word not in used:
+            sides = (("SRC", READING), ("DST", WRITING))
+            ends = [f"{side} to end in {end}" for side, table in sides for end in table if word in table[end]]
+            raise ModelError(f"{word}: has no use from {source} to {destination}: expected {', or '.join(ends)}")

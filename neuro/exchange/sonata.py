@@ -35,8 +35,9 @@ def save_sonata(sim: Simulation, path: str | PathLike[str]) -> Verdicts:
     """Write the network of a simulation as it is now, and the spikes that it has recorded.
 
     Beside `net.json`, the configuration, are `net_nodes.h5` and `net_node_types.csv`, `net_edges.h5` and
-    `net_edge_types.csv`, and `net_spikes.h5` where spikes were recorded. A node has the parameters of its neuron as
-    attributes, an edge `syn_weight`, in the unit of the target's model, and `delay` in ms. Nodes are counted from 0.
+    `net_edge_types.csv`, and `net_spikes.h5` where spikes were recorded. A node has the parameters and initial states
+    of its neuron as attributes, an edge `syn_weight`, in the unit of the target's model, and `delay` in ms. Nodes are
+    counted from 0.
 
     Args:
         sim: the simulation.
@@ -80,7 +81,7 @@ def save_sonata(sim: Simulation, path: str | PathLike[str]) -> Verdicts:
 
 def verdicts(sim: Simulation) -> Verdicts:
     """What becomes of each population and projection in SONATA."""
-    found = [Verdict(part.name, part.said, EXACT, "parameters are attributes") for part in sim.program.populations]
+    found = [_node_verdict(sim, part) for part in sim.program.populations]
     for part in sim.program.projections:
         if part.grid is not None:
             why = "one kernel for all its neurons: SONATA has a weight for each edge"
@@ -92,6 +93,14 @@ def verdicts(sim: Simulation) -> Verdicts:
         else:
             found.append(Verdict(part.name, part.synapse.name, EXACT, "weights and delays are attributes"))
     return Verdicts(f"{sim.program.name} to SONATA", tuple(found))
+
+
+def _node_verdict(sim: Simulation, part: Population) -> Verdict:
+    later = part.spike_steps.size and int(part.spike_steps[-1]) * sim.program.resolution > sim.time
+    if later or part.stream is not None:
+        how = "parameters are attributes; of its listed spikes those are written that it has sent"
+        return Verdict(part.name, part.said, APPROXIMATE, how, measured="not measured: a longer run sends more of them")
+    return Verdict(part.name, part.said, EXACT, "parameters and initial states are attributes")
 
 
 @contextmanager
@@ -120,7 +129,7 @@ def _write_nodes(file: Any, part: Population, number: int) -> None:
     group["node_type_id"] = np.full(part.size, number, dtype=np.int64)
     group["node_group_id"] = np.zeros(part.size, dtype=np.int64)
     own = group.create_group("0")
-    for word, values in part.parameters.items():
+    for word, values in {**part.parameters, **part.initial}.items():
         own[word] = np.broadcast_to(values, part.size)
 
 

@@ -122,6 +122,8 @@ def predict(
         ModelError: the network has no such input or output, a recording is of another sensor, a label is no class, or
             the backend cannot run the network.
     """
+    if not isinstance(net, Network):
+        raise ModelError(f"predict: found {net!r:.60}: expected a Network", hint="neuro.load reads one from YAML")
     asked = readout_of(net, **words)
     check_recordings(recordings, asked, net)
     return ask(net, recordings, asked, str(backend), labels=labels, seed=seed)

@@ -58,12 +58,12 @@ def _output(net: Network) -> str:
 
 def _check_clear(net: Network, readout: Readout) -> None:
     """Refuse to guess the input or the output."""
-    roles = {"input": "spike_generator", "output": "population of neurons that is probed, or the last,"}
+    roles = {"input": "spike_generator", "output": "population of neurons that is probed, or that sends to no other,"}
     for word, what in roles.items():
         if not getattr(readout, word):
             names = ", ".join(f"'{name}'" for name in net.populations)
-            message = f"--{word} is not given, and there is no or more than one {what} among {names}"
-            raise ModelError(f"{message}: expected the name of one")
+            message = f"--{word} is not given: expected just one {what} among {names}"
+            raise ModelError(message, hint=f"--{word} NAME takes one of them")
 
 
 def _check_input(pixels: Population, name: str) -> None:

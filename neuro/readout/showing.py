@@ -29,6 +29,7 @@ class Showing:
 
     def __init__(self, sim: Simulation, input: str, output: str) -> None:
         self.sim, self._input, self._output = sim, input, output
+        self._learns = any(part.synapse.learns for part in sim.program.projections)
         self.taken: TrialCounts | None = None
         self.overflows: dict[str, tuple[int, str]] = {}
 
@@ -44,7 +45,7 @@ class Showing:
             The output's spikes: times in ms, and neurons.
         """
         sim, h = self.sim, self.sim.program.resolution
-        sim.reset()
+        sim.reset(weights=self._learns)  # what one recording teaches is not known to the next
         sim.inject(self._input, (step + 1.0) * h, neuron)
         with noted(self.overflows):
             sim.run(steps * h)

@@ -6,6 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from neuro.core.errors import ModelError
+from neuro.model.synapses import tsodyks2
 from neuro.program.program import Program
 from neuro.run.handles import Neurons
 
@@ -14,7 +15,7 @@ def outgoing(program: Program, neurons: Neurons) -> list[int]:
     """The projections that have synapses from some neurons.
 
     Raises:
-        ModelError: one has a kernel that all its neurons share.
+        ModelError: one has a kernel that all its neurons share, or weights that grow again since they learn.
     """
     found = [k for k, part in enumerate(program.projections) if part.source == neurons.index and part.size]
     for part in (program.projections[k] for k in found):
@@ -24,7 +25,14 @@ def outgoing(program: Program, neurons: Neurons) -> list[int]:
             )
             raise ModelError(message)
     among = neurons.among()
-    return [k for k in found if _reaches(program, k, among)]
+    reached = [k for k in found if _reaches(program, k, among)]
+    for part in (program.projections[k] for k in reached):
+        if part.synapse.learns and not part.synapse.delays and not isinstance(part.synapse, tsodyks2):
+            rule = part.synapse.name
+            message = f"silence: {neurons.text}: '{part.name}' learns by {rule}, so its weights would grow again"
+            hint = "sim.network() has what was learnt; silence it with static synapses"
+            raise ModelError(f"{message}: expected weights that stay", hint=hint)
+    return reached
 
 
 def _reaches(program: Program, index: int, among: NDArray[np.bool_]) -> bool:

@@ -412,7 +412,7 @@ class Simulation:
             of: the population, or a view of it.
 
         Raises:
-            ModelError: synapses from them have one shared kernel.
+            ModelError: synapses from them have one shared kernel, or weights that learn.
         """
         neurons = self.handles.neurons(of)
         for index in outgoing(self.program, neurons):

@@ -173,12 +173,23 @@ def test_what_is_no_recording_is_refused_in_python():
     ):
         with pytest.raises(snn.ModelError, match=message):
             snn.predict(net, found)
+    with pytest.raises(snn.ModelError, match=r"predict: found 'net\.yaml': expected a Network"):
+        snn.predict("net.yaml", [events("left")])
     with pytest.raises(snn.ModelError, match="labels: found 1 for 2 recordings: expected one for each"):
         snn.predict(net, [events("left")] * 2, labels=["0"])
     with pytest.raises(snn.ModelError, match=r"readout.window = \[3\]: expected centred, or \[column, row\]"):
         net.readout(input="pixels", output="out", window=[3])
     with pytest.raises(snn.ModelError, match="readout: unknown population 'ot'"):
         net.readout(input="pixels", output="ot")
+
+
+def test_no_recording_teaches_the_network_for_the_next(tmp_path):
+    learning = "weight: 1.5, delay: 2.0, synapse: {stdp: {lambda: 0.5, Wmax: 5.0}}}"
+    (tmp_path / "stdp.yaml").write_text(NETWORK.replace("weight: 1.5, delay: 2.0}", learning))
+    net, shown = snn.load(tmp_path / "stdp.yaml"), [events("left"), events("right"), events("left")]
+    found = snn.predict(net, shown)
+    assert found.spikes[0] > 0
+    assert np.array_equal(found.scores, [snn.predict(net, [each]).scores[0] for each in shown])
 
 
 def test_silence_is_nothing_and_a_recording_may_be_empty(run, tmp_path):
@@ -259,8 +270,8 @@ MISTAKES = {
     ),
     "apart.yaml data --output out": "no projection leads from --input pixels to --output out: expected a way",
     "two.yaml data": (
-        "--input is not given, and there is no or more than one spike_generator among 'pixels', 'more', 'hidden', "
-        "'out': expected the name of one"
+        "--input is not given: expected just one spike_generator among 'pixels', 'more', 'hidden', 'out'\n"
+        "  hint: --input NAME takes one of them"
     ),
     "flat.yaml data": (
         "--input pixels: shape [96]: expected [2, rows, columns], OFF then ON, or [rows, columns]\n"

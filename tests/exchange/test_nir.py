@@ -89,6 +89,37 @@ def test_the_command_converts_both_ways(tmp_path, monkeypatch):
     assert isinstance(refused.exception, neuro.ModelError)
 
 
+@pytest.mark.parametrize("content", [b"no NIR", None])
+def test_a_file_of_another_tool_is_not_replaced(content, tmp_path):
+    file = tmp_path / "other.nir"
+    if content is None:
+        nir.write(file, layers())
+    else:
+        file.write_bytes(content)
+    net = neuro.from_nir(layers(), dt=1.0, from_="norse")
+    net.save(tmp_path / "net.yaml")
+    done = CliRunner().invoke(app, ["convert", str(tmp_path / "net.yaml"), str(file)])
+    assert str(done.exception) == f"{file}: exists and is not a NIR file of neuro: expected a new name"
+
+
+@pytest.mark.parametrize(
+    ("words", "ends"),
+    [
+        ("a.yaml b.yaml --dt 1", "SRC to end in .nir, or DST to end in .nir"),
+        ("a.yaml b.nir --from norse", "SRC to end in .nir"),
+        ("a.nir b.yaml --dt 1 --for norse", "DST to end in .nir"),
+        ("a.py b.yaml --run-script --reset subtract", "SRC to end in .nir"),
+        ("a.yaml b.nir --seed 1", "DST to end in .py"),
+        ("a.yaml b.py --network 2", "SRC to end in .py"),
+    ],
+)
+def test_an_option_that_neither_file_uses_is_refused(words, ends):
+    word, source, destination = words.split()[-2], *words.split()[:2]
+    error = CliRunner().invoke(app, ["convert", *words.split()]).exception
+    assert isinstance(error, neuro.ModelError)
+    assert str(error) == f"{word}: has no use from {source} to {destination}: expected {ends}"
+
+
 def test_a_step_in_seconds_is_told():
     with pytest.raises(neuro.ModelError, match=r"dt = 0\.0001 ms: the shortest time constant is 100,000 steps") as told:
         neuro.from_nir(layers(), dt=1e-4, from_="norse")
@@ -110,3 +141,33 @@ def test_borders_of_grids_are_written_and_read(rule, tmp_path):
     assert again.projections["input_cells"].rule.name == "grid"
     assert run(net, counts, "cells").sum() > 50
     assert np.array_equal(run(net, counts, "cells"), run(again, counts, "cells"))
+
+
+def driven(model: neuro.Model, rule) -> neuro.Network:
+    """Two neurons that a generator of currents drives beside spikes."""
+    net = neuro.Network("driven", resolution=1.0)
+    net.population("input", 3, neuro.spike_generator())
+    net.population("dc", 3, model)
+    net.population("cells", 2, neuro.iaf_psc_delta(tau_m=20.0, C_m=1.0, t_ref=0.0, E_L=0.0, V_reset=0.0, V_th=15.0))
+    net.connect("input", "cells", neuro.all_to_all(), weight=5.0, delay=2.0)
+    net.connect("dc", "cells", rule, weight=1.0, delay=1.0)
+    return net
+
+
+def test_currents_of_some_generators_are_biases():
+    rule = neuro.pairs([0, 1], [1, 1])
+    graph = neuro.to_nir(driven(neuro.dc_generator(amplitude=[1.0, 2.0, 3.0]), rule))
+    push = -20.0 * np.expm1(-1.0 / 20.0)
+    assert graph.nodes["input_cells"].bias == pytest.approx([0.0, 3.0 * push])
+    assert neuro.to_nir(driven(neuro.dc_generator(amplitude=1.0), neuro.pairs([], [])))
+
+
+def test_a_current_that_begins_later_is_no_exact_bias():
+    graph = neuro.to_nir(driven(neuro.dc_generator(amplitude=1.0, start=50.0), neuro.all_to_all()))
+    assert '"begins 50 steps later here"' in graph.metadata["neuro_verdicts"]
+
+
+def test_a_current_that_changes_is_refused():
+    model = neuro.step_current_generator(amplitude_times=[1.0], amplitude_values=[2.0])
+    with pytest.raises(neuro.ModelError, match=r"node 'dc' .*is a current that changes"):
+        neuro.to_nir(driven(model, neuro.all_to_all()))

@@ -108,24 +108,41 @@ def test_a_script_is_recorded(tmp_path):
 
 
 @needs_pynn
+def test_a_current_flows_into_several_parts_and_networks(tmp_path):
+    path = tmp_path / "script.py"
+    path.write_text(
+        "import pyNN.nest as sim\nsim.setup(timestep=0.1)\ncells = sim.Population(3, sim.IF_curr_exp())\n"
+        "source = sim.StepCurrentSource(times=[10.0, 30.0], amplitudes=[0.1, -0.1])\n"
+        "cells[0:1].inject(source)\ncells[2].inject(source)\n"
+        "sim.run(5.0)\nsim.reset()\ncells.set(tau_m=10.0)\nsim.run(5.0)\n"
+    )
+    net = neuro.from_pynn(path, run_script=True)
+    assert net.populations["population0"].model.tau_m == 10.0
+    for name, cell in (("StepCurrentSource", 0), ("StepCurrentSource_2", 2)):
+        assert list(net.populations[name].model.amplitude_values) == [100.0, -100.0]
+        assert list(net.projections[f"{name}_population0"].rule.post) == [cell]
+
+
+@needs_pynn
 def test_what_cannot_come_is_told_by_line(tmp_path):
     path = tmp_path / "script.py"
     path.write_text(
         "import pyNN.spiNNaker as p\np.setup(timestep=1.0)\ncells = p.Population(3, p.HH_cond_exp())\n"
         "more = p.Population(3, p.extra_models.IFCurrExpCa2Adaptive())\nfine = p.Population(3, p.IF_curr_exp())\n"
-        "p.external_devices.SpikeInjector(3)\n"
+        "p.external_devices.SpikeInjector(3)\np.Population(1, p.SpikeSourceArray(spike_times=[-1.5, 3.0]))\n"
         "p.Projection(fine, fine, p.OneToOneConnector(), p.SimpleStochasticSynapse(weight=1.0))\n"
         "p.run(10)\nfine.set(tau_m=10.0)\np.run(10)\n"
     )
     with pytest.raises(neuro.ModelError) as caught:
         neuro.from_pynn(path, run_script=True)
     assert str(caught.value) == (
-        "script.py: the network cannot come (5 problems)\n"
+        "script.py: the network cannot come (6 problems)\n"
         "script.py:4: pyNN.spiNNaker.IFCurrExpCa2Adaptive has no counterpart\n"
         "script.py:6: pyNN.spiNNaker.SpikeInjector has no counterpart\n"
         "script.py:3: population 'population0': HH_cond_exp has no counterpart\n"
-        "script.py:7: SimpleStochasticSynapse has no counterpart\n"
-        "script.py:9: parameters of population 'population2' are set while the network runs"
+        "script.py:7: a spike at -1.5 ms: expected times of at least 0 ms\n"
+        "script.py:8: SimpleStochasticSynapse has no counterpart\n"
+        "script.py:10: parameters of population 'population2' are set while the network runs"
     )
 
 
@@ -257,6 +274,22 @@ def test_what_pynn_has_not_is_told_by_part(tmp_path):
         "signal 'reward': PyNN has no such part",
     ]
     assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize(
+    ("model", "word"),
+    [
+        (neuro.iaf_psc_exp(reset_by_subtraction=True), "reset_by_subtraction"),
+        (neuro.iaf_psc_delta(t_ref=0.0, reset_by_subtraction=True, max_spikes=3), "reset_by_subtraction"),
+        (neuro.iaf_psc_delta(V_min=-80.0), "V_min"),
+    ],
+)
+def test_a_reset_that_pynn_has_not_is_refused(model, word, tmp_path):
+    net = neuro.Network("odd")
+    net.population("a", 2, model)
+    with pytest.raises(neuro.ModelError) as caught:
+        neuro.to_pynn(net, tmp_path / "odd.py")
+    assert f"'{word}' has no counterpart in PyNN's IF_curr_" in str(caught.value)
 
 
 def test_reading_pynn_does_not_import_it():

@@ -107,3 +107,18 @@ def test_libsonata_reads_nodes_edges_and_spikes_equal(written: tuple[Any, Path])
     assert len(times) > 50
     assert spikes.sorting == "by_time"
     assert spikes.get() == list(zip(ids.tolist(), times.tolist(), strict=True))
+
+
+def test_listed_spikes_that_are_still_to_come_and_initial_states(tmp_path: Path) -> None:
+    import h5py
+
+    net = neuro.Network("listed")
+    net.population("in", 2, neuro.spike_generator(spike_times=[[1.0, 5.0], [3.0]]))
+    net.population("cells", 2, neuro.iaf_psc_exp(), initial={"V_m": [-60.0, -61.0]})
+    sim = neuro.compile(net)
+    sim.run(4.0)
+    assert neuro.save_sonata(sim, tmp_path / "net.json")["in"].verdict == "approximate"
+    sim.run(4.0)
+    assert neuro.save_sonata(sim, tmp_path / "net.json").exact
+    with h5py.File(tmp_path / "net_nodes.h5") as file:
+        assert file["nodes/cells/0/V_m"][()].tolist() == [-60.0, -61.0]

@@ -204,6 +204,9 @@ def test_matrices_that_are_none(tmp_path: Path) -> None:
     assert refusal(tmp_path, long, layout="matrix", weight=None).startswith(
         "edges: no CSV that can be read: field larger"
     )
+    assert refusal(tmp_path, b",10,20\n10,1,2\n10,3,4\n", layout="matrix", weight=None) == (
+        "edges: row 3, column 'pre': found '10': expected another id than that of row 2"
+    )
     assert refusal(tmp_path, b",10,20\n10,1,\xff\xfe\n", layout="matrix", weight=None).startswith("edges: ")
 
 

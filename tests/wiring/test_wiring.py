@@ -269,6 +269,22 @@ def test_every_backend_silences_and_activates(tmp_path: Path, backend: str) -> N
     assert len(sim.spikes("brain[type=KC]", since=310.0)[0]) > 3
 
 
+@pytest.mark.parametrize("rule", ["stdp", "tsodyks2", "stddp"])
+def test_weights_that_would_grow_again_are_not_silenced(rule: str) -> None:
+    net = neuro.Network(resolution=1.0)
+    for name in ("a", "b"):
+        net.population(name, 2, neuro.iaf_psc_exp())
+    net.connect("a", "b", neuro.all_to_all(), getattr(neuro, rule)(), weight=10.0, delay=1.0)
+    sim = neuro.compile(net)
+    if rule == "stdp":
+        with pytest.raises(neuro.ModelError, match=r"'a_b' learns by stdp, so its weights would grow again"):
+            sim.silence("a[0]")
+    else:
+        sim.silence("a[0]")
+        assert sim.weights("a_b")[2].tolist() == [0.0, 0.0, 10.0, 10.0]
+    sim.silence("b")
+
+
 def test_what_a_simulation_holds_is_a_network_of_pairs(tmp_path: Path) -> None:
     net = diagram(tmp_path, neuro.from_file(csv(tmp_path / "edges.csv", EDGES), weight="synapses", delay="delay"))
     sim = neuro.compile(net)
@@ -350,6 +366,8 @@ def test_a_shuffle_is_seeded_and_saved(larger: neuro.Network, tmp_path: Path) ->
 def test_what_cannot_be_shuffled_is_refused(tmp_path: Path) -> None:
     with pytest.raises(neuro.ModelError, match="no edges from a file"):
         neuro.shuffled(neuro.Network(), "edges")
+    with pytest.raises(neuro.ModelError, match=r"shuffled: found 'net\.yaml': expected a Network"):
+        neuro.shuffled("net.yaml", "edges")
     columns = {"pre": [0, 0, 1], "post": [1, 2, 2]}
     net = neuro.Network()
     net.population("a", 3, neuro.iaf_psc_exp())

@@ -40,8 +40,11 @@ CONVENTION = "neuro_convention"
 def _is_ours(path: Path) -> bool:
     import h5py
 
-    with h5py.File(path, "r") as file:
-        return CONVENTION in file["node/metadata"]
+    try:
+        with h5py.File(path, "r") as file:
+            return CONVENTION in file.get("node/metadata", ())
+    except OSError:
+        return False
 
 
 KIND = Kind("a NIR file of neuro", _is_ours)
@@ -199,6 +202,12 @@ def _ticks(out: Written, index: int) -> bool:
     return p["t_ref"] == 0.0 and p["V_reset"] == p["E_L"] and p["E_L"] + push >= p["V_th"]
 
 
+def _constant(out: Written, index: int) -> bool:
+    """Whether a population gives constant currents, which are biases."""
+    part = out.program.populations[index]
+    return isinstance(part.model, dc_generator) and part.stop >= NEVER
+
+
 def _add_population(out: Written, index: int, part: Population) -> None:
     if part.kind in ("listed", "poisson", "generator"):
         out.nodes[part.name] = out.nir.Input({"input": np.array(part.shape)})
@@ -206,7 +215,7 @@ def _add_population(out: Written, index: int, part: Population) -> None:
         listed = part.spike_steps.size or part.kind != "listed"
         out.says(part, EXACT, "an Input" + ("; its spikes stay here" if listed else ""))
     elif part.kind == "current":
-        if not isinstance(part.model, dc_generator) or part.stop < NEVER:
+        if not _constant(out, index):
             out.says(part, REFUSED, "is a current that changes", "leave it out, or give the neurons I_e")
         else:
             out.says(part, EXACT, "the bias of the nodes that it drives")
@@ -361,9 +370,10 @@ def _bias_of(out: Written, part: Projection) -> Floats | None:
     made = out.neurons[part.target]
     total = made.bias * (part is first)
     for k, other in enumerate(out.program.projections):
-        if other.target != part.target or not (other.carries == "current" or _ticks(out, other.source)):
+        if other.target != part.target or not (_constant(out, other.source) or _ticks(out, other.source)):
             continue
-        begin = int(other.delay_span[0]) + (2 if other.carries == "current" else 1)
+        source = out.program.populations[other.source]
+        begin = int(other.delay_span[0]) + (2 + source.start if other.carries == "current" else 1)
         late = begin - out.depths[part.target] - 1
         of = back if back is not None and late == 1 else first
         if part is not of:
@@ -371,8 +381,7 @@ def _bias_of(out: Written, part: Projection) -> Floats | None:
         pre, post, slot = out.program.synapses(k)
         values = np.broadcast_to(other.weight, other.size)[slot]
         if other.carries == "current" and made.per_pa is not None:
-            amplitude = out.program.populations[other.source].parameters["amplitude"]
-            values = values * np.broadcast_to(amplitude, pre.max() + 1)[pre] * made.per_pa[post]
+            values = values * np.broadcast_to(source.parameters["amplitude"], source.size)[pre] * made.per_pa[post]
         elif other.carries == "current":
             out.says(other, REFUSED, "goes past the synapse of a CubaLIF, and no bias does", "leave it out")
         else:

@@ -73,8 +73,8 @@ def from_nir(graph: Any, dt: float, from_: str | None = None, *, reset: str | No
     Args:
         graph: a `nir.NIRGraph`, or the name of a file.
         dt: length of a step, ms. NIR has no steps, and its times are in seconds.
-        from_: the tool whose convention holds: "norse", "snntorch", "sinabs", "spikingjelly", or "nir" for the
-            equations of NIR; not needed if the graph was written by `to_nir`.
+        from_: the tool whose convention holds: "norse", "snntorch", "sinabs", "spikingjelly", "spyx", "rockpool", or
+            "nir" for the equations of NIR; not needed if the graph was written by `to_nir`.
         reset: "to_value", "to_value_next", "subtract" or "subtract_next", where the file is known to mean another than
             its tool's importer takes. "to_value_next" is in the step after the spike, which takes no input;
             "subtract_next" lowers V by V_th after the decay of the next step, as snnTorch by default.

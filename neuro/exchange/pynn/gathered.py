@@ -185,6 +185,8 @@ class Gathered:
         rows, off = [], 0.0
         for given in values["spike_times"]:
             times = np.asarray(given.value, dtype=float)
+            if np.any(times < 0.0):
+                raise Incomplete(f"a spike at {times.min():g} ms: expected times of at least 0 ms")
             steps = np.ceil(times / self.step - _ALMOST)
             off = max(off, np.max(steps * self.step - times, initial=0.0))
             if np.any(steps < 1):

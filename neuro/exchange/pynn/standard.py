@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections import defaultdict
 from collections.abc import Iterator
+from copy import deepcopy
 from typing import Any
 
 import numpy as np
@@ -136,9 +137,9 @@ class _Source:
 
     def values(self) -> dict[str, Any]:
         """Its parameters, numbers and arrays."""
-        self._kept.evaluate(simplify=True)  # type: ignore[attr-defined]
-        found = self._kept.as_dict()  # type: ignore[attr-defined]
-        return {name: getattr(value, "value", value) for name, value in found.items()}
+        space = deepcopy(self._kept)  # type: ignore[attr-defined]  # evaluated ones cannot be evaluated again
+        space.evaluate(simplify=True)
+        return {name: getattr(value, "value", value) for name, value in space.as_dict().items()}
 
 
 SOURCES = {

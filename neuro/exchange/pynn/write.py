@@ -38,7 +38,10 @@ _WIDTH = 116
 _EARLY = 0.5
 """Of a step: how much before its end a spike is listed. NEST and sPyNNaker round times up to a step. Brian2, which
 names a step by its beginning, rounds down. So all take the step that the time lies in."""
-_WITHOUT = {"V_min": -np.inf, "refractory_input": 0.0, "rk4_substeps": 0.0, "gsl_error_tol": 1e-6}
+_WITHOUT = {
+    **{"V_min": -np.inf, "refractory_input": 0.0, "rk4_substeps": 0.0, "gsl_error_tol": 1e-6},
+    **{"reset_by_subtraction": 0.0, "max_spikes": 1.0, "threshold_rises": 0.0},
+}
 """Parameters that no cell of PyNN has, with the value that stands for none."""
 _PEAK = 30.0
 """mV, the threshold of Izhikevich's neuron in PyNN."""

@@ -152,11 +152,13 @@ class CsvMatrix:
     def pieces(self, kinds: Mapping[str, str]) -> Iterator[Piece]:
         """The entries that are not 0, some lines at a time; a row is that of the source."""
         with self.path.open(encoding="utf-8-sig", newline="") as file:
-            lines = self._lines(file)
+            lines, known = self._lines(file), dict[str, int]()
             next(lines)
             for row, line in enumerate(lines, 2):
                 if not line:
                     continue
+                if known.setdefault(line[0], row) != row:
+                    raise cell(self, row, "pre", line[0], f"another id than that of row {known[line[0]]}")
                 weights = self._weights(row, line)
                 there = np.flatnonzero(weights)
                 named = {"pre": [line[0]] * there.size, "post": [self._posts[k] for k in there.tolist()]}

@@ -27,6 +27,8 @@ def shuffled(net: Network, what: str, *, seed: int = 0) -> Network:
     Raises:
         ModelError: the network has no edges from a file.
     """
+    if not isinstance(net, Network):
+        raise ModelError(f"shuffled: found {net!r:.60}: expected a Network", hint="neuro.load reads one from YAML")
     argument("shuffled: what", what, words=("edges", "signs", "weights"))
     argument("shuffled: seed", seed, kind="integer", at_least=0)
     if not any(isinstance(part.rule, from_file) for part in net.projections.values()):
