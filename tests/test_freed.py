@@ -41,7 +41,7 @@ def copied() -> None:
 
 def living() -> set[int]:
     """The simulations and engines that exist."""
-    found = [o for o in gc.get_objects() if isinstance(o, Simulation) or type(o).__name__.endswith("Engine")]
+    found = [o for o in gc.get_objects() if type(o) is Simulation or type(o).__name__.endswith("Engine")]
     return {id(o) for o in found if type(o).__module__.startswith("neuro")}
 
 

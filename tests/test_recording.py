@@ -7,6 +7,7 @@ import signal
 import subprocess
 import sys
 import textwrap
+from pathlib import Path
 
 import h5py
 import numpy as np
@@ -113,7 +114,7 @@ CHILD = """
 import sys
 import neuro
 import neuro.run.recording as recording
-sys.path.insert(0, sys.argv[1])
+sys.path[:0] = sys.argv[1:]
 from test_recording import network
 recording.COMMIT_S = 0.0
 sim = neuro.compile(network(), "reference")
@@ -126,8 +127,9 @@ with sim.record_to("run.h5"):
 
 def test_a_killed_run_leaves_what_it_has_committed(path, monkeypatch):
     monkeypatch.chdir(path.parent)
-    folder = os.path.dirname(__file__)
-    child = subprocess.Popen([sys.executable, "-c", textwrap.dedent(CHILD), folder], stdout=subprocess.PIPE, text=True)
+    folder = Path(__file__).parent
+    words = [sys.executable, "-c", textwrap.dedent(CHILD), str(folder), str(folder / "helpers")]
+    child = subprocess.Popen(words, stdout=subprocess.PIPE, text=True)
     assert child.stdout is not None
     for _ in range(12):
         child.stdout.readline()
