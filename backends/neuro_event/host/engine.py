@@ -21,6 +21,7 @@ from neuro.program.together import Engines
 from neuro_event.building import (
     build,
     generators,
+    joined_rows,
     layout,
     learned_delays,
     learning,
@@ -89,8 +90,15 @@ class EventEngine:
     def run(self, steps: int) -> None:
         """Advance; stops at the steps where a current or a rate changes and where the record must be emptied."""
         end = self._step + steps
+        self.join_rows()
         while self._step < end:
             self._run_to(end if self._steady else min(end, self._prepare(self._step)))
+
+    def join_rows(self) -> None:
+        """Lay out joined rows before a run: weights that were set have parted them, and many may be set in turn."""
+        if self._a.parted:
+            joined_rows.join(self._a)
+            self._pack()
 
     def _prepare(self, step: int) -> int:
         """Write what generators are to send after a step; return the last step for which it is so."""
@@ -204,6 +212,7 @@ class EventEngine:
         net, start, h = self._a.net, self._step, self._program.resolution
         from neuro_event.loop import steps
 
+        self.join_rows()
         steps.begin_trial(self._view, spec.output, spec.group, start, h)
         peaks = PotentialPeaks(spec.output, self._program.populations[spec.output].size, h) if trial.peaks else None
         ticks = self._run_trial(spec, peaks)
@@ -495,6 +504,9 @@ class EventEngine:
             self._a.net["weights"][first : first + (p.size if stride else 1)] = inner
         if projection not in self._a.moves_of:
             row[t.SIGN] = layout.sign(inner)
+        if projection in self._a.joined and row[t.LAG] > 0:
+            joined_rows.part(self._a)
+            self._pack()
 
     # --- accounts and persistence -------------------------------------------------------------------------
 
@@ -522,7 +534,7 @@ class EventEngine:
     def memory(self) -> dict[str, int]:
         """Bytes by what they hold."""
         net, plastic = self._a.net, self._a.plastic
-        static = ("rows", "runs", "targets", "weights", "delays")
+        static = ("rows", "runs", "targets", "weights", "delays", "joined_runs", "joined_targets", "joined_weights")
         learning = ("y", "sent", "reached", "rule", "in_synapse", "in_source", "incoming")
         logs = ("log_ids", "log_counts", "log_ends", "rec_steps", "rec_ids", "rec_counts")
         rest = [k for k in net if k not in {*static, *logs, *snapshot.VIEWS}]
