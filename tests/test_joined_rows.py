@@ -13,6 +13,7 @@ from neuro.run.simulation import Simulation
 from neuro.testing import observe
 from neuro.testing.case import differences, run_on
 from neuro_event.building import joined_rows, layout
+from neuro_event.host import snapshot
 from neuro_event.loop import tables as t
 
 SETTINGS = settings(
@@ -130,18 +131,40 @@ def test_a_state_goes_on_bit_for_bit(rings: bool, tmp_path: Path, monkeypatch: p
     assert differences(steered(one), steered(two, tmp_path / "state.h5"), exact=True) == []
 
 
+def test_a_state_of_before_there_were_joined_rows(tmp_path: Path):
+    found = []
+    with pytest.MonkeyPatch.context() as patched:
+        patched.setattr(layout, "_FEW_RUNS", 0)
+        patched.setattr(joined_rows, "SHARED", 1000)
+        patched.setattr(snapshot, "joined", lambda arrays: frozenset())
+        old = neuro.compile(network(EVERY), "event", seed=1)
+        run_on(old, 3.0)
+        old.save(tmp_path / "state.h5")
+        patched.setattr(joined_rows, "SHARED", 1)
+        new = neuro.compile(network(EVERY), "event", seed=1)
+        new.restore(tmp_path / "state.h5")
+        assert joined(new) == set()
+        for sim in (old, new):
+            sim.set("wires1", weight=30.0)
+            run_on(sim, 4.0)
+            found.append(observe(sim))
+    assert differences(*found, exact=True) == []
+
+
 def test_weights_that_are_set_before_the_first_step_and_kept_by_a_reset():
     found = []
     for backend in ("reference", "event"):
         sim = neuro.compile(network(EVERY), backend, seed=1)
         sim._engine.run(0)  # rows are laid out before the weight is set
         sim.set("wires4", weight=0.0)
-        run_on(sim, 3.0)
+        run_on(sim, 6.0)
+        before = observe(sim)
         sim.set("wires5", weight=1.0)
         sim.reset(weights=False)
         run_on(sim, 6.0)
-        found.append(observe(sim))
-    assert differences(*found, exact=False) == []
+        found.append((before, observe(sim)))
+    for expected, seen in zip(*found, strict=True):
+        assert differences(expected, seen, exact=False) == []
 
 
 def test_parrots_and_named_receptors():

@@ -31,10 +31,16 @@ LINE = 16
 """Numbers between what two threads write often, so that they share no cache line."""
 
 
-def build(program: Program, threads: int, eager: bool = True, edges: Ints | None = None) -> EventArrays:
-    """Lay out a program for a number of threads, or cut at given edges."""
+def build(
+    program: Program,
+    threads: int,
+    eager: bool = True,
+    edges: Ints | None = None,
+    joined: frozenset[int] | None = None,
+) -> EventArrays:
+    """Lay out a program for a number of threads, or cut at given edges, with given projections in joined rows."""
     where = layout.places(program)
-    joined = joined_rows.choose(program)
+    joined = joined_rows.choose(program) if joined is None else joined
     every = range(len(program.projections))
     arranged = list(mapped(lambda q: layout.synapses(program, q, where, joined), every, threads))
     learning = [q for q, p in enumerate(program.projections) if layout.learns_pairs(p)]

@@ -46,8 +46,14 @@ class EventEngine:
         self._n_threads = threads
         self._start_over(None)
 
-    def _start_over(self, weights: dict[int, Floats] | None, eager: bool = True, edges: Ints | None = None) -> None:
-        cut = () if edges is None else (edges,)
+    def _start_over(
+        self,
+        weights: dict[int, Floats] | None,
+        eager: bool = True,
+        edges: Ints | None = None,
+        joined: frozenset[int] | None = None,
+    ) -> None:
+        cut = () if edges is None else (edges, joined)
         self._a = build.build(self._program, self._n_threads, eager, *cut)
         self._step = 0
         self._changes = ChangedValues(self._program)
@@ -572,6 +578,7 @@ class EventEngine:
             "engine.step": np.array(self._step),
             "engine.trial_updates": self._trial_updates.copy(),
             "engine.edges": self._a.net["edges"].copy(),
+            "engine.joined": np.array(sorted(self._a.joined), dtype=np.int64),
             **self._changes.snapshot(),
             **self._record.snapshot(),
             **self._currents.snapshot(),
@@ -588,7 +595,7 @@ class EventEngine:
         n = edges.shape[1] - 1
         if n not in (thread_partition.parts(self._program, self._n_threads), self._n_threads):
             raise ModelError(f"the state was saved with threads={n}: expected the same to continue")
-        self._start_over(None, snapshot.is_eager(arrays), edges)
+        self._start_over(None, snapshot.is_eager(arrays), edges, snapshot.joined(arrays))
         snapshot.restore(self._a, arrays)
         learned_delays.restore(self._a, arrays)
         self._step = int(arrays["engine.step"])

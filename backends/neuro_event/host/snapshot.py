@@ -104,6 +104,11 @@ def is_eager(arrays: Mapping[str, NDArray[Any]]) -> bool:
     return len(arrays["plastic.heard"]) > 0
 
 
+def joined(arrays: Mapping[str, NDArray[Any]]) -> frozenset[int]:
+    """The projections in joined rows; there are none in a state of before there were any."""
+    return frozenset(arrays["engine.joined"].tolist()) if "engine.joined" in arrays else frozenset()
+
+
 def restore(a: EventArrays, arrays: Mapping[str, NDArray[Any]]) -> None:
     """Put the arrays of a snapshot in place of those of step 0."""
     for name, value in arrays.items():
