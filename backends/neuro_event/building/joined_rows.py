@@ -147,9 +147,9 @@ def _lay(a: EventArrays, given: tuple[Ints, Row]) -> None:
     np.cumsum(runs, out=runs)
     following = runs[:-1].copy()
     for q in row:
-        part = a.net["projections"][q]
-        own = a.net["weights"][part[t.WEIGHT] :]
-        lay_joined(*_synapses(a, q), *span, own, int(part[t.WEIGHT_STRIDE]), _inputs(a, q), following, places, weights)
+        first, stride = a.net["projections"][q, [t.WEIGHT, t.WEIGHT_STRIDE]].tolist()
+        own = a.net["weights"][first:]
+        lay_joined(*_synapses(a, q), *span, own, stride, _inputs(a, q), following, places, weights)
 
 
 def _synapses(a: EventArrays, q: int) -> tuple[Ints, NDArray[np.int32], NDArray[np.integer[Any]], Ints]:

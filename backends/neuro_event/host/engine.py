@@ -510,7 +510,7 @@ class EventEngine:
             self._a.net["weights"][first : first + (p.size if stride else 1)] = inner
         if projection not in self._a.moves_of:
             row[t.SIGN] = layout.sign(inner)
-        if projection in self._a.joined and row[t.LAG] > 0:
+        if projection in self._a.joined and row[t.LAG] > 0 and not self._a.parted:
             joined_rows.part(self._a)
             self._pack()
 
