@@ -74,6 +74,22 @@ def cuba() -> neuro.Network:
     return net
 
 
+def many_projections(rate: float, populations: int = 100, size: int = 100) -> neuro.Network:
+    """Every pair of many populations is connected with drawn delays; each neuron fires at a rate, in Hz, if any."""
+    net = neuro.Network("many_projections", resolution=0.1)
+    delay = neuro.normal(mean=1.5, std=0.75, low=0.05)
+    names = [f"cells{k}" for k in range(populations)]
+    for name in names:
+        net.population(name, size, neuro.iaf_psc_exp())
+        if rate:
+            net.population(f"noise_{name}", size, neuro.poisson_generator(rate=rate))
+            net.connect(f"noise_{name}", name, neuro.one_to_one(), weight=3000.0, delay=1.5)
+    for target in names:
+        for source in names:
+            net.connect(source, target, neuro.fixed_indegree(10), weight=0.01, delay=delay)
+    return net
+
+
 def loop(resolution: float = 0.1) -> neuro.Network:
     """A closed loop: 64 Poisson -> 64 parrots -> 4 neurons by 256 `stdp_dopa`; rates and dopamine come from outside."""
     net = neuro.Network("loop", resolution=resolution)

@@ -23,7 +23,8 @@ from neuro_event.loop import tables as t
 class EventArrays:
     """Everything the loop needs, by the names of `loop.Net`, and how a program's parts map to it.
 
-    Without `eager` all synapses learn lazily: tests compare the two ways.
+    Without `eager` all synapses learn lazily: tests compare the two ways. `joined` are the projections in joined rows,
+    `parted` whether these are still to be laid out.
     """
 
     program: Program
@@ -38,6 +39,8 @@ class EventArrays:
     moves_of: dict[int, int] = field(default_factory=dict)
     late: dict[int, Floats] = field(default_factory=dict)
     asked: list[tuple[Ints, int, Callable[[], Entry]]] = field(default_factory=list)
+    joined: frozenset[int] = frozenset()
+    parted: bool = True
 
     def ask(self, row: Ints, column: int, entry: Callable[[], Entry]) -> None:
         """Ask for the address of an entry in a row of a table, when all are known: they compile side by side."""

@@ -16,7 +16,7 @@ from neuro.kernels.instructions import LANES
 from neuro.model.neurons import Generator, Neuron
 from neuro.model.parts import lateral_reset, local_winners, winner_take_all
 from neuro.program.program import Floats, Ints, Program
-from neuro_event.building import layout, thread_partition
+from neuro_event.building import joined_rows, layout, thread_partition
 from neuro_event.building.arrays import EventArrays, aligned_rows, aligned_zeros
 from neuro_event.building.generators import add_generators
 from neuro_event.building.learned_delays import add_delays
@@ -31,10 +31,18 @@ LINE = 16
 """Numbers between what two threads write often, so that they share no cache line."""
 
 
-def build(program: Program, threads: int, eager: bool = True, edges: Ints | None = None) -> EventArrays:
-    """Lay out a program for a number of threads, or cut at given edges."""
+def build(
+    program: Program,
+    threads: int,
+    eager: bool = True,
+    edges: Ints | None = None,
+    joined: frozenset[int] | None = None,
+) -> EventArrays:
+    """Lay out a program for a number of threads, or cut at given edges, with given projections in joined rows."""
     where = layout.places(program)
-    arranged = list(mapped(lambda q: layout.synapses(program, q, where), range(len(program.projections)), threads))
+    joined = joined_rows.choose(program) if joined is None else joined
+    every = range(len(program.projections))
+    arranged = list(mapped(lambda q: layout.synapses(program, q, where, joined), every, threads))
     learning = [q for q, p in enumerate(program.projections) if layout.learns_pairs(p)]
     longest = _longest_delay(program)
     slots = layout.power_of_two(2 * longest + 2)
@@ -44,7 +52,7 @@ def build(program: Program, threads: int, eager: bool = True, edges: Ints | None
     arrays = EventArrays(
         program, where, arranged, {q: k for k, q in enumerate(learning)}, net, {}, max(1, program.min_delay), 0
     )
-    arrays.eager = eager
+    arrays.eager, arrays.joined = eager, joined
     arrays.reach = longest + arrays.longest_slice + 1
     if program.trials is not None:
         arrays.reach = max(arrays.reach, program.trials.duration + 1)
@@ -272,5 +280,6 @@ def _needed(a: EventArrays) -> Iterator[str]:
         "dopamine_arrivals": plastic[:, t.DOPAMINE] >= 0,
         "note": plastic[:, t.NOTED] == 1,
         "gather_moves": net["pops"][:, t.GATHERS] == 1,
+        "deliver_joined": len(net["joined"]),
     }
     yield from (name for name, places in may.items() if np.any(places))

@@ -135,9 +135,14 @@ def own_delays(p: Projection) -> bool:
     return shortest < longest
 
 
+def is_timed(p: Projection) -> bool:
+    """Whether synapses are static and differ in delay."""
+    return not p.synapse.learns and p.carries == "spikes" and p.grid is None and own_delays(p)
+
+
 def in_runs(program: Program, p: Projection) -> bool:
     """Whether spikes are delivered at arrival though synapses differ in delay: these are static, and not too few."""
-    if p.synapse.learns or p.carries != "spikes" or p.grid is not None or not own_delays(p):
+    if not is_timed(p):
         return False
     shortest, longest = p.delay_range(program.resolution)
     return program.populations[p.source].size * (longest - shortest + 1) <= max(p.size, _FEW_RUNS)
@@ -148,10 +153,13 @@ def learns_pairs(p: Projection) -> bool:
     return p.synapse.learns == "pairs"
 
 
-def synapses(program: Program, index: int, where: list[PopulationPlace]) -> ArrangedSynapses:
+def synapses(
+    program: Program, index: int, where: list[PopulationPlace], joined: frozenset[int] = frozenset()
+) -> ArrangedSynapses:
     """Arrange a projection for the kernels: CSR where it learns, has delays of its own, or its ends are permuted.
 
-    Synapses lie by source, then target; where they are delivered in runs, by source, delay, target.
+    Synapses lie by source, then target; where they are delivered in runs, by source, delay, target. Joined rows have an
+    order of their own.
     """
     p = program.projections[index]
     source, target = where[p.source], where[p.target]
@@ -163,7 +171,7 @@ def synapses(program: Program, index: int, where: list[PopulationPlace]) -> Arra
     plain = not (permuted or own_delays(p) or learns_pairs(p))
     if plain and p.layout in ("dense", "one_to_one"):
         return ArrangedSynapses(t.DENSE if p.layout == "dense" else t.ONE_TO_ONE, _NO_INTS, _NO_TARGETS, None)
-    timed = in_runs(program, p)
+    timed = in_runs(program, p) and index not in joined
     if p.layout == "csr" and not permuted and (not timed or by_delay(p.row_ends, p.targets, p.delay)):
         return ArrangedSynapses(t.CSR, p.row_ends, p.targets, None)
     pre, post = program.connections(index)

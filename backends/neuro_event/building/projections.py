@@ -12,7 +12,7 @@ from neuro.core.clock import NEVER
 from neuro.core.threads import mapped
 from neuro.model.neurons import Neuron
 from neuro.program.program import Floats, Grid, Ints, Population, Program, Projection
-from neuro_event.building import layout
+from neuro_event.building import joined_rows, layout
 from neuro_event.building.arrays import EventArrays, aligned_zeros
 from neuro_event.loop import tables as t
 from neuro_event.loop.arrivals import QUEUE, fill_runs
@@ -29,7 +29,7 @@ def add_projections(a: EventArrays) -> None:
     at_emission = []
     for q, (p, s) in enumerate(zip(program.projections, a.synapses, strict=True)):
         target = program.populations[p.target]
-        row, in_runs = table[q], layout.in_runs(program, p)
+        row, in_runs = table[q], layout.in_runs(program, p) and q not in a.joined
         row[t.SOURCE], row[t.TARGET], row[t.LAYOUT] = p.source, p.target, s.layout
         row[t.RECEPTOR] = t.NONE if p.receptor is None else p.receptor.index
         if s.layout == t.CSR:
@@ -65,7 +65,7 @@ def add_projections(a: EventArrays) -> None:
         blocks = a.net["pops"][p.target, t.LAST_BLOCK] - a.net["pops"][p.target, t.FIRST_BLOCK]
         row[t.WAKE_ALL] = _wake_all(p, s, int(blocks))
         row[t.DENSE_COUNTS] = 0
-        if in_runs:
+        if in_runs or q in a.joined:
             row[t.LAG] = p.delay_range(program.resolution)[1]
         elif q in a.plastic_of or row[t.DELAY_STRIDE] == 1:
             longest = p.delay_range(program.resolution)[1]
@@ -111,7 +111,7 @@ def _fill_runs(a: EventArrays, q: int) -> None:
     local = a.net["edges"][p.target] * t.BLOCK - a.places[p.target].begin
     runs = a.net["runs"][row[t.RUN] : row[t.RUN] + _set_delay_columns(a.program, p, local, row)]
     delay = p.delay if s.order is None else p.delay[s.order]
-    fill_runs(s.row_ends, s.targets, delay, int(row[t.SHORTEST]), int(row[t.DELAYS]), local, runs)
+    fill_runs(s.row_ends, s.targets, delay, local, int(row[t.SHORTEST]), int(row[t.DELAYS]), runs)
 
 
 def _wake_all(p: Projection, s: layout.ArrangedSynapses, blocks: int) -> int:
@@ -214,6 +214,7 @@ def list_incoming(a: EventArrays) -> None:
             a.net["pops"][k, last] = len(incoming)
         a.net["pops"][k, t.COLLECTS] = _first_collected(a, k, population) if _all_marked(a, into) else t.NONE
     a.net["incoming"] = np.array(incoming, dtype=np.int64)
+    joined_rows.part(a)
 
 
 def _first_collected(a: EventArrays, k: int, population: Population) -> int:
@@ -228,7 +229,7 @@ def _first_collected(a: EventArrays, k: int, population: Population) -> int:
 
 def _all_marked(a: EventArrays, into: list[int]) -> bool:
     """Whether deliveries over all of some projections mark where input arrives, and reach few."""
-    return all(
+    return a.joined.isdisjoint(into) and all(
         row[t.LAYOUT] == t.CSR and row[t.LAG] > 0 and row[t.RUN] < 0 and row[t.WAKE_ALL] > 1
         for row in a.net["projections"][into]
     )

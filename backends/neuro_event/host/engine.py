@@ -21,6 +21,7 @@ from neuro.program.together import Engines
 from neuro_event.building import (
     build,
     generators,
+    joined_rows,
     layout,
     learned_delays,
     learning,
@@ -45,8 +46,14 @@ class EventEngine:
         self._n_threads = threads
         self._start_over(None)
 
-    def _start_over(self, weights: dict[int, Floats] | None, eager: bool = True, edges: Ints | None = None) -> None:
-        cut = () if edges is None else (edges,)
+    def _start_over(
+        self,
+        weights: dict[int, Floats] | None,
+        eager: bool = True,
+        edges: Ints | None = None,
+        joined: frozenset[int] | None = None,
+    ) -> None:
+        cut = () if edges is None else (edges, joined)
         self._a = build.build(self._program, self._n_threads, eager, *cut)
         self._step = 0
         self._changes = ChangedValues(self._program)
@@ -89,8 +96,15 @@ class EventEngine:
     def run(self, steps: int) -> None:
         """Advance; stops at the steps where a current or a rate changes and where the record must be emptied."""
         end = self._step + steps
+        self.join_rows()
         while self._step < end:
             self._run_to(end if self._steady else min(end, self._prepare(self._step)))
+
+    def join_rows(self) -> None:
+        """Lay out joined rows before a run: weights that were set have parted them, and many may be set in turn."""
+        if self._a.parted:
+            joined_rows.join(self._a)
+            self._pack()
 
     def _prepare(self, step: int) -> int:
         """Write what generators are to send after a step; return the last step for which it is so."""
@@ -204,6 +218,7 @@ class EventEngine:
         net, start, h = self._a.net, self._step, self._program.resolution
         from neuro_event.loop import steps
 
+        self.join_rows()
         steps.begin_trial(self._view, spec.output, spec.group, start, h)
         peaks = PotentialPeaks(spec.output, self._program.populations[spec.output].size, h) if trial.peaks else None
         ticks = self._run_trial(spec, peaks)
@@ -495,6 +510,9 @@ class EventEngine:
             self._a.net["weights"][first : first + (p.size if stride else 1)] = inner
         if projection not in self._a.moves_of:
             row[t.SIGN] = layout.sign(inner)
+        if projection in self._a.joined and row[t.LAG] > 0 and not self._a.parted:
+            joined_rows.part(self._a)
+            self._pack()
 
     # --- accounts and persistence -------------------------------------------------------------------------
 
@@ -524,7 +542,7 @@ class EventEngine:
     def memory(self) -> dict[str, int]:
         """Bytes by what they hold."""
         net, plastic = self._a.net, self._a.plastic
-        static = ("rows", "runs", "targets", "weights", "delays")
+        static = ("rows", "runs", "targets", "weights", "delays", "joined_runs", "joined_targets", "joined_weights")
         learning = ("y", "sent", "reached", "rule", "in_synapse", "in_source", "incoming")
         logs = ("log_ids", "log_counts", "log_ends", "rec_steps", "rec_ids", "rec_counts")
         rest = [k for k in net if k not in {*static, *logs, *snapshot.VIEWS}]
@@ -562,6 +580,7 @@ class EventEngine:
             "engine.step": np.array(self._step),
             "engine.trial_updates": self._trial_updates.copy(),
             "engine.edges": self._a.net["edges"].copy(),
+            "engine.joined": np.array(sorted(self._a.joined), dtype=np.int64),
             **self._changes.snapshot(),
             **self._record.snapshot(),
             **self._currents.snapshot(),
@@ -578,7 +597,7 @@ class EventEngine:
         n = edges.shape[1] - 1
         if n not in (thread_partition.parts(self._program, self._n_threads), self._n_threads):
             raise ModelError(f"the state was saved with threads={n}: expected the same to continue")
-        self._start_over(None, snapshot.is_eager(arrays), edges)
+        self._start_over(None, snapshot.is_eager(arrays), edges, snapshot.joined(arrays))
         snapshot.restore(self._a, arrays)
         learned_delays.restore(self._a, arrays)
         self._step = int(arrays["engine.step"])

@@ -49,6 +49,10 @@ _REBUILT = _DRIVES | {
     "guides",
     "cumulative",
     "incoming",
+    "joined",
+    "joined_runs",
+    "joined_targets",
+    "joined_weights",
     "at_emission",
     "list_steps",
     "list_ids",
@@ -98,6 +102,11 @@ def _own_marks(a: EventArrays, due: NDArray[np.uint8]) -> NDArray[np.uint8]:
 def is_eager(arrays: Mapping[str, NDArray[Any]]) -> bool:
     """Whether synapses learn eagerly in a snapshot where they can."""
     return len(arrays["plastic.heard"]) > 0
+
+
+def joined(arrays: Mapping[str, NDArray[Any]]) -> frozenset[int]:
+    """The projections in joined rows; there are none in a state of before there were any."""
+    return frozenset(arrays["engine.joined"].tolist()) if "engine.joined" in arrays else frozenset()
 
 
 def restore(a: EventArrays, arrays: Mapping[str, NDArray[Any]]) -> None:

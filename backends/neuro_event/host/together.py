@@ -40,6 +40,8 @@ class EventEngines:
         reached = self._reached
         reached[:] = begin + 1
         if self._plain:
+            for engine in self._engines:
+                engine.join_rows()
             a = self._at
             args = (begin + 1, last, a.longest_slice, a.reach, self._program.resolution, forget, reached)
             together.run_all(self._run, self._views, *args)

@@ -104,11 +104,18 @@ def arrive(view, q, step, thread):
     """Add what arrives in a step over a projection to the input of this thread's targets."""
     net = net_of(view)
     row = net.projections[q]
-    source, target = net.pops[row[t.SOURCE]], net.pops[row[t.TARGET]]
-    threads = net.edges.shape[1] - 1
     # This thread has none of the targets.
-    if net.edges[target[t.NUMBER], thread] >= net.edges[target[t.NUMBER], thread + 1]:
+    if net.edges[row[t.TARGET], thread] >= net.edges[row[t.TARGET], thread + 1]:
         return
+    gather_runs(view, row, net.runs, step, thread, add_queue)
+
+
+@inlined
+def gather_runs(view, row, runs, step, thread, add):
+    """Gather the runs that arrive in a step, and let `add`, as `add_queue`, add what the queue holds."""
+    net = net_of(view)
+    threads = net.edges.shape[1] - 1
+    first_source = net.pops[row[t.SOURCE], t.BEGIN]
     blocks = net.awake.shape[0]
     slot = (step & slot_mask(net)) * blocks
     # A step adds the runs of all spikes that are as old as their delay. Its input stays in the cache, where the ring of
@@ -125,23 +132,23 @@ def arrive(view, q, step, thread):
         for sender in range(threads):
             ends = net.log_ends[sender, j & steps]
             for place in range(ends[row[t.SOURCE]], ends[row[t.SOURCE] + 1]):
-                i = np.int64(net.log_ids[sender, place & mask]) - source[t.BEGIN]
+                i = np.int64(net.log_ids[sender, place & mask]) - first_source
                 run = row[t.RUN] + (i * row[t.DELAYS] + d) * threads
                 # Of all threads together, so that every thread takes the same decision in `add_queue` about marking all
                 # blocks.
-                synapses = np.int64(net.runs[run + threads]) - np.int64(net.runs[run])
+                synapses = np.int64(runs[run + threads]) - np.int64(runs[run])
                 if synapses == 0:
                     continue
                 total += synapses
-                queue[n, 0], queue[n, 1] = net.runs[run + thread], net.runs[run + thread + 1]
+                queue[n, 0], queue[n, 1] = runs[run + thread], runs[run + thread + 1]
                 queue[n, 2] = net.log_counts[sender, place & mask]
                 n += 1
                 # The queue has room for 256 runs, so prefetches reach across spikes.
                 if n == queue.shape[0]:
-                    add_queue(view, row, thread, n, total, slot)
+                    add(view, row, thread, n, total, slot)
                     n = total = 0
     if n > 0:
-        add_queue(view, row, thread, n, total, slot)
+        add(view, row, thread, n, total, slot)
 
 
 @kernel
@@ -153,7 +160,7 @@ def at_emission(view, q, step, after, thread):
     if step <= net.set_out[q]:
         return
     if row[t.RUN] < 0:
-        log_delivery(view, q, step, 0, thread, thread + 1, True)
+        log_delivery(view, q, step, after, thread, thread + 1, True)
         return
     mask, slot = net.log_ids.shape[1] - 1, step & (net.log_ends.shape[1] - 1)
     for sender in range(net.edges.shape[1] - 1):
@@ -256,18 +263,25 @@ def by_delay(row_ends, targets, delays):
 
 
 @kernel
-def fill_runs(row_ends, targets, delays, shortest, n_delays, edges, runs):
+def fill_runs(row_ends, targets, delays, edges, shortest, n_delays, runs):
     """Where the runs of each source and delay begin, cut at the threads' edges (local targets); `runs` begins as 0."""
-    threads = edges.size - 1
-    for source in range(row_ends.size - 1):
-        place = source * n_delays * threads
-        thread = 0
-        for e in range(row_ends[source], row_ends[source + 1]):
-            # Synapses of a source lie by delay, then target, so the thread is looked for anew for each.
-            if threads > 1:
-                thread = 0
-                while targets[e] >= edges[thread + 1]:
-                    thread += 1
-            runs[place + (np.int64(delays[e]) - shortest) * threads + thread + 1] += np.uint32(1)
+    count_runs(row_ends, targets, delays, edges, shortest, n_delays, runs)
     for k in range(1, runs.size):
         runs[k] += runs[k - 1]
+
+
+@inlined
+def run_of(source, delay, target, shortest, n_delays, edges):
+    """The number of a run among all: by source, delay, and the thread of the target."""
+    threads = edges.size - 1
+    # Synapses of a source lie by delay, then target, so the thread is looked for anew for each.
+    thread = owner(edges, target) if threads > 1 else 0
+    return (source * n_delays + np.int64(delay) - shortest) * threads + thread
+
+
+@kernel
+def count_runs(row_ends, targets, delays, edges, shortest, n_delays, runs):
+    """Add the number of synapses of each run to the number that follows that of the run."""
+    for source in range(row_ends.size - 1):
+        for e in range(row_ends[source], row_ends[source + 1]):
+            runs[run_of(source, delays[e], targets[e], shortest, n_delays, edges) + 1] += np.uint32(1)

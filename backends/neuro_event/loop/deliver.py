@@ -61,8 +61,10 @@ def csr_own(targets, first, last, weights, w, m, receptors, receptor_stride, buf
 
 
 @subkernel
-def csr_delayed(view, q, source_id, m, step, thread, lo, hi):
+def csr_delayed(view, q, source_id, m, step, after, thread, lo, hi):
     """One spike over a projection whose synapses have delays of their own, into its ring, to the targets lo:hi.
+
+    What arrives up to a step `after` has arrived already.
 
     The synapses of a source may lie by delay, so those of one thread's targets are not together.
     """
@@ -80,6 +82,8 @@ def csr_delayed(view, q, source_id, m, step, thread, lo, hi):
             continue
         s = e - row[t.SYNAPSE]
         at = step + np.int64(net.delays[row[t.DELAY] + s * row[t.DELAY_STRIDE]])
+        if at <= after:
+            continue
         weight = net.weights[row[t.WEIGHT] + s * row[t.WEIGHT_STRIDE]] * m
         to = (at & row[t.RING_MASK]) * receptors + base + receptor(weight, n_receptors)
         net.buf[row[t.RING] + to * receptor_stride + target] += weight
@@ -194,8 +198,8 @@ def scatter(view, q, source_id, m, thread, lo, hi, n, receptors, out, receptor_s
 def deliver_log(view, q, sent_step, now, begin, stop, ring):
     """Deliver the spikes that projection q's source emitted in step j, to the targets of the threads begin:stop.
 
-    With `ring` they go into the projection's ring, for the step in which they arrive; else to the input of
-    step k, the present one.
+    With `ring` they go into the projection's ring, for the step in which they arrive, if that is later than `now`; else
+    to the input of the step `now`.
     """
     net = net_of(view)
     row = net.projections[q]
@@ -234,14 +238,14 @@ def deliver_log(view, q, sent_step, now, begin, stop, ring):
             deliver_shared_weight(view, q, source, log_slot, begin, stop, to, mark, spot)
     else:
         for thread in range(begin, stop):
-            deliver_each(view, q, sent_step, log_slot, thread, out, receptor_stride, mark, spot)
+            deliver_each(view, q, sent_step, now, log_slot, thread, out, receptor_stride, mark, spot)
     if mark_all:
         for thread in range(begin, stop):
             net.due[thread, due_slot + edges[thread] : due_slot + edges[thread + 1]] = 1
 
 
 @subkernel
-def deliver_each(view, q, sent_step, log_slot, thread, out, receptor_stride, mark, spot):
+def deliver_each(view, q, sent_step, now, log_slot, thread, out, receptor_stride, mark, spot):
     """Deliver the spikes of step j to a thread's targets, each synapse with a weight, or a delay, of its own."""
     net = net_of(view)
     row = net.projections[q]
@@ -260,6 +264,6 @@ def deliver_each(view, q, sent_step, log_slot, thread, out, receptor_stride, mar
             source_id = np.int64(net.log_ids[sender, place & mask]) - source[t.BEGIN]
             m = np.float64(net.log_counts[sender, place & mask])
             if row[t.LAYOUT] == t.CSR and row[t.DELAY_STRIDE] == 1:
-                csr_delayed(view, q, source_id, m, sent_step, thread, lo, hi)
+                csr_delayed(view, q, source_id, m, sent_step, now, thread, lo, hi)
             else:
                 scatter(view, q, source_id, m, thread, lo, hi, n, n_receptors, out, receptor_stride, mark, spot)

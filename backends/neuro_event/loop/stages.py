@@ -31,6 +31,7 @@ STAGES = {
     "dopamine_arrivals": ("histories", "view, q, step, thread, h", types.void),
     "note": ("probes", "view, q, source, step, thread", types.void),
     "gather_moves": ("moves", "view, thread, pop, step, h", types.void),
+    "deliver_joined": ("joined_rows", "view, begin, stop, step", types.void),
 }
 """By the name of the function: its module, its arguments, and what it returns."""
 
@@ -63,7 +64,7 @@ def _stage(name: str) -> Any:
 
 
 arrive, at_emission, deliver_log, add_counts, draw_counts, drive, charge = map(_stage, _NAMES[:7])
-step_collecting, settle, post_spike, dopamine_arrivals, note, gather_moves = map(_stage, _NAMES[7:])
+step_collecting, settle, post_spike, dopamine_arrivals, note, gather_moves, deliver_joined = map(_stage, _NAMES[7:])
 
 
 def entry(name: str) -> Entry:

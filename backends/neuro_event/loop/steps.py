@@ -20,6 +20,7 @@ from neuro_event.loop.stages import (
     arrive,
     at_emission,
     charge,
+    deliver_joined,
     dopamine_arrivals,
     drive,
     gather_moves,
@@ -62,8 +63,8 @@ def act_at_emission(view, thread, upto, dopamine_upto, h):
 
 
 @inlined
-def deliver(view, pop, begin, stop, step):
-    """Add what arrives in a step to the input of a population's neurons of the threads begin:stop.
+def deliver(view, first, last, begin, stop, step):
+    """Add what arrives in a step over the projections first:last of `incoming`, to neurons of the threads begin:stop.
 
     How a spike is delivered over a projection, the first condition that holds:
 
@@ -71,6 +72,7 @@ def deliver(view, pop, begin, stop, step):
     | --- | --- | --- |
     | the target of a current | `varying_currents.drive` | no spike: currents are added up along lines |
     | learns by spike pairs | ring, at emission, by the rule's entry | what is sent depends on that moment |
+    | static, own delays, shared rows (below) | `joined_rows.deliver_joined` | one look, long runs for all targets |
     | static, own delays, few runs (below) | `arrivals.arrive` | its input stays in the cache: 7 ns an event |
     | own delays otherwise | ring, `deliver.csr_delayed` | most runs would be empty: 42 ns an event |
     | weights were set | ring, `arrivals.at_emission` | what is under way keeps the old weights |
@@ -82,6 +84,7 @@ def deliver(view, pop, begin, stop, step):
     | one-to-one | `deliver.scatter` | one place, found without a table |
     | grid | `deliver.grid_add` | the kernel's weights lie maps innermost: runs of neighbours |
 
+    Shared rows: many projections with short runs from few sources (`building.joined_rows`); JOINED and JOINED_END.
     Few runs: no more than synapses, or than 65,536; not for grids (`layout.in_runs`). Busy and large: the spikes of the
     step reach nearly all blocks (WAKE_ALL) of a population without COLLECTS, and these threads have more than 32,768
     targets. Both functions for one weight are in `shared_weight_delivery`.
@@ -90,8 +93,7 @@ def deliver(view, pop, begin, stop, step):
     `building.generators`. Projections with LAG 0 have a ring and are not delivered here.
     """
     net = net_of(view)
-    row = net.pops[pop]
-    for k in range(row[t.ARRIVALS], row[t.ARRIVALS_END]):
+    for k in range(first, last):
         q = net.incoming[k]
         projection = net.projections[q]
         if projection[t.RUN] >= 0:
@@ -153,11 +155,14 @@ def advance(view, begin, stop, first, last, h):
         if driven:
             for thread in range(begin, stop):
                 drive(view, thread, step)
+        if net.joined.shape[0] > 0:
+            deliver_joined(view, begin, stop, step)
         # Deliver, then step, population by population: the input of one population is still in the cache when it is
         # stepped. Spikes of this step arrive in the next at the earliest, so the order of populations changes nothing.
         for pop in range(n):
-            if net.pops[pop, t.KIND] == t.NEURON:
-                deliver(view, pop, begin, stop, step)
+            row = net.pops[pop]
+            if row[t.KIND] == t.NEURON:
+                deliver(view, row[t.JOINED_END], row[t.ARRIVALS_END], begin, stop, step)
             for thread in range(begin, stop):
                 step_population(view, thread, pop, step, done, h)
         for thread in range(begin, stop):

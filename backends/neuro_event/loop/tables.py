@@ -59,8 +59,10 @@ POSITIVE, NEGATIVE, MIXED = range(3)
     CARRIED,
     COLLECTS,
     GATHERS,  # 1: synapses onto it learn by moves
+    JOINED,  # of what arrives: those in joined rows, and the end
+    JOINED_END,
     POPULATION_COLUMNS,
-) = range(29)
+) = range(31)
 
 # projections
 (
@@ -239,6 +241,10 @@ list_counts i8 1
 cursor i8 2        (threads + 1, populations) next listed spike; the last row holds the ends
 rows i8 1          ends of the CSR rows, cut at the threads' edges
 runs u4 1          likewise of the runs of each source and delay, counted from a projection's first synapse
+joined i8 2        joined rows, see `joined_rows`: the columns of a projection that say where runs lie
+joined_runs u4 1   ends of their runs, as in `runs`
+joined_targets i4 1 where each of their synapses adds, in x
+joined_weights f8 1
 queue i8 3         (threads, runs, 3) what is about to be added: first and last synapse, multiplicity
 targets i4 1       local targets of all CSR synapses
 weights f8 1       of all projections

@@ -1,0 +1,244 @@
+"""Joined rows: projections by the hundred with few synapses each are delivered together, and no bit differs."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import HealthCheck, given, settings, strategies as st
+
+import neuro
+from neuro.compiler import compile_network
+from neuro.model.network import Network
+from neuro.run.simulation import Simulation
+from neuro.testing import observe
+from neuro.testing.case import differences, run_on
+from neuro_event.building import joined_rows, layout
+from neuro_event.host import snapshot
+from neuro_event.loop import tables as t
+
+SETTINGS = settings(
+    max_examples=8,
+    deadline=None,
+    derandomize=True,
+    suppress_health_check=[HealthCheck.too_slow, HealthCheck.function_scoped_fixture],
+)
+LATE = neuro.uniform(low=0.1, high=1.0)
+WEIGHT = neuro.normal(mean=60.0, std=150.0)
+
+
+def network(order: list[tuple[int, int]], sizes: tuple[int, ...] = (60, 90, 70), plain: int | None = None) -> Network:
+    """Populations under noise, connected in an order; `plain` is the number of a connection with one delay."""
+    net = Network("joined")
+    cells = [neuro.iaf_psc_exp(I_e=neuro.uniform(low=300.0, high=420.0)), neuro.iaf_psc_delta(I_e=350.0)]
+    for k, size in enumerate(sizes):
+        net.population(f"noise{k}", size, neuro.poisson_generator(rate=2500.0))
+        net.population(f"p{k}", size, cells[k % 2])
+        net.connect(f"noise{k}", f"p{k}", neuro.one_to_one(), weight=(300.0, 3.0)[k % 2], delay=1.0)
+    for i, (source, target) in enumerate(order):
+        weight = WEIGHT if target % 2 == 0 else neuro.normal(mean=0.3, std=0.6)
+        delay = 1.0 if i == plain else LATE
+        net.connect(
+            f"p{source}", f"p{target}", neuro.fixed_indegree(n=3 + i % 4), weight=weight, delay=delay, name=f"wires{i}"
+        )
+    return net
+
+
+EVERY = [(source, target) for target in range(3) for source in range(3)]
+
+
+def steered(sim: Simulation, again: Path | None = None) -> dict[str, np.ndarray]:
+    """Weights are set while spikes are under way, and a state is saved and taken up."""
+    run_on(sim, 3.0)
+    w = sim.get("wires1", "weight")
+    sim.set("wires1", weight=np.linspace(1.5, 0.5, w.size) * w)
+    run_on(sim, 0.5)
+    sim.set("wires0", weight=0.0)
+    sim.set("wires1", weight=0.5 * w)
+    if again is not None:
+        sim.save(again)
+    run_on(sim, 1.0)
+    if again is not None:
+        sim.run(1.0)
+        sim.restore(again)
+        run_on(sim, 1.0)
+    run_on(sim, 3.5)
+    return observe(sim)
+
+
+def joined(sim: Simulation) -> set[str]:
+    """The projections in joined rows."""
+    arrays = sim._engine._a  # type: ignore[attr-defined]
+    return {sim.program.projections[q].name for q in arrays.joined}
+
+
+@pytest.fixture
+def few(monkeypatch: pytest.MonkeyPatch) -> None:
+    """No projection is delivered in runs by itself, as in large networks with few synapses."""
+    monkeypatch.setattr(layout, "_FEW_RUNS", 0)
+
+
+def orders() -> st.SearchStrategy[list[tuple[int, int]]]:
+    return st.lists(st.sampled_from(EVERY), min_size=4, max_size=12) | st.permutations(EVERY)
+
+
+def agree(order: list[tuple[int, int]], seed: int) -> None:
+    """Let both backends run a network."""
+    expected, found = (neuro.compile(network(order), backend, seed=seed) for backend in ("reference", "event"))
+    assert differences(steered(expected), steered(found), exact=False) == []
+
+
+@SETTINGS
+@given(order=orders(), seed=st.integers(0, 3))
+def test_event_equals_reference(order: list[tuple[int, int]], seed: int):
+    agree(order, seed)
+
+
+@SETTINGS
+@given(order=orders(), seed=st.integers(0, 3))
+@pytest.mark.usefixtures("few")
+def test_event_equals_reference_where_there_would_be_rings(order: list[tuple[int, int]], seed: int):
+    agree(order, seed)
+
+
+@SETTINGS
+@given(order=orders(), seed=st.integers(0, 3), threads=st.integers(2, 3))
+def test_threads_change_no_bit(order: list[tuple[int, int]], seed: int, threads: int):
+    net = network(order, (1300, 600, 700))
+    one, two = (neuro.compile(net, "event", seed=seed, threads=n) for n in (1, threads))
+    assert differences(steered(one), steered(two), exact=True) == []
+
+
+@SETTINGS
+@given(order=orders(), seed=st.integers(0, 3))
+def test_rows_by_themselves_have_the_same_bits(order: list[tuple[int, int]], seed: int):
+    found = []
+    for shared in (1, 1000):
+        with pytest.MonkeyPatch.context() as patched:
+            patched.setattr(joined_rows, "SHARED", shared)
+            sim = neuro.compile(network(order), "event", seed=seed)
+            assert bool(joined(sim)) == (shared == 1)
+            run_on(sim, 8.0)
+            found.append(observe(sim))
+    assert differences(*found, exact=True) == []
+
+
+@pytest.mark.parametrize("rings", [False, True])
+def test_a_state_goes_on_bit_for_bit(rings: bool, tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    if rings:
+        monkeypatch.setattr(layout, "_FEW_RUNS", 0)
+    one, two = (neuro.compile(network(EVERY), "event", seed=1) for _ in range(2))
+    assert joined(one) == {f"wires{k}" for k in range(9)}
+    assert differences(steered(one), steered(two, tmp_path / "state.h5"), exact=True) == []
+
+
+def test_a_state_of_before_there_were_joined_rows(tmp_path: Path):
+    found = []
+    with pytest.MonkeyPatch.context() as patched:
+        patched.setattr(layout, "_FEW_RUNS", 0)
+        patched.setattr(joined_rows, "SHARED", 1000)
+        patched.setattr(snapshot, "joined", lambda arrays: frozenset())
+        old = neuro.compile(network(EVERY), "event", seed=1)
+        run_on(old, 3.0)
+        old.save(tmp_path / "state.h5")
+        patched.setattr(joined_rows, "SHARED", 1)
+        new = neuro.compile(network(EVERY), "event", seed=1)
+        new.restore(tmp_path / "state.h5")
+        assert joined(new) == set()
+        for sim in (old, new):
+            sim.set("wires1", weight=30.0)
+            run_on(sim, 4.0)
+            found.append(observe(sim))
+    assert differences(*found, exact=True) == []
+
+
+def test_weights_that_are_set_before_the_first_step_and_kept_by_a_reset():
+    found = []
+    for backend in ("reference", "event"):
+        sim = neuro.compile(network(EVERY), backend, seed=1)
+        sim._engine.run(0)  # rows are laid out before the weight is set
+        sim.set("wires4", weight=0.0)
+        run_on(sim, 6.0)
+        before = observe(sim)
+        sim.set("wires5", weight=1.0)
+        sim.reset(weights=False)
+        run_on(sim, 6.0)
+        found.append((before, observe(sim)))
+    for expected, seen in zip(*found, strict=True):
+        assert differences(expected, seen, exact=False) == []
+
+
+def test_parrots_and_named_receptors():
+    net = network([(0, 0), (1, 0), (0, 1), (1, 1)])
+    net.population("parrots", 80, neuro.parrot_neuron())
+    for source in ("p0", "p1"):
+        net.connect(source, "parrots", neuro.fixed_indegree(n=2), weight=-3.0, delay=LATE)
+        for receptor in ("in", "ex"):
+            name = f"{source}_{receptor}"
+            net.connect(
+                source, "p2", neuro.fixed_indegree(n=3), neuro.static(receptor=receptor),
+                weight=neuro.uniform(low=1.0, high=90.0), delay=LATE, name=name,
+            )  # fmt: skip
+    sims = [neuro.compile(net, backend, seed=1) for backend in ("reference", "event")]
+    assert len(joined(sims[1])) == 10
+    for sim in sims:
+        run_on(sim, 8.0)
+    assert differences(*map(observe, sims), exact=False) == []
+
+
+def test_models_that_collect_their_input():
+    net = Network("quiet")
+    for k in range(3):
+        net.population(f"p{k}", 90, neuro.iaf_psc_exp(I_e=neuro.uniform(low=300.0, high=420.0)))
+    for source, target in EVERY:
+        net.connect(f"p{source}", f"p{target}", neuro.fixed_indegree(n=3), weight=WEIGHT, delay=LATE)
+    sims = [neuro.compile(net, backend, seed=1) for backend in ("reference", "event")]
+    assert len(joined(sims[1])) == 9
+    for sim in sims:
+        run_on(sim, 30.0)
+    assert differences(*map(observe, sims), exact=False) == []
+
+
+def test_which_projections_are_joined():
+    def chosen(net: Network) -> list[int]:
+        return sorted(joined_rows.choose(compile_network(net, 1)))
+
+    assert chosen(network(EVERY)) == list(range(3, 12))  # behind the noise
+    assert chosen(network([(target, source) for source, target in EVERY])) == list(range(3, 12))
+    assert chosen(network([(0, 0), (1, 1), (2, 2)])) == [], "nothing is shared"
+    between = chosen(network(EVERY, plain=4))
+    assert between == [3, 4, 5, 6, 9, 10, 11], "one delay stays in its place among sums"
+
+
+def test_runs_that_are_long_stay_where_they_are(monkeypatch: pytest.MonkeyPatch):
+    program = compile_network(network(EVERY), 1)
+    assert joined_rows.choose(program)
+    monkeypatch.setattr(joined_rows, "MOST", 100)
+    assert not joined_rows.choose(program)
+    monkeypatch.undo()
+    monkeypatch.setattr(joined_rows, "SHORT", 0)
+    assert not joined_rows.choose(program)
+
+
+@pytest.mark.usefixtures("few")
+def test_few_synapses_with_very_many_delays_are_not_joined():
+    net = network(EVERY)
+    for target in ("p0", "p2"):
+        net.connect(
+            "p0", target, neuro.fixed_indegree(n=2), weight=9.0, delay=neuro.uniform(low=0.1, high=300.0),
+            name=f"far_{target}",
+        )  # fmt: skip
+    sim = neuro.compile(net, "event", seed=1)
+    assert joined(sim) == {f"wires{k}" for k in range(9)}
+    other = neuro.compile(net, "reference", seed=1)
+    for each in (sim, other):
+        each.run(8.0)
+    assert differences(observe(other), observe(sim), exact=False) == []
+
+
+def test_a_silent_network_looks_once_a_source():
+    sim = neuro.compile(network(EVERY), "event", seed=1)
+    sim.run(1.0)
+    arrays = sim._engine._a  # type: ignore[attr-defined]
+    assert len(arrays.net["joined"]) == 3
+    assert (arrays.net["projections"][3:, t.RUN] < 0).all()
+    assert arrays.net["runs"].size == 0
