@@ -42,16 +42,28 @@ def _reaches(program: Program, index: int, among: NDArray[np.bool_]) -> bool:
 
 
 def driver(program: Program, neurons: Neurons) -> Neurons:
-    """The generators that drive some neurons one to one.
+    """The generators that drive some neurons one to one; of several the ones that are described without a rate.
 
     Raises:
-        ModelError: there are none.
+        ModelError: there are none, or several between which nothing decides.
     """
-    for part in program.projections:
-        source = program.populations[part.source]
-        if part.target == neurons.index and part.layout == "one_to_one" and source.kind == "poisson":
-            return Neurons(part.source, source, neurons.end)
-    message = (
-        f"activate: {neurons.text}: expected a poisson_generator that is connected to '{neurons.part.name}' one_to_one"
-    )
-    raise ModelError(message, hint="net.wiring(..., drive=weight) adds one")
+    found = [
+        part.source
+        for part in program.projections
+        if part.target == neurons.index
+        and part.layout == "one_to_one"
+        and program.populations[part.source].kind == "poisson"
+    ]
+    if len(found) > 1:
+        found = [index for index in found if not np.any(program.populations[index].parameters["rate"])] or found
+    name = neurons.part.name
+    if not found:
+        message = f"activate: {neurons.text}: expected a poisson_generator that is connected to '{name}' one_to_one"
+        raise ModelError(message, hint="net.wiring(..., drive=weight) adds one")
+    if len(found) > 1:
+        names = " and ".join(f"'{program.populations[index].name}'" for index in found)
+        message = (
+            f"activate: {neurons.text}: {names} are connected to '{name}' one_to_one: expected one with a rate of 0"
+        )
+        raise ModelError(message, hint=f"sim.set('{program.populations[found[0]].name}', rate=...) sets one of them")
+    return Neurons(found[0], program.populations[found[0]], neurons.end)

@@ -424,14 +424,15 @@ class Simulation:
         """Drive neurons by independent Poisson spikes, from the next step on.
 
         The spikes are those of the `poisson_generator` that is connected to them one to one, as of
-        `net.wiring(drive=...)`, with the weight of that projection.
+        `net.wiring(drive=...)`, with the weight of that projection. Of several generators it is the one whose rate is
+        described as 0.
 
         Args:
             of: the population, or a view of it.
             rate: in Hz, one for all or one for each; 0 ends it.
 
         Raises:
-            ModelError: no such generator drives them, or a rate is below 0.
+            ModelError: no such generator drives them, or several do, or a rate is below 0.
         """
         neurons = self.handles.neurons(of)
         self._cells.set(driver(self.program, neurons), {"rate": rate})

@@ -302,6 +302,22 @@ def test_only_neurons_with_a_driver_are_activated(tmp_path: Path) -> None:
         neuro.compile(net).activate("brain", 100.0)
 
 
+@pytest.mark.parametrize("rate", [0.0, 20.0])
+def test_noise_is_not_taken_for_the_driver(rate: float) -> None:
+    net = neuro.Network(resolution=1.0)
+    net.population("cells", 2, neuro.iaf_psc_delta())
+    for name, given in (("noise", 500.0), ("drive", rate)):
+        net.population(name, 2, neuro.poisson_generator(rate=given))
+        net.connect(name, "cells", neuro.one_to_one(), weight=1.0, delay=1.0)
+    sim = neuro.compile(net)
+    if rate:
+        with pytest.raises(neuro.ModelError, match="'noise' and 'drive' are connected to 'cells' one_to_one"):
+            sim.activate("cells", 100.0)
+    else:
+        sim.activate("cells", 100.0)
+        assert [sim.get(name, "rate").tolist() for name in ("noise", "drive")] == [[500.0] * 2, [100.0] * 2]
+
+
 def pairs_of(net: neuro.Network) -> tuple[Any, Any, Any]:
     return neuro.compile(net).weights("brain_brain")
 
