@@ -1,6 +1,7 @@
 """A loop in real time: what comes live is what can be run again, and lateness is counted and answered."""
 
 import gc
+import json
 import os
 import signal
 import subprocess
@@ -16,6 +17,7 @@ from hypothesis import given, settings, strategies as st
 import neuro
 from event_tests import refusal
 from neuro import ModelError
+from neuro.core.inputs import digest_of
 from neuro.events import Events, listen, save, send
 from neuro.realtime import Histogram, Loop, Player
 from neuro.rerun.again import rerun
@@ -234,6 +236,21 @@ def test_ctrl_c_ends_a_run_with_a_whole_file(tmp_path):
     results = neuro.results.read(tmp_path / "day.h5")
     assert results.finished
     assert results.duration_ms == 20.0
+
+
+def test_the_record_is_that_of_the_begin_but_for_what_was_changed(tmp_path):
+    network().save(tmp_path / "net.yaml")
+    sim = neuro.compile(neuro.load(tmp_path / "net.yaml"))
+    with sim.record_to(tmp_path / "day.h5") as recording:
+        (tmp_path / "net.yaml").write_text("# edited while it runs\n")
+        sim.run(5.0)
+        sim.set("cells", V_th=-54.0)
+        recording.commit()
+        (tmp_path / "killed.h5").write_bytes((tmp_path / "day.h5.part").read_bytes())
+    kept = json.loads(neuro.results.read(tmp_path / "day.h5").about["provenance"])
+    assert kept["inputs"] != {each: digest_of(each) for each in kept["inputs"]}
+    for name in ("day.h5", "killed.h5"):
+        assert "was changed while it ran by sim.set" in refusal(rerun, tmp_path / name)
 
 
 def _written_by_another(folder):
