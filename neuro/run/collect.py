@@ -128,7 +128,7 @@ def origin(sim: RunSource, net: Network, threads: int, record: Collection[str], 
 
 
 def steered_since(record: str, sim: RunSource) -> str:
-    """The record of when a run began, see `origin`, with how it was steered since: its inputs may be edited meanwhile."""
+    """The record of the begin of a run, see `origin`, with how it was steered since."""
     return json.dumps({**json.loads(record), "steered": list(sim.steered)})
 
 
