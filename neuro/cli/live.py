@@ -155,7 +155,7 @@ def live(
             with stoppable(lambda: f"at {shown.sim.time:g} ms"):
                 shown.run(math.inf if duration is None else duration)
             return
-        inputs = streams | sources(sim, input, format, stack)
+        inputs = sources(sim, streams, input, format, stack)
         watch = None if shown is None else shown.tick
         loop = Loop(sim, tick=tick, inputs=inputs, late=late.value, watch=watch)
         run = loop.run(duration or 10_000.0, out=out, record=record, threads=threads, report=lines)
@@ -220,17 +220,23 @@ def streamed(net: Network, stack: ExitStack) -> dict[str, Source]:
     return made
 
 
-def sources(sim: Simulation, texts: list[str], format: str | None, stack: ExitStack) -> dict[str, Source]:
-    """Sources by the names of cameras, of NAME=FROM; the stack closes those that are open."""
+def sources(
+    sim: Simulation, streams: Mapping[str, Source], texts: list[str], format: str | None, stack: ExitStack
+) -> dict[str, Source]:
+    """The streams and the sources of NAME=FROM, by the names of cameras; the stack closes those that are open."""
     from neuro.compiler.cameras import CameraInput
     from neuro.events import listen
     from neuro.realtime import Player
 
-    made: dict[str, Source] = {}
+    made = dict(streams)
+    if format is not None and not any("=udp://" in text for text in texts):
+        raise ModelError(f"--format {format}: expected an --input from udp://, whose format it is")
     for text in texts:
         name, equals, what = text.partition("=")
         if not equals or not name or not what:
             raise typer.BadParameter(f"'{text}': expected NAME=FILE or NAME=udp://HOST:PORT", param_hint="'--input'")
+        if name in made:
+            raise typer.BadParameter(f"'{text}': '{name}' has an input already", param_hint="'--input'")
         camera = sim.handles.neurons(name).part.stream
         if "://" not in what:
             made[name] = Player(what)

@@ -92,12 +92,21 @@ class Inlet:
         self._waiting.clear()
 
     def take(self, begin_ns: int, end_ns: int) -> tuple[Events | None, NDArray[np.int64]]:
-        """The events that were received between two moments, and when; those received before are dropped."""
+        """The events that were received between two moments, and when; those received before are dropped.
+
+        Raises:
+            ModelError: the source gives something else than events, or times that are not theirs.
+        """
         events = self._source.take()
+        if not isinstance(events, Events):
+            raise ModelError(f"inputs: source of '{self.name}' gave {events!r:.60}: expected Events")
         if len(events):
             self.taken += len(events)
             received = getattr(self._source, "received_ns", None)
-            moments = np.asarray(time.monotonic_ns() if received is None else received, dtype=np.int64)
+            moments = np.asarray(time.monotonic_ns() if received is None else received)
+            if moments.dtype.kind not in "iu" or moments.shape not in ((), (len(events),)):
+                message = f"received_ns of the source of '{self.name}' is {received!r:.60}"
+                raise ModelError(f"inputs: {message}: expected whole ns, one for all or each of {len(events):,} events")
             self._waiting.append((events, moments if moments.ndim else np.full(len(events), moments)))
         now = []
         while self._waiting and self._waiting[0][1][0] < end_ns:

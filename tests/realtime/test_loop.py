@@ -274,7 +274,10 @@ def test_mistakes():
         ({"tick": 0.7}, "tick = 0.7 ms: expected a multiple of the resolution, 0.5 ms"),
         ({"tick": 0.0}, "tick = 0 ms: expected a finite time > 0 ms"),
         ({"late": "skipp"}, "late = 'skipp': expected one of catch_up, skip, stop\n  hint: did you mean 'skip'?"),
+        ({"tick": "0 ms"}, "tick = 0 ms: expected a finite time > 0 ms"),
         ({"act": 3}, "act = 3: expected a function of the time in ms"),
+        ({"watch": 3}, "watch = 3: expected a function without arguments"),
+        ({"inputs": ["camera"]}, "inputs = ['camera']: expected sources by the names of event cameras"),
     ):
         assert refusal(Loop, sim, **{"tick": 1.0} | words).startswith(message)
     for of, inputs, message in (
@@ -292,8 +295,36 @@ def test_mistakes():
         assert refusal(Loop, of, tick=1.0, inputs=inputs).startswith(message)
     loop = Loop(sim, tick=2.0)
     assert refusal(loop.run, 3.0) == "run = 3 ms: expected a multiple of the tick, 2 ms"
+    assert refusal(loop.run, "3 ms") == "run = 3 ms: expected a multiple of the tick, 2 ms"
+    assert refusal(loop.run, 0) == "run = 0 ms: expected a finite time > 0 ms"
+    assert refusal(loop.run, 2.0, report=3) == "report = 3: expected a function of the account"
+    assert refusal(Loop, network(), tick=1.0).endswith("expected a Simulation")
     assert refusal(Player, noise(1, 1.0), 0) == "speed = 0: expected a number > 0"
     assert refusal(Player, 3) == "recording is 3: expected Events or the path of a file"
+
+
+@pytest.mark.parametrize(
+    ("gives", "received", "message"),
+    [
+        ([(1, 2, 3, 1)], None, "source of 'camera' gave [(1, 2, 3, 1)]: expected Events"),
+        (None, None, "source of 'camera' gave None: expected Events"),
+        (
+            noise(2, 1.0),
+            12.5,
+            "received_ns of the source of 'camera' is 12.5: expected whole ns, one for all or each of 2",
+        ),
+        (noise(2, 1.0), np.arange(3), "received_ns of the source of 'camera' is array([0, 1, 2]): expected whole ns"),
+    ],
+)
+def test_sources_that_give_something_else(gives, received, message):
+    class Source:
+        received_ns = received
+
+        def take(self):
+            return gives
+
+    loop = Loop(neuro.compile(network()), tick=1.0, inputs={"camera": Source()})
+    assert message in refusal(loop.run, 10.0)
 
 
 def test_percentiles_of_a_histogram():
