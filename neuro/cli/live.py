@@ -190,7 +190,8 @@ def show_stream(stream: Listener, ms: float, no_browser: bool) -> None:
     sim, lines = compiled(net), _Lines()
     with Page(sim, figures=lambda: lines.figures) as page:
         announce(page.url, no_browser)
-        Loop(sim, tick=STREAM_TICK, inputs={"camera": stream}, watch=page.tick).run(ms, report=lines)
+        loop = Loop(sim, tick=STREAM_TICK, inputs={"camera": stream}, watch=page.tick)
+        loop.run(math.ceil(ms / STREAM_TICK) * STREAM_TICK, report=lines)
 
 
 def _is_paced(page: bool, speed: float | None, real_time: Mapping[str, object]) -> bool:
@@ -258,16 +259,13 @@ class _Lines:
         seconds = (run.ticks + run.skipped) * run.tick_ms / 1000.0
         if seconds >= self._next + REPORT_S:
             self._next = seconds
-            times = f"event to action p99 {run.latency.ms(0.99):.3f} ms, empty loop {run.empty.ms(0.99):.3f} ms"
+            times = f"event to action p99 {run.latency.texts[1]} ms, empty loop {run.empty.texts[1]} ms"
             typer.echo(f"{seconds:,.0f} s: {times}, {run.misses:,} missed, {run.drops:,} drops", err=True)
 
 
 def _figures(run: LiveRun) -> Iterator[tuple[str, str]]:
     """What a page shows of a live run."""
     for name, found in (("event to action", run.latency), ("tick to action", run.response), ("empty loop", run.empty)):
-        yield (
-            f"{name}: p50, p99, largest",
-            ", ".join(f"{ms:.3f}" for ms in (found.ms(0.5), found.ms(0.99), found.largest_ms)) + " ms",
-        )
+        yield f"{name}: p50, p99, largest", f"{', '.join(found.texts)} ms"
     yield "ticks missed", f"{run.misses:,} of {run.ticks:,}"
     yield "events dropped", f"{run.drops:,}"

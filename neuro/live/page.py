@@ -85,6 +85,9 @@ class Page:
         needed("websockets", "live", "a page is served by websockets, which is not installed")
         if not isinstance(sim, Simulation):
             raise ModelError(f"Page: found {sim!r}: expected a Simulation")
+        for word, call in (("restart", restart), ("figures", figures)):
+            if call is not None and not callable(call):
+                raise ModelError(f"Page: {word} = {call!r:.60}: expected a function")
         host, port = check(HOST, host, "host"), check(PORT, port, "port")
         self.pace = None if speed is None else Pace(check(SPEED, speed, "speed"))
         self.restart, self._figures = restart, figures
@@ -165,10 +168,11 @@ class Page:
         """
         if self.pace is None:
             raise ModelError("Page.run: found no speed: expected Page(sim, speed=1.0)")
-        Clock(self.sim.program.resolution).step(ms, "run")
+        clock = Clock(self.sim.program.resolution)
+        end = clock.ms(clock.step(ms, "run"))
         self._stopped = False
-        while self.sim.time < ms and not self._stopped:
-            self._advance(min(self._stretch_ms, ms - self.sim.time), self.pace)
+        while self.sim.time < end and not self._stopped:
+            self._advance(min(self._stretch_ms, end - self.sim.time), self.pace)
             self.tick()
             if not self._channel.open:
                 raise ModelError("the process that serves the page has ended")

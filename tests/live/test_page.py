@@ -386,6 +386,12 @@ def test_what_cannot_be_served_is_refused(websockets, monkeypatch):
         neuro.live.Page(sim, port=70000)
     with pytest.raises(ModelError, match="speed"):
         neuro.live.Page(sim, speed=0.0)
+    for word in ("restart", "figures"):
+        with pytest.raises(ModelError, match=f"Page: {word} = 3: expected a function"):
+            neuro.live.Page(sim, **{word: 3})
+    with neuro.live.Page(sim, speed=math.inf) as page:
+        page.run("3 ms")
+        assert sim.time == 3.0
     with neuro.live.Page(sim) as page:
         port = int(page.url.split(":")[2].split("/")[0])
         with pytest.raises(ModelError, match="the page cannot be served at"):

@@ -327,6 +327,12 @@ def test_sources_that_give_something_else(gives, received, message):
     assert message in refusal(loop.run, 10.0)
 
 
+def test_what_was_not_counted_is_a_dash():
+    run = Loop(neuro.compile(network()), tick=1.0).run(3.0)
+    assert str(run.latency) == "p50 –, p99 –, largest – ms"
+    assert "nan" not in str(run)
+
+
 def test_percentiles_of_a_histogram():
     rng = np.random.default_rng(1)
     ns = np.sort(rng.lognormal(12.0, 2.0, 5000).astype(np.int64))
