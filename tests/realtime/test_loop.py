@@ -20,6 +20,7 @@ from neuro import ModelError
 from neuro.core.inputs import digest_of
 from neuro.events import Events, listen, save, send
 from neuro.realtime import Histogram, Loop, Player
+from neuro.realtime.inlet import Inlet
 from neuro.rerun.again import rerun
 
 SIZE = 16, 12
@@ -152,6 +153,25 @@ def test_skipping_drops_what_was_missed():
     assert sim.time == 100.0 - 5.0 * run.skipped
     assert run.drops > 20
     assert run.inputs["camera"]["fed"] + run.drops <= 300
+
+
+def test_what_comes_by_the_network_while_a_tick_is_late_keeps_its_tick():
+    """All of it waits in the stream, whose times are those of the oldest datagrams."""
+    with listen("udp://127.0.0.1:0", format="faery8", sensor=SIZE) as stream:
+        inlet, ends = Inlet(neuro.compile(network()), "camera", stream, 1_000_000), []
+        inlet.begin()
+        for k in range(6):
+            send(stream.url, Events([1000 * k], [1], [1], [1], SIZE), format="faery8")
+            while stream._receiver.entries[1] <= k:
+                time.sleep(1e-3)
+            ends.append(time.monotonic_ns())
+        for end in ends[:2]:
+            events, received = inlet.take(0, end)
+            assert (len(events), received[0] < end) == (1, True)
+        events, received = inlet.take(ends[3], ends[4])  # two ticks were skipped
+        assert (len(events), inlet.dropped, inlet.taken) == (1, 2, 5)
+        assert ends[3] <= received[0] < ends[4]
+        assert len(inlet.take(ends[3], ends[5])[0]) == 1
 
 
 def test_stopping_ends_the_run():
