@@ -212,8 +212,7 @@ class _Pilot:
 
     def figures(self) -> dict[str, str]:
         """What a page shows of it."""
-        found = (self.latency.ms(0.5), self.latency.ms(0.99), self.latency.largest_ms)
-        times = ", ".join(f"{ms:.3f}" for ms in found)
+        times = ", ".join(self.latency.texts)
         return {"event to action: p50, p99, largest": f"{times} ms", "events lost": f"{self.lost:,}"}
 
     def answer(self) -> None:

@@ -155,7 +155,7 @@ def live(
             with stoppable(lambda: f"at {shown.sim.time:g} ms"):
                 shown.run(math.inf if duration is None else duration)
             return
-        inputs = streams | sources(sim, input, format, stack)
+        inputs = sources(sim, streams, input, format, stack)
         watch = None if shown is None else shown.tick
         loop = Loop(sim, tick=tick, inputs=inputs, late=late.value, watch=watch)
         run = loop.run(duration or 10_000.0, out=out, record=record, threads=threads, report=lines)
@@ -190,7 +190,8 @@ def show_stream(stream: Listener, ms: float, no_browser: bool) -> None:
     sim, lines = compiled(net), _Lines()
     with Page(sim, figures=lambda: lines.figures) as page:
         announce(page.url, no_browser)
-        Loop(sim, tick=STREAM_TICK, inputs={"camera": stream}, watch=page.tick).run(ms, report=lines)
+        loop = Loop(sim, tick=STREAM_TICK, inputs={"camera": stream}, watch=page.tick)
+        loop.run(math.ceil(ms / STREAM_TICK) * STREAM_TICK, report=lines)
 
 
 def _is_paced(page: bool, speed: float | None, real_time: Mapping[str, object]) -> bool:
@@ -220,17 +221,23 @@ def streamed(net: Network, stack: ExitStack) -> dict[str, Source]:
     return made
 
 
-def sources(sim: Simulation, texts: list[str], format: str | None, stack: ExitStack) -> dict[str, Source]:
-    """Sources by the names of cameras, of NAME=FROM; the stack closes those that are open."""
+def sources(
+    sim: Simulation, streams: Mapping[str, Source], texts: list[str], format: str | None, stack: ExitStack
+) -> dict[str, Source]:
+    """The streams and the sources of NAME=FROM, by the names of cameras; the stack closes those that are open."""
     from neuro.compiler.cameras import CameraInput
     from neuro.events import listen
     from neuro.realtime import Player
 
-    made: dict[str, Source] = {}
+    made = dict(streams)
+    if format is not None and not any("=udp://" in text for text in texts):
+        raise ModelError(f"--format {format}: expected an --input from udp://, whose format it is")
     for text in texts:
         name, equals, what = text.partition("=")
         if not equals or not name or not what:
             raise typer.BadParameter(f"'{text}': expected NAME=FILE or NAME=udp://HOST:PORT", param_hint="'--input'")
+        if name in made:
+            raise typer.BadParameter(f"'{text}': '{name}' has an input already", param_hint="'--input'")
         camera = sim.handles.neurons(name).part.stream
         if "://" not in what:
             made[name] = Player(what)
@@ -252,16 +259,13 @@ class _Lines:
         seconds = (run.ticks + run.skipped) * run.tick_ms / 1000.0
         if seconds >= self._next + REPORT_S:
             self._next = seconds
-            times = f"event to action p99 {run.latency.ms(0.99):.3f} ms, empty loop {run.empty.ms(0.99):.3f} ms"
+            times = f"event to action p99 {run.latency.texts[1]} ms, empty loop {run.empty.texts[1]} ms"
             typer.echo(f"{seconds:,.0f} s: {times}, {run.misses:,} missed, {run.drops:,} drops", err=True)
 
 
 def _figures(run: LiveRun) -> Iterator[tuple[str, str]]:
     """What a page shows of a live run."""
     for name, found in (("event to action", run.latency), ("tick to action", run.response), ("empty loop", run.empty)):
-        yield (
-            f"{name}: p50, p99, largest",
-            ", ".join(f"{ms:.3f}" for ms in (found.ms(0.5), found.ms(0.99), found.largest_ms)) + " ms",
-        )
+        yield f"{name}: p50, p99, largest", f"{', '.join(found.texts)} ms"
     yield "ticks missed", f"{run.misses:,} of {run.ticks:,}"
     yield "events dropped", f"{run.drops:,}"

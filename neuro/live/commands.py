@@ -14,11 +14,11 @@ from neuro.core.checks import check
 from neuro.core.errors import ModelError, unknown
 from neuro.core.quantities import Quantity
 from neuro.live.beside import Beside
-from neuro.live.facts import neuron_sliders, shown_value, synapse_sliders
+from neuro.live.facts import neuron_sliders, synapse_sliders
 from neuro.live.frames import Frames
 from neuro.live.pace import SPEED, Pace
 from neuro.program.program import Floats
-from neuro.run.lesions import outgoing
+from neuro.run.lesions import driver, outgoing
 from neuro.run.simulation import Simulation
 
 Asked = dict[str, Any]
@@ -55,6 +55,9 @@ class Steered(Protocol):
 
     def keep(self, key: str, what: dict[str, Any]) -> None:
         """Tell all browsers."""
+
+    def tell_value(self, part: str, word: str, values: Floats) -> None:
+        """Tell what a parameter is now."""
 
     def tell_state(self) -> None:
         """Tell what can be changed of the run."""
@@ -155,8 +158,7 @@ class Commands:
         if word not in known:
             raise unknown("parameter", word, known).at(None, f"'{part}'")
         sim.set(part, {word: value})
-        now = sim.get(part, word)
-        self._page.keep(f"value/{part}/{word}", {"part": part, "word": word, **shown_value(now)})
+        self._page.tell_value(part, word, sim.get(part, word))
         if isinstance(index, int) and word == "weight":
             self._page.look_again(index)
 
@@ -182,6 +184,8 @@ class Commands:
     def _activate(self, asked: Asked) -> None:
         part = self._population(asked)
         self._sim.activate(part, check(_NUMBER, asked.get("rate"), "rate"))
+        generators = driver(self._sim.program, self._sim.handles.neurons(part)).part.name
+        self._page.tell_value(generators, "rate", self._sim.get(generators, "rate"))
 
     def _watch(self, asked: Asked) -> None:
         neuron = check(_NEURON, asked.get("neuron"), "neuron")

@@ -20,10 +20,11 @@ from neuro.core.quantities import Quantity
 from neuro.live.beside import Beside
 from neuro.live.channel import Channel
 from neuro.live.commands import Commands
-from neuro.live.facts import about
+from neuro.live.facts import about, shown_value
 from neuro.live.frames import Frames
 from neuro.live.pace import SPEED, Pace
 from neuro.live.weights import weights_of
+from neuro.program.program import Floats
 from neuro.run.simulation import Simulation
 
 FRAME_S = 1 / 40
@@ -84,12 +85,15 @@ class Page:
         needed("websockets", "live", "a page is served by websockets, which is not installed")
         if not isinstance(sim, Simulation):
             raise ModelError(f"Page: found {sim!r}: expected a Simulation")
+        for word, call in (("restart", restart), ("figures", figures)):
+            if call is not None and not callable(call):
+                raise ModelError(f"Page: {word} = {call!r:.60}: expected a function")
         host, port = check(HOST, host, "host"), check(PORT, port, "port")
         self.pace = None if speed is None else Pace(check(SPEED, speed, "speed"))
         self.restart, self._figures = restart, figures
         self._waited = self._frame_due = self._sample_used = self._beside_due = 0.0
         self._due = self._slow_due = self._sample_due = self._price_due = self._seen_until = 0.0
-        self._wanted = self._ahead = self._stopped = False
+        self._wanted = self._unseen = self._ahead = self._stopped = False
         self._taken = 0.0
         self._measured = (time.perf_counter(), sim.time)
         self._speed = 0.0
@@ -164,10 +168,11 @@ class Page:
         """
         if self.pace is None:
             raise ModelError("Page.run: found no speed: expected Page(sim, speed=1.0)")
-        Clock(self.sim.program.resolution).step(ms, "run")
+        clock = Clock(self.sim.program.resolution)
+        end = clock.ms(clock.step(ms, "run"))
         self._stopped = False
-        while self.sim.time < ms and not self._stopped:
-            self._advance(min(self._stretch_ms, ms - self.sim.time), self.pace)
+        while self.sim.time < end and not self._stopped:
+            self._advance(min(self._stretch_ms, end - self.sim.time), self.pace)
             self.tick()
             if not self._channel.open:
                 raise ModelError("the process that serves the page has ended")
@@ -255,6 +260,10 @@ class Page:
         """Tell all browsers, also those to come, until another message of that key; `fresh`: forget all others."""
         self._channel.send({"keep": key, "fresh": fresh, **what})
 
+    def tell_value(self, part: str, word: str, values: Floats) -> None:
+        """Tell what a parameter of a part is now."""
+        self.keep(f"value/{part}/{word}", {"part": part, "word": word, **shown_value(values)})
+
     def tell_state(self) -> None:
         """Tell what the page can change of the run."""
         pace = self.pace
@@ -273,6 +282,7 @@ class Page:
         for head in self._channel.receive():
             if "want" in head:
                 self._wanted, self._seen_until = True, now + SEEN_S
+                self._unseen |= head["new"]
                 if head["first"]:
                     self.frames.begin()
             else:
@@ -283,10 +293,15 @@ class Page:
             self._beside_due = now + BESIDE_S
             for job, found in self.beside.found():
                 self._found(job, found)
-        if self._wanted and self._channel.idle and self.sim.time != self.frames.time and self._may_show():
-            self._send_frame(now)
+        if self._wanted and self._channel.idle and self._may_show():
+            if self.sim.time != self.frames.time or (self._unseen and self._is_paused):
+                self._send_frame(now)
             if self._used() >= self._slow_due:
                 self._seldom(now)
+
+    @property
+    def _is_paused(self) -> bool:
+        return self.pace is not None and self.pace.paused
 
     def _may_show(self) -> bool:
         """Whether a frame holds nothing up: the run is ahead and waits, or the last frames were long ago."""
@@ -310,7 +325,7 @@ class Page:
             self._speed = (head["time"] - ms) * 1e-3 / (now - since)
             self._measured = now, head["time"]
         self._channel.send(head | {"speed": round(self._speed, 4)}, body)
-        self._wanted, self._seen_until = False, now + SEEN_S
+        self._wanted, self._unseen, self._seen_until = False, False, now + SEEN_S
         before, self._taken = self._taken, time.thread_time() - began
         self._due = now + FRAME_S
         self._frame_due = used + 0.5 * (before + self._taken) / SHARE
@@ -324,8 +339,13 @@ class Page:
             else:
                 self._next += 1
                 index = self._learning[self._next % len(self._learning)]
-            weights = weights_of(self.sim, index)
-            self.keep(f"weights/{weights['projection']}", weights)
+            weights, name = weights_of(self.sim, index), self.sim.program.projections[index].name
+            self.keep(f"weights/{name}", weights)
+            if "mean" in weights:
+                same = weights["low"] == weights["high"]
+                self.keep(
+                    f"value/{name}/weight", {"part": name, "word": "weight", "value": weights["mean"], "same": same}
+                )
         if now >= self._price_due:
             self._price_due = now + PRICE_S
             self.beside.price()

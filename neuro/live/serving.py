@@ -189,7 +189,7 @@ class Server:
                 for client in self._clients.values():
                     client.frame(frame)
                 if self._clients:
-                    self._tell({"want": True, "first": False})
+                    self._tell({"want": True, "new": False, "first": False})
 
     # to and from browsers
 
@@ -226,7 +226,7 @@ class Server:
             return
         self._number += 1
         number, client = self._number, Client(connection, self._kept)
-        self._tell({"want": True, "first": not self._clients})
+        self._tell({"want": True, "new": True, "first": not self._clients})
         self._clients[number] = client
         sending = asyncio.ensure_future(client.send())
         try:

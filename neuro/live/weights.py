@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import Any
 
 import numpy as np
@@ -32,7 +33,9 @@ def weights_of(sim: Simulation, index: int) -> dict[str, Any]:
         return found | {"refused": "no synapse" if not values.size else "no weight is finite"}
     low, high = float(finite.min()), float(finite.max())
     bins = np.histogram(finite[::every], BINS, (low, high))[0] if high > low else np.array([finite.size])
-    found |= {"low": low, "high": high, "mean": float(finite.mean()), "bins": bins.tolist()}
+    with np.errstate(over="ignore"):
+        mean = float(finite.mean())
+    found |= {"low": low, "high": high, "mean": mean if math.isfinite(mean) else None, "bins": bins.tolist()}
     matrix = _kernels(part, values) if part.grid is not None else _matrix(sim, index, values, every)
     plain = [[None if np.isnan(v) else float(f"{v:.4g}") for v in row] for row in matrix]
     return found | {"matrix": plain, "kernels": part.grid is not None}

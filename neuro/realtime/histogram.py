@@ -60,8 +60,14 @@ class Histogram:
         """The longest time in ms."""
         return self.largest_ns / 1e6
 
+    @property
+    def texts(self) -> tuple[str, str, str]:
+        """p50, p99 and the longest time in ms; a dash for each where nothing was counted."""
+        p50, p99, largest = (f"{ms:.3f}" for ms in (self.ms(0.5), self.ms(0.99), self.largest_ms))
+        return (p50, p99, largest) if len(self) else ("–", "–", "–")
+
     def __str__(self) -> str:
-        return f"p50 {self.ms(0.5):.3f}, p99 {self.ms(0.99):.3f}, largest {self.largest_ms:.3f} ms"
+        return "p50 {}, p99 {}, largest {} ms".format(*self.texts)
 
 
 @kernel

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 from collections import deque
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import asdict, is_dataclass
 from typing import Any, Protocol
 
@@ -24,8 +24,10 @@ class Source(Protocol):
     """Where live events come from, such as `neuro.events.listen` or a `Player`.
 
     A source may also have `received_ns`, when each of the events last taken was received, in ns of
-    `time.monotonic_ns` (one time each, or that of the first for all); `sensor_size`, width and height in px; and
-    `counts`, a mapping or a dataclass of what was lost and damaged.
+    `time.monotonic_ns` (one time each, or that of the first for all); `sensor_size`, width and height in px;
+    `counts`, a mapping or a dataclass of what was lost and damaged; and `take_before(ns)`, which is then called instead
+    of `take` and leaves what came at that time or later, so that events whose times are not known one by one come in
+    the right tick after a late one, too.
     """
 
     def take(self) -> Events:
@@ -70,6 +72,7 @@ class Inlet:
             shapes = f"{list(model.seen(tuple(size)))}, that of its source: expected {list(neurons.part.shape)}"
             raise ModelError(f"inputs: '{name}' would have the shape {shapes}")
         self.name, self._sim, self._source, self._camera, self._tick_ns = name, sim, source, camera, tick_ns
+        self._take_before: Callable[[int], Events] | None = getattr(source, "take_before", None)
         self._waiting: deque[tuple[Events, NDArray[np.int64]]] = deque()
         self.taken = self.fed = self.dropped = 0
 
@@ -92,13 +95,14 @@ class Inlet:
         self._waiting.clear()
 
     def take(self, begin_ns: int, end_ns: int) -> tuple[Events | None, NDArray[np.int64]]:
-        """The events that were received between two moments, and when; those received before are dropped."""
-        events = self._source.take()
-        if len(events):
-            self.taken += len(events)
-            received = getattr(self._source, "received_ns", None)
-            moments = np.asarray(time.monotonic_ns() if received is None else received, dtype=np.int64)
-            self._waiting.append((events, moments if moments.ndim else np.full(len(events), moments)))
+        """The events that were received between two moments, and when; those received before are dropped.
+
+        Raises:
+            ModelError: the source gives something else than events, or times that are not theirs.
+        """
+        if begin_ns and self._take_before is not None:  # their own times are not known
+            self._wait_for(self._take_before(begin_ns))
+        self._wait_for(self._source.take() if self._take_before is None else self._take_before(end_ns))
         now = []
         while self._waiting and self._waiting[0][1][0] < end_ns:
             each, received = self._waiting.popleft()
@@ -117,6 +121,19 @@ class Inlet:
         parts, times = zip(*now, strict=True)
         columns = joined_columns((part.t, part.x, part.y, part.p) for part in parts)
         return Events._trusted(*columns, parts[0].sensor_size, {}), np.concatenate(times)
+
+    def _wait_for(self, events: Events) -> None:
+        """Keep what a source gives, and when it was received, until its tick."""
+        if not isinstance(events, Events):
+            raise ModelError(f"inputs: source of '{self.name}' gave {events!r:.60}: expected Events")
+        if len(events):
+            self.taken += len(events)
+            received = getattr(self._source, "received_ns", None)
+            moments = np.asarray(time.monotonic_ns() if received is None else received)
+            if moments.dtype.kind not in "iu" or moments.shape not in ((), (len(events),)):
+                message = f"received_ns of the source of '{self.name}' is {received!r:.60}"
+                raise ModelError(f"inputs: {message}: expected whole ns, one for all or each of {len(events):,} events")
+            self._waiting.append((events, moments if moments.ndim else np.full(len(events), moments)))
 
     def feed(self, events: Events, received: NDArray[np.int64], begin_ns: int, step: int, steps: int) -> None:
         """Let the camera emit the events of a tick in the next steps of the network.

@@ -69,14 +69,20 @@ class Loop:
         late: str = "catch_up",
         watch: Callable[[], object] | None = None,
     ) -> None:
+        if not isinstance(sim, Simulation):
+            raise ModelError(f"Loop: found {sim!r:.60}: expected a Simulation")
+        if inputs is not None and not isinstance(inputs, Mapping):
+            raise ModelError(f"inputs = {inputs!r:.60}: expected sources by the names of event cameras")
         if late not in LATE:
             raise ModelError(f"late = {late!r}: expected one of {', '.join(LATE)}", hint=near(str(late), LATE))
         if act is not None and not callable(act):
             raise ModelError(f"act = {act!r:.60}: expected a function of the time in ms")
+        if watch is not None and not callable(watch):
+            raise ModelError(f"watch = {watch!r:.60}: expected a function without arguments")
         self._clock = Clock(sim.program.resolution)
         self._steps = self._clock.step(tick, "tick")
         if not 0 < self._steps < NEVER:
-            raise ModelError(f"tick = {tick:g} ms: expected a finite time > 0 ms")
+            raise ModelError(f"tick = {_said(tick)}: expected a finite time > 0 ms")
         self._tick = round(self._clock.ms(self._steps) * 1e6)
         self._sim, self._act, self._late, self._watch = sim, act, late, watch
         self._inlets = [Inlet(sim, name, source, self._tick) for name, source in (inputs or {}).items()]
@@ -114,9 +120,14 @@ class Loop:
             ModelError: the time is no multiple, the file cannot be written, or the network fails. An error of a source
                 or of `act` ends the run, and is raised when the file is whole.
         """
-        ticks, rest = divmod(self._clock.step(ms, "run"), self._steps)
-        if rest or not 0 < ticks < NEVER // self._steps:
-            raise ModelError(f"run = {ms:g} ms: expected a multiple of the tick, {self._clock.ms(self._steps):g} ms")
+        if report is not None and not callable(report):
+            raise ModelError(f"report = {report!r:.60}: expected a function of the account")
+        steps = self._clock.step(ms, "run")
+        if not 0 < steps < NEVER:
+            raise ModelError(f"run = {_said(ms)}: expected a finite time > 0 ms")
+        ticks, rest = divmod(steps, self._steps)
+        if rest:
+            raise ModelError(f"run = {_said(ms)}: expected a multiple of the tick, {self._clock.ms(self._steps):g} ms")
         self._stopped = ""
         run, sim = LiveRun(self._clock.ms(self._steps)), self._sim
         recorded = sim.record_to(out, record=record, threads=threads, live=True) if out is not None else nullcontext()
@@ -237,6 +248,11 @@ class Loop:
             yield
         finally:
             signal.signal(signal.SIGINT, before)
+
+
+def _said(ms: float | str) -> str:
+    """A time as it was given."""
+    return ms if isinstance(ms, str) else f"{ms:g} ms"
 
 
 class _Chores:

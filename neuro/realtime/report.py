@@ -100,9 +100,7 @@ class LiveRun:
 
     def tables(self) -> list[Table]:
         """Latencies, inputs, and what misses cost."""
-        times = tuple(
-            (name, f"{h.ms(0.5):.3f}", f"{h.ms(0.99):.3f}", f"{h.largest_ms:.3f}") for name, h in self._histograms()
-        )
+        times = tuple((name, *h.texts) for name, h in self._histograms())
         inputs = tuple(
             (name, *(f"{counts[word]:,}" for word in ("taken", "fed", "dropped")), _others(counts))
             for name, counts in self.inputs.items()

@@ -127,6 +127,11 @@ def origin(sim: RunSource, net: Network, threads: int, record: Collection[str], 
     return json.dumps({**about_run, "record": list(record), "all_weights": all_weights, "steered": list(sim.steered)})
 
 
+def steered_since(record: str, sim: RunSource) -> str:
+    """The record of the begin of a run, see `origin`, with how it was steered since."""
+    return json.dumps({**json.loads(record), "steered": list(sim.steered)})
+
+
 def record_of(net: Network, **of_a_run: Any) -> dict[str, Any]:
     """The record of what is made with a network now."""
     return provenance((*net.inputs, *recordings_of(net).values(), *extensions()), **of_a_run)

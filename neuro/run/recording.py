@@ -6,7 +6,6 @@ import os
 import time
 from collections.abc import Collection, Mapping
 from contextlib import suppress
-from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -82,8 +81,8 @@ class ResultsWriter:
         files = collect.files_of(net)
         self.live, self.drained, self._finished = live, engine.step, False
         self._file: ResultsFile | RemoteFile = RemoteFile(self.part) if live else ResultsFile(self.part)
-        self._origin = partial(collect.origin, sim, net, threads, record, all_weights)
-        head = {**collect.about(sim, threads), **collect.recordings_of(net), ATTRIBUTE: self._origin()}
+        self._origin = collect.origin(sim, net, threads, record, all_weights)
+        head = {**collect.about(sim, threads), **collect.recordings_of(net), ATTRIBUTE: self._origin}
         self._file.begin({**head, "finished": False}, files)
         self._kept = [
             index
@@ -176,7 +175,8 @@ class ResultsWriter:
     def _count(self) -> None:
         """Write the time and the counts of now."""
         program, counts, raw = self._sim.program, self._sim.counts(), self._engine.counts()
-        attributes: dict[str, dict[str, Any]] = {"/": collect.about(self._sim, self._threads)}
+        origin = collect.steered_since(self._origin, self._sim)
+        attributes: dict[str, dict[str, Any]] = {"/": {**collect.about(self._sim, self._threads), ATTRIBUTE: origin}}
         for section, counted in (("populations", counts.populations), ("projections", counts.projections)):
             attributes |= {f"{section}/{name}": collect.counts_of(numbers) for name, numbers in counted.items()}
         arrays = {
@@ -209,7 +209,7 @@ class ResultsWriter:
             self._file.complete(f"projections/{part.name}", weights)
         self.drain()
         self._count()
-        self._file.update({"/": {ATTRIBUTE: self._origin(), "finished": True}}, {})
+        self._file.update({"/": {"finished": True}}, {})
         self._file.finish(self.path)
         self._finished = True
 

@@ -15,6 +15,7 @@ import neuro
 from neuro import ModelError
 from neuro.live.frames import MOST_SPIKES, Frames, smaller
 from neuro.live.pace import Pace
+from neuro.live.weights import weights_of
 from running_page import Running, network, until
 
 
@@ -112,6 +113,41 @@ def test_reset_and_seed_begin_anew(running):
         assert client.until(lambda kept: "about" in kept)["about"]["seed"] == 7
         assert running.page.sim.program.seed == 7
         assert running.goes_on()
+
+
+def test_sliders_show_what_other_commands_changed(running):
+    def value(kept, name):
+        return kept.get(f"value/{name}", {}).get("value")
+
+    with running.client() as client:
+        client.ask(do="set", part="noise_exc", word="weight", value=5.0)
+        client.ask(do="reset", weights=True)
+        client.until(lambda kept: value(kept, "noise_exc/weight") == 900.0)
+        client.ask(do="silence", population="noise")
+        client.until(lambda kept: value(kept, "noise_exc/weight") == 0.0)
+        client.ask(do="restore", population="noise")
+        client.until(lambda kept: value(kept, "noise_exc/weight") == 900.0)
+        client.ask(do="activate", population="exc", rate=70.0)
+        client.until(lambda kept: value(kept, "noise/rate") == 70.0)
+        client.ask(do="activate", population="exc", rate=80.0)
+
+
+def test_who_comes_while_it_is_paused_sees_the_time_and_the_weights(running):
+    with running.client() as client:
+        client.frame()
+        client.ask(do="pause")
+        client.ask(do="set", part="out_exc", word="weight", value=-7.0)
+        client.until(lambda kept: kept.get("weights/out_exc", {}).get("mean") == -7.0)
+        with running.client() as other:
+            assert other.frame()[0]["time"] == running.page.sim.time
+        client.ask(do="set", part="out_exc", word="weight", value=-20.0)
+        client.ask(do="resume")
+
+
+def test_weights_whose_sum_is_infinite_have_no_mean():
+    sim = neuro.compile(network())
+    sim.set("noise_exc", weight=1e308)
+    assert weights_of(sim, 0)["mean"] is None
 
 
 def test_populations_are_silenced_restored_and_driven(running):
@@ -350,6 +386,12 @@ def test_what_cannot_be_served_is_refused(websockets, monkeypatch):
         neuro.live.Page(sim, port=70000)
     with pytest.raises(ModelError, match="speed"):
         neuro.live.Page(sim, speed=0.0)
+    for word in ("restart", "figures"):
+        with pytest.raises(ModelError, match=f"Page: {word} = 3: expected a function"):
+            neuro.live.Page(sim, **{word: 3})
+    with neuro.live.Page(sim, speed=math.inf) as page:
+        page.run("3 ms")
+        assert sim.time == 3.0
     with neuro.live.Page(sim) as page:
         port = int(page.url.split(":")[2].split("/")[0])
         with pytest.raises(ModelError, match="the page cannot be served at"):

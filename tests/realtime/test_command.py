@@ -77,6 +77,8 @@ def test_what_is_refused(live):
         (("--input", "a.npz"), "'a.npz': expected NAME=FILE or NAME=udp://HOST:PORT"),
         (("--input", "cam=a.npz"), "unknown population 'cam'"),
         (("--input", "camera=b.npz"), "b.npz: no such file"),
+        (("--input", "camera=a.npz", "--input", "camera=a.npz"), "'camera=a.npz': 'camera' has an input already"),
+        (("--input", "camera=a.npz", "--format", "spif"), "--format spif: expected an --input from udp://"),
         (("--input", "camera=udp://127.0.0.1:0"), "format is missing"),
         (("--late", "never"), "found 'never': expected one of 'catch_up', 'skip', 'stop'"),
         (("--tick", "1.5 ms"), "tick = 1.5 ms: expected a multiple of the resolution"),
@@ -84,3 +86,5 @@ def test_what_is_refused(live):
         code, _, err = live(*words)
         assert code == 2
         assert message in err
+    stream = {"stream": "stream: 'udp://127.0.0.1:0', format: spif, sensor: [16, 12]", "shape": "auto"}
+    assert "'camera' has an input already" in live("--input", "camera=a.npz", **stream)[2]

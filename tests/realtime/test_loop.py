@@ -1,6 +1,7 @@
 """A loop in real time: what comes live is what can be run again, and lateness is counted and answered."""
 
 import gc
+import json
 import os
 import signal
 import subprocess
@@ -16,8 +17,10 @@ from hypothesis import given, settings, strategies as st
 import neuro
 from event_tests import refusal
 from neuro import ModelError
+from neuro.core.inputs import digest_of
 from neuro.events import Events, listen, save, send
 from neuro.realtime import Histogram, Loop, Player
+from neuro.realtime.inlet import Inlet
 from neuro.rerun.again import rerun
 
 SIZE = 16, 12
@@ -152,6 +155,25 @@ def test_skipping_drops_what_was_missed():
     assert run.inputs["camera"]["fed"] + run.drops <= 300
 
 
+def test_what_comes_by_the_network_while_a_tick_is_late_keeps_its_tick():
+    """All of it waits in the stream, whose times are those of the oldest datagrams."""
+    with listen("udp://127.0.0.1:0", format="faery8", sensor=SIZE) as stream:
+        inlet, ends = Inlet(neuro.compile(network()), "camera", stream, 1_000_000), []
+        inlet.begin()
+        for k in range(6):
+            send(stream.url, Events([1000 * k], [1], [1], [1], SIZE), format="faery8")
+            while stream._receiver.entries[1] <= k:
+                time.sleep(1e-3)
+            ends.append(time.monotonic_ns())
+        for end in ends[:2]:
+            events, received = inlet.take(0, end)
+            assert (len(events), received[0] < end) == (1, True)
+        events, received = inlet.take(ends[3], ends[4])  # two ticks were skipped
+        assert (len(events), inlet.dropped, inlet.taken) == (1, 2, 5)
+        assert ends[3] <= received[0] < ends[4]
+        assert len(inlet.take(ends[3], ends[5])[0]) == 1
+
+
 def test_stopping_ends_the_run():
     sim = neuro.compile(network())
     run = Loop(sim, tick=5.0, act=slow(20.0), late="stop").run(1000.0)
@@ -236,6 +258,21 @@ def test_ctrl_c_ends_a_run_with_a_whole_file(tmp_path):
     assert results.duration_ms == 20.0
 
 
+def test_the_record_is_that_of_the_begin_but_for_what_was_changed(tmp_path):
+    network().save(tmp_path / "net.yaml")
+    sim = neuro.compile(neuro.load(tmp_path / "net.yaml"))
+    with sim.record_to(tmp_path / "day.h5") as recording:
+        (tmp_path / "net.yaml").write_text("# edited while it runs\n")
+        sim.run(5.0)
+        sim.set("cells", V_th=-54.0)
+        recording.commit()
+        (tmp_path / "killed.h5").write_bytes((tmp_path / "day.h5.part").read_bytes())
+    kept = json.loads(neuro.results.read(tmp_path / "day.h5").about["provenance"])
+    assert kept["inputs"] != {each: digest_of(each) for each in kept["inputs"]}
+    for name in ("day.h5", "killed.h5"):
+        assert "was changed while it ran by sim.set" in refusal(rerun, tmp_path / name)
+
+
 def _written_by_another(folder):
     """Whether a process still has a file of the folder open."""
     for number in filter(str.isdigit, os.listdir("/proc")):
@@ -257,7 +294,10 @@ def test_mistakes():
         ({"tick": 0.7}, "tick = 0.7 ms: expected a multiple of the resolution, 0.5 ms"),
         ({"tick": 0.0}, "tick = 0 ms: expected a finite time > 0 ms"),
         ({"late": "skipp"}, "late = 'skipp': expected one of catch_up, skip, stop\n  hint: did you mean 'skip'?"),
+        ({"tick": "0 ms"}, "tick = 0 ms: expected a finite time > 0 ms"),
         ({"act": 3}, "act = 3: expected a function of the time in ms"),
+        ({"watch": 3}, "watch = 3: expected a function without arguments"),
+        ({"inputs": ["camera"]}, "inputs = ['camera']: expected sources by the names of event cameras"),
     ):
         assert refusal(Loop, sim, **{"tick": 1.0} | words).startswith(message)
     for of, inputs, message in (
@@ -275,8 +315,42 @@ def test_mistakes():
         assert refusal(Loop, of, tick=1.0, inputs=inputs).startswith(message)
     loop = Loop(sim, tick=2.0)
     assert refusal(loop.run, 3.0) == "run = 3 ms: expected a multiple of the tick, 2 ms"
+    assert refusal(loop.run, "3 ms") == "run = 3 ms: expected a multiple of the tick, 2 ms"
+    assert refusal(loop.run, 0) == "run = 0 ms: expected a finite time > 0 ms"
+    assert refusal(loop.run, 2.0, report=3) == "report = 3: expected a function of the account"
+    assert refusal(Loop, network(), tick=1.0).endswith("expected a Simulation")
     assert refusal(Player, noise(1, 1.0), 0) == "speed = 0: expected a number > 0"
     assert refusal(Player, 3) == "recording is 3: expected Events or the path of a file"
+
+
+@pytest.mark.parametrize(
+    ("gives", "received", "message"),
+    [
+        ([(1, 2, 3, 1)], None, "source of 'camera' gave [(1, 2, 3, 1)]: expected Events"),
+        (None, None, "source of 'camera' gave None: expected Events"),
+        (
+            noise(2, 1.0),
+            12.5,
+            "received_ns of the source of 'camera' is 12.5: expected whole ns, one for all or each of 2",
+        ),
+        (noise(2, 1.0), np.arange(3), "received_ns of the source of 'camera' is array([0, 1, 2]): expected whole ns"),
+    ],
+)
+def test_sources_that_give_something_else(gives, received, message):
+    class Source:
+        received_ns = received
+
+        def take(self):
+            return gives
+
+    loop = Loop(neuro.compile(network()), tick=1.0, inputs={"camera": Source()})
+    assert message in refusal(loop.run, 10.0)
+
+
+def test_what_was_not_counted_is_a_dash():
+    run = Loop(neuro.compile(network()), tick=1.0).run(3.0)
+    assert str(run.latency) == "p50 –, p99 –, largest – ms"
+    assert "nan" not in str(run)
 
 
 def test_percentiles_of_a_histogram():

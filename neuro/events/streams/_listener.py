@@ -95,7 +95,14 @@ class Listener:
         Events off the sensor, and those earlier than one before them, are left out and counted. A clock of 32 bits is
         continued where it begins again.
         """
-        first, last = self._receiver.entries
+        return self._take_up_to(self._receiver.entries[1])
+
+    def take_before(self, ns: int) -> Events:
+        """As `take`, of what came before a time of `time.monotonic_ns`; the rest waits."""
+        return self._take_up_to(self._receiver.before(ns))
+
+    def _take_up_to(self, last: int) -> Events:
+        first = self._receiver.entries[0]
         self.received_ns = self._receiver.received(first) if last > first else None
         events = self._take(first, last)
         self._receiver.release(last)

@@ -10,6 +10,7 @@ import struct
 import sys
 import threading
 import time
+from bisect import bisect_left
 from collections.abc import Callable
 from contextlib import suppress
 
@@ -114,6 +115,11 @@ class Receiver:
     def received(self, entry: int) -> int:
         """When an entry that waits came, by `time.monotonic_ns`."""
         return int(self.index[entry % ENTRIES, kernel.RECEIVED])
+
+    def before(self, ns: int) -> int:
+        """The number after the last entry that waits and came before a time of `time.monotonic_ns`."""
+        first, last = self.entries
+        return first + bisect_left(range(first, last), ns, key=self.received)
 
     def release(self, taken: int) -> None:
         """Give back the room of all entries before a number."""
