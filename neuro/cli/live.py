@@ -269,3 +269,4 @@ def _figures(run: LiveRun) -> Iterator[tuple[str, str]]:
         yield f"{name}: p50, p99, largest", f"{', '.join(found.texts)} ms"
     yield "ticks missed", f"{run.misses:,} of {run.ticks:,}"
     yield "events dropped", f"{run.drops:,}"
+    yield "lost by sources", f"{run.losses:,}"

@@ -67,7 +67,7 @@ class LiveRun:
         cost: of all ticks.
         missed_cost: of those that missed.
         largest_tick: the number of the slowest tick, and the ms of its phases.
-        inputs: of each input events taken, fed and dropped, and what its source counts.
+        inputs: of each input events taken, fed and dropped, and all that its source counts.
     """
 
     tick_ms: float
@@ -89,8 +89,15 @@ class LiveRun:
         """Events that came and were not given to the network."""
         return sum(counts["dropped"] for counts in self.inputs.values())
 
+    @property
+    def losses(self) -> int:
+        """What sources lost before: all that they count beside events and datagrams, such as datagrams without room."""
+        return sum(sum(_losses(counts).values()) for counts in self.inputs.values())
+
     def __repr__(self) -> str:
-        return f"LiveRun({self.ticks:,} ticks of {self.tick_ms:g} ms, {self.misses:,} missed, {self.drops:,} drops)"
+        lost = f", {self.losses:,} lost by sources" if self.losses else ""
+        ticks = f"{self.ticks:,} ticks of {self.tick_ms:g} ms"
+        return f"LiveRun({ticks}, {self.misses:,} missed, {self.drops:,} drops{lost})"
 
     def __str__(self) -> str:
         return as_text(repr(self), self.tables())
@@ -102,7 +109,7 @@ class LiveRun:
         """Latencies, inputs, and what misses cost."""
         times = tuple((name, *h.texts) for name, h in self._histograms())
         inputs = tuple(
-            (name, *(f"{counts[word]:,}" for word in ("taken", "fed", "dropped")), _others(counts))
+            (name, *(f"{counts[word]:,}" for word in ("taken", "fed", "dropped")), _said(_losses(counts)))
             for name, counts in self.inputs.items()
         )
         words = ("preempted", "minor_faults", "major_faults")
@@ -112,7 +119,7 @@ class LiveRun:
         )
         return [
             Table("times", ("ms", ">p50", ">p99", ">largest"), times),
-            Table("inputs", ("name", ">taken", ">fed", ">dropped", "its source counts"), inputs),
+            Table("inputs", ("name", ">taken", ">fed", ">dropped", "lost by its source"), inputs),
             Table("costs", ("in", ">preempted", ">minor page faults", ">major page faults"), costs),
         ]
 
@@ -124,7 +131,8 @@ class LiveRun:
 
     def kept(self) -> dict[str, Any]:
         """The same as attributes and arrays of a file."""
-        numbers = {word: getattr(self, word) for word in ("tick_ms", "ticks", "misses", "skipped", "ended", "drops")}
+        numbers = {word: getattr(self, word) for word in ("tick_ms", "ticks", "misses", "skipped", "ended")}
+        numbers |= {"drops": self.drops, "losses": self.losses}
         for name, h in self._histograms():
             word = name.replace(" ", "_")
             numbers |= {f"{word}.p50_ms": h.ms(0.5), f"{word}.p99_ms": h.ms(0.99), f"{word}.largest_ms": h.largest_ms}
@@ -133,5 +141,11 @@ class LiveRun:
         return numbers
 
 
-def _others(counts: dict[str, int]) -> str:
-    return ", ".join(f"{n:,} {word}" for word, n in counts.items() if word not in ("taken", "fed", "dropped"))
+def _losses(counts: dict[str, int]) -> dict[str, int]:
+    """What a source counts that is not as it should be."""
+    plain = ("taken", "fed", "dropped", "events", "datagrams")
+    return {word: n for word, n in counts.items() if n and word not in plain}
+
+
+def _said(losses: dict[str, int]) -> str:
+    return ", ".join(f"{n:,} {word}" for word, n in losses.items()) or "nothing"

@@ -19,7 +19,7 @@ from event_tests import refusal
 from neuro import ModelError
 from neuro.core.inputs import digest_of
 from neuro.events import Events, listen, save, send
-from neuro.realtime import Histogram, Loop, Player
+from neuro.realtime import Histogram, LiveRun, Loop, Player
 from neuro.realtime.inlet import Inlet
 from neuro.rerun.again import rerun
 
@@ -366,3 +366,12 @@ def test_percentiles_of_a_histogram():
         exact = np.quantile(ns, share, method="inverted_cdf") / 1e6
         assert exact <= one.ms(share) <= 1.032 * exact
     assert np.isnan(Histogram().ms(0.5))
+
+
+def test_what_a_source_lost_is_said():
+    counts = {"taken": 9, "fed": 8, "dropped": 1, "events": 9, "datagrams": 3, "dropped_kernel": 4, "outside": 0}
+    found = LiveRun(tick_ms=1.0, ticks=10, inputs={"camera": counts})
+    assert (found.drops, found.losses) == (1, 4)
+    assert repr(found) == "LiveRun(10 ticks of 1 ms, 0 missed, 1 drops, 4 lost by sources)"
+    assert "4 dropped_kernel" in str(found)
+    assert "outside" not in str(found)
