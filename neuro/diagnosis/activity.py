@@ -11,6 +11,7 @@ from neuro.core.english import some
 from neuro.diagnosis import rhythm
 from neuro.diagnosis.findings import Finding, fault, figure, finding, note, warning
 from neuro.diagnosis.observing import Observation
+from neuro.diagnosis.rules import changes_weights
 from neuro.diagnosis.silence import Silence
 from neuro.diagnosis.wiring import Wiring
 from neuro.model.neurons import Neuron
@@ -129,7 +130,7 @@ def _copies(wiring: Wiring, seen: Observation, k: int) -> Iterator[Finding]:
         return
     part, s = seen.program.populations[k], seen.populations[k]
     # A signal has a value for each neuron, so it may teach copies differently.
-    learns = [p.name for p in seen.program.projections if p.target == k and p.synapse.learns and p.signal < 0]
+    learns = [p.name for p in seen.program.projections if p.target == k and changes_weights(p.synapse) and p.signal < 0]
     n = s.steps.size // s.ids.size
     evidence = f"{some(s.ids.size, 'neuron')} that were followed fired the same {some(n, 'spike')} in the same steps"
     remedy = "draw the weights onto them, connect them at random, or let `initial` differ; one neuron does as much"

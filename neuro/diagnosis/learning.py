@@ -9,7 +9,7 @@ import numpy as np
 from neuro.core.english import some
 from neuro.diagnosis.findings import Finding, fault, note, warning
 from neuro.diagnosis.observing import Learnt, Observation
-from neuro.diagnosis.rules import LEFT
+from neuro.diagnosis.rules import LEFT, changes_weights
 from neuro.diagnosis.wiring import Wiring
 from neuro.program.program import Projection
 
@@ -34,6 +34,8 @@ def findings(wiring: Wiring, seen: Observation, ran: float, steered: bool) -> It
     """
     for q, learnt in seen.learning.items():
         part = seen.program.projections[q]
+        if not changes_weights(part.synapse):
+            continue
         pre, post = (bool(seen.populations[k].spikes.any()) for k in (part.source, part.target))
         if part.signal >= 0 and not steered:
             yield _unset(seen, part, ran)

@@ -10,6 +10,7 @@ import numpy as np
 from neuro.core.english import some
 from neuro.diagnosis.findings import Finding, fault, warning
 from neuro.diagnosis.wiring import Wiring
+from neuro.model.synapses import Synapse
 from neuro.program.program import Program, Projection
 
 LEFT = 0.05
@@ -26,13 +27,18 @@ def findings(wiring: Wiring, reward_after: float | None) -> Iterator[Finding]:
     """
     program = wiring.program
     for part in program.projections:
-        if part.synapse.learns:
+        if changes_weights(part.synapse):
             yield from _rates(part)
             yield from _one_way(part)
             yield from _bounds(part)
             yield from _eligibility(program, part, reward_after)
             yield from _copies(program, part)
     yield from _reward(program)
+
+
+def changes_weights(rule: Synapse) -> bool:
+    """Whether a rule learns. Short-term plasticity hears no post spikes, keeps its weight, and says what it sends."""
+    return bool(rule.learns) and not (rule.learns == "pairs" and not rule.post and hasattr(rule.arithmetic, "sent"))
 
 
 def _rates(part: Projection) -> Iterator[Finding]:
