@@ -53,6 +53,8 @@ def findings(wiring: Wiring, seen: Observation) -> Iterator[Finding]:
 
 
 def _milder(found: Finding) -> Finding:
+    if found.name == "dead-outputs":  # noise is no picture of what an output answers to
+        return replace(found, severity="note")
     return replace(found, severity="warning") if found.severity == "fault" else found
 
 
@@ -143,7 +145,9 @@ def _dead(wiring: Wiring, seen: Observation, k: int) -> Iterator[Finding]:
     """Neurons of an output that stay silent while the others fire: more than chance explains."""
     part, spikes = seen.program.populations[k], seen.populations[k].spikes
     outputs = [p.target for p in seen.program.projections if p.source == k and p.target != k]
-    silent = int((spikes == 0).sum())
+    inputs = wiring.inputs_of_each(k)  # neurons without any are `unreached`
+    dead = np.flatnonzero((spikes == 0) & (True if inputs is None else inputs > 0))
+    silent = dead.size
     if outputs or not silent or part.size < 2:
         return
     others = float(spikes[spikes > 0].mean())
@@ -152,6 +156,6 @@ def _dead(wiring: Wiring, seen: Observation, k: int) -> Iterator[Finding]:
     evidence = (
         f"{silent:,} of {some(part.size, 'neuron')} never fired, the others {others:.3g} times each in {seen.ms:g} ms"
     )
-    ids = ", ".join(map(str, np.flatnonzero(spikes == 0)[:5]))
+    ids = ", ".join(map(str, dead[:5]))
     remedy = f"look at the inputs of neurons {ids}: raise their weights, or draw them with less spread"
     yield warning("dead-outputs", part, evidence, remedy, part.name)

@@ -104,11 +104,14 @@ def _bounds(part: Projection, learnt: Learnt, seen: Observation) -> Iterator[Fin
     for at, before, name in ((top, began[0], "largest"), (bottom, began[1], "smallest")):
         if float(at.mean()) >= AT_BOUND > float(before.mean()) and at.size >= 4:
             end = float((high if name == "largest" else low).mean())
-            evidence = f"{at.mean():.0%} of {some(w.size, 'weight')} are at the {name}, {end:g}, after {seen.ms:g} ms"
+            near = "at" if bool((w[at] == end).all()) else f"within {NEAR:.0%} of"
+            evidence = (
+                f"{at.mean():.0%} of {some(w.size, 'weight')} are {near} the {name}, {end:g}, after {seen.ms:g} ms"
+            )
             evidence += f", {before.mean():.0%} were before"
-            opposite = "depression (alpha, A_minus)" if name == "largest" else "potentiation (lambda, A_plus)"
+            grown = (name == "largest") == (float(np.abs(high).mean()) >= float(np.abs(low).mean()))
             remedy = (
-                f"lower the learning rate, strengthen {opposite}, or choose a rule whose changes depend on the weight"
+                f"{_balanced(part, grown)}, lower the learning rate, or use a rule whose changes depend on the weight"
             )
             yield fault("weights-at-bounds", part, evidence, remedy)
             return
@@ -122,9 +125,16 @@ def _bounds(part: Projection, learnt: Learnt, seen: Observation) -> Iterator[Fin
             f"{max(up, 1.0 - up):.0%} of {some(moved.size, 'weight')} that changed {'grew' if grows else 'shrank'}, by "
             f"{gone:.0%} of the way to the bound in {seen.ms:g} ms"
         )
-        other = (
-            "raise the depression (alpha, A_minus)"
-            if grows
-            else "raise the potentiation (A_plus), or lower alpha or A_minus"
-        )
-        yield warning("one-way", part, evidence, f"{other}, or lower the learning rate")
+        yield warning("one-way", part, evidence, f"{_balanced(part, grows)}, or lower the learning rate")
+
+
+def _balanced(part: Projection, grows: bool) -> str:
+    """How the parameters of a rule shift it towards depression, of weights that grow, or towards potentiation."""
+    words = part.synapse.parameters()
+    more, less = ("raise", "lower") if grows else ("lower", "raise")
+    for plus, minus in (("A_plus", "A_minus"), ("Aplus", "Aminus")):
+        if plus in words and minus in words:
+            return f"{more} {minus} or {less} {plus}"
+    if "alpha" in words:
+        return f"{more} alpha"
+    return f"strengthen {'depression' if grows else 'potentiation'}"

@@ -77,17 +77,16 @@ def _signs(wiring: Wiring, q: int, source: Population, target: Population) -> It
     if source.kind != "neuron" or not isinstance(target.model, Neuron) or target.model.relay:
         return
     mean, unit = wiring.weights[q].mean, target.model.weight_unit
+    if part.receptor is None and (mean < 0.0 if up > 0.0 else mean > 0.0):
+        return  # the weights are as they are meant, and a reversal potential turns them round
     if _INHIBITORY.search(source.name) and up > 0.0 and down == 0.0:
-        evidence = (
-            f"'{source.name}' is named as inhibitory, and all of its weights excite: their mean is {mean:g} {unit}"
-        )
+        evidence = f"'{source.name}' is named as inhibitory, and its weights, of mean {mean:g} {unit}".rstrip()
         remedy = "make `weight` negative" if part.receptor is None else "name the inhibitory receptor"
-        yield warning("wrong-sign", part, evidence.rstrip(), f"{remedy}, or rename '{source.name}'")
+        yield warning("wrong-sign", part, f"{evidence}, all excite", f"{remedy}, or rename '{source.name}'")
     elif _EXCITATORY.search(source.name) and down < 0.0 and up == 0.0:
-        evidence = (
-            f"'{source.name}' is named as excitatory, and all of its weights inhibit: their mean is {mean:g} {unit}"
-        )
-        yield warning("wrong-sign", part, evidence.rstrip(), f"make `weight` positive, or rename '{source.name}'")
+        evidence = f"'{source.name}' is named as excitatory, and its weights, of mean {mean:g} {unit}".rstrip()
+        remedy = "make `weight` positive" if part.receptor is None else "name the excitatory receptor"
+        yield warning("wrong-sign", part, f"{evidence}, all inhibit", f"{remedy}, or rename '{source.name}'")
     elif part.receptor is not None and part.receptor.name in ("ex", "in"):
         wrong = up == 0.0 and down < 0.0 if part.receptor.name == "ex" else down == 0.0 and up > 0.0
         if wrong and not part.receptor.conductance:
@@ -153,6 +152,8 @@ def _paths(wiring: Wiring) -> Iterator[Finding]:
             evidence = "no projection ends at it, and it does not fire by itself"
         output = ", the output of trials," if trials is not None and trials.output == k else ""
         remedy = f"connect an input to '{part.name}'{output} with weights that excite, or turn a projection round"
+        if begun := [q for q in onto if _is_driven(wiring, q)]:
+            remedy = f"make `weight` of {wiring.names(begun)} excite, if it is meant to, or {remedy}"
         mild = (onto and is_open(program)) or (isinstance(part.model, Neuron) and part.model.relay)
         severity = "warning" if mild else "fault"
         yield finding("no-path", severity, part, evidence, remedy)
@@ -162,6 +163,12 @@ def _paths(wiring: Wiring) -> Iterator[Finding]:
             f"no way of synapses that excite leads from '{first}', the input of trials, to '{last}', their output"
         )
         yield fault("no-path", trials, evidence, f"connect '{first}' towards '{last}'")
+
+
+def _is_driven(wiring: Wiring, q: int) -> bool:
+    """Whether a projection brings the spikes of a generator, and inhibits."""
+    part = wiring.program.projections[q]
+    return wiring.program.populations[part.source].kind != "neuron" and wiring.pushes(q)[1] < 0.0
 
 
 def _unreached(wiring: Wiring) -> Iterator[Finding]:

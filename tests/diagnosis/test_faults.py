@@ -47,6 +47,8 @@ def test_a_planted_fault_is_found(name, tmp_path):
     named = [each for each in found if each.name == fault["finds"]]
     assert named, str(found)
     assert any(fault["remedy"] in each.remedy for each in named), str(found)
+    for word in fault.get("without", []):
+        assert word not in str(found), str(found)
 
 
 @pytest.mark.parametrize("base", TABLE["bases"])
