@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 import numpy as np
+from numpy.typing import NDArray
 
 from neuro.core.english import some
 from neuro.diagnosis.findings import Finding, fault, note, warning
@@ -13,10 +14,13 @@ from neuro.diagnosis.rules import LEFT, changes_weights
 from neuro.diagnosis.wiring import Wiring
 from neuro.program.program import Projection
 
+Flags = NDArray[np.bool_]
 AT_BOUND = 0.9
 """Share of weights at one bound which leaves nothing to learn. Additive rules end at both bounds: that is a result."""
 NEAR = 0.05
 """Share of the way between the bounds that counts as at a bound: a single pair of spikes may lead away from it."""
+AT_BOTH, SPREAD, QUICK_MS = 0.3, 2.0, 5000.0
+"""Share of weights at either bound, growth of their spread, and the longest run in which this is too fast."""
 ONE_WAY = 0.99
 """Share of changes of one sign above which a rule only grows or only shrinks weights."""
 SPENT = 0.25
@@ -115,6 +119,7 @@ def _bounds(part: Projection, learnt: Learnt, seen: Observation) -> Iterator[Fin
             )
             yield fault("weights-at-bounds", part, evidence, remedy)
             return
+    yield from _divided(part, learnt, top, bottom, seen.ms)
     moved = w[w != learnt.first] - learnt.first[w != learnt.first]
     up = float((moved > 0.0).mean())
     room = np.where(moved.mean() > 0.0, high - learnt.first, learnt.first - low).mean()
@@ -126,6 +131,23 @@ def _bounds(part: Projection, learnt: Learnt, seen: Observation) -> Iterator[Fin
             f"{gone:.0%} of the way to the bound in {seen.ms:g} ms"
         )
         yield warning("one-way", part, evidence, f"{_balanced(part, grows)}, or lower the learning rate")
+
+
+def _divided(part: Projection, learnt: Learnt, top: Flags, bottom: Flags, ms: float) -> Iterator[Finding]:
+    """Weights that a short run brings to both bounds."""
+    w, first = learnt.last, learnt.first
+    if w.size < 20 or not (top.any() and bottom.any()) or float((top | bottom).mean()) < AT_BOTH:
+        return
+    if ms > QUICK_MS or float(w.std()) < SPREAD * float(first.std()) or first.std() == 0.0:
+        return
+    evidence = (
+        f"{bottom.mean():.0%} of {some(w.size, 'weight')} are within {NEAR:.0%} of the smallest and {top.mean():.0%} "
+        f"of the largest after {ms:g} ms, and their spread has grown {w.std() / first.std():.2g} times"
+    )
+    words = {word.rstrip("_") for word in part.synapse.parameters()}
+    rate = "lambda" if "lambda" in words else "the learning rate"
+    soft = ", or set mu_plus and mu_minus above 0, for soft bounds" if {"mu_plus", "mu_minus"} <= words else ""
+    yield warning("weights-at-bounds", part, evidence, f"lower {rate} for slower changes{soft}")
 
 
 def _balanced(part: Projection, grows: bool) -> str:

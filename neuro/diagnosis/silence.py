@@ -36,7 +36,8 @@ class Silence:
             for q, part in enumerate(self.program.projections)
             if part.carries == "current" or (part.source not in self.silent and self._may_excite(q))
         }
-        self.waiting = wiring.reached(seen.idle - seen.driven)
+        brief = {k for k in range(len(seen.populations)) if seen.is_brief(k)}
+        self.waiting = wiring.reached((seen.idle - seen.driven) | brief)
 
     def _may_excite(self, q: int) -> bool:
         part = self.program.projections[q]

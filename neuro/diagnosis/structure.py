@@ -55,6 +55,7 @@ def _projections(wiring: Wiring) -> Iterator[Finding]:
             yield finding("zero-weights", severity, part, evidence, "give it a `weight` other than 0")
         else:
             yield from _signs(wiring, q, source, target)
+            yield from _mixed(wiring, q, source)
         if part.delay.size > 1 and float((part.delay == 1).mean()) > ONE_STEP:
             share, h = f"{(part.delay == 1).mean():.0%}", program.resolution
             evidence = f"{share} of its drawn delays were rounded to one step of {h:g} ms, the least that there is"
@@ -66,6 +67,9 @@ def _projections(wiring: Wiring) -> Iterator[Finding]:
             yield warning("long-delay", part, evidence, "give `delay` in ms; delays of axons are 0.1 to 50 ms")
 
 
+MIXED = 0.02, 0.33
+"""Shares of weights of the other sign between which a population breaks Dale's law: of a mean of 2 to 0.4 standard
+deviations. A smaller mean is meant to be 0."""
 _INHIBITORY = re.compile(r"(^|_)(?i:inh|basket|gaba|pv(_|$)|sst)|(^|_|\d)I(_|\d|$)")
 _EXCITATORY = re.compile(r"(^|_)(?i:exc|pyr)|(^|_|\d)E(_|\d|$)")
 
@@ -93,6 +97,23 @@ def _signs(wiring: Wiring, q: int, source: Population, target: Population) -> It
             does = "inhibits" if part.receptor.name == "ex" else "excites"
             evidence = f"receptor '{part.receptor.name}' with a mean weight of {mean:g} {unit}".rstrip() + f" {does}"
             yield warning("wrong-sign", part, evidence, "turn the sign of `weight`, or name the other receptor")
+
+
+def _mixed(wiring: Wiring, q: int, source: Population) -> Iterator[Finding]:
+    """Some weights of the other sign, of neurons that else excite or else inhibit: Dale's law."""
+    part, w = wiring.program.projections[q], wiring.weights[q]
+    if source.kind != "neuron" or part.synapse.learns or part.receptor is not None or not w.least < 0.0 < w.largest:
+        return
+    share = float((part.weight < 0.0).mean()) if w.mean > 0.0 else float((part.weight > 0.0).mean())
+    sign = np.sign(w.mean)
+    others = [wiring.weights[j] for j in wiring.out_of(part.source) if j != q]
+    single = any(x.synapses and min(x.least * sign, x.largest * sign) > 0.0 for x in others)
+    named = _EXCITATORY.search(source.name) if sign > 0.0 else _INHIBITORY.search(source.name)
+    if MIXED[0] < share < MIXED[1] and (named or single):
+        does, bound = ("inhibit", "low") if sign > 0.0 else ("excite", "high")
+        evidence = f"{share:.0%} of its weights {does}, though their mean is {w.mean:.3g}: '{source.name}' does both"
+        remedy = f"truncate their distribution by `{bound}: 0`, or draw them with less spread"
+        yield warning("mixed-signs", part, evidence, remedy)
 
 
 def _generators(wiring: Wiring) -> Iterator[Finding]:
