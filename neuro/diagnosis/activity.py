@@ -156,11 +156,11 @@ def _dead(wiring: Wiring, seen: Observation, k: int) -> Iterator[Finding]:
     """Neurons of an output that stay silent while the others fire: more than chance explains."""
     part, spikes = seen.program.populations[k], seen.populations[k].spikes
     outputs = [p.target for p in seen.program.projections if p.source == k and p.target != k]
+    if outputs or spikes.all() or part.size < 2:
+        return
     inputs = wiring.inputs_of_each(k)  # neurons without any are `unreached`
     dead = np.flatnonzero((spikes == 0) & (True if inputs is None else inputs > 0))
     silent = dead.size
-    if outputs or not silent or part.size < 2:
-        return
     others = float(spikes[spikes > 0].mean())
     if others < 10.0 or silent < DEAD * part.size:  # of 10 spikes expected, none is a chance of 1 in 20,000
         return

@@ -55,3 +55,9 @@ def test_a_planted_fault_is_found(name, tmp_path):
 def test_the_networks_without_fault_have_none(base, tmp_path):
     found = examined(network(base, {}, tmp_path))
     assert [each for each in found if each.severity != "note"] == [], str(found)
+
+
+@pytest.mark.parametrize("name", TABLE["sound"])
+def test_what_is_no_fault_is_not_reported(name, tmp_path):
+    found = examined(network(TABLE["sound"][name]["base"], TABLE["sound"][name]["change"], tmp_path))
+    assert [each for each in found if each.severity != "note"] == [], str(found)
