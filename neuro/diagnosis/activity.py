@@ -11,6 +11,7 @@ from neuro.core.english import some
 from neuro.diagnosis import rhythm
 from neuro.diagnosis.findings import Finding, fault, figure, finding, note, warning
 from neuro.diagnosis.observing import Observation
+from neuro.diagnosis.rules import changes_weights
 from neuro.diagnosis.silence import Silence
 from neuro.diagnosis.wiring import Wiring
 from neuro.model.neurons import Neuron
@@ -52,13 +53,15 @@ def findings(wiring: Wiring, seen: Observation) -> Iterator[Finding]:
 
 
 def _milder(found: Finding) -> Finding:
+    if found.name == "dead-outputs":  # noise is no picture of what an output answers to
+        return replace(found, severity="note")
     return replace(found, severity="warning") if found.severity == "fault" else found
 
 
 def _firing(wiring: Wiring, seen: Observation, k: int) -> Iterator[Finding]:
     """Of a population that fires."""
     yield from list(_fast(wiring, seen, k)) or rhythm.findings(wiring, seen, k)
-    yield from _copies(wiring, seen, k)
+    yield from list(rhythm.shared(wiring, seen, k)) or _copies(wiring, seen, k)
     yield from _dead(wiring, seen, k)
 
 
@@ -75,6 +78,12 @@ def _inputs(wiring: Wiring, seen: Observation) -> Iterator[Finding]:
             )
             remedy = f"feed it from a program, or set its {word}; `neuro doctor --drive 20Hz` tries Poisson spikes"
             yield note("no-input", part, f"no input was given: it {lacks}", remedy)
+        elif heard and seen.is_brief(k):
+            evidence = (
+                f"it is on from {part.start * h:g} to {part.stop * h:g} ms only, {(part.stop - part.start) * h:g} of "
+                f"{seen.ms:g} ms, and emitted {seen.populations[k].spikes.mean():.2g} spikes a neuron"
+            )
+            yield warning("brief-input", part, evidence, "check `stop`: its unit is ms; `stop: 1 s` may be written")
         elif k not in seen.idle and not seen.populations[k].spikes.any() and heard and part.stop > part.start:
             first = part.spike_steps.min(initial=2**62) if part.kind == "listed" and part.stream is None else part.start
             if first >= seen.steps:
@@ -96,12 +105,17 @@ def _fast(wiring: Wiring, seen: Observation, k: int) -> Iterator[Finding]:
     part = seen.program.populations[k]
     if not isinstance(part.model, Neuron) or part.model.relay or part.model.chip or part.model.most:
         return
+    if float(np.max(part.parameters.get("max_spikes", 1.0))) > 1.0:
+        return  # several spikes in a step are what these neurons are for
     rate, most = seen.rate(k), ceiling_hz(part, seen.program.resolution)
     again = wiring.excites_itself(k)
     if rate < max((RUNAWAY if again else CEILING) * most, SLOW_HZ):
         return
     fires = f"the mean rate of {some(part.size, 'neuron')} is {rate:.3g} Hz"
-    evidence = f"{fires}, {rate / most:.0%} of the {most:.3g} Hz that t_ref allows"
+    h = seen.program.resolution
+    held = most < 999.0 / h  # else the step alone is the limit
+    allows = "t_ref allows" if held else f"one spike in each step of {h:g} ms allows"
+    evidence = f"{fires}, {rate / most:.0%} of the {most:,.0f} Hz that {allows}"
     if again:
         names = wiring.names(wiring.loops(k))
         remedy = f"lower `weight` of {names}, or strengthen the inhibition onto it"
@@ -129,10 +143,10 @@ def _copies(wiring: Wiring, seen: Observation, k: int) -> Iterator[Finding]:
         return
     part, s = seen.program.populations[k], seen.populations[k]
     # A signal has a value for each neuron, so it may teach copies differently.
-    learns = [p.name for p in seen.program.projections if p.target == k and p.synapse.learns and p.signal < 0]
+    learns = [p.name for p in seen.program.projections if p.target == k and changes_weights(p.synapse) and p.signal < 0]
     n = s.steps.size // s.ids.size
     evidence = f"{some(s.ids.size, 'neuron')} that were followed fired the same {some(n, 'spike')} in the same steps"
-    remedy = "draw the weights onto them, connect them at random, or let `initial` differ; one neuron does as much"
+    remedy = "draw the weights onto them, connect them at random, or let `initial` differ: until then they do the same"
     if learns:
         evidence += f", so '{learns[0]}' teaches all of them alike"
     yield finding("neurons-alike", "warning" if learns else "note", part, evidence, remedy, part.name)
@@ -142,15 +156,17 @@ def _dead(wiring: Wiring, seen: Observation, k: int) -> Iterator[Finding]:
     """Neurons of an output that stay silent while the others fire: more than chance explains."""
     part, spikes = seen.program.populations[k], seen.populations[k].spikes
     outputs = [p.target for p in seen.program.projections if p.source == k and p.target != k]
-    silent = int((spikes == 0).sum())
-    if outputs or not silent or part.size < 2:
+    if outputs or spikes.all() or part.size < 2:
         return
+    inputs = wiring.inputs_of_each(k)  # neurons without any are `unreached`
+    dead = np.flatnonzero((spikes == 0) & (True if inputs is None else inputs > 0))
+    silent = dead.size
     others = float(spikes[spikes > 0].mean())
     if others < 10.0 or silent < DEAD * part.size:  # of 10 spikes expected, none is a chance of 1 in 20,000
         return
     evidence = (
         f"{silent:,} of {some(part.size, 'neuron')} never fired, the others {others:.3g} times each in {seen.ms:g} ms"
     )
-    ids = ", ".join(map(str, np.flatnonzero(spikes == 0)[:5]))
+    ids = ", ".join(map(str, dead[:5]))
     remedy = f"look at the inputs of neurons {ids}: raise their weights, or draw them with less spread"
     yield warning("dead-outputs", part, evidence, remedy, part.name)

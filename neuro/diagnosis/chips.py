@@ -136,4 +136,7 @@ def _ran(program: Program, chip: Chip, seen: Observation) -> Iterator[Finding]:
         ):
             evidence = f"its rate is {there:.3g} Hz on {chip.title} and {here:.3g} Hz in floats"
             remedy = f"look at its rounding: neuro fit --chip {chip.name}; scale its weights and V_th to use more bits"
+            if there < here > 1000.0 / program.resolution:
+                evidence += f", which is {here * program.resolution / 1000.0:.3g} times a step"
+                remedy = "lower its weights, raise V_th, or use a finer `resolution`: it fires once a step there"
             yield finding("chip-differs", severity, part, evidence, remedy, part.name)

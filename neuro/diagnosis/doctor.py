@@ -144,7 +144,11 @@ def examine(program: Program, options: Options) -> Diagnosis:
     }
     # States at the start, or a model's own ways, may do what was thought impossible: then the run is right.
     findings = [each for each in findings if each.name not in ("cannot-fire", "no-path") or each.what not in fired]
-    findings += [*activity.findings(wiring, seen), *learning.findings(wiring, seen, options.ran, options.steered)]
+    acts = list(activity.findings(wiring, seen))
+    # Inputs at their true rates say more than inputs that fire in every step: one factor for one population.
+    silent = {each.what for each in acts if each.name == "silent" and each.severity == "fault"}
+    findings = [each for each in findings if each.name != "cannot-fire" or each.what not in silent]
+    findings += [*acts, *learning.findings(wiring, seen, options.ran, options.steered)]
     findings += _on_request(wiring, seen, options)
     return Diagnosis(program.name, ordered(findings), _about(seen, options), seen)
 

@@ -56,8 +56,14 @@ def findings(wiring: Wiring, seen: Observation) -> Iterator[Finding]:
         evidence = f"a gradient of 1 at the outputs is {sizes[k]:.2g} at it{said}"
         names = wiring.names(wiring.out_of(k))
         if sizes[k] < GONE and names:
-            factor = 1.0 / max(sizes[k], 1e-30)
-            remedy = f"draw the weights of {names} up to {figure(factor)} times larger, so that V_m comes near V_th"
+            layers = _layers(wiring, k)
+            passes = max(sizes[k], 1e-30) ** (1.0 / layers)
+            if layers > 1:
+                evidence += f"; each of {layers} layers passes {passes:.2g} of its gradient"
+            each = f"{names} and of the layers behind" if layers > 1 else names
+            remedy = (
+                f"draw the weights of {each} up to {figure(1.0 / passes)} times larger, so that V_m comes near V_th"
+            )
             yield fault("gradients-vanish", part, evidence, remedy)
         elif sizes[k] > MUCH:
             yield fault("gradients-explode", part, evidence, f"draw smaller weights for {names}")
@@ -68,6 +74,23 @@ def findings(wiring: Wiring, seen: Observation) -> Iterator[Finding]:
         if growth is not None and growth > GROWN:
             back = f"a gradient grows {growth:.2g} times on its way back through {WINDOW_MS:g} ms of recurrence"
             yield fault("gradients-explode", wires, back, "draw smaller recurrent weights, or cut gradients in time")
+
+
+def _layers(wiring: Wiring, k: int) -> int:
+    """The fewest projections from a population to an output."""
+    ahead, passed = {k}, {k}
+    for layers in range(len(wiring.program.populations)):
+        after = {wiring.program.projections[q].target for j in ahead for q in wiring.out_of(j)} - passed
+        if not after:
+            break
+        if any(not set(_targets(wiring, j)) - {j} for j in after):
+            return layers + 1
+        ahead, passed = after, passed | after
+    return 1
+
+
+def _targets(wiring: Wiring, k: int) -> list[int]:
+    return [wiring.program.projections[q].target for q in wiring.out_of(k)]
 
 
 def surrogate(wiring: Wiring, seen: Observation, k: int) -> float | None:

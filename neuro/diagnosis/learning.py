@@ -5,18 +5,22 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 import numpy as np
+from numpy.typing import NDArray
 
 from neuro.core.english import some
 from neuro.diagnosis.findings import Finding, fault, note, warning
 from neuro.diagnosis.observing import Learnt, Observation
-from neuro.diagnosis.rules import LEFT
+from neuro.diagnosis.rules import LEFT, changes_weights
 from neuro.diagnosis.wiring import Wiring
 from neuro.program.program import Projection
 
+Flags = NDArray[np.bool_]
 AT_BOUND = 0.9
 """Share of weights at one bound which leaves nothing to learn. Additive rules end at both bounds: that is a result."""
 NEAR = 0.05
 """Share of the way between the bounds that counts as at a bound: a single pair of spikes may lead away from it."""
+AT_BOTH, SPREAD, QUICK_MS = 0.3, 2.0, 5000.0
+"""Share of weights at either bound, growth of their spread, and the longest run in which this is too fast."""
 ONE_WAY = 0.99
 """Share of changes of one sign above which a rule only grows or only shrinks weights."""
 SPENT = 0.25
@@ -34,6 +38,8 @@ def findings(wiring: Wiring, seen: Observation, ran: float, steered: bool) -> It
     """
     for q, learnt in seen.learning.items():
         part = seen.program.projections[q]
+        if not changes_weights(part.synapse):
+            continue
         pre, post = (bool(seen.populations[k].spikes.any()) for k in (part.source, part.target))
         if part.signal >= 0 and not steered:
             yield _unset(seen, part, ran)
@@ -102,14 +108,18 @@ def _bounds(part: Projection, learnt: Learnt, seen: Observation) -> Iterator[Fin
     for at, before, name in ((top, began[0], "largest"), (bottom, began[1], "smallest")):
         if float(at.mean()) >= AT_BOUND > float(before.mean()) and at.size >= 4:
             end = float((high if name == "largest" else low).mean())
-            evidence = f"{at.mean():.0%} of {some(w.size, 'weight')} are at the {name}, {end:g}, after {seen.ms:g} ms"
+            near = "at" if bool((w[at] == end).all()) else f"within {NEAR:.0%} of"
+            evidence = (
+                f"{at.mean():.0%} of {some(w.size, 'weight')} are {near} the {name}, {end:g}, after {seen.ms:g} ms"
+            )
             evidence += f", {before.mean():.0%} were before"
-            opposite = "depression (alpha, A_minus)" if name == "largest" else "potentiation (lambda, A_plus)"
+            grown = (name == "largest") == (float(np.abs(high).mean()) >= float(np.abs(low).mean()))
             remedy = (
-                f"lower the learning rate, strengthen {opposite}, or choose a rule whose changes depend on the weight"
+                f"{_balanced(part, grown)}, lower the learning rate, or use a rule whose changes depend on the weight"
             )
             yield fault("weights-at-bounds", part, evidence, remedy)
             return
+    yield from _divided(part, learnt, top, bottom, seen.ms)
     moved = w[w != learnt.first] - learnt.first[w != learnt.first]
     up = float((moved > 0.0).mean())
     room = np.where(moved.mean() > 0.0, high - learnt.first, learnt.first - low).mean()
@@ -120,9 +130,33 @@ def _bounds(part: Projection, learnt: Learnt, seen: Observation) -> Iterator[Fin
             f"{max(up, 1.0 - up):.0%} of {some(moved.size, 'weight')} that changed {'grew' if grows else 'shrank'}, by "
             f"{gone:.0%} of the way to the bound in {seen.ms:g} ms"
         )
-        other = (
-            "raise the depression (alpha, A_minus)"
-            if grows
-            else "raise the potentiation (A_plus), or lower alpha or A_minus"
-        )
-        yield warning("one-way", part, evidence, f"{other}, or lower the learning rate")
+        yield warning("one-way", part, evidence, f"{_balanced(part, grows)}, or lower the learning rate")
+
+
+def _divided(part: Projection, learnt: Learnt, top: Flags, bottom: Flags, ms: float) -> Iterator[Finding]:
+    """Weights that a short run brings to both bounds."""
+    w, first = learnt.last, learnt.first
+    if w.size < 20 or not (top.any() and bottom.any()) or float((top | bottom).mean()) < AT_BOTH:
+        return
+    if ms > QUICK_MS or float(w.std()) < SPREAD * float(first.std()) or first.std() == 0.0:
+        return
+    evidence = (
+        f"{bottom.mean():.0%} of {some(w.size, 'weight')} are within {NEAR:.0%} of the smallest and {top.mean():.0%} "
+        f"of the largest after {ms:g} ms, and their spread has grown {w.std() / first.std():.2g} times"
+    )
+    words = {word.rstrip("_") for word in part.synapse.parameters()}
+    rate = "lambda" if "lambda" in words else "the learning rate"
+    soft = ", or set mu_plus and mu_minus above 0, for soft bounds" if {"mu_plus", "mu_minus"} <= words else ""
+    yield warning("weights-at-bounds", part, evidence, f"lower {rate} for slower changes{soft}")
+
+
+def _balanced(part: Projection, grows: bool) -> str:
+    """How the parameters of a rule shift it towards depression, of weights that grow, or towards potentiation."""
+    words = part.synapse.parameters()
+    more, less = ("raise", "lower") if grows else ("lower", "raise")
+    for plus, minus in (("A_plus", "A_minus"), ("Aplus", "Aminus")):
+        if plus in words and minus in words:
+            return f"{more} {minus} or {less} {plus}"
+    if "alpha" in words:
+        return f"{more} alpha"
+    return f"strengthen {'depression' if grows else 'potentiation'}"

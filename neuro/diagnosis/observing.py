@@ -18,6 +18,10 @@ MOST_NEURONS = 100
 """Of a population, whose potentials are read and whose spikes are kept one by one."""
 READS = 200
 """Times at which potentials and synapses are read."""
+BRIEF = 0.01
+"""Share of the run below which a generator is on briefly: a `stop` in seconds is a thousandth."""
+FEW = 0.5
+"""Spikes of a neuron below which a brief input is no volley that starts a network."""
 BIN_MS = 1.0
 """Length of the bins in which spikes are counted, at least a step: a volley along equal delays fits in one."""
 
@@ -103,6 +107,13 @@ class Observation:
         """The mean rate of a population's neurons in Hz."""
         spikes = self.populations[population].spikes
         return float(spikes.mean()) / self.ms * 1000.0 if self.steps else 0.0
+
+    def is_brief(self, population: int) -> bool:
+        """Whether a Poisson generator is on for so short a time that most of its neurons do not fire."""
+        part = self.program.populations[population]
+        begins = part.kind == "poisson" and part.start < min(part.stop, self.steps)
+        short = begins and part.stop - part.start < BRIEF * self.steps
+        return short and float(self.populations[population].spikes.mean()) < FEW
 
     def per_step(self) -> dict[int, float]:
         """Spikes of a neuron in a step, the mean of each population."""

@@ -1,4 +1,4 @@
-"""Neurons that fire together: volleys of excitation that comes back, rhythms of the step, copies."""
+"""Neurons that fire together: volleys of excitation that comes back, rhythms of the step, shared noise, copies."""
 
 from __future__ import annotations
 
@@ -6,7 +6,8 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from neuro.diagnosis.findings import Finding, fault, finding
+from neuro.core.english import some
+from neuro.diagnosis.findings import Finding, fault, finding, warning
 from neuro.diagnosis.observing import Observation
 from neuro.diagnosis.wiring import Wiring
 
@@ -21,6 +22,11 @@ COLLECTIVE = 3.0
 """Variance over mean of the spikes in a step above which neurons act together; independent ones have at most 1."""
 FEW_STEPS = 4
 """A rhythm of so few steps follows from the resolution: delay and reset are one step each at least."""
+
+NOISE_HZ = 200.0
+"""A generator neuron that is faster stands for the noise of many neurons, and not for a stimulus that all may hear."""
+MAIN = 0.5
+"""Share of the excitation which makes an input the main drive."""
 
 
 def findings(wiring: Wiring, seen: Observation, k: int) -> Iterator[Finding]:
@@ -82,11 +88,32 @@ def _alternates(seen: Observation, k: int, back: bool) -> Iterator[Finding]:
         yield fault("step-oscillation", part, evidence, remedy, part.name)
 
 
+def shared(wiring: Wiring, seen: Observation, k: int) -> Iterator[Finding]:
+    """Noise of a single generator neuron that all neurons of a population hear."""
+    program, per_step, target = seen.program, seen.per_step(), seen.program.populations[k]
+    up = {q: per_step[program.projections[q].source] * wiring.pushes(q)[0] for q in wiring.onto(k)}
+    for q, excitation in up.items():
+        source = program.populations[program.projections[q].source]
+        alone = source.kind == "poisson" and source.size == 1 and wiring.weights[q].synapses >= target.size >= CROWD
+        if alone and source.largest("rate") >= NOISE_HZ and excitation > MAIN * sum(up.values()):
+            evidence = (
+                f"all its {some(target.size, 'neuron')} hear the same spikes of the one neuron of '{source.name}', "
+                f"{excitation / sum(up.values()):.0%} of their excitation"
+            )
+            remedy = (
+                f"give '{source.name}' `shape: {target.size}`, and connect it one_to_one: a neuron for each target "
+                "(NEST's poisson_generator sends each target a train of its own, a neuron here sends one train)"
+            )
+            yield warning("shared-input", target, evidence, remedy, target.name, source.name)
+
+
 def is_copied(seen: Observation, k: int) -> bool:
     """Whether all neurons that were followed fired the same spikes, at least three."""
     s = seen.populations[k]
     if s.ids.size < 2 or s.steps.size < 3 * s.ids.size or s.steps.size % s.ids.size:
         return False
+    if np.any(np.diff(s.spikes[s.ids])):
+        return False  # they fire in the same steps, not equally often
     trains = np.sort(s.steps * s.ids.size + s.rows).reshape(-1, s.ids.size)
     return bool(
         (trains % s.ids.size == np.arange(s.ids.size)).all()

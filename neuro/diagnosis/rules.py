@@ -10,6 +10,7 @@ import numpy as np
 from neuro.core.english import some
 from neuro.diagnosis.findings import Finding, fault, warning
 from neuro.diagnosis.wiring import Wiring
+from neuro.model.synapses import Synapse
 from neuro.program.program import Program, Projection
 
 LEFT = 0.05
@@ -26,13 +27,19 @@ def findings(wiring: Wiring, reward_after: float | None) -> Iterator[Finding]:
     """
     program = wiring.program
     for part in program.projections:
-        if part.synapse.learns:
+        if changes_weights(part.synapse):
             yield from _rates(part)
             yield from _one_way(part)
+            yield from _both_potentiate(part)
             yield from _bounds(part)
             yield from _eligibility(program, part, reward_after)
             yield from _copies(program, part)
     yield from _reward(program)
+
+
+def changes_weights(rule: Synapse) -> bool:
+    """Whether a rule learns. Short-term plasticity hears no post spikes, keeps its weight, and says what it sends."""
+    return bool(rule.learns) and not (rule.learns == "pairs" and not rule.post and hasattr(rule.arithmetic, "sent"))
 
 
 def _rates(part: Projection) -> Iterator[Finding]:
@@ -59,6 +66,18 @@ def _one_way(part: Projection) -> Iterator[Finding]:
     for word, other, does in (("A_plus", "A_minus", "potentiates"), ("A_minus", "A_plus", "depresses")):
         if word in values and other in values and np.all(np.equal(values[word], 0.0)) and np.any(values[other]):
             yield warning("one-way", part, f"{word} = 0: no pair of spikes {does} a weight", f"set {word} other than 0")
+
+
+def _both_potentiate(part: Projection) -> Iterator[Finding]:
+    """A sign of depression as other tools write it, by which both orders of a pair do the same."""
+    values, rule = part.synapse.parameters(), part.synapse
+    if rule.learns != "pairs" or rule.identity() or not {"A_plus", "A_minus"} <= values.keys():
+        return
+    if np.all(np.less(values["A_minus"], 0.0)) and np.all(np.greater(values["A_plus"], 0.0)):
+        least = float(np.min(values["A_minus"]))
+        evidence = f"A_minus = {least:g} and A_plus above 0: pairs of spikes in both orders potentiate"
+        remedy = f"set A_minus to {-least:g}: above 0 it depresses here, in Brian's scripts below 0"
+        yield warning("one-way", part, evidence, remedy)
 
 
 def _bounds(part: Projection) -> Iterator[Finding]:

@@ -34,9 +34,14 @@ class Silence:
         self.heard = {
             part.target
             for q, part in enumerate(self.program.projections)
-            if part.carries == "current" or (part.source not in self.silent and wiring.weights[q].synapses)
+            if part.carries == "current" or (part.source not in self.silent and self._may_excite(q))
         }
-        self.waiting = wiring.reached(seen.idle - seen.driven)
+        brief = {k for k in range(len(seen.populations)) if seen.is_brief(k)}
+        self.waiting = wiring.reached((seen.idle - seen.driven) | brief)
+
+    def _may_excite(self, q: int) -> bool:
+        part = self.program.projections[q]
+        return self.wiring.pushes(q)[0] > 0.0 or (part.synapse.learns != "" and self.wiring.weights[q].synapses > 0)
 
     def findings(self, k: int) -> Iterator[Finding]:
         """Of one population; none if the cause lies before it, or an input is missing."""
@@ -78,7 +83,9 @@ class Silence:
         # A short run says little, and an output whose states are recorded may be looked at below its threshold.
         probed = any(p.population == k and p.record not in ("spikes", "rate") for p in self.program.probes)
         severity = "warning" if probed and not self.wiring.out_of(k) else "fault"
-        onto = [q for q in self.wiring.onto(k) if self.wiring.pushes(q)[0]] + self.wiring.onto(k, "current")
+        # Recurrent weights are no remedy: nothing arrives by them before the first spike, and too much after it.
+        heard = [q for q in self.wiring.onto(k) if self.program.projections[q].source not in self.silent]
+        onto = [q for q in heard if self._may_excite(q)] + self.wiring.onto(k, "current")
         names = f"`weight` of {self.wiring.names(onto)}{times}, or the rate of its inputs" if onto else "its I_e"
         sources = {self.program.projections[q].source for q in onto}
         shows = [p.name for j, p in enumerate(self.program.populations) if j in sources and p.records and j != k]

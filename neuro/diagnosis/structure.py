@@ -55,6 +55,7 @@ def _projections(wiring: Wiring) -> Iterator[Finding]:
             yield finding("zero-weights", severity, part, evidence, "give it a `weight` other than 0")
         else:
             yield from _signs(wiring, q, source, target)
+            yield from _mixed(wiring, q, source)
         if part.delay.size > 1 and float((part.delay == 1).mean()) > ONE_STEP:
             share, h = f"{(part.delay == 1).mean():.0%}", program.resolution
             evidence = f"{share} of its drawn delays were rounded to one step of {h:g} ms, the least that there is"
@@ -66,6 +67,9 @@ def _projections(wiring: Wiring) -> Iterator[Finding]:
             yield warning("long-delay", part, evidence, "give `delay` in ms; delays of axons are 0.1 to 50 ms")
 
 
+MIXED = 0.02, 0.33
+"""Shares of weights of the other sign between which a population breaks Dale's law: of a mean of 2 to 0.4 standard
+deviations. A smaller mean is meant to be 0."""
 _INHIBITORY = re.compile(r"(^|_)(?i:inh|basket|gaba|pv(_|$)|sst)|(^|_|\d)I(_|\d|$)")
 _EXCITATORY = re.compile(r"(^|_)(?i:exc|pyr)|(^|_|\d)E(_|\d|$)")
 
@@ -77,23 +81,39 @@ def _signs(wiring: Wiring, q: int, source: Population, target: Population) -> It
     if source.kind != "neuron" or not isinstance(target.model, Neuron) or target.model.relay:
         return
     mean, unit = wiring.weights[q].mean, target.model.weight_unit
+    if part.receptor is None and (mean < 0.0 if up > 0.0 else mean > 0.0):
+        return  # the weights are as they are meant, and a reversal potential turns them round
     if _INHIBITORY.search(source.name) and up > 0.0 and down == 0.0:
-        evidence = (
-            f"'{source.name}' is named as inhibitory, and all of its weights excite: their mean is {mean:g} {unit}"
-        )
+        evidence = f"'{source.name}' is named as inhibitory, and its weights, of mean {mean:g} {unit}".rstrip()
         remedy = "make `weight` negative" if part.receptor is None else "name the inhibitory receptor"
-        yield warning("wrong-sign", part, evidence.rstrip(), f"{remedy}, or rename '{source.name}'")
+        yield warning("wrong-sign", part, f"{evidence}, all excite", f"{remedy}, or rename '{source.name}'")
     elif _EXCITATORY.search(source.name) and down < 0.0 and up == 0.0:
-        evidence = (
-            f"'{source.name}' is named as excitatory, and all of its weights inhibit: their mean is {mean:g} {unit}"
-        )
-        yield warning("wrong-sign", part, evidence.rstrip(), f"make `weight` positive, or rename '{source.name}'")
+        evidence = f"'{source.name}' is named as excitatory, and its weights, of mean {mean:g} {unit}".rstrip()
+        remedy = "make `weight` positive" if part.receptor is None else "name the excitatory receptor"
+        yield warning("wrong-sign", part, f"{evidence}, all inhibit", f"{remedy}, or rename '{source.name}'")
     elif part.receptor is not None and part.receptor.name in ("ex", "in"):
         wrong = up == 0.0 and down < 0.0 if part.receptor.name == "ex" else down == 0.0 and up > 0.0
         if wrong and not part.receptor.conductance:
             does = "inhibits" if part.receptor.name == "ex" else "excites"
             evidence = f"receptor '{part.receptor.name}' with a mean weight of {mean:g} {unit}".rstrip() + f" {does}"
             yield warning("wrong-sign", part, evidence, "turn the sign of `weight`, or name the other receptor")
+
+
+def _mixed(wiring: Wiring, q: int, source: Population) -> Iterator[Finding]:
+    """Some weights of the other sign, of neurons that else excite or else inhibit: Dale's law."""
+    part, w = wiring.program.projections[q], wiring.weights[q]
+    if source.kind != "neuron" or part.synapse.learns or part.receptor is not None or not w.least < 0.0 < w.largest:
+        return
+    share = float((part.weight < 0.0).mean()) if w.mean > 0.0 else float((part.weight > 0.0).mean())
+    sign = np.sign(w.mean)
+    others = [wiring.weights[j] for j in wiring.out_of(part.source) if j != q]
+    single = any(x.synapses and min(x.least * sign, x.largest * sign) > 0.0 for x in others)
+    named = _EXCITATORY.search(source.name) if sign > 0.0 else _INHIBITORY.search(source.name)
+    if MIXED[0] < share < MIXED[1] and (named or single):
+        does, bound = ("inhibit", "low") if sign > 0.0 else ("excite", "high")
+        evidence = f"{share:.0%} of its weights {does}, though their mean is {w.mean:.3g}: '{source.name}' does both"
+        remedy = f"truncate their distribution by `{bound}: 0`, or draw them with less spread"
+        yield warning("mixed-signs", part, evidence, remedy)
 
 
 def _generators(wiring: Wiring) -> Iterator[Finding]:
@@ -153,6 +173,8 @@ def _paths(wiring: Wiring) -> Iterator[Finding]:
             evidence = "no projection ends at it, and it does not fire by itself"
         output = ", the output of trials," if trials is not None and trials.output == k else ""
         remedy = f"connect an input to '{part.name}'{output} with weights that excite, or turn a projection round"
+        if begun := [q for q in onto if _is_driven(wiring, q)]:
+            remedy = f"make `weight` of {wiring.names(begun)} excite, if it is meant to, or {remedy}"
         mild = (onto and is_open(program)) or (isinstance(part.model, Neuron) and part.model.relay)
         severity = "warning" if mild else "fault"
         yield finding("no-path", severity, part, evidence, remedy)
@@ -162,6 +184,12 @@ def _paths(wiring: Wiring) -> Iterator[Finding]:
             f"no way of synapses that excite leads from '{first}', the input of trials, to '{last}', their output"
         )
         yield fault("no-path", trials, evidence, f"connect '{first}' towards '{last}'")
+
+
+def _is_driven(wiring: Wiring, q: int) -> bool:
+    """Whether a projection brings the spikes of a generator, and inhibits."""
+    part = wiring.program.projections[q]
+    return wiring.program.populations[part.source].kind != "neuron" and wiring.pushes(q)[1] < 0.0
 
 
 def _unreached(wiring: Wiring) -> Iterator[Finding]:

@@ -47,9 +47,17 @@ def test_a_planted_fault_is_found(name, tmp_path):
     named = [each for each in found if each.name == fault["finds"]]
     assert named, str(found)
     assert any(fault["remedy"] in each.remedy for each in named), str(found)
+    for word in fault.get("without", []):
+        assert word not in str(found), str(found)
 
 
 @pytest.mark.parametrize("base", TABLE["bases"])
 def test_the_networks_without_fault_have_none(base, tmp_path):
     found = examined(network(base, {}, tmp_path))
+    assert [each for each in found if each.severity != "note"] == [], str(found)
+
+
+@pytest.mark.parametrize("name", TABLE["sound"])
+def test_what_is_no_fault_is_not_reported(name, tmp_path):
+    found = examined(network(TABLE["sound"][name]["base"], TABLE["sound"][name]["change"], tmp_path))
     assert [each for each in found if each.severity != "note"] == [], str(found)
