@@ -100,10 +100,16 @@ class Timed(threads.Threads):
         self.now, self.cpu, self.trials = 0.0, 0.0, 0
         clock = SimpleNamespace(perf_counter=lambda: self.now, thread_time=lambda: self.cpu)
         monkeypatch.setattr(threads, "time", clock)
-        monkeypatch.setattr(threads, "steps", SimpleNamespace(run=self._alone, finish=lambda *_: None))
+        monkeypatch.setattr(threads, "steps", SimpleNamespace(run=self._alone, finish=self._finish))
 
-    def _alone(self, view: int, first: int, last: int, *_: Any) -> int:
+    def _alone(self, view: int, first: int, last: int, *given: Any) -> int:
+        if view:  # a simulation that runs meanwhile in this process
+            return int(steps.run(view, first, last, *given))
         return self._go(last, (last - first) * self.slice_s)
+
+    def _finish(self, view: int, *given: Any) -> None:
+        if view:
+            steps.finish(view, *given)
 
     def _share(self, view: int, first: int, last: int, *_: Any) -> int:
         self.trials += first < last
