@@ -14,14 +14,14 @@ def websockets():
         pytest.skip("websockets is not installed: pip install '.[live]'")
 
 
-@pytest.fixture(scope="session")
+@pytest.fixture(scope="module")
 def running(websockets):
     one = Running()
     yield one
     one.close()
 
 
-@pytest.fixture(scope="session")
+@pytest.fixture(scope="module")
 def driver(tmp_path_factory):
     """Chromium, steered by selenium."""
     if find_spec("selenium") is None:
