@@ -14,6 +14,7 @@ from neuro.core.lazy import public_names
 if TYPE_CHECKING:
     from neuro.chips.pricing.energy import number as number, quantity as quantity, sourced as sourced
     from neuro.cli.chips import TARGETS as TARGETS, Sources as Sources, Target as Target
+    from neuro.cli.live import announce as announce
     from neuro.cli.options import (
         Backend as Backend,
         NetworkFile as NetworkFile,
@@ -60,11 +61,7 @@ if TYPE_CHECKING:
     from neuro.model.language.writer import NETWORK as NETWORK
     from neuro.program.backend import find_backend as find_backend
     from neuro.readout.evaluation import Evaluation as Evaluation, evaluate as evaluate, wilson as wilson
-    from neuro.readout.overflows import (
-        Overflows as Overflows,
-        noted as noted,
-        warn_of_overflows as warn_of_overflows,
-    )
+    from neuro.readout.overflows import Overflows as Overflows, warn_of_overflows as warn_of_overflows
     from neuro.readout.showing import Showing as Showing
 
 

@@ -126,7 +126,7 @@ class ActorCritic(Learner):
             steps: how many are shown; `per(steps, "decision")` of the bill gives joules a decision.
 
         Raises:
-            ModelError: the agent has not been trained, there is no such target, or `steps` is no number of steps.
+            ModelError: the agent has not been trained, there is no such target, or `steps` is below 1.
         """
         steps = check(Quantity(kind="integer", at_least=1), steps, "energy: steps")
         actor = Deployed(self, "event")

@@ -140,15 +140,12 @@ def try_model(
 
 def _announced(no_browser: bool) -> Callable[[Any, Any], Any]:
     """What makes a page, prints its address and opens it."""
-    import webbrowser
-
+    from neuro.apps import announce
     from neuro.live import Page
 
     def page(sim: Any, figures: Any) -> Page:
         shown = Page(sim, figures=figures)
-        typer.echo(f"page: {shown.url}", err=True)
-        if not no_browser:
-            webbrowser.open(shown.url)
+        announce(shown.url, no_browser, err=True)  # stdout has the figures, as JSON if asked
         return shown
 
     return page

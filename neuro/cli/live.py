@@ -167,11 +167,11 @@ def live(
         raise typer.Exit(130 if run.ended == "interrupted" else 1)
 
 
-def announce(url: str, no_browser: bool) -> None:
-    """Print the address of a page, and open it."""
+def announce(url: str, no_browser: bool, err: bool = False) -> None:
+    """Print the address of a page, on stderr if asked, and open it."""
     import webbrowser
 
-    typer.echo(f"page: {url}")
+    typer.echo(f"page: {url}", err=err)
     if not no_browser:
         webbrowser.open(url)
 

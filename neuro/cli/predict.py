@@ -63,7 +63,7 @@ def predict(
     from neuro.core.errors import ModelError
     from neuro.core.outputs import check_picture, write_picture
     from neuro.model.language import load
-    from neuro.readout import pictures, told
+    from neuro.readout import pictures, tables
     from neuro.readout.asked import gather, with_classes
     from neuro.readout.predict import ask, check_recordings
     from neuro.readout.resolve import readout_of
@@ -94,9 +94,9 @@ def predict(
     if picture is not None:
         write_picture(picture, pictures.draw(found[0]))
     if as_json:
-        typer.echo(json.dumps(told.as_dict(net.name, found), indent=1))
+        typer.echo(json.dumps(tables.as_dict(net.name, found), indent=1))
         return
-    told.show(found)
+    tables.show(found)
     if picture is not None:
         typer.echo(f"{picture}: written")
 

@@ -102,7 +102,7 @@ class CameraInput:
                 hint = "write the numbers: [2, height, width], or [height, width] unless the polarities are split"
                 if isinstance(self._played, OfEvents):
                     hint = f"neuro.events.Events(t, x, y, p, (width, height)) tells it; or {hint}"
-                message = "no sensor is known before it is played" if self._played is None else self._played.untold
+                message = "no sensor is known before it is played" if self._played is None else self._played.no_sensor
                 raise ModelError(f"shape {_written(said)}: {message}", hint=hint, path=("shape",))
             found = tuple(int(n) for n in said)
             if len(found) != 2 + self._split or (self._split and found[0] != 2):

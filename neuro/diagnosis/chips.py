@@ -114,7 +114,7 @@ def _late(program: Program, chip: Chip, seen: Observation) -> Iterator[Finding]:
 def _ran(program: Program, chip: Chip, seen: Observation) -> Iterator[Finding]:
     """What its emulation does otherwise in the same run."""
     severity = "warning" if seen.driven else "fault"  # of an input that was made up
-    with warnings.catch_warnings(record=True) as told:
+    with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always", OverflowWarning)
         try:
             engine = find_backend(chip.path or chip.name).build(program, threads=1)
@@ -122,7 +122,7 @@ def _ran(program: Program, chip: Chip, seen: Observation) -> Iterator[Finding]:
         except ModelError as error:
             yield fault("chip-refuses", program, f"{chip.title}: {error.message}", error.hint or "neuro fit says more")
             return
-    for each in {str(w.message): w.message for w in told if isinstance(w.message, OverflowWarning)}.values():
+    for each in {str(w.message): w.message for w in caught if isinstance(w.message, OverflowWarning)}.values():
         evidence = (
             f"a register of {chip.title} overflowed in {ran.ms:g} ms: {ran.native.get(each.what, 1):,} {each.what}"
         )

@@ -45,7 +45,7 @@ class Played(Protocol):
         """
 
     @property
-    def untold(self) -> str:
+    def no_sensor(self) -> str:
         """Why no sensor is known, where none is."""
 
     def parts(self, start_us: int | None = None, least: Size = (1, 1)) -> Iterator[Events]:
@@ -63,7 +63,7 @@ class OfFile:
     format: str | None
     sensor_size: Size
     again: bool = True
-    untold: str = ""
+    no_sensor: str = ""
 
     @property
     def identity(self) -> str:
@@ -96,7 +96,7 @@ class OfEvents:
     """Events in memory, whole or in parts: `Events`, or structured arrays, which tell no sensor."""
 
     kind: ClassVar[str] = "recording"
-    untold: ClassVar[str] = "its events are an array, which has no sensor"
+    no_sensor: ClassVar[str] = "its events are an array, which has no sensor"
     whole: Sequence[Events | NDArray[Any]]
     again: bool = True
 
@@ -135,7 +135,7 @@ class OfIterator:
     again: bool
     sensor_size: Size | None = None
     identity: str = "events of an iterator"
-    untold: str = "no sensor is known before it is played"
+    no_sensor: str = "no sensor is known before it is played"
     _begun: bool = field(default=False, init=False)
 
     def __repr__(self) -> str:

@@ -1,4 +1,4 @@
-"""What a page is told of a network once: its parts, and what of them can be set within which bounds."""
+"""The description of a network that a page gets once: its parts, their parameters, and the bounds of these."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from neuro.run.simulation import Simulation
 KINDS = ("number", "integer", "boolean")
 NOT_SHOWN = ("tau_minus", "start", "stop")
 WIDE = {"Hz": 100.0, "pA": 500.0, "mV": 20.0, "ms": 20.0, "pF": 250.0, "nS": 10.0}
-"""How far a slider goes by the unit, where neither bounds nor the present value tell."""
+"""How far a slider goes by the unit, where neither bounds nor the present value give it."""
 MOST_PARTS = 400
 """Populations and projections of which a page has sliders; of more it shows activity only."""
 

@@ -19,7 +19,7 @@ class Pace:
         speed: times real time; infinite as fast as it can.
 
     Attributes:
-        paused: whether it waits until it is told to go on.
+        paused: whether it waits for `pause(False)` or `step`.
     """
 
     def __init__(self, speed: float) -> None:

@@ -36,7 +36,7 @@ LONGEST_MESSAGE = 4096
 MESSAGES_PER_S = 60.0
 BURST = 120.0
 WAITING = 1 << 16
-"""Bytes that may wait for the network's process; a browser is told to try again beyond."""
+"""Bytes that may wait for the network's process; beyond, a browser is asked to try again."""
 REPLIES, MOST_WAITING = 64, 64 << 20
 """Answers, and bytes of these, that wait for a browser."""
 OPEN_S = 5.0

@@ -44,7 +44,6 @@ class Inlet:
         sim: the simulation.
         name: of the population.
         source: of its events.
-        tick_ns: the length of a tick.
 
     Attributes:
         name: of the population.
@@ -56,7 +55,7 @@ class Inlet:
         ModelError: there is no such population, it cannot be fed, or the source has another sensor.
     """
 
-    def __init__(self, sim: Simulation, name: str, source: Any, tick_ns: int) -> None:
+    def __init__(self, sim: Simulation, name: str, source: Any) -> None:
         if not callable(getattr(source, "take", None)):
             raise ModelError(f"inputs: source of '{name}' is {source!r:.60}: expected one with 'take'")
         neurons = sim.handles.neurons(name)
@@ -71,7 +70,7 @@ class Inlet:
         if (size := getattr(source, "sensor_size", None)) is not None and model.seen(tuple(size)) != neurons.part.shape:
             shapes = f"{list(model.seen(tuple(size)))}, that of its source: expected {list(neurons.part.shape)}"
             raise ModelError(f"inputs: '{name}' would have the shape {shapes}")
-        self.name, self._sim, self._source, self._camera, self._tick_ns = name, sim, source, camera, tick_ns
+        self.name, self._sim, self._source, self._camera = name, sim, source, camera
         self._take_before: Callable[[int], Events] | None = getattr(source, "take_before", None)
         self._waiting: deque[tuple[Events, NDArray[np.int64]]] = deque()
         self.taken = self.fed = self.dropped = 0

@@ -85,7 +85,7 @@ class Loop:
             raise ModelError(f"tick = {_said(tick)}: expected a finite time > 0 ms")
         self._tick = round(self._clock.ms(self._steps) * 1e6)
         self._sim, self._act, self._late, self._watch = sim, act, late, watch
-        self._inlets = [Inlet(sim, name, source, self._tick) for name, source in (inputs or {}).items()]
+        self._inlets = [Inlet(sim, name, source) for name, source in (inputs or {}).items()]
         self._stopped, self._since = "", 0
 
     def stop(self, why: str = "stopped") -> None:

@@ -33,7 +33,7 @@ class Player:
         ended: whether all have been taken.
 
     Raises:
-        ModelError: the speed is no number above 0, or there is no such recording.
+        ModelError: the speed is not above 0, or there is no such recording.
     """
 
     def __init__(

@@ -106,7 +106,7 @@ class LiveRun:
         return as_html(repr(self), self.tables())
 
     def tables(self) -> list[Table]:
-        """Latencies, inputs, and what misses cost."""
+        """Latencies, the slowest tick, inputs, and what misses cost."""
         times = tuple((name, *h.texts) for name, h in self._histograms())
         inputs = tuple(
             (name, *(f"{counts[word]:,}" for word in ("taken", "fed", "dropped")), _said(_losses(counts)))
@@ -117,8 +117,11 @@ class LiveRun:
             (name, *(f"{getattr(cost, word):,}" for word in words))
             for name, cost in (("all ticks", self.cost), ("missed ticks", self.missed_cost))
         )
+        number, phases = self.largest_tick
+        slowest = ((f"{number:,}", *(f"{ms:.3f}" for ms in phases.values())),) if phases else ()
         return [
             Table("times", ("ms", ">p50", ">p99", ">largest"), times),
+            Table("slowest", ("tick, ms", *(f">{word}" for word in phases)), slowest),
             Table("inputs", ("name", ">taken", ">fed", ">dropped", "lost by its source"), inputs),
             Table("costs", ("in", ">preempted", ">minor page faults", ">major page faults"), costs),
         ]

@@ -89,7 +89,7 @@ def address(url: str) -> Address:
 
 
 def format_for(scheme: str, format: object, known: Iterable[str]) -> str:
-    """The format of a stream: by TCP only aedat4, by UDP one that is said.
+    """The format of a stream: by TCP only aedat4, by UDP one that is named.
 
     Raises:
         ModelError: there is no such format, or it does not come this way.

@@ -158,7 +158,7 @@ def _faery8(events: Events, size: int) -> Iterator[Any]:
 
 _PERIOD_3 = 1 << 24
 _BEAT = 1 << 22
-"""At least so often, us, a TIME_HIGH tells the time, so that a receiver counts all wraps."""
+"""At least so often, us, a TIME_HIGH is sent, so that a receiver counts all wraps."""
 _LONGEST = 1 << 32
 """A longer silence, us, would need too many of them."""
 _EVENT_BYTES = 8

@@ -139,7 +139,7 @@ class Listener:
 
     @property
     def ended(self) -> bool:
-        """Whether it was closed, or has been silent for as long as was said, and everything is taken."""
+        """Whether it was closed, or has been silent for `until_silent`, and everything is taken."""
         first, last = self._receiver.entries
         return first == last and (self._receiver.closed or self._silence_left() <= 0)
 
@@ -197,7 +197,7 @@ def listen(
         url: ``udp://HOST:PORT``, the address of this machine at which events come, 0.0.0.0 for all of its addresses;
             port 0 takes a free one. Or ``tcp://HOST:PORT``, the address of a sender of AEDAT 4 as dv-processing is.
         format: "spif" (or "spif-timed", which is received alike), "faery13", "faery8", "raw-evt3"; by TCP "aedat4".
-        sensor: width and height, px. By TCP the sender tells it.
+        sensor: width and height, px. By TCP the sender gives it.
         until_silent: a loop over the stream ends when nothing has come for so long, s; None: never.
         tick_ms: a loop over the stream gives at most one part in so long, ms.
         buffer: bytes that may wait to be taken; at least 262,144.
@@ -219,7 +219,7 @@ def listen(
     coding = CODINGS[name]
     if size is None:
         raise ModelError("sensor is missing: expected width and height in px, as format "
-                         f"'{name}' does not tell them")  # fmt: skip
+                         f"'{name}' does not contain them")  # fmt: skip
     coding.check(size)
     sock = where.new_socket()
     try:
@@ -251,10 +251,10 @@ def _connected(
 
     def again() -> socket.socket | None:
         try:
-            sock, told = connect()
+            sock, (other, *rest) = connect()
         except (OSError, ModelError):
             return None
-        if (told[0].compression, *told[1:]) == (header.compression, number, found):
+        if (other.compression, *rest) == (header.compression, number, found):
             return sock
         sock.close()
         return None

@@ -49,7 +49,7 @@ class OfStream:
         sensor_size: width and height, px.
         until_silent: s.
         again: it cannot be played several times.
-        untold: its sensor is told.
+        no_sensor: "", since its sensor is known.
     """
 
     url: str
@@ -57,7 +57,7 @@ class OfStream:
     sensor_size: tuple[int, int]
     until_silent: float
     again: bool = False
-    untold: str = ""
+    no_sensor: str = ""
 
     @property
     def identity(self) -> str:

@@ -154,9 +154,9 @@ class Receiver:
         if sys.platform != "linux":
             return None
         if not self.closed:
-            told = self._sock.getsockopt(socket.SOL_SOCKET, _MEMINFO, _NUMBERS.size)
-            whole = len(told) == _NUMBERS.size
-            self._overflown = int(_NUMBERS.unpack(told)[8] if whole else self._state[kernel.OVERFLOWN, 0])
+            packed = self._sock.getsockopt(socket.SOL_SOCKET, _MEMINFO, _NUMBERS.size)
+            whole = len(packed) == _NUMBERS.size
+            self._overflown = int(_NUMBERS.unpack(packed)[8] if whole else self._state[kernel.OVERFLOWN, 0])
         return self._overflown
 
     def hang_up(self) -> None:
