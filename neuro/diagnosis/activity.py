@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import replace
+from itertools import chain
 
 import numpy as np
 
@@ -12,7 +13,8 @@ from neuro.diagnosis import rhythm
 from neuro.diagnosis.findings import Finding, fault, figure, finding, note, warning
 from neuro.diagnosis.observing import Observation
 from neuro.diagnosis.rules import changes_weights
-from neuro.diagnosis.silence import Silence
+from neuro.diagnosis.silence import Silence, rheobase
+from neuro.diagnosis.structure import is_end
 from neuro.diagnosis.wiring import Wiring
 from neuro.model.neurons import Neuron
 from neuro.program.program import Population
@@ -21,6 +23,8 @@ CEILING, RUNAWAY = 0.7, 0.5
 """Shares of the highest possible rate. At the first a neuron gets 13 times the input that makes it fire (tau_m 10 ms,
 t_ref 2 ms), and twice as much adds a tenth. The second is of populations that excite themselves: no cortical rhythm is
 near it."""
+ALONE = 0.5
+"""Share of a rate that a constant current alone brings, which makes it the cause."""
 SLOW_HZ = 50.0
 """A rate below it is no ceiling: neurons with a long t_ref answer once to each of several inputs."""
 DEAD = 0.25
@@ -45,7 +49,7 @@ def findings(wiring: Wiring, seen: Observation) -> Iterator[Finding]:
         if not seen.populations[k].spikes.any():
             found = silent.findings(k)
         elif k not in decided:  # their spikes end with a decision
-            found = _firing(wiring, seen, k)
+            found = chain(_firing(wiring, seen, k), silent.falls(k))
         else:
             continue
         # What an input does that was made up for the examination proves no fault.
@@ -116,13 +120,41 @@ def _fast(wiring: Wiring, seen: Observation, k: int) -> Iterator[Finding]:
     held = most < 999.0 / h  # else the step alone is the limit
     allows = "t_ref allows" if held else f"one spike in each step of {h:g} ms allows"
     evidence = f"{fires}, {rate / most:.0%} of the {most:,.0f} Hz that {allows}"
-    if again:
+    if alone := _alone(wiring, k, rate):
+        yield fault("ceiling", part, f"{evidence}; {alone[0]}", alone[1], part.name)
+    elif again:
         names = wiring.names(wiring.loops(k))
         remedy = f"lower `weight` of {names}, or strengthen the inhibition onto it"
         yield fault("runaway", part, f"{evidence}; it excites itself through {names}", remedy, part.name)
     else:
-        remedy = f"lower the weights or rates of its inputs{_by(wiring, seen, k)}, or its I_e"
+        remedy = f"lower the weights or rates of {_strongest(wiring, seen, k)}{_by(wiring, seen, k)}"
         yield fault("ceiling", part, evidence, remedy, part.name)
+
+
+def _alone(wiring: Wiring, k: int, rate: float) -> tuple[str, str] | None:
+    """The constant current by which a population fires at half its rate or more without spikes, and what to lower."""
+    part, cell, current = wiring.program.populations[k], wiring.cell(k), wiring.current(k)
+    if cell is None:
+        return None
+    i_e = float(part.parameters.get("I_e", np.zeros(1)).mean())
+    v, fires = cell.follow(np.zeros(1), current=current + i_e - cell.parameters.get("I_e", 0.0))
+    interval = v.size * cell.h + cell.parameters.get("t_ref", 0.0)
+    if not fires or 1000.0 / interval < ALONE * rate:
+        return None
+    said = f"without a spike that arrives it fires every {interval:.3g} ms"
+    if cell.distance <= 0.0:
+        return f"{said}, as E_L is not below V_th", "lower E_L, or raise V_th"
+    if current > i_e:
+        names = wiring.names(wiring.onto(k, "current"))
+        return f"{said}, by {current:g} pA of {names}", f"lower `weight` of {names}, or the amplitude of its generator"
+    return f"{said}, by I_e = {i_e:g} pA{rheobase(part)}", f"lower I_e of '{part.name}'"
+
+
+def _strongest(wiring: Wiring, seen: Observation, k: int) -> str:
+    """The projections that bring most of its excitation."""
+    per_step = seen.per_step()
+    up = {q: per_step[wiring.program.projections[q].source] * wiring.pushes(q)[0] for q in wiring.onto(k)}
+    return wiring.names(q for q, each in up.items() if each >= 0.2 * sum(up.values())) or "its inputs"
 
 
 def _by(wiring: Wiring, seen: Observation, k: int) -> str:
@@ -155,8 +187,7 @@ def _copies(wiring: Wiring, seen: Observation, k: int) -> Iterator[Finding]:
 def _dead(wiring: Wiring, seen: Observation, k: int) -> Iterator[Finding]:
     """Neurons of an output that stay silent while the others fire: more than chance explains."""
     part, spikes = seen.program.populations[k], seen.populations[k].spikes
-    outputs = [p.target for p in seen.program.projections if p.source == k and p.target != k]
-    if outputs or spikes.all() or part.size < 2:
+    if not is_end(wiring, k) or spikes.all() or part.size < 2:
         return
     inputs = wiring.inputs_of_each(k)  # neurons without any are `unreached`
     dead = np.flatnonzero((spikes == 0) & (True if inputs is None else inputs > 0))

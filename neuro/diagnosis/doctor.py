@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 from neuro.chips.known import chip as chip_of
@@ -16,6 +16,7 @@ from neuro.diagnosis import activity, learning, neurons, rules, structure
 from neuro.diagnosis.diagnosis import Diagnosis, ordered
 from neuro.diagnosis.findings import Finding
 from neuro.diagnosis.observing import Observation, observe
+from neuro.diagnosis.silence import SHORT_MS
 from neuro.diagnosis.wiring import Wiring
 from neuro.model.network import Network
 from neuro.program.backend import find_backend
@@ -144,13 +145,28 @@ def examine(program: Program, options: Options) -> Diagnosis:
     }
     # States at the start, or a model's own ways, may do what was thought impossible: then the run is right.
     findings = [each for each in findings if each.name not in ("cannot-fire", "no-path") or each.what not in fired]
+    findings += structure.cut_off(wiring)
     acts = list(activity.findings(wiring, seen))
     # Inputs at their true rates say more than inputs that fire in every step: one factor for one population.
     silent = {each.what for each in acts if each.name == "silent" and each.severity == "fault"}
     findings = [each for each in findings if each.name != "cannot-fire" or each.what not in silent]
     findings += [*acts, *learning.findings(wiring, seen, options.ran, options.steered)]
     findings += _on_request(wiring, seen, options)
+    if not (_works(wiring, seen) or seen.idle):
+        findings = [replace(each, severity="fault") if _explains(each) else each for each in findings]
     return Diagnosis(program.name, ordered(findings), _about(seen, options), seen)
+
+
+def _works(wiring: Wiring, seen: Observation) -> bool:
+    """Whether a neuron of an output fired; of all populations where each leads to another; a short run says nothing."""
+    neurons = [k for k, part in enumerate(seen.program.populations) if part.kind == "neuron"]
+    ends = [k for k in neurons if structure.is_end(wiring, k)] or neurons
+    return seen.ms < SHORT_MS or not ends or any(seen.populations[k].spikes.any() for k in ends)
+
+
+def _explains(each: Finding) -> bool:
+    """Whether a finding is a warning that says why nothing fires."""
+    return each.severity == "warning" and each.name in ("silent", "silenced", "brief-input", "no-path", "weak-spike")
 
 
 def _on_request(wiring: Wiring, seen: Observation, options: Options) -> Iterator[Finding]:

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from neuro.core.english import some
-from neuro.diagnosis.findings import Finding, fault, note, warning
+from neuro.diagnosis.findings import Finding, fault, finding, note, warning
 from neuro.diagnosis.observing import Learnt, Observation
 from neuro.diagnosis.rules import LEFT, changes_weights
 from neuro.diagnosis.wiring import Wiring
@@ -19,6 +19,8 @@ AT_BOUND = 0.9
 """Share of weights at one bound which leaves nothing to learn. Additive rules end at both bounds: that is a result."""
 NEAR = 0.05
 """Share of the way between the bounds that counts as at a bound: a single pair of spikes may lead away from it."""
+AT_ONE = 0.25
+"""Share of weights at one bound, of which a third at most began there, which a short run should not bring."""
 AT_BOTH, SPREAD, QUICK_MS = 0.3, 2.0, 5000.0
 """Share of weights at either bound, growth of their spread, and the longest run in which this is too fast."""
 ONE_WAY = 0.99
@@ -102,35 +104,33 @@ def _bounds(part: Projection, learnt: Learnt, seen: Observation) -> Iterator[Fin
     w = learnt.last
     if not (np.isfinite(low).all() and np.isfinite(high).all()):
         return
-    slack = NEAR * np.maximum(high - low, 1e-300)
+    slack, moved = NEAR * np.maximum(high - low, 1e-300), w - learnt.first
     top, bottom = w >= high - slack, w <= low + slack
-    began = learnt.first >= high - slack, learnt.first <= low + slack
-    for at, before, name in ((top, began[0], "largest"), (bottom, began[1], "smallest")):
-        if float(at.mean()) >= AT_BOUND > float(before.mean()) and at.size >= 4:
-            end = float((high if name == "largest" else low).mean())
-            near = "at" if bool((w[at] == end).all()) else f"within {NEAR:.0%} of"
+    divided = list(_divided(part, learnt, top, bottom, seen.ms))
+    strengthens = float(np.abs(high).mean()) >= float(np.abs(low).mean())  # else weights below 0 inhibit
+    for way, at, end, name in ((1.0, top, high, "largest"), (-1.0, bottom, low, "smallest")):
+        share, before = float(at.mean()), float((np.abs(learnt.first - end) <= slack).mean())
+        gone = float((way * moved).mean()) / max(float(np.abs(end - learnt.first).mean()), 1e-300)
+        towards = float((way * moved[moved != 0.0] > 0.0).mean())
+        remedy = f"{balanced(part, (way > 0.0) == strengthens)}, or lower the learning rate"
+        most = share >= AT_BOUND > before and w.size >= 4
+        many = share >= AT_ONE > 3.0 * before and seen.ms <= QUICK_MS and not divided
+        if most or (many and gone > SPENT and w.size >= 20):
+            near = "at" if bool((w[at] == end[at]).all()) else f"within {NEAR:.0%} of"
             evidence = (
-                f"{at.mean():.0%} of {some(w.size, 'weight')} are {near} the {name}, {end:g}, after {seen.ms:g} ms"
+                f"{share:.0%} of {some(w.size, 'weight')} are {near} the {name}, {end.mean():g}, after {seen.ms:g} ms, "
+                f"{before:.0%} were before"
             )
-            evidence += f", {before.mean():.0%} were before"
-            grown = (name == "largest") == (float(np.abs(high).mean()) >= float(np.abs(low).mean()))
-            remedy = (
-                f"{_balanced(part, grown)}, lower the learning rate, or use a rule whose changes depend on the weight"
-            )
-            yield fault("weights-at-bounds", part, evidence, remedy)
+            remedy += ", or use a rule whose changes depend on the weight"
+            yield finding("weights-at-bounds", "fault" if most else "warning", part, evidence, remedy)
             return
-    yield from _divided(part, learnt, top, bottom, seen.ms)
-    moved = w[w != learnt.first] - learnt.first[w != learnt.first]
-    up = float((moved > 0.0).mean())
-    room = np.where(moved.mean() > 0.0, high - learnt.first, learnt.first - low).mean()
-    gone = abs(float((w - learnt.first).mean())) / max(float(room), 1e-300)
-    if moved.size >= 20 and not 1.0 - ONE_WAY < up < ONE_WAY and gone > SPENT:
-        grows = up > 0.5
-        evidence = (
-            f"{max(up, 1.0 - up):.0%} of {some(moved.size, 'weight')} that changed {'grew' if grows else 'shrank'}, by "
-            f"{gone:.0%} of the way to the bound in {seen.ms:g} ms"
-        )
-        yield warning("one-way", part, evidence, f"{_balanced(part, grows)}, or lower the learning rate")
+        if w.size >= 20 and gone > SPENT and towards > ONE_WAY:
+            evidence = (
+                f"{towards:.0%} of {some(int((moved != 0.0).sum()), 'weight')} that changed "
+                f"{'grew' if way > 0.0 else 'shrank'}, by {gone:.0%} of the way to the bound in {seen.ms:g} ms"
+            )
+            yield warning("one-way", part, evidence, remedy)
+    yield from divided
 
 
 def _divided(part: Projection, learnt: Learnt, top: Flags, bottom: Flags, ms: float) -> Iterator[Finding]:
@@ -150,7 +150,7 @@ def _divided(part: Projection, learnt: Learnt, top: Flags, bottom: Flags, ms: fl
     yield warning("weights-at-bounds", part, evidence, f"lower {rate} for slower changes{soft}")
 
 
-def _balanced(part: Projection, grows: bool) -> str:
+def balanced(part: Projection, grows: bool) -> str:
     """How the parameters of a rule shift it towards depression, of weights that grow, or towards potentiation."""
     words = part.synapse.parameters()
     more, less = ("raise", "lower") if grows else ("lower", "raise")

@@ -20,6 +20,8 @@ READS = 200
 """Times at which potentials and synapses are read."""
 BRIEF = 0.01
 """Share of the run below which a generator is on briefly: a `stop` in seconds is a thousandth."""
+UNEVEN = 3.0
+"""Variance over mean of the spikes between readings; independent neurons have at most 1, for long runs of readings."""
 FEW = 0.5
 """Spikes of a neuron below which a brief input is no volley that starts a network."""
 BIN_MS = 1.0
@@ -79,6 +81,7 @@ class Observation:
         unstable: a state that became NaN or infinite, in words; "" if none did.
         counts: of the engine.
         drive: the rate in Hz of those that were driven.
+        course: spikes of each population between two readings, shape (readings, populations).
     """
 
     program: Program
@@ -91,6 +94,7 @@ class Observation:
     driven: set[int]
     counts: EngineCounts
     drive: float
+    course: Ints
     unstable: str = ""
 
     @property
@@ -107,6 +111,11 @@ class Observation:
         """The mean rate of a population's neurons in Hz."""
         spikes = self.populations[population].spikes
         return float(spikes.mean()) / self.ms * 1000.0 if self.steps else 0.0
+
+    def varies(self, population: int) -> bool:
+        """Whether the spikes of a population come more unevenly in time than those of independent neurons."""
+        course = self.course[:, population]
+        return bool(course.var() > UNEVEN * course.mean())
 
     def is_brief(self, population: int) -> bool:
         """Whether a Poisson generator is on for so short a time that most of its neurons do not fire."""
@@ -180,6 +189,7 @@ class _Watch:
         ]
         self.first = {q: self._moving(q).copy() for q in self.plastic}
         self.traces: dict[int, list[tuple[float, float, float]]] = {q: [] for q in self.plastic if self._teaches(q)}
+        self.totals: list[list[int]] = [[0] * len(program.populations)]
         self._drive_rates()
 
     def _moving(self, projection: int) -> Floats:
@@ -212,6 +222,7 @@ class _Watch:
             c, n = (np.abs(self.engine.get_synapses(q, word)) for word in ("c", "n"))
             found.append((float(c.max()), float(n.max()), float((c * n).max())))
         self.engine.forget(self.steps)
+        self.totals.append([int(spikes.sum()) for spikes in self.engine.counts().spikes])
 
     def _feed(self, end: int) -> None:
         for k, stream in self.streams.items():
@@ -282,6 +293,7 @@ class _Watch:
             self.driven,
             counts,
             self.drive,
+            np.diff(self.totals, axis=0),
             self.unstable,
         )
 

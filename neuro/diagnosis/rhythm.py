@@ -10,14 +10,19 @@ from neuro.core.english import some
 from neuro.diagnosis.findings import Finding, fault, finding, warning
 from neuro.diagnosis.observing import Observation
 from neuro.diagnosis.wiring import Wiring
+from neuro.program.program import Ints
 
 CROWD = 10
 """Neurons below which a common rhythm may be chance."""
 VOLLEY = 0.5
 """Share of neurons that fire within a bin which makes a volley."""
+WIDTHS_MS = (1.0, 2.0, 5.0, 10.0, 20.0)
+"""Lengths of volleys: along equal delays a millisecond, along spread ones as long as the slowest delays and inputs."""
 IN_VOLLEYS = 0.8
 """Share of spikes in volleys that makes activity synchronous. Gamma rhythms of balanced networks have volleys of a few
 percent of the neurons."""
+LOOP = 0.1
+"""Share of the way to the threshold that one spike of each neuron brings back, below which inhibition sets the pace."""
 COLLECTIVE = 3.0
 """Variance over mean of the spikes in a step above which neurons act together; independent ones have at most 1."""
 FEW_STEPS = 4
@@ -35,31 +40,44 @@ def findings(wiring: Wiring, seen: Observation, k: int) -> Iterator[Finding]:
     active = int((s.spikes > 0).sum())
     if active < CROWD or not s.bins.size or not s.bins.any():
         return
-    in_volley = s.bins >= VOLLEY * active
-    # A volley may lie across the edge of two bins.
-    pairs = s.bins[:-1] + s.bins[1:] >= VOLLEY * active
-    in_volley[:-1] |= pairs
-    in_volley[1:] |= pairs
-    begins = np.flatnonzero(np.diff(in_volley.astype(np.int8), prepend=0) == 1)
-    share = float(s.bins[in_volley].sum() / s.bins.sum())
     back = _comes_back(wiring, k)
-    if begins.size < 5 or share < IN_VOLLEYS or not back or float(in_volley.mean()) > 0.5:
+    found = next(filter(None, (_volleys(s.bins, active, round(ms / (seen.bin * h))) for ms in WIDTHS_MS)), None)
+    if found is None or not back:
         yield from _alternates(seen, k, back)
         return
     if is_copied(seen, k) or not wiring.excites_itself(k):
         return  # equal inputs make equal spikes, and inhibition may well pace a population
-    period = float(np.median(np.diff(begins))) * seen.bin * h
-    volleys = f"{begins.size} volleys of more than half of {active:,} neurons"
+    cell, loops = wiring.cell(k), wiring.loops(k)
+    back_by = sum(wiring.pushes(q)[0] for q in loops) / part.size
+    if cell is not None and back_by * max(map(cell.slope, range(cell.model.receptors))) < LOOP * cell.distance:
+        return
+    begins, share, width = found
+    # Spikes that are listed, as those of a recording, may well come in volleys by themselves, and rates may vary.
+    heard = [j for j, p in enumerate(seen.program.populations) if p.kind != "neuron" and k in wiring.reached([j])]
+    if width > 2 and any(seen.varies(j) for j in heard):
+        return
+    listed = any(seen.program.populations[j].kind == "listed" and seen.populations[j].spikes.any() for j in heard)
+    period, lasts = float(np.median(np.diff(begins))) * seen.bin * h, width * seen.bin * h
+    volleys = f"{begins.size} volleys of more than half of {active:,} neurons within {lasts:g} ms"
     evidence = f"{share:.0%} of its spikes fall into {volleys}, {period:.3g} ms apart"
-    names = wiring.names(wiring.loops(k))
+    names = wiring.names(loops)
     spread = "spread its delays (`delay: {uniform: ...}`)"
     remedy = f"lower `weight` of {names}, {spread}, or give each neuron noise of its own"
-    # Spikes that are listed, as those of a recording, may well come in volleys by themselves.
-    listed = [
-        j for j, p in enumerate(seen.program.populations) if p.kind == "listed" and seen.populations[j].spikes.any()
-    ]
-    severity = "warning" if k in wiring.reached(listed) else "fault"
+    severity = "warning" if listed else "fault"
     yield finding("synchrony", severity, part, evidence, remedy, part.name)
+
+
+def _volleys(bins: Ints, active: int, width: int) -> tuple[Ints, float, int] | None:
+    """Where volleys within some bins begin, the share of spikes in them, and the bins; None if there are too few."""
+    if width < 1 or bins.size < 5 * width:
+        return None
+    window = np.ones(width, dtype=np.int64)
+    crowded = np.convolve(bins, window, "valid") >= VOLLEY * active
+    inside = np.convolve(crowded, window) > 0
+    begins, share = np.flatnonzero(np.diff(inside.astype(np.int8), prepend=0) == 1), bins[inside].sum() / bins.sum()
+    if begins.size < 5 or share < IN_VOLLEYS or inside.mean() > 0.5:
+        return None
+    return begins, float(share), width
 
 
 def _comes_back(wiring: Wiring, k: int) -> bool:

@@ -9,7 +9,7 @@ import numpy as np
 
 from neuro.core.english import some
 from neuro.diagnosis.findings import Finding, fault, warning
-from neuro.diagnosis.wiring import Wiring
+from neuro.diagnosis.wiring import Wiring, is_short_term
 from neuro.model.synapses import Synapse
 from neuro.program.program import Program, Projection
 
@@ -38,8 +38,8 @@ def findings(wiring: Wiring, reward_after: float | None) -> Iterator[Finding]:
 
 
 def changes_weights(rule: Synapse) -> bool:
-    """Whether a rule learns. Short-term plasticity hears no post spikes, keeps its weight, and says what it sends."""
-    return bool(rule.learns) and not (rule.learns == "pairs" and not rule.post and hasattr(rule.arithmetic, "sent"))
+    """Whether a rule learns, other than by short-term plasticity."""
+    return bool(rule.learns) and not is_short_term(rule)
 
 
 def _rates(part: Projection) -> Iterator[Finding]:

@@ -1,4 +1,4 @@
-"""Populations that never fire, and why: each cause once, with what it silences."""
+"""Populations that never fire, or that fall silent, and why: each cause once, with what it silences."""
 
 from __future__ import annotations
 
@@ -8,7 +8,8 @@ from dataclasses import replace
 import numpy as np
 
 from neuro.core.english import some
-from neuro.diagnosis.findings import Finding, figure, finding
+from neuro.diagnosis.findings import Finding, fault, figure, finding, warning
+from neuro.diagnosis.learning import balanced
 from neuro.diagnosis.observing import Observation
 from neuro.diagnosis.structure import can_fire_alone
 from neuro.diagnosis.wiring import Wiring
@@ -18,10 +19,15 @@ NEARLY = 0.9
 """Share of the way to the threshold beyond which a longer run, or another seed, may well bring spikes."""
 SHORT_MS = 100.0
 """A run in which silence is no fault yet: at 10 Hz a spike comes every 100 ms."""
+EARLY, FADED, KEPT = 10, 0.02, 0.5
+"""Spikes in the first third of a run, and the share of them in the last third at which a population has fallen silent,
+where each of its inputs keeps half of its spikes. Of 10 spikes expected, none is a chance of 1 in 20,000."""
+DEPLETED, SHRUNK = 0.5, 0.75
+"""Share of what a rested synapse sends that is left by depression, and of weights by learning, which explains it."""
 
 
 class Silence:
-    """Judges populations without a spike.
+    """Judges populations that are silent, from the beginning or later.
 
     Args:
         wiring: of the network.
@@ -42,6 +48,64 @@ class Silence:
     def _may_excite(self, q: int) -> bool:
         part = self.program.projections[q]
         return self.wiring.pushes(q)[0] > 0.0 or (part.synapse.learns != "" and self.wiring.weights[q].synapses > 0)
+
+    def falls(self, k: int) -> Iterator[Finding]:
+        """Of one population that fired at first, if it falls silent while all that excites it goes on."""
+        early, late = self._thirds(k)
+        onto = [q for q in self.wiring.onto(k) if self._may_excite(q)]
+        inputs = [self._thirds(self.program.projections[q].source) for q in onto]
+        if self.seen.ms < SHORT_MS or early < EARLY or late > FADED * early or self.wiring.onto(k, "current"):
+            return
+        if not inputs or any(after < KEPT * before or not after for before, after in inputs):
+            return
+        part, names = self.program.populations[k], self.wiring.names
+        evidence = (
+            f"it fired {some(early, 'spike')} in the first third of {self.seen.ms:g} ms and {late} in the last, though "
+            "its inputs went on"
+        )
+        moved = {q: self.seen.learning[q] for q in onto if q in self.seen.learning}
+        shrunk = [q for q, w in moved.items() if np.abs(w.last).mean() < SHRUNK * np.abs(w.first).mean()]
+        inhibit = [q for q in self.wiring.onto(k) if self.wiring.pushes(q)[1]]
+        depleted = self._depleted(onto)
+        if shrunk:
+            w = moved[shrunk[0]]
+            evidence += f": learning brought the mean weight of {names(shrunk)} from {w.first.mean():.3g} to "
+            remedy = f"{balanced(self.program.projections[shrunk[0]], grows=False)}, or lower the learning rate"
+            yield fault("falls-silent", part, f"{evidence}{w.last.mean():.3g}", remedy, part.name)
+        elif depleted[0]:
+            yield fault("falls-silent", part, evidence + depleted[0], depleted[1], part.name)
+        elif inhibit:
+            yield self._inhibited(k, "falls-silent", evidence, inhibit)
+        else:
+            remedy = f"raise `weight` of {names(onto)}: what fired at first were its initial states, or it adapts"
+            yield warning("falls-silent", part, evidence, remedy, part.name)
+
+    def _thirds(self, k: int) -> tuple[int, int]:
+        """Spikes in the first and in the last third of the run."""
+        course, third = self.seen.course[:, k], max(1, len(self.seen.course) // 3)
+        return int(course[:third].sum()), int(course[-third:].sum())
+
+    def _depleted(self, onto: list[int]) -> tuple[str, str]:
+        """What short-term depression leaves of a projection, and how to leave more; empty where none depletes."""
+        for q in onto:
+            part, rate = self.program.projections[q], self.seen.per_step()
+            rested, left = (self.wiring.efficacy(q, per_step) for per_step in (1e-9, rate[part.source]))
+            if left < DEPLETED * rested:
+                words = [word for word in ("U", "tau_rec") if word in part.synapse.parameters()]
+                said = (
+                    f"; short-term depression leaves {left:.2g} of the weights of '{part.name}' at the "
+                    f"{self.seen.rate(part.source):.3g} Hz of its source, where a rested synapse sends {rested:.2g}"
+                )
+                return said, f"lower {' or '.join(words) or 'the depression'} of '{part.name}'"
+        return "", ""
+
+    def _inhibited(self, k: int, name: str, evidence: str, inhibit: list[int]) -> Finding:
+        sources = {self.program.projections[q].source for q in inhibit}
+        back = {self.program.projections[q].target for q in self.wiring.out_of(k) if self.wiring.pushes(q)[1]}
+        # Of populations that inhibit each other one may lose.
+        severity, part = "note" if sources & back else "warning", self.program.populations[k]
+        remedy = f"lower the inhibition of {self.wiring.names(inhibit)}, or raise its excitation"
+        return finding(name, severity, part, evidence, remedy, part.name)
 
     def findings(self, k: int) -> Iterator[Finding]:
         """Of one population; none if the cause lies before it, or an input is missing."""
@@ -66,14 +130,9 @@ class Silence:
                 f"; its excitation alone leads to {up[-1]:.4g} mV, inhibition keeps the mean at {mean[-1]:.4g} mV"
             )
             inhibit = [q for q in self.wiring.onto(k) if self.wiring.pushes(q)[1]]
-            sources = {self.program.projections[q].source for q in inhibit}
-            back = {self.program.projections[q].target for q in self.wiring.out_of(k) if self.wiring.pushes(q)[1]}
-            # Of populations that inhibit each other one may lose.
-            severity = "note" if sources & back else "warning"
-            remedy = f"lower the inhibition of {self.wiring.names(inhibit)}, or raise its excitation"
-            yield finding("silenced", severity, part, evidence, remedy, part.name)
+            yield self._inhibited(k, "silenced", evidence, inhibit)
             return
-        evidence += f"; its mean excitation leads to {up[-1]:.4g} mV{_rheobase(part)}"
+        evidence += f"; its mean excitation leads to {up[-1]:.4g} mV{rheobase(part)}"
         times = f" to about {figure(cell.distance / lift)} times" if lift > 1e-4 * cell.distance else ""
         found = self._silent(k, part, evidence, times)
         nearly = top - cell.rest > NEARLY * cell.distance and found.severity == "fault"
@@ -86,11 +145,15 @@ class Silence:
         # Recurrent weights are no remedy: nothing arrives by them before the first spike, and too much after it.
         heard = [q for q in self.wiring.onto(k) if self.program.projections[q].source not in self.silent]
         onto = [q for q in heard if self._may_excite(q)] + self.wiring.onto(k, "current")
-        names = f"`weight` of {self.wiring.names(onto)}{times}, or the rate of its inputs" if onto else "its I_e"
+        depleted, rested = self._depleted(onto)
+        rates = "" if depleted else ", or the rate of its inputs"  # they deplete it the more
+        names = f"`weight` of {self.wiring.names(onto)}{times}{rates}" if onto else "its I_e"
         sources = {self.program.projections[q].source for q in onto}
         shows = [p.name for j, p in enumerate(self.program.populations) if j in sources and p.records and j != k]
         held_down = " or I_e" if onto and float(part.parameters.get("I_e", np.zeros(1)).max()) < 0.0 else ""
         remedy = f"raise {names}{held_down}, or lower V_th"
+        if depleted:
+            evidence, remedy = evidence + depleted, f"{rested}, or {remedy}"
         return finding(
             "silent", "note" if self.seen.ms < SHORT_MS else severity, part, evidence, remedy, part.name, *shows
         )
@@ -102,7 +165,8 @@ class Silence:
         return f", so nothing reaches {names}" if names else ""
 
 
-def _rheobase(part: Population) -> str:
+def rheobase(part: Population) -> str:
+    """The constant current that brings V_m to the threshold, in words; "" where it is not known."""
     p = {word: float(v[0]) for word, v in part.parameters.items()}
     if not {"tau_m", "C_m", "E_L"} <= p.keys() or not np.isfinite(p["tau_m"]):
         return ""

@@ -186,6 +186,40 @@ def _paths(wiring: Wiring) -> Iterator[Finding]:
         yield fault("no-path", trials, evidence, f"connect '{first}' towards '{last}'")
 
 
+_BACKGROUND = re.compile(r"noise|backg|poisson|(^|_)(bg|ext|tonic|spont|ongoing|bias|drive)", re.IGNORECASE)
+_OUTPUT = re.compile(
+    r"(^|_)(out|outputs?|readouts?|motors?|actions?|actors?|decisions?|class|classes|muscles?|labels?)(_|\d|$)",
+    re.IGNORECASE,
+)
+
+
+def cut_off(wiring: Wiring) -> Iterator[Finding]:
+    """Outputs that no input reaches, though noise or currents of their own make them fire."""
+    program, populations = wiring.program, wiring.program.populations
+    generators = [k for k, part in enumerate(populations) if part.kind != "neuron" and wiring.out_of(k)]
+    noise = {k for k in generators if populations[k].kind == "current" or _BACKGROUND.search(populations[k].name)}
+    inputs = [k for k in generators if k not in noise]
+    reached, loud = wiring.reached(inputs, excite=False), wiring.reached(noise)
+    named = {k for k, part in enumerate(populations) if part.kind == "neuron" and _OUTPUT.search(part.name)}
+    ends = [k for k, part in enumerate(populations) if k in named or (part.kind == "neuron" and is_end(wiring, k))]
+    dead = [k for k in ends if k in reached and k not in named]
+    for k in ends if inputs and program.trials is None else ():
+        if k in reached or not (k in named or dead):
+            continue
+        names, ways = (", ".join(f"'{populations[j].name}'" for j in ks[:5]) for ks in (inputs, dead))
+        evidence = f"no path leads from {names} to it: its spikes are those of noise or currents of its own"
+        evidence += f"; what these reach ends at {ways}" if dead else ""
+        remedy = f"connect {ways or names} towards '{populations[k].name}'"
+        # Without a name that says output, it may be a control beside what is stimulated.
+        severity = "fault" if k in named else "note" if loud & set(dead) else "warning"
+        yield finding("no-path", severity, populations[k], evidence, remedy, populations[k].name)
+
+
+def is_end(wiring: Wiring, k: int) -> bool:
+    """Whether a population leads to no other."""
+    return all(wiring.program.projections[q].target == k for q in wiring.out_of(k))
+
+
 def _is_driven(wiring: Wiring, q: int) -> bool:
     """Whether a projection brings the spikes of a generator, and inhibits."""
     part = wiring.program.projections[q]

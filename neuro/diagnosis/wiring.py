@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable
 from dataclasses import dataclass
 from functools import cached_property
@@ -10,11 +11,21 @@ import numpy as np
 
 from neuro.diagnosis.cell import Cell, has_threshold
 from neuro.model.neurons import Neuron
+from neuro.model.synapses import Synapse
+from neuro.model.synapses.base import common
 from neuro.program.counts import fan_out
 from neuro.program.program import Floats, Ints, Program, Projection
 
 MOST_SYNAPSES = 5_000_000
 """Of a projection whose synapses are summed neuron by neuron; larger ones are taken at their mean."""
+
+SETTLED = 50
+"""Regular spikes after which short-term plasticity is taken to be steady."""
+
+
+def is_short_term(rule: Synapse) -> bool:
+    """Whether a rule hears no post spikes, keeps its weight, and says what it sends."""
+    return rule.learns == "pairs" and not rule.post and hasattr(rule.arithmetic, "sent")
 
 
 @dataclass(frozen=True, slots=True)
@@ -69,6 +80,23 @@ class Wiring:
         each, w = count / part.weight.size, part.weight
         below = float(w.sum(where=w < 0.0)) * each
         return Weights(count, float(w.min()), float(w.max()), float(w.sum()) * each - below, below)
+
+    def efficacy(self, projection: int, per_step: float) -> float:
+        """Share of its weights that spikes at a steady rate bring, as short-term plasticity leaves it; else 1.
+
+        The functions of the rule run as they stand, on regular spikes; of synapses that differ the first.
+        """
+        rule = self.program.projections[projection].synapse
+        if per_step <= 0.0 or rule.draws or not is_short_term(rule):
+            return 1.0
+        given, gap = rule.parameters(), self.program.resolution / per_step
+        left = [math.exp(-gap / given[trace.tau]) if given.get(trace.tau) else 0.0 for trace in rule.pre]
+        pre = [trace.adds * x / (1.0 if trace.nearest else 1.0 - x) for trace, x in zip(rule.pre, left, strict=True)]
+        c = common(rule.constants_of(rule.vector(), self.program.resolution))
+        y = np.concatenate([np.ones((1, 1)), rule.first_states()[:, :1]])
+        for _ in range(SETTLED):
+            rule.arithmetic.on_pre(y, 0, c, pre, ())
+        return float(rule.sends()(y, 0, c))
 
     def onto(self, population: int, carries: str = "spikes") -> list[int]:
         """The projections onto a population."""
@@ -167,8 +195,10 @@ class Wiring:
         x = np.zeros(max(2, getattr(part.model, "receptors", 1)))
         for q in self.onto(population):
             p, w = self.program.projections[q], self.weights[q]
+            spikes = per_step.get(p.source, 0.0)
+            spikes *= self.efficacy(q, spikes)
             for total, (receptor, factor) in zip((w.above, w.below), self.receptors(q), strict=True):
-                arriving = per_step.get(p.source, 0.0) * total * factor / part.size
+                arriving = spikes * total * factor / part.size
                 if not excite or cell is None or arriving * cell.slope(receptor) > 0.0:
                     x[receptor] += arriving
         return x
@@ -217,7 +247,8 @@ class Wiring:
         size, total = self.program.populations[population].size, 0.0
         for q in self.onto(population, "current"):
             source = self.program.populations[self.program.projections[q].source]
-            word = "amplitude" if "amplitude" in source.parameters or source.schedule is not None else ""
+            words = ("amplitude",) if source.schedule is not None else ("amplitude", "offset", "mean")
             w = self.weights[q]
-            total += (source.largest(word) if word else 0.0) * (w.above + w.below) / size
+            most = sum(source.largest(word) for word in words if source.schedule or word in source.parameters)
+            total += most * (w.above + w.below) / size
         return total
