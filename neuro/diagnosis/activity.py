@@ -11,6 +11,7 @@ import numpy as np
 from neuro.core.english import some
 from neuro.diagnosis import rhythm
 from neuro.diagnosis.findings import Finding, fault, figure, finding, note, warning
+from neuro.diagnosis.neurons import FAST_HZ
 from neuro.diagnosis.observing import Observation
 from neuro.diagnosis.rules import changes_weights
 from neuro.diagnosis.silence import Silence, rheobase
@@ -111,14 +112,14 @@ def _fast(wiring: Wiring, seen: Observation, k: int) -> Iterator[Finding]:
         return
     if float(np.max(part.parameters.get("max_spikes", 1.0))) > 1.0:
         return  # several spikes in a step are what these neurons are for
-    rate, most = seen.rate(k), ceiling_hz(part, seen.program.resolution)
+    rate, most = seen.rate(k), min(ceiling_hz(part, seen.program.resolution), FAST_HZ)
     again = wiring.excites_itself(k)
     if rate < max((RUNAWAY if again else CEILING) * most, SLOW_HZ):
         return
     fires = f"the mean rate of {some(part.size, 'neuron')} is {rate:.3g} Hz"
     h = seen.program.resolution
-    held = most < 999.0 / h  # else the step alone is the limit
-    allows = "t_ref allows" if held else f"one spike in each step of {h:g} ms allows"
+    allows = "t_ref allows" if most < min(999.0 / h, FAST_HZ) else f"one spike in each step of {h:g} ms allows"
+    allows = "no neuron exceeds" if most == FAST_HZ < 999.0 / h else allows
     evidence = f"{fires}, {rate / most:.0%} of the {most:,.0f} Hz that {allows}"
     if alone := _alone(wiring, k, rate):
         yield fault("ceiling", part, f"{evidence}; {alone[0]}", alone[1], part.name)
@@ -198,6 +199,10 @@ def _dead(wiring: Wiring, seen: Observation, k: int) -> Iterator[Finding]:
     evidence = (
         f"{silent:,} of {some(part.size, 'neuron')} never fired, the others {others:.3g} times each in {seen.ms:g} ms"
     )
-    ids = ", ".join(map(str, dead[:5]))
+    ids, fire = ", ".join(map(str, dead[:5])), spikes > 0
     remedy = f"look at the inputs of neurons {ids}: raise their weights, or draw them with less spread"
+    for word, v in part.parameters.items():
+        if v.size > 1 and (v[dead].max() < v[fire].min() or v[dead].min() > v[fire].max()):
+            evidence += f"; their {word} is {v[dead].mean():.4g} on average, that of the others {v[fire].mean():.4g}"
+            remedy = f"set {word} of neurons {ids} as that of the others"
     yield warning("dead-outputs", part, evidence, remedy, part.name)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Iterator
+from dataclasses import replace
 
 from neuro.chips.arithmetics import ARITHMETICS, arithmetic_of
 from neuro.chips.description import Chip
@@ -11,10 +12,12 @@ from neuro.chips.known import chip as chip_of
 from neuro.chips.placing.place import place
 from neuro.chips.pricing.price import price
 from neuro.chips.quantising.quantise import quantise
+from neuro.core.clock import NEVER
 from neuro.core.errors import ModelError
 from neuro.diagnosis.findings import Finding, fault, finding, warning
 from neuro.diagnosis.observing import Observation, observe
 from neuro.diagnosis.wiring import Wiring
+from neuro.model.neurons import Neuron, spike_generator
 from neuro.program.backend import OverflowWarning, Problem, find_backend
 from neuro.program.program import Program
 
@@ -25,6 +28,8 @@ APART = 2.0
 """Ratio of the mean rates on the chip and in floats which makes two networks of them."""
 SPIKES = 20
 """Spikes of a population below which a ratio may be chance."""
+MERGES = "use a finer `resolution`, or several generators of a lower rate in place of one: a spike is one bit there"
+ONCE = "lower its weights, raise V_th, or use a finer `resolution`: it fires once a step there"
 SECONDS = 10.0
 """Of the clock on the wall for the run on the chip's emulation."""
 
@@ -83,15 +88,39 @@ def _merged(program: Program, chip: Chip, seen: Observation) -> Iterator[Finding
     """Spikes of a step that become one where a spike is one bit, counted in the run."""
     if chip.arithmetic not in ARITHMETICS or not arithmetic_of(chip).one_bit:
         return
-    for k, part in enumerate(program.populations):
-        spikes, events = (int(n.sum()) for n in (seen.populations[k].spikes, seen.populations[k].events))
-        if part.kind in ("neuron", "current") or not spikes or (lost := 1.0 - events / spikes) <= FEW:
+    said = False
+    for k, lost in _lost(seen).items():
+        part, spikes = program.populations[k], int(seen.populations[k].spikes.sum())
+        relay = isinstance(part.model, Neuron) and part.model.relay
+        if lost <= FEW or (relay and said):  # a relay repeats what was lost before it
             continue
         evidence = (
             f"{lost:.1%} of its {spikes:,} spikes share a step with another of their neuron, and a spike is one bit"
         )
-        remedy = "use a finer `resolution`, or several generators of a lower rate in place of one"
+        remedy = ONCE if part.kind == "neuron" and not relay else MERGES
+        said = True
         yield finding("spikes-merged", "fault" if lost > ERASED else "warning", part, evidence, remedy)
+
+
+def _lost(seen: Observation) -> dict[int, float]:
+    """The share of its spikes that each population loses where those of a neuron in a step are one."""
+    sums = {k: (int(s.events.sum()), int(s.spikes.sum())) for k, s in enumerate(seen.populations)}
+    return {k: 1.0 - events / spikes for k, (events, spikes) in sums.items() if events < spikes}
+
+
+def _merged_rates(program: Program, seen: Observation) -> list[float]:
+    """The rate of each population in floats where several spikes of an input in a step are one."""
+    inputs = [k for k in _lost(seen) if program.populations[k].kind != "neuron"]
+    heard = [replace(part, records=part.records or k in inputs) for k, part in enumerate(program.populations)]
+    given = replace(program, populations=tuple(heard))
+    backend = find_backend("event")
+    first = observe(backend.build(given, threads=1), given, seen.steps, seen.drive, SECONDS, inputs)
+    for k, (steps, ids) in first.kept.items():
+        listed = {"kind": "listed", "model": spike_generator(), "parameters": {}, "schedule": None, "stream": None}
+        heard[k] = replace(heard[k], **listed, spike_steps=steps, spike_ids=ids, start=0, stop=NEVER)
+    once = replace(program, populations=tuple(heard))
+    then = observe(backend.build(once, threads=1), once, seen.steps, seen.drive, SECONDS)
+    return [then.rate(k) for k in range(len(heard))]
 
 
 def _late(program: Program, chip: Chip, seen: Observation) -> Iterator[Finding]:
@@ -127,6 +156,7 @@ def _ran(program: Program, chip: Chip, seen: Observation) -> Iterator[Finding]:
             f"a register of {chip.title} overflowed in {ran.ms:g} ms: {ran.native.get(each.what, 1):,} {each.what}"
         )
         yield finding("chip-overflows", severity, program, evidence, each.hint or "lower the weights or rates onto it")
+    merged, one_bit = list[float](), arithmetic_of(chip).one_bit
     for k, part in enumerate(program.populations):
         here, there = seen.rate(k), ran.rate(k)
         if (
@@ -138,5 +168,10 @@ def _ran(program: Program, chip: Chip, seen: Observation) -> Iterator[Finding]:
             remedy = f"look at its rounding: neuro fit --chip {chip.name}; scale its weights and V_th to use more bits"
             if there < here > 1000.0 / program.resolution:
                 evidence += f", which is {here * program.resolution / 1000.0:.3g} times a step"
-                remedy = "lower its weights, raise V_th, or use a finer `resolution`: it fires once a step there"
+                remedy = ONCE
+            elif one_bit and _lost(seen):
+                merged = merged or _merged_rates(program, seen)
+                evidence += f"; {merged[k]:.3g} Hz in floats with one spike of an input in a step at most"
+                if merged[k] / APART <= there <= merged[k] * APART:
+                    remedy = MERGES
             yield finding("chip-differs", severity, part, evidence, remedy, part.name)

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from neuro.core.english import some
-from neuro.diagnosis.findings import Finding, fault, finding, note, warning
+from neuro.diagnosis.findings import Finding, fault, figure, finding, note, warning
 from neuro.diagnosis.observing import Learnt, Observation
 from neuro.diagnosis.rules import LEFT, changes_weights
 from neuro.diagnosis.wiring import Wiring
@@ -95,7 +95,7 @@ def _dopamine(seen: Observation, part: Projection, learnt: Learnt) -> Iterator[F
             "eligibility-dies",
             part,
             evidence,
-            f"raise tau_c to about {max(gap, 2 * tau):.2g} ms, or release dopamine earlier",
+            f"raise tau_c to about {figure(max(gap, 2 * tau))} ms, or release dopamine earlier",
         )
 
 

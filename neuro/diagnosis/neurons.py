@@ -30,7 +30,7 @@ def findings(wiring: Wiring) -> Iterator[Finding]:
     """Findings about populations and single spikes."""
     for k, part in enumerate(wiring.program.populations):
         if isinstance(part.model, Neuron) and not part.model.chip:
-            yield from _steps(part, wiring.program.resolution)
+            yield from _steps(wiring, k)
             yield from _potentials(wiring, k)
         elif part.kind != "neuron":
             yield from _generator(wiring, k)
@@ -42,8 +42,10 @@ def _is_coarse(part: Population, h: float) -> bool:
     return h > LONGEST_MS.get(part.model.name, np.inf)
 
 
-def _steps(part: Population, h: float) -> Iterator[Finding]:
+def _steps(wiring: Wiring, k: int) -> Iterator[Finding]:
     """Time constants that a step jumps over: what an input leaves is gone before the next step."""
+    part, h = wiring.program.populations[k], wiring.program.resolution
+    inhibits = any(wiring.pushes(q)[1] or wiring.program.projections[q].receptor is not None for q in wiring.onto(k))
     if _is_coarse(part, h):
         longest = LONGEST_MS[part.model.name]
         evidence = f"forward Euler on steps of {h:g} ms falsifies {part.model.name} above {longest:g} ms"
@@ -51,7 +53,8 @@ def _steps(part: Population, h: float) -> Iterator[Finding]:
     for word, values in part.parameters.items():
         unit = part.model.quantities()[word].unit if word in part.model.quantities() else ""
         least = float(values.min(initial=np.inf))
-        if word.startswith("tau") and unit == "ms" and 0.0 < least < h:
+        unused = word == "tau_syn_in" and not inhibits
+        if word.startswith("tau") and not unused and unit == "ms" and 0.0 < least < h:
             left = np.exp(-h / least)
             evidence = f"{word} = {least:g} ms is shorter than a step of {h:g} ms, over which {left:.2g} of it is left"
             remedy = f"use a `resolution` of at most {least / 4.0:.2g} ms, or check the unit of {word}: it is ms"

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
+from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -82,6 +82,7 @@ class Observation:
         counts: of the engine.
         drive: the rate in Hz of those that were driven.
         course: spikes of each population between two readings, shape (readings, populations).
+        kept: all spikes, each step of a neuron once, of the populations for which it was asked: steps and neurons.
     """
 
     program: Program
@@ -96,6 +97,7 @@ class Observation:
     drive: float
     course: Ints
     unstable: str = ""
+    kept: Mapping[int, tuple[Ints, Ints]] = field(default_factory=dict)
 
     @property
     def native(self) -> Mapping[str, int]:
@@ -142,7 +144,9 @@ def _is_idle(part: Population) -> bool:
     return part.kind == "poisson" and part.largest("rate") == 0.0
 
 
-def observe(engine: Engine, program: Program, steps: int, drive: float, seconds: float) -> Observation:
+def observe(
+    engine: Engine, program: Program, steps: int, drive: float, seconds: float, keep: Iterable[int] = ()
+) -> Observation:
     """Run an engine from its present step and watch it.
 
     Args:
@@ -151,8 +155,9 @@ def observe(engine: Engine, program: Program, steps: int, drive: float, seconds:
         steps: how many to run.
         drive: the rate in Hz at which inputs that are idle are driven; 0: they stay idle.
         seconds: of the clock on the wall after which it ends early.
+        keep: populations of which all spikes are kept.
     """
-    watch = _Watch(engine, program, steps, drive)
+    watch = _Watch(engine, program, steps, drive, keep)
     chunk, began = max(1, steps // READS), None
     while watch.steps < steps and not watch.unstable:
         watch.advance(min(chunk, steps - watch.steps))
@@ -165,7 +170,7 @@ def observe(engine: Engine, program: Program, steps: int, drive: float, seconds:
 class _Watch:
     """Feeds an engine, and gathers what it does."""
 
-    def __init__(self, engine: Engine, program: Program, wanted: int, drive: float) -> None:
+    def __init__(self, engine: Engine, program: Program, wanted: int, drive: float, keep: Iterable[int]) -> None:
         self.engine, self.program, self.wanted, self.drive = engine, program, wanted, drive
         self.steps, self.unstable = 0, ""
         self.bin = max(1, round(BIN_MS / program.resolution))
@@ -189,6 +194,7 @@ class _Watch:
         ]
         self.first = {q: self._moving(q).copy() for q in self.plastic}
         self.traces: dict[int, list[tuple[float, float, float]]] = {q: [] for q in self.plastic if self._teaches(q)}
+        self.kept: dict[int, list[tuple[Ints, Ints]]] = {k: [] for k in keep}
         self.totals: list[list[int]] = [[0] * len(program.populations)]
         self._drive_rates()
 
@@ -246,6 +252,8 @@ class _Watch:
         ids = self.ids[population]
         rows = np.searchsorted(ids, found.ids).clip(max=ids.size - 1)
         kept = ids[rows] == found.ids
+        if population in self.kept:
+            self.kept[population].append((found.steps, found.ids))
         self.rasters[population].append((found.steps[kept], rows[kept]))
 
     def _read(self, population: int) -> None:
@@ -295,6 +303,7 @@ class _Watch:
             self.drive,
             np.diff(self.totals, axis=0),
             self.unstable,
+            {k: _joined(parts) for k, parts in self.kept.items()},
         )
 
 

@@ -140,8 +140,10 @@ class Silence:
 
     def _silent(self, k: int, part: Population, evidence: str, times: str) -> Finding:
         # A short run says little, and an output whose states are recorded may be looked at below its threshold.
+        sources = {self.program.projections[q].source for q in self.wiring.onto(k)}
+        stimuli = all(self.program.populations[j].kind == "listed" for j in sources)
         probed = any(p.population == k and p.record not in ("spikes", "rate") for p in self.program.probes)
-        severity = "warning" if probed and not self.wiring.out_of(k) else "fault"
+        severity = "note" if probed and stimuli and not self.wiring.out_of(k) else "fault"
         # Recurrent weights are no remedy: nothing arrives by them before the first spike, and too much after it.
         heard = [q for q in self.wiring.onto(k) if self.program.projections[q].source not in self.silent]
         onto = [q for q in heard if self._may_excite(q)] + self.wiring.onto(k, "current")

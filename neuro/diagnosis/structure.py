@@ -206,10 +206,10 @@ def cut_off(wiring: Wiring) -> Iterator[Finding]:
     for k in ends if inputs and program.trials is None else ():
         if k in reached or not (k in named or dead):
             continue
-        names, ways = (", ".join(f"'{populations[j].name}'" for j in ks[:5]) for ks in (inputs, dead))
-        evidence = f"no path leads from {names} to it: its spikes are those of noise or currents of its own"
-        evidence += f"; what these reach ends at {ways}" if dead else ""
-        remedy = f"connect {ways or names} towards '{populations[k].name}'"
+        last = dead or [j for j in reached if populations[j].kind == "neuron"]
+        names, ways = (", ".join(f"'{populations[j].name}'" for j in ks[:5]) for ks in (inputs, last))
+        evidence = f"no path leads from {names} to it, only noise or currents of its own; {names} reaches {ways}"
+        remedy = f"connect {ways} towards '{populations[k].name}'"
         # Without a name that says output, it may be a control beside what is stimulated.
         severity = "fault" if k in named else "note" if loud & set(dead) else "warning"
         yield finding("no-path", severity, populations[k], evidence, remedy, populations[k].name)
