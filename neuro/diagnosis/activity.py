@@ -78,9 +78,7 @@ def _inputs(wiring: Wiring, seen: Observation) -> Iterator[Finding]:
             continue
         heard = bool(wiring.out_of(k))
         if k in seen.idle - seen.driven and heard:
-            lacks, word = (
-                ("lists no spikes", "spike_times") if part.kind == "listed" else ("has a rate of 0 Hz", "rate")
-            )
+            lacks, word = ("lists no spikes", "spike_times") if part.kind == "listed" else ("has rate 0", "rate")
             remedy = f"feed it from a program, or set its {word}; `neuro doctor --drive 20Hz` tries Poisson spikes"
             yield note("no-input", part, f"no input was given: it {lacks}", remedy)
         elif heard and seen.is_brief(k):
@@ -196,9 +194,7 @@ def _dead(wiring: Wiring, seen: Observation, k: int) -> Iterator[Finding]:
     others = float(spikes[spikes > 0].mean())
     if others < 10.0 or silent < DEAD * part.size:  # of 10 spikes expected, none is a chance of 1 in 20,000
         return
-    evidence = (
-        f"{silent:,} of {some(part.size, 'neuron')} never fired, the others {others:.3g} times each in {seen.ms:g} ms"
-    )
+    evidence = f"{silent:,} of {some(part.size, 'neuron')} never fired, the others {others:.3g} times each"
     ids, fire = ", ".join(map(str, dead[:5])), spikes > 0
     remedy = f"look at the inputs of neurons {ids}: raise their weights, or draw them with less spread"
     for word, v in part.parameters.items():

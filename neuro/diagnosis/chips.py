@@ -77,9 +77,7 @@ def _weights(program: Program, chip: Chip) -> Iterator[Finding]:
         return
     for part, fixed in zip(program.projections, quantise(program, chip).projections, strict=True):
         if fixed is not None and (lost := fixed.rounding.zeroed) > FEW:
-            evidence = (
-                f"{lost:.0%} of its weights other than 0 become 0 on {chip.title}, whose step is {fixed.step.max():.3g}"
-            )
+            evidence = f"{lost:.0%} of its weights become 0 on {chip.title}, whose step is {fixed.step.max():.3g}"
             remedy = "lower the largest weight of its population, which sets the scale, raise small ones, or prune them"
             yield finding("weights-erased", "fault" if lost > ERASED else "warning", part, evidence, remedy)
 
@@ -94,9 +92,7 @@ def _merged(program: Program, chip: Chip, seen: Observation) -> Iterator[Finding
         relay = isinstance(part.model, Neuron) and part.model.relay
         if lost <= FEW or (relay and said):  # a relay repeats what was lost before it
             continue
-        evidence = (
-            f"{lost:.1%} of its {spikes:,} spikes share a step with another of their neuron, and a spike is one bit"
-        )
+        evidence = f"{lost:.1%} of its {spikes:,} spikes share a step with another of their neuron: a spike is one bit"
         remedy = ONCE if part.kind == "neuron" and not relay else MERGES
         said = True
         yield finding("spikes-merged", "fault" if lost > ERASED else "warning", part, evidence, remedy)
@@ -152,9 +148,7 @@ def _ran(program: Program, chip: Chip, seen: Observation) -> Iterator[Finding]:
             yield fault("chip-refuses", program, f"{chip.title}: {error.message}", error.hint or "neuro fit says more")
             return
     for each in {str(w.message): w.message for w in caught if isinstance(w.message, OverflowWarning)}.values():
-        evidence = (
-            f"a register of {chip.title} overflowed in {ran.ms:g} ms: {ran.native.get(each.what, 1):,} {each.what}"
-        )
+        evidence = f"a register overflowed in {ran.ms:g} ms: {ran.native.get(each.what, 1):,} {each.what}"
         yield finding("chip-overflows", severity, program, evidence, each.hint or "lower the weights or rates onto it")
     merged, one_bit = list[float](), arithmetic_of(chip).one_bit
     for k, part in enumerate(program.populations):

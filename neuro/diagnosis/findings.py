@@ -11,6 +11,8 @@ from neuro.program.program import Population, Program, Projection, Signal, Trial
 SEVERITIES = ("fault", "warning", "note")
 """A network with a fault cannot do what it is for; a warning is likely a mistake; a note is worth knowing."""
 
+_FIELDS = ("name", "severity", "what", "where", "evidence", "remedy")
+
 
 @dataclass(frozen=True, slots=True)
 class Finding:
@@ -41,14 +43,7 @@ class Finding:
     def as_dict(self) -> dict[str, Any]:
         """The finding for JSON; `where` is null where it is not known."""
         where = str(self.where) if self.where else None
-        return {
-            "name": self.name,
-            "severity": self.severity,
-            "what": self.what,
-            "where": where,
-            "evidence": self.evidence,
-            "remedy": self.remedy,
-        }
+        return {word: where if word == "where" else getattr(self, word) for word in _FIELDS}
 
 
 Of = Population | Projection | Signal | Trials | Program

@@ -43,9 +43,7 @@ def findings(wiring: Wiring, seen: Observation) -> Iterator[Finding]:
         target = program.populations[wires.target]
         alike = wires.layout == "dense" and bool((wires.weight == wires.weight[:1]).all())
         if alike and target.size > 1 and wiring.out_of(wires.target):
-            evidence = (
-                f"all its weights are {wires.weight[0]:g}: {target.size} neurons of '{target.name}' get one gradient"
-            )
+            evidence = f"all its weights are {wires.weight[0]:g}: all neurons of '{target.name}' get one gradient"
             yield fault("weights-alike", wires, evidence, "draw them, as `weight: {normal: {mean: 0.0, std: 0.1}}`")
     sizes = _sizes(wiring, seen)
     for k, part in enumerate(program.populations):
@@ -61,9 +59,7 @@ def findings(wiring: Wiring, seen: Observation) -> Iterator[Finding]:
             if layers > 1:
                 evidence += f"; each of {layers} layers passes {passes:.2g} of its gradient"
             each = f"{names} and of the layers behind" if layers > 1 else names
-            remedy = (
-                f"draw the weights of {each} up to {figure(1.0 / passes)} times larger, so that V_m comes near V_th"
-            )
+            remedy = f"draw weights of {each} up to {figure(1.0 / passes)} times larger: V_m is to come near V_th"
             yield fault("gradients-vanish", part, evidence, remedy)
         elif sizes[k] > MUCH:
             yield fault("gradients-explode", part, evidence, f"draw smaller weights for {names}")

@@ -91,12 +91,8 @@ def _dopamine(seen: Observation, part: Projection, learnt: Learnt) -> Iterator[F
             f"eligibility and dopamine hardly meet: their product reaches {met:.2g} of the product of their peaks, "
             f"which are {gap:.3g} ms apart; tau_c = {tau:g} ms"
         )
-        yield fault(
-            "eligibility-dies",
-            part,
-            evidence,
-            f"raise tau_c to about {figure(max(gap, 2 * tau))} ms, or release dopamine earlier",
-        )
+        remedy = f"raise tau_c to about {figure(max(gap, 2 * tau))} ms, or release dopamine earlier"
+        yield fault("eligibility-dies", part, evidence, remedy)
 
 
 def _bounds(part: Projection, learnt: Learnt, seen: Observation) -> Iterator[Finding]:

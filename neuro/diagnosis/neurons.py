@@ -74,16 +74,12 @@ def _potentials(wiring: Wiring, k: int) -> Iterator[Finding]:
     if over and not bool(np.all(p.get("E_L", -np.inf) >= p["V_th"])):
         share = over / part.size
         if share > 0.5:
-            evidence = (
-                f"V_m of {over:,} of {some(part.size, 'neuron')} is at or above V_th at the start: they fire at once"
-            )
+            evidence = f"V_m of {over:,} of {some(part.size, 'neuron')} begins at or above V_th: they fire at once"
             yield warning("starts-firing", part, evidence, "draw `initial: {V_m: ...}` between V_reset and V_th")
     for word, above in (("E_ex", True), ("E_in", False)):
         if word in p and bool(np.all(p[word] <= p["V_th"] if above else p[word] >= p["V_th"])):
             name, does = ("excitatory", "cannot lift V_m to") if above else ("inhibitory", "lifts V_m to")
-            evidence = (
-                f"{word} = {p[word].max():g} mV, the {name} reversal potential, {does} V_th = {p['V_th'].min():g} mV"
-            )
+            evidence = f"{word} = {p[word].max():g} mV, the {name} reversal, {does} V_th = {p['V_th'].min():g} mV"
             yield fault("reversal", part, evidence, f"set {word} {'above' if above else 'below'} V_th")
 
 

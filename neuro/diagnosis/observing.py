@@ -265,9 +265,7 @@ class _Watch:
         # Every tenth reading, as it brings all neurons to the present.
         late = len(self.potentials[population]) % 10 == 0 or self.steps >= self.wanted
         if not np.isfinite(v).all() or (late and not self._is_finite(population, names)):
-            self.unstable = (
-                f"a state of '{part.name}' was NaN or infinite at {self.steps * self.program.resolution:g} ms"
-            )
+            self.unstable = f"a state of '{part.name}' was NaN or infinite after {self.steps:,} steps"
 
     def _is_finite(self, population: int, names: list[str]) -> bool:
         model = self.program.populations[population].model

@@ -18,14 +18,14 @@ VOLLEY = 0.5
 """Share of neurons that fire within a bin which makes a volley."""
 WIDTHS_MS = (1.0, 2.0, 5.0, 10.0, 20.0)
 """Lengths of volleys: along equal delays a millisecond, along spread ones as long as the slowest delays and inputs."""
-IN_VOLLEYS = 0.8
-"""Share of spikes in volleys that makes activity synchronous. Gamma rhythms of balanced networks have volleys of a few
-percent of the neurons."""
+IN_VOLLEYS, MORE = 0.7, 0.3
+"""Share of spikes in volleys that makes activity synchronous, and how far that is above their share of time. Gamma
+rhythms of balanced networks have volleys of a few percent of the neurons."""
 LOOP = 0.1
 """Share of the way to the threshold that one spike of each neuron brings back, below which inhibition sets the pace."""
 COLLECTIVE = 3.0
 """Variance over mean of the spikes in a step above which neurons act together; independent ones have at most 1."""
-FEW_STEPS = 4
+FEW_STEPS, FAST = 4, 0.8
 """A rhythm of so few steps follows from the resolution: delay and reset are one step each at least."""
 
 NOISE_HZ = 200.0
@@ -75,9 +75,8 @@ def _volleys(bins: Ints, active: int, width: int) -> tuple[Ints, float, int] | N
     crowded = np.convolve(bins, window, "valid") >= VOLLEY * active
     inside = np.convolve(crowded, window) > 0
     begins, share = np.flatnonzero(np.diff(inside.astype(np.int8), prepend=0) == 1), bins[inside].sum() / bins.sum()
-    if begins.size < 5 or share < IN_VOLLEYS or inside.mean() > 0.5:
-        return None
-    return begins, float(share), width
+    synchronous = begins.size >= 5 and share >= IN_VOLLEYS and share - inside.mean() >= MORE
+    return (begins, float(share), width) if synchronous else None
 
 
 def _comes_back(wiring: Wiring, k: int) -> bool:
@@ -96,7 +95,7 @@ def _alternates(seen: Observation, k: int, back: bool) -> Iterator[Finding]:
     power = np.abs(np.fft.rfft(steps - steps.mean())) ** 2
     per_step = np.fft.rfftfreq(steps.size)
     fast = per_step >= 1.0 / FEW_STEPS
-    if power[fast].sum() > IN_VOLLEYS * power.sum():
+    if power[fast].sum() > FAST * power.sum():
         period = 1.0 / per_step[int(power.argmax())]
         evidence = (
             f"its spikes come every {period:.2g} steps of {h:g} ms: {power[fast].sum() / power.sum():.0%} of the "

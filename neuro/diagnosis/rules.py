@@ -111,12 +111,8 @@ def _eligibility(program: Program, part: Projection, reward_after: float | None)
         yield fault("eligibility-dies", part, evidence, remedy)
     elif tau < program.resolution or tau < window / 2.0:
         # A pair of spikes counts up to about tau_plus apart, so a reward cannot come sooner than that after the first.
-        than = (
-            f"a step of {program.resolution:g} ms" if tau < program.resolution else f"half of tau_plus = {window:g} ms"
-        )
-        evidence = (
-            f"the eligibility ends with {word} = {tau:g} ms, less than {than}: a reward that comes later finds none"
-        )
+        than = f"a step, {program.resolution:g} ms" if tau < program.resolution else f"half of tau_plus = {window:g} ms"
+        evidence = f"the eligibility ends with {word} = {tau:g} ms, less than {than}: a later reward finds none"
         remedy = f"raise {word} to the time from an action to its reward, often 100 to 1000 ms; its unit is ms"
         yield fault("eligibility-dies", part, evidence, remedy)
 

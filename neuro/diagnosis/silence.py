@@ -22,6 +22,8 @@ SHORT_MS = 100.0
 EARLY, FADED, KEPT = 10, 0.02, 0.5
 """Spikes in the first third of a run, and the share of them in the last third at which a population has fallen silent,
 where each of its inputs keeps half of its spikes. Of 10 spikes expected, none is a chance of 1 in 20,000."""
+WITHERED, SLOW_HZ = 0.2, 1.0
+"""Such a share, and the rate it comes down to, where learning weakened the inputs, which goes on."""
 DEPLETED, SHRUNK = 0.5, 0.75
 """Share of what a rested synapse sends that is left by depression, and of weights by learning, which explains it."""
 
@@ -40,31 +42,28 @@ class Silence:
         self.heard = {
             part.target
             for q, part in enumerate(self.program.projections)
-            if part.carries == "current" or (part.source not in self.silent and self._may_excite(q))
+            if part.carries == "current" or (part.source not in self.silent and wiring.may_excite(q))
         }
         brief = {k for k in range(len(seen.populations)) if seen.is_brief(k)}
         self.waiting = wiring.reached((seen.idle - seen.driven) | brief)
 
-    def _may_excite(self, q: int) -> bool:
-        part = self.program.projections[q]
-        return self.wiring.pushes(q)[0] > 0.0 or (part.synapse.learns != "" and self.wiring.weights[q].synapses > 0)
-
     def falls(self, k: int) -> Iterator[Finding]:
         """Of one population that fired at first, if it falls silent while all that excites it goes on."""
-        early, late = self._thirds(k)
-        onto = [q for q in self.wiring.onto(k) if self._may_excite(q)]
+        part, names, early, late = self.program.populations[k], self.wiring.names, *self._thirds(k)
+        onto = [q for q in self.wiring.onto(k) if self.wiring.may_excite(q)]
         inputs = [self._thirds(self.program.projections[q].source) for q in onto]
-        if self.seen.ms < SHORT_MS or early < EARLY or late > FADED * early or self.wiring.onto(k, "current"):
+        if self.seen.ms < SHORT_MS or early < EARLY or self.wiring.onto(k, "current"):
             return
         if not inputs or any(after < KEPT * before or not after for before, after in inputs):
             return
-        part, names = self.program.populations[k], self.wiring.names
-        evidence = (
-            f"it fired {some(early, 'spike')} in the first third of {self.seen.ms:g} ms and {late} in the last, though "
-            "its inputs went on"
-        )
         moved = {q: self.seen.learning[q] for q in onto if q in self.seen.learning}
         shrunk = [q for q, w in moved.items() if np.abs(w.last).mean() < SHRUNK * np.abs(w.first).mean()]
+        slow = bool(shrunk) and 3000.0 * late < SLOW_HZ * part.size * self.seen.ms
+        if late > (WITHERED if slow else FADED) * early:
+            return
+        evidence = (
+            f"it fired {some(early, 'spike')} in the first third and {late} in the last, though its inputs went on"
+        )
         inhibit = [q for q in self.wiring.onto(k) if self.wiring.pushes(q)[1]]
         depleted = self._depleted(onto)
         if shrunk:
@@ -110,7 +109,9 @@ class Silence:
     def findings(self, k: int) -> Iterator[Finding]:
         """Of one population; none if the cause lies before it, or an input is missing."""
         part, cell = self.program.populations[k], self.wiring.cell(k)
-        if k in self.waiting or not (k in self.heard or can_fire_alone(self.wiring, k)):
+        # Of a model that is not followed nothing is known but what it hears.
+        alone = can_fire_alone(self.wiring, k) if cell is not None else not self.wiring.onto(k)
+        if k in self.waiting or not (k in self.heard or alone):
             return
         v = self.seen.populations[k].potentials
         evidence = f"0 of {some(part.size, 'neuron')} fired in {self.seen.ms:g} ms{self._silenced(k)}"
@@ -118,17 +119,13 @@ class Silence:
             yield self._silent(k, part, evidence, "")
             return
         top = float(v.max())
-        evidence += (
-            f"; the largest V_m was {top:.4g} mV, {cell.threshold - top:.3g} mV below V_th = {cell.threshold:g} mV"
-        )
+        evidence += f"; the largest V_m was {top:.4g} mV, V_th is {cell.threshold:g} mV"
         per_step, current = self.seen.per_step(), self.wiring.current(k)
         up, crossed = cell.follow(self.wiring.drive(k, per_step, excite=True), current=current)
         mean, _ = cell.follow(self.wiring.drive(k, per_step), current=current)
         lift = float(up[-1]) - cell.rest
         if (crossed or lift > NEARLY * cell.distance) and mean[-1] < up[-1]:
-            evidence += (
-                f"; its excitation alone leads to {up[-1]:.4g} mV, inhibition keeps the mean at {mean[-1]:.4g} mV"
-            )
+            evidence += f"; excitation alone leads to {up[-1]:.4g} mV, inhibition keeps the mean at {mean[-1]:.4g} mV"
             inhibit = [q for q in self.wiring.onto(k) if self.wiring.pushes(q)[1]]
             yield self._inhibited(k, "silenced", evidence, inhibit)
             return
@@ -146,14 +143,14 @@ class Silence:
         severity = "note" if probed and stimuli and not self.wiring.out_of(k) else "fault"
         # Recurrent weights are no remedy: nothing arrives by them before the first spike, and too much after it.
         heard = [q for q in self.wiring.onto(k) if self.program.projections[q].source not in self.silent]
-        onto = [q for q in heard if self._may_excite(q)] + self.wiring.onto(k, "current")
+        onto = [q for q in heard if self.wiring.may_excite(q)] + self.wiring.onto(k, "current")
         depleted, rested = self._depleted(onto)
         rates = "" if depleted else ", or the rate of its inputs"  # they deplete it the more
         names = f"`weight` of {self.wiring.names(onto)}{times}{rates}" if onto else "its I_e"
         sources = {self.program.projections[q].source for q in onto}
         shows = [p.name for j, p in enumerate(self.program.populations) if j in sources and p.records and j != k]
         held_down = " or I_e" if onto and float(part.parameters.get("I_e", np.zeros(1)).max()) < 0.0 else ""
-        remedy = f"raise {names}{held_down}, or lower V_th"
+        remedy = f"raise {names}{held_down}, or lower {'V_th' if 'V_th' in part.parameters else 'its threshold'}"
         if depleted:
             evidence, remedy = evidence + depleted, f"{rested}, or {remedy}"
         return finding(

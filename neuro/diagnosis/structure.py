@@ -180,9 +180,7 @@ def _paths(wiring: Wiring) -> Iterator[Finding]:
         yield finding("no-path", severity, part, evidence, remedy)
     if trials is not None and trials.output in reached and trials.output not in wiring.reached({trials.input}):
         first, last = (program.populations[k].name for k in (trials.input, trials.output))
-        evidence = (
-            f"no way of synapses that excite leads from '{first}', the input of trials, to '{last}', their output"
-        )
+        evidence = f"no synapses that excite lead from '{first}', the input of trials, to '{last}', their output"
         yield fault("no-path", trials, evidence, f"connect '{first}' towards '{last}'")
 
 
@@ -234,9 +232,7 @@ def _unreached(wiring: Wiring) -> Iterator[Finding]:
         if inputs is not None and inputs.any() and float((inputs == 0).mean()) > UNREACHED:
             few = int((inputs == 0).sum())
             evidence = f"no synapse ends at {few:,} of its {some(part.size, 'neuron')}; the mean is {inputs.mean():.3g}"
-            remedy = (
-                "use a rule with a fixed indegree, a larger probability or a wider reach; or check the index of a view"
-            )
+            remedy = "use a rule with a fixed indegree, a larger probability or reach; or check the index of a view"
             yield warning("unreached", part, evidence, remedy)
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -147,29 +147,26 @@ class Wiring:
         Weights that learn may come to do so. With `excite` False any synapse counts whose weight is or may become other
         than 0.
         """
-        found, new = set(begin), list(begin)
+        begin = set(begin)
+        return begin | self._after(begin, lambda q: self.may_excite(q) or (not excite and self.pushes(q)[1] < 0.0))
+
+    def _after(self, begin: Iterable[int], passes: Callable[[int], bool]) -> set[int]:
+        """The populations at the end of some ways along the projections that pass."""
+        found, new = set[int](), list(begin)
         while new:
-            source = new.pop()
-            for q in self.out_of(source):
-                part = self.program.projections[q]
-                up, down = self.pushes(q)
-                passes = up > 0.0 or (part.synapse.learns != "" and self.weights[q].synapses > 0)
-                if part.target not in found and (passes or (not excite and down < 0.0)):
-                    found.add(part.target)
-                    new.append(part.target)
+            ends = {self.program.projections[q].target for q in self.out_of(new.pop()) if passes(q)} - found
+            found |= ends
+            new += ends
         return found
+
+    def may_excite(self, projection: int) -> bool:
+        """Whether some synapses of a projection excite, or may come to."""
+        learns = self.program.projections[projection].synapse.learns != ""
+        return self.pushes(projection)[0] > 0.0 or (learns and self.weights[projection].synapses > 0)
 
     def excites_itself(self, population: int) -> bool:
         """Whether spikes of a population come back to it along synapses that excite on the whole."""
-        found, new = set[int](), [population]
-        while new:
-            for q in self.out_of(new.pop()):
-                up, down = self.pushes(q)
-                target = self.program.projections[q].target
-                if up > -down and target not in found:
-                    found.add(target)
-                    new.append(target)
-        return population in found
+        return population in self._after([population], lambda q: self.pushes(q)[0] > -self.pushes(q)[1])
 
     def loops(self, population: int) -> list[int]:
         """The projections onto a population that excite it and come from what it reaches itself."""

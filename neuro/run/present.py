@@ -36,10 +36,13 @@ def _population(k: int, part: Population, engine: Engine) -> Population:
         emitted = engine.spikes(k, -1) if part.records else None
         if emitted is None or not emitted.steps.size:
             return part
-        times = np.concatenate([part.spike_steps, np.repeat(emitted.steps, emitted.multiplicity)])
-        ids = np.concatenate([part.spike_ids, np.repeat(emitted.ids, emitted.multiplicity)])
-        steps, neurons = np.unique(np.stack([times, ids]), axis=1)
-        return replace(part, spike_steps=steps, spike_ids=neurons, stream=None)
+        listed, several = np.unique(part.spike_steps * part.size + part.spike_ids, return_counts=True)
+        keys = np.concatenate([listed, emitted.steps * part.size + emitted.ids])
+        spikes, places = np.unique(keys, return_inverse=True)
+        most = np.zeros(spikes.size, dtype=np.int64)  # what is listed was emitted, too, if it was its time
+        np.maximum.at(most, places, np.concatenate([several, emitted.multiplicity]))
+        spikes = np.repeat(spikes, most)
+        return replace(part, spike_steps=spikes // part.size, spike_ids=spikes % part.size, stream=None)
     if part.kind == "current" or part.schedule is not None:
         return part
     now = {word: engine.get(k, word) for word in part.parameters}

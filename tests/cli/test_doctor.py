@@ -34,6 +34,24 @@ def test_a_fault_has_place_evidence_and_remedy():
     assert "remedy: raise `weight` of 'noise_exc' to about" in found.stdout
 
 
+def test_a_network_that_does_not_work_ends_with_an_error(tmp_path):
+    def ended(rate: float, weight: float) -> int:
+        file = tmp_path / "net.yaml"
+        file.write_text(
+            "neuro: 1\npopulations:\n"
+            f"  noise: {{model: {{poisson_generator: {{rate: {rate}}}}}, shape: 50}}\n"
+            "  cells: {model: iaf_psc_exp, shape: 10}\n"
+            "projections:\n"
+            f"  noise_cells: {{from: noise, to: cells, rule: {{fixed_indegree: {{n: 30}}}}, weight: {weight}}}\n"
+            "probes: {v: {of: cells, record: V_m, every: 1.0}}\n"
+        )
+        return run(str(file)).exit_code
+
+    assert ended(20.0, 500.0) == 0
+    assert ended(20.0, 90.0) == 1  # a probe of V_m is no excuse for noise that fires nothing
+    assert ended(20.0, 275.0) == 0  # few spikes are enough
+
+
 def test_json_and_page(tmp_path):
     found = run(str(EXAMPLE), "--set", "w=30", "--json", "--out", str(tmp_path / "page.html"))
     assert found.exit_code == 1

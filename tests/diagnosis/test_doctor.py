@@ -125,6 +125,18 @@ def test_injected_spikes_are_given_again():
     assert len(sim.doctor(ms=20.0)) == 0
 
 
+def test_spikes_injected_into_one_step_are_given_again_and_merge_on_a_chip():
+    net = Network("fed", resolution=1.0)
+    net.population("input", 2, neuro.spike_generator(spike_times=[[3.0, 3.0], [4.0]]))
+    net.population("cells", 2, neuro.iaf_psc_delta())
+    net.connect("input", "cells", neuro.one_to_one(), weight=20.0)
+    sim = neuro.compile(net)
+    sim.inject("input", [5.0, 5.0, 7.0])
+    sim.run(10.0)
+    (merged,) = [each for each in sim.doctor(ms=20.0, chip="loihi") if each.name == "spikes-merged"]
+    assert merged.evidence.startswith("33.3% of its 9 spikes")
+
+
 def test_events_that_come_once_are_not_taken():
     events = neuro.events.load(CLI / "examples" / "walk.dat")
     net = Network("once", resolution=1.0)
