@@ -93,9 +93,8 @@ def _inputs(wiring: Wiring, seen: Observation) -> Iterator[Finding]:
                 evidence = f"its first spikes come at {first * h:g} ms, after the run of {seen.ms:g} ms"
                 yield warning("late-input", part, evidence, "run longer (`--for`), or check its times: they are in ms")
             else:
-                yield note(
-                    "late-input", part, f"it emitted no spike in {seen.ms:g} ms", "raise its rate, or run longer"
-                )
+                evidence = f"it emitted no spike in {seen.ms:g} ms"
+                yield note("late-input", part, evidence, "raise its rate, or run longer")
 
 
 def ceiling_hz(part: Population, h: float) -> float:

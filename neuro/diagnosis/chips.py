@@ -112,8 +112,8 @@ def _merged_rates(program: Program, seen: Observation) -> list[float]:
     backend = find_backend("event")
     first = observe(backend.build(given, threads=1), given, seen.steps, seen.drive, SECONDS, inputs)
     for k, (steps, ids) in first.kept.items():
-        listed = {"kind": "listed", "model": spike_generator(), "parameters": {}, "schedule": None, "stream": None}
-        heard[k] = replace(heard[k], **listed, spike_steps=steps, spike_ids=ids, start=0, stop=NEVER)
+        part = replace(heard[k], kind="listed", model=spike_generator(), parameters={}, schedule=None, stream=None)
+        heard[k] = replace(part, spike_steps=steps, spike_ids=ids, start=0, stop=NEVER)
     once = replace(program, populations=tuple(heard))
     then = observe(backend.build(once, threads=1), once, seen.steps, seen.drive, SECONDS)
     return [then.rate(k) for k in range(len(heard))]

@@ -24,6 +24,8 @@ from neuro.program.program import Program
 
 SECONDS = 20.0
 """Of the clock on the wall that the short run may take, without compiling."""
+EXPLAIN = ("silent", "silenced", "brief-input", "no-path", "weak-spike")
+"""Warnings that are faults where no output fires, as they say why."""
 _MS = Quantity("ms", above=0)
 _RATE = Quantity("Hz", at_least=0)
 
@@ -153,7 +155,8 @@ def examine(program: Program, options: Options) -> Diagnosis:
     findings += [*acts, *learning.findings(wiring, seen, options.ran, options.steered)]
     findings += _on_request(wiring, seen, options)
     if not (_works(wiring, seen) or seen.idle):
-        findings = [replace(each, severity="fault") if _explains(each) else each for each in findings]
+        causes = [each for each in findings if each.severity == "warning" and each.name in EXPLAIN]
+        findings = [replace(each, severity="fault") if each in causes else each for each in findings]
     return Diagnosis(program.name, ordered(findings), _about(seen, options), seen)
 
 
@@ -162,11 +165,6 @@ def _works(wiring: Wiring, seen: Observation) -> bool:
     neurons = [k for k, part in enumerate(seen.program.populations) if part.kind == "neuron"]
     ends = [k for k in neurons if structure.is_end(wiring, k)] or neurons
     return seen.ms < SHORT_MS or not ends or any(seen.populations[k].spikes.any() for k in ends)
-
-
-def _explains(each: Finding) -> bool:
-    """Whether a finding is a warning that says why nothing fires."""
-    return each.severity == "warning" and each.name in ("silent", "silenced", "brief-input", "no-path", "weak-spike")
 
 
 def _on_request(wiring: Wiring, seen: Observation, options: Options) -> Iterator[Finding]:

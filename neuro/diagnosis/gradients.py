@@ -17,6 +17,7 @@ import numpy as np
 
 from neuro.diagnosis.findings import Finding, fault, figure, note
 from neuro.diagnosis.observing import Observation
+from neuro.diagnosis.structure import is_end
 from neuro.diagnosis.wiring import Wiring
 
 GONE = 1e-2
@@ -36,7 +37,7 @@ def findings(wiring: Wiring, seen: Observation) -> Iterator[Finding]:
     program = wiring.program
     if not any(s.spikes.any() for s in seen.populations):
         yield note(
-            "no-gradients", program, "nothing fired, so gradients cannot be judged", "give it input, or `--drive 20`"
+            "no-gradients", program, "nothing fired: gradients cannot be judged", "give it input, or `--drive 20`"
         )
         return
     for wires in program.projections:
@@ -79,14 +80,10 @@ def _layers(wiring: Wiring, k: int) -> int:
         after = {wiring.program.projections[q].target for j in ahead for q in wiring.out_of(j)} - passed
         if not after:
             break
-        if any(not set(_targets(wiring, j)) - {j} for j in after):
+        if any(is_end(wiring, j) for j in after):
             return layers + 1
         ahead, passed = after, passed | after
     return 1
-
-
-def _targets(wiring: Wiring, k: int) -> list[int]:
-    return [wiring.program.projections[q].target for q in wiring.out_of(k)]
 
 
 def surrogate(wiring: Wiring, seen: Observation, k: int) -> float | None:

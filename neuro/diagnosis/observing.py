@@ -288,21 +288,10 @@ class _Watch:
             learning[q] = Learnt(self.first[q], self._moving(q), *traces)
             if not np.isfinite(learning[q].last).all() and not self.unstable:
                 self.unstable = f"a weight of '{self.program.projections[q].name}' became NaN or infinite"
-        return Observation(
-            self.program,
-            self.steps,
-            self.wanted,
-            self.bin,
-            populations,
-            learning,
-            self.idle,
-            self.driven,
-            counts,
-            self.drive,
-            np.diff(self.totals, axis=0),
-            self.unstable,
-            {k: _joined(parts) for k, parts in self.kept.items()},
-        )
+        kept = {k: _joined(parts) for k, parts in self.kept.items()}
+        run, inputs = (self.program, self.steps, self.wanted, self.bin), (self.idle, self.driven)
+        course = np.diff(self.totals, axis=0)
+        return Observation(*run, populations, learning, *inputs, counts, self.drive, course, self.unstable, kept)
 
 
 def _some(size: int) -> Ints:

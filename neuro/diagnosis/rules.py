@@ -57,11 +57,8 @@ def _one_way(part: Projection) -> Iterator[Finding]:
     values, rule = part.synapse.parameters(), part.synapse
     if rule.learns != "pairs" or rule.modulated:
         return
-    if (
-        "alpha" in values
-        and "lambda" in {word.rstrip("_") for word in values}
-        and np.all(np.equal(values["alpha"], 0.0))
-    ):
+    words = {word.rstrip("_") for word in values}
+    if {"alpha", "lambda"} <= words and np.all(np.equal(values["alpha"], 0.0)):
         yield warning("one-way", part, "alpha = 0: no pair of spikes depresses a weight", "set alpha to about 1")
     for word, other, does in (("A_plus", "A_minus", "potentiates"), ("A_minus", "A_plus", "depresses")):
         if word in values and other in values and np.all(np.equal(values[word], 0.0)) and np.any(values[other]):
@@ -121,13 +118,8 @@ def _copies(program: Program, part: Projection) -> Iterator[Finding]:
     """Maps that compete, or are taught, and begin as copies of each other: nothing ever distinguishes them."""
     target = program.populations[part.target]
     several = target.shape[0] > 1 if part.grid is not None else target.size > 1
-    if (
-        part.synapse.learns != "trials"
-        or part.synapse.delays
-        or not several
-        or part.size < 2
-        or part.layout not in ("dense", "grid")
-    ):
+    rule = part.synapse
+    if rule.learns != "trials" or rule.delays or not several or part.size < 2 or part.layout not in ("dense", "grid"):
         return
     maps = part.weight.reshape(target.shape[0], -1) if part.grid is not None and part.weight.size > 1 else None
     if maps is None and part.layout == "dense" and part.weight.size > 1:

@@ -8,10 +8,10 @@ from dataclasses import replace
 import numpy as np
 
 from neuro.core.english import some
-from neuro.diagnosis.findings import Finding, fault, figure, finding, warning
+from neuro.diagnosis.findings import Finding, figure, finding
 from neuro.diagnosis.learning import balanced
 from neuro.diagnosis.observing import Observation
-from neuro.diagnosis.structure import can_fire_alone
+from neuro.diagnosis.structure import can_fire_alone, is_end
 from neuro.diagnosis.wiring import Wiring
 from neuro.program.program import Population
 
@@ -49,12 +49,12 @@ class Silence:
 
     def falls(self, k: int) -> Iterator[Finding]:
         """Of one population that fired at first, if it falls silent while all that excites it goes on."""
-        part, names, early, late = self.program.populations[k], self.wiring.names, *self._thirds(k)
+        part, (early, late), after = self.program.populations[k], self._thirds(k), self.wiring.reached([k])
         onto = [q for q in self.wiring.onto(k) if self.wiring.may_excite(q)]
-        inputs = [self._thirds(self.program.projections[q].source) for q in onto]
+        inputs = [self._thirds(j) for j in {self.program.projections[q].source for q in onto} - after]
         if self.seen.ms < SHORT_MS or early < EARLY or self.wiring.onto(k, "current"):
             return
-        if not inputs or any(after < KEPT * before or not after for before, after in inputs):
+        if not inputs or any(then < KEPT * before or not then for before, then in inputs):
             return
         moved = {q: self.seen.learning[q] for q in onto if q in self.seen.learning}
         shrunk = [q for q, w in moved.items() if np.abs(w.last).mean() < SHRUNK * np.abs(w.first).mean()]
@@ -62,22 +62,22 @@ class Silence:
         if late > (WITHERED if slow else FADED) * early:
             return
         evidence = (
-            f"it fired {some(early, 'spike')} in the first third and {late} in the last, though its inputs went on"
+            f"{some(early, 'spike')} in the first third of the run, {late} in the last, though its inputs went on"
         )
-        inhibit = [q for q in self.wiring.onto(k) if self.wiring.pushes(q)[1]]
-        depleted = self._depleted(onto)
+        inhibit, severity = [q for q in self.wiring.onto(k) if self.wiring.pushes(q)[1]], "fault"
+        more, remedy = self._depleted(onto)
         if shrunk:
-            w = moved[shrunk[0]]
-            evidence += f": learning brought the mean weight of {names(shrunk)} from {w.first.mean():.3g} to "
+            first, last = moved[shrunk[0]].first.mean(), moved[shrunk[0]].last.mean()
+            more = f": learning brought the mean weight of {self.wiring.names(shrunk)} from {first:.3g} to {last:.3g}"
             remedy = f"{balanced(self.program.projections[shrunk[0]], grows=False)}, or lower the learning rate"
-            yield fault("falls-silent", part, f"{evidence}{w.last.mean():.3g}", remedy, part.name)
-        elif depleted[0]:
-            yield fault("falls-silent", part, evidence + depleted[0], depleted[1], part.name)
-        elif inhibit:
-            yield self._inhibited(k, "falls-silent", evidence, inhibit)
-        else:
-            remedy = f"raise `weight` of {names(onto)}: what fired at first were its initial states, or it adapts"
-            yield warning("falls-silent", part, evidence, remedy, part.name)
+        elif inhibit and not more:
+            if not late and not after & {self.program.projections[q].source for q in inhibit}:  # no loop that settles
+                yield self._inhibited(k, "falls-silent", evidence, inhibit)
+            return
+        elif not more:
+            remedy = f"raise `weight` of {self.wiring.names(onto)}: initial states made it fire at first, or it adapts"
+            severity = "fault" if is_end(self.wiring, k) else "warning"
+        yield finding("falls-silent", severity, part, evidence + more, remedy, part.name)
 
     def _thirds(self, k: int) -> tuple[int, int]:
         """Spikes in the first and in the last third of the run."""
@@ -153,9 +153,8 @@ class Silence:
         remedy = f"raise {names}{held_down}, or lower {'V_th' if 'V_th' in part.parameters else 'its threshold'}"
         if depleted:
             evidence, remedy = evidence + depleted, f"{rested}, or {remedy}"
-        return finding(
-            "silent", "note" if self.seen.ms < SHORT_MS else severity, part, evidence, remedy, part.name, *shows
-        )
+        severity = "note" if self.seen.ms < SHORT_MS else severity
+        return finding("silent", severity, part, evidence, remedy, part.name, *shows)
 
     def _silenced(self, k: int) -> str:
         """The populations that hear nothing since it is silent."""

@@ -184,10 +184,9 @@ def _paths(wiring: Wiring) -> Iterator[Finding]:
         yield fault("no-path", trials, evidence, f"connect '{first}' towards '{last}'")
 
 
-_BACKGROUND = re.compile(r"noise|backg|poisson|(^|_)(bg|ext|tonic|spont|ongoing|bias|drive)", re.IGNORECASE)
+_BACKGROUND = re.compile(r"(?i)noise|backg|poisson|(^|_)(bg|ext|tonic|spont|ongoing|bias|drive)")
 _OUTPUT = re.compile(
-    r"(^|_)(out|outputs?|readouts?|motors?|actions?|actors?|decisions?|class|classes|muscles?|labels?)(_|\d|$)",
-    re.IGNORECASE,
+    r"(?i)(^|_)(out(puts?)?|readouts?|(motor|action|actor|decision|muscle|label)s?|class(es)?)(_|\d|$)"
 )
 
 
