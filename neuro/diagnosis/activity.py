@@ -200,4 +200,7 @@ def _dead(wiring: Wiring, seen: Observation, k: int) -> Iterator[Finding]:
         if v.size > 1 and (v[dead].max() < v[fire].min() or v[dead].min() > v[fire].max()):
             evidence += f"; their {word} is {v[dead].mean():.4g} on average, that of the others {v[fire].mean():.4g}"
             remedy = f"set {word} of neurons {ids} as that of the others"
-    yield warning("dead-outputs", part, evidence, remedy, part.name)
+    # With inhibition some may well lose, before they have learnt.
+    excited = not any(wiring.pushes(q)[1] for q in wiring.onto(k))
+    severity = "fault" if excited and 2 * silent >= part.size else "warning"
+    yield finding("dead-outputs", severity, part, evidence, remedy, part.name)
