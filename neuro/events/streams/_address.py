@@ -100,8 +100,8 @@ def format_for(scheme: str, format: object, known: Iterable[str]) -> str:
         if scheme == "tcp":
             return "aedat4"
         raise ModelError(f"format is missing: expected one of {', '.join(names)}")
-    if format not in names:
-        if format in ("aedat4", *by_udp):
+    if not isinstance(format, str) or format not in names:
+        if isinstance(format, str) and format in ("aedat4", *by_udp):
             other = "tcp" if scheme == "udp" else "udp"
             raise ModelError(f"format '{format}' comes by {other}://: found {scheme}://")
         raise unknown("format of a stream", format, names)
