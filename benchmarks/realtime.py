@@ -128,6 +128,9 @@ def main() -> None:
         print(f"  {run.inputs['camera']}")
         print("  " + ", ".join(f"{word} {h.ms(0.5):.3f} / {h.ms(0.99):.3f}" for word, h in run.phases.items()))
         late = f"{run.misses:,} of {run.ticks:,} ticks missed, preempted {run.cost.preempted:,} times"
+        number, phases = run.largest_tick
+        slowest = ", ".join(f"{word} {ms:.3f}" for word, ms in phases.items())
+        print(f"  slowest tick {number:,}: {slowest}; {run.cost.minor_faults:,} page faults")
         print(f"  {late}, {run.drops:,} drops")
 
 

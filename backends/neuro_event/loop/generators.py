@@ -15,7 +15,7 @@ from neuro_event.loop.tables import call_entry, net_of
 
 _ONE = np.uint64(1)
 _AHEAD = 16
-"""So many listed spikes before its own turn the counts of a neuron are fetched: a camera has more than a cache holds."""
+"""So many listed spikes before its turn the counts of a neuron are fetched: a camera has more than a cache holds."""
 
 
 @subkernel
