@@ -190,45 +190,51 @@ def settle(index, first, last, width, height, period, ordered, forward, facts, t
     """
     kept = 0
     begin = 0
-    clock, added = facts[CLOCK], facts[ADDED]
+    clock, added, doubt, behind = facts[CLOCK], facts[ADDED], facts[DOUBT], facts[BEHIND]
+    if period:
+        forward = min(forward, period - BACKWARD - 1)
     for entry in range(first, last):
         end = index[entry % len(index), EVENTS]
         begins = True
         for k in range(begin, end):
-            if x[k] >= width or y[k] >= height:
+            if (x[k] >= width) | (y[k] >= height):
                 facts[OUTSIDE] += 1
                 continue
             now = t[k] + added
-            if period and clock - now > period // 2:
-                now += period
-            elif period and added and clock > now - period >= clock - BACKWARD:  # of before it began again
-                now -= period
-            ahead = now - clock
-            if not ordered and (clock == 0 or ahead > forward or ahead < -BACKWARD):
-                agrees = -BACKWARD <= t[k] - facts[DOUBT] <= forward or (clock == 0 and k + 1 == end)
-                if k + 1 < end:
-                    agrees |= -BACKWARD <= t[k + 1] - t[k] <= forward
-                if not agrees:
-                    facts[DOUBT] = t[k]
-                    facts[DAMAGED] += 1
-                    continue
-            facts[DOUBT] = NOWHERE
-            if begins:
-                facts[BEHIND] = facts[BEHIND] + 1 if ahead < 0 else 0
-                begins = False
-            if ahead < 0:
-                if not (ordered or ahead < -BACKWARD or facts[BEHIND] >= AGAIN):
-                    facts[BACK] += 1
-                    continue
-                now = clock
-                facts[RESTARTS] += 1
-                facts[BEHIND] = 0
-            clock, added = now, now - t[k]
+            if not 0 <= now - clock <= forward or clock == 0:  # else nothing is to be asked
+                if period and clock - now > period // 2:
+                    now += period
+                elif period and added and clock > now - period >= clock - BACKWARD:  # of before it began again
+                    now -= period
+                ahead = now - clock
+                if not ordered and (clock == 0 or ahead > forward or ahead < -BACKWARD):
+                    agrees = -BACKWARD <= t[k] - doubt <= forward or (clock == 0 and k + 1 == end)
+                    if k + 1 < end:
+                        agrees |= -BACKWARD <= t[k + 1] - t[k] <= forward
+                    if not agrees:
+                        doubt = t[k]
+                        facts[DAMAGED] += 1
+                        continue
+                if ahead < 0:
+                    behind += begins
+                    begins = False
+                    if not (ordered or ahead < -BACKWARD or behind >= AGAIN):
+                        doubt = NOWHERE
+                        facts[BACK] += 1
+                        continue
+                    now = clock
+                    facts[RESTARTS] += 1
+                    behind = 0
+                added = now - t[k]
+            behind = 0 if begins else behind
+            begins = False
+            doubt = NOWHERE
+            clock = now
             t[kept] = now
             x[kept] = x[k]
             y[kept] = y[k]
             p[kept] = p[k]
             kept += 1
         begin = end
-    facts[CLOCK], facts[ADDED] = clock, added
+    facts[CLOCK], facts[ADDED], facts[DOUBT], facts[BEHIND] = clock, added, doubt, behind
     return kept
