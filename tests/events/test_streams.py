@@ -600,6 +600,8 @@ def test_a_port_that_this_user_may_not_use(monkeypatch):
     monkeypatch.setattr(socket.socket, "bind", refuse)
     told = message(listen, f"udp://{HOST}:80", format="spif", sensor=SIZE)
     assert told.startswith("udp://127.0.0.1:80: this user may not use it\n  hint: ports below 1024")
+    told = message(listen, f"udp://{HOST}:3333", format="spif", sensor=SIZE)
+    assert told == "udp://127.0.0.1:3333: this user may not use it"
 
 
 def test_a_server_of_something_else():

@@ -41,9 +41,10 @@ class Address:
 
     def refused(self, error: OSError) -> ModelError:
         """What the system says of it."""
+        low = "ports below 1024 are for administrators; 3333 is none of them"
         known = {
             errno.EADDRINUSE: ("another program listens there", "port 0 takes a free one"),
-            errno.EACCES: ("this user may not use it", "ports below 1024 are for administrators; 3333 is none of them"),
+            errno.EACCES: ("this user may not use it", low if self.place[1] < 1024 else ""),
             errno.EADDRNOTAVAIL: ("no interface of this machine has the address", "0.0.0.0 is all of them"),
             errno.ECONNREFUSED: ("nobody listens there", "start the sender first"),
         }
