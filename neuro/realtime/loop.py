@@ -186,7 +186,7 @@ class Loop:
             after = Cost.now()
             if done > due:
                 run.misses += 1
-                run.missed_cost += after.since(before)
+                run.missed_cost = run.missed_cost.plus(after.since(before))
                 if late == "stop":
                     self.stop(f"the action of tick {number} was {(done - due) / 1e6:.3f} ms late")
                 elif late == "skip" and (past := min((done - due) // tick, ticks - number)):

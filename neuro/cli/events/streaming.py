@@ -35,17 +35,12 @@ SendTo = Annotated[
 OutFile = Annotated[
     str | None, typer.Argument(metavar="OUT", help="The recording to write, - for standard output; none: only counts.")
 ]
+TIME = {"metavar": "MS", "parser": milliseconds}
 Silent = Annotated[
-    Any,
-    typer.Option(
-        "--until-silent", metavar="MS", parser=milliseconds, help="End when nothing came for so long after something."
-    ),
+    Any, typer.Option("--until-silent", help="End when nothing came for so long after something.", **TIME)
 ]
-First = Annotated[
-    Any,
-    typer.Option("--first-within", metavar="MS", parser=milliseconds, help="End when nothing at all came for so long."),
-]
-For = Annotated[Any, typer.Option("--for", metavar="MS", parser=milliseconds, help="End after so long.")]
+First = Annotated[Any, typer.Option("--first-within", help="End when nothing at all came for so long.", **TIME)]
+For = Annotated[Any, typer.Option("--for", help="End after so long.", **TIME)]
 
 ShowStream = Annotated[bool, typer.Option("--page", help="Show the events in the browser, and write none.")]
 FOR_EVER = 1e11
@@ -74,10 +69,8 @@ def listen(
     ends = {"until_silent": until_silent, "first_within": first_within}
     seconds = {word: ms / 1000.0 for word, ms in ends.items() if ms is not None}
     if page and (target is not None or seconds):
-        raise ModelError(
-            "--page: expected neither OUT nor --until-silent nor --first-within",
-            hint="neuro live --page --out FILE keeps events",
-        )
+        message = "--page: expected neither OUT nor --until-silent nor --first-within"
+        raise ModelError(message, hint="neuro live --page --out FILE keeps events")
     if not page:
         refuse_unused(context, "--page", "no_browser")
     if target is not None:
