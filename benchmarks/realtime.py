@@ -1,6 +1,6 @@
 """The loop in real time: what feeding takes, and how late actions are, beside an empty loop in the same run.
 
-    python benchmarks/realtime.py [--seconds 10] [--udp] [--out FILE.h5]
+    python benchmarks/realtime.py [--seconds 10] [--rows 346x260] [--udp] [--out FILE.h5]
     sudo chrt --fifo 1 python benchmarks/realtime.py
 
 Each row is a camera with noise at a rate, ticks of a length, and a network on grids. Events are played from memory in
@@ -25,12 +25,12 @@ import neuro
 from neuro.events import Events
 from neuro.realtime import Loop, Player, Source, empty_loop
 
-ROWS = (
+ROWS = {
     # width, height, events a second, ms of a tick, stride of the first grid
-    (64, 48, 1e5, 1.0, 4),
-    (346, 260, 1e6, 1.0, 4),
-    (640, 480, 5e6, 5.0, 7),
-)
+    "64x48": (64, 48, 1e5, 1.0, 4),
+    "346x260": (346, 260, 1e6, 1.0, 4),
+    "640x480": (640, 480, 5e6, 5.0, 7),
+}
 ROUNDS = 500
 
 
@@ -90,6 +90,7 @@ def main() -> None:
     """Print a row for each camera."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--seconds", type=float, default=10.0)
+    parser.add_argument("--rows", nargs="+", default=list(ROWS), choices=ROWS, help="cameras, all if not given")
     parser.add_argument("--out", help="also record to this file")
     parser.add_argument("--udp", action="store_true")
     parser.add_argument("--send", nargs=5, help=argparse.SUPPRESS)
@@ -97,7 +98,7 @@ def main() -> None:
     if asked.send:
         send(*asked.send)
         return
-    for width, height, rate, tick, stride in ROWS:
+    for width, height, rate, tick, stride in map(ROWS.__getitem__, asked.rows):
         n = round(rate * tick / 1000.0)
         nothing, fed = (feeding(width, height, m, tick) for m in (0, n))
         sim = neuro.compile(network(width, height, stride), seed=1)
@@ -125,7 +126,11 @@ def main() -> None:
         ):
             print(f"  {name:<30} {h}")
         print(f"  {run.inputs['camera']}")
+        print("  " + ", ".join(f"{word} {h.ms(0.5):.3f} / {h.ms(0.99):.3f}" for word, h in run.phases.items()))
         late = f"{run.misses:,} of {run.ticks:,} ticks missed, preempted {run.cost.preempted:,} times"
+        number, phases = run.largest_tick
+        slowest = ", ".join(f"{word} {ms:.3f}" for word, ms in phases.items())
+        print(f"  slowest tick {number:,}: {slowest}; {run.cost.minor_faults:,} page faults")
         print(f"  {late}, {run.drops:,} drops")
 
 

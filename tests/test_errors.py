@@ -37,7 +37,7 @@ INSIDE = {
     ("AssertionError", "neuro/testing/"): "the judgement of the conformance suite",
     ("BadParameter", "neuro/cli/"): "of an option; the command line tells it with the option's name",
     ("BadParameter", "apps/"): "of an option; the command line tells it with the option's name",
-    ("KeyboardInterrupt", "neuro/realtime/loop.py"): "of a second Ctrl-C, as Python raises it at the first",
+    ("KeyboardInterrupt", "neuro/core/interrupts.py"): "of a second Ctrl-C, as Python raises it at the first",
     ("Pruned", "neuro/sweeps/metrics.py"): "of a run that ends early; who does the run keeps it as pruned",
     (
         "ValueError",

@@ -167,7 +167,7 @@ def test_a_recording_that_was_moved(played, run, again, capsys):
 
 def test_a_stream_that_was_played(folder, run, capsys):
     """Nobody sends to it, so it ends at once."""
-    streamed = '{stream: "udp://127.0.0.1:0", format: spif, sensor: [9, 7], until_silent: 10 ms}'
+    streamed = '{stream: "udp://127.0.0.1:0", format: spif, sensor: [9, 7], first_within: 10 ms}'
     (folder / "streamed.yaml").write_text(PLAYS.replace("{file: walk.dat}", streamed))
     run("run", "streamed.yaml", "--for", 50, "--out", "a.h5")
     run("rerun", "a.h5", status=2)

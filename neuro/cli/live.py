@@ -20,6 +20,7 @@ from neuro.cli.options import (
     Threads,
     assignments,
     milliseconds,
+    refuse_unused,
     stoppable,
     whole,
 )
@@ -106,6 +107,7 @@ STREAM_TICK = 10.0
 
 
 def live(
+    context: typer.Context,
     file: NetworkFile,
     tick: Tick = 1.0,
     duration: Long = None,
@@ -131,6 +133,12 @@ def live(
     from neuro.realtime import Loop
     from neuro.run.compiled import compile as compiled
 
+    if not any("=udp://" in text for text in input):
+        refuse_unused(context, "an --input from udp://", "format")
+    if not page:
+        refuse_unused(context, "--page", "host", "port", "no_browser")
+        if out is None:
+            refuse_unused(context, "--out or --page", "record")
     net = load(file, params=assignments(set))
     keep_spikes(net, record)
     if out is not None:
@@ -143,6 +151,8 @@ def live(
     with ExitStack() as stack:
         streams = streamed(net, stack)
         paced = _is_paced(page, speed, {"--input": input, "--out": out, "stream": streams})
+        if paced:
+            refuse_unused(context, "--input, --out or a stream", "tick", "late")
         sim = simulation(seed)
         shown = None
         if page:
@@ -230,8 +240,6 @@ def sources(
     from neuro.realtime import Player
 
     made = dict(streams)
-    if format is not None and not any("=udp://" in text for text in texts):
-        raise ModelError(f"--format {format}: expected an --input from udp://, whose format it is")
     for text in texts:
         name, equals, what = text.partition("=")
         if not equals or not name or not what:

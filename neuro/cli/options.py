@@ -25,6 +25,16 @@ def stoppable(left: str | Callable[[], str]) -> Iterator[Bar]:
             raise typer.Exit(130) from None
 
 
+def refuse_unused(context: typer.Context, needs: str, *names: str) -> None:
+    """Refuse options and arguments of these names that were given, since they do nothing without what they need."""
+    from neuro.core.errors import ModelError
+
+    for each in context.command.params:
+        source = context.get_parameter_source(each.name or "")
+        if each.name in names and source is not None and source.name == "COMMANDLINE":
+            raise ModelError(f"{each.opts[0]}: expected {needs} as well")
+
+
 def group(name: str, about: str) -> typer.Typer:
     """A command that has commands of its own, and without one of them prints its help."""
     app = typer.Typer(name=name, add_completion=False, pretty_exceptions_enable=False)

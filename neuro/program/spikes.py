@@ -8,13 +8,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from neuro.kernels.jit import kernel
 from neuro.program.backend import Spikes
 from neuro.program.program import Ints, Program
 
 Part = tuple[NDArray[Any], NDArray[Any], NDArray[Any]]
 _NAMES = ("record.steps", "record.ids", "record.counts")
 _NO_INTS = np.zeros(0, dtype=np.int64)
-_FIRST = np.ones(1, dtype=np.bool_)
 
 
 class RecordedSpikes:
@@ -202,20 +202,35 @@ class ListedSpikes:
 
 def _with_multiplicity(steps: Ints, neurons: Ints) -> Ints:
     """Rows (step, neuron, multiplicity), sorted; equal ones joined."""
-    if steps.size == 0:
-        return np.zeros((0, 3), dtype=np.int64)
-    begin, span = int(steps.min()), int(neurons.max()) + 1
-    if (int(steps.max()) - begin + 1) * span >= 1 << 63:
+    begin, end, span = _extents(steps, neurons)
+    if (end - begin) * span >= 1 << 63:
         pairs, counts = np.unique(np.stack([steps, neurons], axis=1), axis=0, return_counts=True)
         return np.column_stack([pairs, counts])
-    keys = np.sort((steps - begin) * span + neurons)
-    firsts = np.flatnonzero(np.concatenate([_FIRST, keys[1:] != keys[:-1]]))
-    distinct = keys[firsts]
-    rows = np.empty((3, firsts.size), dtype=np.int64)
-    step, neuron, count = rows
-    np.floor_divide(distinct, span, out=step)
-    np.subtract(distinct, step * span, out=neuron)
-    step += begin
-    np.subtract(firsts[1:], firsts[:-1], out=count[:-1])
-    count[-1] = keys.size - firsts[-1]
-    return rows.T
+    rows = np.empty((3, steps.size), dtype=np.int64)
+    return rows[:, : _join(np.sort((steps - begin) * span + neurons), begin, span, rows)].T
+
+
+@kernel
+def _extents(steps: Ints, neurons: Ints) -> tuple[int, int, int]:
+    """The first step, the one after the last, and the neuron after the last."""
+    begin, end, span = 0, 0, 0
+    for k in range(steps.size):
+        begin = min(begin, int(steps[k])) if k else int(steps[0])
+        end, span = max(end, int(steps[k]) + 1), max(span, int(neurons[k]) + 1)
+    return begin, end, span
+
+
+@kernel
+def _join(keys: Ints, begin: int, span: int, rows: Ints) -> int:
+    """Write rows of sorted keys, `(step - begin) * span + neuron`, equal ones joined; return how many they are."""
+    n, step, first, beyond = 0, 0, 0, 0
+    for k in range(keys.size):
+        if k and keys[k] == keys[k - 1]:
+            rows[2, n - 1] += 1
+            continue
+        if keys[k] >= beyond:  # of a later step: most divisions are spared
+            step = keys[k] // span
+            first, beyond = step * span, step * span + span
+        rows[0, n], rows[1, n], rows[2, n] = begin + step, keys[k] - first, 1
+        n += 1
+    return n

@@ -81,7 +81,12 @@ class Inlet:
         found: Any = getattr(self._source, "counts", None)
         if is_dataclass(found) and not isinstance(found, type):
             found = asdict(found)
-        return {str(k): int(v) for k, v in found.items() if v is not None} if isinstance(found, Mapping) else {}
+        counts = {str(k): v for k, v in found.items() if v is not None} if isinstance(found, Mapping) else {}
+        for word, count in counts.items():
+            if not isinstance(count, int | np.integer):
+                message = f"counts of the source of '{self.name}' has {word} = {count!r:.60}"
+                raise ModelError(f"inputs: {message}: expected a whole number")
+        return {word: int(count) for word, count in counts.items()}
 
     def rehearse(self) -> None:
         """Feed nothing, so that all that this needs is in memory."""

@@ -3,19 +3,18 @@
 from __future__ import annotations
 
 import gc
-import signal
-import threading
 import time
-from collections.abc import Callable, Collection, Iterator, Mapping
-from contextlib import contextmanager, nullcontext
+from collections.abc import Callable, Collection, Mapping
+from contextlib import nullcontext
 from os import PathLike
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
+from neuro.core.checks import argument
 from neuro.core.clock import NEVER, Clock
 from neuro.core.errors import ModelError
-from neuro.core.hints import near
+from neuro.core.interrupts import ending_by
 from neuro.realtime.histogram import Histogram
 from neuro.realtime.inlet import Inlet, Source
 from neuro.realtime.pace import punctual, wait_until
@@ -73,8 +72,7 @@ class Loop:
             raise ModelError(f"Loop: found {sim!r:.60}: expected a Simulation")
         if inputs is not None and not isinstance(inputs, Mapping):
             raise ModelError(f"inputs = {inputs!r:.60}: expected sources by the names of event cameras")
-        if late not in LATE:
-            raise ModelError(f"late = {late!r}: expected one of {', '.join(LATE)}", hint=near(str(late), LATE))
+        late = argument("late", late, words=LATE)
         if act is not None and not callable(act):
             raise ModelError(f"act = {act!r:.60}: expected a function of the time in ms")
         if watch is not None and not callable(watch):
@@ -101,7 +99,7 @@ class Loop:
         threads: int = 1,
         report: Callable[[LiveRun], object] | None = None,
     ) -> LiveRun:
-        """Run in real time. Ctrl-C ends it after the present tick; what was recorded is then whole.
+        """Run in real time. Ctrl-C or SIGTERM ends it after the present tick; what was recorded is then whole.
 
         The first tick of the network is run before the clock starts, without events, so that all is in memory.
 
@@ -122,6 +120,7 @@ class Loop:
         """
         if report is not None and not callable(report):
             raise ModelError(f"report = {report!r:.60}: expected a function of the account")
+        threads = int(argument("threads", threads, kind="integer", at_least=1))
         steps = self._clock.step(ms, "run")
         if not 0 < steps < NEVER:
             raise ModelError(f"run = {_said(ms)}: expected a finite time > 0 ms")
@@ -134,7 +133,7 @@ class Loop:
         failure: Exception | None = None
         with recorded as recording:
             chores = _Chores(recording, report)
-            with self._interruptible(), punctual():
+            with ending_by(lambda: self.stop("interrupted")), punctual():
                 try:
                     self._first(recording)
                     self._go(run, ticks - 1, chores)
@@ -187,7 +186,7 @@ class Loop:
             after = Cost.now()
             if done > due:
                 run.misses += 1
-                run.missed_cost += after.since(before)
+                run.missed_cost = run.missed_cost.plus(after.since(before))
                 if late == "stop":
                     self.stop(f"the action of tick {number} was {(done - due) / 1e6:.3f} ms late")
                 elif late == "skip" and (past := min((done - due) // tick, ticks - number)):
@@ -230,24 +229,6 @@ class Loop:
             run.largest_tick = number, phases
         run.response.add(done - due)
         return done
-
-    @contextmanager
-    def _interruptible(self) -> Iterator[None]:
-        """Let Ctrl-C end the run after the present tick, and a second one at once."""
-        if threading.current_thread() is not threading.main_thread():
-            yield
-            return
-
-        def stop(number: int, frame: Any) -> None:
-            if self._stopped:
-                raise KeyboardInterrupt
-            self.stop("interrupted")
-
-        before = signal.signal(signal.SIGINT, stop)
-        try:
-            yield
-        finally:
-            signal.signal(signal.SIGINT, before)
 
 
 def _said(ms: float | str) -> str:

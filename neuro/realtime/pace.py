@@ -10,6 +10,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
+from neuro.core.checks import argument
 from neuro.core.memory import free_memory
 from neuro.realtime.histogram import Histogram
 
@@ -85,7 +86,11 @@ def empty_loop(tick_ms: float, ms: float) -> Histogram:
     Args:
         tick_ms: the length of a tick.
         ms: how long.
+
+    Raises:
+        ModelError: one of them is no number > 0.
     """
+    tick_ms, ms = argument("tick_ms", tick_ms, above=0), argument("ms", ms, above=0)
     found, tick = Histogram(), round(tick_ms * 1e6)
     with punctual():
         due = time.monotonic_ns()

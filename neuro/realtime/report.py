@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+import operator
 import resource
 from collections.abc import Iterator
 from dataclasses import dataclass, field
-from typing import Any
+from typing import Any, NamedTuple
 
 from neuro.core.tables import Table, as_html, as_text
 from neuro.realtime.histogram import Histogram
@@ -14,8 +15,7 @@ PHASES = ("take", "feed", "run", "act")
 """What a tick does, in this order."""
 
 
-@dataclass(slots=True)
-class Cost:
+class Cost(NamedTuple):
     """What kept this thread from going on: counts of the operating system.
 
     Attributes:
@@ -34,20 +34,13 @@ class Cost:
         used = resource.getrusage(getattr(resource, "RUSAGE_THREAD", resource.RUSAGE_SELF))
         return cls(used.ru_nivcsw, used.ru_minflt, used.ru_majflt)
 
-    def __add__(self, other: Cost) -> Cost:
-        return Cost(
-            self.preempted + other.preempted,
-            self.minor_faults + other.minor_faults,
-            self.major_faults + other.major_faults,
-        )
+    def plus(self, other: Cost) -> Cost:
+        """Both together."""
+        return Cost(*map(operator.add, self, other))
 
     def since(self, before: Cost) -> Cost:
         """What came since."""
-        return Cost(
-            self.preempted - before.preempted,
-            self.minor_faults - before.minor_faults,
-            self.major_faults - before.major_faults,
-        )
+        return Cost(*map(operator.sub, self, before))
 
 
 @dataclass(eq=False)
@@ -79,8 +72,8 @@ class LiveRun:
     response: Histogram = field(default_factory=Histogram)
     empty: Histogram = field(default_factory=Histogram)
     phases: dict[str, Histogram] = field(default_factory=lambda: {word: Histogram() for word in PHASES})
-    cost: Cost = field(default_factory=lambda: Cost(0, 0, 0))
-    missed_cost: Cost = field(default_factory=lambda: Cost(0, 0, 0))
+    cost: Cost = Cost(0, 0, 0)
+    missed_cost: Cost = Cost(0, 0, 0)
     largest_tick: tuple[int, dict[str, float]] = (0, {})
     inputs: dict[str, dict[str, int]] = field(default_factory=dict)
 
@@ -112,11 +105,8 @@ class LiveRun:
             (name, *(f"{counts[word]:,}" for word in ("taken", "fed", "dropped")), _said(_losses(counts)))
             for name, counts in self.inputs.items()
         )
-        words = ("preempted", "minor_faults", "major_faults")
-        costs = tuple(
-            (name, *(f"{getattr(cost, word):,}" for word in words))
-            for name, cost in (("all ticks", self.cost), ("missed ticks", self.missed_cost))
-        )
+        found = (("all ticks", self.cost), ("missed ticks", self.missed_cost))
+        costs = tuple((name, *(f"{count:,}" for count in cost)) for name, cost in found)
         number, phases = self.largest_tick
         slowest = ((f"{number:,}", *(f"{ms:.3f}" for ms in phases.values())),) if phases else ()
         return [

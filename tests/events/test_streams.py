@@ -1,5 +1,7 @@
 """Streams by the network: real sockets on the loopback, at ports that are free."""
 
+import gc
+import os
 import socket
 import struct
 import subprocess
@@ -153,6 +155,72 @@ def test_clock_that_falls_back_goes_on():
         assert stream.counts.out_of_order == 0
 
 
+def words(*events: tuple[int, int]) -> bytes:
+    """A datagram of faery13: times and columns."""
+    return b"".join(struct.pack("<qHHB", t, x, 0, 1) for t, x in events)
+
+
+FAR = 1 << 50
+
+
+@pytest.mark.parametrize("wrong", [FAR, 0])
+@pytest.mark.parametrize("at", ["alone", "first", "amid", "last", "twice"])
+def test_a_damaged_time_moves_no_clock(wrong, at):
+    """An event far from those beside it, in the future or in the past, is left out and counted."""
+    begin = 10**12
+    right = [(begin + k, k) for k in range(9)]
+    bad = (wrong, 99)
+    middle = {
+        "alone": [[bad]], "first": [[bad, *right[3:6]]], "amid": [[right[3], bad, *right[4:6]]],
+        "last": [[*right[3:6], bad]], "twice": [[bad], [(wrong + FAR // 2, 99)]],
+    }[at]  # fmt: skip
+    datagrams = [right[:3], *middle, right[3 if at in ("alone", "twice") else 6 :]]
+    with open_udp("faery13") as stream:
+        put(stream, *(words(*each) for each in datagrams))
+        events = taken(stream, len(datagrams))
+        assert list(zip(events.t.tolist(), events.x.tolist(), strict=True)) == right
+        assert stream.counts.lost == {"damaged": 1 + (at == "twice")}
+
+
+def test_a_damaged_time_of_32_bits_moves_no_clock():
+    with open_udp("faery8") as stream:
+        put(stream, *(struct.pack("<IHH", t, 1, 0) for t in (5000, 3_000_000_000, 5001, 1_000_000_000, 5002)))
+        assert taken(stream, 5).t.tolist() == [5000, 5001, 5002]
+        assert stream.counts.lost == {"damaged": 2}
+
+
+def test_a_damaged_time_in_the_first_datagram():
+    with open_udp("faery13") as stream:
+        put(stream, words((FAR, 9), (5, 1), (6, 2)))
+        assert taken(stream, 1).t.tolist() == [5, 6]
+        assert stream.counts.lost == {"damaged": 1}
+
+
+def test_a_clock_that_jumps_is_believed_when_the_next_event_agrees():
+    """So a sender that falls silent, or sends an hour at once, loses an event at most, and that is counted."""
+    hour = 3_600_000_000
+    with open_udp("faery13") as stream:
+        put(stream, words((5, 1)), words((hour, 2), (hour + 1, 3)), words((2 * hour, 4)), words((2 * hour + 1, 5)))
+        events = taken(stream, 4)
+        assert events.t.tolist() == [5, hour, hour + 1, 2 * hour + 1]
+        assert stream.counts.lost == {"damaged": 1}
+
+
+def test_a_sender_that_begins_anew_after_moments_is_recognised():
+    """A recording of 50 ms in a loop: what is left out before it is recognised is counted."""
+    from neuro.events.streams._coding_kernels import AGAIN
+
+    events = some(2000, span=50_000)
+    with open_udp("faery13") as stream:
+        parts = [through(stream, events, "faery13") for _ in range(3)]
+        counts = stream.counts
+        assert parts[0] == events
+        assert counts.restarts == 2
+        assert 0 < counts.out_of_order <= 2 * AGAIN * 1400 // 13
+        assert counts.events + counts.out_of_order == 6000
+        assert np.all(np.diff(sum(parts).t) >= 0)
+
+
 def test_pixels_off_the_sensor_are_counted():
     with open_udp("faery8") as stream:
         got = through(stream, some(1000, size=(640, 480)), "faery8")
@@ -299,6 +367,42 @@ def test_a_loop_gives_parts_until_silence():
         assert 3 <= len(parts) <= 20
 
 
+def test_silence_counts_from_the_first_datagram():
+    with open_udp("faery8", until_silent=0.05) as stream:
+        time.sleep(0.1)
+        assert not stream.ended
+        timer = threading.Timer(0.1, put, (stream, struct.pack("<IHH", 1, 2, 3)))
+        timer.start()
+        assert [len(part) for part in stream] == [1]
+        assert stream.ended
+        timer.join()
+
+
+def test_a_first_datagram_is_not_waited_for_for_ever():
+    with open_udp("faery8", first_within=0.05) as stream:
+        assert list(stream) == []
+        assert stream.ended
+        put(stream, struct.pack("<IHH", 1, 2, 3))
+        assert stream.wait(5.0)
+        assert not stream.ended
+        stream.take()
+        time.sleep(0.06)
+        assert not stream.ended
+
+
+def test_a_listener_that_is_dropped_frees_its_thread_and_its_port():
+    stream = open_udp("faery8")
+    url, thread = stream.url, stream._receiver._thread
+    before = len(os.listdir("/proc/self/fd")) if sys.platform == "linux" else 0
+    del stream
+    gc.collect()
+    thread.join(5.0)
+    assert not thread.is_alive()
+    assert not before or len(os.listdir("/proc/self/fd")) == before - 3
+    with listen(url, format="faery8", sensor=SIZE):
+        pass
+
+
 def test_filters_and_representations_take_a_stream():
     events = some(2000, span=50_000)
     clean = filters.Refractory(SIZE, period_us=3000)
@@ -390,6 +494,22 @@ def test_a_sender_that_dies_and_comes_back():
         assert stream.counts.damaged == 0
 
 
+def test_by_tcp_a_sender_that_begins_anew_loses_nothing():
+    """Nothing comes in another order by TCP, so a clock that falls back is a new one, by however little."""
+    first = channel(f"tcp://{HOST}:0", None, None)
+    thread = served(some(100), first, [])
+    with listen(first.url) as stream:
+        thread.join()
+        assert len(wait_for(stream, 100)) == 100
+        first.close()
+        second = channel(first.url, None, None)
+        second.wait()
+        paced([some(50)], second, float("inf"))
+        assert len(wait_for(stream, 50)) == 50
+        second.close()
+        assert stream.counts.lost == {"restarts": 1, "connections": 1}
+
+
 def wait_for(stream, count: int) -> Events:
     parts = [stream.take()]
     deadline = time.monotonic() + 10.0
@@ -464,7 +584,12 @@ def test_mistakes_are_told_in_one_sentence():
     assert "expected Events" in message(send, f"udp://{HOST}:9", 5, format="spif")
     silent = Events(np.array([0, 1 << 33]), np.zeros(2, int), np.zeros(2, int), np.zeros(2, int), SIZE)
     assert "without events" in message(send, f"udp://{HOST}:9", silent, format="raw-evt3", speed=float("inf"))
+    assert message(listen, f"udp://{HOST}:0", **udp, first_within=0).startswith("first_within = 0: expected a number")
+    assert "report = 5: expected a function" in message(send, f"udp://{HOST}:9", some(1), format="spif", report=5)
+    assert "unknown format" in message(listen, f"udp://{HOST}:0", format=np.ones(2), sensor=SIZE)
     with open_udp("spif") as stream:
+        for bad in ("1 s", None, float("nan"), [1], 10**400):
+            assert message(stream.wait, bad).startswith("timeout_s ")
         assert "another program listens there" in message(listen, stream.url, **udp)
 
 
@@ -475,6 +600,8 @@ def test_a_port_that_this_user_may_not_use(monkeypatch):
     monkeypatch.setattr(socket.socket, "bind", refuse)
     told = message(listen, f"udp://{HOST}:80", format="spif", sensor=SIZE)
     assert told.startswith("udp://127.0.0.1:80: this user may not use it\n  hint: ports below 1024")
+    told = message(listen, f"udp://{HOST}:3333", format="spif", sensor=SIZE)
+    assert told == "udp://127.0.0.1:3333: this user may not use it"
 
 
 def test_a_server_of_something_else():

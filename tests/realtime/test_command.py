@@ -78,7 +78,7 @@ def test_what_is_refused(live):
         (("--input", "cam=a.npz"), "unknown population 'cam'"),
         (("--input", "camera=b.npz"), "b.npz: no such file"),
         (("--input", "camera=a.npz", "--input", "camera=a.npz"), "'camera=a.npz': 'camera' has an input already"),
-        (("--input", "camera=a.npz", "--format", "spif"), "--format spif: expected an --input from udp://"),
+        (("--input", "camera=a.npz", "--format", "spif"), "--format: expected an --input from udp:// as well"),
         (("--input", "camera=udp://127.0.0.1:0"), "format is missing"),
         (("--late", "never"), "found 'never': expected one of 'catch_up', 'skip', 'stop'"),
         (("--tick", "1.5 ms"), "tick = 1.5 ms: expected a multiple of the resolution"),

@@ -19,7 +19,7 @@ from event_tests import refusal
 from neuro import ModelError
 from neuro.core.inputs import digest_of
 from neuro.events import Events, listen, save, send
-from neuro.realtime import Histogram, LiveRun, Loop, Player
+from neuro.realtime import Histogram, LiveRun, Loop, Player, empty_loop
 from neuro.realtime.inlet import Inlet
 from neuro.rerun.again import rerun
 
@@ -247,13 +247,14 @@ def test_a_killed_run_can_be_made_again_as_far_as_it_was_recorded(tmp_path):
     assert rerun(part).difference == ""
 
 
-def test_ctrl_c_ends_a_run_with_a_whole_file(tmp_path):
-    before = signal.getsignal(signal.SIGINT)
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_ctrl_c_and_a_kill_end_a_run_with_a_whole_file(tmp_path, number):
+    before = signal.getsignal(number)
     sim = neuro.compile(network())
-    loop = Loop(sim, tick=1.0, act=lambda ms: ms == 20.0 and os.kill(os.getpid(), signal.SIGINT))
+    loop = Loop(sim, tick=1.0, act=lambda ms: ms == 20.0 and os.kill(os.getpid(), number))
     run = loop.run(1000.0, out=tmp_path / "day.h5")
     assert run.ended == "interrupted"
-    assert signal.getsignal(signal.SIGINT) is before
+    assert signal.getsignal(number) is before
     results = neuro.results.read(tmp_path / "day.h5")
     assert results.finished
     assert results.duration_ms == 20.0
@@ -318,6 +319,12 @@ def test_mistakes():
     assert refusal(loop.run, 3.0) == "run = 3 ms: expected a multiple of the tick, 2 ms"
     assert refusal(loop.run, "3 ms") == "run = 3 ms: expected a multiple of the tick, 2 ms"
     assert refusal(loop.run, 0) == "run = 0 ms: expected a finite time > 0 ms"
+    for threads in (None, 0, "two"):
+        assert refusal(loop.run, 2.0, out="never.h5", threads=threads).startswith("threads ")
+    assert refusal(Loop, sim, tick=1.0, late=np.ones(2)).startswith("late = array of shape (2,): expected one of")
+    for bad in (0, "1 ms", None, float("nan")):
+        assert refusal(empty_loop, bad, 1.0).startswith("tick_ms ")
+        assert refusal(empty_loop, 1.0, bad).startswith("ms ")
     assert refusal(loop.run, 2.0, report=3) == "report = 3: expected a function of the account"
     assert refusal(Loop, network(), tick=1.0).endswith("expected a Simulation")
     assert refusal(Player, noise(1, 1.0), 0) == "speed = 0: expected a number > 0"
@@ -345,6 +352,15 @@ def test_sources_that_give_something_else(gives, received, message):
             return gives
 
     loop = Loop(neuro.compile(network()), tick=1.0, inputs={"camera": Source()})
+    assert message in refusal(loop.run, 10.0)
+
+
+@pytest.mark.parametrize("count", ["3 lost", [1], np.nan, np.ones(2)])
+def test_a_source_that_counts_something_else(count):
+    source = Burst(noise(5, 1.0))
+    source.counts = {"lost": count}
+    loop = Loop(neuro.compile(network()), tick=1.0, inputs={"camera": source})
+    message = f"inputs: counts of the source of 'camera' has lost = {count!r:.60}: expected a whole number"
     assert message in refusal(loop.run, 10.0)
 
 

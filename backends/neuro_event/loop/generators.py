@@ -4,7 +4,7 @@
 import numpy as np
 
 from neuro.kernels.draws import poisson_by_sum, poisson_by_table, reaching, step_word, words_of
-from neuro.kernels.instructions import LANES, lowest, marked
+from neuro.kernels.instructions import LANES, address, lowest, marked, prefetch
 from neuro.kernels.jit import kernel, subkernel
 from neuro_event.loop import tables as t
 from neuro_event.loop.deliver import base_of, receptor, receptors_by_sign
@@ -14,6 +14,8 @@ from neuro_event.loop.stages import draw_counts as call_draw_counts
 from neuro_event.loop.tables import call_entry, net_of
 
 _ONE = np.uint64(1)
+_AHEAD = 16
+"""So many listed spikes before its turn the counts of a neuron are fetched: a camera has more than a cache holds."""
 
 
 @subkernel
@@ -75,6 +77,10 @@ def list_spikes(view, thread, pop, step, at, done, h):
     end = net.cursor[net.cursor.shape[0] - 1, pop]
     # Each thread goes through the whole list and takes what is its own: lists are short beside what their spikes cause.
     while place < end and net.list_steps[place] <= step:
+        if place + _AHEAD < end:
+            coming = 8 * np.int64(net.list_ids[place + _AHEAD])
+            prefetch(address(net.events) + coming)
+            prefetch(address(net.spikes) + coming)
         i = np.int64(net.list_ids[place])
         if net.list_steps[place] == step and lo <= i < hi:
             at = emit(view, thread, pop, i, np.int64(net.list_counts[place]), step, done, h, at)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import signal
 import threading
 import time
 from collections.abc import Iterator
@@ -13,8 +12,9 @@ import typer
 
 from neuro.cli.events.options import Force, From, In, Lenient, Sensor, To, count, events_so_far, going, spare
 from neuro.cli.live import NoBrowser, show_stream
-from neuro.cli.options import milliseconds
+from neuro.cli.options import milliseconds, refuse_unused
 from neuro.core.errors import ModelError
+from neuro.core.interrupts import ending_by
 
 if TYPE_CHECKING:
     from neuro.core.progress import Bar
@@ -35,10 +35,12 @@ SendTo = Annotated[
 OutFile = Annotated[
     str | None, typer.Argument(metavar="OUT", help="The recording to write, - for standard output; none: only counts.")
 ]
+TIME = {"metavar": "MS", "parser": milliseconds}
 Silent = Annotated[
-    Any, typer.Option("--until-silent", metavar="MS", parser=milliseconds, help="End when nothing came for so long.")
+    Any, typer.Option("--until-silent", help="End when nothing came for so long after something.", **TIME)
 ]
-For = Annotated[Any, typer.Option("--for", metavar="MS", parser=milliseconds, help="End after so long.")]
+First = Annotated[Any, typer.Option("--first-within", help="End when nothing at all came for so long.", **TIME)]
+For = Annotated[Any, typer.Option("--for", help="End after so long.", **TIME)]
 
 ShowStream = Annotated[bool, typer.Option("--page", help="Show the events in the browser, and write none.")]
 FOR_EVER = 1e11
@@ -46,31 +48,37 @@ FOR_EVER = 1e11
 
 
 def listen(
+    context: typer.Context,
     url: ListenAt,
     target: OutFile = None,
     format: Coding = None,
     sensor: Sensor = None,
     until_silent: Silent = None,
+    first_within: First = None,
     duration: For = None,
     to_format: To = None,
     force: Force = False,
     page: ShowStream = False,
     no_browser: NoBrowser = False,
 ) -> None:
-    """Receive events from the network, count them, and write them to a file; Ctrl-C ends it and keeps the file."""
+    """Receive events from the network, count them, and write them to a file; Ctrl-C or a kill ends and keeps it."""
     from neuro.events import listen as open_stream
     from neuro.events.convert import write
     from neuro.events.files import RECORDING
 
-    if page and (target is not None or until_silent is not None):
-        raise ModelError(
-            "--page: expected neither OUT nor --until-silent", hint="neuro live --page --out FILE keeps events"
-        )
+    ends = {"until_silent": until_silent, "first_within": first_within}
+    seconds = {word: ms / 1000.0 for word, ms in ends.items() if ms is not None}
+    if page and (target is not None or seconds):
+        message = "--page: expected neither OUT nor --until-silent nor --first-within"
+        raise ModelError(message, hint="neuro live --page --out FILE keeps events")
+    if not page:
+        refuse_unused(context, "--page", "no_browser")
     if target is not None:
         spare("-", target, RECORDING, force)
-    silent = None if until_silent is None else until_silent / 1000.0
+    else:
+        refuse_unused(context, "OUT", "to_format", "force")
     with (
-        open_stream(url, format=format, sensor=sensor, until_silent=silent) as stream,
+        open_stream(url, format=format, sensor=sensor, **seconds) as stream,
         going("nothing is written") as bar,
     ):
         if stream.url != url:
@@ -80,29 +88,27 @@ def listen(
             show_stream(stream, FOR_EVER if duration is None else duration, no_browser)
             _tell(stream, time.monotonic() - begin, err=False)
             return
-        parts = _until_stopped(stream, math.inf if duration is None else begin + duration / 1000.0, bar)
-        if target is None:
-            for _ in parts:
-                pass
-        else:
-            write(parts, target, to_format, replace=force)
+        stopped = threading.Event()
+        parts = _until(stopped, stream, math.inf if duration is None else begin + duration / 1000.0, bar)
+        with ending_by(stopped.set):
+            if target is None:
+                for _ in parts:
+                    pass
+            else:
+                write(parts, target, to_format, replace=force)
         _tell(stream, time.monotonic() - begin, err=target == "-")
 
 
-def _until_stopped(stream: Listener, end: float, bar: Bar) -> Iterator[Events]:
-    """Parts of a stream, one at least, up to a time, its end or Ctrl-C."""
-    say, stopped = events_so_far(bar), threading.Event()
-    before = signal.signal(signal.SIGINT, lambda *_: stopped.set())
-    try:
-        yield stream.take()
-        while not stream.ended and not stopped.is_set() and (left := end - time.monotonic()) > 0:
-            if stream.wait(min(left, 0.1)):
-                yield stream.take()
-                say(stream.counts.events)
-                stopped.wait(0.01)
-        yield stream.take()
-    finally:
-        signal.signal(signal.SIGINT, before)
+def _until(stopped: threading.Event, stream: Listener, end: float, bar: Bar) -> Iterator[Events]:
+    """Parts of a stream, one at least, until it is stopped, a time, or its end."""
+    say = events_so_far(bar)
+    yield stream.take()
+    while not stream.ended and not stopped.is_set() and (left := end - time.monotonic()) > 0:
+        if stream.wait(min(left, 0.1)):
+            yield stream.take()
+            say(stream.counts.events)
+            stopped.wait(0.01)
+    yield stream.take()
 
 
 def _tell(stream: Listener, seconds: float, err: bool) -> None:

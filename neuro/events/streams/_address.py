@@ -41,9 +41,10 @@ class Address:
 
     def refused(self, error: OSError) -> ModelError:
         """What the system says of it."""
+        low = "ports below 1024 are for administrators; 3333 is none of them"
         known = {
             errno.EADDRINUSE: ("another program listens there", "port 0 takes a free one"),
-            errno.EACCES: ("this user may not use it", "ports below 1024 are for administrators; 3333 is none of them"),
+            errno.EACCES: ("this user may not use it", low if self.place[1] < 1024 else ""),
             errno.EADDRNOTAVAIL: ("no interface of this machine has the address", "0.0.0.0 is all of them"),
             errno.ECONNREFUSED: ("nobody listens there", "start the sender first"),
         }
@@ -100,8 +101,8 @@ def format_for(scheme: str, format: object, known: Iterable[str]) -> str:
         if scheme == "tcp":
             return "aedat4"
         raise ModelError(f"format is missing: expected one of {', '.join(names)}")
-    if format not in names:
-        if format in ("aedat4", *by_udp):
+    if not isinstance(format, str) or format not in names:
+        if isinstance(format, str) and format in ("aedat4", *by_udp):
             other = "tcp" if scheme == "udp" else "udp"
             raise ModelError(f"format '{format}' comes by {other}://: found {scheme}://")
         raise unknown("format of a stream", format, names)

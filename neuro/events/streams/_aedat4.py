@@ -70,12 +70,13 @@ class PacketDecoder:
     def __call__(
         self, ring: NDArray[np.uint8], index: NDArray[np.int64], first: int, last: int
     ) -> tuple[int, Columns, int]:
-        from neuro.events.streams._ring_kernel import SIZE, START
+        from neuro.events.streams._ring_kernel import EVENTS, SIZE, START
 
         parts: list[Columns] = []
-        damaged = 0
+        damaged = n = 0
         for entry in range(first, last):
-            start, size = index[entry % len(index), [START, SIZE]].tolist()
+            row, had = index[entry % len(index)], len(parts)
+            start, size = row[[START, SIZE]].tolist()
             if not size:
                 damaged += bool(self._held)
                 self._held.clear()
@@ -89,8 +90,10 @@ class PacketDecoder:
                     self._lost = True
                     self._held.clear()
                     self._broken()
+            n += sum(len(each[0]) for each in parts[had:])
+            row[EVENTS] = n
         columns = parts[0] if len(parts) == 1 else joined_columns(parts)
-        return len(columns[0]), columns, damaged
+        return n, columns, damaged
 
     def _take(self, parts: list[Columns]) -> None:
         """Take all whole packets."""

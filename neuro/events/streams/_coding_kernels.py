@@ -6,7 +6,7 @@ from __future__ import annotations
 import numpy as np
 
 from neuro.events.formats._evt_kernels import BASE, ROW, STATES_3, TIME_HIGH, decode3, room3
-from neuro.events.streams._ring_kernel import MISSING, RECEIVED, SIZE, START
+from neuro.events.streams._ring_kernel import EVENTS, MISSING, RECEIVED, SIZE, START
 from neuro.kernels.jit import kernel
 
 U = np.uint32
@@ -56,6 +56,7 @@ def decode_spif(ring, index, first, last, opened_ns, t, x, y, p):
             y[n] = word & U(0x7FFF)
             p[n] = (word >> U(15)) & U(1)
             n += 1
+        index[row, EVENTS] = n
         damaged += bad
     return n, damaged
 
@@ -80,6 +81,7 @@ def decode_13(ring, index, first, last, opened_ns, t, x, y, p):
             right = (ring[at + 12] <= 1) & (time >> 62 == 0)
             n += right
             bad |= not right
+        index[row, EVENTS] = n
         damaged += bad
     return n, damaged
 
@@ -99,6 +101,7 @@ def decode_8(ring, index, first, last, opened_ns, t, x, y, p):
             y[n] = word >> U(17)
             p[n] = (word >> U(16)) & U(1)
             n += 1
+        index[row, EVENTS] = n
         damaged += size % 8 != 0
     return n, damaged
 
@@ -143,28 +146,41 @@ def decode_evt3(ring, index, first, last, state, t, x, y, p):
                 at += 1
         found, _, _, _ = decode3(words[at:], state[:STATES_3], t[n:], x[n:], y[n:], p[n:])
         n += found
+        index[row, EVENTS] = n
         damaged += size % 2
     return n, damaged
 
 
-CLOCK, ADDED, OUTSIDE, BACK, RESTARTS, FACTS = range(6)
-"""What `settle` remembers: the time of the last event; what is added to times; events off the sensor, and earlier than
-one before them; clocks that began anew."""
-JUMP = 100_000
-"""A clock that falls by more, us, has begun anew; the network brings datagrams in another order by far less."""
+CLOCK, ADDED, DOUBT, BEHIND, OUTSIDE, BACK, RESTARTS, DAMAGED, FACTS = range(9)
+"""What `settle` remembers: the time of the last event; what is added to times; that of an event that was not believed;
+datagrams in a row that began behind the clock; and counts of events that were left out and of clocks that began anew.
+"""
+BACKWARD, FORWARD = 100_000, 10_000_000
+"""A clock that moves by more, us, has begun anew, or stood still with its sender, or the time is damaged; the network
+brings datagrams in another order by far less."""
+AGAIN = 4
+"""So many datagrams in a row that begin behind the clock are those of a sender that began anew."""
+NOWHERE = -1 << 61
+"""A time that no event is near."""
 
 
 @kernel
-def settle(n, width, height, period, facts, t, x, y, p):
-    """Keep the events that can be, with a time that does not run back.
+def settle(index, first, last, width, height, period, ordered, forward, facts, t, x, y, p):
+    """Keep the events that can be, with a time that does not run back; move them to the front.
+
+    A time far from the clock is believed if that of the event before it, or after it in its datagram, is near it.
 
     Args:
-        n: number of events; those that stay are moved to the front.
+        index: of the entries.
+        first: the first entry.
+        last: the one after the last.
         width: of the sensor, px.
         height: likewise.
         period: after which the clock begins again, us; 0: never.
+        ordered: whether nothing is damaged or comes in another order, as by TCP.
+        forward: how far the clock may move between two events unless a second one agrees, us.
         facts: (FACTS,) int64, changed.
-        t: (m,) int64, as are the others at least n long.
+        t: (m,) int64, us, as are the others all events of the entries.
         x: uint16.
         y: uint16.
         p: uint8.
@@ -173,33 +189,52 @@ def settle(n, width, height, period, facts, t, x, y, p):
         number of events that stay.
     """
     kept = 0
-    last, added = facts[CLOCK], facts[ADDED]
-    outside = np.int64(0)
-    for k in range(n):
-        if x[k] >= width or y[k] >= height:
-            outside += 1
-            continue
-        now = t[k] + added
-        if now < last:
-            if period and last - now > period // 2:
-                added += period
-                now += period
-            elif last - now > JUMP:
-                added += last - now
-                now = last
-                facts[RESTARTS] += 1
-            else:
-                facts[BACK] += 1
+    begin = 0
+    clock, added, doubt, behind = facts[CLOCK], facts[ADDED], facts[DOUBT], facts[BEHIND]
+    if period:
+        forward = min(forward, period - BACKWARD - 1)
+    for entry in range(first, last):
+        end = index[entry % len(index), EVENTS]
+        begins = True
+        for k in range(begin, end):
+            if (x[k] >= width) | (y[k] >= height):
+                facts[OUTSIDE] += 1
                 continue
-        elif period and added and last > now - period >= last - JUMP:
-            facts[BACK] += 1
-            continue
-        last = now
-        t[kept] = now
-        x[kept] = x[k]
-        y[kept] = y[k]
-        p[kept] = p[k]
-        kept += 1
-    facts[CLOCK], facts[ADDED] = last, added
-    facts[OUTSIDE] += outside
+            now = t[k] + added
+            if not 0 <= now - clock <= forward or clock == 0:  # else nothing is to be asked
+                if period and clock - now > period // 2:
+                    now += period
+                elif period and added and clock > now - period >= clock - BACKWARD:  # of before it began again
+                    now -= period
+                ahead = now - clock
+                if not ordered and (clock == 0 or ahead > forward or ahead < -BACKWARD):
+                    agrees = -BACKWARD <= t[k] - doubt <= forward or (clock == 0 and k + 1 == end)
+                    if k + 1 < end:
+                        agrees |= -BACKWARD <= t[k + 1] - t[k] <= forward
+                    if not agrees:
+                        doubt = t[k]
+                        facts[DAMAGED] += 1
+                        continue
+                if ahead < 0:
+                    behind += begins
+                    begins = False
+                    if not (ordered or ahead < -BACKWARD or behind >= AGAIN):
+                        doubt = NOWHERE
+                        facts[BACK] += 1
+                        continue
+                    now = clock
+                    facts[RESTARTS] += 1
+                    behind = 0
+                added = now - t[k]
+            behind = 0 if begins else behind
+            begins = False
+            doubt = NOWHERE
+            clock = now
+            t[kept] = now
+            x[kept] = x[k]
+            y[kept] = y[k]
+            p[kept] = p[k]
+            kept += 1
+        begin = end
+    facts[CLOCK], facts[ADDED], facts[DOUBT], facts[BEHIND] = clock, added, doubt, behind
     return kept

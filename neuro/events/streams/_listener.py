@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import socket
 import time
+import weakref
 from collections.abc import Iterator
 from dataclasses import dataclass, fields
 from typing import TYPE_CHECKING, Any
@@ -36,7 +37,8 @@ class StreamCounts:
         datagrams: that were taken; by TCP, pieces.
         dropped_kernel: datagrams that came while the system's queue was full; None where it does not count them.
         dropped_buffer: datagrams that came while the stream's own buffer was full.
-        damaged: datagrams, or connections, with bytes that are no event.
+        damaged: datagrams, or connections, with bytes that are no event; and events left out, since their time is
+            far from that of those beside it.
         out_of_order: events left out, since they are earlier than one before them.
         outside: events left out, since they are off the sensor.
         restarts: how often the sender's clock fell back; the time of the events goes on from there.
@@ -76,16 +78,19 @@ class Listener:
 
     def __init__(
         self, url: str, format: str, sensor: tuple[int, int], receiver: Receiver, decoder: Decoder, period: int,
-        until_silent: float, tick_ms: float,
+        until_silent: float, first_within: float, tick_ms: float,
     ) -> None:  # fmt: skip
         from neuro.events.streams import _coding_kernels as kernels
 
         self.url, self.format, self.sensor_size = url, format, sensor
         self.received_ns: int | None = None
         self._receiver, self._decoder, self._period = receiver, decoder, period
-        self._until_silent, self._tick_s = until_silent, tick_ms / 1000.0
+        self._until_silent, self._first_within, self._tick_s = until_silent, first_within, tick_ms / 1000.0
         self._facts, self._kernels = np.zeros(kernels.FACTS, np.int64), kernels
+        self._facts[kernels.DOUBT] = kernels.NOWHERE
         self._events = self._datagrams = self._damaged = 0
+        self._close = weakref.finalize(self, receiver.close)
+        self._seen_ns = receiver.opened_ns
         self._take(0, 0)  # compiles what decodes
         self._ready_ns = time.monotonic_ns()
 
@@ -111,9 +116,15 @@ class Listener:
         return events
 
     def _take(self, first: int, last: int) -> Events:
-        n, columns, damaged = self._decoder(self._receiver.ring, self._receiver.index, first, last)
-        n = self._kernels.settle(n, *self.sensor_size, self._period, self._facts, *columns)
+        receiver, kernels = self._receiver, self._kernels
+        _, columns, damaged = self._decoder(receiver.ring, receiver.index, first, last)
+        now = receiver.received(last - 1) if last > first else self._seen_ns
+        forward = kernels.FORWARD + (now - self._seen_ns) // 1000
+        words = *self.sensor_size, self._period, self.format == "aedat4", forward
+        n = kernels.settle(receiver.index, first, last, *words, self._facts, *columns)
         self._damaged += damaged
+        if n:
+            self._seen_ns = now
         t, x, y, p = columns
         return Events._trusted(t[:n], x[:n], y[:n], p[:n], self.sensor_size, {"stream": self.url})
 
@@ -122,8 +133,11 @@ class Listener:
 
         Args:
             timeout_s: the longest wait, s.
+
+        Raises:
+            ModelError: it is no number.
         """
-        return self._receiver.wait(timeout_s)
+        return self._receiver.wait(argument("timeout_s", timeout_s, infinite=True))
 
     def __iter__(self) -> Iterator[Events]:
         due = time.monotonic()
@@ -139,12 +153,14 @@ class Listener:
 
     @property
     def ended(self) -> bool:
-        """Whether it was closed, or has been silent for `until_silent`, and everything is taken."""
+        """Whether it was closed or silent for too long, see `listen`, and everything is taken."""
         first, last = self._receiver.entries
         return first == last and (self._receiver.closed or self._silence_left() <= 0)
 
     def _silence_left(self) -> float:
-        return self._until_silent - (time.monotonic_ns() - max(self._receiver.last_ns, self._ready_ns)) / 1e9
+        last = self._receiver.last_ns
+        limit = self._first_within if last == self._receiver.opened_ns else self._until_silent
+        return limit - (time.monotonic_ns() - max(last, self._ready_ns)) / 1e9
 
     @property
     def counts(self) -> StreamCounts:
@@ -155,7 +171,7 @@ class Listener:
             datagrams=self._datagrams,
             dropped_kernel=receiver.overflown,
             dropped_buffer=receiver.refused,
-            damaged=self._damaged,
+            damaged=self._damaged + int(facts[kernels.DAMAGED]),
             out_of_order=int(facts[kernels.BACK]),
             outside=int(facts[kernels.OUTSIDE]),
             restarts=int(facts[kernels.RESTARTS]),
@@ -163,8 +179,8 @@ class Listener:
         )
 
     def close(self) -> None:
-        """Stop listening; what has come can still be taken."""
-        self._receiver.close()
+        """Stop listening, as when it is dropped; what has come can still be taken."""
+        self._close()
 
     def __enter__(self) -> Listener:
         return self
@@ -182,6 +198,7 @@ def listen(
     format: str | None = None,
     sensor: tuple[int, int] | None = None,
     until_silent: float | None = None,
+    first_within: float | None = None,
     tick_ms: float = 10.0,
     buffer: int = BUFFER,
 ) -> Listener:
@@ -198,7 +215,8 @@ def listen(
             port 0 takes a free one. Or ``tcp://HOST:PORT``, the address of a sender of AEDAT 4 as dv-processing is.
         format: "spif" (or "spif-timed", which is received alike), "faery13", "faery8", "raw-evt3"; by TCP "aedat4".
         sensor: width and height, px. By TCP the sender gives it.
-        until_silent: a loop over the stream ends when nothing has come for so long, s; None: never.
+        until_silent: a loop over the stream ends when nothing has come for so long after something had, s; None: never.
+        first_within: a loop over the stream ends when nothing at all has come for so long, s; None: never.
         tick_ms: a loop over the stream gives at most one part in so long, ms.
         buffer: bytes that may wait to be taken; at least 262,144.
 
@@ -213,9 +231,11 @@ def listen(
     size = None if sensor is None else checked_size(sensor)
     buffer = int(argument("buffer", buffer, kind="integer", at_least=LEAST))
     tick_ms = argument("tick_ms", tick_ms, at_least=0)
-    silent = math.inf if until_silent is None else argument("until_silent", until_silent, above=0)
+    limits = {"until_silent": until_silent, "first_within": first_within}
+    silent, first = (math.inf if s is None else argument(w, s, above=0, infinite=True) for w, s in limits.items())
+    times = silent, first, tick_ms
     if where.scheme == "tcp":
-        return _connected(where, name, size, buffer, silent, tick_ms)
+        return _connected(where, name, size, buffer, times)
     coding = CODINGS[name]
     if size is None:
         raise ModelError("sensor is missing: expected width and height in px, as format "
@@ -229,11 +249,11 @@ def listen(
         sock.close()
         raise where.refused(error) from None
     receiver = Receiver(sock, buffer, None)
-    return Listener(bound, name, size, receiver, coding.decoder(receiver.opened_ns), coding.period, silent, tick_ms)
+    return Listener(bound, name, size, receiver, coding.decoder(receiver.opened_ns), coding.period, *times)
 
 
 def _connected(
-    where: Address, name: str, size: tuple[int, int] | None, buffer: int, silent: float, tick_ms: float
+    where: Address, name: str, size: tuple[int, int] | None, buffer: int, times: tuple[float, float, float]
 ) -> Listener:
     """A listener to a server of AEDAT 4."""
     from neuro.events.streams._aedat4 import PacketDecoder, received_header
@@ -275,4 +295,4 @@ def _connected(
         sock.close()
         raise
     receiver = Receiver(sock, buffer, again)
-    return Listener(where.url, name, found, receiver, decoder, 0, silent, tick_ms)
+    return Listener(where.url, name, found, receiver, decoder, 0, *times)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 import warnings
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -47,7 +46,8 @@ class OfStream:
         url: as of `listen`, as are the others.
         format: of the stream.
         sensor_size: width and height, px.
-        until_silent: s.
+        until_silent: s, as is the next.
+        first_within: of the first datagram.
         again: it cannot be played several times.
         no_sensor: "", since its sensor is known.
     """
@@ -56,6 +56,7 @@ class OfStream:
     format: str | None
     sensor_size: tuple[int, int]
     until_silent: float
+    first_within: float
     again: bool = False
     no_sensor: str = ""
 
@@ -73,9 +74,10 @@ class OfStream:
         Raises:
             ModelError: as of `listen`.
         """
-        until = None if math.isinf(self.until_silent) else self.until_silent
-        words = {"format": self.format, "sensor": self.sensor_size}
-        return listen(self.url, **words, until_silent=until, tick_ms=TICK_MS)  # type: ignore[arg-type]
+        return listen(
+            self.url, format=self.format, sensor=self.sensor_size, until_silent=self.until_silent,
+            first_within=self.first_within, tick_ms=TICK_MS,
+        )  # fmt: skip
 
     def parts(self, start_us: int | None = None, least: tuple[int, int] = (1, 1)) -> Iterator[Events]:
         """Its events as they come; at the end a warning if some were lost."""

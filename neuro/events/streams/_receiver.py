@@ -85,7 +85,7 @@ class Receiver:
         return int(kernel.receive(*words, self.ring, self.index, self._state, self._message))
 
     def _run(self) -> None:
-        while not self._state[kernel.STOP, 0]:
+        while not self.closed:
             got = self._receive()
             if got == 0 and self._again is not None:
                 self._connect()
@@ -171,6 +171,9 @@ class Receiver:
 
     def close(self) -> None:
         """Stop receiving; what waits can still be taken."""
+        if threading.current_thread() is self._thread:  # where it may be collected as garbage
+            threading.Thread(target=self.close).start()
+            return
         if self.closed:
             return
         _ = self.overflown

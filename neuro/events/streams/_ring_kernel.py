@@ -15,8 +15,9 @@ from neuro.kernels.jit import kernel, subkernel
 PUT, TAKEN, STOP, AT, LAST, REFUSED, OVERFLOWN, ROWS = range(8)
 """Rows of the state: entries written and taken; whether to stop; the next byte of the ring; time of the last receipt,
 ns; datagrams for which the ring, and before it the kernel's own queue, had no room."""
-START, SIZE, RECEIVED, MISSING, FIELDS = range(5)
-"""Columns of the index: first byte, bytes, time of receipt in ns, and how many datagrams were lost before it in all."""
+START, SIZE, RECEIVED, MISSING, EVENTS, FIELDS = range(6)
+"""Columns of the index: first byte, bytes, time of receipt in ns, how many datagrams were lost before it in all; and,
+by whoever decodes it, the number of events up to its end among those that were decoded at once."""
 
 LARGEST = 1 << 16
 """Bytes that one call can receive."""

@@ -177,6 +177,8 @@ def send(
         EventFileError: the recording cannot be read.
     """
     speed = argument("speed", speed, above=0, infinite=True)
+    if report is not None and not callable(report):
+        raise ModelError(f"report = {report!r:.60}: expected a function of the number of events")
     parts = stream(events) if isinstance(events, str | os.PathLike) else _parts(events)
     to = channel(url, format, datagram)
     try:

@@ -78,7 +78,10 @@ class event_camera(Generator):
     )
     sensor: Any = quantity(None, "px", "of a stream: width and height", kind="shape", at_least=1)
     until_silent: float = quantity(
-        5000.0, "ms", "a stream is over when nothing has come for so long", above=0, infinite=True
+        5000.0, "ms", "a stream is over when nothing has come for so long after something had", above=0, infinite=True
+    )
+    first_within: float = quantity(
+        math.inf, "ms", "a stream is over when nothing at all has come for so long", above=0, infinite=True
     )
     polarity: str = quantity(
         "split",
@@ -172,7 +175,8 @@ class event_camera(Generator):
         if self.stream is not None:
             from neuro.events.streams import OfStream
 
-            return OfStream(self.stream, self.format, self.sensor, self.until_silent / 1000.0)
+            seconds = (self.until_silent / 1000.0, self.first_within / 1000.0)
+            return OfStream(self.stream, self.format, self.sensor, *seconds)
         if self.file is None:
             return self.events  # type: ignore[no-any-return]
         from neuro.events.playing import of_file

@@ -23,14 +23,15 @@ def walk(tmp_path):
     return events
 
 
-def test_a_recording_is_sent_heard_and_written(run, walk, tmp_path):
-    """Ctrl-C ends it, and the file is kept."""
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])
+def test_a_recording_is_sent_heard_and_written(run, walk, tmp_path, number):
+    """Ctrl-C, a kill and a terminal that closes end it, and the file is kept."""
     command = [*NEURO, "listen", "udp://127.0.0.1:0", "heard.es", "--format", "faery8", "--sensor", "34x34"]
     with subprocess.Popen(command, cwd=tmp_path, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as heard:
         url = heard.stderr.readline().split()[-1]
         _, sent, _ = run("send", tmp_path / "walk.es", url, "--format", "faery8", "--speed", "2")
         assert re.fullmatch(rf"{url}: 500 events in \d+ datagrams, \d\.\d s(, at most [\d.]+ ms late)?\n", sent)
-        heard.send_signal(signal.SIGINT)
+        heard.send_signal(number)
         told, _ = heard.communicate(timeout=30)
     assert heard.returncode == 0
     assert re.fullmatch(rf"{url}: 500 events in \d+ datagrams, \d+\.\d s\n", told)
@@ -40,7 +41,7 @@ def test_a_recording_is_sent_heard_and_written(run, walk, tmp_path):
 HERE = ("udp://127.0.0.1:0", "--format", "spif", "--sensor", "34x34")
 
 
-@pytest.mark.parametrize("end", [("--for", "50"), ("--until-silent", "50 ms")])
+@pytest.mark.parametrize("end", [("--for", "50"), ("--first-within", "50 ms")])
 def test_counts_alone_until_an_end(run, end):
     status, out, err = run("listen", *HERE, *end)
     assert status == 0
@@ -54,6 +55,9 @@ def test_counts_alone_until_an_end(run, end):
         (("listen", HERE[0], "--format", "spiff", "--sensor", "34x34"), "unknown format of a stream 'spiff'"),
         (("listen", *HERE[:3]), "sensor is missing"),
         (("listen", HERE[0], "walk.es", *HERE[1:]), "--force"),
+        (("listen", *HERE, "--no-browser"), "--no-browser: expected --page as well"),
+        (("listen", *HERE, "--to", "es"), "--to: expected OUT as well"),
+        (("listen", *HERE, "--force"), "--force: expected OUT as well"),
         (("send", "walk.es", "udp://127.0.0.1", "--format", "spif"), "expected udp://HOST:PORT"),
         (("send", "walk.es", "udp://127.0.0.1:9", "--format", "spif", "--speed", "0"), "speed = 0"),
         (("send", "none.es", "udp://127.0.0.1:9", "--format", "spif"), "no such file"),
