@@ -1,18 +1,22 @@
-"""The description of a network that a page gets once: its parts, their parameters, and the bounds of these."""
+"""What a page says of a network: its parts, once; what can be set of a part, when it is chosen."""
 
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
 
+from neuro.compiler.receptors import check_conductance
+from neuro.core.clock import Clock
 from neuro.core.errors import ModelError
 from neuro.core.quantities import Quantity
 from neuro.live.beside import has_curve
 from neuro.model.neurons import Neuron
-from neuro.program.program import Floats, Population, Projection
+from neuro.program.program import Floats, Population
 from neuro.run import settable
+from neuro.run.handles import Neurons
 from neuro.run.lesions import driver
 from neuro.run.simulation import Simulation
 
@@ -20,34 +24,25 @@ KINDS = ("number", "integer", "boolean")
 NOT_SHOWN = ("tau_minus", "start", "stop")
 WIDE = {"Hz": 100.0, "pA": 500.0, "mV": 20.0, "ms": 20.0, "pF": 250.0, "nS": 10.0}
 """How far a slider goes by the unit, where neither bounds nor the present value give it."""
-MOST_PARTS = 400
-"""Populations and projections of which a page has sliders; of more it shows activity only."""
+PLACES = 500
+"""Places of a slider, at most."""
 
 
 def about(sim: Simulation) -> dict[str, Any]:
     """The network in the words of the page."""
     program = sim.program
-    parts = len(program.populations) + len(program.projections)
-    sliders = parts <= MOST_PARTS
     return {
         "name": program.name,
         "backend": sim.backend,
         "seed": program.seed,
         "resolution": program.resolution,
-        "populations": [population(sim, part, sliders) for part in program.populations],
-        "projections": [projection(sim, index, sliders) for index in range(len(program.projections))],
-        "signals": [
-            {
-                "name": part.name,
-                "to": program.populations[part.target].name,
-                "sliders": [slider("value", Quantity(unit="1/ms", doc="one for all neurons"), np.zeros(1))],
-            }
-            for part in program.signals
-        ],
+        "populations": [population(sim, part) for part in program.populations],
+        "projections": [projection(sim, index) for index in range(len(program.projections))],
+        "signals": [{"name": part.name, "to": program.populations[part.target].name} for part in program.signals],
     }
 
 
-def population(sim: Simulation, part: Population, sliders: bool) -> dict[str, Any]:
+def population(sim: Simulation, part: Population) -> dict[str, Any]:
     """A population."""
     computes = isinstance(part.model, Neuron)
     return {
@@ -61,7 +56,6 @@ def population(sim: Simulation, part: Population, sliders: bool) -> dict[str, An
         "driven": _is_driven(sim, part),
         "curve": isinstance(part.model, Neuron) and has_curve(part.model),
         "camera": list(part.shape[-2:]) if part.kind == "listed" and part.stream is not None else None,
-        "sliders": neuron_sliders(sim, part) if sliders else [],
     }
 
 
@@ -73,17 +67,7 @@ def _is_driven(sim: Simulation, part: Population) -> bool:
     return True
 
 
-def neuron_sliders(sim: Simulation, part: Population) -> list[dict[str, Any]]:
-    """The parameters of a population that can be set."""
-    found = []
-    for word in part.parameters:
-        q = settable.quantity_of(part, word)
-        if q is not None and q.kind in KINDS and word not in NOT_SHOWN:
-            found.append(slider(word, q, sim.get(part.name, word)))
-    return found
-
-
-def projection(sim: Simulation, index: int, sliders: bool) -> dict[str, Any]:
+def projection(sim: Simulation, index: int) -> dict[str, Any]:
     """A projection."""
     part = sim.program.projections[index]
     source, target = (sim.program.populations[end] for end in (part.source, part.target))
@@ -96,37 +80,100 @@ def projection(sim: Simulation, index: int, sliders: bool) -> dict[str, Any]:
         "size": part.size,
         "learns": bool(part.synapse.learns),
         "negative": bool(weight.size and weight.mean() < 0.0),
-        "unit": weight_unit(part, target),
-        "sliders": synapse_sliders(sim, index) if sliders else [],
+        "unit": _weight(sim, index).unit,
     }
 
 
-def weight_unit(part: Projection, target: Population) -> str:
-    """The unit of the weights of a projection."""
-    return "" if part.carries == "current" else getattr(target.model, "weight_unit", "")
-
-
-def synapse_sliders(sim: Simulation, index: int) -> list[dict[str, Any]]:
-    """The weight of a projection, and the numbers of its rule that can be set."""
+def _weight(sim: Simulation, index: int) -> Quantity:
+    """What the weights of a projection are."""
     part = sim.program.projections[index]
-    rule = sim._rules[index]
-    unit = weight_unit(part, sim.program.populations[part.target])
-    found = [slider("weight", Quantity(unit=unit, doc="one for all synapses"), part.weight)] if part.size else []
-    for word in settable.settable_numbers(rule):
-        q, value = rule.quantities()[word], rule.parameters()[word]
-        if q.kind in KINDS:
-            found.append(slider(word, q, np.atleast_1d(np.asarray(value, dtype=np.float64))))
+    target = sim.program.populations[part.target].model
+    unit = "" if part.carries == "current" else getattr(target, "weight_unit", "")
+    return Quantity(unit=unit, doc="one for all synapses")
+
+
+def settable_words(sim: Simulation, name: str) -> dict[str, Quantity]:
+    """What can be set of a population, projection or signal, by word."""
+    if name in [part.name for part in sim.program.signals]:
+        return {"value": Quantity(unit="1/ms", doc="one for all neurons")}
+    found = sim.handles.neurons_or_projection(name)
+    if isinstance(found, int):
+        rule = sim._rules[found]
+        weight = {"weight": _weight(sim, found)} if sim.program.projections[found].size else {}
+        words = weight | {word: rule.quantities()[word] for word in settable.settable_numbers(rule)}
+    else:
+        each = {word: settable.quantity_of(found.part, word) for word in found.part.parameters}
+        words = {word: q for word, q in each.items() if q is not None and word not in NOT_SHOWN}
+    return {word: q for word, q in words.items() if q.kind in KINDS}
+
+
+def present(sim: Simulation, name: str, word: str) -> Floats:
+    """The values of what can be set of a part; of a signal 0, since it has none between two settings."""
+    if name in [part.name for part in sim.program.signals]:
+        return np.zeros(1)
+    found = sim.handles.neurons_or_projection(name)
+    if isinstance(found, int) and word != "weight":
+        return np.atleast_1d(np.asarray(sim._rules[found].parameters()[word], dtype=np.float64))
+    values: Floats = sim.get(name, word)
+    return values
+
+
+def sliders(sim: Simulation, name: str) -> list[dict[str, Any]]:
+    """What can be set of a part: what it is now, its bounds, and how far its slider goes."""
+    found = []
+    for word, q in settable_words(sim, name).items():
+        now = shown_value(present(sim, name, word))
+        signs = {">": q.above, "≥": q.at_least, "<": q.below, "≤": q.at_most}
+        bounds = ", ".join(f"{sign} {bound:g}" for sign, bound in signs.items() if bound is not None)
+        low, high, step = slider_ends(q, now["value"] or 0.0, sim.program.resolution, accepts(sim, name, word))
+        about = {"word": word, "unit": q.unit, "doc": q.doc, "kind": q.kind, "bounds": bounds}
+        found.append({**about, **now, "low": low, "high": high, "step": step})
     return found
 
 
-def slider(word: str, q: Quantity, values: Floats) -> dict[str, Any]:
-    """A number that can be set: what it is now, how far its slider goes, and its bounds."""
-    now = shown_value(values)
-    low, high = span(q, now["value"] or 0.0)
-    signs = {">": q.above, "≥": q.at_least, "<": q.below, "≤": q.at_most}
-    bounds = ", ".join(f"{sign} {bound:g}" for sign, bound in signs.items() if bound is not None)
-    about = {"word": word, "unit": q.unit, "doc": q.doc, "kind": q.kind, "bounds": bounds}
-    return {**about, "low": low, "high": high, **now}
+def accepts(sim: Simulation, name: str, word: str) -> Callable[[float], bool]:
+    """Whether a parameter of a part may have a value, beside those that the others have now; nothing is set."""
+    if name in [part.name for part in sim.program.signals]:
+        return math.isfinite
+    found = sim.handles.neurons_or_projection(name)
+    check = _of_synapses(sim, found, word) if isinstance(found, int) else _of_neurons(sim, found, word)
+
+    def accepted(value: float) -> bool:
+        try:
+            check(value)
+        except ModelError:
+            return False
+        return True
+
+    return accepted
+
+
+def _of_neurons(sim: Simulation, neurons: Neurons, word: str) -> Callable[[float], None]:
+    """The check of a parameter of neurons."""
+    program, engine, clock = sim.program, sim._engine, Clock(sim.program.resolution)
+
+    def check(value: float) -> None:
+        new = {word: settable.new_values(neurons, word, value, engine, program.seed)}
+        settable.check_together(program, neurons.index, new, engine, clock)
+
+    return check
+
+
+def _of_synapses(sim: Simulation, index: int, word: str) -> Callable[[float], None]:
+    """The check of a weight for all synapses, or of a number of their rule."""
+    part, rule = sim.program.projections[index], sim._rules[index]
+    weight = sim._engine.get_synapses(index, "weight")
+    if weight.size and not any(map(np.ndim, rule.parameters().values())):
+        weight = np.array([weight.min(), weight.max()])  # which stand for all
+
+    def check(value: float) -> None:
+        if word == "weight":
+            settable.check_rule(part, rule, np.full_like(weight, value))
+            check_conductance(part.receptor, np.full_like(weight, value))
+        else:
+            settable.check_rule(part, settable.new_rule(part, rule, {word: value}), weight)
+
+    return check
 
 
 def shown_value(values: Floats) -> dict[str, Any]:
@@ -138,8 +185,38 @@ def shown_value(values: Floats) -> dict[str, Any]:
     }
 
 
+def slider_ends(
+    q: Quantity, value: float, resolution: float, accepted: Callable[[float], bool]
+) -> tuple[float, float, float]:
+    """The ends of a slider, which are accepted, and its step, of which they are multiples."""
+    low, high = span(q, value)
+    ten = 10.0 ** math.floor(math.log10((high - low) / PLACES))
+    step = 1.0 if q.kind == "integer" else next(n * ten for n in (1, 2, 5, 10) if n * ten * PLACES >= high - low)
+    if q.unit == "ms" and not any(accepted((value // step + k) * step) for k in (-1, 1, 3)):
+        step = resolution * max(1, round(step / resolution))
+    return furthest(value, low, step, accepted), furthest(value, high, step, accepted), step
+
+
+def furthest(value: float, end: float, step: float, accepted: Callable[[float], bool]) -> float:
+    """Of the multiples of a step between a value and an end the furthest that is accepted, or the value."""
+    sign = 1 if end > value else -1
+    near, far = math.ceil(sign * value / step - 1e-6), math.floor(sign * end / step + 1e-6)
+
+    def at(k: int) -> float:
+        return float(f"{sign * k * step:.12g}")
+
+    if far < near or not accepted(at(near)):
+        return value
+    if accepted(at(far)):
+        return at(far)
+    while far - near > 1:
+        middle = (near + far) // 2
+        near, far = (middle, far) if accepted(at(middle)) else (near, middle)
+    return at(near)
+
+
 def span(q: Quantity, value: float) -> tuple[float, float]:
-    """How far a slider goes: to the bounds, or as far again as the value is from 0."""
+    """How far a slider is to go: to the bounds, or as far again as the value is from 0."""
     least = q.at_least if q.at_least is not None else q.above
     most = q.at_most if q.at_most is not None else q.below
     reach = abs(value) or WIDE.get(q.unit, 1.0)
