@@ -132,7 +132,7 @@ class Server:
         self._files = {
             "": ("text/html", (_FOLDER / "page.html").read_bytes()),
             "page.css": ("text/css", style.encode()),
-            "page.js": ("text/javascript", (_FOLDER / "page.js").read_bytes()),
+            **{name: ("text/javascript", (_FOLDER / name).read_bytes()) for name in ("graph.js", "page.js")},
         }
 
     async def run(self) -> None:
