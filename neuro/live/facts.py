@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -14,7 +15,8 @@ from neuro.core.errors import ModelError
 from neuro.core.quantities import Quantity
 from neuro.live.beside import has_curve
 from neuro.model.neurons import Neuron
-from neuro.program.program import Floats, Population
+from neuro.model.synapses import Synapse
+from neuro.program.program import Floats, Population, Projection
 from neuro.run import settable
 from neuro.run.handles import Neurons
 from neuro.run.lesions import driver
@@ -92,9 +94,14 @@ def _weight(sim: Simulation, index: int) -> Quantity:
     return Quantity(unit=unit, doc="one for all synapses")
 
 
+def is_signal(sim: Simulation, name: str) -> bool:
+    """Whether a part is a signal."""
+    return name in [part.name for part in sim.program.signals]
+
+
 def settable_words(sim: Simulation, name: str) -> dict[str, Quantity]:
     """What can be set of a population, projection or signal, by word."""
-    if name in [part.name for part in sim.program.signals]:
+    if is_signal(sim, name):
         return {"value": Quantity(unit="1/ms", doc="one for all neurons")}
     found = sim.handles.neurons_or_projection(name)
     if isinstance(found, int):
@@ -109,7 +116,7 @@ def settable_words(sim: Simulation, name: str) -> dict[str, Quantity]:
 
 def present(sim: Simulation, name: str, word: str) -> Floats:
     """The values of what can be set of a part; of a signal 0, since it has none between two settings."""
-    if name in [part.name for part in sim.program.signals]:
+    if is_signal(sim, name):
         return np.zeros(1)
     found = sim.handles.neurons_or_projection(name)
     if isinstance(found, int) and word != "weight":
@@ -133,10 +140,13 @@ def sliders(sim: Simulation, name: str) -> list[dict[str, Any]]:
 
 def accepts(sim: Simulation, name: str, word: str) -> Callable[[float], bool]:
     """Whether a parameter of a part may have a value, beside those that the others have now; nothing is set."""
-    if name in [part.name for part in sim.program.signals]:
+    found = None if is_signal(sim, name) else sim.handles.neurons_or_projection(name)
+    if isinstance(found, int):
+        check = partial(_check_synapses, sim.program.projections[found], sim._rules[found], _extremes(sim, found), word)
+    elif found is not None:
+        check = partial(_check_neurons, sim, found, word)
+    else:
         return math.isfinite
-    found = sim.handles.neurons_or_projection(name)
-    check = _of_synapses(sim, found, word) if isinstance(found, int) else _of_neurons(sim, found, word)
 
     def accepted(value: float) -> bool:
         try:
@@ -148,32 +158,29 @@ def accepts(sim: Simulation, name: str, word: str) -> Callable[[float], bool]:
     return accepted
 
 
-def _of_neurons(sim: Simulation, neurons: Neurons, word: str) -> Callable[[float], None]:
-    """The check of a parameter of neurons."""
-    program, engine, clock = sim.program, sim._engine, Clock(sim.program.resolution)
-
-    def check(value: float) -> None:
-        new = {word: settable.new_values(neurons, word, value, engine, program.seed)}
-        settable.check_together(program, neurons.index, new, engine, clock)
-
-    return check
+def _check_neurons(sim: Simulation, neurons: Neurons, word: str, value: float) -> None:
+    """Refuse a value that neurons may not have."""
+    program, engine = sim.program, sim._engine
+    new = {word: settable.new_values(neurons, word, value, engine, program.seed)}
+    settable.check_together(program, neurons.index, new, engine, Clock(program.resolution))
 
 
-def _of_synapses(sim: Simulation, index: int, word: str) -> Callable[[float], None]:
-    """The check of a weight for all synapses, or of a number of their rule."""
-    part, rule = sim.program.projections[index], sim._rules[index]
-    weight = sim._engine.get_synapses(index, "weight")
-    if weight.size and not any(map(np.ndim, rule.parameters().values())):
-        weight = np.array([weight.min(), weight.max()])  # which stand for all
+def _check_synapses(part: Projection, rule: Synapse, weight: Floats, word: str, value: float) -> None:
+    """Refuse a weight for all synapses, or a number of their rule."""
+    if word == "weight":
+        weight = np.full_like(weight, value)
+        check_conductance(part.receptor, weight)
+    else:
+        rule = settable.new_rule(part, rule, {word: value})
+    settable.check_rule(part, rule, weight)
 
-    def check(value: float) -> None:
-        if word == "weight":
-            settable.check_rule(part, rule, np.full_like(weight, value))
-            check_conductance(part.receptor, np.full_like(weight, value))
-        else:
-            settable.check_rule(part, settable.new_rule(part, rule, {word: value}), weight)
 
-    return check
+def _extremes(sim: Simulation, index: int) -> Floats:
+    """The least and the largest weight of a projection, which stand for all where its rule has one number for all."""
+    weight: Floats = sim._engine.get_synapses(index, "weight")
+    if weight.size and not any(map(np.ndim, sim._rules[index].parameters().values())):
+        return np.array([weight.min(), weight.max()])
+    return weight
 
 
 def shown_value(values: Floats) -> dict[str, Any]:

@@ -267,7 +267,7 @@ class Page:
     def tell_state(self) -> None:
         """Tell what the page can change of the run."""
         pace = self.pace
-        state: dict[str, Any] = {"watched": self.frames.watched, "silenced": self.commands.silenced}
+        state: dict[str, Any] = {"watched": self.frames.watched or None, "silenced": self.commands.silenced}
         if pace is not None:
             state |= {"paused": pace.paused, "speed": min(pace.speed, 1e9)}
         self.keep("state", state)

@@ -279,7 +279,7 @@ async def _serve(end: socket.socket) -> None:
 def main() -> None:
     """Serve until the socket of the descriptor is closed."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
-    logging.getLogger("websockets").setLevel(logging.CRITICAL + 1)
+    logging.disable()
     asyncio.run(_serve(socket.socket(fileno=int(sys.argv[1]))))
 
 
