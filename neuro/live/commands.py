@@ -8,20 +8,20 @@ import time
 import zipfile
 from collections.abc import Callable
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any, Protocol
 
 import numpy as np
 
 from neuro.core.checks import check
 from neuro.core.errors import ModelError, unknown
 from neuro.core.quantities import Quantity
+from neuro.live.beside import Beside
 from neuro.live.facts import is_signal, present, settable_words, sliders
-from neuro.live.pace import SPEED
+from neuro.live.frames import Frames
+from neuro.live.pace import SPEED, Pace
 from neuro.program.program import Floats
 from neuro.run.lesions import driver, outgoing
-
-if TYPE_CHECKING:
-    from neuro.live.page import Page
+from neuro.run.simulation import Simulation
 
 Asked = dict[str, Any]
 Answer = tuple[dict[str, Any], bytes]
@@ -37,6 +37,34 @@ _SEED = Quantity(kind="integer", at_least=0)
 _FLAG = Quantity(kind="boolean")
 
 
+class Steered(Protocol):
+    """What of a page is asked for here."""
+
+    sim: Simulation
+    pace: Pace | None
+    restart: Callable[[int], Simulation] | None
+    frames: Frames
+    beside: Beside
+
+    def begin(self) -> None:
+        """The simulation is at another time."""
+
+    def show_again(self, seed: int) -> None:
+        """Begin anew with another seed."""
+
+    def look_again(self, *projections: int) -> None:
+        """Read weights anew."""
+
+    def keep(self, key: str, what: dict[str, Any]) -> None:
+        """Tell all browsers."""
+
+    def tell_value(self, part: str, word: str, values: Floats) -> None:
+        """Tell what a parameter is now."""
+
+    def tell_state(self) -> None:
+        """Tell what can be changed of the run."""
+
+
 class Commands:
     """Does what browsers ask for, between two stretches of a run.
 
@@ -44,7 +72,7 @@ class Commands:
         page: has the simulation.
     """
 
-    def __init__(self, page: Page) -> None:
+    def __init__(self, page: Steered) -> None:
         self._page, self._sim = page, page.sim
         self._owed, self._since = 0.0, time.monotonic()
         self._before: dict[str, dict[int, Floats]] = {}

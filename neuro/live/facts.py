@@ -9,16 +9,12 @@ from typing import Any
 
 import numpy as np
 
-from neuro.compiler.receptors import check_conductance
-from neuro.core.clock import Clock
 from neuro.core.errors import ModelError
 from neuro.core.quantities import Quantity
 from neuro.live.beside import has_curve
 from neuro.model.neurons import Neuron
-from neuro.model.synapses import Synapse
-from neuro.program.program import Floats, Population, Projection
+from neuro.program.program import Floats, Population
 from neuro.run import settable
-from neuro.run.handles import Neurons
 from neuro.run.lesions import driver
 from neuro.run.simulation import Simulation
 
@@ -82,16 +78,8 @@ def projection(sim: Simulation, index: int) -> dict[str, Any]:
         "size": part.size,
         "learns": bool(part.synapse.learns),
         "negative": bool(weight.size and weight.mean() < 0.0),
-        "unit": _weight(sim, index).unit,
+        "unit": sim._synapses.weight_unit(index),
     }
-
-
-def _weight(sim: Simulation, index: int) -> Quantity:
-    """What the weights of a projection are."""
-    part = sim.program.projections[index]
-    target = sim.program.populations[part.target].model
-    unit = "" if part.carries == "current" else getattr(target, "weight_unit", "")
-    return Quantity(unit=unit, doc="one for all synapses")
 
 
 def is_signal(sim: Simulation, name: str) -> bool:
@@ -106,8 +94,9 @@ def settable_words(sim: Simulation, name: str) -> dict[str, Quantity]:
     found = sim.handles.neurons_or_projection(name)
     if isinstance(found, int):
         rule = sim._rules[found]
-        weight = {"weight": _weight(sim, found)} if sim.program.projections[found].size else {}
-        words = weight | {word: rule.quantities()[word] for word in settable.settable_numbers(rule)}
+        words = {word: rule.quantities()[word] for word in settable.settable_numbers(rule)}
+        if sim.program.projections[found].size:
+            words = {"weight": Quantity(unit=sim._synapses.weight_unit(found), doc="one for all synapses"), **words}
     else:
         each = {word: settable.quantity_of(found.part, word) for word in found.part.parameters}
         words = {word: q for word, q in each.items() if q is not None and word not in NOT_SHOWN}
@@ -132,55 +121,27 @@ def sliders(sim: Simulation, name: str) -> list[dict[str, Any]]:
         now = shown_value(present(sim, name, word))
         signs = {">": q.above, "≥": q.at_least, "<": q.below, "≤": q.at_most}
         bounds = ", ".join(f"{sign} {bound:g}" for sign, bound in signs.items() if bound is not None)
-        low, high, step = slider_ends(q, now["value"] or 0.0, sim.program.resolution, accepts(sim, name, word))
+        low, high, step = slider_ends(q, now["value"] or 0.0, sim.program.resolution, partial(accepts, sim, name, word))
         about = {"word": word, "unit": q.unit, "doc": q.doc, "kind": q.kind, "bounds": bounds}
         found.append({**about, **now, "low": low, "high": high, "step": step})
     return found
 
 
-def accepts(sim: Simulation, name: str, word: str) -> Callable[[float], bool]:
+def accepts(sim: Simulation, name: str, word: str, value: float) -> bool:
     """Whether a parameter of a part may have a value, beside those that the others have now; nothing is set."""
-    found = None if is_signal(sim, name) else sim.handles.neurons_or_projection(name)
-    if isinstance(found, int):
-        check = partial(_check_synapses, sim.program.projections[found], sim._rules[found], _extremes(sim, found), word)
-    elif found is not None:
-        check = partial(_check_neurons, sim, found, word)
-    else:
-        return math.isfinite
-
-    def accepted(value: float) -> bool:
-        try:
-            check(value)
-        except ModelError:
-            return False
+    if is_signal(sim, name):
         return True
-
-    return accepted
-
-
-def _check_neurons(sim: Simulation, neurons: Neurons, word: str, value: float) -> None:
-    """Refuse a value that neurons may not have."""
-    program, engine = sim.program, sim._engine
-    new = {word: settable.new_values(neurons, word, value, engine, program.seed)}
-    settable.check_together(program, neurons.index, new, engine, Clock(program.resolution))
-
-
-def _check_synapses(part: Projection, rule: Synapse, weight: Floats, word: str, value: float) -> None:
-    """Refuse a weight for all synapses, or a number of their rule."""
-    if word == "weight":
-        weight = np.full_like(weight, value)
-        check_conductance(part.receptor, weight)
-    else:
-        rule = settable.new_rule(part, rule, {word: value})
-    settable.check_rule(part, rule, weight)
-
-
-def _extremes(sim: Simulation, index: int) -> Floats:
-    """The least and the largest weight of a projection, which stand for all where its rule has one number for all."""
-    weight: Floats = sim._engine.get_synapses(index, "weight")
-    if weight.size and not any(map(np.ndim, sim._rules[index].parameters().values())):
-        return np.array([weight.min(), weight.max()])
-    return weight
+    found = sim.handles.neurons_or_projection(name)
+    try:
+        if not isinstance(found, int):
+            sim._cells.checked(found, {word: value})
+        elif word == "weight":
+            sim._synapses.checked_weights(found, value)
+        else:
+            sim._synapses.checked_rule(found, {word: value})
+    except ModelError:
+        return False
+    return True
 
 
 def shown_value(values: Floats) -> dict[str, Any]:
@@ -214,8 +175,9 @@ def furthest(value: float, end: float, step: float, accepted: Callable[[float], 
 
     if far < near or not accepted(at(near)):
         return value
-    if accepted(at(far)):
-        return at(far)
+    for last in (far, far - 1):  # the bound itself is accepted, or what is next to it, or the others have a say
+        if accepted(at(last)):
+            return at(last)
     while far - near > 1:
         middle = (near + far) // 2
         near, far = (middle, far) if accepted(at(middle)) else (near, middle)
