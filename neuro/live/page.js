@@ -571,14 +571,14 @@ function showWeights(message) {
 function showCurve(message) {
   get("curve-here").hidden = false;
   const p = about.populations.find(each => each.name === message.population);
-  get("curve-told").textContent = message.refused || `${message.population}[${message.neuron}]` + (message.currents.length ? "" : ": silent up to 100,000 pA");
+  get("curve-told").textContent = message.refused || `${message.population}[${message.neuron}]` + (message.currents.length ? ", Hz by constant current" : ": silent up to 100,000 pA");
   read();
   const {pen, width, height} = canvas("curve");
   if (!message.currents || !message.currents.length) return;
   const foot = height - 18, room = width - LEFT - SIDE, top = Math.max(...message.currents), most = nice(Math.max(1, ...message.rates));
   grid(pen, LEFT, 8, room, foot - 8, 0, most);
   pen.fillStyle = colours.soft; pen.textAlign = "left"; pen.fillText("0", LEFT, height - 4);
-  pen.textAlign = "right"; pen.fillText(`${short(top)} pA`, width - SIDE, height - 4); pen.fillText("Hz", LEFT - 6, foot - 10);
+  pen.textAlign = "right"; pen.fillText(`${short(top)} pA`, width - SIDE, height - 4);
   const place = k => [LEFT + message.currents[k] / top * room, foot - message.rates[k] / most * (foot - 8)];
   pen.strokeStyle = pen.fillStyle = colours[hue(about.populations.indexOf(p))]; pen.lineWidth = 1.8;
   pen.beginPath(); message.currents.forEach((_, k) => pen.lineTo(...place(k))); pen.stroke();

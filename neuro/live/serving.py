@@ -1,6 +1,6 @@
 """The process that serves the page: `python -m neuro.live.serving DESCRIPTOR`, started by `neuro.live.page`.
 
-It knows nothing of networks. To browsers it gives three files and the messages of the network's process; from them it
+It knows nothing of networks. To browsers it gives four files and the messages of the network's process; from them it
 takes small messages, which it passes on. Everything is bounded: a browser that reads slowly misses frames, one that
 sends too much is closed, and the network's process is sent no more than it reads.
 """
