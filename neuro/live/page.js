@@ -629,7 +629,7 @@ get("play").onclick = () => ask({do: state.paused ? "resume" : "pause"});
 get("step").onclick = () => ask({do: "step"});
 get("reset").onclick = () => ask({do: "reset", weights: get("weights-too").checked});
 get("speed").onchange = () => ask({do: "speed", value: Number(get("speed").value)});
-get("seed").onchange = () => { if (get("seed").value !== "") ask({do: "seed", value: Number(get("seed").value)}, error => { if (error) get("seed").value = about.seed; }); };
+get("seed").onchange = () => { if (get("seed").value !== "") ask({do: "seed", value: Number(get("seed").value)}, error => { if (error) { say(error, true); get("seed").value = about.seed; } }); };
 get("window").onchange = () => { span = Number(get("window").value); stored("window", span); resize(); };
 get("filter").oninput = filter;
 get("none").onclick = () => show([]);

@@ -150,6 +150,18 @@ def test_the_ends_of_sliders_follow_what_is_set(shown, running):
     assert until(lambda: end() < -69.0)
 
 
+def test_a_seed_that_is_refused_is_said_and_put_back(shown):
+    from selenium.webdriver.common.by import By
+    from selenium.webdriver.common.keys import Keys
+
+    seed = shown.find_element(By.ID, "seed")
+    before = seed.get_attribute("value")
+    seed.clear()
+    seed.send_keys("-3", Keys.ENTER)
+    assert until(lambda: "seed = -3" in text(shown, "message") or "value = -3" in text(shown, "message"))
+    assert seed.get_attribute("value") == before
+
+
 def value_of(driver, id):
     return driver.execute_script("return document.getElementById(arguments[0]).value", id)
 
