@@ -214,7 +214,7 @@ class Page:
                 where = f"{settings['host']}:{settings['port']}"
                 raise ModelError(f"the page cannot be served at {where}: {head['error']}", hint="another host or port")
             time.sleep(POLL_S)
-        raise ModelError("the process that serves the page has ended before it began: see above")
+        raise ModelError(f"the process that serves the page has ended, or has not begun within {START_S:g} s")
 
     def _show(self, sim: Simulation) -> None:
         """Show a simulation from its beginning."""
