@@ -24,6 +24,8 @@ WIDE = {"Hz": 100.0, "pA": 500.0, "mV": 20.0, "ms": 20.0, "pF": 250.0, "nS": 10.
 """How far a slider goes by the unit, where neither bounds nor the present value give it."""
 PLACES = 500
 """Places of a slider, at most."""
+LARGEST = 1e300
+"""Of what a slider can reach, so that no difference is infinite."""
 
 
 def about(sim: Simulation) -> dict[str, Any]:
@@ -146,10 +148,11 @@ def accepts(sim: Simulation, name: str, word: str, value: float) -> bool:
 
 def shown_value(values: Floats) -> dict[str, Any]:
     """The mean of values, None where it is infinite, and whether all are the same."""
-    mean = float(values.mean()) if values.size else 0.0
+    with np.errstate(over="ignore"):
+        mean = float(values.mean()) if values.size else 0.0
     return {
         "value": mean if math.isfinite(mean) else None,
-        "same": bool(values.size == 0 or (values == values.flat[0]).all()),
+        "same": not values.size or bool((values == values.flat[0]).all()),
     }
 
 
@@ -157,7 +160,7 @@ def slider_ends(
     q: Quantity, value: float, resolution: float, accepted: Callable[[float], bool]
 ) -> tuple[float, float, float]:
     """The ends of a slider, which are accepted, and its step, of which they are multiples."""
-    low, high = span(q, value)
+    low, high = (max(-LARGEST, min(end, LARGEST)) for end in span(q, value))
     ten = 10.0 ** math.floor(math.log10((high - low) / PLACES))
     step = 1.0 if q.kind == "integer" else next(n * ten for n in (1, 2, 5, 10) if n * ten * PLACES >= high - low)
     if q.unit == "ms" and not any(accepted((value // step + k) * step) for k in (-1, 1, 3)):
@@ -188,7 +191,7 @@ def span(q: Quantity, value: float) -> tuple[float, float]:
     """How far a slider is to go: to the bounds, or as far again as the value is from 0."""
     least = q.at_least if q.at_least is not None else q.above
     most = q.at_most if q.at_most is not None else q.below
-    reach = abs(value) or WIDE.get(q.unit, 1.0)
+    reach = abs(value) if abs(value) > 1.0 / LARGEST else WIDE.get(q.unit, 1.0)
     low = _finite(least, value - reach if least is None or math.isinf(least) else least)
     high = _finite(most, value + reach if value < 0.0 or least is None else low + 3.0 * max(value - low, reach / 3.0))
     return (low, high) if low < high else (low, low + 1.0)

@@ -2,6 +2,8 @@
 
 from contextlib import suppress
 
+import pytest
+
 import neuro
 from neuro.live.facts import sliders
 from neuro.model.neurons import MODELS
@@ -49,3 +51,15 @@ def test_of_every_synapse_model():
         assert moved(sim, "synapses") == [], name
         seen += 1
     assert seen > 5
+
+
+@pytest.mark.parametrize("value", [1e308, -1e308, 1e-320, -1e-320, 0.0])
+def test_of_values_at_the_limits_of_floats(value):
+    net = neuro.Network("two", resolution=1.0)
+    cells = net.population("cells", 3, neuro.iaf_psc_exp())
+    net.connect(cells, cells, neuro.all_to_all(), weight=1.0, name="synapses")
+    sim = neuro.compile(net)
+    sim.set("synapses", weight=value)
+    sim.set("cells", I_e=value)
+    for each in (*sliders(sim, "synapses"), *sliders(sim, "cells")):
+        assert -1e301 < each["low"] < each["high"] < 1e301 or abs(each["value"] or 1e308) > 1e300
