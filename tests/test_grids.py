@@ -99,3 +99,24 @@ def test_a_chip_says_that_the_host_resets():
     net.group("first", neuro.lateral_reset(of="cells"))
     expected = "the host decides group 'first' from the voltages of the step; the chip has no lateral reset"
     assert expected in quantise(compile_network(net, 0), chip("loihi")).notes
+
+
+@pytest.mark.parametrize("backend", ["event", "reference"])
+def test_a_sheet_is_silenced_as_a_whole(backend):
+    net = sheet_onto(2, neuro.grid(kernel=(3, 3)), weight=2.0)
+    net.population("out", 3, neuro.iaf_psc_delta(**PLAIN, V_th=4.0))
+    net.connect("maps", "out", neuro.all_to_all(), weight=1.0)
+    sim = neuro.compile(net, backend=backend, seed=1)
+    sim.run(100.0)
+    fired = sim.counts().populations["maps"].spikes
+    assert fired > 0
+    with pytest.raises(neuro.ModelError, match=r"'kernels' has one kernel for all neurons: expected all of them"):
+        sim.silence(net.populations["sheet"][0, 0, 0])
+    sim.silence("sheet")
+    sim.silence("maps")
+    assert not sim.weights("kernels").any()
+    sim.run(10.0)
+    fired = sim.counts().populations["maps"].spikes
+    sim.run(100.0)
+    assert sim.counts().populations["maps"].spikes == fired
+    assert not sim.weights("maps_out")[2].any()

@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import multiprocessing
+import signal
 import socket
 import struct
 import time
 from collections.abc import Callable, Mapping, Sequence
-from contextlib import ExitStack
+from contextlib import ExitStack, suppress
 from dataclasses import dataclass, field
 from math import inf
 from multiprocessing.connection import Connection
@@ -114,7 +115,8 @@ class _Radio:
 def _world(
     scenario: Scenario, starts: Sequence[Start], url: str, answers: int, speed: float, report: Connection
 ) -> None:
-    """Fly laps in real time, in a process of its own."""
+    """Fly laps in real time, in a process of its own, which leaves Ctrl-C to its parent and ends with it."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
     try:
         with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as radio:
             radio.connect((_HOST, answers))
@@ -125,7 +127,8 @@ def _world(
                 report.send(fly_lap(env, pilot, start, index))
             report.send((pilot.missed, pilot.steps))
     except Exception as error:
-        report.send(f"{type(error).__name__}: {error}")
+        with suppress(OSError):
+            report.send(f"{type(error).__name__}: {error}")
 
 
 def fly_live(

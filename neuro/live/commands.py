@@ -10,11 +10,13 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any, Protocol
 
+import numpy as np
+
 from neuro.core.checks import check
 from neuro.core.errors import ModelError, unknown
 from neuro.core.quantities import Quantity
 from neuro.live.beside import Beside
-from neuro.live.facts import neuron_sliders, synapse_sliders
+from neuro.live.facts import is_signal, present, settable_words, sliders
 from neuro.live.frames import Frames
 from neuro.live.pace import SPEED, Pace
 from neuro.program.program import Floats
@@ -76,7 +78,19 @@ class Commands:
         self._before: dict[str, dict[int, Floats]] = {}
         paced = ("pause", "resume", "step", "speed", "reset") if page.pace is not None else ()
         seeds = ("seed",) if page.restart is not None else ()
-        names = (*paced, *seeds, "set", "silence", "restore", "activate", "watch", "curve", "save", "network")
+        names = (
+            *paced,
+            *seeds,
+            "sliders",
+            "set",
+            "silence",
+            "restore",
+            "activate",
+            "watch",
+            "curve",
+            "save",
+            "network",
+        )
         self._known: dict[str, Callable[[Asked], Answer | None]] = {name: getattr(self, f"_{name}") for name in names}
 
     @property
@@ -140,27 +154,26 @@ class Commands:
 
     # its parts
 
+    def _sliders(self, asked: Asked) -> Answer:
+        return {"sliders": sliders(self._sim, self._part(asked))}, b""
+
     def _set(self, asked: Asked) -> None:
         """A parameter of a part, its weight, or a signal."""
-        part, word, sim = self._text(asked, "part"), self._text(asked, "word"), self._sim
+        part, word, sim = self._part(asked), self._text(asked, "word"), self._sim
         value = asked.get("value")
         if not isinstance(value, bool):
             value = check(_NUMBER, value, f"{part}.{word}")
-        if word == "value" and part in [each.name for each in sim.program.signals]:
-            sim.signal(part, value)
-            self._page.keep(f"value/{part}/{word}", {"part": part, "word": word, "value": value, "same": True})
-            return
-        index = sim.handles.neurons_or_projection(self._part(part))
-        if isinstance(index, int):
-            known = [each["word"] for each in synapse_sliders(sim, index)]
-        else:
-            known = [each["word"] for each in neuron_sliders(sim, index.part)]
+        known = settable_words(sim, part)
         if word not in known:
             raise unknown("parameter", word, known).at(None, f"'{part}'")
+        if is_signal(sim, part):
+            sim.signal(part, value)
+            self._page.tell_value(part, word, np.array([value]))
+            return
         sim.set(part, {word: value})
-        self._page.tell_value(part, word, sim.get(part, word))
-        if isinstance(index, int) and word == "weight":
-            self._page.look_again(index)
+        self._page.tell_value(part, word, present(sim, part, word))
+        if word == "weight":
+            self._page.look_again(sim.handles.projection(part))
 
     def _silence(self, asked: Asked) -> None:
         part = self._population(asked)
@@ -232,9 +245,9 @@ class Commands:
             raise unknown("population", name, known)
         return name
 
-    def _part(self, name: str) -> str:
-        """The name of a population or projection: no view, which is written as a text, too."""
-        program = self._sim.program
+    def _part(self, asked: Asked) -> str:
+        """The name of a population, projection or signal: no view, which is written as a text, too."""
+        program, name = self._sim.program, self._text(asked, "part")
         known = [part.name for part in (*program.populations, *program.projections, *program.signals)]
         if name not in known:
             raise unknown("part", name, known)

@@ -39,6 +39,7 @@ class Frames:
     Attributes:
         step: up to which the last frame went.
         traces: what probes record: names and units.
+        watched: the population, neuron and state that `sample` takes; empty for none.
     """
 
     def __init__(self, sim: Simulation) -> None:
@@ -47,7 +48,7 @@ class Frames:
         self._cameras = [(k, p) for k, p in self._populations if p.kind == "listed" and p.stream is not None]
         self.traces = _recorded(sim)
         self._sampled: list[tuple[float, float]] = []
-        self._watched: tuple[str, int, str] | None = None
+        self.watched: dict[str, Any] = {}
         self.begin()
 
     def begin(self) -> None:
@@ -70,26 +71,17 @@ class Frames:
         neuron_ids([neuron], neurons.part.size)
         if state not in self._sim.states(population):
             raise unknown("state", state, self._sim.states(population))
-        self._watched, self._sampled = (population, neuron, state), []
+        self.watched, self._sampled = {"population": population, "neuron": neuron, "state": state}, []
 
     @property
     def time(self) -> float:
         """Up to which the last frame went, in ms."""
         return self._clock.ms(self.step)
 
-    @property
-    def watched(self) -> dict[str, Any] | None:
-        """What is shown of which neuron."""
-        names = ("population", "neuron", "state")
-        if self._watched is None:
-            return None
-        population, neuron, state = self._watched
-        return dict(zip(names, (population, neuron, state), strict=True))
-
     def sample(self) -> None:
         """Take the value of the state that is watched."""
-        if self._watched is not None and len(self._sampled) < MOST_SAMPLES:
-            population, neuron, state = self._watched
+        if self.watched and len(self._sampled) < MOST_SAMPLES:
+            population, neuron, state = self.watched.values()
             index = self._sim.handles.neurons(population).index
             value = self._engine.get(index, state, np.array([neuron], dtype=np.int64))
             self._sampled.append((self._sim.time, float(value[0])))

@@ -1,9 +1,9 @@
 "use strict";
 // Everything that is shown comes by one WebSocket: texts that hold until another of their key, frames, answers, files.
 const get = id => document.getElementById(id);
-const MOST_BANDS = 12, KEPT_MS = 10000, SIDE = 8, LEFT = 46;
+const MOST_SHOWN = 24, FIRST_SHOWN = 12, DASHES = [[], [7, 3], [2, 2]], KEPT_MS = 10000, SIDE = 8, LEFT = 46, FOOT = 20;
 let about = null, state = {}, kept = {}, history = [], rates = [], colours = {}, now = 0, span = 1000, asked = false, socket = null, tries = 0;
-let part = "", number = 0, waiting = new Map(), raster = null, bands = [], drawn = 0, counted = performance.now(), pictures = new Map();
+let part = "", number = 0, waiting = new Map(), shown = [], raster = null, bands = [], drawn = 0, counted = performance.now(), pictures = new Map();
 
 function make(name, words = {}, ...inside) {
   const element = document.createElement(name);
@@ -23,7 +23,7 @@ function short(value) {
   return size === 0 ? "0" : size >= 1e6 || size < 1e-3 ? value.toExponential(2) : String(Number(value.toPrecision(4)));
 }
 const named = (count, noun) => count.toLocaleString("en") + " " + noun + (count === 1 ? "" : "s");
-const item = k => "item" + k % 8;
+const hertz = value => (value < 100 ? Number(value.toFixed(value < 10 ? 2 : 1)) : Math.round(value)) + " Hz";
 const stored = (word, value) => { try { if (value === undefined) return sessionStorage.getItem(word); sessionStorage.setItem(word, value); } catch { return null; } };
 
 // --- the connection
@@ -58,8 +58,8 @@ function heard(message) {
 function answered(message) {
   const row = waiting.get(message.id);
   waiting.delete(message.id);
-  if (message.error) say(message.error, true);
-  if (row) row(message.error || "");
+  if (row) row(message.error || "", message);
+  else if (message.error) say(message.error, true);
 }
 let clearing = 0;
 function say(text, bad = false) {
@@ -135,89 +135,59 @@ function begin(message) {
   get("cameras").hidden = !cameras.length;
   get(computes ? "right" : "middle").prepend(get("cameras"));
   get("power").hidden = !computes;
+  layShown();
   get("spikes-here").hidden = !about.populations.some(p => p.records && p.size);
   get("pictures").replaceChildren();
   get("curve-here").hidden = true;
-  drawGraph();
+  nodes.clear(); centre = "";
   const first = about.populations.find(p => p.kind === "neuron") || about.populations[0];
   choose([part, stored("part")].find(name => name && found(name)) || first.name);
   resize();
 }
 const found = name => [...about.populations, ...about.projections, ...about.signals].find(each => each.name === name);
 
-function layers() {  // by the fewest projections from a population that none but itself reaches
-  const depth = new Map(), reached = new Set(about.projections.filter(p => p.from !== p.to).map(p => p.to));
-  let front = about.populations.filter(p => !reached.has(p.name)).map(p => p.name);
-  if (!front.length) front = [about.populations[0].name];
-  for (let level = 0; front.length; level++) {
-    for (const name of front) depth.set(name, level);
-    front = [...new Set(about.projections.filter(p => front.includes(p.from) && !depth.has(p.to)).map(p => p.to))];
-  }
-  const rows = [];
-  for (const p of about.populations) (rows[depth.get(p.name) ?? 0] ||= []).push(p);
-  return rows.flatMap(row => Array.from({length: Math.ceil(row.length / 3)}, (_, k) => row.slice(3 * k, 3 * k + 3)));
-}
-const nodes = new Map(), edges = [];
-function drawGraph() {
-  const W = 106, H = 44, GAP = 22, DOWN = 40, rows = layers(), most = Math.max(2, ...rows.map(row => row.length)), width = most * (W + GAP) + 24, svg = get("graph");
-  nodes.clear(); edges.length = 0;
-  const height = rows.length * (H + DOWN) - DOWN + 44;
-  svg.setAttribute("viewBox", `0 0 ${width} ${height}`);
-  svg.style.maxWidth = 1.2 * width + "px";
-  const lines = shape("g"), boxes = shape("g");
-  rows.forEach((row, level) => row.forEach((p, k) => {
-    const x = width / 2 + (k - (row.length - 1) / 2) * (W + GAP) - W / 2, y = 22 + level * (H + DOWN), index = about.populations.indexOf(p);
-    const bar = shape("rect", {class: "bar", x: x + 9, y: y + H - 9, width: 0, height: 3, rx: 1.5}), rate = shape("text", {class: "rate", x: x + 9, y: y + 30});
-    const name = p.name.length > 14 ? p.name.slice(0, 13) + "…" : p.name;
-    const node = shape("g", {class: "node", tabindex: 0, role: "button", "aria-label": `${p.name}, ${named(p.size, "neuron")} of ${p.model}`},
-      shape("title"), shape("rect", {class: "box", x, y, width: W, height: H, rx: 8}), shape("circle", {cx: x + 13, cy: y + 13, r: 4}),
-      shape("text", {x: x + 22, y: y + 17}, name), rate, shape("rect", {class: "room", x: x + 9, y: y + H - 9, width: W - 18, height: 3, rx: 1.5}), bar);
-    node.firstChild.textContent = `${p.name}: ${named(p.size, "neuron")} of ${p.model}`;
-    node.style.color = `var(--${item(index)})`;
-    node.onclick = () => choose(p.name);
-    node.onkeydown = event => { if (event.key === "Enter" || event.key === " ") { event.preventDefault(); event.stopPropagation(); choose(p.name); } };
-    nodes.set(p.name, {node, bar, rate, x, y, level, room: W - 18});
-    boxes.append(node);
+// --- which populations the raster and the rates show
+
+function layShown() {
+  const all = about.populations.map((_, k) => k).filter(k => about.populations[k].kind !== "current" && about.populations[k].size);
+  const first = all.filter(k => about.populations[k].kind === "neuron" || about.populations[k].records), names = JSON.parse(stored("shown/" + about.name));
+  shown = names ? all.filter(k => names.includes(about.populations[k].name)).slice(0, MOST_SHOWN) : (first.length ? first : all).slice(0, FIRST_SHOWN);
+  get("chooser").hidden = all.length < 2;
+  get("choices").replaceChildren(...all.map(k => {
+    const box = make("input", {type: "checkbox", value: k});
+    box.onchange = () => show(all.filter(each => each === k ? box.checked : shown.includes(each)));
+    return make("label", {}, box, make("span", {}, about.populations[k].name));
   }));
-  about.projections.forEach((p, index) => {
-    const a = nodes.get(p.from), b = nodes.get(p.to), twin = about.projections.slice(0, index).filter(q => q.from === p.from && q.to === p.to).length;
-    const shift = 9 * twin, ax = a.x + W / 2, bx = b.x + W / 2;
-    let path, tip;
-    if (a === b) { const r = a.x + W - 26 - shift; path = `M${r} ${a.y} c-3 -17 23 -17 19 0`; tip = [r + 19, a.y, 100]; }
-    else if (b.level > a.level) { const x = ax + (bx > ax ? 16 : bx < ax ? -16 : -14) + shift, to = bx - (bx > ax ? 16 : bx < ax ? -16 : 14) + shift, mid = (a.y + H + b.y) / 2;
-      path = `M${x} ${a.y + H} C${x} ${mid} ${to} ${mid} ${to} ${b.y - 5}`; tip = [to, b.y - 1, 90]; }
-    else if (b.level < a.level) { const x = ax + 22 + shift, to = bx + 22 + shift, mid = (a.y + b.y + H) / 2;
-      path = `M${x} ${a.y} C${x} ${mid} ${to} ${mid} ${to} ${b.y + H + 5}`; tip = [to, b.y + H + 1, -90]; }
-    else { const right = bx > ax, y = a.y + H / 2 + (right ? -7 : 7) + shift, x = right ? a.x + W : a.x, to = right ? b.x : b.x + W, sign = right ? -1 : 1;
-      const far = Math.abs(to - x) > 2 * GAP ? (right ? -34 : 34) : 0;
-      path = `M${x} ${y} C${x - sign * 8} ${y + far} ${to + sign * 12} ${y + far} ${to + sign * 5} ${y}`; tip = [to + sign, y, right ? 0 : 180]; }
-    const kind = p.negative ? " negative" : "";
-    const edge = shape("path", {class: "edge" + kind, d: path}, shape("title"));
-    edge.firstChild.textContent = `${p.name}: ${named(p.size, "synapse")}, ${p.synapse}`;
-    if (p.learns) edge.setAttribute("stroke-dasharray", "5 4");
-    edge.onclick = () => choose(p.name);
-    const head = shape("path", {class: "tip" + kind, d: "M0 0 L-7 -3.5 L-7 3.5 Z", transform: `translate(${tip[0]} ${tip[1]}) rotate(${tip[2]})`});
-    lines.append(edge, head);
-    edges.push({edge, head, name: p.name, from: about.populations.findIndex(q => q.name === p.from)});
-  });
-  svg.replaceChildren(lines, boxes);
+  filter();
+  showLegend();
 }
-function colourGraph() {
-  const last = rates[rates.length - 1];
-  if (!last) return;
-  const most = Math.max(20, ...last.values);
-  about.populations.forEach((p, k) => {
-    const seen = nodes.get(p.name);
-    seen.bar.setAttribute("width", (Math.sqrt(last.values[k] / most) * seen.room).toFixed(1));
-    const text = p.kind === "current" ? "current" : (last.values[k] < 100 ? Number(last.values[k].toFixed(last.values[k] < 10 ? 2 : 1)) : Math.round(last.values[k])) + " Hz";
-    if (seen.rate.textContent !== text) seen.rate.textContent = text;
-  });
-  for (const {edge, head, from} of edges) {
-    const strength = Math.sqrt(last.values[from] / most) || 0;
-    edge.setAttribute("stroke-width", (1 + 1.8 * strength).toFixed(2));
-    edge.style.opacity = head.style.opacity = (0.35 + 0.65 * strength).toFixed(2);
+function filter() {
+  const text = get("filter").value.toLowerCase();
+  for (const label of get("choices").children) label.hidden = !label.textContent.toLowerCase().includes(text);
+}
+function show(indices) {
+  shown = indices;
+  stored("shown/" + about.name, JSON.stringify(shown.map(k => about.populations[k].name)));
+  showLegend();
+  resize();
+}
+function showLegend() {
+  for (const box of get("choices").querySelectorAll("input")) {
+    box.checked = shown.includes(Number(box.value));
+    box.disabled = !box.checked && shown.length >= MOST_SHOWN;
   }
+  const all = get("choices").children.length, told = `${shown.length} of ${all} populations`;
+  get("shown-told").textContent = told + (shown.length >= MOST_SHOWN ? `, at most ${MOST_SHOWN}` : "");
+  get("spikes-told").textContent = shown.length < all ? told : "";
+  get("legend").replaceChildren(...shown.map((k, place) => {
+    const line = shape("line", {x1: 0, x2: 22, y1: 4, y2: 4, "stroke-dasharray": DASHES[Math.floor(place / 8)].join(" ")}), swatch = shape("svg", {width: 22, height: 8}, line);
+    swatch.style.color = `var(--${hue(k)})`;
+    return make("li", {}, swatch, about.populations[k].name, make("small"));
+  }));
+  tint();
 }
+const place = index => shown.indexOf(index);
+const hue = index => place(index) < 0 ? "soft" : "item" + place(index) % 8;
 
 // --- one part: what it is, and what can be set
 
@@ -225,19 +195,29 @@ function choose(name) {
   part = name;
   stored("part", name);
   get("part").value = name;
-  for (const [each, {node}] of nodes) node.classList.toggle("chosen", each === name);
-  for (const {edge, name: each} of edges) edge.classList.toggle("chosen", each === name);
-  const p = found(name), inside = [];
+  chooseInGraph();
+  const p = found(name), inside = [], rows = make("div");
   if (p.model) {
-    inside.push(facts([["model", p.model], ["neurons", p.size.toLocaleString("en") + (p.shape.length > 1 ? ` (${p.shape.join(" × ")})` : "")]]));
+    inside.push(facts([["model", p.model], ["neurons", p.size.toLocaleString("en") + (p.shape.length > 1 ? ` (${p.shape.join(" × ")})` : "")],
+      ["from", links(about.projections.filter(q => q.to === name), q => q.from)], ["to", links(about.projections.filter(q => q.from === name), q => q.to)]]));
     inside.push(...actions(p));
   } else if (p.synapse) {
-    inside.push(facts([["from", p.from], ["to", p.to], ["synapse", p.synapse + (p.learns ? ", learns" : "")], ["synapses", p.size.toLocaleString("en")]]));
+    inside.push(facts([["from", links([found(p.from)])], ["to", links([found(p.to)])], ["synapse", p.synapse + (p.learns ? ", learns" : "")], ["synapses", p.size.toLocaleString("en")]]));
     get("projection").value = name;
     if (kept["weights/" + name]) showWeights(kept["weights/" + name]);
-  } else inside.push(facts([["signal to", p.to]]));
-  inside.push(...p.sliders.map(each => slider(p, each)));
-  get("inside").replaceChildren(...inside);
+  } else inside.push(facts([["signal to", links([found(p.to)])]]));
+  get("inside").replaceChildren(...inside, rows);
+  ask({do: "sliders", part: name}, (error, {sliders}) => rows.replaceChildren(...error ? [make("p", {}, error)] : sliders.map(each => slider(p, each))));
+}
+function links(parts, text = p => p.name) {  // to parts of the network, each a button
+  if (!parts.length) return "–";
+  const most = 12, list = make("span", {className: "links"}, ...parts.slice(0, most).map(p => {
+    const link = make("button", {className: "link", title: p.name}, text(p));
+    link.onclick = () => choose(p.name);
+    return link;
+  }));
+  if (parts.length > most) list.append(`and ${parts.length - most} more`);
+  return list;
 }
 const facts = rows => make("dl", {}, ...rows.flatMap(([word, value]) => [make("dt", {}, word), make("dd", {}, value)]));
 function actions(p) {
@@ -277,14 +257,14 @@ function actions(p) {
   return rows;
 }
 function slider(p, q) {
-  const known = kept[`value/${p.name}/${q.word}`] || q, row = make("div", {className: "slider"}), error = make("p", {hidden: true});
-  const id = "slider-" + q.word, unit = q.unit || (q.word === "weight" ? p.unit : "");
-  const told = make("span"), label = make("label", {htmlFor: id, title: q.doc || ""}, q.word, told);
+  const known = p.to && q.word === "value" && kept[`value/${p.name}/value`] || q, row = make("div", {className: "slider"}), error = make("p", {hidden: true, role: "alert"});
+  const id = "slider-" + q.word, told = make("span"), label = make("label", {htmlFor: id, title: q.doc || ""}, q.word, told);
   let last = known.value, sent = 0, later = 0;
   const send = value => {
     sent = performance.now();
     ask({do: "set", part: p.name, word: q.word, value}, text => { error.hidden = !text; error.textContent = text; if (text) row.show({value: last}); });
   };
+  row.ends = () => {};
   if (q.kind === "boolean") {
     const box = make("input", {type: "checkbox", id, checked: Boolean(known.value)});
     box.onchange = () => send(box.checked);
@@ -292,31 +272,39 @@ function slider(p, q) {
     label.prepend(box);
     row.append(label, error);
   } else {
-    const step = q.kind === "integer" ? 1 : "any", range = make("input", {type: "range", min: q.low, max: q.high, step: q.kind === "integer" ? 1 : (q.high - q.low) / 500, id});
-    const exact = make("input", {type: "number", step, "aria-label": `${q.word}${unit ? " in " + unit : ""}`});
+    const range = make("input", {type: "range", min: q.low, max: q.high, step: q.step, id});
+    const exact = make("input", {type: "number", step: q.kind === "integer" ? 1 : "any", "aria-label": `${q.word}${q.unit ? " in " + q.unit : ""}`});
     range.oninput = () => {
       exact.value = range.value;
       clearTimeout(later);
       later = setTimeout(() => send(Number(range.value)), Math.max(0, 60 - (performance.now() - sent)));
     };
     exact.onchange = () => { if (exact.value !== "") send(Number(exact.value)); };
+    row.ends = ({low, high}) => { range.min = low; range.max = high; };
     row.show = value => {
       last = value.value;
       if (last < Number(range.min)) range.min = last;
       if (last > Number(range.max)) range.max = last;
       if (document.activeElement !== range || performance.now() - sent > 300) range.value = last ?? range.min;
       if (document.activeElement !== exact) exact.value = last === null ? "" : Number(last.toPrecision(6));
-      told.textContent = [unit, last === null ? "infinite" : value.same === false ? "differs, mean" : q.bounds].filter(Boolean).join(" · ");
+      told.textContent = [q.unit, last === null ? "infinite" : value.same === false ? "differs, mean" : q.bounds].filter(Boolean).join(" · ");
     };
-    range.value = known.value ?? q.low;
     row.append(label, range, exact, error);
   }
   row.show(known);
-  row.dataset.of = `${p.name}/${q.word}`;
+  row.dataset.word = q.word;
   return row;
 }
+let measuring = 0;
 function showValue(message) {
-  for (const row of document.querySelectorAll(".slider")) if (row.dataset.of === `${message.part}/${message.word}`) row.show(message);
+  if (message.part !== part) return;
+  const rows = [...document.querySelectorAll(".slider")];
+  for (const row of rows) if (row.dataset.word === message.word) row.show(message);
+  if (message.word === "weight") return;
+  clearTimeout(measuring);  // what the others may be depends on it
+  measuring = setTimeout(() => ask({do: "sliders", part: message.part}, (error, {sliders}) => {
+    for (const each of sliders || []) for (const row of rows) if (row.dataset.word === each.word && each.word !== message.word) row.ends(each);
+  }), 400);
 }
 function showState(message) {
   const before = JSON.stringify([state.silenced, state.watched]);
@@ -325,7 +313,6 @@ function showState(message) {
   const speed = [...get("speed").options].find(each => Number(each.value) === state.speed);
   if (speed) get("speed").value = speed.value;
   else if (state.speed) { get("speed").add(new Option(short(state.speed) + " ×", state.speed)); get("speed").value = state.speed; }
-  for (const [name, {node}] of nodes) node.classList.toggle("silenced", (state.silenced || []).includes(name));
   if (about && before !== JSON.stringify([state.silenced, state.watched])) {
     const focused = document.activeElement && document.activeElement.id;
     choose(part);
@@ -358,24 +345,23 @@ function canvas(id, height) {  // sharp on any screen; drawing is in CSS pixels
 function resize() {
   if (!about) return;
   read();
-  const recorded = about.populations.map((p, index) => ({...p, index})).filter(p => p.records && p.size);
-  const shown = recorded.slice(0, MOST_BANDS), sharp = devicePixelRatio || 1;
-  get("spikes-told").textContent = recorded.length > shown.length ? `of the first ${MOST_BANDS} of ${recorded.length} populations` : "";
+  const recorded = shown.filter(k => about.populations[k].records), sharp = devicePixelRatio || 1;
   let top = 18;
-  bands = shown.map(p => {
-    const height = Math.round((24 + 36 * Math.log10(p.size)) * (shown.length > 6 ? 0.5 : shown.length > 3 ? 0.7 : 1));
-    const band = {population: p.index, name: p.name, size: p.size, top, height};
+  bands = recorded.map(k => {
+    const {name, size} = about.populations[k], height = Math.round((24 + 36 * Math.log10(size)) * (recorded.length > 12 ? 0.35 : recorded.length > 6 ? 0.5 : recorded.length > 3 ? 0.7 : 1));
+    const band = {population: k, name, size, top, height};
     top += height + 20;
     return band;
   });
   const tall = Math.max(60, top), element = get("raster");
   element.style.height = tall + "px";
   const ring = document.createElement("canvas");
-  ring.width = Math.max(1, Math.round(element.clientWidth * sharp)); ring.height = Math.round(tall * sharp);
-  element.width = ring.width; element.height = ring.height;
+  ring.width = Math.max(1, Math.round((element.clientWidth - LEFT - SIDE) * sharp)); ring.height = Math.round(tall * sharp);
+  element.width = Math.round(element.clientWidth * sharp); element.height = ring.height;
   raster = {ring, pen: ring.getContext("2d"), screen: element.getContext("2d"), sharp, scale: ring.width / span, tall};
   for (const frame of history) paint(frame);
   layTraces();
+  drawGraph();
   redraw();
 }
 function paint(frame) {  // the spikes of a frame into a ring of columns: column x has the times x / scale, modulo its width
@@ -391,7 +377,7 @@ function paint(frame) {  // the spikes of a frame into a ring of columns: column
     const band = bands.find(each => each.population === population);
     if (!band) continue;
     const each = band.height / band.size, tall = Math.max(1.3 * sharp, Math.min(each * 0.8, 10) * sharp);
-    pen.fillStyle = colours[item(population)];
+    pen.fillStyle = colours[hue(population)];
     for (let k = 0; k < ids.length; k++) {
       const x = Math.floor((frame.from + steps[k] * about.resolution) * scale) % width;
       pen.fillRect(x - wide + 1, (band.top + band.height - (ids[k] + 0.5) * each) * sharp - tall / 2, wide, tall);
@@ -399,43 +385,57 @@ function paint(frame) {  // the spikes of a frame into a ring of columns: column
   }
 }
 function showRaster() {
-  const {ring, screen, sharp, scale, tall} = raster, width = ring.width, split = (Math.floor(now * scale) + 1) % width;
+  const {ring, screen, sharp, scale, tall} = raster, width = ring.width, split = (Math.floor(now * scale) + 1) % width, left = Math.round(LEFT * sharp);
   screen.setTransform(1, 0, 0, 1, 0, 0);
-  screen.clearRect(0, 0, width, ring.height);
+  screen.clearRect(0, 0, get("raster").width, ring.height);
   screen.fillStyle = colours.field;
-  for (const band of bands) screen.fillRect(0, band.top * sharp, width, band.height * sharp);
-  if (split < width) screen.drawImage(ring, split, 0, width - split, ring.height, 0, 0, width - split, ring.height);
-  if (split > 0) screen.drawImage(ring, 0, 0, split, ring.height, width - split, 0, split, ring.height);
+  for (const band of bands) screen.fillRect(left, band.top * sharp, width, band.height * sharp);
+  if (split < width) screen.drawImage(ring, split, 0, width - split, ring.height, left, 0, width - split, ring.height);
+  if (split > 0) screen.drawImage(ring, 0, 0, split, ring.height, left + width - split, 0, split, ring.height);
   screen.setTransform(sharp, 0, 0, sharp, 0, 0);
   screen.font = colours.font;
-  for (const band of bands) {
-    screen.fillStyle = colours[item(band.population)];
-    screen.fillRect(0, band.top - 13, 9, 9);
+  for (const {population, name, size, top, height} of bands) {
+    screen.fillStyle = colours[hue(population)];
+    screen.fillRect(LEFT, top - 13, 9, 9);
     screen.fillStyle = colours.ink; screen.textAlign = "left";
-    screen.fillText(band.name, 14, band.top - 4.5);
-    const after = 22 + screen.measureText(band.name).width;
+    screen.fillText(name, LEFT + 14, top - 4.5);
+    const after = LEFT + 22 + screen.measureText(name).width;
     screen.fillStyle = colours.soft;
-    screen.fillText(named(band.size, "neuron"), after, band.top - 4.5);
+    screen.fillText(named(size, "neuron"), after, top - 4.5);
+    screen.textAlign = "right";
+    screen.fillText("0", LEFT - 6, top + height);
+    if (height > 24) screen.fillText(short(size - 1), LEFT - 6, top + 9);
   }
-  screen.fillStyle = colours.soft; screen.textAlign = "right";
-  screen.fillText(`the last ${span >= 1000 ? span / 1000 + " s" : span + " ms"}`, width / sharp, tall - 6);
+  timeAxis(screen, LEFT, width / sharp, tall - FOOT);
 }
+function timeAxis(pen, left, room, y) {  // before now
+  pen.fillStyle = colours.soft; pen.strokeStyle = colours.rule; pen.lineWidth = 1;
+  for (let k = 0; k <= 5; k++) {
+    const x = Math.round(left + room * k / 5) - (k === 5) + 0.5, ms = span * (5 - k) / 5;
+    pen.beginPath(); pen.moveTo(x, y); pen.lineTo(x, y + 4); pen.stroke();
+    pen.textAlign = k === 5 ? "right" : "center";
+    pen.fillText(k === 5 ? (span >= 1000 ? "0 s" : "0 ms") : "−" + short(span >= 1000 ? ms / 1000 : ms), k === 5 ? x + SIDE : x, y + 16);
+  }
+}
+let written = 0;
 function showRates() {
-  const {pen, width, height} = canvas("rates"), foot = height - 8, left = LEFT, room = width - left - SIDE;
-  const since = now - span, seen = rates.filter(each => each.time >= since - 100);
-  const all = about.populations.map((p, k) => k), cells = all.filter(k => about.populations[k].kind === "neuron");
-  const indices = cells.length ? cells : all;
-  const most = nice(Math.max(1, ...seen.flatMap(each => indices.map(k => each.values[k]))));
+  const {pen, width, height} = canvas("rates"), foot = height - FOOT, left = LEFT, room = width - left - SIDE;
+  const since = now - span, seen = rates.filter(each => each.time >= since - 100), last = rates[rates.length - 1];
+  const most = nice(Math.max(1, ...seen.flatMap(each => shown.map(k => each.values[k]))));
   grid(pen, left, 8, room, foot - 8, 0, most);
+  timeAxis(pen, left, room, foot);
   pen.save(); pen.beginPath(); pen.rect(left, 0, room + SIDE, height); pen.clip();
   pen.lineWidth = 1.6; pen.lineJoin = "round";
-  for (const k of indices) {
-    pen.strokeStyle = colours[item(k)];
+  for (const k of shown) {
+    pen.strokeStyle = colours[hue(k)]; pen.setLineDash(DASHES[Math.floor(place(k) / 8)]);
     pen.beginPath();
     for (const each of seen) pen.lineTo(left + (each.time - since) / span * room, foot - each.values[k] / most * (foot - 8));
     pen.stroke();
   }
   pen.restore();
+  if (!last || performance.now() - written < 250) return;
+  written = performance.now();
+  [...get("legend").children].forEach((entry, n) => { entry.lastChild.textContent = hertz(last.values[shown[n]]); });
 }
 function nice(most) { const ten = 10 ** Math.floor(Math.log10(most)); return [1, 2, 2.5, 5, 10].map(n => n * ten).find(n => n >= most * 0.999); }
 function grid(pen, left, top, room, tall, low, high) {
@@ -451,15 +451,15 @@ function layTraces() {
   lines = [];
   if (state.watched) {
     const p = about.populations.find(each => each.name === state.watched.population);
-    if (p) lines.push({key: "watched", text: `${state.watched.state} of ${p.name}[${state.watched.neuron}]`, unit: p.states[state.watched.state] || "", colour: item(about.populations.indexOf(p))});
+    if (p) lines.push({key: "watched", text: `${state.watched.state} of ${p.name}[${state.watched.neuron}]`, unit: p.states[state.watched.state] || "", colour: hue(about.populations.indexOf(p))});
   }
   about.traces.slice(0, 3).forEach((trace, k) => lines.push({key: "probe" + k, text: `${trace.name}: ${trace.state} of ${trace.of}`, unit: trace.unit, colour: ""}));
   get("traces-here").hidden = !lines.length;
-  get("traces").style.height = 96 * lines.length + "px";
+  get("traces").style.height = 96 * lines.length + FOOT - 8 + "px";
 }
 function showTraces() {
   if (!lines.length) return;
-  const {pen, width, height} = canvas("traces"), each = height / lines.length, room = width - LEFT - SIDE, since = now - span;
+  const {pen, width, height} = canvas("traces"), each = (height - FOOT + 8) / lines.length, room = width - LEFT - SIDE, since = now - span;
   lines.forEach((line, k) => {
     const seen = history.filter(frame => frame.to >= since && frame.traces.has(line.key)), top = k * each + 18, tall = each - 26;
     let low = Infinity, high = -Infinity, columns = 0;
@@ -471,7 +471,7 @@ function showTraces() {
     pen.fillStyle = colours.soft; pen.textAlign = "right"; pen.fillText(line.unit, LEFT - 6, k * each + 11);
     pen.save(); pen.beginPath(); pen.rect(LEFT, top - 2, room, tall + 4); pen.clip(); pen.lineWidth = 1.2;
     for (let c = 0; c < columns; c++) {
-      pen.strokeStyle = colours[line.colour || item(c)];
+      pen.strokeStyle = colours[line.colour || "item" + c % 8];
       pen.beginPath();
       let column = -1, least = 0, most = 0, last = 0;
       const y = v => top + tall * (1 - (v - low) / (high - low)), put = () => { if (column >= 0) { pen.lineTo(LEFT + column, y(least)); if (most > least) pen.lineTo(LEFT + column, y(most)); pen.lineTo(LEFT + column, y(last)); } };
@@ -489,6 +489,7 @@ function showTraces() {
     }
     pen.restore();
   });
+  timeAxis(pen, LEFT, room, height - FOOT);
 }
 function redraw() { if (!asked) { asked = true; requestAnimationFrame(draw); } }
 function draw() {
@@ -546,14 +547,14 @@ function showWeights(message) {
   get("histogram").hidden = !message.bins; get("matrix").hidden = !message.matrix;
   if (message.refused) { told.textContent = message.refused; return; }
   read();
-  const {pen, width, height} = canvas("histogram", 92), most = Math.max(...message.bins), foot = height - 18, each = (width - 2) / message.bins.length;
-  pen.fillStyle = colours.field; pen.fillRect(0, 0, width, foot);
+  const {pen, width, height} = canvas("histogram"), most = Math.max(...message.bins), foot = height - 18, room = width - LEFT - SIDE, same = message.low === message.high;
+  const each = same ? 12 : room / message.bins.length, left = same ? LEFT + room / 2 - 6 : LEFT;
+  grid(pen, LEFT, 8, room, foot - 8, 0, most);
   pen.fillStyle = colours[p.negative ? "off" : "on"];
-  message.bins.forEach((count, k) => { const tall = count / most * (foot - 6); if (count) pen.fillRect(1 + k * each, foot - Math.max(1, tall), Math.max(1, each - 1), Math.max(1, tall)); });
+  message.bins.forEach((count, k) => { const tall = Math.max(1, count / most * (foot - 8)); if (count) pen.fillRect(left + k * each, foot - tall, Math.max(1, each - 1), tall); });
   pen.fillStyle = colours.soft;
-  const same = message.low === message.high;
-  pen.textAlign = same ? "center" : "left"; pen.fillText(short(message.low) + (same ? " " + p.unit : ""), same ? width / 2 : 1, height - 4);
-  if (!same) { pen.textAlign = "right"; pen.fillText(`${short(message.high)} ${p.unit}`, width - 1, height - 4); }
+  pen.textAlign = same ? "center" : "left"; pen.fillText(short(message.low) + (same ? " " + p.unit : ""), same ? LEFT + room / 2 : LEFT, height - 4);
+  if (!same) { pen.textAlign = "right"; pen.fillText(`${short(message.high)} ${p.unit}`, width - SIDE, height - 4); }
   const rows = message.matrix.length, columns = message.matrix[0].length, element = get("matrix"), field = rgb(colours.field), plus = rgb(colours.on), minus = rgb(colours.off);
   element.width = columns; element.height = rows;
   const screen = element.getContext("2d"), image = screen.createImageData(columns, rows), reach = Math.max(Math.abs(message.low), Math.abs(message.high)) || 1;
@@ -570,16 +571,16 @@ function showWeights(message) {
 function showCurve(message) {
   get("curve-here").hidden = false;
   const p = about.populations.find(each => each.name === message.population);
-  get("curve-told").textContent = message.refused || `${message.population}[${message.neuron}]` + (message.currents.length ? "" : ": silent up to 100,000 pA");
+  get("curve-told").textContent = message.refused || `${message.population}[${message.neuron}]` + (message.currents.length ? ", Hz by constant current" : ": silent up to 100,000 pA");
   read();
   const {pen, width, height} = canvas("curve");
   if (!message.currents || !message.currents.length) return;
   const foot = height - 18, room = width - LEFT - SIDE, top = Math.max(...message.currents), most = nice(Math.max(1, ...message.rates));
   grid(pen, LEFT, 8, room, foot - 8, 0, most);
   pen.fillStyle = colours.soft; pen.textAlign = "left"; pen.fillText("0", LEFT, height - 4);
-  pen.textAlign = "right"; pen.fillText(`${short(top)} pA`, width - SIDE, height - 4); pen.fillText("Hz", LEFT - 6, foot - 10);
+  pen.textAlign = "right"; pen.fillText(`${short(top)} pA`, width - SIDE, height - 4);
   const place = k => [LEFT + message.currents[k] / top * room, foot - message.rates[k] / most * (foot - 8)];
-  pen.strokeStyle = pen.fillStyle = colours[item(about.populations.indexOf(p))]; pen.lineWidth = 1.8;
+  pen.strokeStyle = pen.fillStyle = colours[hue(about.populations.indexOf(p))]; pen.lineWidth = 1.8;
   pen.beginPath(); message.currents.forEach((_, k) => pen.lineTo(...place(k))); pen.stroke();
   message.currents.forEach((_, k) => { pen.beginPath(); pen.arc(...place(k), 2.2, 0, 7); pen.fill(); });
 }
@@ -628,8 +629,11 @@ get("play").onclick = () => ask({do: state.paused ? "resume" : "pause"});
 get("step").onclick = () => ask({do: "step"});
 get("reset").onclick = () => ask({do: "reset", weights: get("weights-too").checked});
 get("speed").onchange = () => ask({do: "speed", value: Number(get("speed").value)});
-get("seed").onchange = () => { if (get("seed").value !== "") ask({do: "seed", value: Number(get("seed").value)}, error => { if (error) get("seed").value = about.seed; }); };
+get("seed").onchange = () => { if (get("seed").value !== "") ask({do: "seed", value: Number(get("seed").value)}, error => { if (error) { say(error, true); get("seed").value = about.seed; } }); };
 get("window").onchange = () => { span = Number(get("window").value); stored("window", span); resize(); };
+get("filter").oninput = filter;
+get("none").onclick = () => show([]);
+get("spikes-told").onclick = () => { get("chooser").open = true; get("filter").focus(); };
 get("part").onchange = () => choose(get("part").value);
 get("projection").onchange = () => { stored("projection", get("projection").value); const message = kept["weights/" + get("projection").value]; if (message) showWeights(message); };
 get("save").onclick = () => ask({do: "save"});

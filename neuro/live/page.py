@@ -214,7 +214,7 @@ class Page:
                 where = f"{settings['host']}:{settings['port']}"
                 raise ModelError(f"the page cannot be served at {where}: {head['error']}", hint="another host or port")
             time.sleep(POLL_S)
-        raise ModelError("the process that serves the page has ended before it began: see above")
+        raise ModelError(f"the process that serves the page has ended, or has not begun within {START_S:g} s")
 
     def _show(self, sim: Simulation) -> None:
         """Show a simulation from its beginning."""
@@ -267,7 +267,7 @@ class Page:
     def tell_state(self) -> None:
         """Tell what the page can change of the run."""
         pace = self.pace
-        state: dict[str, Any] = {"watched": self.frames.watched, "silenced": self.commands.silenced}
+        state: dict[str, Any] = {"watched": self.frames.watched or None, "silenced": self.commands.silenced}
         if pace is not None:
             state |= {"paused": pace.paused, "speed": min(pace.speed, 1e9)}
         self.keep("state", state)

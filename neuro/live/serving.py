@@ -1,6 +1,6 @@
 """The process that serves the page: `python -m neuro.live.serving DESCRIPTOR`, started by `neuro.live.page`.
 
-It knows nothing of networks. To browsers it gives three files and the messages of the network's process; from them it
+It knows nothing of networks. To browsers it gives four files and the messages of the network's process; from them it
 takes small messages, which it passes on. Everything is bounded: a browser that reads slowly misses frames, one that
 sends too much is closed, and the network's process is sent no more than it reads.
 """
@@ -132,7 +132,7 @@ class Server:
         self._files = {
             "": ("text/html", (_FOLDER / "page.html").read_bytes()),
             "page.css": ("text/css", style.encode()),
-            "page.js": ("text/javascript", (_FOLDER / "page.js").read_bytes()),
+            **{name: ("text/javascript", (_FOLDER / name).read_bytes()) for name in ("graph.js", "page.js")},
         }
 
     async def run(self) -> None:
@@ -279,7 +279,7 @@ async def _serve(end: socket.socket) -> None:
 def main() -> None:
     """Serve until the socket of the descriptor is closed."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
-    logging.getLogger("websockets").setLevel(logging.CRITICAL + 1)
+    logging.disable()
     asyncio.run(_serve(socket.socket(fileno=int(sys.argv[1]))))
 
 

@@ -15,16 +15,14 @@ def outgoing(program: Program, neurons: Neurons) -> list[int]:
     """The projections that have synapses from some neurons.
 
     Raises:
-        ModelError: one has a kernel that all its neurons share, or weights that grow again since they learn.
+        ModelError: only some neurons share a kernel with the others, or weights learn and would grow again.
     """
     found = [k for k, part in enumerate(program.projections) if part.source == neurons.index and part.size]
-    for part in (program.projections[k] for k in found):
-        if part.grid is not None:
-            message = (
-                f"silence: {neurons.text}: '{part.name}' has one kernel for all: expected a weight for each synapse"
-            )
-            raise ModelError(message)
     among = neurons.among()
+    for part in (program.projections[k] for k in found):
+        if part.grid is not None and not among.all():
+            message = f"silence: {neurons.text}: '{part.name}' has one kernel for all neurons: expected all of them"
+            raise ModelError(message, hint=f"sim.silence('{neurons.part.name}')")
     reached = [k for k in found if _reaches(program, k, among)]
     for part in (program.projections[k] for k in reached):
         if part.synapse.learns and not part.synapse.delays and not isinstance(part.synapse, tsodyks2):

@@ -412,11 +412,12 @@ class Simulation:
             of: the population, or a view of it.
 
         Raises:
-            ModelError: synapses from them have one shared kernel, or weights that learn.
+            ModelError: weights from them learn, or they are some of the neurons that share a kernel.
         """
         neurons = self.handles.neurons(of)
+        pre = None if neurons.among().all() else of
         for index in outgoing(self.program, neurons):
-            self._synapses.set(index, {"weight": 0.0}, self._synapses.chosen(index, None, of, None, some=True))
+            self._synapses.set_weights(index, 0.0, self._synapses.chosen(index, None, pre, None))
         self.steered["silence"] = None
 
     @alone

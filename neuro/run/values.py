@@ -41,10 +41,14 @@ class NeuronValues:
         Raises:
             ModelError: a name is unknown, a value is out of bounds, or several do not go together.
         """
+        self._engine.set(neurons.index, self.checked(neurons, values))
+
+    def checked(self, neurons: Neurons, values: Mapping[str, Any]) -> dict[str, Floats]:
+        """What `set` gives the engine, if it accepts the values."""
         seed = self._program.seed
         new = {word: settable.new_values(neurons, word, value, self._engine, seed) for word, value in values.items()}
         settable.check_together(self._program, neurons.index, new, self._engine, self._clock)
-        self._engine.set(neurons.index, new)
+        return new
 
     def get(self, neurons: Neurons, what: str) -> Any:
         """A state or parameter, one value a neuron.
@@ -207,10 +211,16 @@ class SynapseValues:
             alone = "is one for all synapses" if word in shared else "is set without weights"
             message = f"{part.synapse.name}.{word} of '{part.name}' {alone}"
             raise ModelError(f"{message}: expected 'weight' alone" + " with of, pre or post" * (chosen is not None))
-        rule = settable.new_rule(part, rule, values, chosen)
-        settable.check_rule(part, rule, self._engine.get_synapses(index, "weight"))
+        rule = self.checked_rule(index, values, chosen)
         self._engine.set_rule(index, rule.vector())
         self._rules[index] = rule
+
+    def checked_rule(self, index: int, values: Mapping[str, Any], chosen: Chosen | None = None) -> Synapse:
+        """The synapse model that `set` gives the engine, if it accepts the numbers."""
+        part = self._program.projections[index]
+        rule = settable.new_rule(part, self._rules[index], values, chosen)
+        settable.check_rule(part, rule, self._engine.get_synapses(index, "weight"))
+        return rule
 
     def _set_states(self, index: int, values: Mapping[str, Any], chosen: Chosen | None) -> None:
         """Replace states of all synapses, or of the chosen ones."""
@@ -235,12 +245,22 @@ class SynapseValues:
         Raises:
             ModelError: they are not what the rule or the receptor takes.
         """
-        part = self._program.projections[index]
+        new = self.checked_weights(index, weights, chosen)
+        self._engine.set_weights(
+            index, new, None if chosen is None else _mask(self._program.projections[index], chosen)
+        )
+
+    def checked_weights(self, index: int, weights: Any, chosen: Chosen | None = None) -> Floats:
+        """What `set_weights` gives the engine, if it accepts the weights."""
         among = None if chosen is None else (self.weights(index), chosen)
+        part, unit = self._program.projections[index], self.weight_unit(index)
+        return settable.new_weights(part, self._rules[index], weights, among, unit)
+
+    def weight_unit(self, index: int) -> str:
+        """The unit of the weights of a projection, "" for none."""
+        part = self._program.projections[index]
         target = self._program.populations[part.target].model
-        unit = "" if part.carries == "current" else getattr(target, "weight_unit", "")
-        new = settable.new_weights(part, self._rules[index], weights, among, unit)
-        self._engine.set_weights(index, new, None if chosen is None else _mask(part, chosen))
+        return "" if part.carries == "current" else getattr(target, "weight_unit", "")
 
     def rows(self, index: int, chosen: Chosen | None, delays: bool) -> Any:
         """(pre, post, weight), with `delays` a fourth row; of a grid its kernels, with `delays` (kernels, delay)."""

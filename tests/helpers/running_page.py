@@ -24,11 +24,24 @@ def network(size=40):
     return net
 
 
+def areas(number):
+    """Many populations, each of which has synapses from some before it and one behind it."""
+    net = neuro.Network("areas", resolution=1.0)
+    names = [f"area_{k}_{'inhibitory' if k % 4 == 3 else 'excitatory'}" for k in range(number)]
+    for k, name in enumerate(names):
+        net.population(name, 2, neuro.iaf_psc_exp(I_e=400.0 + k) if k % 10 else neuro.poisson_generator(rate=50.0))
+    for k, name in enumerate(names):
+        if k % 10:
+            for source in sorted({max(0, k - 10), k - k % 10, min(number - 1, k + 1)}):
+                net.connect(names[source], name, neuro.all_to_all(), weight=10.0, delay=1.0, name=f"p{source}_{k}")
+    return net
+
+
 class Running:
     """A page, and a thread that runs its simulation."""
 
-    def __init__(self, **words):
-        net = network()
+    def __init__(self, net=None, **words):
+        net = net or network()
         self.page = neuro.live.Page(
             neuro.compile(net), speed=4.0, restart=lambda seed: neuro.compile(net, seed=seed), **words
         )

@@ -9,7 +9,7 @@ import pytest
 
 pytest.importorskip("websockets", reason="websockets is not installed: pip install '.[live]'")
 
-from neuro.live.serving import BURST, LONGEST_MESSAGE, MOST_CLIENTS
+from neuro.live.serving import BURST, LONGEST_MESSAGE, MOST_CLIENTS, OPEN_S
 
 
 @pytest.fixture(autouse=True)
@@ -185,3 +185,25 @@ def test_connections_that_say_nothing_or_nonsense(running):
             one.sendall(words)
         with running.client() as client:
             assert client.frame()
+
+
+def test_clients_that_never_finish_their_handshake(running):
+    """Any number of them keep nobody out, and are closed after a while."""
+    begun = f"GET {running.token}socket HTTP/1.1\r\nHost: {running.host}:{running.port}\r\n".encode()
+    with ExitStack() as sockets:
+        ones = [sockets.enter_context(socket.create_connection((running.host, running.port))) for _ in range(200)]
+        for one in ones[::2]:
+            one.sendall(begun)
+        with running.client() as client:
+            assert client.frame()
+            ones[0].settimeout(2.0 * OPEN_S)
+            assert ones[0].recv(1) in (b"", b"H")
+            assert client.frame()
+
+
+@pytest.mark.parametrize("path", ["{}\u00e9", "{}%00", "*", "{}socket?x", "{}socket/../page.js"])
+def test_odd_paths_are_answered_by_a_refusal_or_nothing(running, path):
+    with socket.create_connection((running.host, running.port), 5.0) as one:
+        request = f"GET {path.format(running.token)} HTTP/1.1\r\nHost: {running.host}:{running.port}\r\n\r\n"
+        one.sendall(request.encode())
+        assert one.recv(100).split(b" ")[:2] in ([b"HTTP/1.1", b"404"], [b""])

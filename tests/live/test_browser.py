@@ -2,7 +2,7 @@
 
 import pytest
 
-from running_page import until
+from running_page import Running, areas, until
 
 
 @pytest.fixture
@@ -76,6 +76,7 @@ def test_a_slider_acts_and_survives_a_reload(shown, running):
     from selenium.webdriver.common.by import By
     from selenium.webdriver.common.keys import Keys
 
+    assert until(lambda: shown.find_elements(By.ID, "slider-V_th"))
     slider = shown.find_element(By.ID, "slider-V_th")
     before = value(shown, "slider-V_th")
     slider.send_keys(Keys.ARROW_RIGHT * 5)
@@ -83,12 +84,13 @@ def test_a_slider_acts_and_survives_a_reload(shown, running):
     assert until(lambda: abs(threshold(running) - value(shown, "slider-V_th")) < 1e-6)
     now = value(shown, "slider-V_th")
     shown.refresh()
-    assert until(lambda: number(shown, "time") > 0.0)
+    assert until(lambda: shown.find_elements(By.ID, "slider-V_th"))
     assert value(shown, "slider-V_th") == pytest.approx(now)
-    exact = shown.find_element(By.CSS_SELECTOR, "[data-of='exc/V_th'] input[type=number]")
+    exact = shown.find_element(By.CSS_SELECTOR, "[data-word=V_th] input[type=number]")
     exact.clear()
     exact.send_keys("-90", Keys.ENTER)
-    assert until(lambda: "expected less than V_th" in text(shown, "message"))
+    told = "return document.querySelector('[data-word=V_th] [role=alert]').textContent"
+    assert until(lambda: "expected less than V_th" in shown.execute_script(told))
     assert threshold(running) == pytest.approx(now)
     exact.clear()
     exact.send_keys("-55", Keys.ENTER)
@@ -116,7 +118,9 @@ def test_it_is_used_by_the_keyboard_alone(shown, running):
     tab_to(lambda name: name == "play")
     press(shown, Keys.ENTER)
     assert until(lambda: not running.page.pace.paused)
-    tab_to(lambda name: name.startswith("out, "))
+    tab_to(lambda name: name.startswith("exc, "))
+    press(shown, Keys.ARROW_DOWN)
+    assert focused().startswith("out, ")
     press(shown, Keys.ENTER)
     assert until(lambda: value_of(shown, "part") == "out")
     tab_to(lambda name: name == "silence")
@@ -125,6 +129,37 @@ def test_it_is_used_by_the_keyboard_alone(shown, running):
     assert until(lambda: text(shown, "silence") == "Restore" and focused() == "silence")
     press(shown, " ")
     assert until(lambda: running.page.commands.silenced == [])
+
+
+def test_the_ends_of_sliders_follow_what_is_set(shown, running):
+    from selenium.webdriver.common.by import By
+    from selenium.webdriver.common.keys import Keys
+
+    def end():
+        return float(shown.execute_script("return document.getElementById('slider-V_th').min"))
+
+    shown.execute_script("choose('out')")
+    assert until(lambda: shown.find_elements(By.ID, "slider-V_th"))
+    assert end() > -70.0
+    exact = shown.find_element(By.CSS_SELECTOR, "[data-word=V_reset] input[type=number]")
+    exact.clear()
+    exact.send_keys("-60", Keys.ENTER)
+    assert until(lambda: -60.0 < end() < -59.0)
+    exact.clear()
+    exact.send_keys("-70", Keys.ENTER)
+    assert until(lambda: end() < -69.0)
+
+
+def test_a_seed_that_is_refused_is_said_and_put_back(shown):
+    from selenium.webdriver.common.by import By
+    from selenium.webdriver.common.keys import Keys
+
+    seed = shown.find_element(By.ID, "seed")
+    before = seed.get_attribute("value")
+    seed.clear()
+    seed.send_keys("-3", Keys.ENTER)
+    assert until(lambda: "seed = -3" in text(shown, "message") or "value = -3" in text(shown, "message"))
+    assert seed.get_attribute("value") == before
 
 
 def value_of(driver, id):
@@ -155,3 +190,73 @@ def test_it_fits_narrow_and_wide_in_light_and_dark(shown, width, scheme):
     finally:
         shown.execute_cdp_cmd("Emulation.clearDeviceMetricsOverride", {})
         shown.execute_cdp_cmd("Emulation.setEmulatedMedia", {"features": []})
+
+
+@pytest.fixture(scope="module")
+def large(request, websockets):
+    one = Running(areas(request.param))
+    yield one
+    one.close()
+
+
+BOXES = """
+    const box = e => { const r = e.getBoundingClientRect(); return [r.left, r.top, r.right, r.bottom]; };
+    const nodes = [...document.querySelectorAll('#graph .node')];
+    return nodes.map(e => [box(e.querySelector('.box')), box(e.querySelector('text'))]);
+"""
+
+
+@pytest.mark.parametrize("large", [5, 50, 300], indirect=True)
+def test_a_graph_of_many_populations_is_read_and_used(large, driver):
+    from selenium.webdriver.common.keys import Keys
+
+    driver.get(large.page.url)
+    number_ = len(large.page.sim.program.populations)
+    assert until(lambda: number(driver, "time") > 0.0)
+    boxes = driver.execute_script(BOXES)
+    assert len(boxes) == number_ if number_ <= 60 else 2 <= len(boxes) <= 49
+    net = driver.execute_script(
+        "const r = document.getElementById('net'); return [r.clientWidth, r.scrollWidth, r.clientHeight]"
+    )
+    assert net[1] <= net[0]
+    assert net[2] <= 460
+    for k, ((left, top, right, bottom), label) in enumerate(boxes):
+        assert left < label[0] < label[2] < right
+        assert label[3] - label[1] > 10.0
+        for other, _ in boxes[:k]:
+            assert other[0] >= right or other[2] <= left or other[1] >= bottom or other[3] <= top
+    driver.execute_script("document.querySelector('#graph [tabindex=\\'0\\']').focus()")
+    first = driver.execute_script("return document.activeElement.getAttribute('aria-label')")
+    press(driver, Keys.ARROW_DOWN, Keys.ENTER)
+    chosen = value_of(driver, "part")
+    assert not first.startswith(chosen + ",")
+    assert driver.execute_script("return document.activeElement.getAttribute('aria-label')").startswith(chosen + ",")
+    inside = "const a = document.activeElement.getBoundingClientRect(), b = document.getElementById('net').getBoundingClientRect(); return a.top >= b.top - 1 && a.bottom <= b.bottom + 1"  # noqa: E501
+    assert driver.execute_script(inside)
+
+
+@pytest.mark.parametrize("large", [300], indirect=True)
+def test_which_populations_are_shown_is_chosen_by_the_keyboard_and_kept(large, driver):
+    from selenium.webdriver.common.by import By
+    from selenium.webdriver.common.keys import Keys
+
+    def listed():
+        return [e.text.split()[0] for e in driver.find_elements(By.CSS_SELECTOR, "#legend li")]
+
+    driver.get(large.page.url)
+    names = [part.name for part in large.page.sim.program.populations]
+    assert until(lambda: number(driver, "time") > 0.0)
+    assert listed() == [name for k, name in enumerate(names) if k % 10][:12]
+    driver.find_element(By.CSS_SELECTOR, "#chooser summary").send_keys(Keys.ENTER)
+    driver.find_element(By.ID, "none").send_keys(Keys.ENTER)
+    assert listed() == []
+    driver.find_element(By.ID, "filter").send_keys("_4_")
+    press(driver, Keys.TAB, Keys.TAB, " ")
+    assert listed() == ["area_4_excitatory"]
+    assert until(lambda: ink(driver, "raster") > 20 and ink(driver, "rates") > 20)
+    driver.refresh()
+    assert until(lambda: number(driver, "time") > 0.0)
+    assert listed() == ["area_4_excitatory"]
+    driver.execute_script("document.querySelectorAll('#choices input').forEach(box => box.click())")
+    assert len(listed()) == min(len(names) - 1, 24)
+    driver.execute_script("sessionStorage.clear()")

@@ -63,16 +63,19 @@ def test_all_tabs_see_what_one_sets_also_those_to_come(running):
 
 
 def test_sliders_have_unit_and_bounds(running):
+    def sliders(part):
+        return {each["word"]: each for each in client.ask(do="sliders", part=part)["sliders"]}
+
     with running.client() as client:
         about = client.until(lambda kept: "about" in kept)["about"]
-    cells = {each["word"]: each for each in about["populations"][1]["sliders"]}
+        cells, learning, reward = sliders("exc"), sliders("exc_out"), sliders("reward")
+        assert "unknown part 'exc[0]'" in client.ask(do="sliders", part="exc[0]")["error"]
     assert cells["V_th"]["unit"] == "mV"
     assert cells["tau_m"]["bounds"] == "> 0"
-    assert cells["V_th"]["low"] < cells["V_th"]["value"] < cells["V_th"]["high"]
-    learning = {each["word"]: each for each in about["projections"][1]["sliders"]}
-    assert {"weight", "A_plus", "Wmax"} <= learning.keys()
-    assert "tau_plus" in learning
-    assert about["signals"][0]["sliders"][0]["unit"] == "1/ms"
+    assert cells["V_reset"]["value"] < cells["V_th"]["low"] < cells["V_th"]["value"] < cells["V_th"]["high"]
+    assert {"weight", "A_plus", "Wmax", "tau_plus"} <= learning.keys()
+    assert learning["weight"]["high"] == learning["Wmax"]["value"] == 400.0
+    assert reward["value"]["unit"] == "1/ms"
     assert about["populations"][3]["camera"] == [3, 4]
 
 
@@ -164,6 +167,19 @@ def test_populations_are_silenced_restored_and_driven(running):
         assert "expected a poisson_generator" in client.ask(do="activate", population="out", rate=20.0)["error"]
         client.ask(do="signal", part="reward", word="value", value=0.1)
         assert client.ask(do="set", part="reward", word="value", value=0.1) == {"id": 6}
+
+
+def test_a_grid_is_silenced_and_restored(websockets):
+    net = neuro.Network("sheets", resolution=1.0)
+    net.population("sheet", (2, 4, 6), neuro.poisson_generator(rate=60.0))
+    net.population("maps", (3, "auto", "auto"), neuro.iaf_psc_delta())
+    net.connect("sheet", "maps", neuro.grid(kernel=(3, 3)), weight=0.5)
+    sim = neuro.compile(net)
+    with neuro.live.Page(sim) as page:
+        assert page.commands.answer({"do": "silence", "population": "sheet", "id": 1})[0] == {"id": 1}
+        assert not sim.weights("sheet_maps").any()
+        assert page.commands.answer({"do": "restore", "population": "sheet", "id": 2})[0] == {"id": 2}
+    assert (sim.weights("sheet_maps") == 0.5).all()
 
 
 def test_state_and_network_are_fetched(running, tmp_path):
