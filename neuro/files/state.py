@@ -121,7 +121,7 @@ def _plain(value: Any) -> Any:
     return value.item() if isinstance(value, np.generic) else value
 
 
-_SAID_ELSEWHERE = {"origin", "kind", "carries", "receptor", "stream", "declared", "span"}
+_SAID_ELSEWHERE = {"origin", "kind", "carries", "receptor", "stream", "declared", "span", "by_delay", "share"}
 """Fields of a program that decide nothing, follow from others, or count only where they are."""
 
 

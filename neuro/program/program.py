@@ -17,6 +17,7 @@ from neuro.core.errors import Where
 from neuro.model.neurons import Model
 from neuro.model.parts import Competition
 from neuro.model.synapses import K_PLUS, DelayRule, Synapse
+from neuro.program.share import WHOLE, Share
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
@@ -174,6 +175,8 @@ class Projection:
             `dopamine_delay` (steps) say how.
         gate: index of the signal that says how much a rule that learns by moves gathers, or -1.
         span: the fewest and the most steps in `delay`, see `delay_span`; None: not yet looked for.
+        by_delay: csr: whether the synapses of a source are sorted by delay.
+        share: which of the synapses these are: those onto the neurons of a share.
     """
 
     name: str
@@ -196,6 +199,8 @@ class Projection:
     origin: Where | None
     span: tuple[int, int] | None = None
     gate: int = -1
+    by_delay: bool = False
+    share: Share = WHOLE
 
     @property
     def delay_span(self) -> tuple[int, int]:
