@@ -1,6 +1,8 @@
 """Synapses drawn by blocks of targets: what fits one block keeps its draws; shares together are the whole network."""
 
 import hashlib
+from concurrent.futures import ThreadPoolExecutor
+from threading import Barrier
 
 import numpy as np
 import pytest
@@ -8,8 +10,10 @@ from hypothesis import HealthCheck, given, settings, strategies as st
 
 import neuro
 from neuro.compiler import blocks, compile_network
+from neuro.files.state import fingerprint
 from neuro.model.distributions import Distribution
 from neuro.model.rules import Rule
+from neuro.program.counts import Tally
 from neuro.program.program import Program, Projection
 from neuro.program.share import Share
 
@@ -147,3 +151,89 @@ def test_shares_together_are_the_whole(name, values, synapse, own, view, many, n
         )
     by_delay = whole.projections[0].by_delay
     np.testing.assert_array_equal(rows(whole), in_order(found, by_delay))
+
+
+class Together(Share):
+    """A share of a program whose other shares run in threads of this process."""
+
+    def __init__(self, index: int, number: int, meeting: "Meeting") -> None:
+        object.__setattr__(self, "index", index)
+        object.__setattr__(self, "number", number)
+        object.__setattr__(self, "meeting", meeting)
+
+    def gather(self, values: np.ndarray) -> np.ndarray:
+        return np.concatenate(self.meeting.of_all(self.index, values))
+
+    def agree(self, make):
+        try:
+            found, error = make(), None
+        except neuro.ModelError as problem:
+            found, error = None, problem
+        for each in self.meeting.of_all(self.index, error):
+            if each is not None:
+                raise each
+        return found
+
+
+class Meeting:
+    """Where all shares bring something, and get what all have brought."""
+
+    def __init__(self, number: int) -> None:
+        self.brought: list[object] = [None] * number
+        self.barrier = Barrier(number, timeout=30.0)
+
+    def of_all(self, index: int, value: object) -> list:
+        self.brought[index] = value
+        self.barrier.wait()
+        found = list(self.brought)
+        self.barrier.wait()
+        return found
+
+
+def of_shares(number: int, ask):
+    """What a function of a share gives, asked of all at the same time."""
+    meeting = Meeting(number)
+    with ThreadPoolExecutor(number) as pool:
+        return list(pool.map(lambda k: ask(Together(k, number, meeting)), range(number)))
+
+
+@pytest.mark.usefixtures("small_blocks")
+@pytest.mark.parametrize("many", [False, True])
+@pytest.mark.parametrize("name", ["fixed_total_number", "pairwise_bernoulli", "one_to_one", "symmetric"])
+def test_each_share_tells_of_the_whole(monkeypatch: pytest.MonkeyPatch, name: str, many: bool):
+    monkeypatch.setattr("neuro.compiler.resolve.MANY", 0 if many else 1 << 30)
+    monkeypatch.setattr("neuro.program.share.AT_ONCE", 50)
+    net = network(RULES[name], "normal")
+    net.probe("some", "p", "weight", every=1.0, post=[3, 40])
+    whole = compile_network(net, 5)
+    values = np.arange(whole.projections[0].size)
+    tally = Tally(whole)._fan(0)[0]
+
+    def check(share: Share) -> None:
+        program = compile_network(net, 5, share=share)
+        part = program.projections[0]
+        assert (program.min_delay, part.size, part.span) == (whole.min_delay, values.size, whole.projections[0].span)
+        np.testing.assert_array_equal(program.connections(0), whole.connections(0))
+        np.testing.assert_array_equal(program.joined(0, part.weight), whole.projections[0].weight)
+        np.testing.assert_array_equal(program.delays(0), whole.projections[0].delay)
+        np.testing.assert_array_equal(program.joined(0, program.own(0, values)), values)
+        np.testing.assert_array_equal(Tally(program)._fan(0)[0], tally)
+        np.testing.assert_array_equal(program.synapse_probes[0].synapses, whole.synapse_probes[0].synapses)
+        assert fingerprint(program) == fingerprint(whole)
+
+    of_shares(3, check)
+
+
+def test_a_mistake_in_one_share_is_raised_in_all():
+    weight = np.full(4, 1.0)
+    weight[3] = -1.0
+    net = network(RULES["pairs"], "normal", synapse=neuro.stdp(Wmax=10.0), weight=weight, delay=1.0)
+    with pytest.raises(neuro.ModelError) as alone:
+        compile_network(net, 1)
+
+    def refused(share: Share) -> str:
+        with pytest.raises(neuro.ModelError) as found:
+            compile_network(net, 1, share=share)
+        return str(found.value)
+
+    assert of_shares(3, refused) == [str(alone.value)] * 3

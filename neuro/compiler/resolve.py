@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import replace
 from functools import cache, partial
 from typing import Any
 
@@ -90,9 +91,9 @@ def compile_network(net: Network, seed: int, threads: int = 1, share: Share = WH
     many = many_synapses(net, shapes, MANY)
     # Drawn into one array where sizes are known: to touch memory for the first time may cost more than the draws, and a
     # copy would need twice as much.
-    made = rooms(net, shapes) if many and share is WHOLE else None
+    made = rooms(net, shapes) if many and share.number == 1 else None
     drawn = partial(_projections, net, shapes, clock, seed, threads, many, made, share)
-    projections = packed(drawn(), made) if share is WHOLE else share.agree(lambda: tuple(drawn()))
+    projections = packed(drawn(), made) if share.number == 1 else _joined(share.agree(lambda: tuple(drawn())), share)
     names = {name: index for index, name in enumerate(net.populations)}
     program = resolved.Program(
         name=net.name,
@@ -105,8 +106,9 @@ def compile_network(net: Network, seed: int, threads: int = 1, share: Share = WH
         groups=tuple(resolved.Group(g.name, names[g.choice.of], g.choice, g.origin) for g in net.groups.values()),
         probes=resolve_probes(net, shapes, clock),
         trials=trials,
-        synapse_probes=resolve_synapse_probes(net, projections, shapes, clock),
+        share=share,
     )
+    program = replace(program, synapse_probes=resolve_synapse_probes(net, program, shapes, clock))
     check_trains(program)
     return program
 
@@ -131,6 +133,20 @@ def _projections(
         return _projection(net, names, part, shapes, clock, seed, many, room, share, threads_of_each)
 
     return mapped(resolve, list(net.projections.values()), threads)
+
+
+def _joined(projections: Sequence[resolved.Projection], share: Share) -> tuple[resolved.Projection, ...]:
+    """The same projections, with the sizes and the spans of delays of all shares."""
+    own = np.array([(part.size, *part.delay_span) for part in projections], dtype=np.int64).reshape(-1, 3)
+    every = share.gather(own[None])
+
+    def whole(part: resolved.Projection, each: Ints) -> resolved.Projection:
+        if part.share.number == 1 or not each[:, 0].any():
+            return part
+        there = each[each[:, 0] > 0]
+        return replace(part, size=int(there[:, 0].sum()), span=(int(there[:, 1].min()), int(there[:, 2].max())))
+
+    return tuple(whole(part, every[:, k]) for k, part in enumerate(projections))
 
 
 def _delays(part: resolved.Projection, resolution: float) -> tuple[int, ...]:
@@ -282,11 +298,11 @@ def _projection(
     def apart() -> Between:
         return between(net.populations[part.source], net.populations[part.target], shapes)
 
-    onto = share.of(target.size)
     carries = "current" if net.populations[part.source].model.role == "current" else "spikes"
     # Currents come from few synapses, and kernels have few weights: each part has all of them.
     if sizes is not None or carries == "current":
-        onto = (0, target.size)
+        share = WHOLE
+    onto = None if share.number == 1 else share.of(target.size)
     with naming_the_part(part):
         seen = cache(lambda: apart().among(source.ids, target.ids))
         blocks = Blocks(part.rule, source.shape, target.shape, own, sizes, (seed, "connect", part.name), seen)
@@ -342,7 +358,8 @@ def _projection(
         span=span,
         gate=gate,
         by_delay=drawn.by_delay,
-        share=WHOLE if onto == (0, target.size) else share,
+        whole_layout=drawn.whole_layout,
+        share=share,
     )
 
 

@@ -18,7 +18,6 @@ from neuro.compiler.views import End, ascend, placed
 from neuro.core.checks import check
 from neuro.core.clock import Clock
 from neuro.core.keyed_random import generator
-from neuro.core.quantities import Quantity, word_of
 from neuro.core.threads import mapped
 from neuro.core.values import plain
 from neuro.model.distributions import Distribution
@@ -46,6 +45,7 @@ class Synapses:
     weight: Floats
     rule: Synapse
     by_delay: bool
+    whole_layout: str
 
 
 @dataclass(frozen=True, eq=False)
@@ -61,7 +61,7 @@ class Drawing:
         seed: of the draws.
         apart: gives what lies between the neurons of the populations.
         ordered: whether drawn synapses are sorted by delay.
-        among: the first neuron of the target whose synapses are kept, and the end.
+        among: the first neuron of the target whose synapses are kept, and the end; None: those of all.
         threads: how many draw.
     """
 
@@ -73,7 +73,7 @@ class Drawing:
     seed: int
     apart: Apart
     ordered: bool
-    among: tuple[int, int]
+    among: tuple[int, int] | None
     threads: int
 
     def synapses(self, room: SynapseRoom | None) -> Synapses:
@@ -81,10 +81,6 @@ class Drawing:
         if self.wired is None and len(self.blocks.all) > 1:
             return self._of_blocks(room)
         return self._undivided(room)
-
-    @property
-    def _whole(self) -> bool:
-        return self.among == (0, self.ends[1].size)
 
     def _undivided(self, room: SynapseRoom | None) -> Synapses:
         """All synapses, of one block."""
@@ -99,19 +95,13 @@ class Drawing:
         delay, by_delay = self._delay(found, only), False
         if self.ordered:
             found, delay, by_delay = _by_delay(self.part, found, delay)
+        whole_layout = found.layout
         columns = self._columns(found, only, None if room is None else room.weight)
         weight = columns.pop("weight")
-        if self._whole:
-            return Synapses(found, delay, weight, _with(self.part.synapse, columns), by_delay)
-        return self._cut(
-            listed_one_by_one(found, self.ends[0].size, self.ends[1].size), delay, weight, columns, by_delay
-        )
-
-    def _cut(
-        self, found: Connections, delay: Steps, weight: Floats, columns: Mapping[str, Floats], by_delay: bool
-    ) -> Synapses:
-        """Of all synapses those onto the neurons of the part."""
-        piece = Piece(Block(0, 0, 0), found, self._kept(found), delay)
+        if self.among is None:
+            return Synapses(found, delay, weight, _with(self.part.synapse, columns), by_delay, whole_layout)
+        found = listed_one_by_one(found, self.ends[0].size, self.ends[1].size)
+        piece = Piece(only, found, self._kept(found), delay)
 
         def some(values: NDArray[Any]) -> NDArray[Any]:
             return piece.some(values) if values.size == found.size else values
@@ -119,10 +109,12 @@ class Drawing:
         rule = _with(self.part.synapse, {name: some(values) for name, values in columns.items()})
         targets = piece.some(found.targets)
         kept = Connections("csr", targets.size, piece.row_ends, targets)
-        return Synapses(kept, some(delay), some(weight), rule, by_delay)
+        return Synapses(kept, some(delay), some(weight), rule, by_delay, whole_layout)
 
     def _kept(self, found: Connections) -> NDArray[np.bool_] | None:
         """Which synapses are onto the neurons of the part; None: all."""
+        if self.among is None:
+            return None
         first, end = self.among
         kept: NDArray[np.bool_] = (found.targets >= first) & (found.targets < end)
         return None if kept.all() else kept
@@ -131,7 +123,8 @@ class Drawing:
         """The synapses of several blocks."""
         needed = [block for block in self.blocks.all if self._reached(block)] or [self.blocks.all[0]]
         pieces = dict(enumerate(mapped(self._begun, needed, self.threads)))
-        listed, joint = bool(pieces[0].found.listed), self._joint([*pieces.values()])
+        listed, whole_layout, shape = bool(pieces[0].found.listed), self._layout, (self.ends[0].size, self.ends[1].size)
+        joint = Joint(whole_layout if self.among is None else "csr", shape, [*pieces.values()])
         targets = joint.room(np.int32, None if room is None else room.targets)
         delay = pieces[0].delay
         if _each(self.part.delay):
@@ -161,12 +154,14 @@ class Drawing:
 
             sort(found.row_ends, delay, int(delay.min()), int(delay.max()), found.targets, list(columns.values()))
         weight = columns.pop("weight", weights[0])
-        return Synapses(found, delay, weight, _with(self.part.synapse, columns), by_delay)
+        return Synapses(found, delay, weight, _with(self.part.synapse, columns), by_delay, whole_layout)
 
     def _reached(self, block: Block) -> bool:
         """Whether some targets of a block are of the part."""
-        first, end = self.among
         ids = self.ends[1].ids
+        if self.among is None:
+            return True
+        first, end = self.among
         if ids is None:
             return block.first < end and first < block.end
         some = ids[block.first : block.end]
@@ -177,15 +172,15 @@ class Drawing:
         found = placed(self.blocks.connect(block), *self.ends)
         return Piece(block, found, self._kept(found), self._delay(found, block))
 
-    def _joint(self, pieces: Sequence[Piece]) -> Joint:
+    @property
+    def _layout(self) -> str:
+        """The layout of the synapses of all blocks onto all targets."""
         rule, (source, target) = self.blocks.rule, self.ends
-        layout = "csr"
-        if self._whole and source.ids is None and target.ids is None:
-            if isinstance(rule, one_to_one):
-                layout = "one_to_one"
-            elif isinstance(rule, all_to_all) and (rule.autapses or self.blocks.own is None):
-                layout = "dense"
-        return Joint(layout, source.size, target.size, pieces)
+        if source.ids is not None or target.ids is not None:
+            return "csr"
+        if isinstance(rule, all_to_all) and (rule.autapses or self.blocks.own is None):
+            return "dense"
+        return "one_to_one" if isinstance(rule, one_to_one) else "csr"
 
     def _delay(self, found: Connections, block: Block) -> Steps:
         drawn = generator(*block.key((self.seed, "delay", self.part.name)))
@@ -196,19 +191,17 @@ class Drawing:
         part, rule = self.part, self.part.synapse
         drawn = generator(*block.key((self.seed, "weight", part.name)))
         columns = {"weight": per_synapse(part.weight, found, "weight", drawn, self.apart, room)}
-        for name, (word, quantity) in self._parameters.items():
+        for name, word in self._parameters.items():
             drawn = generator(*block.key((self.seed, "synapse_parameter", f"{part.name}.{word}")))
             what = f"{rule.name}.{word}"
             each = per_synapse(rule.parameters()[word], found, what, drawn, self.apart)
-            columns[name] = check(quantity, each, what)  # what was drawn may be out of bounds
+            columns[name] = check(rule.quantities()[word], each, what)  # what was drawn may be out of bounds
         return columns
 
     @cached_property
-    def _parameters(self) -> dict[str, tuple[str, Quantity]]:
-        """Words and bounds of the parameters of the synapse model that have a number for each synapse, by field."""
-        rule = self.part.synapse
-        found = {entry.name: (word_of(entry.name), entry.metadata["quantity"]) for entry in fields(rule)}
-        return {name: (word, q) for name, (word, q) in found.items() if word in rule.of_each()}
+    def _parameters(self) -> dict[str, str]:
+        """The parameters of the synapse model that have a number for each synapse."""
+        return self.part.synapse.fields_of_each()
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -242,13 +235,12 @@ class Joint:
 
     Args:
         layout: of all.
-        n_pre: neurons of the source.
-        n_post: of the target.
+        shape: neurons of source and target.
         pieces: the blocks, in order.
     """
 
-    def __init__(self, layout: str, n_pre: int, n_post: int, pieces: Sequence[Piece]) -> None:
-        self._layout, self._shape, self._blocks = layout, (n_pre, n_post), [piece.block for piece in pieces]
+    def __init__(self, layout: str, shape: tuple[int, int], pieces: Sequence[Piece]) -> None:
+        self._layout, self._shape, self._blocks = layout, shape, [piece.block for piece in pieces]
         self._rows = [piece.row_ends for piece in pieces]
         self._row_ends: Ints = np.sum(self._rows, axis=0)
         self.size = int(self._row_ends[-1])
