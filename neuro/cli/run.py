@@ -122,9 +122,9 @@ def together(backend: str) -> None:
     import signal
 
     from neuro.core.launch import processes, share
-    from neuro.program.backend import find_backend
+    from neuro.program.backend import Distributed, find_backend
 
-    if processes() > 1 and getattr(find_backend(backend), "distributed", False):
+    if processes() > 1 and isinstance(find_backend(backend), Distributed):
         share()
         signal.signal(signal.SIGTERM, lambda *_: sys.exit(143))
 

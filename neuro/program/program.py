@@ -387,6 +387,14 @@ class Program:
         part = self.projections[index]
         return values if part.share.number == 1 or len(values) == 1 else values[part.rows.places()]
 
+    def own_synapses(self, index: int) -> tuple[Ints, Ints, Ints]:
+        """As `synapses`, of those of the share; the places are among these."""
+        part = self.projections[index]
+        if part.share.number == 1:
+            return self.synapses(index)
+        sizes = self.populations[part.source].size, self.populations[part.target].size
+        return (*connections_of(part, *sizes), np.arange(part.targets.size))
+
     def synapses(self, index: int) -> tuple[Ints, Ints, Ints]:
         """Source, target and place of the weight of every synapse of a projection, in the order of its weights.
 

@@ -42,6 +42,10 @@ class Share:
         found: Ints = self.gather(values[None]).sum(axis=0)
         return found
 
+    def every(self, holds: bool) -> bool:
+        """Whether something holds for all shares."""
+        return bool(self.gather(np.array([holds])).all())
+
     def agree(self, make: Callable[[], T]) -> T:
         """What a function gives, if it gives something for every share.
 

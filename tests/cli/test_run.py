@@ -197,7 +197,7 @@ def test_of_a_shared_run_one_tells(neuro, network, monkeypatch, rank, told):
     from neuro.core import launch
     from neuro_reference import ReferenceBackend
 
-    monkeypatch.setattr(ReferenceBackend, "distributed", True, raising=False)
+    monkeypatch.setattr(ReferenceBackend, "share", lambda self: WHOLE, raising=False)
     monkeypatch.setattr(launch, "_shared", False)
     monkeypatch.setenv("PMI_SIZE", "2")
     monkeypatch.setenv("PMI_RANK", rank)
