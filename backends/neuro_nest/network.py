@@ -307,11 +307,8 @@ class NestPopulation:
         words = {name: self._in_words_of_nest(name, each) for name, each in values.items() if name not in LACKING}
         own = {name: each for name, each in words.items() if len(each) > 1}
         shared = {name: each[0] for name, each in words.items() if name not in own}
-        neurons = (
-            [shared | {name: own[name][i] for name in own} for i in self.nodes_of.in_turn(self.part.size)]
-            if own
-            else [shared]
-        )
+        turn = self.nodes_of.in_turn(self.part.size) if own else ()
+        neurons = [shared | {name: own[name][i] for name in own} for i in turn] or [shared]
         with nest_errors():
             set_nodes(self._nest, self.nodes, neurons)
 
