@@ -14,6 +14,7 @@ from neuro.compiler.blocks import Blocks
 from neuro.compiler.cameras import cameras_of
 from neuro.compiler.check import check_network, check_values, naming_the_part, refuse
 from neuro.compiler.check_trials import resolve_trials
+from neuro.compiler.connect import Connections
 from neuro.compiler.drawn import MANY
 from neuro.compiler.encoded import with_generators
 from neuro.compiler.generators import check_trains, schedule_of
@@ -316,7 +317,7 @@ def _projection(
     # A shared kernel learns weight by weight, so it has an entry for each from the start.
     if sizes is not None and weight.size == 1:
         weight = np.repeat(weight, found.size)
-    check_stdp_weights(part, rule, weight)
+    check_stdp_weights(part, rule, weight, found if share.number > 1 else None)
     _check_delays(part, delay, clock)
     with naming_the_part(part):
         reached, current = net.populations[part.target], carries == "current"
@@ -363,8 +364,14 @@ def _projection(
     )
 
 
-def check_stdp_weights(part: Projection, rule: Synapse, weight: Floats) -> None:
+def check_stdp_weights(part: Projection, rule: Synapse, weight: Floats, of: Connections | None = None) -> None:
     """Weights that pairs or moves change lie within their rule's bounds.
+
+    Args:
+        part: the projection.
+        rule: its synapse model.
+        weight: of each synapse, shape (1,) where shared.
+        of: the synapses, where these are a share, in which places say nothing; None: all.
 
     Raises:
         ModelError: one does not; the first such is named.
@@ -374,8 +381,9 @@ def check_stdp_weights(part: Projection, rule: Synapse, weight: Floats) -> None:
     bad = rule.outside(weight)
     if bad is not None:
         raised = f", or raise {rule.name}.Wmax" if "Wmax" in rule.parameters() else ""
+        which = f"[{bad}]" if of is None else " of synapse {} -> {}".format(*of.ends(bad))
         message = (
-            f"projection '{part.name}': weight[{bad}] = {weight[bad if weight.size > 1 else 0]:g}: "
+            f"projection '{part.name}': weight{which} = {weight[bad if weight.size > 1 else 0]:g}: "
             f"expected {rule.expected_weight(bad)}"
         )
         hint = "give the distribution 'low' and 'high'" + raised
