@@ -154,7 +154,7 @@ def test_a_mistake_in_one_share_is_raised_in_all(folder):
         mpirun(2, sys.executable, "wrong.py"), capture_output=True, text=True, check=False, timeout=60
     )
     assert done.returncode != 0
-    assert done.stderr.count("ModelError: projection 'cells_cells': weight of synapse 39 -> 39 = -1: expected") >= 1
+    assert done.stderr.count("projection 'cells_cells': weight of synapse 39 -> 39 = -1: expected") >= 1
 
 
 def test_a_killed_process_ends_all(folder):
