@@ -240,7 +240,7 @@ def test_rows_are_sorted_by_delay(rows: list[list[tuple[int, int]]]):
     flat = [entry for row in rows for entry in row]
     late, targets = (np.array(column, dtype=np.int32) for column in zip(*flat, strict=True))
     places = np.arange(late.size)
-    by_delay(ends, late, int(late.min()), int(late.max()), targets, places)
+    by_delay(ends, late, int(late.min()), int(late.max()), targets, [places])
     expected = [
         place for k, row in enumerate(rows) for place in ends[k] + np.argsort([d for d, _ in row], kind="stable")
     ]

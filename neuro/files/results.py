@@ -323,13 +323,21 @@ def _again(name: str, what: Any) -> str:
     return f"net.probe('name', '{name}', {what!r}) records a state; neuro.compile(run.network()) has parameters"
 
 
-def write(results: Results, path: str | PathLike[str]) -> None:
-    """Write the file in the place of any other; the caller asks before, with `neuro.core.outputs.output` and `KIND`."""
+def write(results: Results, path: str | PathLike[str], weights: Iterable[tuple[str, Weights]] = ()) -> None:
+    """Write the file in the place of any other; the caller asks before, with `neuro.core.outputs.output` and `KIND`.
+
+    Args:
+        results: what is written.
+        path: of the file.
+        weights: of projections by name, one after the other, where the results are without.
+    """
     with new_file(Path(path), FORMAT) as file:
         write_head(file, results.about, results.files)
         for section in SECTIONS:
             for name, part in getattr(results, section).items():
                 write_part(file[section].create_group(name), part)
+        for name, projection in weights:
+            write_part(file["projections"][name], projection)
 
 
 def write_head(file: h5py.File, about: Mapping[str, Any], files: Mapping[str, bytes]) -> None:

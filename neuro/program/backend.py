@@ -15,6 +15,7 @@ from neuro.core.registry import Registry
 from neuro.model.neurons import CurrentGenerator, Model
 from neuro.model.synapses import Synapse
 from neuro.program.program import Floats, Ints, Program
+from neuro.program.share import Share
 
 
 class OverflowWarning(UserWarning):
@@ -227,8 +228,8 @@ class Backend(Protocol):
     A backend that computes in integers says `arithmetic = "integer"`; "float" is taken otherwise.
     A backend that cannot run some cases of `neuro.testing` lists them, with reasons, in an attribute
     `unsupported: dict[str, str]`. One that does not show some states of neurons names them in an attribute
-    `unreadable: frozenset[str]`; its engine has it, too. One whose processes run a network together under mpirun says
-    `distributed = True`. One that runs many targets is a `Family`, too.
+    `unreadable: frozenset[str]`; its engine has it, too. One whose processes run a network together under mpirun is
+    `Distributed`, too. One that runs many targets is a `Family`, too.
     """
 
     name: str
@@ -239,6 +240,18 @@ class Backend(Protocol):
 
     def build(self, program: Program, *, threads: int = 1, **options: Any) -> Engine:
         """Make an engine at step 0."""
+
+
+@runtime_checkable
+class Distributed(Protocol):
+    """A backend of which several processes that mpirun started run a network together."""
+
+    def share(self) -> Share:
+        """What of a network this process has; its methods reach the others.
+
+        Raises:
+            ModelError: the processes cannot work together.
+        """
 
 
 @runtime_checkable

@@ -17,6 +17,7 @@ from neuro.core.errors import Where
 from neuro.model.neurons import Model
 from neuro.model.parts import Competition
 from neuro.model.synapses import K_PLUS, DelayRule, Synapse
+from neuro.program.share import WHOLE, Rows, Share
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
@@ -164,7 +165,7 @@ class Projection:
         weight: shape (1,) where shared, else one per synapse; grid: (maps, channels, height, width) flat.
         delay: in steps, shape (1,) or one per synapse, int32, >= 1; of so many static synapses uint8 where delays are
             drawn and none is longer than 255.
-        size: number of synapses (of a grid: of its kernels' weights).
+        size: number of synapses (of a grid: of its kernels' weights), of all shares together.
         grid: the sizes of a grid, else None.
         synapse: the model; a parameter is a number, or one for each synapse in the order of the weights.
         receptor: the one of its target that all spikes go to; None where each goes by the sign of its weight. That of a
@@ -174,6 +175,9 @@ class Projection:
             `dopamine_delay` (steps) say how.
         gate: index of the signal that says how much a rule that learns by moves gathers, or -1.
         span: the fewest and the most steps in `delay`, see `delay_span`; None: not yet looked for.
+        by_delay: csr: whether the synapses of a source are sorted by delay.
+        share: which of the synapses these are: those onto the neurons of a share, in the layout csr.
+        whole_layout: the layout of those of all shares together.
     """
 
     name: str
@@ -196,6 +200,9 @@ class Projection:
     origin: Where | None
     span: tuple[int, int] | None = None
     gate: int = -1
+    by_delay: bool = False
+    share: Share = WHOLE
+    whole_layout: str = ""
 
     @property
     def delay_span(self) -> tuple[int, int]:
@@ -203,6 +210,11 @@ class Projection:
         if self.span is not None:
             return self.span
         return (int(self.delay.min()), int(self.delay.max())) if self.delay.size else (1, 1)
+
+    @property
+    def rows(self) -> Rows:
+        """The synapses of all shares, in layout csr."""
+        return Rows(self.share, self.row_ends, self.delay if self.by_delay else None)
 
     def delay_range(self, resolution: float) -> tuple[int, int]:
         """The fewest and the most steps that a spike may take along it, now or when it has learnt."""
@@ -325,6 +337,8 @@ class Program:
     Attributes:
         resolution: length of a step in ms, for the models' constants.
         min_delay: the smallest delay in steps.
+        share: the synapses that this process has. What the methods give is of all of them: every process that has a
+            share calls them.
     """
 
     name: str
@@ -338,6 +352,7 @@ class Program:
     probes: tuple[Probe, ...]
     trials: Trials | None
     synapse_probes: tuple[SynapseProbe, ...] = ()
+    share: Share = WHOLE
 
     def sends_at_once(self, part: Projection) -> bool:
         """Whether a spike takes the weights of the step of its emission along a projection, not those of the next step.
@@ -350,7 +365,35 @@ class Program:
     def connections(self, index: int) -> tuple[Ints, Ints]:
         """Source and target of every synapse of a projection, in the order of its weights (not for a grid)."""
         part = self.projections[index]
-        return connections_of(part, self.populations[part.source].size, self.populations[part.target].size)
+        own = connections_of(part, self.populations[part.source].size, self.populations[part.target].size)
+        pre, post = (self.joined(index, ids) for ids in own)
+        return pre, post
+
+    def joined(self, index: int, values: NDArray[Any]) -> NDArray[Any]:
+        """The values of all synapses of a projection, in the order of its weights, from those of the share."""
+        part = self.projections[index]
+        return values if part.share.number == 1 else part.rows.joined(values)
+
+    def delays(self, index: int) -> NDArray[np.integer[Any]]:
+        """The delays of all synapses of a projection in steps, shape (1,) where shared."""
+        part = self.projections[index]
+        shortest, longest = part.delay_span
+        if part.share.number == 1:
+            return part.delay
+        return np.array([longest]) if shortest == longest else self.joined(index, part.delay)
+
+    def own(self, index: int, values: NDArray[Any]) -> NDArray[Any]:
+        """Of the values of all synapses of a projection those of the share."""
+        part = self.projections[index]
+        return values if part.share.number == 1 or len(values) == 1 else values[part.rows.places()]
+
+    def own_synapses(self, index: int) -> tuple[Ints, Ints, Ints]:
+        """As `synapses`, of those of the share; the places are among these."""
+        part = self.projections[index]
+        if part.share.number == 1:
+            return self.synapses(index)
+        sizes = self.populations[part.source].size, self.populations[part.target].size
+        return (*connections_of(part, *sizes), np.arange(part.targets.size))
 
     def synapses(self, index: int) -> tuple[Ints, Ints, Ints]:
         """Source, target and place of the weight of every synapse of a projection, in the order of its weights.

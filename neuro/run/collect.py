@@ -6,7 +6,7 @@ import json
 import os
 import platform
 import tempfile
-from collections.abc import Collection
+from collections.abc import Collection, Iterator
 from dataclasses import asdict, replace
 from importlib.metadata import version
 from pathlib import Path
@@ -64,7 +64,13 @@ class RunSource(Protocol):
 
 
 def collect(
-    sim: RunSource, net: Network, *, threads: int = 1, record: Collection[str] = (), all_weights: bool = False
+    sim: RunSource,
+    net: Network,
+    *,
+    threads: int = 1,
+    record: Collection[str] = (),
+    all_weights: bool = False,
+    weights: bool = True,
 ) -> Results:
     """Gather everything worth keeping.
 
@@ -75,6 +81,7 @@ def collect(
         record: the populations whose spikes to keep; all that were recorded if empty.
         all_weights: keep also the weights of static projections above a million synapses, which follow from
             network and seed.
+        weights: whether weights are kept at all; `all_weights_of` gives them one projection after the other.
     """
     program, counts, raw = sim.program, sim.counts(), sim.taken().raw_counts
     keep = record or [part.name for part in program.populations]
@@ -90,7 +97,7 @@ def collect(
             p.name: replace(_train(sim, p, p.name in keep, counts), spike_counts=spikes, event_counts=events)
             for p, spikes, events in zip(program.populations, raw.spikes, raw.events, strict=True)
         },
-        {p.name: weights_of(sim, p, counts, all_weights=all_weights) for p in program.projections},
+        {p.name: weights_of(sim, p, counts, all_weights=all_weights, kept=weights) for p in program.projections},
         traces(sim),
     )
 
@@ -189,6 +196,13 @@ def weights_of(
     delay = sim.get(part.name, "delay") if part.synapse.delays else None
     pre, post, weight = sim.weights(part.name)
     return Weights(*words, pre, post, weight, delay)
+
+
+def all_weights_of(sim: RunSource, all_weights: bool) -> Iterator[tuple[str, Weights]]:
+    """The projections by name, with the weights that are kept, one after the other."""
+    counts = sim.counts()
+    for part in sim.program.projections:
+        yield part.name, weights_of(sim, part, counts, all_weights=all_weights)
 
 
 def _trace(sim: RunSource, probe: Probe | SynapseProbe) -> Trace:
