@@ -9,6 +9,7 @@ from hypothesis import HealthCheck, given, settings, strategies as st
 import neuro
 from neuro.compiler import compile_network
 from neuro.model.network import Network
+from neuro.program.program import Program
 from neuro.run.simulation import Simulation
 from neuro.testing import observe
 from neuro.testing.case import differences, run_on
@@ -71,6 +72,11 @@ def joined(sim: Simulation) -> set[str]:
     return {sim.program.projections[q].name for q in arrays.joined}
 
 
+def nothing(program: Program) -> frozenset[int]:
+    """In place of `joined_rows.choose`: each projection is delivered by itself."""
+    return frozenset()
+
+
 @pytest.fixture
 def few(monkeypatch: pytest.MonkeyPatch) -> None:
     """No projection is delivered in runs by itself, as in large networks with few synapses."""
@@ -112,11 +118,11 @@ def test_threads_change_no_bit(order: list[tuple[int, int]], seed: int, threads:
 @given(order=orders(), seed=st.integers(0, 3))
 def test_rows_by_themselves_have_the_same_bits(order: list[tuple[int, int]], seed: int):
     found = []
-    for shared in (1, 1000):
+    for choose in (joined_rows.choose, nothing):
         with pytest.MonkeyPatch.context() as patched:
-            patched.setattr(joined_rows, "SHARED", shared)
+            patched.setattr(joined_rows, "choose", choose)
             sim = neuro.compile(network(order), "event", seed=seed)
-            assert bool(joined(sim)) == (shared == 1)
+            assert bool(joined(sim)) == (choose is not nothing)
             run_on(sim, 8.0)
             found.append(observe(sim))
     assert differences(*found, exact=True) == []
@@ -135,12 +141,13 @@ def test_a_state_of_before_there_were_joined_rows(tmp_path: Path):
     found = []
     with pytest.MonkeyPatch.context() as patched:
         patched.setattr(layout, "_FEW_RUNS", 0)
-        patched.setattr(joined_rows, "SHARED", 1000)
+        choose = joined_rows.choose
+        patched.setattr(joined_rows, "choose", nothing)
         patched.setattr(snapshot, "joined", lambda arrays: frozenset())
         old = neuro.compile(network(EVERY), "event", seed=1)
         run_on(old, 3.0)
         old.save(tmp_path / "state.h5")
-        patched.setattr(joined_rows, "SHARED", 1)
+        patched.setattr(joined_rows, "choose", choose)
         new = neuro.compile(network(EVERY), "event", seed=1)
         new.restore(tmp_path / "state.h5")
         assert joined(new) == set()
@@ -204,19 +211,9 @@ def test_which_projections_are_joined():
 
     assert chosen(network(EVERY)) == list(range(3, 12))  # behind the noise
     assert chosen(network([(target, source) for source, target in EVERY])) == list(range(3, 12))
-    assert chosen(network([(0, 0), (1, 1), (2, 2)])) == [], "nothing is shared"
+    assert chosen(network([(0, 0), (1, 1), (2, 2)])) == [3, 4, 5], "also alone"
     between = chosen(network(EVERY, plain=4))
     assert between == [3, 4, 5, 6, 9, 10, 11], "one delay stays in its place among sums"
-
-
-def test_runs_that_are_long_stay_where_they_are(monkeypatch: pytest.MonkeyPatch):
-    program = compile_network(network(EVERY), 1)
-    assert joined_rows.choose(program)
-    monkeypatch.setattr(joined_rows, "MOST", 100)
-    assert not joined_rows.choose(program)
-    monkeypatch.undo()
-    monkeypatch.setattr(joined_rows, "SHORT", 0)
-    assert not joined_rows.choose(program)
 
 
 @pytest.mark.usefixtures("few")

@@ -11,40 +11,30 @@ from numpy.typing import NDArray
 
 from neuro.core.threads import mapped
 from neuro.model.neurons import Neuron
-from neuro.program.program import Ints, Program
+from neuro.program.program import Floats, Ints, Program
 from neuro_event.building import layout
 from neuro_event.building.arrays import EventArrays
 from neuro_event.loop import tables as t
-from neuro_event.loop.arrivals import count_runs
 from neuro_event.loop.joined_rows import lay_joined
-
-SHARED = 2
-"""Projections in a joined row, on average, from which on there are any."""
-
-SHORT = 8
-"""Synapses in a run of the projections by themselves, on average, below which rows are joined."""
-
-MOST = 1 << 27
-"""Synapses of all joined rows, which are a second copy: 12 bytes each."""
 
 _RECEPTORS = 2
 """The most receptors of a target: the place of an input tells its block."""
+
+NAMES = ("joined_runs", "joined_steps", "joined_weights", "joined_singles", "joined_bases")
+"""The arrays of joined rows."""
 
 Row = list[int]
 """The projections, all of one source, whose synapses a joined row holds."""
 
 
 def choose(program: Program) -> frozenset[int]:
-    """The projections in joined rows; none if these would not be shared, or gain little."""
+    """The projections in joined rows: all whose spikes arrive at many times, as far as sums keep their order."""
     kept = {q for q in range(len(program.projections)) if _can_be_joined(program, q)}
     rows = _rows(program, _stretches(program, kept))
     while unfit := {q for row in rows if not _is_filled(program, row) for q in row}:
         kept -= unfit
         rows = _rows(program, _stretches(program, kept))
-    joined = [q for row in rows for q in row]
-    synapses = sum(program.projections[q].size for q in joined)
-    short = synapses < SHORT * sum(_runs(program, [q]) for q in joined)
-    return frozenset(joined if short and synapses <= MOST and len(joined) >= SHARED * len(rows) else ())
+    return frozenset(q for row in rows for q in row)
 
 
 def _can_be_joined(program: Program, q: int) -> bool:
@@ -107,18 +97,32 @@ def join(a: EventArrays) -> None:
             stretches.append([q for q in arriving if q in a.joined])
     rows = _rows(a.program, stretches)
     table = np.full((len(rows), t.PROJECTION_COLUMNS), t.NONE, dtype=np.int64)
-    runs = synapses = 0
-    for columns, row in zip(table, rows, strict=True):
-        columns[[t.SOURCE, t.RUN, t.SYNAPSE]] = a.program.projections[row[0]].source, runs, synapses
-        spans = np.array([a.program.projections[q].delay_span for q in row])
+    bases = np.zeros((len(rows), _threads(a)), dtype=np.int64)
+    reach = np.zeros((len(rows), len(a.program.populations)), dtype=np.uint8)
+    n_runs = 0
+    for k, (columns, row) in enumerate(zip(table, rows, strict=True)):
+        parts = [a.program.projections[q] for q in row]
+        spans = np.array([p.delay_span for p in parts])
+        columns[[t.ROW, t.SOURCE, t.RUN]] = k, parts[0].source, n_runs
         columns[t.SHORTEST], columns[t.DELAYS] = spans[:, 0].min(), np.ptp(spans) + 1
-        runs += _runs(a.program, row) * _threads(a) + 1
-        synapses += sum(a.program.projections[q].size for q in row)
-    a.net["joined"] = table
-    a.net["joined_runs"] = np.zeros(runs, dtype=np.uint32)
-    a.net["joined_targets"] = np.empty(synapses, dtype=np.int32)
-    a.net["joined_weights"] = np.empty(synapses)
-    list(mapped(partial(_lay, a), list(zip(table, rows, strict=True)), _threads(a)))
+        columns[t.SINGLE] = all(layout.is_single(weights(a, q)) for q in row)
+        targets = a.net["pops"][[p.target for p in parts]]
+        blocks = (targets[:, t.LAST_BLOCK] - targets[:, t.FIRST_BLOCK]).sum()
+        # Two synapses a block mark nearly all of them anyway.
+        columns[t.WAKE_ALL] = 1 + 2 * blocks * _runs(a.program, row) // sum(p.size for p in parts)
+        reach[k, [p.target for p in parts]] = 1
+        n_runs += _runs(a.program, row) * _threads(a) + 1
+    a.net |= {"joined": table, "joined_bases": bases, "joined_reach": reach}
+    a.net["joined_runs"] = np.zeros(n_runs, dtype=np.uint32)
+    every = list(zip(table, rows, strict=True))
+    sizes = np.array(list(mapped(partial(_count, a), every, _threads(a))), dtype=np.int64)
+    table[:, t.SYNAPSE] = np.cumsum(sizes) - sizes
+    for single, name, kind in ((1, "joined_singles", np.float32), (0, "joined_weights", np.float64)):
+        own = sizes * (table[:, t.SINGLE] == single)
+        table[table[:, t.SINGLE] == single, t.WEIGHT] = (np.cumsum(own) - own)[table[:, t.SINGLE] == single]
+        a.net[name] = np.empty(own.sum(), dtype=kind)
+    a.net["joined_steps"] = np.empty(sizes.sum(), dtype=np.uint16)
+    list(mapped(partial(_lay, a), every, _threads(a)))
 
 
 def part(a: EventArrays) -> None:
@@ -128,41 +132,94 @@ def part(a: EventArrays) -> None:
     pops[:, t.JOINED] = pops[:, t.JOINED_END] = pops[:, t.ARRIVALS]
     a.net["joined"] = np.zeros((0, t.PROJECTION_COLUMNS), dtype=np.int64)
     a.net["joined_runs"] = np.zeros(0, dtype=np.uint32)
-    a.net["joined_targets"] = np.zeros(0, dtype=np.int32)
-    a.net["joined_weights"] = np.zeros(0)
+    a.net["joined_steps"] = np.zeros(0, dtype=np.uint16)
+    a.net["joined_weights"], a.net["joined_singles"] = np.zeros(0), np.zeros(0, dtype=np.float32)
+    a.net["joined_bases"] = np.zeros((0, _threads(a)), dtype=np.int64)
+    a.net["joined_reach"] = np.zeros((0, len(a.program.populations)), dtype=np.uint8)
+
+
+def weights(a: EventArrays, q: int) -> NDArray[np.floating[Any]]:
+    """The weights that a projection of joined rows adds, in internal order: those that were set, else the program's."""
+    first, stride = a.net["projections"][q, [t.WEIGHT, t.WEIGHT_STRIDE]].tolist()
+    if first < 0:
+        return layout.internal_weights(a.program, q, a.synapses[q].order)
+    set_: Floats = a.net["weights"][first : first + (a.program.projections[q].size if stride else 1)]
+    return set_
 
 
 def _threads(a: EventArrays) -> int:
     return int(a.net["edges"].shape[1] - 1)
 
 
+def _row_runs(a: EventArrays, columns: Ints, row: Row) -> NDArray[np.uint32]:
+    found: NDArray[np.uint32] = a.net["joined_runs"][columns[t.RUN] :][: _runs(a.program, row) * _threads(a) + 1]
+    return found
+
+
+def _count(a: EventArrays, given: tuple[Ints, Row]) -> int:
+    """Where the runs of a joined row end; return how many synapses it takes, with the steps between them."""
+    columns, row = given
+    runs = _row_runs(a, columns, row)
+    a.net["joined_bases"][columns[t.ROW]] = _bases(a, row)
+    _walk(a, columns, row, runs[1:], np.zeros(0, dtype=np.uint16), np.zeros(0))
+    np.cumsum(runs, out=runs)
+    return int(runs[-1])
+
+
 def _lay(a: EventArrays, given: tuple[Ints, Row]) -> None:
     """Lay out a joined row."""
     columns, row = given
-    runs = a.net["joined_runs"][columns[t.RUN] :][: _runs(a.program, row) * _threads(a) + 1]
-    places, weights = (a.net[name][columns[t.SYNAPSE] :] for name in ("joined_targets", "joined_weights"))
+    laid = a.net["joined_singles" if columns[t.SINGLE] else "joined_weights"][columns[t.WEIGHT] :]
+    _walk(a, columns, row, _row_runs(a, columns, row)[:-1].copy(), a.net["joined_steps"][columns[t.SYNAPSE] :], laid)
+
+
+def _walk(
+    a: EventArrays,
+    columns: Ints,
+    row: Row,
+    following: NDArray[np.uint32],
+    steps: NDArray[np.uint16],
+    laid: NDArray[np.floating[Any]],
+) -> None:
+    """Go through the synapses of a joined row by place: those onto the first receptors, then those onto the second."""
+    at = np.tile(a.net["joined_bases"][columns[t.ROW]], following.size // _threads(a))
     span = int(columns[t.SHORTEST]), int(columns[t.DELAYS])
+    for _, q, begin, sign in sorted(_places(a, row)):
+        own = weights(a, q)
+        lay_joined(*_synapses(a, q), *span, own, int(own.size > 1), begin, sign, at, following, steps, laid)
+
+
+def _places(a: EventArrays, row: Row) -> list[tuple[int, int, int, int]]:
+    """Where targets 0 of projections have their input, and the sign of the weights that go there, MIXED if all do."""
+    found = []
     for q in row:
-        count_runs(*_synapses(a, q), *span, runs)
-    np.cumsum(runs, out=runs)
-    following = runs[:-1].copy()
-    for q in row:
-        first, stride = a.net["projections"][q, [t.WEIGHT, t.WEIGHT_STRIDE]].tolist()
-        own = a.net["weights"][first:]
-        lay_joined(*_synapses(a, q), *span, own, stride, _inputs(a, q), following, places, weights)
+        receptor, target = a.net["projections"][q, t.RECEPTOR], a.program.projections[q].target
+        by_sign = receptor < 0 and a.net["pops"][target, t.RECEPTORS] == _RECEPTORS
+        for k, sign in enumerate((t.POSITIVE, t.NEGATIVE) if by_sign else (t.MIXED,)):
+            begin = a.places[target].begin + (max(int(receptor), 0) + k) * int(a.net["x"].shape[1])
+            if not by_sign or layout.sign(weights(a, q)) in (sign, t.MIXED):
+                found.append((begin, q, begin, sign))
+    return found
+
+
+def _bases(a: EventArrays, row: Row) -> Ints:
+    """The first place that each thread has of a row's targets."""
+    bases = np.full(_threads(a), np.iinfo(np.int64).max)
+    for _, q, begin, _ in _places(a, row):
+        edges = _edges(a, q)
+        bases = np.minimum(bases, np.where(edges[1:] > edges[:-1], begin + edges[:-1], bases))
+    return np.where(bases == np.iinfo(np.int64).max, 0, bases)
+
+
+def _edges(a: EventArrays, q: int) -> Ints:
+    """The edges of the threads among the targets of a projection."""
+    target = a.program.projections[q].target
+    edges: Ints = a.net["edges"][target] * t.BLOCK - a.places[target].begin
+    return edges
 
 
 def _synapses(a: EventArrays, q: int) -> tuple[Ints, NDArray[np.int32], NDArray[np.integer[Any]], Ints]:
     """Ends of the rows, targets and delays of a projection, and the edges of the threads among its targets."""
     p, s = a.program.projections[q], a.synapses[q]
     delay = p.delay if s.order is None else p.delay[s.order]
-    return s.row_ends, s.targets, delay, a.net["edges"][p.target] * t.BLOCK - a.places[p.target].begin
-
-
-def _inputs(a: EventArrays, q: int) -> Ints:
-    """Where the first target of a projection has its input of weights of either sign."""
-    columns, target = a.net["projections"][q], a.program.projections[q].target
-    first = max(int(columns[t.RECEPTOR]), 0)
-    by_sign = columns[t.RECEPTOR] < 0 and a.net["pops"][target, t.RECEPTORS] == _RECEPTORS
-    receptors = np.array([first, first + by_sign], dtype=np.int64)
-    return a.places[target].begin + receptors * int(a.net["x"].shape[1])
+    return s.row_ends, s.targets, delay, _edges(a, q)

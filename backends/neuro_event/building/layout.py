@@ -185,6 +185,30 @@ def synapses(
     return ArrangedSynapses(t.CSR, row_ends, post.astype(np.int32), order)
 
 
+def internal_weights(program: Program, index: int, order: Ints | None) -> Floats:
+    """The weights that a static delivery adds: what arrives of the program's, in internal order; 1 for a relay."""
+    p = program.projections[index]
+    target = program.populations[p.target].model
+    if p.carries == "spikes" and isinstance(target, Neuron) and target.relay:
+        return np.ones(1)
+    own = p.arriving(p.weight[order] if order is not None and p.weight.size > 1 else p.weight)
+    if own.size == 1 and (p.grid is not None or p.synapse.learns in ("moves", "trials")):
+        own = np.repeat(own, p.size)
+    return own
+
+
+_PIECE = 1 << 16
+"""Weights that are looked at together: most that do not fit show it at once."""
+
+
+def is_single(weights: NDArray[np.floating[Any]]) -> bool:
+    """Whether all weights fit into 32 bits as they are."""
+    if weights.dtype == np.float32:
+        return True
+    pieces = (weights[k : k + _PIECE] for k in range(0, weights.size, _PIECE))
+    return all(np.array_equal(piece.astype(np.float32), piece) for piece in pieces)
+
+
 def split_rows(row_ends: Ints, targets: NDArray[np.int32], edges: Ints) -> Ints:
     """Row ends cut at the threads' edges (local target ids): synapses of source s for thread k are rows[s T + k] on."""
     threads = edges.size - 1
@@ -204,7 +228,7 @@ def power_of_two(n: int) -> int:
     return 1 << max(0, int(n - 1).bit_length())
 
 
-def sign(weights: Floats) -> int:
+def sign(weights: NDArray[np.floating[Any]]) -> int:
     """Whether all weights go to one receptor."""
     if weights.size and weights[0] < 0.0:
         return t.NEGATIVE if weights.max() < 0.0 else t.MIXED
