@@ -7,12 +7,14 @@ import pytest
 from hypothesis import HealthCheck, given, settings, strategies as st
 
 import neuro
-from neuro.compiler import compile_network
+from neuro.compiler import compile_network, drawn, resolve
 from neuro.model.network import Network
+from neuro.program.compact import CompactProjection
 from neuro.program.program import Program
 from neuro.run.simulation import Simulation
 from neuro.testing import observe
 from neuro.testing.case import differences, run_on
+from neuro_event import EventBackend
 from neuro_event.building import joined_rows, layout
 from neuro_event.host import snapshot
 from neuro_event.loop import tables as t
@@ -239,3 +241,73 @@ def test_a_silent_network_looks_once_a_source():
     assert len(arrays.net["joined"]) == 3
     assert (arrays.net["projections"][3:, t.RUN] < 0).all()
     assert arrays.net["runs"].size == 0
+
+
+SINGLE = neuro.normal(mean=60.0, std=20.0, low=0.0, single=True)
+
+
+def large(single: bool = True) -> Network:
+    """What counts as a large network here: joined rows are the only copy of its synapses."""
+    net = network([(0, 0)], (1300, 600, 700))
+    weight = SINGLE if single else WEIGHT
+    for k, (source, target) in enumerate(EVERY):
+        inhibits = source == 2 and target != 1
+        w = neuro.normal(mean=-60.0, std=20.0, high=0.0, single=True) if inhibits else 0.3 if target == 1 else weight
+        net.connect(f"p{source}", f"p{target}", neuro.fixed_indegree(n=5), weight=w, delay=LATE, name=f"wires{k + 1}")
+    return net
+
+
+@pytest.fixture
+def many(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Every network has very many synapses."""
+    for module in (drawn, resolve):
+        monkeypatch.setattr(module, "MANY", 10)
+
+
+@pytest.mark.parametrize("single", [True, False])
+@pytest.mark.usefixtures("many")
+def test_rows_in_place_of_the_programs_arrays(single: bool):
+    net = large(single)
+    first, other = compile_network(net, 1), compile_network(net, 1)
+    for threads in (1, 2, 1):  # rows for other threads are made of those that are there
+        engine = EventBackend().build(first, threads=threads)
+        engine.run(20)
+        freed = 0
+        for q, (part, same) in enumerate(zip(first.projections, other.projections, strict=True)):
+            assert part.targets.dtype == same.targets.dtype
+            assert part.weight.dtype == np.float64
+            for name in ("targets", "weight", "delay", "row_ends"):
+                assert np.array_equal(getattr(part, name), getattr(same, name)), (part.name, name)
+            assert np.array_equal(engine.get_synapses(q, "weight"), np.broadcast_to(same.weight, same.size))
+            freed += isinstance(part, CompactProjection) and part._again is not None
+        assert freed == (9 if single else 5), "weights of both signs stay where they are"
+    expected, found = (neuro.compile(net, backend, seed=1) for backend in ("reference", "event"))
+    assert differences(steered(expected), steered(found), exact=False) == []
+
+
+@pytest.mark.usefixtures("many")
+def test_a_reset_and_a_state_where_rows_are_the_only_copy(tmp_path: Path):
+    sims = [neuro.compile(large(), "event", seed=1, threads=threads) for threads in (1, 1, 2)]
+    found = [steered(sims[0]), steered(sims[1], tmp_path / "state.h5"), steered(sims[2])]
+    for each in found[1:]:
+        assert differences(found[0], each, exact=True) == []
+    for sim in sims:
+        sim.reset(weights=True)
+        assert differences(found[0], steered(sim), exact=True) == []
+
+
+@pytest.mark.usefixtures("many")
+def test_places_that_lie_far_apart():
+    net = Network("far")
+    net.population("cells", 300, neuro.iaf_psc_exp(I_e=neuro.uniform(low=600.0, high=900.0)))
+    net.population("silent", 140_000, neuro.poisson_generator(rate=0.0))
+    net.population("others", 300, neuro.iaf_psc_exp(I_e=neuro.uniform(low=300.0, high=420.0)))
+    for target in ("cells", "others"):
+        net.connect("cells", target, neuro.fixed_indegree(n=9), weight=WEIGHT, delay=LATE, name=f"to_{target}")
+    sims = [neuro.compile(net, backend, seed=1) for backend in ("reference", "event")]
+    for sim in sims:
+        run_on(sim, 15.0)
+    assert differences(*map(observe, sims), exact=False) == []
+    assert sims[1].counts().projections["to_others"].synaptic_ops > 0
+    arrays = sims[1]._engine._a.net  # type: ignore[attr-defined]
+    assert arrays["joined_steps"].size > 2 * 300 * 9, "what lies far is reached by several steps"

@@ -91,7 +91,7 @@ def compile_network(net: Network, seed: int, threads: int = 1) -> resolved.Progr
     # Drawn into one array where sizes are known: to touch memory for the first time may cost more than the draws, and a
     # copy would need twice as much.
     made = rooms(net, shapes) if many else None
-    projections = packed(_projections(net, shapes, clock, seed, threads, many, made), made)
+    projections = packed(_projections(net, shapes, clock, seed, threads, many, made), made, many)
     names = {name: index for index, name in enumerate(net.populations)}
     program = resolved.Program(
         name=net.name,
@@ -123,7 +123,7 @@ def _projections(
     names = {name: index for index, name in enumerate(net.populations)}
 
     def resolve(part: Projection) -> resolved.Projection:
-        return _projection(net, names, part, shapes, clock, seed, many, None if made is None else made[part.name])
+        return _projection(net, names, part, shapes, clock, seed, many, None if made is None else made.get(part.name))
 
     return mapped(resolve, list(net.projections.values()), threads)
 

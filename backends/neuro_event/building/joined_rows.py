@@ -2,26 +2,32 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+from dataclasses import dataclass
 from functools import partial
 from itertools import groupby
 from typing import Any
+from weakref import WeakKeyDictionary
 
 import numpy as np
 from numpy.typing import NDArray
 
 from neuro.core.threads import mapped
 from neuro.model.neurons import Neuron
-from neuro.program.program import Floats, Ints, Program
+from neuro.program.compact import CompactProjection, is_single
+from neuro.program.program import Floats, Ints, Program, StoredSynapses
 from neuro_event.building import layout
 from neuro_event.building.arrays import EventArrays
 from neuro_event.loop import tables as t
-from neuro_event.loop.joined_rows import lay_joined
+from neuro_event.loop.joined_rows import lay_joined, list_joined
 
 _RECEPTORS = 2
 """The most receptors of a target: the place of an input tells its block."""
 
 NAMES = ("joined_runs", "joined_steps", "joined_weights", "joined_singles", "joined_bases")
 """The arrays of joined rows."""
+
+TABLES = ("joined", "joined_reach")
 
 Row = list[int]
 """The projections, all of one source, whose synapses a joined row holds."""
@@ -85,7 +91,10 @@ def _runs(program: Program, row: Row) -> int:
 
 
 def join(a: EventArrays) -> None:
-    """Lay out the joined rows, with the weights of now; projections that have a ring by now are left out."""
+    """Lay out the joined rows, with the weights of now; projections that have a ring by now are left out.
+
+    Of very many synapses the rows are the only copy: the program's arrays are freed row by row.
+    """
     part(a)
     a.parted = False
     stretches = []
@@ -96,6 +105,11 @@ def join(a: EventArrays) -> None:
             pop[t.JOINED], pop[t.JOINED_END] = places[0], places[-1] + 1
             stretches.append([q for q in arriving if q in a.joined])
     rows = _rows(a.program, stretches)
+    laid = _IN_PLACE.get(a.program)
+    unchanged = as_described(a).issuperset(q for row in rows for q in row)
+    if laid is not None and unchanged and laid.rows == rows and np.array_equal(laid.edges, a.net["edges"]):
+        a.net |= laid.net
+        return
     table = np.full((len(rows), t.PROJECTION_COLUMNS), t.NONE, dtype=np.int64)
     bases = np.zeros((len(rows), _threads(a)), dtype=np.int64)
     reach = np.zeros((len(rows), len(a.program.populations)), dtype=np.uint8)
@@ -105,7 +119,7 @@ def join(a: EventArrays) -> None:
         spans = np.array([p.delay_span for p in parts])
         columns[[t.ROW, t.SOURCE, t.RUN]] = k, parts[0].source, n_runs
         columns[t.SHORTEST], columns[t.DELAYS] = spans[:, 0].min(), np.ptp(spans) + 1
-        columns[t.SINGLE] = all(layout.is_single(weights(a, q)) for q in row)
+        columns[t.SINGLE] = all(is_single(weights(a, q)) for q in row)
         targets = a.net["pops"][[p.target for p in parts]]
         blocks = (targets[:, t.LAST_BLOCK] - targets[:, t.FIRST_BLOCK]).sum()
         # Two synapses a block mark nearly all of them anyway.
@@ -122,7 +136,9 @@ def join(a: EventArrays) -> None:
         table[table[:, t.SINGLE] == single, t.WEIGHT] = (np.cumsum(own) - own)[table[:, t.SINGLE] == single]
         a.net[name] = np.empty(own.sum(), dtype=kind)
     a.net["joined_steps"] = np.empty(sizes.sum(), dtype=np.uint16)
-    list(mapped(partial(_lay, a), every, _threads(a)))
+    list(mapped(partial(_lay, a, rows), every, _threads(a)))
+    if unchanged and any(isinstance(p, CompactProjection) for p in a.program.projections):
+        _IN_PLACE[a.program] = LaidRows(rows, a.net["edges"], {name: a.net[name] for name in (*NAMES, *TABLES)})
 
 
 def part(a: EventArrays) -> None:
@@ -136,6 +152,11 @@ def part(a: EventArrays) -> None:
     a.net["joined_weights"], a.net["joined_singles"] = np.zeros(0), np.zeros(0, dtype=np.float32)
     a.net["joined_bases"] = np.zeros((0, _threads(a)), dtype=np.int64)
     a.net["joined_reach"] = np.zeros((0, len(a.program.populations)), dtype=np.uint8)
+
+
+def as_described(a: EventArrays) -> frozenset[int]:
+    """The projections in joined rows whose weights are the program's."""
+    return frozenset(q for q in a.joined if a.net["projections"][q, t.WEIGHT] < 0)
 
 
 def weights(a: EventArrays, q: int) -> NDArray[np.floating[Any]]:
@@ -166,11 +187,13 @@ def _count(a: EventArrays, given: tuple[Ints, Row]) -> int:
     return int(runs[-1])
 
 
-def _lay(a: EventArrays, given: tuple[Ints, Row]) -> None:
-    """Lay out a joined row."""
+def _lay(a: EventArrays, rows: list[Row], given: tuple[Ints, Row]) -> None:
+    """Lay out a joined row, in place of the program's arrays if these are many."""
     columns, row = given
-    laid = a.net["joined_singles" if columns[t.SINGLE] else "joined_weights"][columns[t.WEIGHT] :]
+    weights_of = "joined_singles" if columns[t.SINGLE] else "joined_weights"
+    laid = a.net[weights_of][columns[t.WEIGHT] :]
     _walk(a, columns, row, _row_runs(a, columns, row)[:-1].copy(), a.net["joined_steps"][columns[t.SYNAPSE] :], laid)
+    _take_over(a, rows, columns)
 
 
 def _walk(
@@ -186,7 +209,7 @@ def _walk(
     span = int(columns[t.SHORTEST]), int(columns[t.DELAYS])
     for _, q, begin, sign in sorted(_places(a, row)):
         own = weights(a, q)
-        lay_joined(*_synapses(a, q), *span, own, int(own.size > 1), begin, sign, at, following, steps, laid)
+        lay_joined(*synapses(a, q), *span, own, int(own.size > 1), begin, sign, at, following, steps, laid)
 
 
 def _places(a: EventArrays, row: Row) -> list[tuple[int, int, int, int]]:
@@ -218,8 +241,62 @@ def _edges(a: EventArrays, q: int) -> Ints:
     return edges
 
 
-def _synapses(a: EventArrays, q: int) -> tuple[Ints, NDArray[np.int32], NDArray[np.integer[Any]], Ints]:
+def synapses(a: EventArrays, q: int) -> tuple[Ints, NDArray[np.integer[Any]], NDArray[np.integer[Any]], Ints]:
     """Ends of the rows, targets and delays of a projection, and the edges of the threads among its targets."""
     p, s = a.program.projections[q], a.synapses[q]
-    delay = p.delay if s.order is None else p.delay[s.order]
-    return s.row_ends, s.targets, delay, _edges(a, q)
+    targets, _, delay = p.stored()
+    if s.order is not None:
+        return s.row_ends, s.targets, delay[s.order], _edges(a, q)
+    return s.row_ends, targets if p.layout == "csr" else s.targets, delay, _edges(a, q)
+
+
+@dataclass(frozen=True, eq=False)
+class LaidRows:
+    """Joined rows that are in place of a program's arrays: every engine with these rows and threads has the same.
+
+    Attributes:
+        rows: the projections of each.
+        edges: of the threads.
+        net: the arrays.
+    """
+
+    rows: list[Row]
+    edges: Ints
+    net: dict[str, NDArray[Any]]
+
+
+_IN_PLACE: WeakKeyDictionary[Program, LaidRows] = WeakKeyDictionary()
+
+
+def _take_over(a: EventArrays, rows: list[Row], columns: Ints) -> None:
+    """Let what is laid out of a joined row be in place of the program's arrays, where these can be made anew of it."""
+    for q in rows[columns[t.ROW]]:
+        p, places = a.program.projections[q], _places(a, [q])
+        # Of weights of both signs that go apart no order is left, and a relay needs no weight.
+        if not isinstance(p, CompactProjection) or len(places) > 1 or a.net["pops"][p.target, t.RELAY] == 1:
+            continue
+        if a.synapses[q].order is not None or a.net["projections"][q, t.WEIGHT] >= 0:
+            continue
+        kept = {name: a.net[name] for name in NAMES}
+        n, negated = a.program.populations[p.target].size, p.receptor is not None and p.receptor.negated
+        p.release(partial(_made_anew, p.row_ends, p.kinds, kept, columns, places[0][0], n, negated))
+
+
+def _made_anew(
+    row_ends: Ints,
+    kinds: Mapping[str, np.dtype[Any]],
+    net: Mapping[str, NDArray[Any]],
+    columns: Ints,
+    begin: int,
+    n_targets: int,
+    negated: bool,
+) -> StoredSynapses:
+    """Targets, weights and delays of a projection, from its joined row; without a reference to it, which has this."""
+    size = int(row_ends[-1])
+    targets, delay = np.empty(size, dtype=kinds["targets"]), np.empty(size, dtype=kinds["delay"])
+    weight: NDArray[Any] = np.empty(size if "weight" in kinds else 0, dtype=kinds.get("weight"))
+    laid = net["joined_singles" if columns[t.SINGLE] else "joined_weights"][columns[t.WEIGHT] :]
+    runs, steps = net["joined_runs"][columns[t.RUN] :], net["joined_steps"][columns[t.SYNAPSE] :]
+    span, bases = (int(columns[t.SHORTEST]), int(columns[t.DELAYS])), net["joined_bases"][columns[t.ROW]]
+    list_joined(row_ends, runs, steps, laid, *span, bases, begin, begin + n_targets, targets, weight, delay)
+    return targets, 0.0 - weight if negated else weight, delay

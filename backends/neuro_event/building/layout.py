@@ -171,6 +171,8 @@ def synapses(
     plain = not (permuted or own_delays(p) or learns_pairs(p))
     if plain and p.layout in ("dense", "one_to_one"):
         return ArrangedSynapses(t.DENSE if p.layout == "dense" else t.ONE_TO_ONE, _NO_INTS, _NO_TARGETS, None)
+    if index in joined and p.layout == "csr" and not permuted:
+        return ArrangedSynapses(t.CSR, p.row_ends, _NO_TARGETS, None)
     timed = in_runs(program, p) and index not in joined
     if p.layout == "csr" and not permuted and (not timed or by_delay(p.row_ends, p.targets, p.delay)):
         return ArrangedSynapses(t.CSR, p.row_ends, p.targets, None)
@@ -185,31 +187,20 @@ def synapses(
     return ArrangedSynapses(t.CSR, row_ends, post.astype(np.int32), order)
 
 
-def internal_weights(program: Program, index: int, order: Ints | None) -> Floats:
+def internal_weights(program: Program, index: int, order: Ints | None) -> NDArray[np.floating[Any]]:
     """The weights that a static delivery adds: what arrives of the program's, in internal order; 1 for a relay."""
     p = program.projections[index]
     target = program.populations[p.target].model
     if p.carries == "spikes" and isinstance(target, Neuron) and target.relay:
         return np.ones(1)
-    own = p.arriving(p.weight[order] if order is not None and p.weight.size > 1 else p.weight)
+    _, own, _ = p.stored()
+    own = p.arriving(own[order] if order is not None and own.size > 1 else own)
     if own.size == 1 and (p.grid is not None or p.synapse.learns in ("moves", "trials")):
         own = np.repeat(own, p.size)
     return own
 
 
-_PIECE = 1 << 16
-"""Weights that are looked at together: most that do not fit show it at once."""
-
-
-def is_single(weights: NDArray[np.floating[Any]]) -> bool:
-    """Whether all weights fit into 32 bits as they are."""
-    if weights.dtype == np.float32:
-        return True
-    pieces = (weights[k : k + _PIECE] for k in range(0, weights.size, _PIECE))
-    return all(np.array_equal(piece.astype(np.float32), piece) for piece in pieces)
-
-
-def split_rows(row_ends: Ints, targets: NDArray[np.int32], edges: Ints) -> Ints:
+def split_rows(row_ends: Ints, targets: NDArray[np.integer[Any]], edges: Ints) -> Ints:
     """Row ends cut at the threads' edges (local target ids): synapses of source s for thread k are rows[s T + k] on."""
     threads = edges.size - 1
     if threads == 1:

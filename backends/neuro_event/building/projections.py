@@ -33,8 +33,7 @@ def add_projections(a: EventArrays) -> None:
         row[t.SOURCE], row[t.TARGET], row[t.LAYOUT] = p.source, p.target, s.layout
         row[t.RECEPTOR] = t.NONE if p.receptor is None else p.receptor.index
         if q in a.joined:
-            row[t.WEIGHT_STRIDE], row[t.LAG] = int(p.weight.size > 1), p.delay_range(program.resolution)[1]
-            row[t.WAKE_ALL], row[t.DENSE_COUNTS] = NEVER, 0
+            row[t.LAG], row[t.WAKE_ALL], row[t.DENSE_COUNTS] = p.delay_range(program.resolution)[1], NEVER, 0
             continue
         if s.layout == t.CSR:
             local = a.net["edges"][p.target] * t.BLOCK - a.places[p.target].begin
@@ -97,7 +96,7 @@ def add_projections(a: EventArrays) -> None:
     list_incoming(a)
 
 
-def _sign(p: Projection, own: Floats) -> int:
+def _sign(p: Projection, own: NDArray[np.floating[Any]]) -> int:
     """Whether all weights go to one receptor, now and when they have learnt."""
     return t.MIXED if p.synapse.learns == "moves" else layout.sign(own)
 
@@ -131,7 +130,11 @@ def _wake_all(p: Projection, s: layout.ArrangedSynapses, blocks: int) -> int:
 
 def own_weights(a: EventArrays) -> bool:
     """Take a copy of the weights before they change, if they are the program's; return whether that was needed."""
-    shared = any(np.may_share_memory(a.net["weights"], p.weight) for p in a.program.projections)
+    shared = any(
+        np.may_share_memory(a.net["weights"], p.weight)
+        for q, p in enumerate(a.program.projections)
+        if q not in a.joined
+    )
     if shared:
         a.net["weights"] = a.net["weights"].copy()
     return shared
@@ -166,15 +169,14 @@ def give_ring(a: EventArrays, q: int) -> None:
 
 def lay_out(a: EventArrays, q: int) -> None:
     """Lay out a projection of joined rows by itself, as it needs who has a ring."""
-    p, s, row, net = a.program.projections[q], a.synapses[q], a.net["projections"][q], a.net
+    row, net = a.net["projections"][q], a.net
     if row[t.WEIGHT] < 0:
         own = joined_rows.weights(a, q)
-        row[t.WEIGHT], row[t.SIGN] = net["weights"].size, layout.sign(own)
+        row[t.WEIGHT], row[t.WEIGHT_STRIDE], row[t.SIGN] = net["weights"].size, int(own.size > 1), layout.sign(own)
         net["weights"] = np.concatenate([net["weights"], own])
-    local = net["edges"][p.target] * t.BLOCK - a.places[p.target].begin
-    delay = p.delay if s.order is None else p.delay[s.order]
-    rows = layout.split_rows(s.row_ends, s.targets, local) + net["targets"].size
-    for name, column, values in (("rows", t.ROW, rows), ("targets", t.SYNAPSE, s.targets), ("delays", t.DELAY, delay)):
+    row_ends, targets, delay, local = joined_rows.synapses(a, q)
+    rows = layout.split_rows(row_ends, targets, local) + net["targets"].size
+    for name, column, values in (("rows", t.ROW, rows), ("targets", t.SYNAPSE, targets), ("delays", t.DELAY, delay)):
         row[column] = net[name].size
         net[name] = np.concatenate([net[name], values], dtype=net[name].dtype)
     row[t.DELAY_STRIDE] = 1

@@ -558,7 +558,8 @@ class EventEngine:
         kept, delays = None, {}
         if not weights:
             parts = self._program.projections
-            kept = {q: self.get_synapses(q, "weight") for q in range(len(parts))}
+            as_described = joined_rows.as_described(self._a)
+            kept = {q: self.get_synapses(q, "weight") for q in range(len(parts)) if q not in as_described}
             delays = {q: self.get_synapses(q, "delay") for q, part in enumerate(parts) if part.synapse.delays}
         before = self._changes
         self._start_over(kept)

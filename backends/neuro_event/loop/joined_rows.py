@@ -125,3 +125,21 @@ def lay_joined(
             if lays:
                 steps[following[run]], laid[following[run]] = step, weight
             following[run] += np.uint32(1)
+
+
+@kernel
+def list_joined(row_ends, runs, steps, laid, shortest, n_delays, bases, begin, end, targets, weights, delays):
+    """List the synapses of a projection, whose targets lie at the places begin:end, as they lie in a joined row."""
+    threads = bases.size
+    for source in range(row_ends.size - 1):
+        e = row_ends[source]
+        for d in range(n_delays):
+            for thread in range(threads):
+                run, at = (source * n_delays + d) * threads + thread, bases[thread]
+                for s in range(runs[run], runs[run + 1]):
+                    at += np.int64(steps[s])
+                    if steps[s] < FAR and begin <= at < end:
+                        targets[e], delays[e] = at - begin, shortest + d
+                        if weights.size > 0:
+                            weights[e] = laid[s]
+                        e += 1
