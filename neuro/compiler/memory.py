@@ -130,6 +130,13 @@ def rooms(net: Network, shapes: Mapping[str, Shape]) -> dict[str, SynapseRoom] |
     return _laid_out(dict(zip(parts, numbers, strict=True)))
 
 
+def weight_room(part: Projection, synapses: int) -> NDArray[np.floating[Any]] | None:
+    """Memory for the weights of a projection that lies by itself: 32 bits each if they are single."""
+    weight = plain(part.weight)
+    single = _has_drawn_delays(part) and isinstance(weight, Distribution) and weight.single
+    return np.empty(synapses, dtype=np.float32) if single else None
+
+
 def packed(projections: Iterable[Resolved], made: Mapping[str, SynapseRoom] | None, many: bool) -> tuple[Resolved, ...]:
     """The same projections; their `targets` and `weight` are neighbouring views of one array each, in their order.
 

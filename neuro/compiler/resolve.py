@@ -17,7 +17,7 @@ from neuro.compiler.connect import Apart, Connections, connect
 from neuro.compiler.drawn import MANY
 from neuro.compiler.encoded import with_generators
 from neuro.compiler.generators import check_trains, schedule_of
-from neuro.compiler.memory import SynapseRoom, check_memory, many_synapses, packed, rooms
+from neuro.compiler.memory import SynapseRoom, check_memory, many_synapses, packed, rooms, weight_room
 from neuro.compiler.probes import check_probes, resolve_probes, resolve_synapse_probes
 from neuro.compiler.receptors import check_conductance, receptor_of, receptor_of_current
 from neuro.compiler.shapes import Shape, grid_of, resolve_shapes, size
@@ -293,7 +293,8 @@ def _projection(
         if ordered:
             found, delay = _by_delay(part, found, delay, span)
         drawn = generator(seed, "weight", part.name)
-        weight = per_synapse(part.weight, found, "weight", drawn, apart, None if room is None else room.weight)
+        lying_apart = weight_room(part, found.size) if ordered and room is None else None
+        weight = per_synapse(part.weight, found, "weight", drawn, apart, lying_apart if room is None else room.weight)
         rule = _rule(part, found, seed, apart)
     # A shared kernel learns weight by weight, so it has an entry for each from the start.
     if sizes is not None and weight.size == 1:

@@ -59,8 +59,9 @@ class Distribution(Choice):
         """Round values in place if these are to be single."""
         if self.single:
             low, high = (_within(getattr(self, word, end), -end) for word, end in (("low", -np.inf), ("high", np.inf)))
-            values[:] = np.clip(values.astype(np.float32), low, high)
-            values += 0.0
+            rounded = values.astype(np.float32)
+            np.clip(rounded, low, high, out=rounded)
+            np.add(rounded, 0.0, out=values)
 
     def pieces(self, rng: np.random.Generator, n: int) -> Iterator[NDArray[np.float64]]:
         """The n values of `drawn`, some at a time; each piece is gone when the next is asked for.

@@ -67,7 +67,7 @@ class CompactProjection(Projection):
         self._keep("targets", values.astype(np.uint16) if values.max(initial=0) < 1 << 16 else values)
 
     def _keep_weight(self, values: Floats) -> None:
-        self._keep("weight", values.astype(np.float32) if values.size > 1 and is_single(values) else values)
+        self._keep("weight", values.astype(np.float32, copy=False) if values.size > 1 and is_single(values) else values)
 
     targets = property(lambda self: self.stored()[0].astype(np.int32, copy=False), _keep_targets)
     weight = property(lambda self: self.stored()[1].astype(np.float64, copy=False), _keep_weight)

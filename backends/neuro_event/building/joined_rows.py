@@ -6,6 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import partial
 from itertools import groupby
+from operator import attrgetter
 from typing import Any
 from weakref import WeakKeyDictionary
 
@@ -20,6 +21,9 @@ from neuro_event.building import layout
 from neuro_event.building.arrays import EventArrays
 from neuro_event.loop import tables as t
 from neuro_event.loop.joined_rows import lay_joined, list_joined
+
+AT_ONCE = 1 << 17
+"""Synapses that are laid out at a time, so that they stay in the second cache."""
 
 _RECEPTORS = 2
 """The most receptors of a target: the place of an input tells its block."""
@@ -128,7 +132,7 @@ def join(a: EventArrays) -> None:
         n_runs += _runs(a.program, row) * _threads(a) + 1
     a.net |= {"joined": table, "joined_bases": bases, "joined_reach": reach}
     a.net["joined_runs"] = np.zeros(n_runs, dtype=np.uint32)
-    every = list(zip(table, rows, strict=True))
+    every = list(mapped(lambda k: (table[k], _parts(a, rows[k])), range(len(rows)), _threads(a)))
     sizes = np.array(list(mapped(partial(_count, a), every, _threads(a))), dtype=np.int64)
     table[:, t.SYNAPSE] = np.cumsum(sizes) - sizes
     for single, name, kind in ((1, "joined_singles", np.float32), (0, "joined_weights", np.float64)):
@@ -136,7 +140,7 @@ def join(a: EventArrays) -> None:
         table[table[:, t.SINGLE] == single, t.WEIGHT] = (np.cumsum(own) - own)[table[:, t.SINGLE] == single]
         a.net[name] = np.empty(own.sum(), dtype=kind)
     a.net["joined_steps"] = np.empty(sizes.sum(), dtype=np.uint16)
-    list(mapped(partial(_lay, a, rows), every, _threads(a)))
+    list(mapped(partial(_lay, a), every, _threads(a)))
     if unchanged and any(isinstance(p, CompactProjection) for p in a.program.projections):
         _IN_PLACE[a.program] = LaidRows(rows, a.net["edges"], {name: a.net[name] for name in (*NAMES, *TABLES)})
 
@@ -172,65 +176,93 @@ def _threads(a: EventArrays) -> int:
     return int(a.net["edges"].shape[1] - 1)
 
 
-def _row_runs(a: EventArrays, columns: Ints, row: Row) -> NDArray[np.uint32]:
-    found: NDArray[np.uint32] = a.net["joined_runs"][columns[t.RUN] :][: _runs(a.program, row) * _threads(a) + 1]
+@dataclass(frozen=True)
+class Part:
+    """Synapses of a joined row whose places ascend: of a projection, those of one sign if signs go apart.
+
+    Attributes:
+        projection: which one.
+        begin: where target 0 has their input.
+        sign: that of their weights; MIXED: those of either sign are among them.
+        alone: whether they are all of the projection.
+    """
+
+    projection: int
+    begin: int
+    sign: int
+    alone: bool
+
+
+def _parts(a: EventArrays, row: Row) -> list[Part]:
+    """The parts of a joined row by place: those onto the first receptors, then those onto the second."""
+    found = []
+    for q in row:
+        receptor, target = a.net["projections"][q, t.RECEPTOR], a.program.projections[q].target
+        signs = [t.MIXED]
+        if receptor < 0 and a.net["pops"][target, t.RECEPTORS] == _RECEPTORS:
+            sign = layout.sign(weights(a, q))
+            signs = [t.POSITIVE, t.NEGATIVE] if sign == t.MIXED else [sign]
+        for sign in signs:
+            at = max(int(receptor), 0) + (sign == t.NEGATIVE)
+            begin = a.places[target].begin + at * int(a.net["x"].shape[1])
+            found.append(Part(q, begin, sign, len(signs) == 1))
+    return sorted(found, key=attrgetter("begin"))
+
+
+def _row_runs(a: EventArrays, columns: Ints) -> NDArray[np.uint32]:
+    n = a.program.populations[int(columns[t.SOURCE])].size * int(columns[t.DELAYS]) * _threads(a)
+    found: NDArray[np.uint32] = a.net["joined_runs"][columns[t.RUN] :][: n + 1]
     return found
 
 
-def _count(a: EventArrays, given: tuple[Ints, Row]) -> int:
+def _count(a: EventArrays, given: tuple[Ints, list[Part]]) -> int:
     """Where the runs of a joined row end; return how many synapses it takes, with the steps between them."""
-    columns, row = given
-    runs = _row_runs(a, columns, row)
-    a.net["joined_bases"][columns[t.ROW]] = _bases(a, row)
-    _walk(a, columns, row, runs[1:], np.zeros(0, dtype=np.uint16), np.zeros(0))
+    columns, parts = given
+    runs = _row_runs(a, columns)
+    a.net["joined_bases"][columns[t.ROW]] = _bases(a, parts)
+    _walk(a, columns, parts, runs[1:], np.zeros(0, dtype=np.uint16), np.zeros(0))
     np.cumsum(runs, out=runs)
     return int(runs[-1])
 
 
-def _lay(a: EventArrays, rows: list[Row], given: tuple[Ints, Row]) -> None:
+def _lay(a: EventArrays, given: tuple[Ints, list[Part]]) -> None:
     """Lay out a joined row, in place of the program's arrays if these are many."""
-    columns, row = given
+    columns, parts = given
     weights_of = "joined_singles" if columns[t.SINGLE] else "joined_weights"
-    laid = a.net[weights_of][columns[t.WEIGHT] :]
-    _walk(a, columns, row, _row_runs(a, columns, row)[:-1].copy(), a.net["joined_steps"][columns[t.SYNAPSE] :], laid)
-    _take_over(a, rows, columns)
+    steps, laid = a.net["joined_steps"][columns[t.SYNAPSE] :], a.net[weights_of][columns[t.WEIGHT] :]
+    _walk(a, columns, parts, _row_runs(a, columns)[:-1].copy(), steps, laid)
+    _take_over(a, columns, parts)
 
 
 def _walk(
     a: EventArrays,
     columns: Ints,
-    row: Row,
+    parts: list[Part],
     following: NDArray[np.uint32],
     steps: NDArray[np.uint16],
     laid: NDArray[np.floating[Any]],
 ) -> None:
-    """Go through the synapses of a joined row by place: those onto the first receptors, then those onto the second."""
-    at = np.tile(a.net["joined_bases"][columns[t.ROW]], following.size // _threads(a))
+    """Go through the synapses of a joined row."""
     span = int(columns[t.SHORTEST]), int(columns[t.DELAYS])
-    for _, q, begin, sign in sorted(_places(a, row)):
-        own = weights(a, q)
-        lay_joined(*synapses(a, q), *span, own, int(own.size > 1), begin, sign, at, following, steps, laid)
+    at = np.tile(a.net["joined_bases"][columns[t.ROW]], following.size // _threads(a))
+    given = []
+    for part in parts:
+        own = weights(a, part.projection)
+        given.append((*synapses(a, part.projection), *span, own, int(own.size > 1), part.begin, part.sign, part.alone))
+    n = a.program.populations[int(columns[t.SOURCE])].size
+    # Some sources at a time: the lines on which the synapses of all projections lie stay in the cache.
+    some = max(1, n * AT_ONCE // sum(a.program.projections[part.projection].size for part in parts))
+    for first in range(0, n, some):
+        for each in given:
+            lay_joined(first, min(first + some, n), *each, at, following, steps, laid)
 
 
-def _places(a: EventArrays, row: Row) -> list[tuple[int, int, int, int]]:
-    """Where targets 0 of projections have their input, and the sign of the weights that go there, MIXED if all do."""
-    found = []
-    for q in row:
-        receptor, target = a.net["projections"][q, t.RECEPTOR], a.program.projections[q].target
-        by_sign = receptor < 0 and a.net["pops"][target, t.RECEPTORS] == _RECEPTORS
-        for k, sign in enumerate((t.POSITIVE, t.NEGATIVE) if by_sign else (t.MIXED,)):
-            begin = a.places[target].begin + (max(int(receptor), 0) + k) * int(a.net["x"].shape[1])
-            if not by_sign or layout.sign(weights(a, q)) in (sign, t.MIXED):
-                found.append((begin, q, begin, sign))
-    return found
-
-
-def _bases(a: EventArrays, row: Row) -> Ints:
+def _bases(a: EventArrays, parts: list[Part]) -> Ints:
     """The first place that each thread has of a row's targets."""
     bases = np.full(_threads(a), np.iinfo(np.int64).max)
-    for _, q, begin, _ in _places(a, row):
-        edges = _edges(a, q)
-        bases = np.minimum(bases, np.where(edges[1:] > edges[:-1], begin + edges[:-1], bases))
+    for part in parts:
+        edges = _edges(a, part.projection)
+        bases = np.minimum(bases, np.where(edges[1:] > edges[:-1], part.begin + edges[:-1], bases))
     return np.where(bases == np.iinfo(np.int64).max, 0, bases)
 
 
@@ -268,18 +300,19 @@ class LaidRows:
 _IN_PLACE: WeakKeyDictionary[Program, LaidRows] = WeakKeyDictionary()
 
 
-def _take_over(a: EventArrays, rows: list[Row], columns: Ints) -> None:
+def _take_over(a: EventArrays, columns: Ints, parts: list[Part]) -> None:
     """Let what is laid out of a joined row be in place of the program's arrays, where these can be made anew of it."""
-    for q in rows[columns[t.ROW]]:
-        p, places = a.program.projections[q], _places(a, [q])
+    kept = {name: a.net[name] for name in NAMES}
+    for part in parts:
+        q = part.projection
+        p = a.program.projections[q]
         # Of weights of both signs that go apart no order is left, and a relay needs no weight.
-        if not isinstance(p, CompactProjection) or len(places) > 1 or a.net["pops"][p.target, t.RELAY] == 1:
+        if not isinstance(p, CompactProjection) or not part.alone or a.net["pops"][p.target, t.RELAY] == 1:
             continue
         if a.synapses[q].order is not None or a.net["projections"][q, t.WEIGHT] >= 0:
             continue
-        kept = {name: a.net[name] for name in NAMES}
         n, negated = a.program.populations[p.target].size, p.receptor is not None and p.receptor.negated
-        p.release(partial(_made_anew, p.row_ends, p.kinds, kept, columns, places[0][0], n, negated))
+        p.release(partial(_made_anew, p.row_ends, p.kinds, kept, columns, part.begin, n, negated))
 
 
 def _made_anew(

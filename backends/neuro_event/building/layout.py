@@ -221,6 +221,11 @@ def power_of_two(n: int) -> int:
 
 def sign(weights: NDArray[np.floating[Any]]) -> int:
     """Whether all weights go to one receptor."""
-    if weights.size and weights[0] < 0.0:
-        return t.NEGATIVE if weights.max() < 0.0 else t.MIXED
-    return t.POSITIVE if weights.size == 0 or weights.min() >= 0.0 else t.MIXED
+    negative = sum(int(np.count_nonzero(weights[k : k + _PIECE] < 0.0)) for k in range(0, weights.size, _PIECE))
+    if negative == 0:
+        return t.POSITIVE
+    return t.NEGATIVE if negative == weights.size else t.MIXED
+
+
+_PIECE = 1 << 16
+"""Weights that are looked at together, in the cache."""

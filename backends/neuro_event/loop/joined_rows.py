@@ -100,19 +100,35 @@ def add_joined(view, row, thread, n, total, slot):
 
 @kernel
 def lay_joined(
-    row_ends, targets, delays, edges, shortest, n_delays, weights, stride, begin, sign, at, following, steps, laid
+    first_source,
+    end_source,
+    row_ends,
+    targets,
+    delays,
+    edges,
+    shortest,
+    n_delays,
+    weights,
+    stride,
+    begin,
+    sign,
+    alone,
+    at,
+    following,
+    steps,
+    laid,
 ):
-    """Put the synapses of a projection into joined rows, or count what they take there if `steps` has no room.
+    """Put the synapses of some sources of a projection into joined rows, or count them if `steps` has no room.
 
     `edges` are those of the threads among the targets, `shortest` and `n_delays` of the row; `stride` is 0 where
-    synapses share a weight. Target 0 lies at `begin`, for weights of a `sign`; MIXED: all go there. `at` is the place
-    of each run's last synapse, `following` where its next one goes, or how many it has.
+    synapses share a weight. Target 0 lies at `begin`, for weights of a `sign`, or all if these are `alone`. `at` is the
+    place of each run's last synapse, `following` where its next one goes, or how many it has.
     """
     lays = steps.size > 0
-    for source in range(row_ends.size - 1):
+    for source in range(first_source, end_source):
         for e in range(row_ends[source], row_ends[source + 1]):
             weight = weights[e * stride]
-            if sign != t.MIXED and (weight < 0.0) != (sign == t.NEGATIVE):
+            if not alone and (weight < 0.0) != (sign == t.NEGATIVE):
                 continue
             run = run_of(source, delays[e], targets[e], shortest, n_delays, edges)
             place = begin + np.int64(targets[e])
