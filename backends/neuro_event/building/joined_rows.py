@@ -41,7 +41,7 @@ def choose(program: Program) -> frozenset[int]:
     """The projections in joined rows: all whose spikes arrive at many times, as far as sums keep their order."""
     kept = {q for q in range(len(program.projections)) if _can_be_joined(program, q)}
     rows = _rows(program, _stretches(program, kept))
-    while unfit := {q for row in rows if not _is_filled(program, row) for q in row}:
+    while unfit := {q for row in rows if not _is_filled(program, row) for q in row if not _in_runs(program, q)}:
         kept -= unfit
         rows = _rows(program, _stretches(program, kept))
     return frozenset(q for row in rows for q in row)
@@ -84,7 +84,11 @@ def _rows(program: Program, stretches: list[Row]) -> list[Row]:
 def _is_filled(program: Program, row: Row) -> bool:
     """Whether most runs are not empty, or are few."""
     parts = [program.projections[q] for q in row]
-    return _runs(program, row) <= sum(p.size for p in parts) or all(layout.in_runs(program, p) for p in parts)
+    return _runs(program, row) <= sum(p.size for p in parts) or all(_in_runs(program, q) for q in row)
+
+
+def _in_runs(program: Program, q: int) -> bool:
+    return layout.in_runs(program, program.projections[q])
 
 
 def _runs(program: Program, row: Row) -> int:
