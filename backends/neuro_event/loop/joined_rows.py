@@ -21,7 +21,7 @@ from neuro_event.loop.tables import net_of
 
 _BLOCK_SHIFT = np.uint64(t.BLOCK_SHIFT)
 
-PREFETCH_DISTANCE = 8
+PREFETCH_DISTANCE = 16
 """Runs between a prefetch and its use."""
 
 FAR = 2**16 - 1
