@@ -136,15 +136,17 @@ def join(a: EventArrays) -> None:
         n_runs += _runs(a.program, row) * _threads(a) + 1
     a.net |= {"joined": table, "joined_bases": bases, "joined_reach": reach}
     a.net["joined_runs"] = np.zeros(n_runs, dtype=np.uint32)
-    every = list(mapped(lambda k: (table[k], _parts(a, rows[k])), range(len(rows)), _threads(a)))
-    sizes = np.array(list(mapped(partial(_count, a), every, _threads(a))), dtype=np.int64)
+    every = [(columns, _parts(a, row)) for columns, row in zip(table, rows, strict=True)]
+    sizes = np.array([_count(a, columns, parts) for columns, parts in every], dtype=np.int64)
     table[:, t.SYNAPSE] = np.cumsum(sizes) - sizes
     for single, name, kind in ((1, "joined_singles", np.float32), (0, "joined_weights", np.float64)):
         own = sizes * (table[:, t.SINGLE] == single)
         table[table[:, t.SINGLE] == single, t.WEIGHT] = (np.cumsum(own) - own)[table[:, t.SINGLE] == single]
         a.net[name] = np.empty(own.sum(), dtype=kind)
     a.net["joined_steps"] = np.empty(sizes.sum(), dtype=np.uint16)
-    list(mapped(partial(_lay, a), every, _threads(a)))
+    # One after the other, each freed as it is laid out: the largest is there twice for a moment.
+    for columns, found in every:
+        _lay(a, columns, found)
     if unchanged and any(isinstance(p, CompactProjection) for p in a.program.projections):
         _IN_PLACE[a.program] = LaidRows(rows, a.net["edges"], {name: a.net[name] for name in (*NAMES, *TABLES)})
 
@@ -219,9 +221,8 @@ def _row_runs(a: EventArrays, columns: Ints) -> NDArray[np.uint32]:
     return found
 
 
-def _count(a: EventArrays, given: tuple[Ints, list[Part]]) -> int:
+def _count(a: EventArrays, columns: Ints, parts: list[Part]) -> int:
     """Where the runs of a joined row end; return how many synapses it takes, with the steps between them."""
-    columns, parts = given
     runs = _row_runs(a, columns)
     a.net["joined_bases"][columns[t.ROW]] = _bases(a, parts)
     _walk(a, columns, parts, runs[1:], np.zeros(0, dtype=np.uint16), np.zeros(0))
@@ -229,9 +230,8 @@ def _count(a: EventArrays, given: tuple[Ints, list[Part]]) -> int:
     return int(runs[-1])
 
 
-def _lay(a: EventArrays, given: tuple[Ints, list[Part]]) -> None:
+def _lay(a: EventArrays, columns: Ints, parts: list[Part]) -> None:
     """Lay out a joined row, in place of the program's arrays if these are many."""
-    columns, parts = given
     weights_of = "joined_singles" if columns[t.SINGLE] else "joined_weights"
     steps, laid = a.net["joined_steps"][columns[t.SYNAPSE] :], a.net[weights_of][columns[t.WEIGHT] :]
     _walk(a, columns, parts, _row_runs(a, columns)[:-1].copy(), steps, laid)
@@ -256,9 +256,12 @@ def _walk(
     n = a.program.populations[int(columns[t.SOURCE])].size
     # Some sources at a time: the lines on which the synapses of all projections lie stay in the cache.
     some = max(1, n * AT_ONCE // sum(a.program.projections[part.projection].size for part in parts))
-    for first in range(0, n, some):
+
+    def lay(first: int) -> None:
         for each in given:
             lay_joined(first, min(first + some, n), *each, at, following, steps, laid)
+
+    list(mapped(lay, range(0, n, some), _threads(a)))
 
 
 def _bases(a: EventArrays, parts: list[Part]) -> Ints:
