@@ -1,6 +1,6 @@
 """Delivery at arrival over joined rows: the synapses of a source neuron along many projections, by delay.
 
-Where each projection has few synapses a run has one or two, and most are empty: a step looks for them once a projection
+Where each projection has few synapses a run has a few, and most may be empty: a step looks for them once a projection
 and delay. In a joined row a run holds those onto all targets, and a step looks once a source population and delay. A
 target is reached along one projection of a joined row, and rows follow in the order of projections (see
 `building.joined_rows`): so each sum has the order that it has without.
