@@ -41,7 +41,7 @@ def network(order: list[tuple[int, int]], sizes: tuple[int, ...] = (60, 90, 70),
         weight = WEIGHT if target % 2 == 0 else neuro.normal(mean=0.3, std=0.6)
         delay = 1.0 if i == plain else LATE
         net.connect(
-            f"p{source}", f"p{target}", neuro.fixed_indegree(n=3 + i % 4), weight=weight, delay=delay, name=f"wires{i}"
+            f"p{source}", f"p{target}", neuro.fixed_indegree(n=12 + i % 4), weight=weight, delay=delay, name=f"wires{i}"
         )
     return net
 
@@ -234,11 +234,11 @@ def test_few_synapses_with_very_many_delays_are_not_joined():
     assert differences(observe(other), observe(sim), exact=False) == []
 
 
-def test_a_silent_network_looks_once_a_source():
+def test_a_silent_network_looks_once_a_source_and_kind_of_input():
     sim = neuro.compile(network(EVERY), "event", seed=1)
     sim.run(1.0)
     arrays = sim._engine._a  # type: ignore[attr-defined]
-    assert len(arrays.net["joined"]) == 3
+    assert len(arrays.net["joined"]) == 6, "by sign, and onto one receptor"
     assert (arrays.net["projections"][3:, t.RUN] < 0).all()
     assert arrays.net["runs"].size == 0
 
@@ -280,7 +280,7 @@ def test_rows_in_place_of_the_programs_arrays(single: bool):
                 assert np.array_equal(getattr(part, name), getattr(same, name)), (part.name, name)
             assert np.array_equal(engine.get_synapses(q, "weight"), np.broadcast_to(same.weight, same.size))
             freed += isinstance(part, CompactProjection) and part._again is not None
-        assert freed == (9 if single else 5), "weights of both signs stay where they are"
+        assert freed == 10, "all but one to one"
     expected, found = (neuro.compile(net, backend, seed=1) for backend in ("reference", "event"))
     assert differences(steered(expected), steered(found), exact=False) == []
 

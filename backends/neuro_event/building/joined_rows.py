@@ -6,7 +6,6 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import partial
 from itertools import groupby
-from operator import attrgetter
 from typing import Any
 from weakref import WeakKeyDictionary
 
@@ -69,16 +68,23 @@ def _stretches(program: Program, kept: set[int]) -> list[Row]:
 
 def _rows(program: Program, stretches: list[Row]) -> list[Row]:
     """The joined rows of what arrives at each target, in an order that keeps that of every sum."""
-    rank: dict[int, int] = {}
+    rank: dict[tuple[int, bool], int] = {}
     rows: dict[tuple[int, int], Row] = {}
     for stretch in stretches:
         layer, last = 0, -1
         for q in stretch:
-            at = rank.setdefault(program.projections[q].source, len(rank))
+            at = rank.setdefault((program.projections[q].source, _by_sign(program, q)), len(rank))
             # Sources in another order than elsewhere, or a second time, go on in later rows.
             layer, last = layer + (at <= last), at
             rows.setdefault((layer, at), []).append(q)
     return [rows[place] for place in sorted(rows)]
+
+
+def _by_sign(program: Program, q: int) -> bool:
+    """Whether weights below 0 go to another receptor than the others."""
+    p = program.projections[q]
+    model = program.populations[p.target].model
+    return p.receptor is None and isinstance(model, Neuron) and model.receptors == _RECEPTORS
 
 
 def _is_filled(program: Program, row: Row) -> bool:
@@ -128,6 +134,8 @@ def join(a: EventArrays) -> None:
         columns[[t.ROW, t.SOURCE, t.RUN]] = k, parts[0].source, n_runs
         columns[t.SHORTEST], columns[t.DELAYS] = spans[:, 0].min(), np.ptp(spans) + 1
         columns[t.SINGLE] = all(is_single(weights(a, q)) for q in row)
+        signs = {layout.sign(weights(a, q)) for q in row} if _by_sign(a.program, row[0]) else {t.POSITIVE}
+        columns[t.SIGN] = signs.pop() if len(signs) == 1 else t.MIXED
         targets = a.net["pops"][[p.target for p in parts]]
         blocks = (targets[:, t.LAST_BLOCK] - targets[:, t.FIRST_BLOCK]).sum()
         # Two synapses a block mark nearly all of them anyway.
@@ -136,8 +144,7 @@ def join(a: EventArrays) -> None:
         n_runs += _runs(a.program, row) * _threads(a) + 1
     a.net |= {"joined": table, "joined_bases": bases, "joined_reach": reach}
     a.net["joined_runs"] = np.zeros(n_runs, dtype=np.uint32)
-    every = [(columns, _parts(a, row)) for columns, row in zip(table, rows, strict=True)]
-    sizes = np.array([_count(a, columns, parts) for columns, parts in every], dtype=np.int64)
+    sizes = np.array([_count(a, columns, row) for columns, row in zip(table, rows, strict=True)], dtype=np.int64)
     table[:, t.SYNAPSE] = np.cumsum(sizes) - sizes
     for single, name, kind in ((1, "joined_singles", np.float32), (0, "joined_weights", np.float64)):
         own = sizes * (table[:, t.SINGLE] == single)
@@ -145,8 +152,8 @@ def join(a: EventArrays) -> None:
         a.net[name] = np.empty(own.sum(), dtype=kind)
     a.net["joined_steps"] = np.empty(sizes.sum(), dtype=np.uint16)
     # One after the other, each freed as it is laid out: the largest is there twice for a moment.
-    for columns, found in every:
-        _lay(a, columns, found)
+    for columns, row in zip(table, rows, strict=True):
+        _lay(a, columns, row)
     if unchanged and any(isinstance(p, CompactProjection) for p in a.program.projections):
         _IN_PLACE[a.program] = LaidRows(rows, a.net["edges"], {name: a.net[name] for name in (*NAMES, *TABLES)})
 
@@ -182,37 +189,10 @@ def _threads(a: EventArrays) -> int:
     return int(a.net["edges"].shape[1] - 1)
 
 
-@dataclass(frozen=True)
-class Part:
-    """Synapses of a joined row whose places ascend: of a projection, those of one sign if signs go apart.
-
-    Attributes:
-        projection: which one.
-        begin: where target 0 has their input.
-        sign: that of their weights; MIXED: those of either sign are among them.
-        alone: whether they are all of the projection.
-    """
-
-    projection: int
-    begin: int
-    sign: int
-    alone: bool
-
-
-def _parts(a: EventArrays, row: Row) -> list[Part]:
-    """The parts of a joined row by place: those onto the first receptors, then those onto the second."""
-    found = []
-    for q in row:
-        receptor, target = a.net["projections"][q, t.RECEPTOR], a.program.projections[q].target
-        signs = [t.MIXED]
-        if receptor < 0 and a.net["pops"][target, t.RECEPTORS] == _RECEPTORS:
-            sign = layout.sign(weights(a, q))
-            signs = [t.POSITIVE, t.NEGATIVE] if sign == t.MIXED else [sign]
-        for sign in signs:
-            at = max(int(receptor), 0) + (sign == t.NEGATIVE)
-            begin = a.places[target].begin + at * int(a.net["x"].shape[1])
-            found.append(Part(q, begin, sign, len(signs) == 1))
-    return sorted(found, key=attrgetter("begin"))
+def _begin(a: EventArrays, q: int) -> int:
+    """The place in x of the first target of a projection; what goes apart by sign lies behind all of these."""
+    receptor = max(int(a.net["projections"][q, t.RECEPTOR]), 0)
+    return a.places[a.program.projections[q].target].begin + receptor * int(a.net["x"].shape[1])
 
 
 def _row_runs(a: EventArrays, columns: Ints) -> NDArray[np.uint32]:
@@ -221,55 +201,55 @@ def _row_runs(a: EventArrays, columns: Ints) -> NDArray[np.uint32]:
     return found
 
 
-def _count(a: EventArrays, columns: Ints, parts: list[Part]) -> int:
+def _count(a: EventArrays, columns: Ints, row: Row) -> int:
     """Where the runs of a joined row end; return how many synapses it takes, with the steps between them."""
     runs = _row_runs(a, columns)
-    a.net["joined_bases"][columns[t.ROW]] = _bases(a, parts)
-    _walk(a, columns, parts, runs[1:], np.zeros(0, dtype=np.uint16), np.zeros(0))
+    a.net["joined_bases"][columns[t.ROW]] = _bases(a, row)
+    _walk(a, columns, row, runs[1:], np.zeros(0, dtype=np.uint16), np.zeros(0))
     np.cumsum(runs, out=runs)
     return int(runs[-1])
 
 
-def _lay(a: EventArrays, columns: Ints, parts: list[Part]) -> None:
+def _lay(a: EventArrays, columns: Ints, row: Row) -> None:
     """Lay out a joined row, in place of the program's arrays if these are many."""
     weights_of = "joined_singles" if columns[t.SINGLE] else "joined_weights"
     steps, laid = a.net["joined_steps"][columns[t.SYNAPSE] :], a.net[weights_of][columns[t.WEIGHT] :]
-    _walk(a, columns, parts, _row_runs(a, columns)[:-1].copy(), steps, laid)
-    _take_over(a, columns, parts)
+    _walk(a, columns, row, _row_runs(a, columns)[:-1].copy(), steps, laid)
+    _take_over(a, columns, row)
 
 
 def _walk(
     a: EventArrays,
     columns: Ints,
-    parts: list[Part],
+    row: Row,
     following: NDArray[np.uint32],
     steps: NDArray[np.uint16],
     laid: NDArray[np.floating[Any]],
 ) -> None:
-    """Go through the synapses of a joined row."""
+    """Go through the synapses of a joined row, by place within each run."""
     span = int(columns[t.SHORTEST]), int(columns[t.DELAYS])
     at = np.tile(a.net["joined_bases"][columns[t.ROW]], following.size // _threads(a))
-    given = []
-    for part in parts:
-        own = weights(a, part.projection)
-        given.append((*synapses(a, part.projection), *span, own, int(own.size > 1), part.begin, part.sign, part.alone))
+    parts = []
+    for q in sorted(row, key=partial(_begin, a)):
+        own = weights(a, q)
+        parts.append((*synapses(a, q), *span, own, int(own.size > 1), _begin(a, q)))
     n = a.program.populations[int(columns[t.SOURCE])].size
     # Some sources at a time: the lines on which the synapses of all projections lie stay in the cache.
-    some = max(1, n * AT_ONCE // sum(a.program.projections[part.projection].size for part in parts))
+    some = max(1, n * AT_ONCE // sum(a.program.projections[q].size for q in row))
 
     def lay(first: int) -> None:
-        for each in given:
-            lay_joined(first, min(first + some, n), *each, at, following, steps, laid)
+        for part in parts:
+            lay_joined(first, min(first + some, n), *part, at, following, steps, laid)
 
     list(mapped(lay, range(0, n, some), _threads(a)))
 
 
-def _bases(a: EventArrays, parts: list[Part]) -> Ints:
+def _bases(a: EventArrays, row: Row) -> Ints:
     """The first place that each thread has of a row's targets."""
     bases = np.full(_threads(a), np.iinfo(np.int64).max)
-    for part in parts:
-        edges = _edges(a, part.projection)
-        bases = np.minimum(bases, np.where(edges[1:] > edges[:-1], part.begin + edges[:-1], bases))
+    for q in row:
+        edges = _edges(a, q)
+        bases = np.minimum(bases, np.where(edges[1:] > edges[:-1], _begin(a, q) + edges[:-1], bases))
     return np.where(bases == np.iinfo(np.int64).max, 0, bases)
 
 
@@ -307,19 +287,18 @@ class LaidRows:
 _IN_PLACE: WeakKeyDictionary[Program, LaidRows] = WeakKeyDictionary()
 
 
-def _take_over(a: EventArrays, columns: Ints, parts: list[Part]) -> None:
+def _take_over(a: EventArrays, columns: Ints, row: Row) -> None:
     """Let what is laid out of a joined row be in place of the program's arrays, where these can be made anew of it."""
     kept = {name: a.net[name] for name in NAMES}
-    for part in parts:
-        q = part.projection
+    for q in row:
         p = a.program.projections[q]
-        # Of weights of both signs that go apart no order is left, and a relay needs no weight.
-        if not isinstance(p, CompactProjection) or not part.alone or a.net["pops"][p.target, t.RELAY] == 1:
+        # A relay needs no weight, so its rows have none.
+        if not isinstance(p, CompactProjection) or a.net["pops"][p.target, t.RELAY] == 1:
             continue
         if a.synapses[q].order is not None or a.net["projections"][q, t.WEIGHT] >= 0:
             continue
         n, negated = a.program.populations[p.target].size, p.receptor is not None and p.receptor.negated
-        p.release(partial(_made_anew, p.row_ends, p.kinds, kept, columns, part.begin, n, negated))
+        p.release(partial(_made_anew, p.row_ends, p.kinds, kept, columns, _begin(a, q), n, negated))
 
 
 def _made_anew(

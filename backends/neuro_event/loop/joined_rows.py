@@ -62,6 +62,15 @@ def add_steps(steps, weights, e, w, n, at, m, buf):
 
 
 @subkernel
+def add_steps_by_sign(steps, weights, e, w, n, at, second, m, buf):
+    """The same for weights of both signs; those below 0 go `second` places further."""
+    for k in range(n):
+        at += np.uint64(steps[e + k])
+        weight = np.float64(weights[w + k]) * m
+        buf[at + (second if weight < 0.0 else np.uint64(0))] += weight
+
+
+@subkernel
 def add_joined(view, row, thread, n, total, slot):
     """Add the first n runs of a thread's queue to the input of the present step, and mark the blocks that they reach.
 
@@ -70,6 +79,8 @@ def add_joined(view, row, thread, n, total, slot):
     net = net_of(view)
     queue, buf, steps, due = net.queue[thread], net.buf, net.joined_steps, net.due
     e, w, base = np.uint64(row[t.SYNAPSE]), np.uint64(row[t.WEIGHT]), np.uint64(net.joined_bases[row[t.ROW], thread])
+    second = np.uint64(net.x.shape[1])
+    begin = base + (second if row[t.SIGN] == t.NEGATIVE else np.uint64(0))
     mark_all = n > row[t.WAKE_ALL]
     blocks, mark = np.uint64(net.awake.shape[0]), np.uint64(slot)
     for k in range(min(PREFETCH_DISTANCE, n)):
@@ -79,10 +90,14 @@ def add_joined(view, row, thread, n, total, slot):
             prefetch_joined(view, row, queue[k + PREFETCH_DISTANCE, 0], queue[k + PREFETCH_DISTANCE, 1])
         first, m = np.uint64(queue[k, 0]), np.float64(queue[k, 2])
         length = np.uint64(queue[k, 1]) - first
-        if row[t.SINGLE] == 1:
-            add_steps(steps, net.joined_singles, e + first, w + first, length, base, m, buf)
+        if row[t.SINGLE] == 1 and row[t.SIGN] != t.MIXED:
+            add_steps(steps, net.joined_singles, e + first, w + first, length, begin, m, buf)
+        elif row[t.SINGLE] == 1:
+            add_steps_by_sign(steps, net.joined_singles, e + first, w + first, length, base, second, m, buf)
+        elif row[t.SIGN] != t.MIXED:
+            add_steps(steps, net.joined_weights, e + first, w + first, length, begin, m, buf)
         else:
-            add_steps(steps, net.joined_weights, e + first, w + first, length, base, m, buf)
+            add_steps_by_sign(steps, net.joined_weights, e + first, w + first, length, base, second, m, buf)
         if not mark_all:
             at = base
             for s in range(e + first, e + first + length):
@@ -90,7 +105,7 @@ def add_joined(view, row, thread, n, total, slot):
                 if steps[s] == FAR:
                     continue
                 block = at >> _BLOCK_SHIFT
-                # What goes to the second receptor lies behind all that goes to the first.
+                # What goes to a second receptor that is named lies behind all that goes to the first.
                 due[thread, mark + block - (blocks if block >= blocks else np.uint64(0))] = 1
     if mark_all:
         for pop in range(net.pops.shape[0]):
@@ -111,8 +126,6 @@ def lay_joined(
     weights,
     stride,
     begin,
-    sign,
-    alone,
     at,
     following,
     steps,
@@ -121,15 +134,12 @@ def lay_joined(
     """Put the synapses of some sources of a projection into joined rows, or count them if `steps` has no room.
 
     `edges` are those of the threads among the targets, `shortest` and `n_delays` of the row; `stride` is 0 where
-    synapses share a weight. Target 0 lies at `begin`, for weights of a `sign`, or all if these are `alone`. `at` is the
-    place of each run's last synapse, `following` where its next one goes, or how many it has.
+    synapses share a weight. Target 0 lies at `begin`; `at` is the place of each run's last synapse, `following` where
+    its next one goes, or how many it has.
     """
     lays = steps.size > 0
     for source in range(first_source, end_source):
         for e in range(row_ends[source], row_ends[source + 1]):
-            weight = weights[e * stride]
-            if not alone and (weight < 0.0) != (sign == t.NEGATIVE):
-                continue
             run = run_of(source, delays[e], targets[e], shortest, n_delays, edges)
             place = begin + np.int64(targets[e])
             step, at[run] = place - at[run], place
@@ -139,7 +149,7 @@ def lay_joined(
                 following[run] += np.uint32(1)
                 step -= FAR
             if lays:
-                steps[following[run]], laid[following[run]] = step, weight
+                steps[following[run]], laid[following[run]] = step, weights[e * stride]
             following[run] += np.uint32(1)
 
 
