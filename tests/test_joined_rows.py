@@ -8,6 +8,8 @@ from hypothesis import HealthCheck, given, settings, strategies as st
 
 import neuro
 from neuro.compiler import compile_network, drawn, resolve
+from neuro.core.errors import ModelError
+from neuro.core.memory import discard
 from neuro.model.network import Network
 from neuro.program.compact import CompactProjection
 from neuro.program.program import Program
@@ -311,3 +313,31 @@ def test_places_that_lie_far_apart():
     assert sims[1].counts().projections["to_others"].synaptic_ops > 0
     arrays = sims[1]._engine._a.net  # type: ignore[attr-defined]
     assert arrays["joined_steps"].size > 2 * 300 * 9, "what lies far is reached by several steps"
+
+
+@pytest.mark.usefixtures("many")
+def test_arrays_that_are_lost_are_not_read(monkeypatch: pytest.MonkeyPatch):
+    program = compile_network(large(), 1)
+    part = program.projections[4]
+    before = part.targets
+
+    def interrupt(*given: object) -> None:
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(CompactProjection, "discard", interrupt)
+    with pytest.raises(KeyboardInterrupt):
+        EventBackend().build(program).run(1)
+    assert before.any()
+    lost = program.projections[3]
+    with pytest.raises(ModelError, match=f"projection '{lost.name}': its synapses are lost"):
+        lost.weight.sum()
+
+
+def test_pages_are_given_back():
+    array = np.ones(1 << 20, dtype=np.uint16)
+    discard(array, 1000, array.size - 1000)
+    assert array[:1000].all()
+    assert array[-1000:].all()
+    assert array.sum() in (array.size, 2000 + array[1000:-1000].sum())
+    discard(array, 5, 9)
+    assert array[:1000].all()

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from neuro.core.memory import discard
 from neuro.program.program import Floats, Projection, StoredSynapses
 
 _PIECE = 1 << 16
@@ -26,7 +27,7 @@ def is_single(weights: NDArray[np.floating[Any]]) -> bool:
 class CompactProjection(Projection):
     """A projection that keeps targets in 16 bits and weights in 32 where all fit, exactly.
 
-    `targets`, `weight` and `delay` give arrays of the types of any projection, made at each access. `release` lets a
+    `targets`, `weight` and `delay` are arrays of the types of any projection, a copy at each access. `release` lets a
     backend take the arrays' place, which has the synapses in an order of its own.
     """
 
@@ -42,6 +43,11 @@ class CompactProjection(Projection):
         """The same projection in few bytes."""
         return cls(**{entry.name: getattr(part, entry.name) for entry in fields(part)})
 
+    @property
+    def has_arrays(self) -> bool:
+        """Whether it has arrays of its own: nobody has taken their place."""
+        return self._again is None
+
     def stored(self) -> StoredSynapses:
         """Targets, weights and delays in the types in which they are kept."""
         if self._again is None:
@@ -54,6 +60,11 @@ class CompactProjection(Projection):
         shared = {} if "weight" in self.kinds else {"weight": self._kept["weight"]}
         object.__setattr__(self, "_kept", shared)
         object.__setattr__(self, "_again", again)
+
+    def discard(self, first: int, last: int) -> None:
+        """Give back the memory of the synapses of the sources first:last, before `release` is called for all."""
+        for name in self.kinds if self.has_arrays else ():
+            discard(self._kept[name], int(self.row_ends[first]), int(self.row_ends[last]))
 
     def _keep(self, name: str, values: NDArray[Any]) -> None:
         if name == "targets":  # the first of the three that is set
@@ -69,6 +80,6 @@ class CompactProjection(Projection):
     def _keep_weight(self, values: Floats) -> None:
         self._keep("weight", values.astype(np.float32, copy=False) if values.size > 1 and is_single(values) else values)
 
-    targets = property(lambda self: self.stored()[0].astype(np.int32, copy=False), _keep_targets)
-    weight = property(lambda self: self.stored()[1].astype(np.float64, copy=False), _keep_weight)
-    delay = property(lambda self: self.stored()[2], lambda self, values: self._keep("delay", values))
+    targets = property(lambda self: self.stored()[0].astype(np.int32), _keep_targets)
+    weight = property(lambda self: self.stored()[1].astype(np.float64), _keep_weight)
+    delay = property(lambda self: self.stored()[2].copy(), lambda self, values: self._keep("delay", values))

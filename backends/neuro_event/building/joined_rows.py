@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
 from itertools import groupby
@@ -12,6 +12,7 @@ from weakref import WeakKeyDictionary
 import numpy as np
 from numpy.typing import NDArray
 
+from neuro.core.errors import ModelError
 from neuro.core.threads import mapped
 from neuro.model.neurons import Neuron
 from neuro.program.compact import CompactProjection, is_single
@@ -151,7 +152,7 @@ def join(a: EventArrays) -> None:
         table[table[:, t.SINGLE] == single, t.WEIGHT] = (np.cumsum(own) - own)[table[:, t.SINGLE] == single]
         a.net[name] = np.empty(own.sum(), dtype=kind)
     a.net["joined_steps"] = np.empty(sizes.sum(), dtype=np.uint16)
-    # One after the other, each freed as it is laid out: the largest is there twice for a moment.
+    # Freed as they are laid out: two copies of a large network would not fit.
     for columns, row in zip(table, rows, strict=True):
         _lay(a, columns, row)
     if unchanged and any(isinstance(p, CompactProjection) for p in a.program.projections):
@@ -214,8 +215,37 @@ def _lay(a: EventArrays, columns: Ints, row: Row) -> None:
     """Lay out a joined row, in place of the program's arrays if these are many."""
     weights_of = "joined_singles" if columns[t.SINGLE] else "joined_weights"
     steps, laid = a.net["joined_steps"][columns[t.SYNAPSE] :], a.net[weights_of][columns[t.WEIGHT] :]
-    _walk(a, columns, row, _row_runs(a, columns)[:-1].copy(), steps, laid)
-    _take_over(a, columns, row)
+    following, taken = _row_runs(a, columns)[:-1].copy(), _taken_over(a, row)
+    try:
+        _walk(a, columns, row, following, steps, laid, [*taken.values()])
+    except BaseException:
+        for p in taken.values():
+            if p.has_arrays:
+                p.release(partial(_refuse, p.name))
+        raise
+    net = {name: a.net[name] for name in NAMES}
+    for q, p in taken.items():
+        n, negated = a.program.populations[p.target].size, p.receptor is not None and p.receptor.negated
+        p.release(partial(_made_anew, p.row_ends, p.kinds, net, columns, _begin(a, q), n, negated))
+
+
+def _refuse(name: str) -> StoredSynapses:
+    raise ModelError(
+        f"projection '{name}': its synapses are lost, as the run was interrupted while they were put in order: "
+        "expected a network that is compiled anew"
+    )
+
+
+def _taken_over(a: EventArrays, row: Row) -> dict[int, CompactProjection]:
+    """The projections whose arrays a joined row takes the place of, by index."""
+    found = {}
+    for q in row:
+        p = a.program.projections[q]
+        as_listed = a.synapses[q].order is None and a.net["projections"][q, t.WEIGHT] < 0
+        # A relay needs no weight, so its rows have none.
+        if isinstance(p, CompactProjection) and as_listed and a.net["pops"][p.target, t.RELAY] == 0:
+            found[q] = p
+    return found
 
 
 def _walk(
@@ -225,8 +255,9 @@ def _walk(
     following: NDArray[np.uint32],
     steps: NDArray[np.uint16],
     laid: NDArray[np.floating[Any]],
+    taken: Sequence[CompactProjection] = (),
 ) -> None:
-    """Go through the synapses of a joined row, by place within each run."""
+    """Go through the synapses of a joined row, by place within each run, and free those that are taken over."""
     span = int(columns[t.SHORTEST]), int(columns[t.DELAYS])
     at = np.tile(a.net["joined_bases"][columns[t.ROW]], following.size // _threads(a))
     parts = []
@@ -238,8 +269,11 @@ def _walk(
     some = max(1, n * AT_ONCE // sum(a.program.projections[q].size for q in row))
 
     def lay(first: int) -> None:
+        last = min(first + some, n)
         for part in parts:
-            lay_joined(first, min(first + some, n), *part, at, following, steps, laid)
+            lay_joined(first, last, *part, at, following, steps, laid)
+        for p in taken:
+            p.discard(first, last)
 
     list(mapped(lay, range(0, n, some), _threads(a)))
 
@@ -285,20 +319,6 @@ class LaidRows:
 
 
 _IN_PLACE: WeakKeyDictionary[Program, LaidRows] = WeakKeyDictionary()
-
-
-def _take_over(a: EventArrays, columns: Ints, row: Row) -> None:
-    """Let what is laid out of a joined row be in place of the program's arrays, where these can be made anew of it."""
-    kept = {name: a.net[name] for name in NAMES}
-    for q in row:
-        p = a.program.projections[q]
-        # A relay needs no weight, so its rows have none.
-        if not isinstance(p, CompactProjection) or a.net["pops"][p.target, t.RELAY] == 1:
-            continue
-        if a.synapses[q].order is not None or a.net["projections"][q, t.WEIGHT] >= 0:
-            continue
-        n, negated = a.program.populations[p.target].size, p.receptor is not None and p.receptor.negated
-        p.release(partial(_made_anew, p.row_ends, p.kinds, kept, columns, _begin(a, q), n, negated))
 
 
 def _made_anew(
