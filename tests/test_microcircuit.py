@@ -112,7 +112,7 @@ def test_neuro_run_knows_it_by_name(tmp_path: Path, monkeypatch: pytest.MonkeyPa
 def test_a_circuit_for_which_there_is_no_room_is_refused(monkeypatch: pytest.MonkeyPatch):
     monkeypatch.setattr(memory, "free_memory", lambda: 2_000_000_000)
     assert refused(lambda: neuro.compile(circuit(), seed=1)) == (
-        "network 'microcircuit': 298,880,968 synapses need 4.7 GB: expected at most what is free, 2.0 GB\n"
+        "network 'microcircuit': 298,880,968 synapses need 2.5 GB: expected at most what is free, 2.0 GB\n"
         "  hint: most are of 'L23E_L23E', 45,499,805; fewer neurons or inputs need less"
     )
     monkeypatch.setattr(memory, "MANY", 1000)

@@ -94,7 +94,10 @@ def compile_network(net: Network, seed: int, threads: int = 1, share: Share = WH
     # copy would need twice as much.
     made = rooms(net, shapes) if many and share.number == 1 else None
     drawn = partial(_projections, net, shapes, clock, seed, threads, many, made, share)
-    projections = packed(drawn(), made) if share.number == 1 else _joined(share.agree(lambda: tuple(drawn())), share)
+    if share.number == 1:
+        projections = packed(drawn(), made, many)
+    else:
+        projections = _joined(share.agree(lambda: tuple(drawn())), share)
     names = {name: index for index, name in enumerate(net.populations)}
     program = resolved.Program(
         name=net.name,
@@ -130,7 +133,7 @@ def _projections(
     names = {name: index for index, name in enumerate(net.populations)}
 
     def resolve(part: Projection) -> resolved.Projection:
-        room = None if made is None else made[part.name]
+        room = None if made is None else made.get(part.name)
         return _projection(net, names, part, shapes, clock, seed, many, room, share, threads_of_each)
 
     return mapped(resolve, list(net.projections.values()), threads)

@@ -12,8 +12,8 @@ from numpy.typing import NDArray
 
 from neuro.compiler.blocks import Block, Blocks
 from neuro.compiler.connect import Apart, Connections, connect, listed_one_by_one
-from neuro.compiler.memory import SynapseRoom
-from neuro.compiler.values import Steps, delay_steps, per_synapse
+from neuro.compiler.memory import SynapseRoom, weight_room
+from neuro.compiler.values import Room, Steps, delay_steps, per_synapse
 from neuro.compiler.views import End, ascend, placed
 from neuro.core.checks import check
 from neuro.core.clock import Clock
@@ -96,7 +96,7 @@ class Drawing:
         if self.ordered:
             found, delay, by_delay = _by_delay(self.part, found, delay)
         whole_layout = found.layout
-        columns = self._columns(found, only, None if room is None else room.weight)
+        columns = self._columns(found, only, self._room_of_weights(found.size, room))
         weight = columns.pop("weight")
         if self.among is None:
             return Synapses(found, delay, weight, _with(self.part.synapse, columns), by_delay, whole_layout)
@@ -110,6 +110,12 @@ class Drawing:
         targets = piece.some(found.targets)
         kept = Connections("csr", targets.size, piece.row_ends, targets)
         return Synapses(kept, some(delay), some(weight), rule, by_delay, whole_layout)
+
+    def _room_of_weights(self, synapses: int, room: SynapseRoom | None) -> Room | None:
+        """Memory for so many weights, if there is some that suits them."""
+        if room is None:
+            return weight_room(self.part, synapses) if self.ordered else None
+        return room.weight
 
     def _kept(self, found: Connections) -> NDArray[np.bool_] | None:
         """Which synapses are onto the neurons of the part; None: all."""
@@ -131,7 +137,7 @@ class Drawing:
             delay = joint.room(np.result_type(*(piece.delay for piece in pieces.values())))
         columns = {name: joint.room(np.float64) for name in self._parameters}
         if _each(self.part.weight):
-            columns["weight"] = joint.room(np.float64, None if room is None else room.weight)
+            columns["weight"] = joint.room(np.float64, self._room_of_weights(joint.size, room))
 
         def finish(k: int) -> Floats:
             piece = pieces.pop(k)  # freed when it is in its place: two copies of all would not fit
@@ -186,7 +192,7 @@ class Drawing:
         drawn = generator(*block.key((self.seed, "delay", self.part.name)))
         return delay_steps(self.part.delay, found, self.clock, "delay", drawn, self.apart, self.ordered)
 
-    def _columns(self, found: Connections, block: Block, room: Floats | None) -> dict[str, Floats]:
+    def _columns(self, found: Connections, block: Block, room: Room | None) -> dict[str, Floats]:
         """The weights, and those parameters of the synapse model that are no single number, by field."""
         part, rule = self.part, self.part.synapse
         drawn = generator(*block.key((self.seed, "weight", part.name)))

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import Any, NamedTuple, Protocol
+from typing import Any, NamedTuple, Protocol, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,6 +21,8 @@ from neuro.program.share import WHOLE, Rows, Share
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
+W = TypeVar("W", bound=np.floating[Any])
+StoredSynapses = tuple[NDArray[np.integer[Any]], NDArray[np.floating[Any]], NDArray[np.integer[Any]]]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -216,15 +218,22 @@ class Projection:
         """The synapses of all shares, in layout csr."""
         return Rows(self.share, self.row_ends, self.delay if self.by_delay else None)
 
+    def stored(self) -> StoredSynapses:
+        """Targets, weights and delays in the types in which they are kept, see `neuro.program.compact`."""
+        return self.targets, self.weight, self.delay
+
     def delay_range(self, resolution: float) -> tuple[int, int]:
         """The fewest and the most steps that a spike may take along it, now or when it has learnt."""
         if isinstance(self.synapse, DelayRule):
             return self.synapse.delay_range(resolution)
         return self.delay_span
 
-    def arriving(self, weights: Floats) -> Floats:
+    def arriving(self, weights: NDArray[W]) -> NDArray[W]:
         """Weights as delivered: negated if the receptor is `negated`. Applied twice it gives the weights back."""
-        return 0.0 - weights if self.receptor is not None and self.receptor.negated else weights
+        if self.receptor is None or not self.receptor.negated:
+            return weights
+        negated: NDArray[W] = np.subtract(0.0, weights, dtype=weights.dtype)
+        return negated
 
     def as_by_sign(self, weights: Floats) -> bool:
         """Whether routing by sign would deliver every weight to the named receptor; true if none is named."""

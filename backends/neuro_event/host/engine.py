@@ -502,8 +502,8 @@ class EventEngine:
         if projections.own_weights(self._a):
             self._pack()
         first, stride = int(row[t.WEIGHT]), int(row[t.WEIGHT_STRIDE])
-        if inner.size > 1 and stride == 0 and p.size > 1:
-            row[t.WEIGHT], row[t.WEIGHT_STRIDE] = self._a.net["weights"].size, 1
+        if first < 0 or (inner.size > 1 and stride == 0 and p.size > 1):
+            row[t.WEIGHT], row[t.WEIGHT_STRIDE] = self._a.net["weights"].size, int(inner.size > 1)
             self._a.net["weights"] = np.concatenate([self._a.net["weights"], inner])
             self._pack()
         else:
@@ -542,7 +542,7 @@ class EventEngine:
     def memory(self) -> dict[str, int]:
         """Bytes by what they hold."""
         net, plastic = self._a.net, self._a.plastic
-        static = ("rows", "runs", "targets", "weights", "delays", "joined_runs", "joined_targets", "joined_weights")
+        static = ("rows", "runs", "targets", "weights", "delays", *joined_rows.NAMES)
         learning = ("y", "sent", "reached", "rule", "in_synapse", "in_source", "incoming")
         logs = ("log_ids", "log_counts", "log_ends", "rec_steps", "rec_ids", "rec_counts")
         rest = [k for k in net if k not in {*static, *logs, *snapshot.VIEWS}]
@@ -558,7 +558,8 @@ class EventEngine:
         kept, delays = None, {}
         if not weights:
             parts = self._program.projections
-            kept = {q: self.get_synapses(q, "weight") for q in range(len(parts))}
+            as_described = joined_rows.as_described(self._a)
+            kept = {q: self.get_synapses(q, "weight") for q in range(len(parts)) if q not in as_described}
             delays = {q: self.get_synapses(q, "delay") for q, part in enumerate(parts) if part.synapse.delays}
         before = self._changes
         self._start_over(kept)
