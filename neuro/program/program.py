@@ -216,7 +216,8 @@ class Projection:
     @property
     def rows(self) -> Rows:
         """The synapses of all shares, in layout csr."""
-        return Rows(self.share, self.row_ends, self.delay if self.by_delay else None)
+        sorted_by_delay = self.by_delay and self.share.number > 1  # those of the whole network lie in order
+        return Rows(self.share, self.row_ends, self.delay if sorted_by_delay else None)
 
     def stored(self) -> StoredSynapses:
         """Targets, weights and delays in the types in which they are kept, see `neuro.program.compact`."""
