@@ -19,7 +19,7 @@ from neuro.core.outputs import check_output, make_folder, sealed, write_text
 from neuro.core.paths import file_path
 from neuro.core.quantities import Quantity
 from neuro.exchange.c_code.arrays import Memory
-from neuro.exchange.c_code.recorded import Given, Recorded, record, watched
+from neuro.exchange.c_code.recorded import Given, Recorded, record, watched, without_learning
 from neuro.exchange.c_code.source import MARK, Source, source_of
 from neuro.exchange.c_code.unsupported import check_chip, refuse
 from neuro.model.network import Network
@@ -32,6 +32,7 @@ __all__ = ["CCode", "save_c"]
 KIND = sealed("a file of C of neuro, as it was written", MARK, "; digest {}")
 _BYTES = Quantity(unit="bytes", doc="of a memory", kind="integer", at_least=0, optional=True)
 _DURATION = Quantity(unit="ms", doc="of the recorded run", above=0, optional=True)
+_FLAG = Quantity(kind="boolean")
 _WORD = re.compile(r"[a-z][a-z0-9_]*")
 _SHORTEST, _LONGEST, _AFTER = 100, 1000, 20
 _DRAWN = 0.05
@@ -87,6 +88,7 @@ def save_c(
     flash: int | None = None,
     duration: float | None = None,
     given: Given | None = None,
+    frozen: bool = False,
     seed: int = 0,
 ) -> CCode:
     """Write a network in the integers of an emulated chip as C99 for a microcontroller.
@@ -105,6 +107,7 @@ def save_c(
         duration: of the recorded run in ms; some steps longer than the network's listed spikes if not given.
         given: spikes of inputs in the recorded run: steps, from 1, and neurons, by the input's name. Otherwise those of
             the network; drawn ones if it has none.
+        frozen: whether what learns is left out; weights stay as they are in the network.
         seed: of everything random.
 
     Raises:
@@ -116,7 +119,7 @@ def save_c(
     if not _WORD.fullmatch(name):
         raise ModelError(f"name = {name!r:.60}: expected small letters, digits and _, as in 'net'")
     target = check_chip(chip)
-    sim = compile(watched(net), backend=chip, seed=seed)
+    sim = compile(watched(without_learning(net) if check(_FLAG, frozen, "frozen") else net), backend=chip, seed=seed)
     program = sim.program
     fixed = quantise(program, target)
     refuse(fixed)

@@ -9,7 +9,7 @@ from __future__ import annotations
 import copy
 import warnings
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -20,6 +20,8 @@ import neuro.run.simulation
 from neuro.core.keyed_random import mix
 from neuro.exchange.c_code.source import INPUTS, Source
 from neuro.model.network import Network
+from neuro.model.parts import Projection
+from neuro.model.synapses import loihi_static, static
 from neuro.program.backend import OverflowWarning
 from neuro.program.program import Ints
 
@@ -69,6 +71,22 @@ def record(sim: neuro.run.simulation.Simulation, source: Source, outputs: tuple[
     spikes = np.zeros(steps, dtype=np.uint64)
     np.add.at(spikes, every[0] - 1, words)
     return Recorded(steps, _spikes(sim, source, inputs), _spikes(sim, source, outputs), spikes, digests)
+
+
+def without_learning(net: Network) -> Network:
+    """The network, with the weights that it has and no rule that changes them."""
+    other = copy.copy(net)
+    other.projections = {name: _frozen(part, net) for name, part in net.projections.items()}
+    return other
+
+
+def _frozen(part: Projection, net: Network) -> Projection:
+    if not part.synapse.learns:
+        return part
+    if net.populations[part.target].model.chip == "loihi":
+        known = part.synapse.parameters()
+        return replace(part, synapse=loihi_static(**{word: known[word] for word in loihi_static.quantities()}))
+    return replace(part, synapse=static())
 
 
 def watched(net: Network) -> Network:

@@ -59,7 +59,7 @@ def _projections(fixed: FixedProgram) -> Iterator[Problem]:
     for part in fixed.program.projections:
         if part.synapse.learns:
             why = "the program in C has weights that do not change"
-            way = "make it static, with the weights that it has learnt: sim.network() of a simulation that learnt"
+            way = "--frozen (frozen=True) leaves the rule out: weights stay as they are in the network"
             yield refused(part, part.synapse.name, why, way)
 
 
