@@ -48,7 +48,9 @@ static int differs(uint32_t step, const char *what)
     return 1;
 }
 
-int main(void)
+int @name@_test(void);
+
+int @name@_test(void)
 {
     unsigned long sent = 0;
     @name@_init();
@@ -76,3 +78,10 @@ int main(void)
 #endif
     return 0;
 }
+
+#ifndef NEURO_NO_MAIN
+int main(void)
+{
+    return @name@_test();
+}
+#endif
