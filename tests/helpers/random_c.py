@@ -32,12 +32,15 @@ def random_network(seed: int, chip: str) -> neuro.Network:
         _connect(net, draws, str(draws.choice(sources)), name, _unit(net, name))
     for _ in range(int(draws.integers(0, 5))):
         pre, post = str(draws.choice([*sources, *cells])), str(draws.choice(cells))
-        _connect(net, draws, pre, post, _unit(net, post))
+        _connect(net, draws, pre, post, _unit(net, post), chip == "loihi" and draws.random() < 0.4)
+    if draws.random() < 0.3:
+        _native(net, draws, chip)
+        cells.append("native")
     if draws.random() < 0.5:
         _grid(net, draws, chip)
         cells.append("maps")
     if draws.random() < 0.5:
-        of = str(draws.choice(cells))
+        of = str(draws.choice([name for name in cells if name != "native"]))
         axis = int(draws.integers(0, len(net.populations[of].shape)))
         once = bool(draws.integers(0, 2))
         rival = draws.random() < 0.5
@@ -82,7 +85,9 @@ def _unit(net: neuro.Network, name: str) -> float:
     return 4.0 if isinstance(net.populations[name].model, neuro.iaf_psc_delta) else 300.0
 
 
-def _connect(net: neuro.Network, draws: np.random.Generator, pre: str, post: str, unit: float) -> None:
+def _connect(
+    net: neuro.Network, draws: np.random.Generator, pre: str, post: str, unit: float, learns: bool = False
+) -> None:
     n_pre, n_post = (int(net.populations[name].shape[0]) for name in (pre, post))
     rules = [neuro.all_to_all(), neuro.fixed_indegree(int(draws.integers(1, 5))), neuro.pairwise_bernoulli(p=0.4)]
     rules += [neuro.one_to_one()] if n_pre == n_post else []
@@ -94,6 +99,51 @@ def _connect(net: neuro.Network, draws: np.random.Generator, pre: str, post: str
     net.connect(
         pre, post, chosen, weight=1.0 if unit == 1.0 else weight, delay=delay, name=f"wires{len(net.projections)}"
     )
+
+
+RULES = (
+    {"dw": "2^-2*x1*y0 - 2^-2*x0*y1"},
+    {"dw": "x0*y1*(x1 + 3) - u0*2^-3*w", "epoch": 4},
+    {"dw": "2^-4*u1*t*(w - 20)", "dt": "2^-1*y0*x1 - x0*y2", "epoch": 2, "trace_decay": "exponential"},
+    {"dw": "2^-3*x2*y0 - y1*x0", "rounding": "away", "num_weight_bits": 6},
+)
+"""Of Loihi's learning engine."""
+
+
+def _native(net: neuro.Network, draws: np.random.Generator, chip: str) -> None:
+    """Neurons in registers, so large that they wrap and clip."""
+    n = int(draws.integers(1, 8))
+
+    def some(low: int, high: int) -> Any:
+        return draws.integers(low, high, n) if n > 1 else int(draws.integers(low, high))
+
+    if chip == "spinnaker":
+        words = {
+            "v_rest": some(-99, 99),
+            "v_reset": some(-99, 9),
+            "v_thresh": some(2**15, 2**19),
+            "r_m": some(2**14, 2**17),
+        }
+        words |= {"exp_tc": some(2**13, 2**15), "t_refract": some(0, 4), "i_offset": some(-(2**12), 2**15)}
+        net.population("native", n, neuro.spinnaker_lif(**words, exc_shift=int(draws.integers(0, 16))))
+        weight = np.rint(draws.uniform(-65535.0, 65535.0, (len(net.populations["listed"]), n)))
+        net.connect("listed", "native", neuro.all_to_all(), weight=weight, delay=2.0, name="words")
+        return
+    words = {"du": some(0, 4096), "dv": some(0, 4096), "vth": some(100, 2**16), "bias_mant": some(-4096, 4096)}
+    net.population("native", n, neuro.loihi_lif(**words, bias_exp=int(draws.integers(0, 8)), refractory=some(1, 64)))
+    weight = np.rint(draws.uniform(-256.0, 254.0, (len(net.populations["listed"]), n)))
+    exponent = int(draws.integers(-3, 8))
+    net.connect(
+        "listed", "native", neuro.all_to_all(), neuro.loihi_static(weight_exp=exponent), weight=weight, name="words"
+    )
+    rule = RULES[int(draws.integers(0, len(RULES)))]
+    traces = {f"{name}_{word}": int(draws.integers(*span)) for name in TRACES for word, span in SPANS.items()}
+    learning = neuro.loihi_learning(**rule, **traces, weight_exp=exponent)
+    net.connect("noise", "native", neuro.fixed_indegree(3), learning, weight=20.0, delay=3.0, name="learnt")
+
+
+TRACES = ("x1", "x2", "y1", "y2")
+SPANS = {"impulse": (10, 100), "tau": (2, 20)}
 
 
 def _grid(net: neuro.Network, draws: np.random.Generator, chip: str) -> None:

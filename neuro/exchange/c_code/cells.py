@@ -32,6 +32,7 @@ class Cells:
         out: whether its spikes are output.
         group: whether its neurons compete.
         onto: numbers of the projections that it sends along.
+        noted: statements with which learning hears of a spike of neuron i.
     """
 
     number: int
@@ -43,6 +44,7 @@ class Cells:
     out: bool
     group: bool
     onto: tuple[int, ...]
+    noted: tuple[str, ...]
 
 
 @dataclass(frozen=True, slots=True)
@@ -214,7 +216,7 @@ def arriving(cells: Cells) -> str:
 def sent(cells: Cells, times: str) -> list[str]:
     """Statements with which neuron i emits."""
     lines = [f"emit({cells.first}u + i, {times}, {int(cells.out)});"]
-    return [*lines, *(f"send_{q}(i, {times});" for q in cells.onto)]
+    return [*lines, *(f"send_{q}(i, {times});" for q in cells.onto), *cells.noted]
 
 
 def _unless(hold: str, free: Sequence[str], held: Iterable[str]) -> list[str]:

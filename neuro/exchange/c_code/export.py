@@ -138,7 +138,8 @@ def save_c(
     words = {"name": name, "NAME": name.upper(), "chip": target.arithmetic, "mark": f"{MARK}.", "steps": str(steps)}
     words["data"] = _data(run, name)
     texts = {f"{name}.h": source.header, f"{name}.c": source.code, f"{name}_test.c": _template("test.c", words)}
-    shared = ("integers.h", f"{target.arithmetic}.h", "Makefile", "m4.c", "m4.ld")
+    shared = ["integers.h", f"{target.arithmetic}.h", "Makefile", "m4.c", "m4.ld"]
+    shared += ["learning.h"] if '"learning.h"' in source.code else []
     _write(place, texts | {file: _template(file, words) for file in shared})
     spikes = (int(each[2].sum()) for each in (run.sent, run.told))
     return CCode(place, name, fixed.chip.title, source.flash, code, source.ram, steps, drawn, *spikes)

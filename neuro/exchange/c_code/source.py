@@ -14,6 +14,7 @@ import numpy as np
 
 from neuro.chips.arithmetics import arithmetic_of
 from neuro.chips.arrival_rule import longest_lag
+from neuro.chips.quantising.fixed import FixedProjection
 from neuro.chips.quantising.fixed_program import FixedProgram
 from neuro.chips.quantising.quantise import names_of
 from neuro.exchange.c_code.arrays import TYPES, Memory, comment, narrowest
@@ -29,6 +30,7 @@ from neuro.exchange.c_code.cells import (
 )
 from neuro.exchange.c_code.delivery import Delivery
 from neuro.exchange.c_code.groups import decide
+from neuro.exchange.c_code.learning import Learning
 from neuro.program.program import Population
 
 STEPS: dict[str, Callable[[Cells, Memory], Stepped]] = {
@@ -102,7 +104,7 @@ class Source:
         flash: bytes of its constant tables.
         ram: bytes of its states.
         firsts: the first neuron of each population among all, and the number of all.
-        states: registers that a digest of all states is made of, by population, in their order.
+        states: registers that a digest of all states is made of, by population or projection that learns, in order.
     """
 
     header: str
@@ -135,6 +137,7 @@ class _Writer:
         self._spiking = [
             q for q, wires in enumerate(fixed.projections) if wires is not None and self._program.projections[q].size
         ]
+        self._learns = [q for q in self._spiking if self._program.projections[q].synapse.learns]
         self._cells = {k: self._described(k) for k, part in enumerate(fixed.populations) if part.kind in STEPS}
         self._inputs = [k for k, part in enumerate(self._program.populations) if part.kind in INPUTS]
 
@@ -146,11 +149,20 @@ class _Writer:
         receptors = RECEPTORS[self._fixed.chip.arithmetic] if below and cells.kind != "relay" else 1
         group = any(group.population == k for group in self._program.groups)
         out = part.name in self._outputs
-        return Cells(k, cells, part.size, self._firsts[k], lag + 1, receptors, out, group, self._along(k))
+        onto, noted = self._along(k), self._noted(k)
+        return Cells(k, cells, part.size, self._firsts[k], lag + 1, receptors, out, group, onto, noted)
 
     def _along(self, k: int) -> tuple[int, ...]:
         """The projections that a population sends along."""
         return tuple(q for q in self._spiking if self._program.projections[q].source == k)
+
+    def _noted(self, k: int) -> tuple[str, ...]:
+        """Statements with which the projections that learn hear of a spike of neuron i of a population."""
+        sides = (("x", "source"), ("y", "target"))
+        parts = self._program.projections
+        return tuple(
+            f"{x}_fired_{q}[i] = 1;" for q in self._learns for x, side in sides if getattr(parts[q], side) == k
+        )
 
     def source(self) -> Source:
         """Both files."""
@@ -161,7 +173,9 @@ class _Writer:
             size, name = cells.slots * cells.size * cells.receptors, cells.fixed.name
             memory.state(f"ring_{k}", "uint16_t", size, f"{name}: input to come, {cells.slots} slots")
             memory.variable(f"at_{k}", TYPES[narrowest(0, cells.slots)], f"{name}: the slot of this step")
-        sending = [line for q in self._spiking for line in self._delivery(q).lines()]
+        self._learning = {q: Learning(self._program, q, self._wires(q), memory) for q in self._learns}
+        sending = [line for q in self._spiking for line in self._delivery(q)]
+        learning = [line for part in self._learning.values() for line in part.lines()]
         stepped = {k: STEPS[cells.fixed.kind](cells, memory) for k, cells in self._cells.items()}
         deciding, opened = list[str](), list[str]()
         for index, group in enumerate(self._program.groups):
@@ -170,10 +184,11 @@ class _Writer:
             deciding, opened = deciding + lines, opened + begin
         functions = [line for part in stepped.values() for line in part.lines]
         inputs, step = self._input(), self._step()
-        parts = [self._top(), memory.lines, [_EMIT], sending, functions, deciding, inputs]
+        parts = [self._top(), memory.lines, [_EMIT], sending, functions, deciding, learning, inputs]
         parts += [self._init(stepped, opened), step, self._voltage(), self._digest(stepped)]
         code = "\n".join(line for part in parts for line in [*part, ""])
         states = {self._cells[k].fixed.name: _digested(part) for k, part in stepped.items()}
+        states |= {self._program.projections[q].name: list(part.states) for q, part in self._learning.items()}
         return Source(
             self._header(),
             code.replace("NAME_", f"{self._name}_").replace("\n\n\n", "\n\n").rstrip() + "\n",
@@ -183,15 +198,20 @@ class _Writer:
             {name: tuple(each) for name, each in states.items()},
         )
 
-    def _delivery(self, q: int) -> Delivery:
-        part, wires = self._program.projections[q], self._fixed.projections[q]
+    def _wires(self, q: int) -> FixedProjection:
+        wires = self._fixed.projections[q]
         assert wires is not None
-        return Delivery(q, part, wires, self._cells[part.target], self._memory)
+        return wires
+
+    def _delivery(self, q: int) -> list[str]:
+        part = self._program.projections[q]
+        delivery = Delivery(q, part, self._wires(q), self._cells[part.target], self._memory)
+        return delivery.lines(self._learning[q].word if q in self._learning else "")
 
     @property
     def _draws(self) -> bool:
         """Whether anything is drawn, by the number of the step."""
-        return bool(self._program.groups)
+        return bool(self._program.groups or self._learns)
 
     @property
     def _about(self) -> str:
@@ -228,14 +248,17 @@ class _Writer:
 
     def _top(self) -> list[str]:
         chip = self._fixed.chip.arithmetic
-        return [f"/* {self._about}. {MARK}. */", f'#include "{self._name}.h"', f'#include "{chip}.h"']
+        headers = [self._name, chip, *(["learning"] if self._learns else [])]
+        return [f"/* {self._about}. {MARK}. */", *(f'#include "{header}.h"' for header in headers)]
 
     def _input(self) -> list[str]:
         """Where the spikes of each input go; what is no neuron of an input is passed over."""
         lines = ["static void input(uint32_t neuron, uint32_t times)", "{", "    (void)times;"]
         for k in self._inputs:
             first, last = self._firsts[k], self._firsts[k + 1]
-            sent = [f"        send_{q}(neuron - {first}u, times);" for q in self._along(k)]
+            sent = [f"        send_{q}(i, times);" for q in self._along(k)]
+            sent = [f"        uint32_t i = neuron - {first}u;", "        (void)i;", *sent]
+            sent += [f"        {each}" for each in self._noted(k)]
             test = f"neuron < {last}u" if first == 0 else f"neuron >= {first}u && neuron < {last}u"
             lines += [f"    if ({test}) {{ /* {comment(self._program.populations[k].name)} */", *sent, "    }"]
         if not self._inputs:
@@ -247,6 +270,7 @@ class _Writer:
         clear = [f"clear(ring_{k}, {c.slots * c.size * c.receptors}u);" for k, c in self._cells.items()]
         lines = [*(["now = 0;"] if self._draws else []), *(f"at_{k} = 0;" for k in self._cells), *clear]
         lines += [line for part in stepped.values() for line in part.init.values()]
+        lines += [line for part in self._learning.values() for line in part.init]
         found = function("void NAME_init(void)", [*lines, *opened])
         if (trials := self._program.trials) is not None:
             names = names_of(self._program.populations[trials.output])
@@ -271,6 +295,7 @@ class _Writer:
             lines += [f"for (uint32_t e = 0; e < n; e++) {{ {clear} }}"]
         for k, cells in self._cells.items():
             lines += [f"step_{k}();", *([f"decide_{k}();"] if cells.group else [])]
+        lines += [f"learn_{q}();" for q in self._learns]
         for k, cells in self._cells.items():
             kind = TYPES[narrowest(0, cells.slots)]
             lines += [f"at_{k} = ({kind})later(at_{k}, 1u, {cells.slots}u);"] if cells.slots > 1 else []
@@ -293,6 +318,9 @@ class _Writer:
             for register in _digested(part):
                 what = f"digest(&sum, &place, {part.states[register]}[i]);"
                 lines += [f"for (uint32_t i = 0; i < {size}u; i++) {what}"]
+        for one in self._learning.values():
+            for name, size in one.states.values():
+                lines.append(f"for (uint32_t i = 0; i < {size}u; i++) digest(&sum, &place, {name}[i]);")
         lines += ["*spikes = sent;", "sent = 0;", "(void)place;", "return sum;"]
         head = "uint64_t NAME_digest(uint64_t *spikes)"
         return ["#ifdef NEURO_DIGEST", f"{head};", *function(head, lines)[:-1], "#endif"]

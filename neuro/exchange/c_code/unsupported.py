@@ -14,6 +14,7 @@ from neuro.exchange.c_code.source import INPUTS, RECEPTORS, STEPS
 from neuro.model.neurons import CurrentGenerator
 from neuro.program.backend import Problem
 
+_FROZEN = "--frozen (frozen=True) leaves the rule out: weights stay as they are in the network"
 _READABLE = ("spikes", "V_m", "v")
 
 
@@ -56,11 +57,12 @@ def _populations(fixed: FixedProgram) -> Iterator[Problem]:
 
 
 def _projections(fixed: FixedProgram) -> Iterator[Problem]:
-    for part in fixed.program.projections:
-        if part.synapse.learns:
-            why = "the program in C has weights that do not change"
-            way = "--frozen (frozen=True) leaves the rule out: weights stay as they are in the network"
-            yield refused(part, part.synapse.name, why, way)
+    for part, wires in zip(fixed.program.projections, fixed.projections, strict=True):
+        if part.signal >= 0 or part.dopamine >= 0:
+            yield refused(part, part.synapse.name, "the program in C has no dopamine", _FROZEN)
+        elif part.synapse.learns and (wires is None or wires.rule is None):
+            why = "the host applies the rule, and the program in C has none"
+            yield refused(part, part.synapse.name, why, _FROZEN)
 
 
 def _groups(fixed: FixedProgram) -> Iterator[Problem]:
