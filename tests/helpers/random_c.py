@@ -32,7 +32,7 @@ def random_network(seed: int, chip: str) -> neuro.Network:
         _connect(net, draws, str(draws.choice(sources)), name, _unit(net, name))
     for _ in range(int(draws.integers(0, 5))):
         pre, post = str(draws.choice([*sources, *cells])), str(draws.choice(cells))
-        _connect(net, draws, pre, post, _unit(net, post), chip == "loihi" and draws.random() < 0.4)
+        _connect(net, draws, pre, post, _unit(net, post), chip == "loihi" and _alike(net, post))
     if draws.random() < 0.3:
         _native(net, draws, chip)
         cells.append("native")
@@ -85,6 +85,11 @@ def _unit(net: neuro.Network, name: str) -> float:
     return 4.0 if isinstance(net.populations[name].model, neuro.iaf_psc_delta) else 300.0
 
 
+def _alike(net: neuro.Network, name: str) -> bool:
+    """Whether all neurons have the same parameters: only then synapses onto them may learn on Loihi."""
+    return not any(isinstance(value, np.ndarray) for value in net.populations[name].model.parameters().values())
+
+
 def _connect(
     net: neuro.Network, draws: np.random.Generator, pre: str, post: str, unit: float, learns: bool = False
 ) -> None:
@@ -96,9 +101,12 @@ def _connect(
     longest = float(draws.choice([1.0, 7.0, 40.0]))
     delays = [longest, neuro.uniform(low=1.0, high=longest)] if longest > 1.0 else [1.0]
     weight, delay = weights[int(draws.integers(0, 4))], delays[int(draws.integers(0, len(delays)))]
-    net.connect(
-        pre, post, chosen, weight=1.0 if unit == 1.0 else weight, delay=delay, name=f"wires{len(net.projections)}"
-    )
+    words: dict[str, Any] = {"delay": delay, "name": f"wires{len(net.projections)}"}
+    if learns and draws.random() < 0.6:
+        first = neuro.uniform(low=0.1, high=unit)
+        net.connect(pre, post, chosen, neuro.stdp(lambda_=0.2, Wmax=2.0 * unit), weight=first, **words)
+    else:
+        net.connect(pre, post, chosen, weight=1.0 if unit == 1.0 else weight, **words)
 
 
 RULES = (
@@ -129,7 +137,7 @@ def _native(net: neuro.Network, draws: np.random.Generator, chip: str) -> None:
         weight = np.rint(draws.uniform(-65535.0, 65535.0, (len(net.populations["listed"]), n)))
         net.connect("listed", "native", neuro.all_to_all(), weight=weight, delay=2.0, name="words")
         return
-    words = {"du": some(0, 4096), "dv": some(0, 4096), "vth": some(100, 2**16), "bias_mant": some(-4096, 4096)}
+    words = {"du": some(0, 4096), "dv": some(0, 4096), "vth": some(100, 2**12), "bias_mant": some(-4096, 4096)}
     net.population("native", n, neuro.loihi_lif(**words, bias_exp=int(draws.integers(0, 8)), refractory=some(1, 64)))
     weight = np.rint(draws.uniform(-256.0, 254.0, (len(net.populations["listed"]), n)))
     exponent = int(draws.integers(-3, 8))
