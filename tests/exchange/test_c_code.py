@@ -124,7 +124,8 @@ def test_the_folder_tests_itself_and_counts_instructions(tmp_path: Path):
     digits = Path(neuro.__file__).parents[1] / "models" / "neuro_models" / "demo_digits.yaml"
     result = CliRunner().invoke(app, ["convert", str(digits), str(tmp_path / "out"), "--to", "c", "--ram", "1K"])
     assert result.exit_code == 0, result.output
-    assert "113,100 bytes: tables 111,456" in result.output
+    assert "bytes: tables 111,456, code at most" in result.output
+    assert "RAM    762 bytes" in result.output
     assert "100 steps equal" in run("make", "-s", "-C", str(tmp_path / "out"), "test")
     needs("arm-none-eabi-gcc", "qemu-system-arm")
     told = run("make", "-s", "-C", str(tmp_path / "out"), "m4")
@@ -218,3 +219,133 @@ def test_trials_begin_as_on_the_emulator(chip: str, tmp_path: Path):
             fired += len(code.step(*((int(k), 1) for k in ids[ticks == tick])))
             assert code.digest() == int(_digest(sim, source))
     assert fired > 3
+
+
+def small(**words) -> neuro.Network:
+    net = neuro.Network("small", resolution=1.0)
+    net.population("in", 3, neuro.spike_generator())
+    net.population("cells", 2, neuro.iaf_psc_exp(tau_syn_ex=5.0, tau_syn_in=5.0, **words))
+    net.connect("in", "cells", neuro.all_to_all(), weight=400.0, delay=1.0, name="wires")
+    return net
+
+
+def with_current() -> neuro.Network:
+    net = small()
+    net.population("drive", 1, neuro.dc_generator(amplitude=100.0))
+    net.connect("drive", "cells", neuro.all_to_all(), weight=1.0, delay=1.0)
+    return net
+
+
+def that_learns(**words) -> neuro.Network:
+    net = small()
+    if words:
+        net.signal("reward", to="cells")
+    rule = neuro.stdp_dopa(signal="reward", Wmax=400.0) if words else neuro.stddp(d_max=9.0)
+    net.connect("in", "cells", neuro.all_to_all(), rule, weight=200.0, delay=1.0, name="learns")
+    return net
+
+
+def with_winners() -> neuro.Network:
+    net = small()
+    net.population("maps", (2, 3, 3), neuro.iaf_psc_exp(tau_syn_ex=5.0, tau_syn_in=5.0))
+    net.group("choice", neuro.local_winners(of="maps", radius=1))
+    return net
+
+
+def with_probes(record: str, of: str) -> neuro.Network:
+    net = small()
+    net.probe("seen", of, record)
+    return net
+
+
+REFUSED = [
+    (with_current, "population 'drive': dc_generator: the host writes its current", "I_e"),
+    (
+        lambda: that_learns(by="dopamine"),
+        "projection 'learns': stdp_dopa: the program in C has no dopamine",
+        "--frozen",
+    ),
+    (that_learns, "projection 'learns': stddp: the host applies the rule", "--frozen"),
+    (with_winners, "group 'choice': competition is not written as C", "use winner_take_all"),
+    (lambda: with_probes("I_syn_ex", "cells"), "probe 'seen': I_syn_ex: the program in C keeps no record", "spikes"),
+    (lambda: with_probes("weight", "wires"), "probe 'seen': weight: the program in C keeps no record", "spikes"),
+]
+
+
+@pytest.mark.parametrize(("make", "message", "hint"), REFUSED)
+def test_what_cannot_be_written_is_refused(make, message: str, hint: str, tmp_path: Path):
+    with pytest.raises(neuro.ModelError) as found:
+        save(make(), tmp_path / "out")
+    assert "network 'small' cannot be written as C (1 problem)" in str(found.value)
+    assert message in str(found.value)
+    assert hint in found.value.others[0].hint
+    assert not (tmp_path / "out").exists()
+
+
+def test_a_rule_that_is_left_out_leaves_the_weights(tmp_path: Path):
+    net = that_learns(by="dopamine")
+    assert save(net, tmp_path, frozen=True).ram == save(small(), tmp_path / "static").ram
+    assert net.projections["learns"].synapse.learns
+
+
+@pytest.mark.parametrize(
+    ("words", "message"),
+    [
+        ({"chip": "cpu"}, "chip 'cpu' cannot be written as C: expected the arithmetic of loihi or spinnaker"),
+        ({"chip": "lohi"}, "lohi"),
+        ({"name": "Net"}, "name = 'Net': expected small letters, digits and _, as in 'net'"),
+        ({"ram": 20}, "RAM: network 'small' takes 39 bytes: expected at most 20"),
+        ({"flash": 20}, "flash: network 'small' takes "),
+        ({"ram": -1}, "ram = -1"),
+        ({"duration": 0.5}, "duration = 0.5 ms: expected a multiple of the resolution, 1 ms"),
+        ({"given": {"inn": (np.ones(1), np.zeros(1))}}, "unknown input 'inn'\n  hint: did you mean 'in'?"),
+    ],
+)
+def test_what_cannot_be_is_refused(words, message: str, tmp_path: Path):
+    with pytest.raises(neuro.ModelError, match=re.escape(message)):
+        save(small(), tmp_path / "out", **words)
+    assert not (tmp_path / "out").exists()
+
+
+def test_files_of_others_and_edited_ones_stay(tmp_path: Path):
+    save(small(), tmp_path)
+    save(small(t_ref=3.0), tmp_path)
+    with (tmp_path / "net.c").open("a") as code:
+        code.write("/* mine */\n")
+    before = (tmp_path / "net.h").read_bytes()
+    with pytest.raises(neuro.ModelError, match="exists and is not a file of C of neuro, as it was written"):
+        save(small(), tmp_path)
+    assert (tmp_path / "net.h").read_bytes() == before
+
+
+@pytest.mark.parametrize(
+    ("words", "message"),
+    [
+        (["out", "--to", "d"], "--to d: expected c"),
+        (["out.yaml", "--ram", "64K"], "--ram: has no use from net.yaml to out.yaml: expected --to c"),
+        (["out", "--to", "c", "--ram", "64Q"], "'64Q': expected a number of bytes"),
+        (["out", "--to", "c", "--dt", "1"], "--dt: has no use from net.yaml to out"),
+        (["out"], "out: cannot be written: expected a name ending in .json, .nir, .py, .yaml, .yml"),
+    ],
+)
+def test_options_of_the_command(words: list[str], message: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    monkeypatch.chdir(tmp_path)
+    small().save("net.yaml")
+    result = CliRunner().invoke(app, ["convert", "net.yaml", *words])
+    assert result.exit_code != 0
+    assert message in f"{result.output}{result.exception}"
+
+
+def test_a_recording_is_the_input_of_the_test(tmp_path: Path):
+    t, x, y, p = np.array([[0, 900, 2500], [0, 1, 1], [0, 0, 1], [0, 1, 1]])
+    events = neuro.events.Events(t, x, y, p, (2, 2))
+    neuro.events.save(events, tmp_path / "small.npz")
+    net = neuro.Network("seen", resolution=1.0)
+    net.population("pixels", (2, 2, 2), neuro.spike_generator())
+    net.population("out", 1, neuro.iaf_psc_delta())
+    net.connect("pixels", "out", neuro.all_to_all(), weight=30.0, delay=1.0)
+    net.save(tmp_path / "net.yaml")
+    words = ["--to", "c", "--recording", str(tmp_path / "small.npz"), "--duration", "9"]
+    result = CliRunner().invoke(app, ["convert", str(tmp_path / "net.yaml"), str(tmp_path / "out"), *words])
+    assert result.exit_code == 0, result.output
+    assert "9 steps: 3 spikes of inputs" in result.output
