@@ -243,8 +243,9 @@ class _Writer:
         neuron = TYPES[narrowest(0, self._firsts[-1])]
         kind = {"uint8_t": "uint16_t"}.get(neuron, neuron)
         text = _PUBLIC.replace("NAME_", f"{self._name}_").replace("NEURON", kind)
+        open_c, close_c = (f"#ifdef __cplusplus\n{each}\n#endif\n" for each in ('extern "C" {', "}"))
         trial = [f"{_TRIAL}\nvoid {self._name}_trial(void);\n"] if self._program.trials is not None else []
-        return "\n".join([*lines, text, *trial, "#endif", ""])
+        return "\n".join([*lines, open_c, text, *trial, close_c, "#endif", ""])
 
     def _top(self) -> list[str]:
         chip = self._fixed.chip.arithmetic
