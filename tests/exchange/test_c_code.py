@@ -23,7 +23,7 @@ from neuro.exchange.c_code.source import source_of
 from neuro.program.backend import Trial
 from random_c import STEPS, random_network
 
-NETWORKS = int(os.environ.get("NEURO_C_NETWORKS", "4"))
+NETWORKS = int(os.environ.get("NEURO_C_NETWORKS", "3"))
 """Random networks of each chip."""
 WHOLE = "NEURO_C_NETWORKS" in os.environ
 CHIPS = ("loihi", "spinnaker")
@@ -69,6 +69,12 @@ def build(compiler: list[str], written: list[neuro.CCode], place: Path, *more: s
     return place / "all"
 
 
+def board(written: list[neuro.CCode]) -> list[str]:
+    """What starts a program on the board that QEMU emulates."""
+    folder = written[0].folder
+    return [str(folder / "m4.c"), "-T", str(folder / "m4.ld")]
+
+
 def run(*command: str) -> str:
     done = subprocess.run(command, capture_output=True, text=True, stdin=subprocess.DEVNULL, timeout=600)
     assert done.returncode == 0, done.stdout[-2000:] + done.stderr[-4000:]
@@ -86,8 +92,7 @@ def test_random_networks_equal_the_emulator(written: list[neuro.CCode], compiler
 
 def test_random_networks_equal_the_emulator_on_a_cortex_m4(written: list[neuro.CCode], tmp_path: Path):
     needs("arm-none-eabi-gcc", "qemu-system-arm")
-    board = [str(written[0].folder / "m4.c"), "-T", str(written[0].folder / "m4.ld")]
-    told = run(*QEMU, str(build(["arm-none-eabi-gcc", *M4], written, tmp_path, *board)))
+    told = run(*QEMU, str(build(["arm-none-eabi-gcc", *M4], written, tmp_path, *board(written))))
     assert told.count("steps equal") == len(written)
 
 
@@ -106,17 +111,28 @@ def test_random_networks_do_fire(written: list[neuro.CCode]):
     assert sum(each.output_spikes > 10 for each in written) > len(written) / 2
 
 
-SHIPPED = ["demo_digits", "conv", "remus", *(["dense", "recurrent", "learnt_delays", "drone"] if WHOLE else [])]
+SHIPPED = ["demo_digits", "conv", *(["remus", "dense", "recurrent", "learnt_delays", "drone"] if WHOLE else [])]
 
 
-@pytest.mark.parametrize("chip", CHIPS)
-def test_shipped_networks_equal_the_emulator(chip: str, tmp_path: Path):
-    needs("gcc")
-    folder = Path(neuro.__file__).parents[1] / "models" / "neuro_models"
-    words = {"chip": chip, "frozen": True}
-    found = [save(neuro.load(folder / f"{name}.yaml"), tmp_path / name, name=name, **words) for name in SHIPPED]
-    assert run(str(build(["gcc", *SANITIZERS], found, tmp_path))).count("steps equal") == len(found)
-    assert all(each.output_spikes for each in found)
+@pytest.fixture(scope="module")
+def shipped(tmp_path_factory: pytest.TempPathFactory) -> list[neuro.CCode]:
+    place, models = tmp_path_factory.mktemp("shipped"), Path(neuro.__file__).parents[1] / "models" / "neuro_models"
+    nets = {name: neuro.load(models / f"{name}.yaml") for name in SHIPPED}
+    pairs = [(name, chip, f"{name}_{chip}") for name in SHIPPED for chip in CHIPS]
+    return [save(nets[name], place / as_, name=as_, chip=chip, frozen=True) for name, chip, as_ in pairs]
+
+
+def test_shipped_networks_equal_the_emulator(shipped: list[neuro.CCode], tmp_path: Path):
+    for compiler in ("gcc", "clang") if WHOLE else ("gcc",):
+        needs(compiler)
+        assert run(str(build([compiler, *SANITIZERS], shipped, tmp_path))).count("steps equal") == len(shipped)
+    assert all(each.output_spikes for each in shipped)
+
+
+def test_shipped_networks_equal_the_emulator_on_a_cortex_m4(shipped: list[neuro.CCode], tmp_path: Path):
+    needs("arm-none-eabi-gcc", "qemu-system-arm")
+    program = build(["arm-none-eabi-gcc", *M4], shipped, tmp_path, *board(shipped))
+    assert run(*QEMU, str(program)).count("steps equal") == len(shipped)
 
 
 def test_the_folder_tests_itself_and_counts_instructions(tmp_path: Path):
