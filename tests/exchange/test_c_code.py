@@ -111,7 +111,7 @@ def test_random_networks_do_fire(written: list[neuro.CCode]):
     assert sum(each.output_spikes > 10 for each in written) > len(written) / 2
 
 
-SHIPPED = ["demo_digits", "conv", *(["remus", "dense", "recurrent", "learnt_delays", "drone"] if WHOLE else [])]
+SHIPPED = ["conv", *(["demo_digits", "remus", "dense", "recurrent", "learnt_delays", "drone"] if WHOLE else [])]
 
 
 @pytest.fixture(scope="module")
