@@ -14,6 +14,7 @@ import numpy as np
 import pytest
 
 from neuro.files.results import read
+from neuro_models import areas
 
 NEURO = Path(sys.executable).with_name("neuro")
 NET = """\
@@ -91,6 +92,18 @@ def test_the_same_result_from_1_2_and_4_processes(folder):
         for name, wires in one.projections.items():
             np.testing.assert_allclose(wires.weight, other.projections[name].weight, rtol=0, atol=1e-9)
         np.testing.assert_allclose(one.traces["v"].values, other.traces["v"].values, rtol=0, atol=1e-9)
+
+
+def test_areas_with_delays_between_them(folder):
+    areas.network(areas=2, scale=0.01, indegree=0.05, density=1.0).save("net.yaml")
+    for n in (1, 2, 4):
+        assert run(n, "--backend", "nest", "--for", 15, "--out", f"{n}.h5").returncode == 0
+    one = read("1.h5")
+    assert sum(train.ids.size for train in one.populations.values()) > 100
+    for other in (read("2.h5"), read("4.h5")):
+        for name, train in one.populations.items():
+            np.testing.assert_array_equal(train.steps, other.populations[name].steps)
+            np.testing.assert_array_equal(train.ids, other.populations[name].ids)
 
 
 def test_a_killed_process_ends_all(folder):
