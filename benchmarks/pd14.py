@@ -23,7 +23,7 @@ import platform
 import subprocess
 import sys
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from itertools import pairwise
 from pathlib import Path
 from typing import Any
@@ -94,11 +94,10 @@ def run_ours(path: Path, seed: int, settings: dict[str, Any]) -> None:
         if sim.time >= end:
             continue
         sim.forget(begin)
-        sim.run(end - begin)
+        advance(sim.run, begin, end, f"{path.stem}, of {settings['ms']:,.0f} ms")
         save(parts[number], recorded(sim, begin))
         if number + 1 < len(every):
             sim.save(state)
-        told(f"{path.stem}: {end - WARM_MS:,.0f} of {settings['ms']:,.0f} ms")
     save(path, joined([loaded(part) for part in parts]))
     for file in (state, *parts):
         file.unlink(missing_ok=True)
@@ -119,14 +118,20 @@ def run_nest(path: Path, seed: int, settings: dict[str, Any]) -> None:
     for name, nodes in cells.items():
         nest.Connect(nodes, recorders[name])
     nest.Simulate(WARM_MS)
-    for begin, end in stretches(settings["ms"]):
-        nest.Simulate(end - begin)
-        told(f"{path.stem}: {end - WARM_MS:,.0f} of {settings['ms']:,.0f} ms")
+    advance(nest.Simulate, WARM_MS, WARM_MS + settings["ms"], f"{path.stem}, of {settings['ms']:,.0f} ms")
     trains = {}
     for name, nodes in cells.items():
         found = recorders[name].events
         trains[name] = Train(len(nodes), found["times"], found["senders"] - nodes[0].global_id)
     save(path, Recording(WARM_MS, WARM_MS + settings["ms"], trains))
+
+
+def advance(run: Callable[[float], None], begin: float, end: float, what: str) -> None:
+    """Run from a time to another, ms, and report each second."""
+    for at in np.arange(begin, end, 1000.0).tolist():
+        upto = min(at + 1000.0, end)
+        run(upto - at)
+        told(f"{what}: {upto - WARM_MS:,.0f}")
 
 
 def save(path: Path, recording: Recording) -> None:
