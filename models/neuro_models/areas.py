@@ -11,11 +11,11 @@ such models, and says nothing about any brain.
   these are near the rates of each area.
 
 Source: the microcircuit as in microcircuit.yaml (Potjans & Diesmann 2014). 32 areas, speed and spread of delays, and
-weights as within an area: the ground state of Schmidt et al., PLoS Comput. Biol. 14:e1006359, 2018. Density, and
-strengths that fall exponentially with distance: Ercsey-Ravasz et al., Neuron 80:184, 2013. Layers: Felleman & Van
-Essen, Cereb. Cortex 1:1, 1991. A fifth of the connections of cortex is between areas (Markov et al., Science
-342:1238406, 2013), which is half of the inputs from outside a microcircuit. The sphere is chosen: areas are 27 mm apart
-on average.
+weights as within an area: the ground state of Schmidt et al., PLoS Comput. Biol. 14:e1006359, 2018, with numbers as in
+INM-6/multi-area-model. Density, and strengths that fall exponentially with distance: Ercsey-Ravasz et al., Neuron
+80:184, 2013. Layers: Felleman & Van Essen, Cereb. Cortex 1:1, 1991. A fifth of the connections of cortex is between
+areas (Markov et al., Science 342:1238406, 2013), which is half of the inputs from outside a microcircuit. The sphere,
+on which areas are 27 mm apart on average, and how fast strengths fall are chosen.
 """
 
 from __future__ import annotations
