@@ -24,6 +24,8 @@ import subprocess
 import sys
 import time
 from collections.abc import Callable, Iterator
+from importlib.metadata import version
+from importlib.util import find_spec
 from itertools import pairwise
 from pathlib import Path
 from typing import Any
@@ -42,6 +44,7 @@ from neuro import ModelError
 from neuro.core.hdf5 import put, reading, take, writing
 from neuro.core.outputs import Kind, make_folder, write_picture, write_text
 
+NEST = version("nest-simulator") if find_spec("nest") else "not installed"
 SPIKES = "neuro benchmark spikes 1"
 TEXT = Kind("a text of this benchmark")
 WARM_MS = 500.0
@@ -258,7 +261,7 @@ def machine() -> dict[str, str]:
         "memory": f"{memory:.0f} GB",
         "system": platform.platform(),
     }
-    return system | versions | {"numba": numba.__version__}
+    return system | versions | {"numba": numba.__version__, "NEST": NEST}
 
 
 def row(fastest: dict[str, Any], settings: dict[str, Any], about: dict[str, str]) -> str:
@@ -276,7 +279,7 @@ def row(fastest: dict[str, Any], settings: dict[str, Any], about: dict[str, str]
         "rtf": f"{factor:.3f}",
         "esyn_muJ": joules,
         "drive": "Poisson",
-        "comment": f"{fastest['threads']} threads, scale {settings['scale']:g}; {energy}",
+        "comment": f"threads {fastest['threads']}, scale {settings['scale']:g}; {energy}",
     }
     return "- neuro:\n" + "".join(f"  - {word}: {value}".rstrip() + "\n" for word, value in words.items())
 
@@ -291,7 +294,7 @@ def bundle(folder: Path, settings: dict[str, Any]) -> None:
     lines = [
         "# The cortical microcircuit by the recipe of its benchmark",
         f"Scale {settings['scale']:g}. Input: Poisson. V_m: optimised start. Left out: {WARM_MS:g} ms. Accuracy: "
-        f"{settings['ms'] / 1e3:g} s, {len(ours)} seeds of neuro, {len(theirs)} of NEST"
+        f"{settings['ms'] / 1e3:g} s; seeds: {len(ours)} of neuro, {len(theirs)} of NEST"
         f"{' (the recipe: 900 s, 10 seeds)' if settings['ms'] < 9e5 or min(len(ours), len(theirs)) < 10 else ''}. "
         f"Speed: {settings['speed_ms'] / 1e3:g} s.",
         "## Machine and versions",
