@@ -106,4 +106,4 @@ def _spread(distances: Iterable[float]) -> Figure:
     found = np.array(list(distances))
     if found.size == 0:
         return Figure(float("nan"), float("nan"))
-    return Figure(float(found.mean()), float(found.std()))
+    return Figure(float(found.mean()), float(found.std()) if found.size > 1 else float("nan"))
