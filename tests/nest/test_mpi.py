@@ -95,6 +95,7 @@ def test_the_same_result_from_1_2_and_4_processes(folder):
 
 
 def test_areas_with_delays_between_them(folder):
+    Path("net.yaml").unlink()
     areas.network(areas=2, scale=0.01, indegree=0.05, density=1.0).save("net.yaml")
     for n in (1, 2, 4):
         assert run(n, "--backend", "nest", "--for", 15, "--out", f"{n}.h5").returncode == 0
