@@ -13,13 +13,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from neuro.core.clock import Clock
+from neuro.core.errors import ModelError
 from neuro.program.program import Floats, Ints, Program
 from neuro_nest.nodes import Nodes
 from neuro_nest.sources import first_node
 from neuro_nest.tables import RECEPTORS_OF_CURRENTS, SHARED, STATES, SYNAPSES
 
-DEEPEST = 1 << 20
-"""Labels that each projection has."""
+DEEPEST = 1 << 14
+"""Labels that each projection has. NEST's have 31 bits, so there may be 131,072 projections."""
 
 
 def layers(source: Ints, target: Ints) -> Ints:
@@ -75,6 +76,9 @@ class NestProjection:
             self._receptor["receptor_type"] = RECEPTORS_OF_CURRENTS[model, self.part.receptor.name]
         self.longest_row = max(1, int(np.diff(self.row_ends).max(initial=0)))
         self._layer = layers(source, target).astype(np.int32)
+        if self._depth > DEEPEST:
+            message = f"projection '{self.part.name}': {self._depth:,} synapses between two neurons"
+            raise ModelError(f"{message}: backend 'nest' expects at most {DEEPEST:,}")
         self._states: dict[str, Floats] = {}
         self._listed: dict[int, Ints] = {}
         self._has_run = False

@@ -16,6 +16,7 @@ import pytest
 
 from neuro.core.provenance import ATTRIBUTE
 from neuro.files.results import read
+from neuro_models import areas
 
 NEURO = Path(sys.executable).with_name("neuro")
 NET = """\
@@ -155,6 +156,19 @@ def test_a_mistake_in_one_share_is_raised_in_all(folder):
     )
     assert done.returncode != 0
     assert done.stderr.count("projection 'cells_cells': weight of synapse 39 -> 39 = -1: expected") >= 1
+
+
+def test_areas_with_delays_between_them(folder):
+    Path("net.yaml").unlink()
+    areas.network(areas=2, scale=0.01, indegree=0.05, density=1.0).save("net.yaml")
+    for n in (1, 2, 4):
+        assert run(n, "--backend", "nest", "--for", 15, "--out", f"{n}.h5").returncode == 0
+    one = read("1.h5")
+    assert sum(train.ids.size for train in one.populations.values()) > 100
+    for other in (read("2.h5"), read("4.h5")):
+        for name, train in one.populations.items():
+            np.testing.assert_array_equal(train.steps, other.populations[name].steps)
+            np.testing.assert_array_equal(train.ids, other.populations[name].ids)
 
 
 def test_a_killed_process_ends_all(folder):
