@@ -139,18 +139,26 @@ def lay_joined(
     """
     lays = steps.size > 0
     for source in range(first_source, end_source):
-        for e in range(row_ends[source], row_ends[source + 1]):
-            run = run_of(source, delays[e], targets[e], shortest, n_delays, edges)
-            place = begin + np.int64(targets[e])
-            step, at[run] = place - at[run], place
+        run, place, e = np.int64(-1), np.int64(0), np.uint32(0)
+        for k in range(row_ends[source], row_ends[source + 1]):
+            other = run_of(source, delays[k], targets[k], shortest, n_delays, edges)
+            # Neighbours are mostly of one run, whose place and end stay in registers.
+            if other != run:
+                if run >= 0:
+                    at[run], following[run] = place, e
+                run, place, e = other, at[other], following[other]
+            step = begin + np.int64(targets[k]) - place
+            place += step
             while step >= FAR:
                 if lays:
-                    steps[following[run]], laid[following[run]] = FAR, -0.0
-                following[run] += np.uint32(1)
+                    steps[e], laid[e] = FAR, -0.0
+                e += np.uint32(1)
                 step -= FAR
             if lays:
-                steps[following[run]], laid[following[run]] = step, weights[e * stride]
-            following[run] += np.uint32(1)
+                steps[e], laid[e] = step, weights[k * stride]
+            e += np.uint32(1)
+        if run >= 0:
+            at[run], following[run] = place, e
 
 
 @kernel
