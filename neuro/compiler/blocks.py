@@ -29,7 +29,7 @@ from neuro.model.rules import (
 )
 from neuro.program.program import Grid, Ints
 
-LEAST = 1 << 20
+LEAST = 1 << 22
 """Synapses that a block has at least, in the mean."""
 
 LEAST_OF_SOURCE = 16

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from neuro.compiler.shapes import Shape, size
 from neuro.core.errors import ModelError
+from neuro.core.launch import neighbours
 from neuro.core.memory import free_memory
 from neuro.core.values import plain
 from neuro.model.distributions import Distribution
@@ -42,12 +43,13 @@ def many_synapses(net: Network, shapes: Mapping[str, Shape], least: int) -> bool
     return sum(_synapses(part, size(shapes[part.source]), size(shapes[part.target])) for part in parts) >= least
 
 
-def check_memory(net: Network, shapes: Mapping[str, Shape]) -> None:
+def check_memory(net: Network, shapes: Mapping[str, Shape], shares: int = 1) -> None:
     """Refuse a network that has far more synapses than memory has room for.
 
     Args:
         net: checked.
         shapes: of its populations.
+        shares: how many processes have a share each; those on this machine have one memory.
 
     Raises:
         ModelError: it needs more than is free.
@@ -59,7 +61,8 @@ def check_memory(net: Network, shapes: Mapping[str, Shape]) -> None:
     free = free_memory() if total > MANY else None
     if free is None:
         return
-    needed = ROOM * sum(synapses[part.name] * _bytes(part) for part in parts)
+    here = min(shares, neighbours()) / shares
+    needed = here * ROOM * sum(synapses[part.name] * _bytes(part) for part in parts)
     if needed > free:
         largest = max(parts, key=lambda part: synapses[part.name])
         raise ModelError(

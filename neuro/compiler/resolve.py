@@ -83,7 +83,7 @@ def compile_network(net: Network, seed: int, threads: int = 1, share: Share = WH
     net = with_generators(net, shapes, clock, seed)
     trials = resolve_trials(net, shapes, clock)
     # Before anything is drawn: a network that does not fit is refused in microseconds, not when memory is full.
-    check_memory(net, shapes)
+    share.agree(lambda: check_memory(net, shapes, share.number))
     alike: dict[tuple[int, Shape], dict[str, Any]] = {}
     populations = tuple(
         _population(part, shapes[name], clock, seed, cameras.get(name), declared[name], name in heard, alike)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import threading
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, fields, replace
 from functools import cached_property
@@ -18,6 +19,7 @@ from neuro.compiler.views import End, ascend, placed
 from neuro.core.checks import check
 from neuro.core.clock import Clock
 from neuro.core.keyed_random import generator
+from neuro.core.memory import give_back
 from neuro.core.threads import mapped
 from neuro.core.values import plain
 from neuro.model.distributions import Distribution
@@ -26,6 +28,11 @@ from neuro.model.rules import all_to_all, one_to_one
 from neuro.model.space import of_distance
 from neuro.model.synapses import Synapse
 from neuro.program.program import Floats, Ints
+
+_OF_THREAD, _NOTHING = threading.local(), np.zeros(0)
+
+LARGE = 1 << 24
+"""Synapses from which on the memory in which blocks were drawn is given back: to be given it anew takes time, too."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -144,12 +151,14 @@ class Drawing:
             joint.put(k, piece.some(piece.found.targets), targets)
             if _each(self.part.delay):
                 joint.put(k, piece.some(piece.delay), delay)
-            values = self._columns(piece.found, piece.block, None)
+            values = self._columns(piece.found, piece.block, _scratch(piece.found.size))
             for name, column in columns.items():
                 joint.put(k, piece.some(values[name]), column)
             return values["weight"]
 
         weights = list(mapped(finish, range(len(needed)), self.threads))
+        if joint.size >= LARGE:
+            give_back()
         found = joint.connections(targets)
         rows = [*columns.values(), *([delay] if _each(self.part.delay) else [])]
         if found.layout == "csr" and not ascend(self.ends[1]):
@@ -281,6 +290,15 @@ class Joint:
         if self._layout == "csr":
             return Connections("csr", self.size, self._row_ends, targets)
         return Connections(self._layout, self.size)
+
+
+def _scratch(size: int) -> Floats:
+    """Memory for so many values, of this thread, which its next block uses again."""
+    # Memory that is touched for the first time takes longer than to draw what lies there.
+    if getattr(_OF_THREAD, "room", _NOTHING).size < size:
+        _OF_THREAD.room = np.empty(size)
+    room: Floats = _OF_THREAD.room[:size]
+    return room
 
 
 def _each(value: Any) -> bool:

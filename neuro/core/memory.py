@@ -59,6 +59,14 @@ def discard(array: NDArray[Any], first: int, last: int) -> None:
         ctypes.CDLL(None).madvise(ctypes.c_void_p(begin), ctypes.c_size_t(size), mmap.MADV_DONTNEED)
 
 
+def give_back() -> None:
+    """Give to the system what was freed and is kept ready for this process, where its C library can."""
+    try:
+        ctypes.CDLL(None).malloc_trim(0)
+    except (AttributeError, OSError, TypeError):  # another C library, or another system
+        return
+
+
 @contextmanager
 def uncollected() -> Iterator[None]:
     """Let the collector of cycles rest while millions of small things are made, at which it would look many times."""

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from neuro.core.clock import NEVER
-from neuro.core.errors import Where
+from neuro.core.errors import ModelError, Where
 from neuro.model.neurons import Model
 from neuro.model.parts import Competition
 from neuro.model.synapses import K_PLUS, DelayRule, Synapse
@@ -363,6 +363,16 @@ class Program:
     trials: Trials | None
     synapse_probes: tuple[SynapseProbe, ...] = ()
     share: Share = WHOLE
+
+    def refuse_share(self, what: str) -> None:
+        """Refuse what needs all synapses in one process.
+
+        Raises:
+            ModelError: this process has a share of them.
+        """
+        if self.share.number > 1:
+            message = f"{what}: found a network of which {self.share.number} processes have a share each"
+            raise ModelError(f"{message}: expected one process", hint="without mpirun it has all synapses")
 
     def sends_at_once(self, part: Projection) -> bool:
         """Whether a spike takes the weights of the step of its emission along a projection, not those of the next step.

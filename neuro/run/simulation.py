@@ -636,6 +636,7 @@ class Simulation:
         from neuro.chips.pricing.price import bill
 
         counts = self._engine.counts() if of is None else of.raw_counts
+        self.program.refuse_share("energy")
         return bill(self.program, counts, target, step_s=step_s, chips=chips)
 
     @alone
@@ -674,6 +675,7 @@ class Simulation:
         Raises:
             ModelError: an argument is not as described.
         """
+        self.program.refuse_share("doctor")
         from neuro.diagnosis.doctor import backend_of_copy, examine, options_of, refused
         from neuro.run.present import present
 

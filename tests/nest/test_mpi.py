@@ -202,7 +202,9 @@ for _ in range(3):
     sim.set("exc", V_th=np.linspace(-56.0, -54.0, 30), V_m=-60.0)
     sim.run(20.0)
 times, ids = sim.spikes("exc")
-values = [*times, *ids, *sim.get("inh", "V_m"), *sim.get("exc_inh", "c"), *sim.get("relay_exc", "K_plus"), sim.time]
+learnt = sim.network().projections["inh_exc"]
+values = [*learnt.weight.ravel(), *learnt.delay.ravel(), *times, *ids, *sim.get("inh", "V_m"), sim.time]
+values += [*sim.get("exc_inh", "c"), *sim.get("relay_exc", "K_plus")]
 np.save(f"{sys.argv[1]}.{leads():d}.npy", values)
 """
 
