@@ -36,6 +36,7 @@ def test_the_targets_that_there_are():
     assert chips() == ("arm", "cpu", "gpu", "loihi", "loihi2", "spinnaker", "spinnaker2", "truenorth")
     assert {name: chip(name).arithmetic for name in chips() if chip(name).arithmetic} == {
         "loihi": "loihi",
+        "loihi2": "loihi2",
         "spinnaker": "spinnaker",
     }
 
