@@ -158,7 +158,8 @@ def _apart(fixed: FixedProgram, target: int) -> list[FixedProjection]:
 
 def _lags_apart(wires: FixedProjection) -> range:
     """The lags whose sums are shifted apart, each in a plane of its own: those of one step of emission."""
-    return range(int(wires.lag.min(initial=1)), int(wires.lag.max(initial=1)) + 1)
+    lags = wires.lag if wires.lag.size else np.ones(1, dtype=np.int32)
+    return range(int(lags.min()), int(lags.max()) + 1)
 
 
 def _projections(a: Arrays, fixed: FixedProgram) -> None:

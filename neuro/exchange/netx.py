@@ -3,14 +3,14 @@
 | in the file | here |
 | --- | --- |
 | neuron LOIHI or CUBA | `loihi2_lif`: du = iDecay - 1, dv = vDecay, vth = vThMant, the bias times 2^6 |
-| neuron SDNN | `delta_encoder` (input), `sigma_delta`, `sigma_decoder` (`sigma_output`); exponents of 6 and 6 |
+| neuron SDNN | `sigma_delta`, without ReLU as input; `sigma_decoder` (`sigma_output`); exponents of 6 and 6 |
 | dense | `all_to_all`, mantissas such that no bit is dropped: what netx finds by its bits and exponent |
 | conv | `loihi2_convolution`; as a `grid`, or as pairs where strides differ, or with dilation or groups |
 | flatten | channels, rows, columns: the order of ids |
 
-A step is 1 ms. A spike takes one step to the next layer, as in lava. netx feeds the input layer by its bias: here
-`bias_mant` of LIF neurons, and for SDNN payloads of the population "values", one for each neuron and step. What netx
-refuses (pooling, average, concatenation, transposed convolution, neurons of other types) or leaves out (delays,
+A step is 1 ms. A spike takes one step to the next layer, as in lava. The input layer is fed by its bias, as in
+netx: `sim.set("input", bias_mant=...)` of LIF neurons, `sim.set("input", bias=...)` of SDNN; a Delta of lava sends the
+same. What netx refuses (pooling, average, concatenation, transposed convolution, neurons of other types) or leaves out (delays,
 refractory periods) is refused. Source: lava-dl, `src/lava/lib/dl/netx`; tests of Intel assert that it runs so on chips.
 """
 
@@ -33,14 +33,13 @@ from neuro.model.convolution import out_size, synapses_of
 from neuro.model.network import Network
 from neuro.model.neurons import (
     Neuron,
-    delta_encoder,
     graded_spike_train,
     loihi2_lif,
     sigma_decoder,
     sigma_delta,
     spike_generator,
 )
-from neuro.model.rules import Rule, all_to_all, grid, one_to_one, pairs
+from neuro.model.rules import Rule, all_to_all, grid, pairs
 from neuro.model.synapses import Synapse, loihi2_convolution, loihi2_static
 from neuro.program.program import Floats
 
@@ -132,9 +131,6 @@ def _add(net: Network, layer: Layer, before: Layer | None, reset: int) -> None:
         _check_shape(layer, before)
     net.population(_name(layer), layer.shape, _neurons(layer, reset))
     if layer.kind == "input":
-        if layer.neuron["type"] == "SDNN":
-            net.population("values", layer.shape, graded_spike_train())
-            net.connect("values", "input", one_to_one(), weight=1.0, delay=1.0)
         return
     if before is None:
         raise layer.wrong("there is no layer before it: expected an input")
@@ -156,9 +152,9 @@ def _neurons(layer: Layer, reset: int) -> Neuron:
     each: Any = np.broadcast_to(bias.reshape(-1, *(1,) * (len(layer.shape) - 1)), layer.shape).copy()
     each = each if bias.any() else 0.0
     if said["type"] == "SDNN":
-        exponents = {"spike_exp": EXPONENT, "state_exp": EXPONENT}
+        exponents: dict[str, Any] = {"spike_exp": EXPONENT, "state_exp": EXPONENT}
         if layer.kind == "input":
-            return delta_encoder(vth=float(said["vThMant"]), **exponents)
+            return sigma_delta(vth=float(said["vThMant"]), relu=False, **exponents)
         if "sigma_output" in said:
             return sigma_decoder()
         return sigma_delta(vth=float(said["vThMant"]), bias=each, **exponents)
