@@ -229,6 +229,23 @@ def test_a_binary_network_fires_as_on_loihi_1():
     assert np.array_equal(*found)
 
 
+def test_a_bill_is_a_range_from_0_to_the_ceiling():
+    sim = neuro.compile(graded(), "loihi2")
+    sim.run(1000.0)
+    bill = sim.energy("loihi2")
+    assert bill.real_time.static_j == pytest.approx(0.232)
+    dynamic = [item for item in bill.items if item.what != "static_per_chip"]
+    assert dynamic and all((item.joules, item.low) == (0.0, 0.0) and item.extrapolated for item in dynamic)
+    assert "derived, not published" in str(bill)
+
+
+def test_the_ceilings_hold_the_measurement_that_they_follow_from():
+    """A calibration, not a prediction: PilotNet as LIF neurons took 68.3 uJ of dynamic energy a step."""
+    costs = chip("loihi2").costs
+    ends = [3.4e6 * costs["synaptic_op"].high, 158e3 * costs["neuron_update_active"].high]
+    assert ends == pytest.approx([68.3e-6] * 2, rel=0.01)
+
+
 # networks of lava-dl
 
 
