@@ -8,10 +8,10 @@
 | conv | `loihi2_convolution`; as a `grid`, or as pairs where strides differ, or with dilation or groups |
 | flatten | channels, rows, columns: the order of ids |
 
-A step is 1 ms. A spike takes one step to the next layer, as in lava. The input layer is fed by its bias, as in
-netx: `sim.set("input", bias_mant=...)` of LIF neurons, `sim.set("input", bias=...)` of SDNN; a Delta of lava sends the
-same. What netx refuses (pooling, average, concatenation, transposed convolution, neurons of other types) or leaves out (delays,
-refractory periods) is refused. Source: lava-dl, `src/lava/lib/dl/netx`; tests of Intel assert that it runs so on chips.
+A step is 1 ms. A spike takes one step to the next layer, as in lava. The input layer is fed by its bias, as in netx:
+`sim.set("input", bias_mant=...)` of LIF neurons, `sim.set("input", bias=...)` of SDNN, where a Delta of lava sends the
+same. What netx refuses (pooling, average, concatenation, transposed convolution, neurons of other types) or leaves out
+(delays, refractory periods) is refused. Source: lava-dl, `src/lava/lib/dl/netx`, whose tests assert it on chips.
 """
 
 from __future__ import annotations

@@ -3,11 +3,12 @@
 import h5py
 import numpy as np
 import pytest
-from graded import STEPS, network, twin
 
 import neuro
+from graded import STEPS, network, twin
 from neuro.chips import chip, place, quantise
 from neuro.chips.loihi2 import dropped
+from neuro.compare import loihi_rules
 from neuro.core.errors import ModelError
 from neuro.results import read
 from neuro.verify.verify import verify
@@ -235,7 +236,8 @@ def test_a_bill_is_a_range_from_0_to_the_ceiling():
     bill = sim.energy("loihi2")
     assert bill.real_time.static_j == pytest.approx(0.232)
     dynamic = [item for item in bill.items if item.what != "static_per_chip"]
-    assert dynamic and all((item.joules, item.low) == (0.0, 0.0) and item.extrapolated for item in dynamic)
+    assert dynamic
+    assert all((item.joules, item.low) == (0.0, 0.0) and item.extrapolated for item in dynamic)
     assert "derived, not published" in str(bill)
 
 
@@ -244,6 +246,36 @@ def test_the_ceilings_hold_the_measurement_that_they_follow_from():
     costs = chip("loihi2").costs
     ends = [3.4e6 * costs["synaptic_op"].high, 158e3 * costs["neuron_update_active"].high]
     assert ends == pytest.approx([68.3e-6] * 2, rel=0.01)
+
+
+def registers(exponent, weights, **words):
+    net = neuro.Network("rules", resolution=1.0)
+    net.population("in", len(weights), neuro.spike_generator(spike_times=[[2.0, 5.0]] * len(weights)))
+    net.population("out", 1, neuro.loihi_lif(du=400, dv=200, vth=3000, **words))
+    synapse = neuro.loihi_static(weight_exp=exponent)
+    net.connect("in", "out", neuro.all_to_all(), synapse, weight=np.array(weights, dtype=float), delay=1.0)
+    return loihi_rules(net, 20.0)
+
+
+def told(found):
+    return [(d.part, d.where, d.loihi, d.loihi2, d.why) for d in found.differences]
+
+
+def test_rules_of_both_chips():
+    assert registers(0, [4, -6]).differences == ()
+    assert told(registers(0, [4, -5])) == [
+        ("in_out", "weight[1], 1 of 2 weights", "-4", "-6", "mixed mantissas are rounded down"),
+        ("out", "neuron 0, step 3: u, 1 of 1 neurons", "0", "-128", ""),
+    ]
+    shifted = told(registers(-2, [6, 6]))  # each 6 / 4 is 1, their sum is 3
+    assert shifted[0] == ("in_out", "weight[0], 2 of 2 weights", "1", "1.5", "the sum is shifted, not each weight")
+    assert shifted[1][1:4] == ("neuron 0, step 3: u, 1 of 1 neurons", "128", "192")
+    wraps = told(registers(7, [254, 254]))
+    assert ("out", "input wraps", "2", "0", "the input of a step has 22 bits on Loihi 1") in wraps
+    held = registers(0, [4], refractory=3)
+    assert [(d.loihi, d.loihi2) for d in held.differences] == [("accepted", "refused")] * 2
+    assert held.steps == 0
+    assert "'rules' by the rules of Loihi 1 and Loihi 2: 2 differences (0 steps on both)" in str(held)
 
 
 # networks of lava-dl
