@@ -22,7 +22,6 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from neuro.chips.known import chip
 from neuro.chips.quantising.fixed import FixedProjection
@@ -32,10 +31,10 @@ from neuro.compiler import compile_network
 from neuro.core.clock import Clock
 from neuro.core.tables import Table, as_html, as_text
 from neuro.model.network import Network
-from neuro.model.neurons import loihi2_lif, loihi_lif
+from neuro.model.neurons import Generator, loihi2_lif, loihi_lif, parrot_neuron
 from neuro.model.synapses import loihi2_static, loihi_static, static
 from neuro.program.backend import Engine, OverflowWarning, find_backend
-from neuro.program.program import Population, Program, Projection
+from neuro.program.program import Floats, Population, Program, Projection
 
 CHIPS = ("loihi", "loihi2")
 HEAD = ("part", "where", "Loihi 1", "Loihi 2", "why")
@@ -168,14 +167,15 @@ def _words(program: Program, fixed: list[FixedProgram]) -> Iterator[RuleDifferen
             yield RuleDifference(part.name, where, f"{first[at]:g}", f"{second[at]:g}", why)
 
 
-def _added(wires: FixedProjection) -> NDArray[np.float64]:
+def _added(wires: FixedProjection) -> Floats:
     """What a spike adds to the input of a step, of each weight, before a sum is rounded."""
-    return wires.words * 2.0**-wires.shift
+    added: Floats = wires.words * 2.0**-wires.shift
+    return added
 
 
 def _registers(program: Program, engines: list[Engine], steps: int) -> Iterator[RuleDifference]:
     """The first step in which registers of a population differ."""
-    left = {k for k, part in enumerate(program.populations) if part.kind == "neuron" and not part.model.relay}
+    left = {k for k, part in enumerate(program.populations) if not isinstance(part.model, (Generator, parrot_neuron))}
     for step in range(1, steps + 1):
         for engine in engines:
             engine.run(1)
