@@ -19,27 +19,11 @@ from neuro.core.errors import ModelError
 from neuro.core.quantities import Quantity
 from neuro.program.backend import Engine, Problem, unnoted
 from neuro.program.program import Program
+from neuro_chip.unsupported import LEARNING_CASES, REFRACTORY_CASES
 
 OF_PLACE = ("order", "neurons_per_core")
 _STRICT = Quantity(kind="boolean")
 OWN = ("strict", *OF_PLACE)
-LEARNING_CASES = (
-    "counts_of_learning",
-    "ports_of_signals_and_weights",
-    "cutting_does_not_matter_of_learning",
-    "cutting_does_not_matter_when_steered_of_learning",
-    "probes_do_not_matter_of_learning",
-    "a_seed_repeats_of_learning",
-    "seeds_differ_of_learning",
-    "threads_do_not_matter_of_learning",
-    "a_reset_repeats_of_learning",
-    "a_reset_keeps_weights_of_learning",
-    "another_population_does_not_matter_of_learning",
-    "counts_follow_from_spikes_of_learning",
-    "a_saved_state_continues_of_learning",
-    "a_state_saved_after_a_change_continues_of_learning",
-)
-"""Conformance cases of `neuro.testing` in which synapses learn from pairs of spikes."""
 
 
 class ChipBackend:
@@ -121,7 +105,10 @@ loihi = ChipBackend(LOIHI, "Intel Loihi 1, emulated bit for bit: integers, 8-bit
 loihi2 = ChipBackend(
     LOIHI2,
     "Intel Loihi 2, emulated as lava does: graded spikes, sigma-delta and LIF neurons in integers",
-    dict.fromkeys(LEARNING_CASES, "pairwise learning is not emulated on Loihi 2"),
+    {
+        **dict.fromkeys(LEARNING_CASES, "pairwise learning is not emulated on Loihi 2"),
+        **dict.fromkeys(REFRACTORY_CASES, "no fixed-point neuron of Loihi 2 has a refractory period"),
+    },
 )
 spinnaker = ChipBackend(
     SPINNAKER,

@@ -169,8 +169,7 @@ def _words(program: Program, fixed: list[FixedProgram]) -> Iterator[RuleDifferen
 
 def _added(wires: FixedProjection) -> Floats:
     """What a spike adds to the input of a step, of each weight, before a sum is rounded."""
-    added: Floats = wires.words * 2.0**-wires.shift
-    return added
+    return wires.words.astype(np.float64) / (1 << wires.shift)
 
 
 def _registers(program: Program, engines: list[Engine], steps: int) -> Iterator[RuleDifference]:
