@@ -13,6 +13,7 @@ from neuro.chips.quantising.fixed import FixedPopulation, FixedProjection
 from neuro.chips.quantising.fixed_program import FixedProgram
 from neuro.core import keyed_random
 from neuro.core.clock import NEVER
+from neuro.model.neurons import Neuron
 from neuro.model.parts import lateral_reset, local_winners, winner_take_all
 from neuro.program.program import Program, Projection
 from neuro_chip import deliver, tables as t
@@ -23,7 +24,7 @@ KINDS = {"current": t.CURRENT, "relay": t.RELAY, **NUMBERS}
 LAYOUTS = {"one_to_one": t.ONE_TO_ONE, "dense": t.DENSE, "csr": t.CSR, "grid": t.GRID}
 STATES = {
     **{"v": "v", "u": "u", "g_exc": "u", "g_inh": "g_inh"},
-    **{"sigma": "v", "act": "u", "residue": "g_inh", "error": "hold", "payload": "payload"},
+    **{"real": "v", "imag": "u", "sigma": "v", "act": "u", "residue": "g_inh", "error": "hold", "payload": "payload"},
 }
 """Arrays that hold the state registers, by the registers' names."""
 
@@ -123,14 +124,14 @@ def _populations(a: Arrays, fixed: FixedProgram) -> None:
     pops = np.zeros((len(program.populations), t.POPULATION_COLUMNS), dtype=np.int64)
     family = family_of(fixed.chip)
     at = ring = arrived = 0
-    planes: list[tuple[int, int, int]] = []
+    planes: list[tuple[int, int, int, int]] = []
     for k, (part, cells) in enumerate(zip(program.populations, fixed.populations, strict=True)):
         generator = t.POISSON if part.kind == "poisson" else t.LISTED
         kind = KINDS.get(cells.kind, generator)
         pops[k, [t.KIND, t.BEGIN, t.END]] = kind, at, at + part.size
         pops[k, [t.RECORD, t.GROUP, t.START, t.STOP]] = part.records, t.NONE, part.start, part.stop
         pops[k, [t.BINARY, t.RECEPTORS]] = family.arithmetic.one_bit, family.receptors if kind >= t.STEPPED else 1
-        pops[k, t.GRADED] = part.model.graded
+        pops[k, t.GRADED] = part.model.graded or getattr(part.model, "resets_in_step", False)
         at += part.size
         if kind >= t.RELAY:
             slots = slots_of(fixed, k)
@@ -139,10 +140,10 @@ def _populations(a: Arrays, fixed: FixedProgram) -> None:
             ring += slots * part.size * (2 if kind == t.RELAY else family.receptors)
             arrived += slots
             pops[k, t.PLANES] = len(planes)
-            for wires in _apart(fixed, k):
-                for _ in _lags_apart(wires):
-                    planes.append((ring, wires.shift, wires.wraps))
-                    ring += slots * part.size
+            sums = [(each.shift, each.wraps, each.receptor) for each in _apart(fixed, k) for _ in _lags_apart(each)]
+            for of_plane in [*([(0, 0, 1)] if _has_second(fixed, k) else []), *sums]:
+                planes.append((ring, *of_plane))
+                ring += slots * part.size
             pops[k, t.PLANES_END] = len(planes)
     a["pops"], a["planes"] = pops, np.array(planes, dtype=np.int64).reshape(-1, t.PLANE_COLUMNS)
     a["ring"], a["arrived"] = np.zeros(ring + at, dtype=np.int32), np.zeros(ring + at, dtype=np.uint8)
@@ -153,7 +154,13 @@ def _apart(fixed: FixedProgram, target: int) -> list[FixedProjection]:
     """The projections onto a population whose sums are shifted or wrapped before they are added to those of others."""
     onto = zip(fixed.projections, fixed.program.projections, strict=True)
     found = [wires for wires, part in onto if wires is not None and part.target == target]
-    return [wires for wires in found if wires.shift or wires.wraps]
+    return [wires for wires in found if wires.apart]
+
+
+def _has_second(fixed: FixedProgram, target: int) -> bool:
+    """Whether a population has a second input in a plane of its own, the first one."""
+    model = fixed.program.populations[target].model
+    return isinstance(model, Neuron) and model.chip == "loihi2" and model.receptors == 2
 
 
 def _lags_apart(wires: FixedProjection) -> range:
@@ -187,9 +194,9 @@ def _projections(a: Arrays, fixed: FixedProgram) -> None:
             lists[name].append(array)
             at[name] += array.size
         _grid(table[q], part)
-        if wires.shift or wires.wraps:
+        if wires.apart:
             target, apart = a["pops"][part.target], _apart(fixed, part.target)
-            plane = target[t.PLANES] + sum(len(_lags_apart(each)) for each in apart[: apart.index(wires)])
+            plane = target[t.PLANES] + _has_second(fixed, part.target) + sum(len(_lags_apart(each)) for each in apart[: apart.index(wires)])
             table[q, t.PLANE] = a["planes"][plane, t.PLANE_RING] - target[t.RING]
             table[q, t.PLANE_STRIDE] = target[t.SLOTS] * (target[t.END] - target[t.BEGIN])
             table[q, t.FIRST_LAG] = _lags_apart(wires)[0]

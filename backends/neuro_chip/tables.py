@@ -44,7 +44,7 @@ ONE_TO_ONE, DENSE, CSR, GRID = range(4)
     LATE,
     RECEPTORS,
     LOWEST,
-    GRADED,
+    GRADED,  # its step resets it and says what it sends
     PLANES,  # of rings that are shifted or wrapped apart: the first, and the end
     PLANES_END,
     INTERVAL,  # steps between resets of the states, 0: none
@@ -91,7 +91,7 @@ ONE_TO_ONE, DENSE, CSR, GRID = range(4)
 ) = range(30)
 
 # planes: rings of projections whose sums are shifted or wrapped before they are added to the common one
-PLANE_RING, PLANE_SHIFT, PLANE_WRAPS, PLANE_COLUMNS = range(4)
+PLANE_RING, PLANE_SHIFT, PLANE_WRAPS, PLANE_RECEPTOR, PLANE_COLUMNS = range(5)
 
 # groups
 POPULATION, FIRST_TO_FIRE, CLOSED, WINNER, DECIDED, RIVALS, APART, GROUP_COLUMNS = range(8)

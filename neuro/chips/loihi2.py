@@ -131,7 +131,9 @@ def _fitted(inputs: Inputs, index: int) -> tuple[FixedProjection, list[Problem]]
     exponent = max(exact, default=fitting[0])
     step = np.full(1, 2.0**exponent)
     mantissas, found = rounding.fitted(part.weight, step, step, low, high, grain, inputs.keeps(index))
-    return _fixed(part.name, mantissas, exponent, mode, WEIGHT_BITS, step, inputs.lag(index), found), problems
+    fixed = _fixed(part.name, mantissas, exponent, mode, WEIGHT_BITS, step, inputs.lag(index), found)
+    second = inputs.part.model.chip == "loihi2" and part.receptor is not None and part.receptor.index == 1
+    return replace(fixed, receptor=int(second)), problems
 
 
 def _fits(mantissas: Floats, low: int, high: int) -> bool:

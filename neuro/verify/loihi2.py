@@ -7,6 +7,7 @@ simulation; what a case gives as the input `a_in` of a neuron is emitted one ste
 | --- | --- | --- |
 | connections | array `a` | what arrives: `graded_vector` sends it |
 | LIF, with reset, ternary | `du` | u, v and spikes |
+| RF, RF_IZ | `sin_decay` | real, imag and spikes |
 | SigmaDelta, Delta, Sigma | `act_mode`; `spike_exp`; the name | all states and messages |
 | graded vectors | the name | messages |
 """
@@ -29,17 +30,19 @@ from neuro.model.neurons import (
     graded_spike_train,
     graded_vector,
     loihi2_lif,
+    loihi2_rf,
+    loihi2_rf_iz,
     loihi2_ternary_lif,
     sigma_decoder,
     sigma_delta,
 )
 from neuro.model.rules import one_to_one, pairs
-from neuro.model.synapses import Synapse, loihi2_convolution, loihi2_static
+from neuro.model.synapses import Synapse, loihi2_convolution, loihi2_static, static
 from neuro.program.backend import Backend, OverflowWarning
 from neuro.verify.comparison import Golden, TraceComparison, equal
 
 Array = NDArray[Any]
-NOT_BUILT = {"dw": "learning with two factors", "a_in1": "Prod", "a_real_in": "RF, RF_IZ"}
+NOT_BUILT = {"dw": "learning with two factors", "a_in1": "Prod"}
 """What lava has and is not built, by a word of a case, or an array that it alone has."""
 
 
@@ -108,11 +111,14 @@ def _neurons(
     size, steps = arrays["s"].shape[1], len(arrays["s"])
     net = Network("neurons", resolution=1.0)
     net.population("out", size, _model(name, case, arrays))
-    late = "a_in" in arrays
-    _add_input(net, arrays["a_in"] if late else arrays["x"])
-    if late:
-        net.connect("in", "out", one_to_one(), weight=1.0, delay=1.0)
-    else:
+    late = "x" not in arrays
+    for word in ("a_in", "a_real_in", "a_imag_in"):
+        if word in arrays:
+            _add_input(net, arrays[word], word)
+            receptor = {"a_real_in": "real", "a_imag_in": "imag"}.get(word)
+            net.connect(word, "out", one_to_one(), static(receptor=receptor), weight=1.0, delay=1.0)
+    if not late:
+        _add_input(net, arrays["x"])
         post, pre = np.nonzero(arrays["W"])
         weights = arrays["W"][post, pre].astype(np.float64)
         net.connect("in", "out", pairs(pre=pre, post=post), _synapse(case["dense"]), weight=weights, delay=1.0)
@@ -123,7 +129,7 @@ def _neurons(
             yield equal(name, word, found[word][late:], array)
 
 
-STATES = ("u", "v", "sigma", "act", "residue", "error")
+STATES = ("u", "v", "real", "imag", "sigma", "act", "residue", "error")
 
 
 def _model(name: str, case: Mapping[str, Any], arrays: Mapping[str, Array]) -> Neuron:
@@ -134,6 +140,10 @@ def _model(name: str, case: Mapping[str, Any], arrays: Mapping[str, Array]) -> N
         if "vth_hi" in case:
             return loihi2_ternary_lif(vth_hi=case["vth_hi"], vth_lo=case["vth_lo"], **registers)
         return loihi2_lif(vth=case["vth"], **registers)
+    if "sin_decay" in case:
+        model = loihi2_rf_iz if "iz" in name else loihi2_rf
+        words = {word: case[word] for word in ("sin_decay", "cos_decay", "state_exp")}
+        return model(**words, vth=case["vth_eff"] // 2 ** case["state_exp"])
     if "spike_exp" in case:
         exponents = {word: case[word] for word in ("spike_exp", "state_exp")}
         unit = 2.0 ** sum(exponents.values())
@@ -151,11 +161,11 @@ def _synapse(case: Mapping[str, Any]) -> Synapse:
     return loihi2_static(**words, sign_mode=case.get("sign_mode", "MIXED").lower())
 
 
-def _add_input(net: Network, values: Array) -> None:
+def _add_input(net: Network, values: Array, name: str = "in") -> None:
     """Values by step and neuron as payloads."""
     steps, ids = np.nonzero(values)
     rows = np.stack([steps + 1, ids, values[steps, ids]], axis=1).astype(np.float64)
-    net.population("in", values.shape[1], graded_spike_train(spikes=rows))
+    net.population(name, values.shape[1], graded_spike_train(spikes=rows))
 
 
 def _run(net: Network, steps: int, states: Any, backend: str | Backend) -> dict[str, Array]:

@@ -13,7 +13,7 @@ from neuro.core.errors import ModelError
 from neuro.results import read
 from neuro.verify.verify import verify
 
-LEFT_OUT = {"prod", "rf", "rf_iz"}
+LEFT_OUT = {"prod"}
 
 
 @pytest.fixture(scope="module")

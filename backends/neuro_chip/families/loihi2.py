@@ -35,6 +35,10 @@ def _write(a: Arrays, row: NDArray[np.int64], here: slice, r: Mapping[str, Ints]
         a["v_rest"][here] = r["vth_lo"] * 64 if "vth_lo" in r else 0
         a["bias"][here] = r["bias_mant"] << r["bias_exp"]
         return
+    if "cos_decay" in r:
+        a["keep_u"][here], a["keep_v"][here] = r["cos_decay"], r["sin_decay"]
+        a["threshold"][here] = r["vth"] << r["state_exp"]
+        return
     for name, array in (("vth", "threshold"), ("bias", "bias")):
         a[array][here] = r.get(name, 0)
 
@@ -45,6 +49,8 @@ FAMILY = ChipFamily(
     steps={
         "loihi2_lif": loihi2_step.lif,
         "loihi2_ternary_lif": loihi2_step.ternary_lif,
+        "loihi2_rf": loihi2_step.rf,
+        "loihi2_rf_iz": loihi2_step.rf_iz,
         "sigma_delta": loihi2_step.sigma_delta,
         "delta_encoder": loihi2_step.delta_encoder,
         "sigma_decoder": loihi2_step.sigma_decoder,
@@ -56,6 +62,8 @@ FAMILY = ChipFamily(
     states={
         "loihi2_lif": ("v", "u"),
         "loihi2_ternary_lif": ("v", "u"),
+        "loihi2_rf": ("real", "imag"),
+        "loihi2_rf_iz": ("real", "imag"),
         "sigma_delta": _SIGMA,
         "delta_encoder": _SIGMA[1:],
         "sigma_decoder": ("sigma", "payload"),

@@ -19,15 +19,32 @@ def arrivals(net, row, step):
     n = row[t.END] - row[t.BEGIN]
     slot = (step & (row[t.SLOTS] - 1)) * n
     begin = row[t.RING] + slot
-    for p in range(row[t.PLANES], row[t.PLANES_END]):
-        place = net.planes[p, t.PLANE_RING] + slot
-        add_plane(
-            net.ring[begin : begin + n],
-            net.ring[place : place + n],
-            i32(net.planes[p, t.PLANE_SHIFT]),
-            i32(8 if net.planes[p, t.PLANE_WRAPS] else 0),
-        )
+    add_planes(net, row[t.PLANES], row[t.PLANES_END], slot, n, 0, begin)
     return begin
+
+
+@subkernel
+def second_arrivals(net, row, step):
+    """The same of the second receptor, in the first plane."""
+    n = row[t.END] - row[t.BEGIN]
+    slot = (step & (row[t.SLOTS] - 1)) * n
+    begin = net.planes[row[t.PLANES], t.PLANE_RING] + slot
+    add_planes(net, row[t.PLANES] + 1, row[t.PLANES_END], slot, n, 1, begin)
+    return begin
+
+
+@subkernel
+def add_planes(net, first, last, slot, n, receptor, begin):
+    """Add what the planes of a receptor hold to the n slots from `begin` on."""
+    for p in range(first, last):
+        if net.planes[p, t.PLANE_RECEPTOR] == receptor:
+            place = net.planes[p, t.PLANE_RING] + slot
+            add_plane(
+                net.ring[begin : begin + n],
+                net.ring[place : place + n],
+                i32(net.planes[p, t.PLANE_SHIFT]),
+                i32(8 if net.planes[p, t.PLANE_WRAPS] else 0),
+            )
 
 
 @subkernel
@@ -157,3 +174,43 @@ def graded_vector(net, pop, row, step):
         a = net.ring[begin + i - lo]
         net.ring[begin + i - lo] = ZERO
         send(net, i, a if (a if row[t.RELU] else i32(abs(a))) > net.threshold[i] else ZERO)
+
+
+@subkernel
+def resonate(net, pop, row, step):
+    """Turn the states of resonators: `v` is real, `u` imaginary; `hold` keeps the old imaginary part."""
+    first, second, lo = arrivals(net, row, step), second_arrivals(net, row, step), row[t.BEGIN]
+    exponent = i32(row[t.STATE_EXP])
+    clips = ZERO
+    for i in range(lo, row[t.END]):
+        re, im, k = net.v[i], net.u[i], i - lo
+        turned = i32(kept(re, net.keep_u[i]) - kept(im, net.keep_v[i]))
+        x = i32(turned + i32(net.ring[first + k] << exponent))
+        turned = i32(kept(re, net.keep_v[i]) + kept(im, net.keep_u[i]))
+        y = i32(turned + i32(net.ring[second + k] << exponent))
+        net.ring[first + k] = ZERO
+        net.ring[second + k] = ZERO
+        net.hold[i] = im
+        net.v[i] = i32(min(max(x, i32(-V_LIMIT)), V_LIMIT))
+        net.u[i] = i32(min(max(y, i32(-V_LIMIT)), V_LIMIT))
+        clips = i32(clips + i32(net.v[i] != x) + i32(net.u[i] != y))
+    net.native[pop, t.CLIPS] += clips
+
+
+@subkernel
+def rf(net, pop, row, step):
+    """Resonators that fire when their phase passes 0."""
+    resonate(net, pop, row, step)
+    for i in range(row[t.BEGIN], row[t.END]):
+        send(net, i, i32(net.v[i] >= net.threshold[i]) & i32(net.u[i] >= ZERO) & i32(net.hold[i] < ZERO))
+
+
+@subkernel
+def rf_iz(net, pop, row, step):
+    """Resonators that fire at a threshold of their imaginary part, and are reset."""
+    resonate(net, pop, row, step)
+    for i in range(row[t.BEGIN], row[t.END]):
+        send(net, i, i32(net.u[i] >= net.threshold[i]))
+        if net.fired[i]:
+            net.v[i] = ZERO
+            net.u[i] = i32(net.threshold[i] - ONE)

@@ -103,6 +103,7 @@ class FixedProjection:
         native: whether the weights of the language are the mantissas, bits that the chip drops included.
         shift: by how many bits the sum of a step is shifted down before it is added to that of other projections.
         wraps: whether that sum is a two's complement of 24 bits.
+        receptor: 1 where it goes to the second input of neurons in registers, the imaginary one.
         rounding: what became of the weights.
     """
 
@@ -124,7 +125,13 @@ class FixedProjection:
     native: bool = False
     shift: int = 0
     wraps: bool = False
+    receptor: int = 0
     rounding: WeightRounding = WeightRounding(0.0, 0.0, 0.0, 0.0)
+
+    @property
+    def apart(self) -> bool:
+        """Whether the sum of a step is not simply added to that of other projections."""
+        return bool(self.shift or self.wraps or self.receptor)
 
     def weights(self, mantissas: Words | Floats) -> Floats:
         """What mantissas stand for, in the unit of the language."""

@@ -4,6 +4,8 @@ from neuro.model.neurons.aeif_cond_exp import aeif_cond_exp as aeif_cond_exp
 from neuro.model.neurons.aeif_psc_exp import aeif_psc_exp as aeif_psc_exp
 from neuro.model.neurons.chip_neurons import (
     loihi2_lif as loihi2_lif,
+    loihi2_rf as loihi2_rf,
+    loihi2_rf_iz as loihi2_rf_iz,
     loihi2_ternary_lif as loihi2_ternary_lif,
     loihi_lif as loihi_lif,
     spinnaker_lif as spinnaker_lif,

@@ -107,6 +107,50 @@ class loihi2_ternary_lif(Loihi2Neuron):
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
+class Loihi2Resonator(Neuron):
+    """The state of a resonator of Loihi 2, a complex number that turns and decays, in registers.
+
+    Each step, in integers, with t(y) = y / 4096 truncated towards 0 and a what arrives at either receptor:
+    real <- t(cos_decay real) - t(sin_decay imag) + a_real 2^state_exp, and
+    imag <- t(sin_decay real) + t(cos_decay imag) + a_imag 2^state_exp, both clipped to +-(2^23 - 1).
+    """
+
+    states: ClassVar[tuple[State, ...]] = (State("real", "", "real register"), State("imag", "", "imaginary register"))
+    receptors: ClassVar[int] = 2
+    receptor_names: ClassVar[tuple[str, ...]] = ("real", "imag")
+    signed: ClassVar[bool] = False
+    resets_in_step: ClassVar[bool] = True
+    chip: ClassVar[str] = "loihi2"
+
+    cos_decay: Value = quantity(3900, "", "decay times cosine", whole=True, at_least=0, at_most=4096, arrays=True)
+    sin_decay: Value = quantity(1000, "", "decay times sine", whole=True, at_least=0, at_most=4096, arrays=True)
+    vth: Value = quantity(100, "", "threshold, times 2^state_exp", whole=True, at_least=0, at_most=131071, arrays=True)
+    state_exp: int = quantity(6, "", "exponent of the states", kind="integer", at_least=0, at_most=7)
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class loihi2_rf(Loihi2Resonator):
+    """A resonator that fires when its phase passes 0 at a real part of at least vth; it is not reset. lava: RF.
+
+    `static` names the receptor, real or imag.
+    """
+
+    equation: ClassVar[str] = "z' = decay e^(i phase) z + 2^state_exp a; spike at real' >= vth, imag' >= 0 > imag"
+    source: ClassVar[str] = "lava 0.10 RF, fixed point; Izhikevich, Neural Netw. 14:883, 2001"
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class loihi2_rf_iz(Loihi2Resonator):
+    """A resonator that fires at imag >= vth; then real is 0 and imag one below the threshold. lava: RF_IZ.
+
+    `static` names the receptor, real or imag.
+    """
+
+    equation: ClassVar[str] = "z' = decay e^(i phase) z + 2^state_exp a; spike at imag' >= vth, then z = i (vth - 1)"
+    source: ClassVar[str] = "lava 0.10 RF_IZ, fixed point; Izhikevich, Neural Netw. 14:883, 2001"
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
 class spinnaker_lif(Neuron):
     """A neuron of SpiNNaker in s16.15 (value x 32768) and unsigned 0.32 decays; every parameter is a register.
 
