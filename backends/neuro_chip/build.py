@@ -196,7 +196,11 @@ def _projections(a: Arrays, fixed: FixedProgram) -> None:
         _grid(table[q], part)
         if wires.apart:
             target, apart = a["pops"][part.target], _apart(fixed, part.target)
-            plane = target[t.PLANES] + _has_second(fixed, part.target) + sum(len(_lags_apart(each)) for each in apart[: apart.index(wires)])
+            plane = (
+                target[t.PLANES]
+                + _has_second(fixed, part.target)
+                + sum(len(_lags_apart(each)) for each in apart[: apart.index(wires)])
+            )
             table[q, t.PLANE] = a["planes"][plane, t.PLANE_RING] - target[t.RING]
             table[q, t.PLANE_STRIDE] = target[t.SLOTS] * (target[t.END] - target[t.BEGIN])
             table[q, t.FIRST_LAG] = _lags_apart(wires)[0]
