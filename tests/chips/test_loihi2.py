@@ -11,6 +11,7 @@ from neuro.chips.loihi2 import dropped
 from neuro.compare import loihi_rules
 from neuro.core.errors import ModelError
 from neuro.results import read
+from neuro.run.present import present
 from neuro.verify.verify import verify
 
 LEFT_OUT = {"prod"}
@@ -152,6 +153,30 @@ def test_payloads_are_injected_saved_and_read(backend, tmp_path):
     run = read(tmp_path / "run.h5")
     assert [found.tolist() for found in run.payloads("out")] == [[2.0, 3.0], [0, 1], [6, -14]]
     assert [found.tolist() for found in run.spikes("out")] == [[2.0, 3.0], [0, 1]]
+
+
+def test_a_diagnosis_sees_payloads_that_were_injected():
+    net = neuro.Network("late", resolution=1.0)
+    net.population("in", 1, neuro.graded_spike_train(spikes=[[1.0, 0, 3], [9.0, 0, 8]]))
+    net.population("out", 1, neuro.sigma_decoder())
+    net.connect("in", "out", neuro.one_to_one(), weight=2.0, delay=1.0)
+    net.probe("listed", "in")
+    sim = neuro.compile(net)
+    sim.inject("in", [2.0], [0], [-5])
+    sim.run(5.0)
+    part = present(sim.program, sim._engine, sim._rules, sim.steered).populations[0]
+    assert (part.spike_steps.tolist(), part.spike_payloads.tolist()) == ([1, 2, 9], [3, -5, 8])
+    assert [found for found in sim.doctor() if found.severity == "fault"] == []
+
+
+def test_other_tools_have_no_payloads(tmp_path):
+    net = graded()
+    with pytest.raises(ModelError) as error:
+        neuro.to_pynn(net, tmp_path / "net.py")
+    assert "graded_spike_train has no counterpart in PyNN" in str(error.value)
+    verdict = neuro.save_sonata(neuro.compile(net), tmp_path / "net.json")["out"]
+    assert verdict.verdict == "approximate"
+    assert verdict.how.endswith("its spikes are written without their payloads")
 
 
 def test_a_weight_of_half_a_unit_is_shifted():
