@@ -85,6 +85,10 @@ def _connections(
         expected = expected.transpose(0, 3, 2, 1).reshape(len(expected), -1)
         x = arrays["x"].transpose(0, 3, 2, 1).reshape(len(arrays["x"]), -1)
         delay: Any = 1.0
+    elif arrays["W"].ndim == 3:  # a convolution in time: the last of its kernels acts first
+        late, post, pre = np.nonzero(arrays["W"][::-1])
+        weight, x, delay = arrays["W"][::-1][late, post, pre], arrays["x"], late + 1.0
+        synapse = _synapse(case) if "weight_exp" in case else loihi2_convolution()
     else:
         post, pre = np.nonzero(arrays["W"])
         weight, synapse, x = arrays["W"][post, pre], _synapse(case), arrays["x"]
@@ -150,7 +154,8 @@ def _model(name: str, case: Mapping[str, Any], arrays: Mapping[str, Array]) -> N
         words = {**exponents, "vth": case["vth_eff"] / unit, "cum_error": case["cum_error"]}
         if "act_mode" not in case:
             return delta_encoder(**words)
-        return sigma_delta(**words, bias=case.get("bias_eff", 0) / unit, relu=case["act_mode"] == "RELU")
+        bias = np.asarray(case.get("bias_eff", 0), dtype=np.float64) / unit
+        return sigma_delta(**words, bias=bias if bias.ndim else float(bias), relu=case["act_mode"] == "RELU")
     if name.startswith("graded"):
         return graded_vector(vth=case["vth"] * 2.0 ** case.get("exp", 0), relu="relu" in name)
     return sigma_decoder()
