@@ -71,6 +71,12 @@ def _read_pynn(file: Path, options: Options) -> tuple[Network | None, Verdicts |
     return net, net.verdicts
 
 
+def _read_netx(file: Path, options: Options) -> tuple[Network | None, Verdicts | None]:
+    from neuro.exchange.netx import from_netx
+
+    return from_netx(file), None
+
+
 def _write_yaml(net: Network, file: Path, options: Options) -> Verdicts | None:
     net.save(file)
     return None
@@ -120,6 +126,7 @@ READERS: dict[str, Callable[[Path, Options], tuple[Network | None, Verdicts | No
     ".yaml": _read_yaml,
     ".yml": _read_yaml,
     ".nir": _read_nir,
+    ".net": _read_netx,
     ".py": _read_pynn,
 }
 """What reads a network and says what becomes of its nodes, by the ending of a file; no network if one is refused."""

@@ -40,6 +40,7 @@ from neuro.model.neurons import (
     Generator,
     Model,
     Neuron,
+    graded_spike_train,
     poisson_generator,
     spike_generator,
     spike_train,
@@ -51,6 +52,8 @@ from neuro.model.synapses import SYNAPSES, DelayRule, Modulated, MoveRule, Synap
 from neuro.program import program as resolved
 from neuro.program.program import Floats, Ints, Stream
 from neuro.program.share import WHOLE, Share
+
+NO_INTS: Ints = np.zeros(0, dtype=np.int64)
 
 
 @uncollected()
@@ -207,7 +210,7 @@ def _worked_out(part: Population, shape: Shape, clock: Clock, seed: int) -> dict
         check_values(model, parameters, clock)
         if timed:
             start, stop = (clock.step(getattr(model, word), f"{model.name}.{word}") for word in ("start", "stop"))
-        steps, ids = _listed_spikes(model, size(shape), clock)
+        steps, ids, payloads = _listed_spikes(model, size(shape), clock)
         schedule = schedule_of(model, size(shape), clock)
     return {
         "model": model,
@@ -218,6 +221,7 @@ def _worked_out(part: Population, shape: Shape, clock: Clock, seed: int) -> dict
         "initial": _initial(part, shape, parameters, seed),
         "spike_steps": steps,
         "spike_ids": ids,
+        "spike_payloads": payloads,
         "start": start,
         "stop": stop,
         "schedule": schedule,
@@ -250,32 +254,33 @@ def _initial(part: Population, shape: Shape, parameters: Mapping[str, Floats], s
     return start
 
 
-def _listed_spikes(model: Model, neurons: int, clock: Clock) -> tuple[Ints, Ints]:
-    """The spikes that a generator lists, by step, then neuron."""
-    if isinstance(model, spike_train):
+def _listed_spikes(model: Model, neurons: int, clock: Clock) -> tuple[Ints, Ints, Ints]:
+    """The spikes that a generator lists, by step, then neuron, and their payloads, none where it is not graded."""
+    if isinstance(model, spike_train | graded_spike_train):
         return _recorded(model, neurons, clock)
     if not isinstance(model, spike_generator) or not model.spike_times:
-        return np.zeros(0, dtype=np.int64), np.zeros(0, dtype=np.int64)
+        return NO_INTS, NO_INTS, NO_INTS
     steps = [clock.steps(t, f"spike_generator.spike_times[{i}]") for i, t in enumerate(model.spike_times)]
     ids = np.repeat(np.arange(len(steps), dtype=np.int64), [len(s) for s in steps])
     together = np.concatenate(steps)
     # By step, then neuron: the order in which every backend emits, and so that of all sums.
     order = np.lexsort((ids, together))
-    return together[order], ids[order]
+    return together[order], ids[order], NO_INTS
 
 
-def _recorded(model: spike_train, neurons: int, clock: Clock) -> tuple[Ints, Ints]:
-    times, ids = model.spikes.T
+def _recorded(model: spike_train | graded_spike_train, neurons: int, clock: Clock) -> tuple[Ints, Ints, Ints]:
+    rows = np.asarray(model.spikes, dtype=np.float64).reshape(-1, 3 if model.graded else 2)
+    times, ids, payloads = rows[:, 0], rows[:, 1], rows[:, 2:].ravel()
     bad = np.flatnonzero(ids >= neurons)
     if bad.size:
         raise ModelError(
-            f"spike_train.spikes[{bad[0]}] is of neuron {ids[bad[0]]:g}: expected a neuron from 0 to {neurons - 1}",
+            f"{model.name}.spikes[{bad[0]}] is of neuron {ids[bad[0]]:g}: expected a neuron from 0 to {neurons - 1}",
             hint=f"shape: {int(ids.max()) + 1} has room for all",
-            path=("spike_train", "spikes"),
+            path=(model.name, "spikes"),
             about=("shape",),
         )
-    steps, order = clock.steps(times, "spike_train.spikes"), np.lexsort((ids, times))
-    return steps[order], ids[order].astype(np.int64)
+    steps, order = clock.steps(times, f"{model.name}.spikes"), np.lexsort((ids, times))
+    return steps[order], ids[order].astype(np.int64), payloads[order if model.graded else ()].astype(np.int64)
 
 
 def _projection(

@@ -10,6 +10,7 @@
     steps           int64, sorted; a step times resolution_ms is its time in ms
     ids             int64
     multiplicity    int32, spikes of that neuron in that step
+    payloads        int32, of a graded population what each spike carries
     spike_counts    int64, spikes of each neuron
     event_counts    int64, steps of each neuron with spikes
 /projections/NAME   attributes: source, target, synapse, synapses, counts.*
@@ -177,6 +178,24 @@ class Results:
 
     def spikes_of(self, name: str, ids: Ints | None, since: float | None, until: float | None) -> tuple[Floats, Ints]:
         """Likewise of some neurons of a population, all if None."""
+        return self.graded_spikes_of(name, ids, since, until)[:2]
+
+    def payloads(self, of: Any, since: float | None = None, until: float | None = None) -> tuple[Floats, Ints, Ints]:
+        """Recorded spikes of a graded population, as `spikes` gives them, and the payload of each.
+
+        Raises:
+            ModelError: as `spikes`, or its spikes carry no payloads.
+        """
+        name, ids = self._neurons(of)
+        times, neurons, payloads = self.graded_spikes_of(name, ids, since, until)
+        if payloads is None:
+            raise ModelError(f"payloads of '{name}', {a(self.populations[name].model)}: its spikes carry none")
+        return times, neurons, payloads
+
+    def graded_spikes_of(
+        self, name: str, ids: Ints | None, since: float | None, until: float | None
+    ) -> tuple[Floats, Ints, Ints | None]:
+        """Likewise of some neurons of a population, with payloads where they have some."""
         train = self.populations[name]
         if not train.recorded:
             raise ModelError(f"spikes of '{name}', {a(train.model)}, are not recorded")
@@ -186,12 +205,14 @@ class Results:
         check_span(after, to, since, until)
         part = span(kept(train, "steps"), after, to)
         steps, neurons, multiplicity = (kept(train, word)[part] for word in ("steps", "ids", "multiplicity"))
+        payloads = None if kept(train, "payloads") is None else kept(train, "payloads")[part].astype(np.int64)
         if ids is not None:
             some = np.isin(neurons, ids)
             steps, neurons, multiplicity = steps[some], neurons[some], multiplicity[some]
+            payloads = None if payloads is None else payloads[some]
         if multiplicity.size and multiplicity.max() > 1:
             steps, neurons = np.repeat(steps, multiplicity), np.repeat(neurons, multiplicity)
-        return clock.array_ms(steps), neurons
+        return clock.array_ms(steps), neurons, payloads
 
     def trace(self, of: Any) -> tuple[Floats, Any]:
         """What a probe has recorded, as `Simulation.trace` gives it.

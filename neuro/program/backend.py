@@ -56,11 +56,15 @@ class Problem:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Spikes:
-    """Spikes of one population, by step, then id. A multiplicity above 1 is several spikes in one step."""
+    """Spikes of one population, by step, then id. A multiplicity above 1 is several spikes in one step.
+
+    Those of a graded population have a multiplicity of 1 and a payload each.
+    """
 
     steps: Ints
     ids: Ints
     multiplicity: NDArray[np.int32]
+    payloads: NDArray[np.int32] | None = None
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -136,7 +140,7 @@ class EngineCounts:
     Attributes:
         steps: steps run.
         events: spike events of each population (a multiplicity counts once), per neuron.
-        spikes: spikes of each population with their multiplicity, per neuron.
+        spikes: spikes of each population with their multiplicity, per neuron; of a graded one its messages.
         active: neuron-steps of each population with an arrival or a spike.
         trial_updates: weights changed at the end of trials, per projection.
         native: what only this backend counts, by name: of a chip its overflows, say. They are not shared.
@@ -169,8 +173,8 @@ class Engine(Protocol):
     def encourage(self, projection: int, maps: Ints) -> None:
         """Apply the rule's `encourage` to every weight of the given maps, once to a weight that several share."""
 
-    def inject(self, population: int, steps: Ints, ids: Ints) -> None:
-        """Add spikes of a spike_generator, at steps after the present one."""
+    def inject(self, population: int, steps: Ints, ids: Ints, payloads: Ints | None = None) -> None:
+        """Add spikes of a listed population, at steps after the present one; with payloads where it is graded."""
 
     def signal(self, signal: int, values: Floats) -> None:
         """Set the dopamine concentration of every synapse that listens to a signal, one value per post neuron."""
@@ -364,6 +368,21 @@ def floats_only(program: Program) -> list[Problem]:
             origin,
         )
         for what, choice, origin in parts
+    ]
+
+
+def ungraded(program: Program) -> list[Problem]:
+    """The problems of a backend whose spikes carry no payloads."""
+    return [
+        Problem(
+            True,
+            f"population '{part.name}': {part.model.name}",
+            "its spikes carry payloads, and spikes carry none here",
+            "run it on event, reference or loihi2",
+            part.origin,
+        )
+        for part in program.populations
+        if part.model.graded
     ]
 
 

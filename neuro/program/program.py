@@ -6,7 +6,7 @@ This is all that a backend sees.
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any, NamedTuple, Protocol, TypeVar
 
 import numpy as np
@@ -58,7 +58,8 @@ class Population:
         shape: sizes of the axes; `size` is their product and neuron ids run in C order.
         parameters: by word, shape (1,) where all neurons share it, else (size,).
         initial: states at step 0 by name, likewise.
-        spike_steps, spike_ids: a spike_generator's listed spikes, sorted by step, then id.
+        spike_steps, spike_ids: a spike_generator's listed spikes, sorted by step, then id; `spike_payloads` are those
+            of a graded one, else none.
         start, stop: a generator emits spikes in steps start < k <= stop, and a current in steps start <= k < stop.
         records: whether its spikes are kept for reading.
         stream: gives spikes to a listed population while it runs; None where none does.
@@ -82,6 +83,7 @@ class Population:
     stream: Stream | None = None
     schedule: Schedule | None = None
     declared: str = ""
+    spike_payloads: Ints = field(default_factory=lambda: np.zeros(0, dtype=np.int64))
 
     @property
     def said(self) -> str:

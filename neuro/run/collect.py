@@ -53,6 +53,9 @@ class RunSource(Protocol):
     def spikes(self, of: str) -> tuple[Floats, Ints]:
         """Times and neurons of a population."""
 
+    def payloads(self, of: str) -> tuple[Floats, Ints, Ints]:
+        """Likewise of a graded population, with payloads."""
+
     def trace(self, of: str) -> tuple[Floats, Any]:
         """Times and values of a trace."""
 
@@ -164,6 +167,10 @@ def _train(sim: RunSource, part: Population, kept: bool, counts: Counts) -> Trai
     train = no_spikes(sim, part, kept, counts)
     if not train.recorded:
         return train
+    if part.model.graded:
+        times, ids, payloads = sim.payloads(part.name)
+        steps, once = Clock(train.resolution_ms).steps(times, "spikes"), np.ones(ids.size, np.int32)
+        return replace(train, steps=steps, ids=ids, multiplicity=once, payloads=payloads.astype(np.int32))
     times, ids = sim.spikes(part.name)
     steps = Clock(train.resolution_ms).steps(times, "spikes")
     first = np.ones(steps.size, bool)
@@ -179,7 +186,8 @@ def no_spikes(sim: RunSource, part: Population, kept: bool, counts: Counts) -> T
     count = asdict(counts.populations[part.name])
     emits = "current" if part.kind == "current" else "spikes"
     words = (part.said, part.shape, count, kept and part.records, sim.program.resolution)
-    return Train(*words, none, none, none.astype(np.int32), zeros, zeros, emits)
+    payloads = none.astype(np.int32) if part.model.graded else None
+    return Train(*words, none, none, none.astype(np.int32), zeros, zeros, emits, payloads)
 
 
 def weights_of(

@@ -16,7 +16,7 @@ from neuro.program.backend import EngineCounts, Outcome, Sent, Spikes, Trial, Wi
 from neuro.program.currents import Currents
 from neuro.program.drives import Rates
 from neuro.program.program import Floats, Ints, Program, Trials
-from neuro.program.spikes import ListedSpikes, RecordedSpikes
+from neuro.program.spikes import ListedSpikes, RecordedSpikes, carrying
 from neuro.program.together import Engines
 from neuro_event.building import (
     build,
@@ -165,16 +165,18 @@ class EventEngine:
 
     # --- spikes -------------------------------------------------------------------------------------------
 
-    def inject(self, population: int, steps: Ints, ids: Ints) -> None:
-        """Add spikes of a spike_generator, at steps after the present one."""
-        if self._listed.add(population, steps, ids, self._step):
+    def inject(self, population: int, steps: Ints, ids: Ints, payloads: Ints | None = None) -> None:
+        """Add spikes of a listed population, at steps after the present one."""
+        if self._listed.add(population, steps, ids, self._step, payloads):
             self._pack()
 
     def spikes(self, population: int, since: int) -> Spikes:
         """Recorded spikes with step > since."""
         self._drain()
         place = self._a.places[population]
-        return self._record.spikes(place.begin, place.end, since, None if place.inside is None else place.outside)
+        ids_at = None if place.inside is None else place.outside
+        found = self._record.spikes(place.begin, place.end, since, ids_at)
+        return carrying(self._program.populations[population], found)
 
     def _drain(self) -> None:
         """Move recorded spikes out of the loop's buffers."""
@@ -521,7 +523,9 @@ class EventEngine:
         net = self._a.net
         generators.settle(self._a)
         events = tuple(p.by_id(net["events"][p.begin : p.end].copy()) for p in self._a.places)
-        spikes = tuple(p.by_id(net["spikes"][p.begin : p.end].copy()) for p in self._a.places)
+        # payloads are not counted, but spikes that carry them
+        names = ["events" if part.model.graded else "spikes" for part in self._program.populations]
+        spikes = tuple(p.by_id(net[n][p.begin : p.end].copy()) for n, p in zip(names, self._a.places, strict=True))
         return EngineCounts(
             self._step, events, spikes, net["active"].sum(axis=0)[: len(events)], self._trial_updates.copy()
         )
@@ -531,7 +535,8 @@ class EventEngine:
         if self._a.net["pops"][population, t.COUNTS] >= 0:
             generators.settle(self._a)
         place = self._a.places[population]
-        return place.by_id(self._a.net["spikes"][place.begin : place.end].copy())
+        name = "events" if self._program.populations[population].model.graded else "spikes"
+        return place.by_id(self._a.net[name][place.begin : place.end].copy())
 
     def joined(self, engines: Sequence[Any]) -> Engines:
         """Engines of this network as one."""

@@ -61,8 +61,9 @@ POSITIVE, NEGATIVE, MIXED = range(3)
     GATHERS,  # 1: synapses onto it learn by moves
     JOINED,  # of what arrives: those in joined rows, and the end
     JOINED_END,
+    PAYLOAD,  # the state that its spikes carry, none where they carry no payload
     POPULATION_COLUMNS,
-) = range(31)
+) = range(32)
 
 # projections
 (
