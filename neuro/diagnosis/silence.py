@@ -150,7 +150,9 @@ class Silence:
         # Recurrent weights are no remedy: nothing arrives by them before the first spike, and too much after it.
         heard = [q for q in self.wiring.onto(k) if self.program.projections[q].source not in self.silent]
         onto = [q for q in heard if self.wiring.may_excite(q)] + self.wiring.onto(k, "current")
-        depleted, rested = self._depleted(onto)
+        slow = {j for j in (self.program.projections[q].source for q in onto) if self.seen.rate(j) < SLOW_HZ}
+        before = [q for j in sorted(slow) for q in self.wiring.onto(j) if self.wiring.may_excite(q)]
+        depleted, rested = self._depleted(onto + before)
         rates = "" if depleted else ", or the rate of its inputs"  # they deplete it the more
         names = f"`weight` of {self.wiring.names(onto)}{times}{rates}" if onto else "its I_e"
         sources = {self.program.projections[q].source for q in onto}
