@@ -62,7 +62,7 @@ def check_memory(net: Network, shapes: Mapping[str, Shape], shares: int = 1) -> 
     if free is None:
         return
     here = min(shares, neighbours()) / shares
-    needed = here * ROOM * sum(synapses[part.name] * _bytes(part) for part in parts)
+    needed = here * ROOM * sum(synapses[part.name] * _bytes(part, shares) for part in parts)
     if needed > free:
         largest = max(parts, key=lambda part: synapses[part.name])
         raise ModelError(
@@ -90,14 +90,17 @@ def _synapses(part: Projection, n_pre: int, n_post: int) -> int:
     return 0
 
 
-def _bytes(part: Projection) -> int:
+def _bytes(part: Projection, shares: int) -> int:
     """Of a synapse: its target, and a weight and a delay of its own; what learns has states, and an index by target.
 
     Where delays are drawn these take two bytes, four or eight, and one, unless a delay is longer than 255 steps or a
-    population larger than 65,536 neurons; a backend's joined rows, which take their place, as much or less.
+    population larger than 65,536 neurons; a backend's joined rows, which take their place, as much or less. In one of
+    several shares they take four, eight and one.
     """
     weight = plain(part.weight)
     if _has_drawn_delays(part):
+        if shares > 1:
+            return 5 + 8 * _each(weight)
         single = isinstance(weight, Distribution) and weight.single
         return 3 + (4 if single or not _each(weight) else 8)
     dense = isinstance(part.rule, all_to_all)
