@@ -10,6 +10,7 @@ import neuro
 from neuro.compiler import compile_network, drawn, resolve
 from neuro.core.errors import ModelError
 from neuro.core.memory import discard
+from neuro.kernels.jit import kernel
 from neuro.model.network import Network
 from neuro.program.compact import CompactProjection
 from neuro.program.program import Program
@@ -20,6 +21,7 @@ from neuro_event import EventBackend
 from neuro_event.building import joined_rows, layout
 from neuro_event.host import snapshot
 from neuro_event.loop import tables as t
+from neuro_event.loop.joined_rows import FAR, add_steps, add_steps_by_sign
 
 SETTINGS = settings(
     max_examples=8,
@@ -331,6 +333,39 @@ def test_arrays_that_are_lost_are_not_read(monkeypatch: pytest.MonkeyPatch):
     lost = program.projections[3]
     with pytest.raises(ModelError, match=f"projection '{lost.name}': its synapses are lost"):
         lost.weight.sum()
+
+
+def test_rows_that_are_interrupted_are_laid_out_again(monkeypatch: pytest.MonkeyPatch):
+    sim, whole = (neuro.compile(network(EVERY), "event", seed=1) for _ in range(2))
+
+    def interrupt(*given: object) -> None:
+        raise KeyboardInterrupt
+
+    with monkeypatch.context() as patched:
+        patched.setattr(joined_rows, "_lay", interrupt)
+        with pytest.raises(KeyboardInterrupt):
+            sim._engine.run(1)
+    for each in (sim, whole):
+        run_on(each, 6.0)
+    assert differences(observe(whole), observe(sim), exact=True) == []
+
+
+@pytest.mark.parametrize("by_sign", [False, True])
+def test_what_lies_between_far_places_is_not_touched(by_sign: bool):
+    @kernel
+    def add(steps, weights, buf):  # type: ignore[no-untyped-def]
+        zero = np.uint64(0)
+        if by_sign:
+            add_steps_by_sign(steps, weights, zero, zero, 3, zero, np.uint64(1), 1.0, buf)
+        else:
+            add_steps(steps, weights, zero, zero, 3, zero, 1.0, buf)
+
+    buf = np.zeros(FAR + 9)
+    between = buf[FAR + 1 : FAR + 2].view(np.uint64)
+    between[:] = 0x7FF0000000000001  # a signalling NaN: to add anything to it changes its bits
+    add(np.array([1, FAR, 2], dtype=np.uint16), np.array([3.0, -0.0, 4.0]), buf)
+    assert buf[[1, FAR + 3]].tolist() == [3.0, 4.0]
+    assert between[0] == 0x7FF0000000000001, "it may be another thread's"
 
 
 def test_pages_are_given_back():

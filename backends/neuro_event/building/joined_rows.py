@@ -111,7 +111,6 @@ def join(a: EventArrays) -> None:
     Of very many synapses the rows are the only copy: the program's arrays are freed row by row.
     """
     part(a)
-    a.parted = False
     stretches = []
     for pop in a.net["pops"]:
         arriving = a.net["incoming"][pop[t.ARRIVALS] : pop[t.ARRIVALS_END]].tolist()

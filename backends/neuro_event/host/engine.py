@@ -105,6 +105,7 @@ class EventEngine:
         if self._a.parted:
             joined_rows.join(self._a)
             self._pack()
+            self._a.parted = False  # last: a run that is interrupted before lays them out again
 
     def _prepare(self, step: int) -> int:
         """Write what generators are to send after a step; return the last step for which it is so."""

@@ -25,7 +25,7 @@ PREFETCH_DISTANCE = 16
 """Runs between a prefetch and its use."""
 
 FAR = 2**16 - 1
-"""A step that leads to no synapse and adds -0.0, no input: what lies as far or farther is reached by several."""
+"""A step that leads to no synapse: what lies as far or farther is reached by several."""
 
 
 @kernel
@@ -58,7 +58,9 @@ def add_steps(steps, weights, e, w, n, at, m, buf):
     """Add n weights times m to places of `buf`, each some steps from the one before; the first from `at`."""
     for k in range(n):
         at += np.uint64(steps[e + k])
-        buf[at] += np.float64(weights[w + k]) * m
+        # Not even -0.0 may be added where a step leads to no synapse: another thread may be adding there.
+        if steps[e + k] != FAR:
+            buf[at] += np.float64(weights[w + k]) * m
 
 
 @subkernel
@@ -66,8 +68,9 @@ def add_steps_by_sign(steps, weights, e, w, n, at, second, m, buf):
     """The same for weights of both signs; those below 0 go `second` places further."""
     for k in range(n):
         at += np.uint64(steps[e + k])
-        weight = np.float64(weights[w + k]) * m
-        buf[at + (second if weight < 0.0 else np.uint64(0))] += weight
+        if steps[e + k] != FAR:
+            weight = np.float64(weights[w + k]) * m
+            buf[at + (second if weight < 0.0 else np.uint64(0))] += weight
 
 
 @subkernel
