@@ -3,7 +3,7 @@
 | step | by |
 | --- | --- |
 | sound to channels | `Cochlea` (gammatone filters, a stream), `mel_levels` (bands of spectra, frame by frame) |
-| channels to spikes | `HairCells` (integrate-and-fire, a stream), `crossings` (thresholds that a channel passes), rates |
+| channels to spikes | `HairCells` (integrate-and-fire, a stream), `crossings` (passed thresholds), rates |
 
 Rates are the levels times a largest rate, which `neuro.coding.poisson` makes into spikes.
 
