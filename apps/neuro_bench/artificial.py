@@ -157,7 +157,7 @@ class Network:
         import torch
 
         with torch.no_grad():
-            parts = torch.from_numpy(shown.frames).split(AT_ONCE)
+            parts = torch.split(torch.from_numpy(shown.frames), AT_ONCE)
             return torch.cat([self.module(part).argmax(dim=1) for part in parts]).numpy()
 
     def costs(self, shown: Examples) -> Costs:

@@ -33,8 +33,8 @@ def tasks() -> None:
 
     rows = [(name, one.title, ", ".join(one.splits[:3]), one.metric, one.licence) for name, one in TASKS.items()]
     console().print(table(("task", "is", "splits", "metric", "licence"), rows))
-    rows = [(name, one.title, one.kind, "yes" if one.spiking else "no") for name, one in METHODS.items()]
-    console().print(table(("method", "is", "for", "spikes"), rows))
+    listed = [(name, one.title, one.kind, "yes" if one.spiking else "no") for name, one in METHODS.items()]
+    console().print(table(("method", "is", "for", "spikes"), listed))
 
 
 @app.command("run")
@@ -49,6 +49,7 @@ def run_method(
     ] = 1,
     seeds: Annotated[tuple, Option("--seeds", metavar="A,B", parser=seeds_of, help="Each on all folds.")] = "0",  # type: ignore[assignment, type-arg]
     folds: Annotated[int | None, Option("--folds", metavar="N", parser=count, help="The first N folds only.")] = None,
+    split_seed: Annotated[int, Option("--split-seed", metavar="N", min=0, help="Of folds that are drawn.")] = 0,
     threads: Annotated[int, Option("--threads", metavar="N", min=1, help="Threads to compute with.")] = 1,
     set: Set = [],  # noqa: B006
 ) -> None:
@@ -70,6 +71,7 @@ def run_method(
         seeds=tuple(seeds),
         folds=folds,
         changes=assignments(set),
+        split_seed=split_seed,
     )
     made, _ = asked.made()
     file = out or Path(f"{task}-{made.split}-{method}.json")
@@ -87,9 +89,11 @@ def run_method(
 
 @app.command()
 def compare(
-    files: Annotated[list[Path], typer.Argument(metavar="FILE...", help="Results of 'neuro bench run', of one task.")],
+    results: Annotated[
+        list[Path], typer.Argument(metavar="FILE...", help="Results of 'neuro bench run', of one task.")
+    ],
 ) -> None:
     """Print results of one task as a table; its first line says who wins."""
     from neuro_bench import report
 
-    report.show([report.read(file) for file in files])
+    report.show([report.read(file) for file in results])

@@ -46,7 +46,7 @@ class LogisticRegression(Method):
         from sklearn.pipeline import make_pipeline
         from sklearn.preprocessing import StandardScaler
 
-        learner = make_pipeline(StandardScaler(), Logistic(C=settings["C"], max_iter=200, random_state=seed))
+        learner = make_pipeline(StandardScaler(), Logistic(C=settings["C"], max_iter=1000, random_state=seed))
         learner.fit(_rows(train, settings["pooled"]), train.labels)
         return _Classifier(learner, settings["pooled"], learner[-1].coef_)
 

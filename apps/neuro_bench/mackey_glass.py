@@ -59,7 +59,7 @@ class MackeyGlass(Task):
             return solution(tau, wanted)
         file = self.data / f"mg_{tau}.npy"
         try:
-            values = np.load(file, allow_pickle=False).astype(np.float64).reshape(-1)
+            values: Series = np.asarray(np.load(file, allow_pickle=False), dtype=np.float64).reshape(-1)
         except (OSError, ValueError) as error:
             raise ModelError(f"{file}: cannot be read: {error}: expected a series of NeuroBench") from None
         if len(values) < wanted:
@@ -123,9 +123,9 @@ def solution(tau: int, points: int, substeps: int = SUBSTEPS) -> Series:
         k4 = rate(x[k] + h * k3, last)
         x[k + 1] = x[k] + h / 6.0 * (k1 + 2.0 * k2 + 2.0 * k3 + k4)
     at = np.arange(points) * lyapunov / POINTS * substeps
-    k = at.astype(np.int64)
-    s = at - k
+    n = at.astype(np.int64)
+    s = at - n
     slope[steps] = rate(x[steps], x[steps - lag])
-    a, b, c, d = x[k], x[k + 1], h * slope[k], h * slope[k + 1]
+    a, b, c, d = x[n], x[n + 1], h * slope[n], h * slope[n + 1]
     values: Series = a * (1 + 2 * s) * (1 - s) ** 2 + b * s**2 * (3 - 2 * s) + c * s * (1 - s) ** 2 - d * s**2 * (1 - s)
     return values

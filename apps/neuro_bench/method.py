@@ -90,7 +90,7 @@ def tries(method: Method, count: int, seed: int) -> list[dict[str, Any]]:
     for _ in range(100 * count):
         if len(found) == count:
             break
-        drawn = {name: values[rng.integers(len(values))] for name, values in method.space.items()}
+        drawn = {name: values[int(rng.integers(len(values)))] for name, values in method.space.items()}
         if (one := {**method.settings, **drawn}) not in found:
             found.append(one)
     return found

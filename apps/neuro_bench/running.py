@@ -83,7 +83,7 @@ def run(request: Request, report: Callable[[str, int, int], None] = lambda what,
     """
     task, method = request.made()
     folds = list(task.folds())[: request.folds]
-    found = []
+    found: list[dict[str, Any]] = []
     for seed in request.seeds:
         for fold in folds:
             report(f"{fold.name}, seed {seed}", len(found), len(folds) * len(request.seeds))
@@ -118,7 +118,8 @@ def run(request: Request, report: Callable[[str, int, int], None] = lambda what,
 
 
 def _fold(task: Task, method: Method, fold: Fold, tried: Sequence[dict[str, Any]], seed: int) -> dict[str, Any]:
-    began, told = time.process_time(), []
+    began = time.process_time()
+    told: list[dict[str, Any]] = []
 
     def size(part: Any) -> Any:
         return part if task.kind == "classes" else len(part)
@@ -128,7 +129,8 @@ def _fold(task: Task, method: Method, fold: Fold, tried: Sequence[dict[str, Any]
             model = method.fit(fold.train, settings, seed)
             judged = task.score(model.predict(size(fold.validation)), fold.validation)
             told.append({"settings": settings, "validation": judged})
-        best = (max if task.higher else min)(told, key=lambda one: one["validation"])["settings"]
+        sign = 1.0 if task.higher else -1.0
+        best: dict[str, Any] = max(told, key=lambda one: sign * float(one["validation"]))["settings"]
     else:
         best = tried[0]
     model = method.fit(fold.both, best, seed)

@@ -55,7 +55,7 @@ class Spiking(Method):
         span = neuro.uniform(low=h, high=10.0 * h) if self.delayed else h
         connect("in_hidden", INPUT, "hidden", 0.8 / each**0.5, span)
         if self.back:
-            connect("hidden_hidden", "hidden", "hidden", 0.5 / settings["hidden"] ** 0.5)
+            connect("hidden_hidden", "hidden", "hidden", 0.05 / settings["hidden"] ** 0.5)
         connect("hidden_out", "hidden", OUTPUT, 0.1)
         return net
 
@@ -106,7 +106,8 @@ class _Trained:
         for k in range(len(some)):
             train = events.trains[INPUT].of([k])
             showing.show(train.step, train.neuron, events.steps)
-        counts, target = showing.taken.raw_counts, chip(CHIP)
+        taken: Any = showing.taken
+        counts, target = taken.raw_counts, chip(CHIP)
         placed = place(sim.program, target)
         bill = price(sim.program, counts, placed, target).per(len(some), "example")
         found = neurobench(sim.program, counts, samples=len(some))
@@ -145,3 +146,4 @@ class Delays(Spiking):
     called_by = "delays"
     title = "spiking network with learnt delays, by surrogate gradients"
     delayed = True
+    settings = {**Spiking.settings, "hidden": 256, "tau": 50.0}

@@ -133,9 +133,9 @@ class HairCells:
             given, self._gain * (1.0 - self._keep), self._keep, self._rest, self._sample, self._v, self._until, fired
         )
         sample, channel = fired.nonzero()
-        times = (sample + self._sample + 1) * (1000.0 / self.rate)
+        times: Floats = (sample + self._sample + 1) * (1000.0 / self.rate)
         self._sample += len(given)
-        return times, channel
+        return times, channel.astype(np.int64)
 
 
 @kernel
