@@ -56,6 +56,7 @@ NEEDS = {
     "NIR": "nir",
     "Norse": "norse",
     "PyNN": "pyNN",
+    "scikit-learn": "sklearn",
     "torch": "torch",
     "websockets": "websockets",
 }

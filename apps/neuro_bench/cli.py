@@ -89,9 +89,7 @@ def run_method(
 
 @app.command()
 def compare(
-    results: Annotated[
-        list[Path], typer.Argument(metavar="FILE...", help="Results of 'neuro bench run', of one task.")
-    ],
+    results: Annotated[list[Path], typer.Argument(metavar="FILE...", help="Results of 'run', of one task.")],
 ) -> None:
     """Print results of one task as a table; its first line says who wins."""
     from neuro_bench import report

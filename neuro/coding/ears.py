@@ -133,7 +133,7 @@ class HairCells:
             given, self._gain * (1.0 - self._keep), self._keep, self._rest, self._sample, self._v, self._until, fired
         )
         sample, channel = fired.nonzero()
-        times: Floats = (sample + self._sample + 1) * (1000.0 / self.rate)
+        times: Floats = (sample + self._sample + 1).astype(np.float64) * (1000.0 / self.rate)
         self._sample += len(given)
         return times, channel.astype(np.int64)
 
