@@ -162,15 +162,13 @@ class Network:
 
     def costs(self, shown: Examples) -> Costs:
         """Counted layer by layer, where neither the weight nor what comes in is 0, as NeuroBench does."""
-        import torch
         from torch import nn
 
         counted = dict.fromkeys(("macs", "dense", "zeros", "activations"), 0.0)
 
         def synapses(layer: Any, given: Any, out: Any) -> None:
             counted["macs"] += _effective(layer, given[0], out)
-            ones = copy.deepcopy(layer)
-            counted["dense"] += _effective(ones, torch.ones_like(given[0]), out, whole=True)
+            counted["dense"] += _effective(layer, given[0], out, whole=True)
 
         def activations(layer: Any, given: Any, out: Any) -> None:
             counted["zeros"] += float((out == 0).sum())
@@ -221,35 +219,27 @@ def _effective(layer: Any, given: Tensor, out: Any, whole: bool = False) -> floa
     return float((ones(given).double() @ inward).sum() + (ones(states).double() @ back).sum())
 
 
-def quantised(module: nn.Module, shown: Examples) -> nn.Module:
-    """A copy in 8 bits: weights on a grid for each output, what comes into a layer on one grid of its largest value."""
+def quantised(module: Any, shown: Examples) -> nn.Module:
+    """The layers of a sequence in 8 bits: weights on a grid for each output, what comes in on one of its largest value."""
     import torch
     from torch import nn
 
-    made = copy.deepcopy(module)
-    layers = [layer for layer in made.modules() if isinstance(layer, (nn.Linear, nn.Conv2d))]
-    largest: dict[int, float] = {}
-    hooks = [
-        layer.register_forward_pre_hook(lambda own, given: largest.__setitem__(id(own), float(given[0].abs().max())))
-        for layer in layers
-    ]
+    class Rounding(nn.Module):
+        def __init__(self, largest: float) -> None:
+            super().__init__()
+            self.scale = max(largest, 1e-12) / 127.0
+
+        def forward(self, x: Tensor) -> Tensor:
+            return (x / self.scale).round().clamp(-127, 127) * self.scale
+
+    made, x = [], torch.from_numpy(shown.frames)
     with torch.no_grad():
-        made(torch.from_numpy(shown.frames))
-        for hook in hooks:
-            hook.remove()
-        for layer in layers:
-            rows = layer.weight.flatten(1).abs().amax(dim=1).clamp_min(1e-12) / 127.0
-            scale = rows.reshape(-1, *[1] * (layer.weight.dim() - 1))
-            layer.weight.copy_((layer.weight / scale).round().clamp(-127, 127) * scale)
-            layer.register_forward_pre_hook(_Rounding(max(largest[id(layer)], 1e-12) / 127.0))
-    return made
-
-
-class _Rounding:
-    """What comes into a layer, on a grid of 8 bits."""
-
-    def __init__(self, scale: float) -> None:
-        self._scale = scale
-
-    def __call__(self, layer: Any, given: tuple[Tensor, ...]) -> tuple[Tensor, ...]:
-        return ((given[0] / self._scale).round().clamp(-127, 127) * self._scale,)
+        for layer in copy.deepcopy(module):
+            if isinstance(layer, (nn.Linear, nn.Conv2d)):
+                made.append(Rounding(float(x.abs().max())))
+                rows = layer.weight.flatten(1).abs().amax(dim=1).clamp_min(1e-12) / 127.0
+                scale = rows.reshape(-1, *[1] * (layer.weight.dim() - 1))
+                layer.weight.copy_((layer.weight / scale).round() * scale)
+            made.append(layer)
+            x = layer(x)
+    return nn.Sequential(*made).eval()
