@@ -220,7 +220,7 @@ def _effective(layer: Any, given: Tensor, out: Any, whole: bool = False) -> floa
 
 
 def quantised(module: Any, shown: Examples) -> nn.Module:
-    """The layers of a sequence in 8 bits: weights on a grid for each output, what comes in on one of its largest value."""
+    """The layers of a sequence in 8 bits: a grid of weights for each output, one for what comes in."""
     import torch
     from torch import nn
 
