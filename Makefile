@@ -8,8 +8,8 @@
 #                   (NEST_MPI=file.whl: a wheel that is built already); needs openmpi-bin libopenmpi-dev libgsl-dev
 # make test-c       200 random networks (C_NETWORKS=... of each chip) and those that ship as C: gcc and clang with sanitizers,
 #                   and a Cortex-M4; needs gcc clang gcc-arm-none-eabi libnewlib-arm-none-eabi qemu-system-arm
-# make test-oracles the tests of event files and streams, of networks beside other tools (NIR, SONATA) and of scripts of
-#                   PyNN, in environments of their own
+# make test-oracles the tests of event files and streams, of networks beside other tools (NIR, SONATA), of scripts of PyNN,
+#                   and of NeuroBench's metrics, in environments of their own
 # make bench        how fast it is
 # make bench-peers  how fast NEST, Brian2, public emulators of Loihi, and packages that train by gradients are with the
 #                   same networks, in environments of their own
@@ -96,7 +96,7 @@ test-mpi: $(VENV)-mpi/.installed
 
 test-oracles: $(VENV)-oracles/.installed $(VENV)-oracles-pynn/.installed $(if $(TORCH),$(VENV)-oracles-nir/.installed)
 	$(VENV)-oracles/bin/python -m pytest tests/events tests/exchange/test_sonata.py -n 2 -p no:benchmark -ra
-	$(if $(TORCH),$(VENV)-oracles-nir/bin/python -m pytest tests/exchange -p no:benchmark -ra)
+	$(if $(TORCH),$(VENV)-oracles-nir/bin/python -m pytest tests/exchange tests/chips/test_neurobench.py tests/bench/test_neurobench_oracle.py -p no:benchmark -ra)
 	$(VENV)-oracles-pynn/bin/python -m pytest tests/exchange/test_pynn_oracles.py -n 2 -p no:benchmark -ra
 
 demo: $(VENV)/.demo
@@ -155,7 +155,7 @@ $(VENV)-oracles-nir/.installed: pyproject.toml
 	$(VENV)-oracles-nir/bin/python $(PIP) --editable . $(TORCH) 'pytest>=8.3' 'pytest-xdist>=3.6' 'hypothesis>=6.112' \
 	  tqdm loguru requests packaging pbr
 	$(VENV)-oracles-nir/bin/python $(PIP) --no-deps spikingjelly==2.0.0 snntorch==1.0.0 norse==1.1.0 sinabs==3.1.3 nir==1.0.8 \
-	  nirtorch==2.6
+	  nirtorch==2.6 neurobench==2.3.0
 	@touch $@
 
 $(VENV)-peers/.installed:

@@ -30,6 +30,8 @@ INSIDE = {
     ("FrozenInstanceError", "neuro/model/parts.py"): "of a part that is frozen, as of any dataclass",
     ("AttributeError", "neuro/core/lazy.py"): "asked for by Python of a module",
     ("NotImplementedError", "neuro/"): "of a method that subclasses have",
+    ("NotImplementedError", "apps/neuro_bench/"): "of a method that subclasses have",
+    ("TypeError", "apps/neuro_bench/"): "of what is no task or method; a registry tells it as ModelError",
     ("TypeError", "neuro/model/"): "of a class that is no model; a registry tells it as ModelError",
     ("TypeError", "neuro/coding/"): "of a function that is no code; a registry tells it as ModelError",
     ("TypeError", "neuro/events/f"): "of what is no format or filter; a registry tells it as ModelError",

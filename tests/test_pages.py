@@ -58,6 +58,7 @@ NEEDS = {
     "NIR": "nir",
     "Norse": "norse",
     "PyNN": "pyNN",
+    "scikit-learn": "sklearn",
     "torch": "torch",
     "websockets": "websockets",
 }

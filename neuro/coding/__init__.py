@@ -2,7 +2,8 @@
 
 An encoder is a function of an array of values and named parameters. Those of `CODES` give spike times, those of
 `RATE_CODES` rates, which `poisson` makes into spikes. Those of `FIELDS` are classes, made for dimensions of vectors,
-that give the spikes of neurons with fields. Decoders are functions of counts or spike times.
+that give the spikes of neurons with fields. `Cochlea`, `HairCells`, `mel_levels` and `crossings` make spikes of sounds.
+Decoders are functions of counts or spike times.
 """
 
 from typing import TYPE_CHECKING
@@ -17,6 +18,12 @@ if TYPE_CHECKING:
         population_vector as population_vector,
         rank_order as rank_order,
         van_rossum as van_rossum,
+    )
+    from neuro.coding.ears import (
+        Cochlea as Cochlea,
+        HairCells as HairCells,
+        crossings as crossings,
+        mel_levels as mel_levels,
     )
     from neuro.coding.encoders import (
         burst as burst,

@@ -1,0 +1,96 @@
+"""What a method is: settings, a space to choose from, and `fit`, whose model predicts and has costs."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass, field
+from typing import Any, ClassVar, Literal, Protocol
+
+import numpy as np
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Costs:
+    """What a model takes for one example, in NeuroBench's words; a value of a series is one, too.
+
+    Attributes:
+        parameters: numbers that were learnt.
+        footprint_bytes: of all that describes the model.
+        connection_sparsity: share of the weights that are 0.
+        activation_sparsity: share of the activations that are 0.
+        effective_macs: multiply-accumulates whose factors are both not 0.
+        effective_acs: accumulates of weights that are not 0, by spikes.
+        dense: operations if nothing were 0.
+        joules: of one example, by what it is computed on.
+    """
+
+    parameters: int
+    footprint_bytes: int
+    connection_sparsity: float = 0.0
+    activation_sparsity: float = 0.0
+    effective_macs: float = 0.0
+    effective_acs: float = 0.0
+    dense: float = 0.0
+    joules: Mapping[str, float] = field(default_factory=dict)
+
+    def as_words(self) -> dict[str, Any]:
+        """All of it as plain data."""
+        return asdict(self)
+
+
+class Model(Protocol):
+    """What was learnt."""
+
+    def predict(self, shown: Any) -> Any:
+        """The class of each of `Examples`, (examples,); or so many next values of a series."""
+
+    def costs(self, shown: Any) -> Costs:
+        """What an example of these takes."""
+
+
+class Method:
+    """Base of the methods.
+
+    Class attributes:
+        kind: of the tasks that it suits, "classes" or "series".
+        called_by: the name on the command line.
+        title: in one line.
+        spiking: whether it is a spiking network.
+        settings: what may be chosen, with the values of the first try.
+        space: of some settings the values that further tries are drawn from.
+    """
+
+    kind: ClassVar[Literal["classes", "series"]] = "classes"
+    called_by: ClassVar[str] = ""
+    title: ClassVar[str] = ""
+    spiking: ClassVar[bool] = False
+    settings: ClassVar[Mapping[str, Any]] = {}
+    space: ClassVar[Mapping[str, Sequence[Any]]] = {}
+
+    @classmethod
+    def called(cls) -> str:
+        """The name on the command line."""
+        return cls.called_by
+
+    def fit(self, train: Any, settings: Mapping[str, Any], seed: int) -> Model:
+        """Learn from `Examples` or a `Series`.
+
+        Args:
+            train: what to learn from.
+            settings: a value for each of `settings`.
+            seed: of all that is random.
+        """
+        raise NotImplementedError
+
+
+def tries(method: Method, count: int, seed: int) -> list[dict[str, Any]]:
+    """The settings of each try: the first as they are, the others drawn from the space, none twice in a small space."""
+    rng = np.random.default_rng((seed, 7))
+    found = [dict(method.settings)]
+    for _ in range(100 * count):
+        if len(found) == count:
+            break
+        drawn = {name: values[int(rng.integers(len(values)))] for name, values in method.space.items()}
+        if (one := {**method.settings, **drawn}) not in found:
+            found.append(one)
+    return found

@@ -1,0 +1,146 @@
+"""Results as tables and files; the first line of a comparison says who wins."""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+from neuro import ModelError
+from neuro.apps import console, number, sealed, table, write_text
+from neuro_bench.running import FORMAT
+
+RESULT = sealed("a result of 'neuro bench run'", f'"format": "{FORMAT}"', ', "digest": "{}"')
+SAME = ("tries", "seeds", "folds", "split_seed")
+"""What results of one table have in common, beside task, split and data."""
+
+
+def write(found: Mapping[str, Any], path: Path) -> None:
+    """Write a result as JSON."""
+    write_text(path, json.dumps(_finite(found), indent=1), RESULT)
+
+
+def read(path: Path) -> dict[str, Any]:
+    """A result from its file.
+
+    Raises:
+        ModelError: it is none.
+    """
+    try:
+        found = json.loads(path.read_text("utf-8"))
+    except OSError as error:
+        raise ModelError(f"{path}: cannot be read: {error.strerror}") from None
+    except ValueError:
+        found = {}
+    if not isinstance(found, dict) or found.get("format") != FORMAT:
+        raise ModelError(f"{path}: expected a result of 'neuro bench run'")
+    return found
+
+
+def compared(results: Sequence[Mapping[str, Any]]) -> list[Mapping[str, Any]]:
+    """Results of one table, the best first.
+
+    Raises:
+        ModelError: they are of other tasks, splits or data, or were not tuned with the same tries.
+    """
+    first = results[0]
+    for other in results[1:]:
+        for what in ("name", "split", "metric"):
+            _same(f"task {what}", first["task"][what], other["task"][what])
+        for word in SAME:
+            _same(word, first["asked"][word], other["asked"][word])
+        _same("data", _data(first), _data(other))
+    sign = -1.0 if first["task"]["higher"] else 1.0
+    return sorted(results, key=lambda one: sign * one["mean"])
+
+
+def _data(result: Mapping[str, Any]) -> Any:
+    """The digest of the data, wherever they lie."""
+    path = result["asked"]["data"]
+    inputs = result["provenance"]["inputs"]
+    return sorted(digest for name, digest in inputs.items() if path and Path(path).name in name)
+
+
+def _same(what: str, one: Any, other: Any) -> None:
+    if one != other:
+        raise ModelError(f"results differ in {what}: {one} and {other}: expected the same in one table")
+
+
+def verdict(results: Sequence[Mapping[str, Any]]) -> str:
+    """Who wins, in a line: the best of all, and the best of the other kind."""
+    best = results[0]
+    spiking = best["method"]["spiking"]
+    name, unit = best["method"]["name"], best["task"]["metric"]
+    line = f"{name} wins, a {_kind(spiking)} network or method: {_score(best)} ({unit})"
+    other = next((one for one in results if one["method"]["spiking"] != spiking), None)
+    if other is None:
+        return f"{line}; nothing {_kind(not spiking)} was compared"
+    gap = abs(best["mean"] - other["mean"])
+    sure = _apart(best, other)
+    also = "" if sure else "; their intervals overlap"
+    return f"{line}; the best {_kind(not spiking)} is {other['method']['name']}, {gap:.2f} behind{also}"
+
+
+def _kind(spiking: bool) -> str:
+    return "spiking" if spiking else "non-spiking"
+
+
+def _apart(one: Mapping[str, Any], other: Mapping[str, Any]) -> bool:
+    (a, b), (c, d) = _interval(one), _interval(other)
+    return b < c or d < a
+
+
+def _interval(result: Mapping[str, Any]) -> tuple[float, float]:
+    low, high = (float("nan") if value is None else float(value) for value in result["interval"])
+    return low, high
+
+
+def _score(result: Mapping[str, Any]) -> str:
+    low, high = _interval(result)
+    return f"{result['mean']:.2f}" + ("" if math.isnan(low) else f" [{low:.2f}, {high:.2f}]")
+
+
+def show(results: Sequence[Mapping[str, Any]]) -> None:
+    """Print the verdict, where there are several, and the table."""
+    ordered = compared(results)
+    first = ordered[0]
+    asked, task = first["asked"], first["task"]
+    if len(ordered) > 1:
+        console().print(verdict(ordered), soft_wrap=True)
+    rows = [row(one) for one in ordered]
+    head = ("method", "spikes", f">{task['metric']}", ">weights", ">bytes", ">0 act.", ">MACs", ">ACs", ">uJ", ">cpu s")
+    tried = f"{asked['tries']} {'try' if asked['tries'] == 1 else 'tries'} each"
+    folds = f"{len(first['folds'])} trainings tested"
+    console().print(table(head, rows, title=f"{task['title']}; {task['split']} folds; {folds}; {tried}"))
+    notes = {name for one in ordered for name in one["costs"]["joules"]}
+    if notes:
+        console().print(f"uJ of an example: {'; '.join(sorted(notes))}, the first of each row", soft_wrap=True)
+
+
+def row(result: Mapping[str, Any]) -> tuple[str, ...]:
+    """A line of the table."""
+    costs = result["costs"]
+    joules = next(iter(costs["joules"].values()), None)
+    return (
+        result["method"]["name"],
+        "yes" if result["method"]["spiking"] else "no",
+        _score(result),
+        number(costs["parameters"]),
+        number(costs["footprint_bytes"]),
+        f"{costs['activation_sparsity']:.3f}",
+        number(costs["effective_macs"]),
+        number(costs["effective_acs"]),
+        "" if joules is None else f"{1e6 * joules:.3g}",
+        f"{result['cpu_s']:.0f}",
+    )
+
+
+def _finite(value: Any) -> Any:
+    """The same with None for what is no finite number, which JSON has no word for."""
+    if isinstance(value, Mapping):
+        return {name: _finite(one) for name, one in value.items()}
+    if isinstance(value, (list, tuple)):
+        return [_finite(one) for one in value]
+    return None if isinstance(value, float) and not math.isfinite(value) else value

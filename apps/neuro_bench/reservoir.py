@@ -1,0 +1,103 @@
+"""Opponents for series: an echo state network, and the mean."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+
+from neuro_bench.method import Costs, Method
+from neuro_bench.prices import arithmetic
+from neuro_bench.task import Series
+
+WARM_UP = 45
+"""Values before the readout learns: 0.6 Lyapunov times, as NeuroBench's."""
+
+
+class EchoState(Method):
+    """A drawn recurrent network with a readout by ridge regression, which then hears its own predictions."""
+
+    kind = "series"
+    called_by = "echo-state"
+    title = "echo state network (Jaeger, GMD Report 148, 2001)"
+    settings = {"units": 200, "radius": 0.9, "leak": 0.8, "scale": 1.0, "ridge": 1e-7, "connected": 0.1}
+    space = {
+        "units": (200, 400),
+        "radius": (0.6, 0.8, 0.9, 1.0, 1.1),
+        "leak": (0.5, 0.65, 0.8, 1.0),
+        "scale": (0.3, 0.6, 1.0, 1.5),
+        "ridge": (1e-10, 1e-8, 1e-7, 1e-6, 1e-5),
+        "connected": (0.05, 0.1, 0.2),
+    }
+
+    def fit(self, train: Series, settings: Mapping[str, Any], seed: int) -> _Reservoir:
+        """Learn to say the next value; see `Method`."""
+        rng = np.random.default_rng((seed, 4))
+        units = settings["units"]
+        inside = rng.uniform(-1.0, 1.0, (units, units)) * (rng.random((units, units)) < settings["connected"])
+        inside *= settings["radius"] / max(float(np.abs(np.linalg.eigvals(inside)).max()), 1e-12)
+        return _Reservoir(inside, rng.uniform(-1.0, 1.0, (units, 2)) * settings["scale"], settings, train)
+
+
+class _Reservoir:
+    def __init__(self, inside: Any, inward: Any, settings: Mapping[str, Any], train: Series) -> None:
+        self._inside, self._inward, self._leak = inside, inward, settings["leak"]
+        state, states = np.zeros(len(inside)), np.empty((len(train), len(inside) + 2))
+        for k, value in enumerate(train):
+            state = self._next(state, value)
+            states[k] = self._seen(state, value)
+        x, y = states[WARM_UP:-1], train[WARM_UP + 1 :]
+        gram = x.T @ x + settings["ridge"] * np.eye(x.shape[1])
+        self._out = np.linalg.solve(gram, x.T @ y)
+        self._state, self._value = state, float(train[-1])
+
+    def _next(self, state: Any, value: float) -> Any:
+        driven = np.tanh(self._inside @ state + self._inward[:, 0] + self._inward[:, 1] * value)
+        return (1.0 - self._leak) * state + self._leak * driven
+
+    def _seen(self, state: Any, value: float) -> Any:
+        return np.concatenate((state, [value, 1.0]))
+
+    def predict(self, shown: int) -> Series:
+        """The next values, each from the one that it said before."""
+        state, value, said = self._state, self._value, np.empty(shown)
+        for k in range(shown):
+            value = float(self._seen(state, value) @ self._out)
+            said[k] = value = float(np.clip(value, -10.0, 10.0))
+            state = self._next(state, value)
+        return said
+
+    def costs(self, shown: int) -> Costs:
+        """Products of the drawn connections and of the readout, for a value."""
+        weights = (self._inside, self._inward, self._out)
+        size = sum(each.size for each in weights)
+        macs = float(sum(np.count_nonzero(each) for each in weights))
+        words: Any = {"connection_sparsity": 1.0 - macs / size, "joules": arithmetic("float32", macs)}
+        sizes: Any = {"parameters": self._out.size, "footprint_bytes": 8 * size}
+        return Costs(effective_macs=macs, dense=float(size), **sizes, **words)
+
+
+class SeriesMean(Method):
+    """The mean of the series: what a method has to beat."""
+
+    kind = "series"
+    called_by = "mean"
+    title = "the mean of what was seen"
+
+    def fit(self, train: Series, settings: Mapping[str, Any], seed: int) -> _Mean:
+        """Keep the mean."""
+        return _Mean(float(np.mean(train)))
+
+
+class _Mean:
+    def __init__(self, value: float) -> None:
+        self._value = value
+
+    def predict(self, shown: int) -> Series:
+        """The same value for ever."""
+        return np.full(shown, self._value)
+
+    def costs(self, shown: int) -> Costs:
+        """One number."""
+        return Costs(parameters=1, footprint_bytes=8)

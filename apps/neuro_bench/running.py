@@ -1,0 +1,172 @@
+"""A method on the folds of a task: the same tries for every method, chosen by validation, tested once."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from neuro import ModelError
+from neuro.apps import provenance, unknown
+from neuro_bench.known import METHODS, TASKS
+from neuro_bench.method import Method, tries
+from neuro_bench.task import Fold, Task
+
+FORMAT = "neuro bench 1"
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Request:
+    """What is asked for: all that a result follows from, beside the data and the version.
+
+    Attributes:
+        task: a name of `TASKS`.
+        method: a name of `METHODS`.
+        data: path of the data, None where the task makes them.
+        split: of the task, its first if None.
+        tries: settings that are tried in each fold.
+        seeds: of the method, each on all folds.
+        folds: the first so many only; all if None.
+        changes: settings of the first try that are otherwise.
+        split_seed: of folds that are drawn.
+    """
+
+    task: str
+    method: str
+    data: Path | None = None
+    split: str | None = None
+    tries: int = 1
+    seeds: tuple[int, ...] = (0,)
+    folds: int | None = None
+    changes: Mapping[str, Any] | None = None
+    split_seed: int = 0
+
+    def made(self) -> tuple[Task, Method]:
+        """The task and the method.
+
+        Raises:
+            ModelError: there is none of that name, they do not suit each other, or a setting is unknown.
+        """
+        for what, name, known in (("task", self.task, TASKS), ("method", self.method, METHODS)):
+            if name not in known:
+                raise unknown(what, name, known)
+        kind, method = TASKS[self.task], METHODS[self.method]()
+        if kind.kind != method.kind:
+            suits = ", ".join(name for name in METHODS if METHODS[name].kind == kind.kind)
+            message = f"method '{self.method}' is for {method.kind}, task '{self.task}' is of {kind.kind}"
+            raise ModelError(f"{message}: expected one of {suits}")
+        changes = dict(self.changes or {})
+        for name in changes:
+            if name not in method.settings:
+                raise unknown("setting", name, method.settings)
+        if changes:
+            method.settings = {**method.settings, **changes}  # type: ignore[misc]
+        return kind(self.data, self.split, self.split_seed), method
+
+
+def run(request: Request, report: Callable[[str, int, int], None] = lambda what, done, total: None) -> dict[str, Any]:
+    """Run a method on all folds of a task.
+
+    Args:
+        request: what is asked for.
+        report: called with what is done, how much of it, and of how much.
+
+    Returns:
+        Ready for JSON: the request, each fold's settings, tries, score and costs, mean and 95 % interval, provenance.
+
+    Raises:
+        ModelError: as of `Request.made` and of the task.
+    """
+    task, method = request.made()
+    folds = list(task.folds())[: request.folds]
+    found: list[dict[str, Any]] = []
+    for seed in request.seeds:
+        for fold in folds:
+            report(f"{fold.name}, seed {seed}", len(found), len(folds) * len(request.seeds))
+            found.append(_fold(task, method, fold, tries(method, request.tries, seed), seed))
+    scores = [each["score"] for each in found]
+    mean, low, high = interval(scores)
+    return {
+        "format": FORMAT,
+        "task": {
+            "name": request.task,
+            "split": task.split,
+            "metric": task.metric,
+            "higher": task.higher,
+            **{word: getattr(task, word) for word in ("title", "licence", "source")},
+        },
+        "method": {"name": request.method, "title": method.title, "spiking": method.spiking},
+        "asked": {
+            "data": None if request.data is None else str(request.data),
+            "tries": request.tries,
+            "seeds": list(request.seeds),
+            "folds": request.folds,
+            "changes": dict(request.changes or {}),
+            "split_seed": request.split_seed,
+        },
+        "mean": mean,
+        "interval": [low, high],
+        "folds": found,
+        "costs": _mean_costs([each["costs"] for each in found]),
+        "cpu_s": sum(each["cpu_s"] for each in found),
+        "provenance": provenance(),
+    }
+
+
+def _fold(task: Task, method: Method, fold: Fold, tried: Sequence[dict[str, Any]], seed: int) -> dict[str, Any]:
+    began = time.process_time()
+    told: list[dict[str, Any]] = []
+
+    def size(part: Any) -> Any:
+        return part if task.kind == "classes" else len(part)
+
+    if len(tried) > 1:
+        for settings in tried:
+            model = method.fit(fold.train, settings, seed)
+            judged = task.score(model.predict(size(fold.validation)), fold.validation)
+            told.append({"settings": settings, "validation": judged})
+        sign = 1.0 if task.higher else -1.0
+        best: dict[str, Any] = max(told, key=lambda one: sign * float(one["validation"]))["settings"]
+    else:
+        best = tried[0]
+    model = method.fit(fold.both, best, seed)
+    answered = time.process_time()
+    predicted = model.predict(size(fold.test))
+    spent = time.process_time()
+    return {
+        "fold": fold.name,
+        "seed": seed,
+        "score": task.score(predicted, fold.test),
+        "n": len(fold.test),
+        "settings": best,
+        "tries": told,
+        "costs": model.costs(size(fold.test)).as_words(),
+        "ms_an_example": 1000.0 * (spent - answered) / len(fold.test),
+        "cpu_s": time.process_time() - began,
+    }
+
+
+def interval(scores: Sequence[float]) -> tuple[float, float, float]:
+    """Mean of scores, and its 95 % interval by Student's t; of one score no interval, so NaN."""
+    from scipy.stats import t
+
+    mean, n = float(np.mean(scores)), len(scores)
+    if n < 2:
+        return mean, float("nan"), float("nan")
+    half = float(t.ppf(0.975, n - 1) * np.std(scores, ddof=1) / n**0.5)
+    return mean, mean - half, mean + half
+
+
+def _mean_costs(each: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
+    found: dict[str, Any] = {}
+    for name in each[0]:
+        values = [one[name] for one in each]
+        if isinstance(values[0], Mapping):
+            found[name] = {key: float(np.mean([one[key] for one in values])) for key in values[0]}
+        else:
+            found[name] = float(np.mean(values))
+    return found

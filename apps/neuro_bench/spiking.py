@@ -1,0 +1,149 @@
+"""Spiking networks for classes, trained by the parts of `neuro train`, tested and priced on emulated Loihi."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any, ClassVar
+
+import numpy as np
+
+import neuro
+from neuro.apps import Showing
+from neuro.chips import chip, neurobench, place, price
+from neuro_bench.artificial import check_torch
+from neuro_bench.method import Costs, Method
+from neuro_bench.task import Examples
+
+PRICED = 50
+"""Examples that the bill is the mean of."""
+INPUT, OUTPUT, CHIP = "input", "out", "loihi"
+
+
+class Spiking(Method):
+    """Base of these: an input, a hidden layer and a neuron a class, of which the one that fires most decides."""
+
+    spiking = True
+    back: ClassVar[bool] = False
+    delayed: ClassVar[bool] = False
+    settings = {
+        "hidden": 128, "tau": 20.0, "epochs": 40, "rate": 0.01, "decay": 0.05, "temperature": 2.0, "shift": 1,
+    }  # fmt: skip
+    space: ClassVar[Mapping[str, Any]] = {
+        "hidden": (128, 256),
+        "tau": (20.0, 40.0, 80.0),
+        "epochs": (40, 60),
+        "rate": (0.005, 0.01, 0.02),
+        "decay": (0.02, 0.05, 0.1),
+        "temperature": (1.5, 2.0, 3.0),
+        "shift": (1, 2),
+    }
+
+    def network(self, train: Examples, settings: Mapping[str, Any], seed: int) -> neuro.Network:
+        """The network before it learns; weights are drawn for the spikes that come in a step."""
+        spikes, h = train.spikes, train.spikes.step
+        cell = neuro.iaf_psc_delta(tau_m=settings["tau"], t_ref=0.0, E_L=0.0, V_reset=0.0, V_th=1.0)
+        net = neuro.Network(self.called_by, resolution=h)
+        net.population(INPUT, spikes.shape, neuro.spike_generator())
+        net.population("hidden", settings["hidden"], cell)
+        net.population(OUTPUT, len(train.classes), cell)
+        each = max(1.0, len(spikes.at) / (len(train) * spikes.steps))
+
+        def connect(name: str, source: str, target: str, std: float, delay: Any = h) -> None:
+            weight = neuro.normal(mean=0.0, std=std)
+            net.connect(source, target, neuro.all_to_all(), weight=weight, delay=delay, name=name)
+
+        span = neuro.uniform(low=h, high=10.0 * h) if self.delayed else h
+        connect("in_hidden", INPUT, "hidden", 0.8 / each**0.5, span)
+        if self.back:
+            connect("hidden_hidden", "hidden", "hidden", 0.05 / settings["hidden"] ** 0.5)
+        connect("hidden_out", "hidden", OUTPUT, 0.1)
+        return net
+
+    def fit(self, train: Examples, settings: Mapping[str, Any], seed: int) -> Any:
+        """Learn by surrogate gradients; see `Method`."""
+        check_torch(self)
+        from neuro_train.trainer import learn
+
+        plan = self.plan(train, settings, seed)
+        return _Trained(learn(self.network(train, settings, seed), batch_data(train), plan), plan)
+
+    def plan(self, train: Examples, settings: Mapping[str, Any], seed: int) -> Any:
+        """The settings as `neuro train` has them."""
+        from neuro_train.plan import TrainingPlan
+
+        words: Any = {name: settings[name] for name in ("epochs", "rate", "decay", "temperature", "shift")}
+        learns = ("in_hidden=weight,delay", "hidden_out=weight") if self.delayed else ()
+        duration = train.spikes.steps * train.spikes.step
+        return TrainingPlan(input=INPUT, output=OUTPUT, trainable=learns, duration=duration, seed=seed, **words)
+
+
+def batch_data(shown: Examples) -> Any:
+    """Examples as `neuro train` has recordings."""
+    from neuro_torch import Events
+    from neuro_train.data import BatchData
+
+    spikes = shown.spikes
+    events = Events(len(shown), spikes.steps, {INPUT: (spikes.example, spikes.at, spikes.neuron)})
+    return BatchData(events, shown.labels, shown.classes, spikes.shape, "")
+
+
+class _Trained:
+    def __init__(self, trained: Any, plan: Any) -> None:
+        self.net, self._module, self._plan = trained.net, trained.module, plan
+
+    def predict(self, shown: Examples) -> Any:
+        """The class of each, -1 for silence."""
+        from neuro_train.tested import by_module
+
+        return by_module(self._module, batch_data(shown), self._plan).decided
+
+    def costs(self, shown: Examples) -> Costs:
+        """By NeuroBench's counts, and the bill of Loihi, of the first examples."""
+        some = shown.take(np.arange(min(PRICED, len(shown))))
+        events = batch_data(some).events
+        sim = neuro.compile(self.net, backend=CHIP, seed=self._plan.seed)
+        showing = Showing(sim, INPUT, OUTPUT)
+        for k in range(len(some)):
+            train = events.trains[INPUT].of([k])
+            showing.show(train.step, train.neuron, events.steps)
+        taken: Any = showing.taken
+        counts, target = taken.raw_counts, chip(CHIP)
+        placed = place(sim.program, target)
+        bill = price(sim.program, counts, placed, target).per(len(some), "example")
+        found = neurobench(sim.program, counts, samples=len(some))
+        ops = found["synaptic_operations"]
+        joules = {"Loihi, as fast as it can": bill.total_j, "Loihi, in real time": bill.real_time.total_j}
+        return Costs(
+            parameters=found["parameter_count"],
+            footprint_bytes=found["footprint_bytes"],
+            connection_sparsity=found["connection_sparsity"],
+            activation_sparsity=found["activation_sparsity"],
+            effective_macs=ops["effective_macs"],
+            effective_acs=ops["effective_acs"],
+            dense=ops["dense"],
+            joules=joules,
+        )
+
+
+class Recurrent(Spiking):
+    """A hidden layer that sees the input and itself."""
+
+    called_by = "recurrent"
+    title = "recurrent spiking network, by surrogate gradients"
+    back = True
+
+
+class Dense(Spiking):
+    """A hidden layer that sees the input."""
+
+    called_by = "dense"
+    title = "spiking network with one hidden layer, by surrogate gradients"
+
+
+class Delays(Spiking):
+    """A hidden layer to which spikes take times that learn as weights do."""
+
+    called_by = "delays"
+    title = "spiking network with learnt delays, by surrogate gradients"
+    delayed = True
+    settings = {**Spiking.settings, "hidden": 256, "tau": 50.0}

@@ -1,0 +1,208 @@
+"""What a task is: folds of data in one form for all methods, a metric, a licence, and where its data come from."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any, ClassVar, Literal
+
+import numpy as np
+import numpy.typing as npt
+
+from neuro import ModelError
+
+Floats = npt.NDArray[np.float32]
+Series = npt.NDArray[np.float64]
+"""Values of a series at even times, shape (values,)."""
+Ints = npt.NDArray[np.int64]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Spikes:
+    """Spikes of examples, each neuron at most once in a step.
+
+    Attributes:
+        shape: of the input: (sheets, rows, columns).
+        steps: of each example.
+        step: length of one, ms.
+        example: of each spike, ascending.
+        at: the step of each, from 0.
+        neuron: that emits it, in C order of the shape.
+    """
+
+    shape: tuple[int, int, int]
+    steps: int
+    step: float
+    example: Ints
+    at: Ints
+    neuron: Ints
+
+    @classmethod
+    def of_dense(cls, spikes: Any, step: float) -> Spikes:
+        """Those of an array that is not 0 where there is a spike, shape (examples, steps, sheets, rows, columns)."""
+        dense = np.asarray(spikes)
+        if dense.ndim != 5:
+            message = f"spikes: found the shape {dense.shape}"
+            raise ModelError(f"{message}: expected (examples, steps, sheets, rows, columns)")
+        example, at, neuron = dense.reshape(*dense.shape[:2], -1).nonzero()
+        _, steps, sheets, rows, columns = dense.shape
+        return cls((sheets, rows, columns), steps, step, example, at, neuron)
+
+    def take(self, chosen: Ints, examples: int) -> Spikes:
+        """Those of some of the examples, in the order given."""
+        ends = np.searchsorted(self.example, np.arange(examples + 1))
+        lengths = ends[chosen + 1] - ends[chosen]
+        places = [np.arange(ends[k], ends[k + 1]) for k in chosen]
+        index = np.concatenate([np.zeros(0, np.int64), *places])
+        example = np.repeat(np.arange(len(chosen)), lengths)
+        return replace(self, example=example, at=self.at[index], neuron=self.neuron[index])
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Examples:
+    """Labelled examples in two forms, of the same data.
+
+    Attributes:
+        frames: what artificial networks see, shape (examples, channels, rows, columns); time runs along the columns
+            where a row is a band of a sound.
+        labels: the class of each, from 0, shape (examples,).
+        classes: names.
+        spikes: what spiking networks see.
+    """
+
+    frames: Floats
+    labels: Ints
+    classes: tuple[str, ...]
+    spikes: Spikes
+
+    def __post_init__(self) -> None:
+        if self.frames.ndim != 4 or len(self.frames) != len(self.labels):
+            message = f"frames: found the shape {self.frames.shape}"
+            raise ModelError(f"{message}: expected ({len(self.labels)}, channels, rows, columns), one for each label")
+        if len(self.labels) and not 0 <= self.labels.min() <= self.labels.max() < len(self.classes):
+            raise ModelError(
+                f"labels: found {self.labels.min()} to {self.labels.max()}: expected 0 to {len(self.classes) - 1}"
+            )
+
+    def __len__(self) -> int:
+        return len(self.labels)
+
+    def take(self, chosen: Ints) -> Examples:
+        """Some of them, in the order given."""
+        spikes = self.spikes.take(chosen, len(self))
+        return Examples(self.frames[chosen], self.labels[chosen], self.classes, spikes)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Fold:
+    """Data to learn from, to choose settings by, and to be judged by; `Examples`, or `Series` that follow each other.
+
+    Attributes:
+        name: in the results.
+        train: to learn from while settings are chosen.
+        validation: to choose them by.
+        both: the two together, to learn from when they are chosen.
+        test: is asked once.
+    """
+
+    name: str
+    train: Any
+    validation: Any
+    both: Any
+    test: Any
+
+
+class Task:
+    """Base of the tasks.
+
+    Class attributes:
+        kind: "classes" or "series".
+        called_by: the name on the command line.
+        title: in one line.
+        licence: of the data.
+        source: where the data come from, and who published the task.
+        metric: what is reported.
+        higher: whether more of it is better.
+        needs_data: whether the user gives the path of the data.
+
+    Args:
+        data: path of the data; nothing is ever downloaded.
+        split: one of `splits`, the first if not given.
+        seed: of folds that are drawn.
+
+    Raises:
+        ModelError: there are no such data, or no such split.
+    """
+
+    kind: ClassVar[Literal["classes", "series"]] = "classes"
+    called_by: ClassVar[str] = ""
+    title: ClassVar[str] = ""
+    licence: ClassVar[str] = ""
+    source: ClassVar[str] = ""
+    metric: ClassVar[str] = "accuracy, %"
+    higher: ClassVar[bool] = True
+    needs_data: ClassVar[bool] = True
+    splits: ClassVar[tuple[str, ...]] = ("random",)
+
+    def __init__(self, data: Path | None = None, split: str | None = None, seed: int = 0) -> None:
+        self.data, self.split, self.seed = data, split or self.splits[0], seed
+        if self.split not in self.splits:
+            raise ModelError(f"--split {self.split}: expected one of {', '.join(self.splits)}")
+        if self.needs_data and data is None:
+            raise ModelError(f"task '{self.called_by}' has no data: expected --data PATH", hint=self.source)
+        if data is not None and not data.exists():
+            raise ModelError(f"{data}: is not there: expected the data of '{self.called_by}'", hint=self.source)
+
+    @classmethod
+    def called(cls) -> str:
+        """The name on the command line."""
+        return cls.called_by
+
+    def folds(self) -> Sequence[Fold]:
+        """All folds of the split."""
+        raise NotImplementedError
+
+    def score(self, predicted: Any, wanted: Any) -> float:
+        """The metric of what was predicted for a test part: the share of right classes in %."""
+        return 100.0 * float(np.mean(np.asarray(predicted) == wanted.labels))
+
+
+def random_folds(examples: Examples, count: int, seed: int) -> list[Fold]:
+    """Folds that test on each example once, drawn within the classes; a tenth of the others is the validation part.
+
+    Raises:
+        ModelError: there are fewer examples than folds.
+    """
+    if len(examples) < 2 * count:
+        raise ModelError(f"found {len(examples)} examples: expected at least {2 * count} for {count} folds")
+    rng = np.random.default_rng((seed, 1))
+    part = np.empty(len(examples), dtype=np.int64)
+    first = 0
+    for label in range(len(examples.classes)):
+        own = np.flatnonzero(examples.labels == label)
+        part[rng.permutation(own)] = (first + np.arange(len(own))) % count
+        first += len(own)
+    return [fold(examples, f"random {k + 1}", part == k, (seed, 2, k)) for k in range(count)]
+
+
+def fold(examples: Examples, name: str, tested: npt.NDArray[np.bool_], key: tuple[int, ...]) -> Fold:
+    """The fold that tests on some examples and draws the validation part from the others."""
+    rest = np.random.default_rng(key).permutation(np.flatnonzero(~tested))
+    held = max(1, len(rest) // 10)
+    parts = (examples.take(np.sort(each)) for each in (rest[held:], rest[:held], rest, np.flatnonzero(tested)))
+    return Fold(name, *parts)
+
+
+def grouped_folds(examples: Examples, groups: Sequence[str]) -> list[Fold]:
+    """Folds that test on one group each, such as a speaker; the validation part is the group that follows it."""
+    names = sorted(set(groups))
+    if len(names) < 3:
+        raise ModelError(f"found {len(names)} groups: expected at least 3, to learn, to choose and to test by")
+    own = np.asarray(groups)
+    folds = []
+    for k, name in enumerate(names):
+        tested, held = own == name, own == names[(k + 1) % len(names)]
+        parts = (examples.take(np.flatnonzero(each)) for each in (~tested & ~held, held, ~tested, tested))
+        folds.append(Fold(f"without {name}", *parts))
+    return folds

@@ -1,0 +1,268 @@
+"""Sounds to spikes: a bank of filters as a cochlea, half-wave rectified, and three codes of what it gives.
+
+| step | by |
+| --- | --- |
+| sound to channels | `Cochlea` (gammatone filters, a stream), `mel_levels` (bands of spectra, frame by frame) |
+| channels to spikes | `HairCells` (integrate-and-fire, a stream), `crossings` (passed thresholds), rates |
+
+Rates are the levels times a largest rate, which `neuro.coding.poisson` makes into spikes.
+
+Source: gammatone filters: Slaney, Apple Computer Technical Report 35, 1993; mel scale: O'Shaughnessy, Speech
+Communication, 1987; spikes of integrate-and-fire cells behind a half-wave rectifier: Cramer, Stradmann, Schemmel &
+Zenke, IEEE TNNLS 33(7):2744, 2022, whose cochlea is hydrodynamic; their parameters are not ours.
+"""
+
+from __future__ import annotations
+
+from typing import TypeAlias
+
+import numpy as np
+import numpy.typing as npt
+
+from neuro.core.checks import argument, finite
+from neuro.core.errors import ModelError
+from neuro.kernels.jit import kernel
+
+Floats: TypeAlias = npt.NDArray[np.float64]
+Ints: TypeAlias = npt.NDArray[np.int64]
+
+BANDWIDTH = 1.019
+"""Of a gammatone filter, in equivalent rectangular bandwidths (Patterson et al., 1992)."""
+_SILENCE = 1e-12
+
+
+class Cochlea:
+    """Gammatone filters side by side, each followed by a half-wave rectifier; it hears a sound in pieces.
+
+    Centres are evenly spaced in equivalent rectangular bandwidths (Glasberg and Moore, 1990). A tone of the amplitude 1
+    at the centre of a channel gives half-waves of the amplitude 1 there.
+
+    Args:
+        rate: samples of a second, Hz.
+        channels: filters, 1 to 1024.
+        low: centre of the lowest, Hz.
+        high: centre of the highest, Hz, at most half of the rate.
+
+    Attributes:
+        centres: of the filters, Hz, ascending, shape (channels,).
+
+    Raises:
+        ModelError: a number is out of its bounds.
+    """
+
+    def __init__(self, rate: float, channels: int = 64, low: float = 80.0, high: float = 3600.0) -> None:
+        self.rate: float = argument("rate", rate, above=0)
+        count: int = argument("channels", channels, kind="integer", at_least=1, at_most=1024)
+        first: float = argument("low", low, above=0)
+        last: float = argument("high", high, above=first, at_most=self.rate / 2.0)
+        self.centres = _from_erbs(np.linspace(_erbs(first), _erbs(last), count))
+        self._filters = [_gammatone(float(centre), self.rate) for centre in self.centres]
+        self.reset()
+
+    def reset(self) -> None:
+        """Forget what was heard: the next sample is the first."""
+        self._states = [np.zeros((4, 2)) for _ in self._filters]
+
+    def hear(self, sound: npt.ArrayLike) -> Floats:
+        """What the channels give of the next samples.
+
+        Args:
+            sound: samples, shape (samples,).
+
+        Returns:
+            Half-waves, at least 0, shape (samples, channels).
+
+        Raises:
+            ModelError: it is no row of finite numbers.
+        """
+        from scipy.signal import sosfilt
+
+        samples = _row(sound)
+        heard = np.empty((len(samples), len(self._filters)))
+        if len(samples):
+            for k, sections in enumerate(self._filters):
+                heard[:, k], self._states[k] = sosfilt(sections, samples, zi=self._states[k])
+        return np.maximum(heard, 0.0, out=heard)
+
+
+class HairCells:
+    """A leaky integrate-and-fire cell for each channel: tau v' = drive - v; it spikes at v >= 1 and begins at 0.
+
+    Args:
+        channels: cells.
+        rate: samples of a second, Hz.
+        gain: by which a drive is multiplied.
+        tau: of the leak, ms.
+        refractory: time after a spike in which a cell stays at 0, ms.
+
+    Raises:
+        ModelError: a number is out of its bounds.
+    """
+
+    def __init__(
+        self, channels: int, rate: float, gain: float = 50.0, tau: float = 5.0, refractory: float = 2.0
+    ) -> None:
+        self.channels: int = argument("channels", channels, kind="integer", at_least=1)
+        self.rate: float = argument("rate", rate, above=0)
+        self._gain: float = argument("gain", gain, above=0)
+        self._keep = float(np.exp(-1000.0 / (argument("tau", tau, above=0) * self.rate)))
+        self._rest = round(argument("refractory", refractory, at_least=0) * self.rate / 1000.0)
+        self.reset()
+
+    def reset(self) -> None:
+        """Begin anew at the first sample, with all cells at 0."""
+        self._v, self._until, self._sample = np.zeros(self.channels), np.zeros(self.channels, np.int64), 0
+
+    def spikes(self, drive: npt.ArrayLike) -> tuple[Floats, Ints]:
+        """The spikes of the next samples.
+
+        Args:
+            drive: what channels give, shape (samples, channels).
+
+        Returns:
+            Times since the first sample of all in ms, ascending, and the channel of each.
+
+        Raises:
+            ModelError: the drive is of another shape, or not finite.
+        """
+        given = finite(drive, "drive")
+        if given.ndim != 2 or given.shape[1] != self.channels:
+            raise ModelError(f"drive: found the shape {given.shape}: expected (samples, {self.channels})")
+        fired = np.zeros(given.shape, dtype=np.bool_)
+        _integrate(
+            given, self._gain * (1.0 - self._keep), self._keep, self._rest, self._sample, self._v, self._until, fired
+        )
+        sample, channel = fired.nonzero()
+        times: Floats = (sample + self._sample + 1).astype(np.float64) * (1000.0 / self.rate)
+        self._sample += len(given)
+        return times, channel.astype(np.int64)
+
+
+@kernel
+def _integrate(drive, gain, keep, rest, first, v, until, fired):  # type: ignore[no-untyped-def]
+    for t in range(drive.shape[0]):
+        for k in range(drive.shape[1]):
+            if first + t < until[k]:
+                continue
+            v[k] = keep * v[k] + gain * drive[t, k]
+            if v[k] >= 1.0:
+                v[k] = 0.0
+                until[k] = first + t + 1 + rest
+                fired[t, k] = True
+
+
+def mel_levels(
+    sound: npt.ArrayLike,
+    rate: float,
+    channels: int = 32,
+    low: float = 60.0,
+    high: float | None = None,
+    window: float = 25.0,
+    hop: float = 10.0,
+) -> Floats:
+    """Logarithms of the energy in triangular bands, evenly spaced in mels, frame by frame.
+
+    A frame sees the window that ends with it, so a frame needs no sample of the future.
+
+    Args:
+        sound: samples, shape (samples,).
+        rate: samples of a second, Hz.
+        channels: bands, 1 to 1024.
+        low: where the lowest band begins, Hz.
+        high: where the highest band ends, Hz; half of the rate if not given.
+        window: of a frame, under a Hann window, ms.
+        hop: from frame to frame, ms.
+
+    Returns:
+        Levels in dB of a band's energy, -120 for silence, shape (frames, channels); there are samples / hop frames.
+
+    Raises:
+        ModelError: a number is out of its bounds, or the sound is no row of finite numbers.
+    """
+    per_s: float = argument("rate", rate, above=0)
+    count: int = argument("channels", channels, kind="integer", at_least=1, at_most=1024)
+    first: float = argument("low", low, at_least=0)
+    last: float = argument("high", per_s / 2.0 if high is None else high, above=first, at_most=per_s / 2.0)
+    width = round(argument("window", window, above=0) * per_s / 1000.0)
+    step = round(argument("hop", hop, above=0) * per_s / 1000.0)
+    if width < 2 or step < 1:
+        raise ModelError(
+            f"window = {window}, hop = {hop}: expected at least 2 samples and 1 sample of {1000 / per_s:g} ms"
+        )
+    samples = _row(sound)
+    frames = len(samples) // step
+    padded = np.concatenate((np.zeros(width), samples))
+    ends = width + step * (1 + np.arange(frames))
+    pieces = padded[ends[:, None] - width + np.arange(width)] * np.hanning(width)
+    bins = 1 << (width - 1).bit_length()
+    power = np.abs(np.fft.rfft(pieces, bins, axis=1)) ** 2 / (np.hanning(width) ** 2).sum()
+    energy = power @ _triangles(count, first, last, bins, per_s)
+    levels: Floats = 10.0 * np.log10(energy + _SILENCE)
+    return levels
+
+
+def crossings(levels: npt.ArrayLike, thresholds: npt.ArrayLike) -> Floats:
+    """Spikes where a channel passes a threshold between two frames, upward and downward.
+
+    Before the first frame all channels are below all thresholds.
+
+    Args:
+        levels: of channels, shape (frames, channels).
+        thresholds: ascending, shape (thresholds,), in the unit of the levels.
+
+    Returns:
+        1 for a spike, else 0, shape (frames, 2, thresholds, channels): downward, then upward.
+
+    Raises:
+        ModelError: a shape is another one, thresholds do not ascend, or a number is not finite.
+    """
+    values, bars = finite(levels, "levels"), finite(thresholds, "thresholds")
+    if values.ndim != 2:
+        raise ModelError(f"levels: found the shape {values.shape}: expected (frames, channels)")
+    if bars.ndim != 1 or not len(bars) or (np.diff(bars) <= 0).any():
+        raise ModelError("thresholds: expected ascending numbers in a row, at least one")
+    above = values[:, None, :] >= bars[:, None]
+    change = np.diff(above.astype(np.int8), axis=0, prepend=np.int8(0))
+    return np.stack((change < 0, change > 0), axis=1).astype(np.float64)
+
+
+def _row(sound: npt.ArrayLike) -> Floats:
+    samples = finite(sound, "sound")
+    if samples.ndim != 1:
+        raise ModelError(
+            f"sound: found the shape {samples.shape}: expected samples in a row", hint="take one channel of it"
+        )
+    return samples
+
+
+def _erbs(f: float) -> float:
+    """Equivalent rectangular bandwidths below a frequency in Hz (Glasberg and Moore, 1990)."""
+    return float(21.4 * np.log10(1.0 + 0.00437 * f))
+
+
+def _from_erbs(number: Floats) -> Floats:
+    centres: Floats = (10.0 ** (number / 21.4) - 1.0) / 0.00437
+    return centres
+
+
+def _gammatone(centre: float, rate: float) -> Floats:
+    """Four sections of second order, whose product has the gain 1 at the centre (Slaney 1993)."""
+    t, width = 1.0 / rate, 2.0 * np.pi * BANDWIDTH * 24.7 * (0.00437 * centre + 1.0)
+    angle, decay = 2.0 * np.pi * centre * t, np.exp(-width * t)
+    sections = np.zeros((4, 6))
+    for row, (outer, inner) in zip(sections, ((1, 1), (1, -1), (-1, 1), (-1, -1)), strict=True):
+        zero = np.cos(angle) + outer * np.sqrt(3.0 + inner * 2.0**1.5) * np.sin(angle)
+        row[:] = 1.0, -zero * decay, 0.0, 1.0, -2.0 * np.cos(angle) * decay, decay**2
+    z = np.exp(-1j * angle * np.arange(3))
+    sections[:, :3] /= np.abs((sections[:, :3] @ z) / (sections[:, 3:] @ z))[:, None]
+    return sections
+
+
+def _triangles(channels: int, low: float, high: float, bins: int, rate: float) -> Floats:
+    """The share of each frequency in each band, shape (frequencies, channels)."""
+    mels = np.linspace(2595.0 * np.log10(1.0 + low / 700.0), 2595.0 * np.log10(1.0 + high / 700.0), channels + 2)
+    edges = 700.0 * (10.0 ** (mels / 2595.0) - 1.0)
+    f = np.arange(bins // 2 + 1)[:, None] * rate / bins
+    rising = (f - edges[:-2]) / (edges[1:-1] - edges[:-2])
+    falling = (edges[2:] - f) / (edges[2:] - edges[1:-1])
+    return np.clip(np.minimum(rising, falling), 0.0, None)

@@ -1,0 +1,186 @@
+"""Tasks, methods and results from end to end, also of a newcomer."""
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import neuro
+from neuro_bench import METHODS, TASKS, Examples, Fold, Method, Request, Spikes, Task, report, run
+from neuro_bench.method import tries
+from neuro_bench.running import interval
+from neuro_bench.spoken_digits import SpokenDigits
+from neuro_bench.task import grouped_folds, random_folds
+
+pytest.importorskip("sklearn", reason="the extra bench is not installed")
+
+
+def examples(n=60, classes=3):
+    """Bars at the row of their class, with noise."""
+    rng = np.random.default_rng(5)
+    labels = np.arange(n) % classes
+    dense = rng.random((n, 12, 2, 4, 6)) < 0.02
+    dense[np.arange(n), 2:8, 1, labels] = True
+    return Examples(dense.sum(axis=1, dtype=np.float32), labels, tuple("abc"), Spikes.of_dense(dense, 5.0))
+
+
+class Bars(Task):
+    """Which row has a bar."""
+
+    called_by, title, licence, source = "bars", "bars", "CC0", "made here"
+    needs_data = False
+
+    def folds(self):
+        return random_folds(examples(), 3, self.seed)
+
+
+class Majority(Method):
+    """The most frequent class."""
+
+    called_by, title = "majority", "the most frequent class"
+
+    def fit(self, train, settings, seed):
+        from neuro_bench.method import Costs
+
+        class Constant:
+            def predict(self, shown):
+                return np.full(len(shown), np.bincount(train.labels).argmax())
+
+            def costs(self, shown):
+                return Costs(parameters=1, footprint_bytes=8)
+
+        return Constant()
+
+
+@pytest.fixture(autouse=True)
+def newcomer(monkeypatch):
+    """A task and a method of a third party, for one test."""
+    for registry, part in ((TASKS, Bars), (METHODS, Majority)):
+        monkeypatch.setattr(registry, "_registered", {})
+        monkeypatch.setattr(registry, "_parts", dict(registry._parts))
+        neuro.register(part)
+
+
+def test_random_folds_test_each_example_once_and_keep_parts_apart():
+    made = random_folds(examples(), 3, 0)
+    assert sum(len(fold.test) for fold in made) == 60
+    for fold in made:
+        parts = [{tuple(one.ravel()) for one in part.frames} for part in (fold.train, fold.validation, fold.test)]
+        assert not parts[0] & parts[1] | parts[0] & parts[2] | parts[1] & parts[2]
+        assert len(fold.both) == len(fold.train) + len(fold.validation)
+
+
+def test_no_speaker_is_in_two_parts(sounds):
+    made = SpokenDigits(sounds, "speakers").folds()
+    assert [fold.name for fold in made] == ["without a", "without b", "without c"]
+    assert [len(made[0].train), len(made[0].validation), len(made[0].test)] == [12, 12, 12]
+    with pytest.raises(neuro.ModelError, match="found 2 groups: expected at least 3"):
+        grouped_folds(examples(4), "aabb")
+
+
+def test_spikes_are_taken_with_their_examples():
+    shown = examples()
+    some = shown.take(np.array([7, 3]))
+    assert some.labels.tolist() == [1, 0]
+    own = shown.spikes.example == 3
+    assert some.spikes.neuron[some.spikes.example == 1].tolist() == shown.spikes.neuron[own].tolist()
+
+
+@pytest.mark.parametrize("method", ["logistic", "majority", "cnn", "cnn-int8", "gru", "recurrent", "delays"])
+def test_a_newcomers_task_is_learnt_by_every_method(method):
+    needs_torch = method not in ("logistic", "majority")
+    if needs_torch:
+        pytest.importorskip("torch", reason="the extra torch is not installed")
+    changes = {"epochs": 4, "shift": 0} if needs_torch else {}
+    with np.errstate(all="ignore"), pytest.warns() if method in ("recurrent", "delays") else _nothing():
+        found = run(Request(task="bars", method=method, folds=1, changes=changes))
+    assert len(found["folds"]) == 1
+    assert found["costs"]["parameters"] > 0
+    assert found["method"]["spiking"] == (method in ("recurrent", "delays"))
+    json.dumps(found)
+    if method == "logistic":
+        assert found["mean"] == 100.0
+
+
+def _nothing():
+    from contextlib import nullcontext
+
+    return nullcontext()
+
+
+def test_every_method_has_the_same_tries():
+    method = METHODS["echo-state"]()
+    drawn = tries(method, 4, 0)
+    assert drawn[0] == method.settings
+    assert len({json.dumps(one) for one in drawn}) == 4
+    assert drawn == tries(method, 4, 0)
+
+
+def test_tuning_never_sees_the_test_part():
+    seen = []
+
+    class Watched(Method):
+        called_by, title, settings, space = "watched", "watches", {"x": 0}, {"x": (1, 2)}
+
+        def fit(self, train, settings, seed):
+            model = Majority().fit(train, settings, seed)
+            predict = model.predict
+            model.predict = lambda shown: seen.append(len(shown)) or predict(shown)
+            return model
+
+    neuro.register(Watched)
+    found = run(Request(task="bars", method="watched", folds=1, tries=3))
+    assert seen == [4, 4, 4, 20]  # a validation part of 4 for each try, the test part once
+    assert len(found["folds"][0]["tries"]) == 3
+
+
+def test_interval():
+    mean, low, high = interval([1.0, 2.0, 3.0])
+    assert (mean, high - mean) == (2.0, pytest.approx(4.303 / 3**0.5, abs=1e-3))
+    assert low == pytest.approx(2 * mean - high)
+
+
+def test_commands(bench, sounds):
+    words = ("--data", sounds, "--folds", 2)
+    status, out, err = bench("run", "spoken-digits", "--method", "logistic", *words)
+    assert (status, err) == (0, "")
+    assert "spoken-digits-random-logistic.json: written" in out
+    bench("run", "spoken-digits", "--method", "majority", *words)
+    status, out, err = bench("compare", "spoken-digits-random-majority.json", "spoken-digits-random-logistic.json")
+    assert (status, err) == (0, "")
+    assert out.splitlines()[0].startswith("logistic wins, a non-spiking network or method: ")
+    found = report.read(Path("spoken-digits-random-logistic.json"))
+    assert found["provenance"]["inputs"]
+    assert found["asked"]["tries"] == 1
+
+
+@pytest.mark.parametrize(
+    ("words", "message"),
+    [
+        (("run", "bars", "--method", "cn"), "unknown method 'cn'"),
+        (("run", "bar", "--method", "cnn"), "unknown task 'bar'"),
+        (("run", "spoken-digits", "--method", "cnn"), "task 'spoken-digits' has no data: expected --data PATH"),
+        (("run", "bars", "--method", "echo-state"), "method 'echo-state' is for series, task 'bars' is of classes"),
+        (("run", "bars", "--method", "logistic", "--set", "D=1"), "unknown setting 'D'"),
+        (("run", "bars", "--method", "logistic", "--split", "x"), "--split x: expected one of random"),
+        (("run", "spoken-digits", "--method", "logistic", "--data", "none"), "none: is not there"),
+        (("compare", "none.json"), "none.json: cannot be read: No such file or directory"),
+    ],
+)
+def test_what_cannot_be_is_refused(bench, words, message):
+    status, _, err = bench(*words)
+    assert status
+    assert message in err
+
+
+def test_results_of_other_tries_are_not_compared(bench):
+    bench("run", "bars", "--method", "majority", "--folds", 1)
+    bench("run", "bars", "--method", "logistic", "--folds", 1, "--tries", 2)
+    status, _, err = bench("compare", "bars-random-majority.json", "bars-random-logistic.json")
+    assert status
+    assert "results differ in tries: 1 and 2: expected the same in one table" in err
+
+
+def test_a_fold_has_named_parts():
+    assert Fold.__slots__ == ("name", "train", "validation", "both", "test")

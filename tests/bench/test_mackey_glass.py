@@ -1,0 +1,41 @@
+"""The series obeys its equation, and folds are NeuroBench's."""
+
+import numpy as np
+import pytest
+
+import neuro
+from neuro_bench.mackey_glass import PARAMETERS, POINTS, MackeyGlass, solution
+
+
+def test_the_first_delay_is_solved_in_closed_form():
+    lyapunov, past = PARAMETERS[17]
+    t = np.arange(6) * lyapunov / POINTS
+    fixed = 0.2 * past / (1 + past**10) / 0.1  # for t < tau the delayed value is constant
+    assert solution(17, 6) == pytest.approx(fixed + (past - fixed) * np.exp(-0.1 * t), abs=1e-10)
+
+
+def test_the_error_falls_with_the_fourth_power_of_the_step():
+    true = solution(23, 60, 64)
+    coarse, fine = (np.abs(solution(23, 60, n) - true).max() for n in (2, 4))
+    assert 10.0 < coarse / fine < 30.0
+
+
+def test_folds_are_ten_lyapunov_times_and_ten_more():
+    first, second, *_ = MackeyGlass().folds()
+    assert [len(each) for each in (first.train, first.validation, first.both, first.test)] == [600, 150, 750, 750]
+    assert np.array_equal(np.concatenate((first.train, first.validation)), first.both)
+    assert second.both[0] == first.both[37]
+    assert len(MackeyGlass(split="all").splits) == 15
+
+
+def test_files_of_neurobench_take_the_place_of_the_own_series(tmp_path):
+    np.save(tmp_path / "mg_17.npy", np.arange(2000.0))
+    assert MackeyGlass(tmp_path).folds()[0].test[0] == 750.0
+    with pytest.raises(neuro.ModelError, match=r"mg_18\.npy: cannot be read"):
+        MackeyGlass(tmp_path, "tau18").folds()
+
+
+def test_smape():
+    task = MackeyGlass()
+    assert task.score(np.array([1.0, 3.0]), np.array([1.0, 1.0])) == 50.0
+    assert task.score(np.array([np.nan, 1.0]), np.array([1.0, 1.0])) == 200.0

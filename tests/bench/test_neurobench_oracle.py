@@ -1,0 +1,64 @@
+"""Costs of artificial networks equal those of the package `neurobench`; `make test-oracles` has it."""
+
+import numpy as np
+import pytest
+
+pytest.importorskip("neurobench", reason="neurobench is not installed: make test-oracles")
+torch = pytest.importorskip("torch", reason="the extra torch is not installed")
+
+from neurobench.benchmarks import Benchmark  # noqa: E402
+from neurobench.metrics.static import ConnectionSparsity, Footprint, ParameterCount  # noqa: E402
+from neurobench.metrics.workload import ActivationSparsity, SynapticOperations  # noqa: E402
+from neurobench.models import TorchModel  # noqa: E402
+from torch import nn  # noqa: E402
+
+from neuro_bench import Examples, Spikes  # noqa: E402
+from neuro_bench.artificial import CNN, Network, QuantisedCNN  # noqa: E402
+
+SHORT = {"maps": 4, "epochs": 1, "rate": 0.01, "decay": 0.0, "dropout": 0.0, "shift": 0}
+
+
+def examples(n=24, binary=False):
+    rng = np.random.default_rng(2)
+    frames = np.maximum(rng.normal(size=(n, 2, 8, 12)), 0.0).astype(np.float32)
+    frames = (frames > 0.5).astype(np.float32) if binary else frames
+    spikes = Spikes.of_dense(np.zeros((n, 3, 2, 4, 4)), 1.0)
+    return Examples(frames, np.arange(n) % 3, tuple("abc"), spikes)
+
+
+def linear():
+    return nn.Sequential(nn.Flatten(), nn.Linear(192, 16), nn.ReLU(), nn.Linear(16, 3)).eval()
+
+
+def pruned():
+    module = linear()
+    with torch.no_grad():
+        module[1].weight[:, ::3] = 0.0
+    return module
+
+
+NETWORKS = {
+    "cnn": lambda: CNN().fit(examples(), SHORT, 0).module,
+    "int8": lambda: QuantisedCNN().fit(examples(), SHORT, 0).module,
+    "linear": linear,
+    "pruned": pruned,
+    "strided": lambda: nn.Sequential(nn.Conv2d(2, 5, 3, stride=2), nn.ReLU(), nn.Flatten(), nn.Linear(75, 3)).eval(),
+}
+
+
+@pytest.mark.parametrize("name", NETWORKS)
+@pytest.mark.filterwarnings("ignore")
+def test_costs_are_those_of_neurobench(name, capsys):
+    shown, module = examples(), NETWORKS[name]()
+    ours = Network(module, "float32").costs(shown)
+    data = torch.utils.data.TensorDataset(torch.from_numpy(shown.frames), torch.from_numpy(shown.labels))
+    loader = torch.utils.data.DataLoader(data, batch_size=len(shown))
+    metrics = [[Footprint, ConnectionSparsity, ParameterCount], [ActivationSparsity, SynapticOperations]]
+    theirs = Benchmark(TorchModel(module), loader, [], [], metrics).run(quiet=True)
+    ops = theirs["SynapticOperations"]
+    assert ours.parameters == theirs["ParameterCount"]
+    assert ours.footprint_bytes == theirs["Footprint"]
+    assert ours.connection_sparsity == pytest.approx(theirs["ConnectionSparsity"], abs=1e-3)
+    assert ours.activation_sparsity == pytest.approx(theirs["ActivationSparsity"])
+    assert ours.effective_macs == pytest.approx(ops["Effective_MACs"], rel=1e-6)
+    assert ours.dense == pytest.approx(ops["Dense"], rel=1e-6)
