@@ -11,6 +11,7 @@
 # make bench        how fast it is
 # make bench-peers  how fast NEST, Brian2, public emulators of Loihi, and packages that train by gradients are with the
 #                   same networks, in environments of their own
+# make docs         the site, in build/site, with the pages, the docstrings and the examples, in an environment of its own
 # make constraints  resolve anew what test and demo install with this Python
 # make clean        remove what was made; make distclean: environments, too
 #
@@ -64,7 +65,7 @@ endef
 unexport PYTHONDONTWRITEBYTECODE
 
 .DEFAULT_GOAL := help
-.PHONY: help test test-slow test-bounds test-nest test-mpi test-oracles demo bench bench-peers constraints clean distclean
+.PHONY: help test test-slow test-bounds test-nest test-mpi test-oracles demo bench bench-peers docs constraints clean distclean
 
 help:
 	@sed -n 's/^# \{0,1\}//p;/^$$/q' Makefile
@@ -105,6 +106,10 @@ bench-peers: $(VENV)/.test $(if $(wildcard $(PEERS)/bench_nest.py),$(VENV)-peers
 	$(BIN)/python benchmarks/peers.py --scripts "$(PEERS)" --python $(VENV)-peers/bin/python
 	$(BIN)/python benchmarks/peers_chips.py --scripts "$(PEERS)" --python $(VENV)-peers-chips/bin/python
 
+docs: $(VENV)-docs/.installed
+	$(VENV)-docs/bin/sphinx-build --fail-on-warning --keep-going --quiet docs build/site
+	@echo "the site is build/site/index.html"
+
 constraints: $(VENV)/.python-$(VERSION)
 	$(BIN)/python constraints/renew.py $(TESTED) hatchling editables
 
@@ -120,6 +125,11 @@ $(VENV)/.demo: pyproject.toml $(VENV)/.python-$(VERSION)
 
 $(VENV)/.test: pyproject.toml $(VENV)/.demo
 	$(CONSTRAINED) $(BIN)/python $(PIP) --editable $(TESTED)
+	@touch $@
+
+$(VENV)-docs/.installed: pyproject.toml
+	$(call environment,$(VENV)-docs)
+	$(CONSTRAINED) $(VENV)-docs/bin/python $(PIP) --editable '.[docs,live,nir,events,pandas,neo]' $(TORCH)
 	@touch $@
 
 $(VENV)-mpi/.installed: pyproject.toml
@@ -174,4 +184,4 @@ clean:
 	find . -name __pycache__ -not -path './.venv*' -prune -exec rm -rf {} +
 
 distclean: clean
-	rm -rf $(VENV) $(VENV)-mpi $(VENV)-oracles $(VENV)-oracles-nir $(VENV)-oracles-pynn $(VENV)-peers $(VENV)-peers-chips $(VENV)-peers-torch
+	rm -rf $(VENV) $(VENV)-docs $(VENV)-mpi $(VENV)-oracles $(VENV)-oracles-nir $(VENV)-oracles-pynn $(VENV)-peers $(VENV)-peers-chips $(VENV)-peers-torch
