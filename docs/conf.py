@@ -17,6 +17,9 @@ version = release = __version__
 
 extensions = [
     "myst_parser",
+    "sphinx.ext.autodoc",
+    "sphinx.ext.napoleon",
+    "docstrings",
     "links",
 ]
 root_doc = "index"
@@ -25,6 +28,14 @@ nitpicky = True
 
 myst_enable_extensions = ["colon_fence", "dollarmath"]
 myst_heading_anchors = 4
+
+autodoc_member_order = "groupwise"
+autodoc_typehints = "signature"
+autodoc_preserve_defaults = True
+napoleon_use_ivar = True
+napoleon_custom_sections = [("Class attributes", "Attributes")]
+default_role = "py:obj"
+nitpick_ignore_regex = [("py:.*", ".*")]
 
 html_theme = "pydata_sphinx_theme"
 html_title = f"neuro {release}"
