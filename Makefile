@@ -12,6 +12,7 @@
 # make bench-peers  how fast NEST, Brian2, public emulators of Loihi, and packages that train by gradients are with the
 #                   same networks, in environments of their own
 # make docs         the site, in build/site, with the pages, the docstrings and the examples, in an environment of its own
+# make gallery-full run the examples whose output is stored, since a build of the site would take too long with them
 # make constraints  resolve anew what test and demo install with this Python
 # make clean        remove what was made; make distclean: environments, too
 #
@@ -65,7 +66,7 @@ endef
 unexport PYTHONDONTWRITEBYTECODE
 
 .DEFAULT_GOAL := help
-.PHONY: help test test-slow test-bounds test-nest test-mpi test-oracles demo bench bench-peers docs constraints clean distclean
+.PHONY: help test test-slow test-bounds test-nest test-mpi test-oracles demo bench bench-peers docs gallery-full constraints clean distclean
 
 help:
 	@sed -n 's/^# \{0,1\}//p;/^$$/q' Makefile
@@ -109,6 +110,9 @@ bench-peers: $(VENV)/.test $(if $(wildcard $(PEERS)/bench_nest.py),$(VENV)-peers
 docs: $(VENV)-docs/.installed
 	$(VENV)-docs/bin/sphinx-build --fail-on-warning --keep-going --quiet docs build/site
 	@echo "the site is build/site/index.html"
+
+gallery-full: $(VENV)/.test
+	$(BIN)/python docs/_site/gallery.py
 
 constraints: $(VENV)/.python-$(VERSION)
 	$(BIN)/python constraints/renew.py $(TESTED) hatchling editables

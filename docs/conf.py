@@ -8,6 +8,8 @@ from pathlib import Path
 DOCS = Path(__file__).parent
 sys.path.insert(0, str(DOCS / "_site"))
 
+import gallery  # noqa: E402
+
 from neuro import __version__  # noqa: E402
 
 project = "neuro"
@@ -20,14 +22,33 @@ extensions = [
     "sphinx.ext.autodoc",
     "sphinx.ext.napoleon",
     "docstrings",
+    "gallery",
+    "sphinx_gallery.gen_gallery",
     "links",
 ]
 root_doc = "index"
-exclude_patterns = ["_site", "_build"]
+exclude_patterns = ["_site", "gallery/**/*.py", "gallery/**/*.ipynb"]
+suppress_warnings = ["config.cache"]
 nitpicky = True
 
 myst_enable_extensions = ["colon_fence", "dollarmath"]
 myst_heading_anchors = 4
+
+sphinx_gallery_conf = {
+    "examples_dirs": "../build/examples",
+    "gallery_dirs": "gallery",
+    "filename_pattern": rf"/({'|'.join(name for _, name, words in gallery.examples() if 'stored' not in words)})\.py$",
+    "subsection_order": [f"../build/examples/{part}" for part in gallery.PARTS],
+    "within_subsection_order": "FileNameSortKey",
+    "image_scrapers": ("gallery.written_pictures",),
+    "abort_on_example_error": True,
+    "capture_repr": (),
+    "download_all_examples": False,
+    "show_signature": False,
+    "min_reported_time": 1e9,
+    "plot_gallery": "True",
+    "nested_sections": True,
+}
 
 autodoc_member_order = "groupwise"
 autodoc_typehints = "signature"
@@ -36,6 +57,8 @@ napoleon_use_ivar = True
 napoleon_custom_sections = [("Class attributes", "Attributes")]
 default_role = "py:obj"
 nitpick_ignore_regex = [("py:.*", ".*")]
+
+smartquotes = False
 
 html_theme = "pydata_sphinx_theme"
 html_title = f"neuro {release}"
