@@ -13,6 +13,8 @@
 #                   same networks, in environments of their own
 # make docs         the site, in build/site, with the pages, the docstrings and the examples, in an environment of its own
 # make gallery-full run the examples whose output is stored, since a build of the site would take too long with them
+# make release      build wheel and sdist in dist/, check them, and follow the README from the wheel alone in an empty
+#                   environment of each Python (RELEASE_PYTHONS=...); all but the upload
 # make constraints  resolve anew what test and demo install with this Python
 # make clean        remove what was made; make distclean: environments, too
 #
@@ -24,6 +26,7 @@ VENV := .venv
 BIN := $(VENV)/bin
 PEERS := ../shared/bench/peers
 NEST_MPI := nest-simulator
+RELEASE_PYTHONS := $(PYTHON)
 NETWORKS := 5000
 OUT := demo
 DATA :=
@@ -66,7 +69,7 @@ endef
 unexport PYTHONDONTWRITEBYTECODE
 
 .DEFAULT_GOAL := help
-.PHONY: help test test-slow test-bounds test-nest test-mpi test-oracles demo bench bench-peers docs gallery-full constraints clean distclean
+.PHONY: help test test-slow test-bounds test-nest test-mpi test-oracles demo bench bench-peers docs gallery-full release constraints clean distclean
 
 help:
 	@sed -n 's/^# \{0,1\}//p;/^$$/q' Makefile
@@ -114,6 +117,13 @@ docs: $(VENV)-docs/.installed
 gallery-full: $(VENV)/.test
 	$(BIN)/python docs/_site/gallery.py
 
+release: $(VENV)-release/.installed
+	rm -rf dist
+	$(VENV)-release/bin/python -m build --outdir dist .
+	$(VENV)-release/bin/twine check --strict dist/*
+	$(VENV)-release/bin/check-wheel-contents dist/*.whl
+	$(foreach python,$(RELEASE_PYTHONS),.ci/try-wheel $(python) dist/*.whl &&) true
+
 constraints: $(VENV)/.python-$(VERSION)
 	$(BIN)/python constraints/renew.py $(TESTED) hatchling editables
 
@@ -134,6 +144,11 @@ $(VENV)/.test: pyproject.toml $(VENV)/.demo
 $(VENV)-docs/.installed: pyproject.toml
 	$(call environment,$(VENV)-docs)
 	$(CONSTRAINED) $(VENV)-docs/bin/python $(PIP) --editable '.[docs,live,nir,events,pandas,neo]' $(TORCH)
+	@touch $@
+
+$(VENV)-release/.installed:
+	$(call environment,$(VENV)-release)
+	$(VENV)-release/bin/python $(PIP) build twine check-wheel-contents
 	@touch $@
 
 $(VENV)-mpi/.installed: pyproject.toml
@@ -188,4 +203,4 @@ clean:
 	find . -name __pycache__ -not -path './.venv*' -prune -exec rm -rf {} +
 
 distclean: clean
-	rm -rf $(VENV) $(VENV)-docs $(VENV)-mpi $(VENV)-oracles $(VENV)-oracles-nir $(VENV)-oracles-pynn $(VENV)-peers $(VENV)-peers-chips $(VENV)-peers-torch
+	rm -rf $(VENV) $(VENV)-docs $(VENV)-release $(VENV)-mpi $(VENV)-oracles $(VENV)-oracles-nir $(VENV)-oracles-pynn $(VENV)-peers $(VENV)-peers-chips $(VENV)-peers-torch

@@ -43,6 +43,7 @@ sphinx_gallery_conf = {
     "image_scrapers": ("gallery.written_pictures",),
     "abort_on_example_error": True,
     "capture_repr": (),
+    "remove_config_comments": True,
     "download_all_examples": False,
     "show_signature": False,
     "min_reported_time": 1e9,
