@@ -6,6 +6,8 @@
 # make test-nest    5,000 random networks (NETWORKS=...) on the event backend, the reference and NEST
 # make test-mpi     the tests of NEST under MPI, which it builds once (15 minutes) in an environment of its own
 #                   (NEST_MPI=file.whl: a wheel that is built already); needs openmpi-bin libopenmpi-dev libgsl-dev
+# make test-c       200 random networks (C_NETWORKS=... of each chip) and those that ship as C: gcc and clang with sanitizers,
+#                   and a Cortex-M4; needs gcc clang gcc-arm-none-eabi libnewlib-arm-none-eabi qemu-system-arm
 # make test-oracles the tests of event files and streams, of networks beside other tools (NIR, SONATA) and of scripts of
 #                   PyNN, in environments of their own
 # make bench        how fast it is
@@ -28,6 +30,7 @@ PEERS := ../shared/bench/peers
 NEST_MPI := nest-simulator
 RELEASE_PYTHONS := $(PYTHON)
 NETWORKS := 5000
+C_NETWORKS := 100
 OUT := demo
 DATA :=
 RUNNING := tests/test_conformance.py tests/test_random_networks.py tests/test_trials.py tests/test_many_targets.py tests/test_moves.py tests/test_copies.py tests/chips
@@ -69,7 +72,7 @@ endef
 unexport PYTHONDONTWRITEBYTECODE
 
 .DEFAULT_GOAL := help
-.PHONY: help test test-slow test-bounds test-nest test-mpi test-oracles demo bench bench-peers docs gallery-full release constraints clean distclean
+.PHONY: help test test-slow test-bounds test-nest test-mpi test-c test-oracles demo bench bench-peers docs gallery-full release constraints clean distclean
 
 help:
 	@sed -n 's/^# \{0,1\}//p;/^$$/q' Makefile
@@ -89,6 +92,9 @@ test-bounds: $(VENV)/.test
 
 test-nest: $(VENV)/.test
 	NEURO_RANDOM_NETWORKS=$(NETWORKS) $(BIN)/pytest -n 2 --dist load -p no:benchmark tests/nest/test_random_networks.py
+
+test-c: $(VENV)/.test
+	NEURO_C_NETWORKS=$(C_NETWORKS) $(BIN)/pytest -p no:benchmark tests/exchange/test_c_code.py
 
 test-mpi: $(VENV)-mpi/.installed
 	$(VENV)-mpi/bin/python -m pytest tests/nest -p no:benchmark -ra

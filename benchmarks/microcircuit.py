@@ -4,7 +4,7 @@
     python benchmarks/microcircuit.py compare NEST.npz OURS.npz [OURS.npz ...] [--picture OUT.png]
 
 `run` prints one JSON line, `compare` a table of the first file beside the mean of the others, which are seeds of one
-network; `benchmarks/microcircuit_nest.py` writes the first. At full scale: 5.6 GB.
+network; `benchmarks/microcircuit_nest.py` writes the first. At full scale: 2.2 GB.
 """
 
 from __future__ import annotations

@@ -25,6 +25,8 @@ if TYPE_CHECKING:
     from neuro.diagnosis.diagnosis import Diagnosis as Diagnosis
     from neuro.diagnosis.doctor import doctor as doctor
     from neuro.diagnosis.findings import Finding as Finding
+    from neuro.exchange.c_code.export import CCode as CCode, save_c as save_c
+    from neuro.exchange.netx import from_netx as from_netx
     from neuro.exchange.nir.exporting import to_nir as to_nir
     from neuro.exchange.nir.importing import check_nir as check_nir, from_nir as from_nir
     from neuro.exchange.nir.torch_modules import from_torch as from_torch

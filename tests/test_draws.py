@@ -1,6 +1,7 @@
 """Numbers of Poisson generators: the same on every backend, however they are found, and of the right distribution."""
 
 import math
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -14,6 +15,7 @@ from neuro.core import keyed_random
 from neuro.core.keyed_random import LARGEST_MEAN, poisson_table, uniform
 from neuro.kernels.draws import GUIDE_BITS, UNSURE, guide_to, poisson_by_table, words_of
 from neuro.kernels.jit import kernel
+from neuro.model import distributions
 from neuro_event.building.arrays import LINE, PAGE, aligned_rows, aligned_zeros
 
 MEANS = [0.06, 0.3, 1.3, 2.0, 8.0, 47.0, 499.0]
@@ -183,3 +185,28 @@ def test_drawn_values_lie_between_their_bounds(distribution: Any, n: int):
     net.connect("cells", "cells", neuro.all_to_all(), weight=distribution)
     weights = neuro.compile(net, "reference", seed=1).get("cells_cells", "weight")
     assert distribution.low <= weights.min() < weights.max() <= distribution.high
+
+
+@pytest.mark.parametrize("many", [100, 1 << 20])
+@pytest.mark.parametrize(
+    "distribution",
+    [
+        neuro.normal(mean=0.1, std=5.0, low=0.1, high=0.3),
+        neuro.normal(mean=-1.0, std=0.1, high=0.0),
+        neuro.lognormal(std=2.0),
+        neuro.uniform(low=-0.3, high=0.1),
+    ],
+)
+def test_single_values_are_the_nearest_within_their_bounds(
+    distribution: Any, many: int, monkeypatch: pytest.MonkeyPatch
+):
+    monkeypatch.setattr(distributions, "_MANY", many)
+    single = replace(distribution, single=True)
+    drawn, rounded = (np.concatenate([*map(np.array, d.pieces(np.random.default_rng(1), 70_000))])
+                      for d in (distribution, single))  # fmt: skip
+    assert np.array_equal(rounded.astype(np.float32), rounded)
+    assert not np.signbit(rounded[rounded == 0.0]).any()
+    inside = (drawn.astype(np.float32) >= distribution.low) & (drawn.astype(np.float32) <= distribution.high)
+    assert np.array_equal(rounded[inside], drawn[inside].astype(np.float32))
+    assert getattr(distribution, "low", -np.inf) <= rounded.min() < rounded.max() <= distribution.high
+    assert inside.mean() > 0.999

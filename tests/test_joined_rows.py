@@ -7,11 +7,16 @@ import pytest
 from hypothesis import HealthCheck, given, settings, strategies as st
 
 import neuro
-from neuro.compiler import compile_network
+from neuro.compiler import compile_network, drawn, resolve
+from neuro.core.errors import ModelError
+from neuro.core.memory import discard
 from neuro.model.network import Network
+from neuro.program.compact import CompactProjection
+from neuro.program.program import Program
 from neuro.run.simulation import Simulation
 from neuro.testing import observe
 from neuro.testing.case import differences, run_on
+from neuro_event import EventBackend
 from neuro_event.building import joined_rows, layout
 from neuro_event.host import snapshot
 from neuro_event.loop import tables as t
@@ -38,7 +43,7 @@ def network(order: list[tuple[int, int]], sizes: tuple[int, ...] = (60, 90, 70),
         weight = WEIGHT if target % 2 == 0 else neuro.normal(mean=0.3, std=0.6)
         delay = 1.0 if i == plain else LATE
         net.connect(
-            f"p{source}", f"p{target}", neuro.fixed_indegree(n=3 + i % 4), weight=weight, delay=delay, name=f"wires{i}"
+            f"p{source}", f"p{target}", neuro.fixed_indegree(n=12 + i % 4), weight=weight, delay=delay, name=f"wires{i}"
         )
     return net
 
@@ -69,6 +74,11 @@ def joined(sim: Simulation) -> set[str]:
     """The projections in joined rows."""
     arrays = sim._engine._a  # type: ignore[attr-defined]
     return {sim.program.projections[q].name for q in arrays.joined}
+
+
+def nothing(program: Program) -> frozenset[int]:
+    """In place of `joined_rows.choose`: each projection is delivered by itself."""
+    return frozenset()
 
 
 @pytest.fixture
@@ -112,11 +122,11 @@ def test_threads_change_no_bit(order: list[tuple[int, int]], seed: int, threads:
 @given(order=orders(), seed=st.integers(0, 3))
 def test_rows_by_themselves_have_the_same_bits(order: list[tuple[int, int]], seed: int):
     found = []
-    for shared in (1, 1000):
+    for choose in (joined_rows.choose, nothing):
         with pytest.MonkeyPatch.context() as patched:
-            patched.setattr(joined_rows, "SHARED", shared)
+            patched.setattr(joined_rows, "choose", choose)
             sim = neuro.compile(network(order), "event", seed=seed)
-            assert bool(joined(sim)) == (shared == 1)
+            assert bool(joined(sim)) == (choose is not nothing)
             run_on(sim, 8.0)
             found.append(observe(sim))
     assert differences(*found, exact=True) == []
@@ -135,12 +145,13 @@ def test_a_state_of_before_there_were_joined_rows(tmp_path: Path):
     found = []
     with pytest.MonkeyPatch.context() as patched:
         patched.setattr(layout, "_FEW_RUNS", 0)
-        patched.setattr(joined_rows, "SHARED", 1000)
+        choose = joined_rows.choose
+        patched.setattr(joined_rows, "choose", nothing)
         patched.setattr(snapshot, "joined", lambda arrays: frozenset())
         old = neuro.compile(network(EVERY), "event", seed=1)
         run_on(old, 3.0)
         old.save(tmp_path / "state.h5")
-        patched.setattr(joined_rows, "SHARED", 1)
+        patched.setattr(joined_rows, "choose", choose)
         new = neuro.compile(network(EVERY), "event", seed=1)
         new.restore(tmp_path / "state.h5")
         assert joined(new) == set()
@@ -204,19 +215,9 @@ def test_which_projections_are_joined():
 
     assert chosen(network(EVERY)) == list(range(3, 12))  # behind the noise
     assert chosen(network([(target, source) for source, target in EVERY])) == list(range(3, 12))
-    assert chosen(network([(0, 0), (1, 1), (2, 2)])) == [], "nothing is shared"
+    assert chosen(network([(0, 0), (1, 1), (2, 2)])) == [3, 4, 5], "also alone"
     between = chosen(network(EVERY, plain=4))
     assert between == [3, 4, 5, 6, 9, 10, 11], "one delay stays in its place among sums"
-
-
-def test_runs_that_are_long_stay_where_they_are(monkeypatch: pytest.MonkeyPatch):
-    program = compile_network(network(EVERY), 1)
-    assert joined_rows.choose(program)
-    monkeypatch.setattr(joined_rows, "MOST", 100)
-    assert not joined_rows.choose(program)
-    monkeypatch.undo()
-    monkeypatch.setattr(joined_rows, "SHORT", 0)
-    assert not joined_rows.choose(program)
 
 
 @pytest.mark.usefixtures("few")
@@ -235,10 +236,108 @@ def test_few_synapses_with_very_many_delays_are_not_joined():
     assert differences(observe(other), observe(sim), exact=False) == []
 
 
-def test_a_silent_network_looks_once_a_source():
+def test_a_silent_network_looks_once_a_source_and_kind_of_input():
     sim = neuro.compile(network(EVERY), "event", seed=1)
     sim.run(1.0)
     arrays = sim._engine._a  # type: ignore[attr-defined]
-    assert len(arrays.net["joined"]) == 3
+    assert len(arrays.net["joined"]) == 6, "by sign, and onto one receptor"
     assert (arrays.net["projections"][3:, t.RUN] < 0).all()
     assert arrays.net["runs"].size == 0
+
+
+SINGLE = neuro.normal(mean=60.0, std=20.0, low=0.0, single=True)
+
+
+def large(single: bool = True) -> Network:
+    """What counts as a large network here: joined rows are the only copy of its synapses."""
+    net = network([(0, 0)], (1300, 600, 700))
+    weight = SINGLE if single else WEIGHT
+    for k, (source, target) in enumerate(EVERY):
+        inhibits = source == 2 and target != 1
+        w = neuro.normal(mean=-60.0, std=20.0, high=0.0, single=True) if inhibits else 0.3 if target == 1 else weight
+        net.connect(f"p{source}", f"p{target}", neuro.fixed_indegree(n=5), weight=w, delay=LATE, name=f"wires{k + 1}")
+    return net
+
+
+@pytest.fixture
+def many(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Every network has very many synapses."""
+    for module in (drawn, resolve):
+        monkeypatch.setattr(module, "MANY", 10)
+
+
+@pytest.mark.parametrize("single", [True, False])
+@pytest.mark.usefixtures("many")
+def test_rows_in_place_of_the_programs_arrays(single: bool):
+    net = large(single)
+    first, other = compile_network(net, 1), compile_network(net, 1)
+    for threads in (1, 2, 1):  # rows for other threads are made of those that are there
+        engine = EventBackend().build(first, threads=threads)
+        engine.run(20)
+        freed = 0
+        for q, (part, same) in enumerate(zip(first.projections, other.projections, strict=True)):
+            assert part.targets.dtype == same.targets.dtype
+            assert part.weight.dtype == np.float64
+            for name in ("targets", "weight", "delay", "row_ends"):
+                assert np.array_equal(getattr(part, name), getattr(same, name)), (part.name, name)
+            assert np.array_equal(engine.get_synapses(q, "weight"), np.broadcast_to(same.weight, same.size))
+            freed += isinstance(part, CompactProjection) and part._again is not None
+        assert freed == 10, "all but one to one"
+    expected, found = (neuro.compile(net, backend, seed=1) for backend in ("reference", "event"))
+    assert differences(steered(expected), steered(found), exact=False) == []
+
+
+@pytest.mark.usefixtures("many")
+def test_a_reset_and_a_state_where_rows_are_the_only_copy(tmp_path: Path):
+    sims = [neuro.compile(large(), "event", seed=1, threads=threads) for threads in (1, 1, 2)]
+    found = [steered(sims[0]), steered(sims[1], tmp_path / "state.h5"), steered(sims[2])]
+    for each in found[1:]:
+        assert differences(found[0], each, exact=True) == []
+    for sim in sims:
+        sim.reset(weights=True)
+        assert differences(found[0], steered(sim), exact=True) == []
+
+
+@pytest.mark.usefixtures("many")
+def test_places_that_lie_far_apart():
+    net = Network("far")
+    net.population("cells", 300, neuro.iaf_psc_exp(I_e=neuro.uniform(low=600.0, high=900.0)))
+    net.population("silent", 140_000, neuro.poisson_generator(rate=0.0))
+    net.population("others", 300, neuro.iaf_psc_exp(I_e=neuro.uniform(low=300.0, high=420.0)))
+    for target in ("cells", "others"):
+        net.connect("cells", target, neuro.fixed_indegree(n=9), weight=WEIGHT, delay=LATE, name=f"to_{target}")
+    sims = [neuro.compile(net, backend, seed=1) for backend in ("reference", "event")]
+    for sim in sims:
+        run_on(sim, 15.0)
+    assert differences(*map(observe, sims), exact=False) == []
+    assert sims[1].counts().projections["to_others"].synaptic_ops > 0
+    arrays = sims[1]._engine._a.net  # type: ignore[attr-defined]
+    assert arrays["joined_steps"].size > 2 * 300 * 9, "what lies far is reached by several steps"
+
+
+@pytest.mark.usefixtures("many")
+def test_arrays_that_are_lost_are_not_read(monkeypatch: pytest.MonkeyPatch):
+    program = compile_network(large(), 1)
+    part = program.projections[4]
+    before = part.targets
+
+    def interrupt(*given: object) -> None:
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(CompactProjection, "discard", interrupt)
+    with pytest.raises(KeyboardInterrupt):
+        EventBackend().build(program).run(1)
+    assert before.any()
+    lost = program.projections[3]
+    with pytest.raises(ModelError, match=f"projection '{lost.name}': its synapses are lost"):
+        lost.weight.sum()
+
+
+def test_pages_are_given_back():
+    array = np.ones(1 << 20, dtype=np.uint16)
+    discard(array, 1000, array.size - 1000)
+    assert array[:1000].all()
+    assert array[-1000:].all()
+    assert array.sum() in (array.size, 2000 + array[1000:-1000].sum())
+    discard(array, 5, 9)
+    assert array[:1000].all()

@@ -10,6 +10,7 @@ import neuro
 import neuro_models
 from neuro.cli.commands import app
 from neuro.compiler import compile_network, memory
+from neuro.compiler.shapes import resolve_shapes
 from neuro.core.memory import free_memory
 from neuro.model.network import Network
 from neuro.testing import observe
@@ -112,12 +113,21 @@ def test_neuro_run_knows_it_by_name(tmp_path: Path, monkeypatch: pytest.MonkeyPa
 def test_a_circuit_for_which_there_is_no_room_is_refused(monkeypatch: pytest.MonkeyPatch):
     monkeypatch.setattr(memory, "free_memory", lambda: 2_000_000_000)
     assert refused(lambda: neuro.compile(circuit(), seed=1)) == (
-        "network 'microcircuit': 298,880,968 synapses need 4.7 GB: expected at most what is free, 2.0 GB\n"
+        "network 'microcircuit': 298,880,968 synapses need 2.5 GB: expected at most what is free, 2.0 GB\n"
         "  hint: most are of 'L23E_L23E', 45,499,805; fewer neurons or inputs need less"
     )
     monkeypatch.setattr(memory, "MANY", 1000)
     monkeypatch.setattr(memory, "free_memory", lambda: None)
     compile_network(circuit(scale=0.01), 1)
+
+
+def test_processes_on_other_machines_have_memory_of_their_own(monkeypatch: pytest.MonkeyPatch):
+    monkeypatch.setattr(memory, "free_memory", lambda: 2_000_000_000)
+    net = circuit()
+    shapes = resolve_shapes(net, {})
+    memory.check_memory(net, shapes, 4)
+    monkeypatch.setattr(memory, "neighbours", lambda: 4)
+    assert "need 4.7 GB" in refused(lambda: memory.check_memory(net, shapes, 4))
 
 
 def test_free_memory_is_a_sane_number():

@@ -153,9 +153,10 @@ def test_few_synapses_with_very_many_delays_go_into_a_ring():
         "others", "cells", neuro.fixed_indegree(n=2), weight=9.0, delay=neuro.uniform(low=0.1, high=300.0), name="far"
     )
     sim = neuro.compile(net, "event", seed=1)
-    columns = sim._engine._a.net["projections"]  # type: ignore[attr-defined]
-    runs = {p.name: row[t.RUN] >= 0 for p, row in zip(sim.program.projections, columns, strict=True)}
-    assert runs == {"noise_cells": True, "wires": True, "wide": True, "alike": True, "far": False}
+    arrays = sim._engine._a  # type: ignore[attr-defined]
+    at_arrival = {p.name: arrays.net["projections"][q, t.LAG] > 0 for q, p in enumerate(sim.program.projections)}
+    assert arrays.joined == {0, 1, 2, 3}
+    assert at_arrival == {"noise_cells": True, "wires": True, "wide": True, "alike": True, "far": False}
     other = neuro.compile(net, "reference", seed=1)
     for each in (sim, other):
         each.run(8.0)
@@ -240,7 +241,7 @@ def test_rows_are_sorted_by_delay(rows: list[list[tuple[int, int]]]):
     flat = [entry for row in rows for entry in row]
     late, targets = (np.array(column, dtype=np.int32) for column in zip(*flat, strict=True))
     places = np.arange(late.size)
-    by_delay(ends, late, int(late.min()), int(late.max()), targets, places)
+    by_delay(ends, late, int(late.min()), int(late.max()), targets, [places])
     expected = [
         place for k, row in enumerate(rows) for place in ends[k] + np.argsort([d for d, _ in row], kind="stable")
     ]
@@ -250,8 +251,8 @@ def test_rows_are_sorted_by_delay(rows: list[list[tuple[int, int]]]):
 
 @pytest.mark.usefixtures("many")
 def test_the_engine_uses_the_arrays_of_the_program():
-    """A second copy of 299 million synapses would be 3.6 GB."""
-    sim = neuro.compile(wired(neuro.fixed_total_number(n=50), LATE, NORMAL), "event", seed=1, threads=2)
+    """Where delays are drawn, joined rows take the place of the program's arrays."""
+    sim = neuro.compile(wired(neuro.fixed_total_number(n=50), 2.0, NORMAL), "event", seed=1, threads=2)
     net = sim._engine._a.net  # type: ignore[attr-defined]
     for part in sim.program.projections[1:3]:
         assert np.shares_memory(net["targets"], part.targets)
@@ -260,9 +261,9 @@ def test_the_engine_uses_the_arrays_of_the_program():
 
 @pytest.mark.usefixtures("many")
 def test_what_is_not_known_beforehand_is_packed_all_the_same():
-    sim = neuro.compile(wired(neuro.pairwise_bernoulli(p=0.3), LATE, NORMAL), "event", seed=1)
+    sim = neuro.compile(wired(neuro.pairwise_bernoulli(p=0.3), 2.0, NORMAL), "event", seed=1)
     parts, net = sim.program.projections, sim._engine._a.net  # type: ignore[attr-defined]
-    assert np.array_equal(net["targets"], np.concatenate([part.targets for part in parts]))
+    assert np.array_equal(net["targets"], np.concatenate([part.targets for part in parts[1:]]))
     assert all(np.shares_memory(net["weights"], part.weight) for part in parts[1:3])
 
 

@@ -10,6 +10,7 @@
 | yaml | written to the file that its first line names; a network that nothing else on the page names is compiled |
 | diff | a change of the file that its first line names |
 | toml | read, not run |
+| c | compiled, where there is gcc; it may include what a command of the page has written |
 
 **Printed** must be equal. `...` in a page stands for any text. What a clock measured (`in 0.21 s`, `12 steps/s`)
 differs from run to run and is compared as if equal.
@@ -25,6 +26,7 @@ import io
 import os
 import re
 import shlex
+import shutil
 import subprocess
 import sys
 import traceback
@@ -61,7 +63,7 @@ NEEDS = {
 }
 """What blocks may need, and the module that shows that it is there; None: never asked for by a test."""
 
-KINDS = ("console", "sh", "python", "text", "pycon", "yaml", "diff", "toml")
+KINDS = ("console", "sh", "python", "text", "pycon", "yaml", "diff", "toml", "c")
 
 _BLOCK = re.compile(r"^```(\w+)\n(.*?)^```$", re.M | re.S)
 _FILE = re.compile(r"# ([\w./-]+\.(?:py|yaml))\n")
@@ -173,9 +175,21 @@ def followed(page: Path) -> dict[str, str]:
             read_yaml(block, named[1] if named else "", whole)
         elif block.kind == "diff":
             change(block)
+        elif block.kind == "c":
+            compile_c(block)
         elif block.kind not in ("text", "toml"):
             raise block.fault(f"a block of '{block.kind}' is not run: expected one of {', '.join(KINDS)}")
     return by_line
+
+
+def compile_c(block: Block) -> None:
+    """Let a compiler look at a block of C, with all warnings."""
+    if shutil.which("gcc") is None:
+        return
+    command = ["gcc", "-std=c99", "-Wall", "-Wextra", "-Werror", "-pedantic", "-fsyntax-only", "-I.", "-x", "c", "-"]
+    done = subprocess.run(command, input=block.text, capture_output=True, text=True)
+    if done.returncode:
+        raise block.fault(f"gcc says\n{done.stderr[-1000:]}")
 
 
 def check_command(block: Block, place: int, line: str, told: str | None) -> str:

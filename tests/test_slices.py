@@ -13,7 +13,7 @@ from neuro.program.program import Ints
 from neuro.testing import observe
 from neuro.testing.case import differences, run_on
 from neuro.testing.strategies import networks
-from neuro_event.building import layout, thread_partition
+from neuro_event.building import joined_rows, layout, thread_partition
 from neuro_event.host import engine
 from neuro_event.host.threads import LINE
 from neuro_event.loop import steps, tables as t
@@ -87,7 +87,7 @@ def ran(net: Network, threads: int, pieces: list[float], seed: int = 1) -> dict[
 
 
 @pytest.mark.parametrize(("order", "shortest"), [(InTurn, 0.1), (AtRandom, 0.1), (AtRandom, 0.7)])
-@pytest.mark.parametrize("few", [0, 1 << 16], ids=["into a ring", "in runs"])
+@pytest.mark.parametrize("few", [0, 1 << 16, -1], ids=["into a ring", "in runs", "in joined rows"])
 @pytest.mark.parametrize("many", [100, 1 << 20], ids=["by delay", "by target"])
 def test_delays_of_their_own(
     few: int, many: int, shortest: float, order: type[InTurn], monkeypatch: pytest.MonkeyPatch
@@ -95,7 +95,9 @@ def test_delays_of_their_own(
     """Synapses of one source lie by delay in very large networks, and those of all threads' targets between another."""
     for module in (drawn, resolve):
         monkeypatch.setattr(module, "MANY", many)
-    monkeypatch.setattr(layout, "_FEW_RUNS", few)
+    if few >= 0:
+        monkeypatch.setattr(layout, "_FEW_RUNS", few)
+        monkeypatch.setattr(joined_rows, "choose", lambda program: frozenset())
     net = neuro.Network("own", resolution=0.1)
     cell = neuro.iaf_psc_exp(tau_syn_ex=0.5, tau_syn_in=0.5, I_e=450.0)
     net.population("cells", 1500, cell, initial={"V_m": neuro.uniform(low=-70.0, high=-55.0)})

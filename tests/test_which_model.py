@@ -14,7 +14,7 @@ from neuro.program.backend import find_backend
 from neuro_nest.tables import NODES, SYNAPSES as NEST_SYNAPSES
 
 PAGES = Path(__file__).parents[1] / "docs" / "how-to"
-BACKENDS = ("reference", "event", "nest", "torch", "loihi", "spinnaker")
+BACKENDS = ("reference", "event", "nest", "torch", "loihi", "loihi2", "spinnaker")
 RULES = [name for name in SYNAPSES if not SYNAPSES[name].chip]
 OF_TRIALS = [name for name in RULES if SYNAPSES[name].learns == "trials"]
 
@@ -23,7 +23,7 @@ WITHOUT_A_WINDOW = {"td_moves": "learns by moves", "hedonistic": "releases by ch
 
 def told(page):
     """The last cell of the rows of a page's tables, by the first; each is a list of backends, and what else it says."""
-    rows = re.findall(r"^\| `(\w+)` \|(?:.* \|)? (reference.*|loihi|spinnaker) \|$", (PAGES / page).read_text(), re.M)
+    rows = re.findall(r"^\| `(\w+)` \|(?:.* \|)? (reference.*|loihi2?|spinnaker) \|$", (PAGES / page).read_text(), re.M)
     return {name: cell.partition("; ")[0] for name, cell in rows}
 
 
@@ -92,7 +92,7 @@ def test_the_page_of_nest_has_all_that_maps_to_it():
 @pytest.mark.parametrize(
     ("example", "names"),
     [
-        ("neurons", {model.__name__ for model in NEURONS if not model.most}),
+        ("neurons", {model.__name__ for model in NEURONS if not model.most and not model.graded}),
         ("windows", {name for name in RULES if SYNAPSES[name].learns == "pairs"} - WITHOUT_A_WINDOW.keys()),
     ],
 )

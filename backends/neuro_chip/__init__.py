@@ -1,5 +1,5 @@
-"""Emulated chips: the arithmetic of Loihi 1 and SpiNNaker in integers, compiled."""
+"""Emulated chips: the arithmetic of Loihi 1, Loihi 2 and SpiNNaker in integers, compiled."""
 
-from neuro_chip.backend import loihi, spinnaker
+from neuro_chip.backend import loihi, loihi2, spinnaker
 
-__all__ = ["loihi", "spinnaker"]
+__all__ = ["loihi", "loihi2", "spinnaker"]

@@ -10,6 +10,7 @@ from neuro.chips.arithmetics import arithmetic_of
 from neuro.chips.description import Chip
 from neuro.chips.known import CHIPS, chip, is_table
 from neuro.chips.loihi.arithmetic import LOIHI
+from neuro.chips.loihi2 import LOIHI2
 from neuro.chips.placing.place import place
 from neuro.chips.quantising.quantise import quantise
 from neuro.chips.spinnaker import SPINNAKER
@@ -18,27 +19,11 @@ from neuro.core.errors import ModelError
 from neuro.core.quantities import Quantity
 from neuro.program.backend import Engine, Problem, unnoted
 from neuro.program.program import Program
+from neuro_chip.unsupported import LEARNING_CASES, REFRACTORY_CASES
 
 OF_PLACE = ("order", "neurons_per_core")
 _STRICT = Quantity(kind="boolean")
 OWN = ("strict", *OF_PLACE)
-LEARNING_CASES = (
-    "counts_of_learning",
-    "ports_of_signals_and_weights",
-    "cutting_does_not_matter_of_learning",
-    "cutting_does_not_matter_when_steered_of_learning",
-    "probes_do_not_matter_of_learning",
-    "a_seed_repeats_of_learning",
-    "seeds_differ_of_learning",
-    "threads_do_not_matter_of_learning",
-    "a_reset_repeats_of_learning",
-    "a_reset_keeps_weights_of_learning",
-    "another_population_does_not_matter_of_learning",
-    "counts_follow_from_spikes_of_learning",
-    "a_saved_state_continues_of_learning",
-    "a_state_saved_after_a_change_continues_of_learning",
-)
-"""Conformance cases of `neuro.testing` in which synapses learn from pairs of spikes."""
 
 
 class ChipBackend:
@@ -66,7 +51,7 @@ class ChipBackend:
         return CHIPS[self.name] if self._target is None else self._target
 
     def of(self, target: str) -> ChipBackend | None:
-        """The same arithmetic on another chip, by name or table file; None if it has another, or it is not known.
+        """The backend of another chip, by name or table file, in its own arithmetic; None if it is not known.
 
         Raises:
             ModelError: the chip has no arithmetic, or its table cannot be read.
@@ -74,9 +59,10 @@ class ChipBackend:
         if not is_table(target) and target not in CHIPS:
             return None
         found = chip(target)
-        if arithmetic_of(found) is not self.family:
-            return None
-        return ChipBackend(self.family, f"{found.title}, in the arithmetic of {self.name}", self.unsupported, found)
+        own = next(each for each in FAMILIES if each.family is arithmetic_of(found))
+        if own.name == target:
+            return own
+        return ChipBackend(own.family, f"{found.title}, in the arithmetic of {own.name}", own.unsupported, found)
 
     def targets(self) -> Iterable[str]:
         """Names of all chips with this arithmetic."""
@@ -116,8 +102,18 @@ def _of_quantise(options: Mapping[str, Any]) -> dict[str, Any]:
 
 
 loihi = ChipBackend(LOIHI, "Intel Loihi 1, emulated bit for bit: integers, 8-bit weights, cores and their limits", {})
+loihi2 = ChipBackend(
+    LOIHI2,
+    "Intel Loihi 2, emulated as lava does: graded spikes, sigma-delta and LIF neurons in integers",
+    {
+        **dict.fromkeys(LEARNING_CASES, "pairwise learning is not emulated on Loihi 2"),
+        **dict.fromkeys(REFRACTORY_CASES, "no fixed-point neuron of Loihi 2 has a refractory period"),
+    },
+)
 spinnaker = ChipBackend(
     SPINNAKER,
     "SpiNNaker 1, emulated: s16.15 neurons, 16-bit saturating ring buffers",
     dict.fromkeys(LEARNING_CASES, "pairwise learning is not emulated on SpiNNaker"),
 )
+FAMILIES = (loihi, loihi2, spinnaker)
+"""One backend for each arithmetic."""

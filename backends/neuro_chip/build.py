@@ -9,10 +9,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from neuro.chips.arrival_rule import longest_lag
-from neuro.chips.quantising.fixed import FixedPopulation
+from neuro.chips.quantising.fixed import FixedPopulation, FixedProjection
 from neuro.chips.quantising.fixed_program import FixedProgram
 from neuro.core import keyed_random
 from neuro.core.clock import NEVER
+from neuro.model.neurons import Neuron
 from neuro.model.parts import lateral_reset, local_winners, winner_take_all
 from neuro.program.program import Program, Projection
 from neuro_chip import deliver, tables as t
@@ -21,7 +22,10 @@ from neuro_chip.tables import Arrays
 
 KINDS = {"current": t.CURRENT, "relay": t.RELAY, **NUMBERS}
 LAYOUTS = {"one_to_one": t.ONE_TO_ONE, "dense": t.DENSE, "csr": t.CSR, "grid": t.GRID}
-STATES = {"v": "v", "u": "u", "g_exc": "u", "g_inh": "g_inh"}
+STATES = {
+    **{"v": "v", "u": "u", "g_exc": "u", "g_inh": "g_inh"},
+    **{"real": "v", "imag": "u", "sigma": "v", "act": "u", "residue": "g_inh", "error": "hold", "payload": "payload"},
+}
 """Arrays that hold the state registers, by the registers' names."""
 
 ROOM = 1 << 20
@@ -43,6 +47,7 @@ def arrays_of(fixed: FixedProgram) -> Arrays:
     for name in ("exc_decay", "exc_init", "inh_decay", "inh_init"):
         a[name] = np.zeros(total, dtype=np.int64)
     a["still"], a["resting"] = np.zeros((4, total), dtype=np.int32), np.zeros(n_pops, dtype=np.uint8)
+    a["payload"] = np.zeros(total, dtype=np.int32)
     a["fired"], a["muted"] = np.zeros(total, dtype=np.uint8), np.zeros(total, dtype=np.uint8)
     a["first"] = np.full(total, NEVER, dtype=np.int64)
     a["events"], a["spikes"] = np.zeros(total, dtype=np.int64), np.zeros(total, dtype=np.int64)
@@ -119,12 +124,14 @@ def _populations(a: Arrays, fixed: FixedProgram) -> None:
     pops = np.zeros((len(program.populations), t.POPULATION_COLUMNS), dtype=np.int64)
     family = family_of(fixed.chip)
     at = ring = arrived = 0
+    planes: list[tuple[int, int, int, int]] = []
     for k, (part, cells) in enumerate(zip(program.populations, fixed.populations, strict=True)):
         generator = t.POISSON if part.kind == "poisson" else t.LISTED
         kind = KINDS.get(cells.kind, generator)
         pops[k, [t.KIND, t.BEGIN, t.END]] = kind, at, at + part.size
         pops[k, [t.RECORD, t.GROUP, t.START, t.STOP]] = part.records, t.NONE, part.start, part.stop
         pops[k, [t.BINARY, t.RECEPTORS]] = family.arithmetic.one_bit, family.receptors if kind >= t.STEPPED else 1
+        pops[k, t.GRADED] = part.model.graded or getattr(part.model, "resets_in_step", False)
         at += part.size
         if kind >= t.RELAY:
             slots = slots_of(fixed, k)
@@ -132,9 +139,34 @@ def _populations(a: Arrays, fixed: FixedProgram) -> None:
             # a relay needs one slot, but has room for two, as in the states that were saved before
             ring += slots * part.size * (2 if kind == t.RELAY else family.receptors)
             arrived += slots
-    a["pops"] = pops
+            pops[k, t.PLANES] = len(planes)
+            sums = [(each.shift, each.wraps, each.receptor) for each in _apart(fixed, k) for _ in _lags_apart(each)]
+            for of_plane in [*([(0, 0, 1)] if _has_second(fixed, k) else []), *sums]:
+                planes.append((ring, *of_plane))
+                ring += slots * part.size
+            pops[k, t.PLANES_END] = len(planes)
+    a["pops"], a["planes"] = pops, np.array(planes, dtype=np.int64).reshape(-1, t.PLANE_COLUMNS)
     a["ring"], a["arrived"] = np.zeros(ring + at, dtype=np.int32), np.zeros(ring + at, dtype=np.uint8)
     a["arrived_all"], a["came"] = np.zeros(arrived, dtype=np.uint8), np.zeros(arrived, dtype=np.uint8)
+
+
+def _apart(fixed: FixedProgram, target: int) -> list[FixedProjection]:
+    """The projections onto a population whose sums are shifted or wrapped before they are added to those of others."""
+    onto = zip(fixed.projections, fixed.program.projections, strict=True)
+    found = [wires for wires, part in onto if wires is not None and part.target == target]
+    return [wires for wires in found if wires.apart]
+
+
+def _has_second(fixed: FixedProgram, target: int) -> bool:
+    """Whether a population has a second input in a plane of its own, the first one."""
+    model = fixed.program.populations[target].model
+    return isinstance(model, Neuron) and model.chip == "loihi2" and model.receptors == 2
+
+
+def _lags_apart(wires: FixedProjection) -> range:
+    """The lags whose sums are shifted apart, each in a plane of its own: those of one step of emission."""
+    lags = wires.lag if wires.lag.size else np.ones(1, dtype=np.int32)
+    return range(int(lags.min()), int(lags.max()) + 1)
 
 
 def _projections(a: Arrays, fixed: FixedProgram) -> None:
@@ -162,6 +194,16 @@ def _projections(a: Arrays, fixed: FixedProgram) -> None:
             lists[name].append(array)
             at[name] += array.size
         _grid(table[q], part)
+        if wires.apart:
+            target, apart = a["pops"][part.target], _apart(fixed, part.target)
+            plane = (
+                target[t.PLANES]
+                + _has_second(fixed, part.target)
+                + sum(len(_lags_apart(each)) for each in apart[: apart.index(wires)])
+            )
+            table[q, t.PLANE] = a["planes"][plane, t.PLANE_RING] - target[t.RING]
+            table[q, t.PLANE_STRIDE] = target[t.SLOTS] * (target[t.END] - target[t.BEGIN])
+            table[q, t.FIRST_LAG] = _lags_apart(wires)[0]
     a["projections"] = table
     a |= {name: _joined(parts, kinds[name]) for name, parts in lists.items()}
     deliver.lay_out(a, program)

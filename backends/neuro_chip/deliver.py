@@ -49,9 +49,10 @@ def send(net, q, i, times, step):
     mask = target[t.SLOTS] - 1  # slots are a power of two above the longest lag: none is written before it is read
     below = target[t.SLOTS] * n
     capped = target[t.RECEPTORS] == 2
+    plane = row[t.PLANE]  # what arrives is marked for the population, not for the plane
     if row[t.LAYOUT] == t.DENSE:
         slot = (step + net.lags[row[t.LAG]]) & mask
-        begin = target[t.RING] + slot * n
+        begin = target[t.RING] + plane + slot * n
         # A dense row reaches all: one flag in place of n marks.
         net.arrived_all[target[t.ARRIVED] + slot] = 1
         net.came[target[t.ARRIVED] + slot] = 1
@@ -80,22 +81,26 @@ def send(net, q, i, times, step):
             begin = target[t.RING] + slot * n
             net.came[target[t.ARRIVED] + slot] = 1
             send_sparse(
-                net.ring[begin : begin + n],
+                net.ring[begin + plane : begin + plane + n],
                 net.arrived[begin : begin + n],
                 net.targets[base + first : base + last],
                 net.words[row[t.WORD] + first : row[t.WORD] + last],
             )
             return
         for e in range(first, last):
-            slot = (step + net.lags[row[t.LAG] + e * row[t.LAG_STRIDE]]) & mask
+            lag = net.lags[row[t.LAG] + e * row[t.LAG_STRIDE]]
+            slot = (step + lag) & mask
             place = target[t.RING] + slot * n + net.targets[base + e]
-            add(net.ring, place, below, net.words[row[t.WORD] + e * row[t.WORD_STRIDE]], times, capped)
+            into = place + plane + (lag - row[t.FIRST_LAG]) * row[t.PLANE_STRIDE]
+            add(net.ring, into, below, net.words[row[t.WORD] + e * row[t.WORD_STRIDE]], times, capped)
             net.arrived[place] = 1
             net.came[target[t.ARRIVED] + slot] = 1
     elif row[t.LAYOUT] == t.ONE_TO_ONE:
-        slot = (step + net.lags[row[t.LAG] + i * row[t.LAG_STRIDE]]) & mask
+        lag = net.lags[row[t.LAG] + i * row[t.LAG_STRIDE]]
+        slot = (step + lag) & mask
         place = target[t.RING] + slot * n + i
-        add(net.ring, place, below, net.words[row[t.WORD] + i * row[t.WORD_STRIDE]], times, capped)
+        into = place + plane + (lag - row[t.FIRST_LAG]) * row[t.PLANE_STRIDE]
+        add(net.ring, into, below, net.words[row[t.WORD] + i * row[t.WORD_STRIDE]], times, capped)
         net.arrived[place] = 1
         net.came[target[t.ARRIVED] + slot] = 1
     else:
@@ -153,7 +158,7 @@ def send_grid(net, row, target, i, times, step, below, capped):
             base = target[t.RING] + slot * n + (m * row[t.ROWS] + r) * row[t.COLUMNS]
             for c in range(c_first, c_last + 1):
                 word = net.words[line + (x - c * stride) * row[t.WORD_STRIDE]]
-                add(net.ring, base + c, below, word, times, capped)
+                add(net.ring, base + row[t.PLANE] + c, below, word, times, capped)
                 net.arrived[base + c] = 1
 
 
@@ -327,7 +332,7 @@ def pour(net, row, target, box, step, below, capped):
             for m in range(reach):
                 to = base + (group * reach + m) * sheet + first
                 if not capped:
-                    pour_map(net.ring[to : to + run], sums[m:], reach)
+                    pour_map(net.ring[to + row[t.PLANE] : to + row[t.PLANE] + run], sums[m:], reach)
                 elif row[t.NEGATIVE]:
                     pour_capped(net.ring[to + below : to + below + run], sums[m:], reach, np.int32(-1))
                 else:

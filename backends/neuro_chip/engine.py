@@ -13,6 +13,7 @@ from neuro.chips.quantising.fixed_program import FixedProgram
 from neuro.core.errors import ModelError, unknown
 from neuro.program.backend import EngineCounts, Outcome, Spikes, Trial
 from neuro.program.program import Floats, Ints
+from neuro.program.spikes import carrying
 from neuro_chip import tables as t
 from neuro_chip.build import STATES, write_registers
 from neuro_chip.machine import Machine
@@ -63,9 +64,9 @@ class ChipEngine:
 
     # input
 
-    def inject(self, population: int, steps: Ints, ids: Ints) -> None:
-        """Add spikes of a spike_generator."""
-        if self._machine.listed.add(population, steps, ids, self.step):
+    def inject(self, population: int, steps: Ints, ids: Ints, payloads: Ints | None = None) -> None:
+        """Add spikes of a listed population."""
+        if self._machine.listed.add(population, steps, ids, self.step, payloads):
             self._machine.bind()
 
     def signal(self, signal: int, values: Floats) -> None:
@@ -185,7 +186,7 @@ class ChipEngine:
     def spikes(self, population: int, since: int) -> Spikes:
         """Recorded spikes after a step."""
         here = self._machine.slice(population)
-        return self._machine.record.spikes(here.start, here.stop, since)
+        return carrying(self.program.populations[population], self._machine.record.spikes(here.start, here.stop, since))
 
     def forget(self, before: int) -> None:
         """Drop recorded spikes up to a step."""
@@ -203,7 +204,10 @@ class ChipEngine:
         return EngineCounts(
             steps=self.step,
             events=tuple(self._machine.arrays["events"][place].copy() for place in here),
-            spikes=tuple(self._machine.arrays["spikes"][place].copy() for place in here),
+            spikes=tuple(
+                self._machine.arrays["events" if part.model.graded else "spikes"][place].copy()
+                for part, place in zip(self.program.populations, here, strict=True)
+            ),
             active=self._machine.arrays["active"].copy(),
             trial_updates=self._machine.weights.updates.copy(),
             native=native | self._machine.weights.native() | self._machine.learners.native(),

@@ -278,7 +278,8 @@ def advance_neurons(net, pop, row, step):
     elif came or not net.resting[pop]:
         before = 0 if came else keep_states(net, pop, row)
         reached = update_and_fire(net, pop, row, step)
-        net.resting[pop] = not came and not reached and stayed(net, pop, row, before)
+        # what resets its states at certain steps is never at rest
+        net.resting[pop] = not came and not reached and row[t.INTERVAL] == 0 and stayed(net, pop, row, before)
     count_active(net, pop, row, step)
 
 
@@ -298,8 +299,11 @@ def update_and_fire(net, pop, row, step):
                 if net.muted[i] & t.SILENCED:
                     net.fired[i] = 0
                     continue
-                fire(net, i)
-                emit(net, pop, row, i, 1, step)
+                if row[t.GRADED]:  # its step has reset it
+                    emit(net, pop, row, i, np.int64(net.payload[i]), step)
+                else:
+                    fire(net, i)
+                    emit(net, pop, row, i, 1, step)
     return reached
 
 

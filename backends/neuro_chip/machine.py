@@ -32,7 +32,7 @@ from neuro_chip.trial_kernels import open_all
 from neuro_chip.weights import ChipWeights
 
 _CLEARED = (
-    *("ring", "arrived", "arrived_all", "v", "u", "g_inh", "hold", "first"),
+    *("ring", "arrived", "arrived_all", "v", "u", "g_inh", "hold", "payload", "first"),
     *("events", "spikes", "active", "native", "set_out"),
 )
 _LIVE = (*_CLEARED, "emitted", "emitted_times", "groups", "clock", "potential", "mean", "nothing")
@@ -213,7 +213,8 @@ class Machine:
         for k in range(len(self.program.populations)):
             write_registers(self.arrays, self.fixed, k, self.cells.fixed[k])
         for name in self._live:
-            self.arrays[name][:] = arrays[f"live.{name}"]
+            if (kept := arrays.get(f"live.{name}")) is not None:  # states that were saved before have no payloads
+                self.arrays[name][:] = kept
         self.arrays["came"][:] = 1  # which slots have input is not kept
         self.record.restore(arrays)
         self.listed.restore(arrays, self.step)

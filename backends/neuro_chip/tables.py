@@ -44,8 +44,17 @@ ONE_TO_ONE, DENSE, CSR, GRID = range(4)
     LATE,
     RECEPTORS,
     LOWEST,
+    GRADED,  # its step resets it and says what it sends
+    PLANES,  # of rings that are shifted or wrapped apart: the first, and the end
+    PLANES_END,
+    INTERVAL,  # steps between resets of the states, 0: none
+    OFFSET,
+    INPUT_EXP,
+    STATE_EXP,
+    RELU,
+    CUMULATIVE,
     POPULATION_COLUMNS,
-) = range(17)
+) = range(26)
 
 # projections
 (
@@ -75,8 +84,14 @@ ONE_TO_ONE, DENSE, CSR, GRID = range(4)
     KERNEL,
     GATHER,
     MARKS,
+    PLANE,  # how far behind the common ring of its target its own begins, 0: it has none
+    PLANE_STRIDE,  # from one plane to that of the next lag, where sums of each lag are shifted apart
+    FIRST_LAG,
     PROJECTION_COLUMNS,
-) = range(27)
+) = range(30)
+
+# planes: rings of projections whose sums are shifted or wrapped before they are added to the common one
+PLANE_RING, PLANE_SHIFT, PLANE_WRAPS, PLANE_RECEPTOR, PLANE_COLUMNS = range(5)
 
 # groups
 POPULATION, FIRST_TO_FIRE, CLOSED, WINNER, DECIDED, RIVALS, APART, GROUP_COLUMNS = range(8)
@@ -113,6 +128,7 @@ targets i4 1        local targets of all CSR synapses
 gathered i4 1       sums of a step, of grids
 marked u1 1         places that have one
 ring i4 1           input to come
+planes i8 2         columns of `tables`, a row per plane
 came u1 1           whether any comes, for each population and slot
 arrived u1 1        whether a spike reached a neuron
 arrived_all u1 1    whether one reached all of a population
@@ -140,6 +156,7 @@ standing i8 2       how many of each of these may still win, and have won
 map_wins i8 2       (groups, maps) how often each of their maps has won
 won i8 2            (neurons, 2) winners, in order, and the step
 fired u1 1          whether above threshold in the present step
+payload i4 1        what graded neurons send then
 muted u1 1          whether it must not fire, and why: bits of `tables`
 first i8 1          the step of each neuron's first spike since it was set to never
 events i8 1         spike events of each neuron

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 from neuro.core.errors import ModelError, nearest
 from neuro.program.backend import Problem
 from neuro.program.program import Program
+from neuro.program.share import Share
 from neuro_nest.problems import UNSUPPORTED, problems
 from neuro_nest.tables import UNREADABLE
 
@@ -23,13 +24,18 @@ class NestBackend:
 
     name = "nest"
     description = "NEST itself, if installed (pip install nest-simulator): the judge of the float backends"
-    distributed = True
     unreadable = UNREADABLE
     unsupported = UNSUPPORTED
 
     def problems(self, program: Program, **options: Any) -> Sequence[Problem]:
         """What NEST cannot do, or does otherwise; nothing is approximated."""
         return problems(program)
+
+    def share(self) -> Share:
+        """What of a network this process has; several under MPI have some of the neurons each."""
+        from neuro_nest.kernel import share
+
+        return share()
 
     def build(self, program: Program, *, threads: int = 1, **options: Any) -> NestEngine:
         """Make an engine at step 0; `threads` are NEST's."""

@@ -86,14 +86,21 @@ class NestEngine:
         """A state of every synapse."""
         wires = self.net.wires[projection]
         if not wires.part.synapse.learns:
-            return np.broadcast_to(wires.weights, wires.part.size).copy()
+            return self._joined(wires, wires.weights)
         if wires.part.synapse.modulated:
             self._check_moment(wires, f"'{name}' of '{wires.part.name}'")
         with nest_errors():
-            values = wires.read(self._nest, self.net.ends(wires), _WORDS.get(name, name), self.net.ranks)
+            values = wires.read(self._nest, self.net.ends(wires), _WORDS.get(name, name))
         if name == "K_plus" and not wires.part.synapse.modulated:
-            return self._faded(wires, values)
-        return values
+            values = self._faded(wires, values)
+        return wires.joined(values)
+
+    def _joined(self, wires: NestProjection, weights: Floats) -> Floats:
+        """The weights of all synapses, of a grid of its kernels, from those that the program has."""
+        part = wires.part
+        if len(weights) == 1 or part.share.number == 1:
+            return np.broadcast_to(weights, part.size).copy()
+        return wires.joined(weights)
 
     def _faded(self, wires: NestProjection, k_plus: Floats) -> Floats:
         """K+ now: NEST's stdp_synapse has it as of the last pre spike."""
@@ -105,7 +112,8 @@ class NestEngine:
         """Change the numbers of a synapse model."""
         wires = self.net.wires[projection]
         self._check_changeable(wires, "the numbers")
-        self.net.rules[projection] = parameters.copy()
+        own = parameters if parameters.ndim == 1 else wires.given(parameters)
+        self.net.rules[projection] = own.copy()
         words = self.net.words(wires)
         wires.changed()
         with nest_errors():
@@ -125,8 +133,8 @@ class NestEngine:
             assert wires.part.receptor is not None
             what = f"weights of '{wires.part.name}' onto receptor '{wires.part.receptor.name}'"
             raise ModelError(f"{what}: {BY_SIGN}", hint=ELSEWHERE)
-        wires.weights = weights.copy()
-        self._write(wires, "weight", wires.part.arriving(weights)[wires.slot])
+        wires.weights = wires.given(weights).copy()
+        self._write(wires, "weight", wires.each(wires.part.arriving(wires.weights)))
 
     def _write(self, wires: NestProjection, word: str, values: Floats) -> None:
         with nest_errors():
@@ -178,7 +186,7 @@ class NestEngine:
             steps=self.step,
             events=tuple(record.events.copy() for record in records),
             spikes=tuple(record.spikes.copy() for record in records),
-            active=self.net.activity.active * stepped,
+            active=self.program.share.total(self.net.activity.active) * stepped,
             trial_updates=np.zeros(len(self.program.projections), dtype=np.int64),
         )
 
@@ -191,7 +199,7 @@ class NestEngine:
 
     def reset(self, weights: bool) -> None:
         """Back to step 0: NEST is built anew."""
-        kept = [self.get_synapses(i, "weight") for i in range(len(self.net.wires))]
+        kept = [wires.given(self.get_synapses(i, "weight")) for i, wires in enumerate(self.net.wires)]
         first = [p.weight for p in self.program.projections]
         with nest_errors():
             self._nest.ResetKernel()

@@ -9,16 +9,19 @@ import subprocess
 import sys
 import time
 import weakref
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from functools import cache
-from typing import Any, NoReturn
+from typing import Any, NoReturn, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
 from neuro.core.errors import ModelError
-from neuro.core.launch import leads, processes, share
+from neuro.core.launch import leads, processes, share as work_together
+from neuro.program.share import WHOLE, Share
+
+T = TypeVar("T")
 
 INSTALL = "pip install nest-simulator"
 OURS = "neuro_nest"
@@ -142,26 +145,42 @@ BUILD = (
 PATIENCE_S = 1.0
 
 
-class Ranks:
-    """All processes of a run. Every one calls the same methods in the same order.
-
-    Args:
-        size: how many there are.
-        rank: which one this is.
-    """
-
-    def __init__(self, size: int, rank: int) -> None:
-        self.size, self.rank = size, rank
-        self._world: Any = None if size == 1 else _world()
+class Rank(Share):
+    """The share of one process of several. Every one calls the same methods in the same order."""
 
     def gather(self, values: NDArray[Any]) -> NDArray[Any]:
         """The arrays of all processes, joined along the first axis, in each of them."""
-        return values if self.size == 1 else np.concatenate(self._world.allgather(values))
+        return np.concatenate(_world().allgather(values))
+
+    def agree(self, make: Callable[[], T]) -> T:
+        """What a function gives, if it gives something in every process; else the error of the first of them."""
+        error: ModelError | None = None
+        try:
+            found = make()
+        except ModelError as problem:
+            error = problem
+        for each in _world().allgather(None if error is None else vars(error)):
+            if each is not None:
+                raise ModelError("").but(**each)
+        return found
+
+
+def share() -> Share:
+    """What of a network this process has.
+
+    Raises:
+        ModelError: NEST is not installed, or it does not fit how this process was started.
+    """
+    if processes() == 1:
+        return WHOLE
+    nest = load()
+    check_mpi(nest.build_info["have_mpi"])
+    return Rank(nest.Rank(), nest.num_processes)
 
 
 def check_mpi(with_mpi: bool) -> None:
     """Refuse several processes where NEST would run all of the network in each; else they share it."""
-    share()
+    work_together()
     if processes() > 1 and not with_mpi:
         raise ModelError(f"mpirun started {processes()} processes, but this NEST was built without MPI", hint=BUILD)
 

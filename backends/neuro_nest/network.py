@@ -11,7 +11,9 @@ from neuro.core.clock import NEVER, Clock
 from neuro.model.synapses.base import common
 from neuro.program.currents import Currents
 from neuro.program.program import Floats, Ints, Population, Program, Projection, Schedule
-from neuro_nest.kernel import Ranks, nest_errors, set_nodes, sign
+from neuro.program.share import Share
+from neuro_nest.kernel import nest_errors, set_nodes, sign
+from neuro_nest.nodes import Nodes, dealt_out
 from neuro_nest.projections import NestProjection
 from neuro_nest.record import Activity, NestRecord
 from neuro_nest.sources import NONE, InjectedTrain, Noise, TrainSource, is_noise, nodes_of, train
@@ -52,11 +54,10 @@ class NestNetwork:
         with nest_errors():
             nest.local_num_threads = threads
             nest.set(resolution=program.resolution)
-            self.ranks = Ranks(nest.num_processes, nest.Rank())
             nest.set(min_delay=program.resolution, max_delay=self.clock.ms(self._longest_delay()))
             sign(nest)
             self.cells = [
-                NestPopulation(nest, part, own, self.clock, self.ranks, nodes_of(program, k), k in sent_at_once)
+                NestPopulation(nest, part, own, self.clock, program.share, nodes_of(program, k), k in sent_at_once)
                 for k, (part, own) in enumerate(zip(program.populations, parameters, strict=True))
             ]
             self.wires = [NestProjection(program, i, w) for i, w in enumerate(weights)]
@@ -95,8 +96,9 @@ class NestNetwork:
             senders, steps = self._recorded()
         for index, cells in enumerate(self.cells):
             if cells.part.kind == "neuron":
-                begin, end = np.searchsorted(senders, (cells.first, cells.first + cells.part.size))
-                trains[index] = train(steps[begin:end], senders[begin:end] - cells.first, cells.part.size)
+                first = cells.nodes_of.first
+                begin, end = np.searchsorted(senders, (first, first + cells.part.size))
+                trains[index] = train(steps[begin:end], cells.nodes_of.neurons(senders[begin:end]), cells.part.size)
         for record, spikes in zip(self.records, trains, strict=True):
             record.add(spikes, to)
         self.activity.add(trains, self.step, to)
@@ -115,7 +117,7 @@ class NestNetwork:
         if len(events["times"]):
             self._recorder.n_events = 0
         found = np.stack([np.asarray(events[word]).astype(np.int64) for word in ("senders", "times")], axis=1)
-        found = self.ranks.gather(found)
+        found = self.program.share.gather(found)
         found = found[np.argsort(found[:, 0], kind="stable")]
         return found[:, 0], found[:, 1]
 
@@ -123,7 +125,7 @@ class NestNetwork:
         return self.program.populations[population].kind == "current"
 
     def _longest_delay(self) -> int:
-        longest = [max(int(p.delay.max(initial=1)), p.dopamine_delay) for p in self.program.projections]
+        longest = [max(p.delay_span[1], p.dopamine_delay) for p in self.program.projections]
         return max(longest, default=1)
 
     def _record_neurons(self) -> Any:
@@ -141,11 +143,11 @@ class NestNetwork:
             set_nodes(self.nest, self.cells[part.target].nodes, [of_target])
         wires.connect(self.nest, self.ends(wires), self.clock, self.words(wires), transmitters)
 
-    def ends(self, wires: NestProjection) -> tuple[int, int]:
-        """The first node of source and target."""
+    def ends(self, wires: NestProjection) -> tuple[Nodes, Nodes]:
+        """The nodes of source and target."""
         source = self.cells[wires.part.source]
-        first = source.first_device if self._is_at_once(wires.part) else source.first
-        return first, self.cells[wires.part.target].first
+        nodes = source.devices_of if self._is_at_once(wires.part) else source.nodes_of
+        return nodes, self.cells[wires.part.target].nodes_of
 
     def _is_at_once(self, part: Projection) -> bool:
         """Whether devices send along a projection: a spike takes the weights of its emission."""
@@ -161,7 +163,9 @@ class NestNetwork:
         return {w: value for w, value in numbers.items() if w not in elsewhere} | wires.part.synapse.initial(numbers)
 
     def _numbers(self, wires: NestProjection) -> dict[str, Any]:
-        return dict(zip(wires.part.synapse.numbers(), self.rules[wires.index].T, strict=True))
+        rules = self.rules[wires.index]
+        each = rules if rules.ndim == 1 else wires.each(rules)
+        return dict(zip(wires.part.synapse.numbers(), each.T, strict=True))
 
     def grid(self, wires: NestProjection) -> int:
         """Steps between the moments at which NEST brings a synapse under dopamine up to date."""
@@ -191,13 +195,13 @@ class NestPopulation:
         part: the population.
         parameters: by word, shape (1,) or (size,).
         clock: of the network.
-        ranks: the processes.
+        share: which of the neurons are of this process.
         number: of nodes, if it is not that of its neurons.
         devices: whether those of a generator send along synapses that do not learn.
 
     Attributes:
-        first: the number of the first node; the others follow.
-        first_device: likewise of the devices.
+        nodes_of: the nodes of the neurons.
+        devices_of: likewise of the devices.
     """
 
     def __init__(
@@ -206,15 +210,20 @@ class NestPopulation:
         part: Population,
         parameters: dict[str, Floats],
         clock: Clock,
-        ranks: Ranks,
+        share: Share,
         number: int | None = None,
         devices: bool = False,
     ) -> None:
-        self.part, self.parameters, self._clock, self._ranks = part, parameters, clock, ranks
+        self.part, self.parameters, self._clock, self._share = part, parameters, clock, share
+        # NEST deals its nodes out in turn, whatever is not a device: the first of these is of the first process.
+        dealt = part.kind != "current"
+        if dealt and (gap := -(nest.network_size + 1) % share.number):
+            nest.Create("parrot_neuron", gap)
         self._nest, self.nodes = nest, nest.Create(NODES[part.model.name], number or part.size)
-        self.first = int(self.nodes[0].global_id)
+        at = dealt_out(part.size, share.number) if dealt and share.number > 1 else None
+        self.nodes_of = Nodes(int(self.nodes[0].global_id), at)
         self._emitting = [self.nodes, *([nest.Create(DEVICE, part.size)] if devices else [])]
-        self.first_device = int(self._emitting[-1][0].global_id)
+        self.devices_of = Nodes(int(self._emitting[-1][0].global_id), at)
         self._tell(self._first_words())
         if part.kind == "current" and part.schedule is not None:
             self._tell_schedule(part.schedule)
@@ -239,8 +248,9 @@ class NestPopulation:
 
     def emit(self, spikes: InjectedTrain) -> None:
         """Let the injectors fire, and the devices."""
-        order = np.argsort(spikes.ids, kind="stable")
-        ids, begin = np.unique(spikes.ids[order], return_index=True)
+        places = self.nodes_of.places(spikes.ids)
+        order = np.argsort(places, kind="stable")
+        ids, begin = np.unique(places[order], return_index=True)
         times = np.split(self._clock.array_ms(spikes.steps[order]), begin[1:])
         numbers = np.split(spikes.multiplicity[order], begin[1:])
         if ids.size:
@@ -253,7 +263,7 @@ class NestPopulation:
         if name in self.parameters:
             every = np.broadcast_to(self.parameters[name], self.part.size)
             return every.copy() if ids is None else every[ids]
-        if self._ranks.size > 1:
+        if self._share.number > 1:
             gathered = self._gathered(name)
             return gathered if ids is None else gathered[ids]
         if ids is None:
@@ -265,15 +275,16 @@ class NestPopulation:
 
     def _gathered(self, name: str) -> Floats:
         """A state of the neurons of all processes."""
-        mine = (self._ranks.rank - self.first) % self._ranks.size  # NEST deals its nodes out in turn
-        here = self.nodes[mine :: self._ranks.size] if mine < self.part.size else ()
-        nest_errors = here.get(["global_id", name]) if here else {"global_id": [], name: []}
+        number, first = self._share.number, self.nodes_of.first
+        mine = (self._share.index - first) % number
+        here = self.nodes[mine::number] if mine < self.part.size else ()
+        told = here.get(["global_id", name]) if here else {"global_id": [], name: []}
         ids, values = (
-            np.atleast_1d(nest_errors["global_id"]).astype(np.int64),
-            np.atleast_1d(nest_errors[name]).astype(np.float64),
+            np.atleast_1d(told["global_id"]).astype(np.int64),
+            np.atleast_1d(told[name]).astype(np.float64),
         )
         found: Floats = np.empty(self.part.size)
-        found[self._ranks.gather(ids) - self.first] = self._ranks.gather(values)
+        found[self.nodes_of.neurons(self._share.gather(ids))] = self._share.gather(values)
         return found
 
     def set(self, values: Mapping[str, Floats]) -> None:
@@ -296,7 +307,8 @@ class NestPopulation:
         words = {name: self._in_words_of_nest(name, each) for name, each in values.items() if name not in LACKING}
         own = {name: each for name, each in words.items() if len(each) > 1}
         shared = {name: each[0] for name, each in words.items() if name not in own}
-        neurons = [shared | {name: own[name][i] for name in own} for i in range(self.part.size)] if own else [shared]
+        turn = self.nodes_of.in_turn(self.part.size) if own else ()
+        neurons = [shared | {name: own[name][i] for name in own} for i in turn] or [shared]
         with nest_errors():
             set_nodes(self._nest, self.nodes, neurons)
 

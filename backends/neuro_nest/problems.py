@@ -102,7 +102,7 @@ def _of_projection(program: Program, part: Projection) -> Iterator[Problem]:
         return
     if part.carries == "current":
         yield from _of_current(program, part)
-    elif part.receptor is not None and not part.as_by_sign(part.weight):
+    elif part.receptor is not None and not program.share.every(part.as_by_sign(part.weight)):
         yield _refused(f"{message}: receptor '{part.receptor.name}' by name", BY_SIGN, ELSEWHERE, part)
     for word in FIXED_TRUE & set(part.synapse.numbers()):
         if not part.synapse.parameters()[word]:

@@ -13,13 +13,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from neuro.core.clock import Clock
+from neuro.core.errors import ModelError
 from neuro.program.program import Floats, Ints, Program
-from neuro_nest.kernel import Ranks
+from neuro_nest.nodes import Nodes
 from neuro_nest.sources import first_node
 from neuro_nest.tables import RECEPTORS_OF_CURRENTS, SHARED, STATES, SYNAPSES
 
-DEEPEST = 1 << 20
-"""Labels that each projection has."""
+DEEPEST = 1 << 14
+"""Labels that each projection has. NEST's have 31 bits, so there may be 131,072 projections."""
 
 
 def layers(source: Ints, target: Ints) -> Ints:
@@ -35,12 +36,12 @@ def layers(source: Ints, target: Ints) -> Ints:
 
 
 class NestProjection:
-    """The synapses of a projection.
+    """The synapses of a projection that this process has.
 
     Args:
-        program: the whole network.
+        program: the network.
         index: which projection.
-        weights: all weights, as the program has them.
+        weights: all weights, as the program has them: where it has a share, those of the share.
 
     Attributes:
         source, target, delay: of every synapse, by source.
@@ -51,13 +52,23 @@ class NestProjection:
 
     def __init__(self, program: Program, index: int, weights: Floats) -> None:
         self.part, self.index, self.weights = program.projections[index], index, weights
-        source, target, slot = program.synapses(index)
-        own = first_node(program, index)
-        source = source if own is None else own + np.arange(source.size)
-        self.source, self.target = source.astype(np.int32), target.astype(np.int32)
-        self.slot = slice(None) if self.part.grid is None else slot
-        self.delay = np.broadcast_to(self.part.delay, len(source))
         n_source, self.n_target = (program.populations[i].size for i in (self.part.source, self.part.target))
+        cut = self.part.share.number > 1
+        source, target, slot = program.own_synapses(index)
+        self.delay = np.broadcast_to(self.part.delay, len(source))
+        # Of a projection of which the program has all synapses: those onto the neurons of this process.
+        self._own: Ints | None = None
+        if program.share.number > 1 and not cut:
+            begin, end = program.share.of(self.n_target)
+            self._own = np.flatnonzero((target >= begin) & (target < end))
+        own = first_node(program, index)
+        nodes = source if own is None else own + np.arange(source.size)
+        if self._own is not None:
+            source, target, slot, nodes = (ids[self._own] for ids in (source, target, slot, nodes))
+            self.delay = self.delay[self._own]
+        self.source, self.target = nodes.astype(np.int32), target.astype(np.int32)
+        self.slot = slice(None) if self.part.grid is None and self._own is None else slot
+        self._program = program
         self.row_ends = np.searchsorted(source, np.arange(n_source + 1))
         self._receptor: dict[str, int] = {}
         if self.part.carries == "current" and self.part.receptor is not None:
@@ -65,6 +76,9 @@ class NestProjection:
             self._receptor["receptor_type"] = RECEPTORS_OF_CURRENTS[model, self.part.receptor.name]
         self.longest_row = max(1, int(np.diff(self.row_ends).max(initial=0)))
         self._layer = layers(source, target).astype(np.int32)
+        if self._depth > DEEPEST:
+            message = f"projection '{self.part.name}': {self._depth:,} synapses between two neurons"
+            raise ModelError(f"{message}: backend 'nest' expects at most {DEEPEST:,}")
         self._states: dict[str, Floats] = {}
         self._listed: dict[int, Ints] = {}
         self._has_run = False
@@ -80,13 +94,13 @@ class NestProjection:
         return [f"neuro_{self.index}_{i}" for i in range(self.n_target if self.part.dopamine_one_to_one else 1)]
 
     def connect(
-        self, nest: Any, first: tuple[int, int], clock: Clock, words: Mapping[str, Any], transmitters: Any
+        self, nest: Any, ends: tuple[Nodes, Nodes], clock: Clock, words: Mapping[str, Any], transmitters: Any
     ) -> None:
         """Make the connections.
 
         Args:
             nest: the module.
-            first: the first node of source and target.
+            ends: the nodes of source and target.
             clock: of the network.
             words: parameters of the synapse model in NEST's words, of all synapses or one for each.
             transmitters: of dopamine, one or one for each post neuron; None for other models.
@@ -94,18 +108,19 @@ class NestProjection:
         model = SYNAPSES[self.part.synapse.name]
         if self.part.synapse.name in SHARED:
             nest.CopyModel(model, *self.models(), words)
-            self._connect(nest, first, clock, {"synapse_model": self.models()[0]}, np.arange(len(self.source)))
+            self._connect(nest, ends, clock, {"synapse_model": self.models()[0]}, np.arange(len(self.source)))
             return
         if transmitters is None:
-            self._connect(nest, first, clock, {"synapse_model": model, **words}, np.arange(len(self.source)))
+            self._connect(nest, ends, clock, {"synapse_model": model, **words}, np.arange(len(self.source)))
             return
+        places = ends[1].places(np.arange(self.n_target)).tolist()
         for post, name in enumerate(self.models()):
-            nest.CopyModel(model, name, {**words, "volume_transmitter": transmitters[post]})
+            nest.CopyModel(model, name, {**words, "volume_transmitter": transmitters[places[post]]})
             mine = self.target == post if self.part.dopamine_one_to_one else np.ones(len(self.target), dtype=bool)
-            self._connect(nest, first, clock, {"synapse_model": name}, np.flatnonzero(mine))
+            self._connect(nest, ends, clock, {"synapse_model": name}, np.flatnonzero(mine))
 
-    def _connect(self, nest: Any, first: tuple[int, int], clock: Clock, words: dict[str, Any], among: Ints) -> None:
-        weights = np.broadcast_to(self.part.arriving(self.weights), self.part.size)[self.slot]
+    def _connect(self, nest: Any, ends: tuple[Nodes, Nodes], clock: Clock, words: dict[str, Any], among: Ints) -> None:
+        weights = self.each(self.part.arriving(self.weights))
         for layer in np.unique(self._layer[among]).tolist():
             synapses = among[self._layer[among] == layer]
             own = {
@@ -113,29 +128,52 @@ class NestProjection:
                 "delay": clock.array_ms(self.delay[synapses]),
                 "synapse_label": self._label(layer),
             }
-            source, target = (ids[synapses].astype(np.int64) for ids in (self.source, self.target))
+            source, target = (
+                nodes.of(ids[synapses].astype(np.int64))
+                for nodes, ids in zip(ends, (self.source, self.target), strict=True)
+            )
             own |= {word: value[synapses] for word, value in words.items() if np.ndim(value)}
-            nest.Connect(source + first[0], target + first[1], "one_to_one", words | self._receptor | own)
+            nest.Connect(source, target, "one_to_one", words | self._receptor | own)
 
     def _label(self, layer: int) -> int:
         return self.index * DEEPEST + layer
 
-    def read(self, nest: Any, first: tuple[int, int], word: str, ranks: Ranks) -> Floats:
-        """A state of every synapse, in NEST's word for it."""
+    def each(self, values: NDArray[Any]) -> NDArray[Any]:
+        """The value of every synapse of this process, from one for all, or for each weight that the program has."""
+        if len(values) == 1:
+            return np.broadcast_to(values, (len(self.source), *values.shape[1:]))
+        return values[self.slot]
+
+    def given(self, values: NDArray[Any]) -> NDArray[Any]:
+        """Of values of all synapses of the projection those that the program has."""
+        return self._program.own(self.index, values)
+
+    def joined(self, values: Floats) -> Floats:
+        """The values of all synapses of the projection, from those of this process."""
+        if self._own is None:
+            return self._program.joined(self.index, values)
+        share = self._program.share
+        places, found = share.gather(self._own), share.gather(values)
+        every: Floats = np.empty(places.size)
+        every[places] = found
+        return every
+
+    def read(self, nest: Any, ends: tuple[Nodes, Nodes], word: str) -> Floats:
+        """A state of every synapse of this process, in NEST's word for it."""
         if not self._states:
             words = (*STATES[self.part.synapse.name], "source", "target")
             self._states = {name: np.zeros(len(self.source)) for name in words}
             for layer in range(self._depth):
                 connections = self._connections(nest, layer)
                 found = connections.get(list(words)) if len(connections) else dict.fromkeys(words, ())
-                values = {name: ranks.gather(np.atleast_1d(np.array(found[name], dtype=np.float64))) for name in words}
-                synapses = self._places(layer, values["source"] - first[0], values["target"] - first[1])
+                values = {name: np.atleast_1d(np.array(found[name], dtype=np.float64)) for name in words}
+                synapses = self._places(layer, ends, values["source"], values["target"])
                 for name in words:
                     self._states[name][synapses] = values[name]
         return self._states[word].copy()
 
-    def write(self, nest: Any, first: tuple[int, int], word: str, values: Floats) -> None:
-        """Set a state of every synapse."""
+    def write(self, nest: Any, ends: tuple[Nodes, Nodes], word: str, values: Floats) -> None:
+        """Set a state of every synapse of this process."""
         self.changed()
         shared = bool((values == values[:1]).all())
         for layer in range(self._depth):
@@ -146,7 +184,7 @@ class NestProjection:
                 if nest.local_num_threads > 1:
                     # NEST's threads list what is theirs as they come, so the order is another at each call.
                     self._listed = {}
-                connections.set([{word: value} for value in values[self._order(connections, layer, first)].tolist()])
+                connections.set([{word: value} for value in values[self._order(connections, layer, ends)].tolist()])
 
     def changed(self) -> None:
         """What was read is no longer so."""
@@ -158,12 +196,12 @@ class NestProjection:
         if not self._has_run:
             self._has_run, self._listed = True, {}
 
-    def _order(self, connections: Any, layer: int, first: tuple[int, int]) -> Ints:
+    def _order(self, connections: Any, layer: int, ends: tuple[Nodes, Nodes]) -> Ints:
         """Which synapses these connections of a layer are; kept, since NEST takes long to tell their ends."""
         if layer not in self._listed:
-            ends = connections.get(["source", "target"])
-            source, target = (np.atleast_1d(np.array(ends[name])) for name in ("source", "target"))
-            self._listed[layer] = self._places(layer, source - first[0], target - first[1])
+            nodes = connections.get(["source", "target"])
+            source, target = (np.atleast_1d(np.array(nodes[name])) for name in ("source", "target"))
+            self._listed[layer] = self._places(layer, ends, source, target)
         return self._listed[layer]
 
     @property
@@ -174,8 +212,9 @@ class NestProjection:
         """The connections of a layer that this process has; NEST puts them in another order when it first runs."""
         return nest.GetConnections(synapse_label=self._label(layer))
 
-    def _places(self, layer: int, source: NDArray[Any], target: NDArray[Any]) -> Ints:
-        """Which synapses have these ends."""
+    def _places(self, layer: int, ends: tuple[Nodes, Nodes], source: NDArray[Any], target: NDArray[Any]) -> Ints:
+        """Which synapses have these nodes at their ends."""
         synapses = np.flatnonzero(self._layer == layer)
         codes = self.source[synapses].astype(np.int64) * self.n_target + self.target[synapses]
-        return synapses[np.searchsorted(codes, source.astype(np.int64) * self.n_target + target.astype(np.int64))]
+        pre, post = (each.neurons(ids.astype(np.int64)) for each, ids in zip(ends, (source, target), strict=True))
+        return synapses[np.searchsorted(codes, pre * self.n_target + post)]

@@ -66,7 +66,7 @@ class NestRecord:
 
 
 class Activity:
-    """Counts the neuron-steps with an arrival or a spike.
+    """Counts the neuron-steps with an arrival or a spike, of the neurons of this process.
 
     Args:
         program: the whole network.
@@ -74,8 +74,8 @@ class Activity:
     """
 
     def __init__(self, program: Program, wires: list[NestProjection]) -> None:
-        self._wires = wires
-        self._reach = max((int(w.delay.max(initial=0)) for w in wires), default=0)
+        self._wires, self._share = wires, program.share
+        self._reach = max((w.part.delay_span[1] for w in wires if w.part.size), default=0)
         self._heard = [np.zeros((self._reach, p.size), dtype=bool) for p in program.populations]
         self.active: Ints = np.zeros(len(program.populations), dtype=np.int64)
 
@@ -92,5 +92,6 @@ class Activity:
                 heard[wires.part.target][arrival - after - 1, wires.target[synapses]] = True
         for index, (spikes, here) in enumerate(zip(trains, heard, strict=True)):
             here[spikes.steps - after - 1, spikes.ids] = True
-            self.active[index] += np.count_nonzero(here[:steps])
+            first, end = self._share.of(here.shape[1])
+            self.active[index] += np.count_nonzero(here[:steps, first:end])
             self._heard[index] = here[steps:]

@@ -12,6 +12,7 @@ from neuro.core.clock import NEVER
 from neuro.model.synapses.base import DELAY
 from neuro.program.backend import EngineCounts, Outcome, Sent, Spikes, Trial
 from neuro.program.program import Floats, Ints, Program
+from neuro.program.spikes import carrying
 from neuro_reference.decisions import TrialCourse
 from neuro_reference.network import ReferenceNetwork
 
@@ -91,9 +92,9 @@ class ReferenceEngine:
         part.synapse.arithmetic.constants(self.net.rules[projection], self.program.resolution, c)
         return c
 
-    def inject(self, population: int, steps: Ints, ids: Ints) -> None:
-        """Add spikes of a spike_generator."""
-        self.net.cells[population].inject(steps, ids, self.net.step)
+    def inject(self, population: int, steps: Ints, ids: Ints, payloads: Ints | None = None) -> None:
+        """Add spikes of a listed population."""
+        self.net.cells[population].inject(steps, ids, self.net.step, payloads)
 
     def signal(self, signal: int, values: Floats) -> None:
         """Set the dopamine of every synapse that listens."""
@@ -159,7 +160,7 @@ class ReferenceEngine:
 
     def spikes(self, population: int, since: int) -> Spikes:
         """Recorded spikes after a step."""
-        return self.net.records[population].since(since)
+        return carrying(self.program.populations[population], self.net.records[population].since(since))
 
     def noted(self, probe: int) -> Sent:
         """What pre spikes have left since this was last asked."""

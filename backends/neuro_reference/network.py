@@ -31,8 +31,9 @@ class ReferenceNetwork:
 
     Attributes:
         step: the last finished step.
-        ids, multiplicity: the spikes of each population in that step. They update plastic synapses and are sent when
-            the next step begins; those of generators along synapses that do not learn are sent at once.
+        ids, multiplicity: the spikes of each population in that step, of a graded one its payloads. They update plastic
+            synapses and are sent when the next step begins; those of generators along synapses that do not learn are
+            sent at once.
         potentials: the first state of each population in that step, before spikes reset it.
         closed: whether no neuron of each group may fire any more.
         won: neurons of each group that fired in that step, the best first.
@@ -59,7 +60,7 @@ class ReferenceNetwork:
         self.moves = {i: MoveLearning(program, w) for i, w in enumerate(self.wires) if w.part.synapse.learns == "moves"}
         self.notes = SynapseRecords(program)
         self.rules = {i: w.part.synapse.vector() for i, w in enumerate(self.wires) if w.part.synapse.learns == "trials"}
-        self.records = [SpikeRecord(p.size, p.records) for p in program.populations]
+        self.records = [SpikeRecord(p.size, p.records, p.model.graded) for p in program.populations]
         self.ties = [keyed_random.key(program.seed, "tie", group.name) for group in program.groups]
         self.local = {
             k: LocalWinners(g.choice, program.populations[g.population].shape)
@@ -219,7 +220,7 @@ class ReferenceNetwork:
         if isinstance(cells.part.model, Neuron):
             self.ids[index] = ((reached > 0) & ~self.silenced[index]).nonzero()[0]
             cells.fire(self.ids[index])
-            sent = x[0] if cells.part.model.relay else reached
+            sent = x[0] if cells.part.model.relay else cells.payloads() if cells.part.model.graded else reached
             self.multiplicity[index] = sent[self.ids[index]].astype(np.int64)
             return
         numbers = cells.generate(step)
@@ -248,12 +249,13 @@ class SpikeRecord:
     Args:
         size: neurons.
         keeps: whether spikes are kept.
+        graded: whether the number of a spike is a payload, which counts as one spike.
     """
 
     kept: ClassVar[tuple[str, ...]] = ("steps", "ids", "multiplicity", "events", "spikes", "active")
 
-    def __init__(self, size: int, keeps: bool) -> None:
-        self.size, self.keeps = size, keeps
+    def __init__(self, size: int, keeps: bool, graded: bool) -> None:
+        self.size, self.keeps, self.graded = size, keeps, graded
         self.start_anew()
 
     def start_anew(self) -> None:
@@ -270,7 +272,7 @@ class SpikeRecord:
         if not len(ids):
             return
         self.events[ids] += 1
-        self.spikes[ids] += multiplicity
+        self.spikes[ids] += 1 if self.graded else multiplicity
         if self.keeps:
             self.steps += [step] * len(ids)
             self.ids += ids.tolist()

@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from neuro.core import keyed_random
 from neuro.model.neurons import Generator, Neuron
+from neuro.model.neurons.base import PAYLOAD
 from neuro.program.program import Floats, Ints, Population, drawn_for
 
 
@@ -21,7 +22,7 @@ class ReferencePopulation:
         seed: of the Poisson draws.
     """
 
-    kept: ClassVar[tuple[str, ...]] = ("states", "injected_steps", "injected_ids")
+    kept: ClassVar[tuple[str, ...]] = ("states", "injected_steps", "injected_ids", "injected_numbers")
 
     def __init__(self, part: Population, resolution: float, seed: int) -> None:
         self.part, self.size, self.resolution = part, part.size, resolution
@@ -32,6 +33,7 @@ class ReferencePopulation:
         self.key = keyed_random.key(seed, drawn_for(part), part.name)
         self.injected_steps: Ints = part.spike_steps.copy()
         self.injected_ids: Ints = part.spike_ids.copy()
+        self.injected_numbers: Ints = part.spike_payloads.copy() if part.model.graded else np.ones_like(part.spike_ids)
         self.start_anew(self.names)
         self.refresh()
 
@@ -80,14 +82,21 @@ class ReferencePopulation:
         for i in ids:
             model.arithmetic.fire(self.states, self.constants[i], i)
 
+    def payloads(self) -> Floats:
+        """What each neuron of a graded population sends."""
+        sent: Floats = self.states[self.names.index(PAYLOAD)]
+        return sent
+
     def generate(self, step: int) -> Ints:
-        """Number of spikes of each neuron of a generator in a step."""
+        """Number of spikes of each neuron of a generator in a step, or its payload."""
         if self.part.kind == "poisson":
             return self._draw(step)
         if self.part.kind == "generator":
             return self._emit(step)
-        due = self.injected_ids[self.injected_steps == step]
-        return np.bincount(due, minlength=self.size).astype(np.int64)
+        due = self.injected_steps == step
+        numbers: Ints = np.zeros(self.size, dtype=np.int64)
+        np.add.at(numbers, self.injected_ids[due], self.injected_numbers[due])
+        return numbers
 
     def _emit(self, step: int) -> Ints:
         model = self.part.model
@@ -116,10 +125,12 @@ class ReferencePopulation:
 
     def drop_listed(self) -> None:
         """Forget the spikes that are listed."""
-        self.injected_steps = self.injected_ids = np.zeros(0, dtype=np.int64)
+        self.injected_steps = self.injected_ids = self.injected_numbers = np.zeros(0, dtype=np.int64)
 
-    def inject(self, steps: Ints, ids: Ints, now: int) -> None:
-        """Add spikes of a spike_generator; those up to step `now` are forgotten."""
+    def inject(self, steps: Ints, ids: Ints, now: int, payloads: Ints | None = None) -> None:
+        """Add spikes of a listed population; those up to step `now` are forgotten."""
+        numbers = np.ones_like(ids) if payloads is None else payloads
         ahead = self.injected_steps > now
         self.injected_steps = np.concatenate((self.injected_steps[ahead], steps))
         self.injected_ids = np.concatenate((self.injected_ids[ahead], ids))
+        self.injected_numbers = np.concatenate((self.injected_numbers[ahead], numbers))

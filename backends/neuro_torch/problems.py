@@ -7,7 +7,7 @@ from collections.abc import Iterator
 import numpy as np
 
 from neuro.model.neurons import Neuron
-from neuro.program.backend import Problem, floats_only
+from neuro.program.backend import Problem, floats_only, ungraded
 from neuro.program.program import Population, Program
 from neuro_torch.translate import Untranslatable, translated
 
@@ -22,7 +22,8 @@ def problems(program: Program) -> list[Problem]:
     chips = floats_only(program)
     if chips:
         return chips
-    found = [_refused(f"group '{g.name}'", f"there is no {g.choice.noun} here", ELSEWHERE, g) for g in program.groups]
+    found = ungraded(program)
+    found += [_refused(f"group '{g.name}'", f"there is no {g.choice.noun} here", ELSEWHERE, g) for g in program.groups]
     if program.trials is not None:
         way_out = f"{ELSEWHERE}; neuro_torch.Module trains by gradients instead"
         found.append(_refused("trials", "there are none here", way_out, program.trials))

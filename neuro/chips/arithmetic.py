@@ -54,6 +54,7 @@ class Arithmetic:
         state_limit: the largest magnitude of a state register.
         register_of_one: what the delay register holds of a spike that acts one step after its emission.
         one_bit: whether a spike is one bit, so that several of a neuron in a step become one.
+        graded: whether a spike carries a payload.
         in_rows: whether synapses lie in rows as long as the longest, else in blocks; see `neuro.chips.placing.packing`.
         multicast: whether routers copy a spike that goes to several cores, else it is sent once for each.
         population: a population of `models` and the projections onto it, with what cannot be.
@@ -78,6 +79,7 @@ class Arithmetic:
     state_limit: int
     register_of_one: int
     one_bit: bool
+    graded: bool
     in_rows: bool
     multicast: bool
     population: Callable[[Inputs, Options], tuple[FixedPopulation, Projections, list[Problem]]]

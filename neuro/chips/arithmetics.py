@@ -5,10 +5,11 @@ from __future__ import annotations
 from neuro.chips.arithmetic import Arithmetic
 from neuro.chips.description import Chip
 from neuro.chips.loihi.arithmetic import LOIHI
+from neuro.chips.loihi2 import LOIHI2
 from neuro.chips.spinnaker import SPINNAKER
 from neuro.core.errors import ModelError
 
-ARITHMETICS = {arithmetic.name: arithmetic for arithmetic in (LOIHI, SPINNAKER)}
+ARITHMETICS = {arithmetic.name: arithmetic for arithmetic in (LOIHI, LOIHI2, SPINNAKER)}
 
 
 def arithmetic_of(chip: Chip) -> Arithmetic:

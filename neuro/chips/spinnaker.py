@@ -378,6 +378,7 @@ SPINNAKER = Arithmetic(
     state_limit=LARGEST,
     register_of_one=REGISTER_OF_ONE,
     one_bit=False,
+    graded=False,
     in_rows=True,
     multicast=True,
     population=population,

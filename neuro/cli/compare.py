@@ -15,11 +15,13 @@ from neuro.cli.options import Duration, NetworkFile, Seed, Set, Threads, assignm
 
 if TYPE_CHECKING:
     from neuro.compare.result import Comparison
+    from neuro.model.network import Network
     from neuro.verify.verify import Result
 
 Backends = Annotated[str, typer.Option(metavar="A,B,...", help="What to run on; others are compared with the first.")]
 Json = Annotated[bool, typer.Option("--json", help="Print JSON instead of tables.")]
 JsonOut = Annotated[Path | None, typer.Option("--json-out", metavar="FILE", help="Write the JSON to a file, too.")]
+Rules = Annotated[bool, typer.Option("--rules", help="Show where Loihi 1 and 2 give different integers, nothing else.")]
 Html = Annotated[Path | None, typer.Option("--html", metavar="FILE", help="Write a page with pictures, too.")]
 
 
@@ -33,6 +35,7 @@ def compare(
     as_json: Json = False,
     json_out: JsonOut = None,
     html: Html = None,
+    rules: Rules = False,
 ) -> None:
     """Run a network on several backends and compare spikes, weights, counts and joules with the first."""
     from neuro.compare import compare as run
@@ -46,6 +49,9 @@ def compare(
     net = load(file, params=assignments(set))
     names = [name.strip() for name in backends.split(",") if name.strip()]
     Clock(net.resolution).step(duration, "--for")
+    if rules:
+        _compare_rules(net, duration, seed, as_json)
+        return
     _check_apart(html, json_out)
     with stoppable("nothing is compared") as bar, ExitStack() as files:
         page_part = files.enter_context(output(html, PAGE)) if html else None
@@ -54,6 +60,14 @@ def compare(
         found = run(net, names, duration, seed, threads=threads, advance=lambda sim, n: advance(sim, n, bar))
         write(found, page_part, json_part)
     print_comparison(found, as_json, [out for out in (json_out, html) if out])
+
+
+def _compare_rules(net: Network, duration: float, seed: int, as_json: bool) -> None:
+    """Print where the rules of both Loihis differ."""
+    from neuro.compare import loihi_rules
+
+    found = loihi_rules(net, duration, seed)
+    typer.echo(json.dumps(asdict(found), indent=2) if as_json else str(found))
 
 
 def write(found: Comparison, page_part: Path | None, json_part: Path | None) -> None:

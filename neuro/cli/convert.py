@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Any, TypeVar
 
 import typer
 
-from neuro.cli.options import milliseconds
+from neuro.cli.options import memory_size, milliseconds
 
 if TYPE_CHECKING:
     from neuro.exchange.verdict import Verdicts
@@ -31,7 +31,9 @@ class Options:
         reset: what a spike does, None if not given.
         pynn: how a script of PyNN is run; its words are those of `neuro.from_pynn`.
         seed: of what is drawn where a network is written with its draws.
-        duration: ms for which a script written for PyNN runs, None if not given.
+        duration: ms for which a script written for PyNN runs, or a test in C, None if not given.
+        c: how C is written; its words are those of `neuro.save_c`.
+        recording: that the test in C shows to the network, None if not given.
     """
 
     dt: float | None
@@ -41,6 +43,8 @@ class Options:
     pynn: dict[str, Any]
     seed: int
     duration: float | None
+    c: dict[str, Any]
+    recording: Path | None
 
 
 def _read_yaml(file: Path, options: Options) -> tuple[Network | None, Verdicts | None]:
@@ -67,6 +71,12 @@ def _read_pynn(file: Path, options: Options) -> tuple[Network | None, Verdicts |
     return net, net.verdicts
 
 
+def _read_netx(file: Path, options: Options) -> tuple[Network | None, Verdicts | None]:
+    from neuro.exchange.netx import from_netx
+
+    return from_netx(file), None
+
+
 def _write_yaml(net: Network, file: Path, options: Options) -> Verdicts | None:
     net.save(file)
     return None
@@ -91,10 +101,32 @@ def _write_pynn(net: Network, file: Path, options: Options) -> Verdicts | None:
     return to_pynn(net, file, seed=options.seed, duration=options.duration)
 
 
+def _write_c(net: Network, folder: Path, options: Options) -> Verdicts | None:
+    from neuro.exchange.c_code.export import save_c
+
+    words = dict(options.c, seed=options.seed, duration=options.duration)
+    if options.recording is not None:
+        words["given"] = _shown(net, options.recording)
+    typer.echo(str(save_c(net, folder, **words)))
+    return None
+
+
+def _shown(net: Network, file: Path) -> dict[str, tuple[Any, Any]]:
+    """The spikes of the network's pixels in a recording: steps, from 1, and neurons."""
+    from neuro.readout.asked import gather
+    from neuro.readout.pixels import Pixels, load
+    from neuro.readout.resolve import readout_of
+
+    first, readout = gather([file], None, False).samples[0], readout_of(net)
+    step, neuron = Pixels(net, readout).spikes(load(first), str(first.path))
+    return {readout.input: (step + 1, neuron)}
+
+
 READERS: dict[str, Callable[[Path, Options], tuple[Network | None, Verdicts | None]]] = {
     ".yaml": _read_yaml,
     ".yml": _read_yaml,
     ".nir": _read_nir,
+    ".net": _read_netx,
     ".py": _read_pynn,
 }
 """What reads a network and says what becomes of its nodes, by the ending of a file; no network if one is refused."""
@@ -105,12 +137,17 @@ WRITERS: dict[str, Callable[[Network, Path, Options], Verdicts | None]] = {
     ".nir": _write_nir,
     ".json": _write_sonata,
     ".py": _write_pynn,
+    "c": _write_c,
 }
-"""What writes one."""
+"""What writes one, by the ending of a file, or by the word of --to."""
 
 READING = {".nir": ("--dt", "--from", "--reset"), ".py": ("--run-script", "--arguments", "--network")}
-WRITING = {".nir": ("--dt", "--for"), ".py": ("--seed", "--duration")}
-"""By the ending of SRC, and of DST, the options that are for it alone."""
+WRITING = {
+    ".nir": ("--dt", "--for"),
+    ".py": ("--seed", "--duration"),
+    "c": ("--chip", "--name", "--ram", "--flash", "--frozen", "--recording", "--seed", "--duration"),
+}
+"""By the ending of SRC, and of DST or the word of --to, the options that are for it alone."""
 
 Source = Annotated[Path, typer.Argument(metavar="SRC", help="The network to read.")]
 Destination = Annotated[Path, typer.Argument(metavar="DST", help="The file to write.")]
@@ -151,6 +188,23 @@ Duration = Annotated[
         "--duration", metavar="MS", parser=milliseconds, help="How long DST runs; random trains are then written."
     ),
 ]
+To = Annotated[
+    str | None, typer.Option("--to", metavar="WORD", help="'c': DST is a folder for C99, in a chip's integers.")
+]
+OfChip = Annotated[
+    str | None, typer.Option("--chip", metavar="NAME", help="Whose integers C computes in: loihi (default), spinnaker.")
+]
+Name = Annotated[str | None, typer.Option("--name", metavar="WORD", help="With which names in C begin; else net.")]
+Ram = Annotated[
+    int | None, typer.Option("--ram", metavar="SIZE", parser=memory_size, help="RAM that C may take, such as 64K.")
+]
+Flash = Annotated[
+    int | None, typer.Option("--flash", metavar="SIZE", parser=memory_size, help="Flash that C may take, such as 1M.")
+]
+Frozen = Annotated[bool, typer.Option("--frozen", help="Leave out in C what learns: weights stay as they are in SRC.")]
+Recorded = Annotated[
+    Path | None, typer.Option("--recording", metavar="REC", help="Of an event camera, that the test in C shows.")
+]
 Json = Annotated[bool, typer.Option("--json", help="Print the verdicts as JSON instead of a table.")]
 
 
@@ -169,16 +223,29 @@ def convert(
     memory: Memory = 4.0,
     seed: Seed = None,
     duration: Duration = None,
+    to: To = None,
+    chip: OfChip = None,
+    name: Name = None,
+    ram: Ram = None,
+    flash: Flash = None,
+    frozen: Frozen = False,
+    recording: Recorded = None,
 ) -> None:
-    """Convert a network from or to the format of another tool, chosen by the endings, with a verdict for each node."""
-    read, write = _of(READERS, source, "read"), _of(WRITERS, destination, "written")
+    """Convert a network from or to the format of another tool, chosen by the endings, with a verdict for each node.
+
+    With --to c it is written as C99 for a microcontroller, with the spikes and states of an emulated chip.
+    """
+    form = _form(destination, to)
+    read, write = _of(READERS, source, "read"), WRITERS[form]
     given: dict[str, object] = {"--dt": dt, "--from": written_by, "--for": read_by, "--reset": reset}
     given |= {"--run-script": run_script or None, "--arguments": arguments, "--network": network}
-    given |= {"--seed": seed, "--duration": duration}
-    _check_options([word for word, value in given.items() if value is not None], source, destination)
+    given |= {"--seed": seed, "--duration": duration, "--frozen": frozen or None, "--recording": recording}
+    given |= (of_c := {"--chip": chip, "--name": name, "--ram": ram, "--flash": flash})
+    _check_options([word for word, value in given.items() if value is not None], source, destination, form)
     pynn: dict[str, Any] = {"run_script": run_script, "network": network, "seconds": seconds, "memory": memory}
     pynn["arguments"] = None if arguments is None else shlex.split(arguments)
-    options = Options(dt, written_by, read_by, reset, pynn, seed or 0, duration)
+    c = {word.lstrip("-"): value for word, value in of_c.items() if value is not None} | {"frozen": frozen}
+    options = Options(dt, written_by, read_by, reset, pynn, seed or 0, duration, c, recording)
     net, table = read(source, options)
     if net is not None:
         table = write(net, destination, options) or table
@@ -195,13 +262,31 @@ def _of(table: dict[str, T], file: Path, done: str) -> T:
     return table[file.suffix]
 
 
-def _check_options(given: list[str], source: Path, destination: Path) -> None:
+def _form(destination: Path, to: str | None) -> str:
+    """What is written: the word of --to, or the ending of a file."""
+    from neuro.core.errors import ModelError
+
+    words = [word for word in WRITERS if not word.startswith(".")]
+    if to is None:
+        _of({end: write for end, write in WRITERS.items() if end not in words}, destination, "written")
+        return destination.suffix
+    if to not in words:
+        raise ModelError(f"--to {to}: expected {' or '.join(words)}", hint="other formats are chosen by DST's ending")
+    return to
+
+
+def _check_options(given: list[str], source: Path, destination: Path, form: str) -> None:
     """Refuse options that neither file has a use for."""
     from neuro.core.errors import ModelError
 
-    used = (*READING.get(source.suffix, ()), *WRITING.get(destination.suffix, ()))
+    used = (*READING.get(source.suffix, ()), *WRITING.get(form, ()))
     for word in given:
         if word not in used:
             sides = (("SRC", READING), ("DST", WRITING))
-            ends = [f"{side} to end in {end}" for side, table in sides for end in table if word in table[end]]
+            ends = [_wish(side, end) for side, table in sides for end in table if word in table[end]]
             raise ModelError(f"{word}: has no use from {source} to {destination}: expected {', or '.join(ends)}")
+
+
+def _wish(side: str, end: str) -> str:
+    """What an option is for."""
+    return f"{side} to end in {end}" if end.startswith(".") else f"--to {end}"

@@ -92,21 +92,30 @@ def _at_the_end(
     """Run, and write all at once, into a pipe or by one of several processes, which may be killed untidily.
 
     Returns:
-        the results, and what `advance` gives.
+        the results, of several processes without weights, and what `advance` gives.
     """
-    from neuro.core.launch import speaks
+    from neuro.core.launch import shared, speaks
     from neuro.core.outputs import output
-    from neuro.files.results import KIND, write
-    from neuro.run.collect import collect
+    from neuro.files.results import KIND, read, write
+    from neuro.run.collect import all_weights_of, collect
     from neuro.run.progress import advance
 
     first_s = advance(sim, steps, bar)
     bar.say("writing")
-    results = collect(sim, net, **words)
-    if speaks():
+    if not shared():
+        results = collect(sim, net, **words)
         with output(out, KIND) as part:
             write(results, part)
-    return results, first_s
+        return results, first_s
+    results = collect(sim, net, **words, weights=False)
+    weights = all_weights_of(sim, words["all_weights"])
+    if not speaks():
+        for _ in weights:  # each process has some of them, which it gives to the others
+            pass
+        return results, first_s
+    with output(out, KIND) as part:
+        write(results, part, weights)
+    return read(out), first_s
 
 
 def _left_of(out: Path) -> str:
@@ -122,9 +131,9 @@ def together(backend: str) -> None:
     import signal
 
     from neuro.core.launch import processes, share
-    from neuro.program.backend import find_backend
+    from neuro.program.backend import Distributed, find_backend
 
-    if processes() > 1 and getattr(find_backend(backend), "distributed", False):
+    if processes() > 1 and isinstance(find_backend(backend), Distributed):
         share()
         signal.signal(signal.SIGTERM, lambda *_: sys.exit(143))
 

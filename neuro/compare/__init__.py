@@ -1,6 +1,7 @@
 """One network on several backends, and how far each is from the first: spikes, weights, counts and joules."""
 
+from neuro.compare.loihi_rules import LoihiRules, RuleDifference, loihi_rules
 from neuro.compare.result import Bill, Comparison, Run
 from neuro.compare.runs import compare
 
-__all__ = ["Bill", "Comparison", "Run", "compare"]
+__all__ = ["Bill", "Comparison", "LoihiRules", "RuleDifference", "Run", "compare", "loihi_rules"]

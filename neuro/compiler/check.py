@@ -49,6 +49,7 @@ def check_network(net: Network, shapes: Mapping[str, Shape]) -> None:
         _check_views(projection, shapes)
         _check_ends(net, projection)
         _check_synapse(net, projection, shapes)
+        _check_graded(net, projection)
     _check_groups(net, shapes)
 
 
@@ -164,6 +165,27 @@ def _check_ends(net: Network, part: Projection) -> None:
             )
         if isinstance(part.rule, grid):
             refuse(part, f"a grid on a current from '{part.source}': expected another rule", word="grid")
+
+
+def _check_graded(net: Network, part: Projection) -> None:
+    """What takes no payloads: parrots, rules that learn from spikes, receptors that the sign of an input chooses."""
+    source, target = net.populations[part.source].model, net.populations[part.target].model
+    sides = [name for name, model in ((part.source, source), (part.target, target)) if model.graded]
+    if part.synapse.learns and sides:
+        text = f"{part.synapse.name} with graded spikes of '{sides[0]}': expected a static synapse"
+        refuse(part, text, "a spike of payload m is not m spikes, from which a rule would learn", part.synapse.name)
+    if not source.graded or not isinstance(target, Neuron):
+        return
+    if target.relay:
+        text = f"graded spikes of '{part.source}' onto '{part.target}', {a(target.name)}: expected a graded neuron"
+        refuse(part, text, "graded_vector repeats payloads", "to")
+    receptor = getattr(part.synapse, "receptor", None)
+    if target.receptors > 1 and (receptor is None or receptor in target.conductances):
+        text = (
+            f"graded spikes of '{part.source}' onto '{part.target}', {a(target.name)} with {target.receptors} receptors"
+        )
+        hint = "payloads may be negative, so that a weight does not say which; iaf_psc_delta has one"
+        refuse(part, f"{text}: expected a named receptor that is no conductance", hint, "to")
 
 
 def _swap(part: Projection) -> str:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any, TypeAlias
 
 import numpy as np
@@ -90,6 +90,7 @@ def connect(
     key: tuple[int, str, str],
     apart: Apart,
     room: NDArray[np.int32] | None = None,
+    first: int = 0,
 ) -> Connections:
     """The synapses that a rule makes.
 
@@ -103,6 +104,7 @@ def connect(
         key: of the draws, see `keyed_random`.
         apart: gives what lies between neurons, for rules that ask.
         room: memory for the targets of all synapses, which may be used.
+        first: of draws that belong to pairs: which target of the projection the first one is.
 
     Raises:
         ModelError: the rule does not fit the sizes.
@@ -118,7 +120,7 @@ def connect(
             return Connections("one_to_one", n_pre, listed=((n_pre,),))
         case all_to_all():
             if but is not None:
-                return _all_but_self(but, n_post)
+                return all_onto(n_pre, n_post, but, 0, n_post)
             return Connections("dense", n_pre * n_post, listed=((n_pre, n_post), (n_pre * n_post,)))
         case fixed_indegree():
             drawn = _draw(rule.n, n_post, n_pre, _turned(but, n_post), rule.multapses, rng, "sources")
@@ -139,7 +141,7 @@ def connect(
                 )
             return _both_ways(*bernoulli_pairs(rule.p, n_pre, draws), n_pre)
         case distance_dependent():
-            return _in_blocks(distant_pairs(rule, apart(), but, draws), n_pre)
+            return _in_blocks(distant_pairs(rule, apart(), but, draws, first), n_pre)
         case pairwise_bernoulli():
             return _bernoulli(rule.p, n_pre, n_post, but, rng)
         case pairs():
@@ -152,6 +154,18 @@ def connect(
     # None of ours: a third-party rule.
     same = _is_same(own, n_post)
     return _listed(*_own_pairs(rule, source, target, same, rng), n_pre, n_post, rule.name)
+
+
+def listed_one_by_one(found: Connections, n_pre: int, n_post: int) -> Connections:
+    """The same synapses with a target each."""
+    match found.layout:
+        case "one_to_one":
+            row_ends, targets = np.arange(n_pre + 1), np.arange(n_pre, dtype=np.int32)
+        case "dense":
+            row_ends, targets = np.arange(n_pre + 1) * n_post, np.tile(np.arange(n_post, dtype=np.int32), n_pre)
+        case _:
+            return found
+    return replace(found, layout="csr", row_ends=row_ends, targets=targets)
 
 
 def _is_same(own: Ints | None, n_post: int) -> bool:
@@ -181,14 +195,16 @@ def _rows(row_ends: Ints, targets: NDArray[np.int32]) -> Connections:
     return Connections("csr", len(targets), row_ends, targets)
 
 
-def _all_but_self(own: Ints, n_post: int) -> Connections:
-    n_pre = own.size
-    kept = np.ones((n_pre, n_post), dtype=bool)
-    kept[np.flatnonzero(own >= 0), own[own >= 0]] = False
-    order = np.flatnonzero(kept)
-    row_ends = np.concatenate(([0], np.cumsum(np.count_nonzero(kept, axis=1)))).astype(np.int64)
+def all_onto(n_pre: int, n_post: int, but: Ints | None, first: int, end: int) -> Connections:
+    """Every source with each target of a range but the one that it does not reach, listed one by one."""
+    kept = np.ones((n_pre, end - first), dtype=bool)
+    if but is not None:
+        there = np.flatnonzero((but >= first) & (but < end))
+        kept[there, but[there] - first] = False
+    pre, post = np.nonzero(kept)
+    post += first
     shapes = ((n_pre, n_post), (n_pre * n_post,))
-    return Connections("csr", order.size, row_ends, (order % n_post).astype(np.int32), order, shapes)
+    return Connections("csr", pre.size, _ends(pre, n_pre), post.astype(np.int32), pre * n_post + post, shapes)
 
 
 def _turned(own: Ints | None, n_post: int) -> Ints | None:
@@ -206,10 +222,7 @@ def _draw(
     """For each of `rows` neurons n partners `among` so many, `but` one of them where that is not -1; (rows, n)."""
     choices = np.full(rows, among) if but is None else among - (but >= 0)
     fewest = int(choices.min())
-    if fewest < 1 or (not repeats and n > fewest):
-        message = f"n = {n} {what} of each neuron: expected at most {fewest}, as many as there are"
-        hint = "multapses: true allows a pair to be drawn twice" if fewest > 0 else ""
-        raise ModelError(message, hint=hint, path=("n",), about=("multapses",))
+    check_degree(n, fewest, repeats, what)
     if repeats:
         most = fewest if fewest == choices.max() else choices[:, None]
         drawn = rng.integers(0, most, size=(rows, n), dtype=np.int32)
@@ -221,6 +234,34 @@ def _draw(
     if but is not None:
         drawn += drawn >= np.where(but < 0, among, but).astype(np.int32)[:, None]
     return drawn
+
+
+def check_degree(n: int, fewest: int, repeats: bool, what: str) -> None:
+    """Refuse more partners than the neuron with the fewest has to choose from.
+
+    Raises:
+        ModelError: there are not so many.
+    """
+    if fewest < 1 or (not repeats and n > fewest):
+        message = f"n = {n} {what} of each neuron: expected at most {fewest}, as many as there are"
+        hint = "multapses: true allows a pair to be drawn twice" if fewest > 0 else ""
+        raise ModelError(message, hint=hint, path=("n",), about=("multapses",))
+
+
+def drawn_rows(numbers: Ints, among: int, but: Ints | None, repeats: bool, rng: np.random.Generator) -> Connections:
+    """For each source so many targets `among` so many, `but` one of them where that is not -1."""
+    choices = np.full(numbers.size, among) if but is None else among - (but >= 0)
+    if repeats:
+        drawn = rng.integers(0, np.repeat(choices, numbers), dtype=np.int32)
+    else:
+        rows = zip(choices.tolist(), numbers.tolist(), strict=True)
+        drawn = np.concatenate([rng.choice(most, n, replace=False, shuffle=False) for most, n in rows])
+    pre = np.repeat(np.arange(numbers.size), numbers)
+    if but is not None:
+        drawn += drawn >= np.where(but < 0, among, but)[pre]
+    place = pre * among + drawn
+    place.sort()
+    return _rows(np.concatenate(([0], np.cumsum(numbers))), (place - pre * among).astype(np.int32))
 
 
 def _by_source(sources: NDArray[np.int32], n_pre: int) -> Connections:

@@ -41,14 +41,10 @@ def total_number(
     Raises:
         ModelError: there are not so many pairs.
     """
-    choices = np.full(n_pre, n_post) if but is None else n_post - (but >= 0)
-    ends = np.concatenate(([0], np.cumsum(choices)))
+    ends = np.concatenate(([0], np.cumsum(choices(n_pre, n_post, but))))
     pairs = int(ends[-1])
-    if n and (pairs < 1 or (not repeats and n > pairs)):
-        hint = "multapses: true allows a pair to be drawn twice" if pairs > 0 else ""
-        message = f"n = {n} synapses: expected at most {pairs}, as many as there are pairs"
-        raise ModelError(message, hint=hint, path=("n",), about=("multapses",))
-    if repeats and n >= MANY:
+    check_number(n, pairs, repeats)
+    if repeats and n >= MANY // 2:
         from neuro.compiler.rows import draw_rows
 
         targets = np.empty(n, dtype=np.int32) if room is None else room
@@ -62,6 +58,38 @@ def total_number(
     if but is not None:
         post += (but[pre] >= 0) & (post >= but[pre])
     return row_ends, post.astype(np.int32)
+
+
+def choices(n_pre: int, n_post: int, but: Ints | None) -> Ints:
+    """How many targets each source may reach."""
+    return np.full(n_pre, n_post) if but is None else n_post - (but >= 0)
+
+
+def check_number(n: int, pairs: int, repeats: bool) -> None:
+    """Refuse more synapses than there are pairs.
+
+    Raises:
+        ModelError: there are not so many.
+    """
+    if n and (pairs < 1 or (not repeats and n > pairs)):
+        hint = "multapses: true allows a pair to be drawn twice" if pairs > 0 else ""
+        message = f"n = {n} synapses: expected at most {pairs}, as many as there are pairs"
+        raise ModelError(message, hint=hint, path=("n",), about=("multapses",))
+
+
+def shares(n: int, pairs: Ints, repeats: bool, rng: np.random.Generator) -> Ints:
+    """How many of n synapses each block has, from the pairs of each: multinomial; without repeats hypergeometric."""
+    total = int(pairs.sum())
+    if repeats:
+        return rng.multinomial(n, pairs / total)
+    # Each pair is taken with the probability n / total. Then pairs are drawn, one by one, of those that are left or of
+    # those that are taken, until there are n of them, so that every set of n pairs is as likely. NumPy's own numbers
+    # end at 10^9 pairs.
+    taken = rng.binomial(pairs, n / total)
+    while missing := n - int(taken.sum()):
+        pool = pairs - taken if missing > 0 else taken
+        taken[np.searchsorted(np.cumsum(pool), rng.integers(pool.sum()), side="right")] += np.sign(missing)
+    return taken
 
 
 def _below(bound: int, first: int, last: int, key: int) -> Ints:

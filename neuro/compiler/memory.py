@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from neuro.compiler.shapes import Shape, size
 from neuro.core.errors import ModelError
+from neuro.core.launch import neighbours
 from neuro.core.memory import free_memory
 from neuro.core.values import plain
 from neuro.model.distributions import Distribution
@@ -26,6 +27,7 @@ from neuro.model.rules import (
     pairwise_bernoulli,
 )
 from neuro.model.space import of_distance
+from neuro.program.compact import CompactProjection
 from neuro.program.program import Floats, Projection as Resolved
 
 MANY = 1 << 26
@@ -41,12 +43,13 @@ def many_synapses(net: Network, shapes: Mapping[str, Shape], least: int) -> bool
     return sum(_synapses(part, size(shapes[part.source]), size(shapes[part.target])) for part in parts) >= least
 
 
-def check_memory(net: Network, shapes: Mapping[str, Shape]) -> None:
+def check_memory(net: Network, shapes: Mapping[str, Shape], shares: int = 1) -> None:
     """Refuse a network that has far more synapses than memory has room for.
 
     Args:
         net: checked.
         shapes: of its populations.
+        shares: how many processes have a share each; those on this machine have one memory.
 
     Raises:
         ModelError: it needs more than is free.
@@ -58,7 +61,8 @@ def check_memory(net: Network, shapes: Mapping[str, Shape]) -> None:
     free = free_memory() if total > MANY else None
     if free is None:
         return
-    needed = ROOM * sum(synapses[part.name] * _bytes(part) for part in parts)
+    here = min(shares, neighbours()) / shares
+    needed = here * ROOM * sum(synapses[part.name] * _bytes(part, shares) for part in parts)
     if needed > free:
         largest = max(parts, key=lambda part: synapses[part.name])
         raise ModelError(
@@ -86,17 +90,27 @@ def _synapses(part: Projection, n_pre: int, n_post: int) -> int:
     return 0
 
 
-def _bytes(part: Projection) -> int:
-    """Of a synapse: its target, and a weight and a delay of its own; what learns has states, and an index by target."""
+def _bytes(part: Projection, shares: int) -> int:
+    """Of a synapse: its target, and a weight and a delay of its own; what learns has states, and an index by target.
+
+    Where delays are drawn these take two bytes, four or eight, and one, unless a delay is longer than 255 steps or a
+    population larger than 65,536 neurons; a backend's joined rows, which take their place, as much or less. In one of
+    several shares they take four, eight and one.
+    """
+    weight = plain(part.weight)
+    if _has_drawn_delays(part):
+        if shares > 1:
+            return 5 + 8 * _each(weight)
+        single = isinstance(weight, Distribution) and weight.single
+        return 3 + (4 if single or not _each(weight) else 8)
     dense = isinstance(part.rule, all_to_all)
-    static = 4 * (not dense) + 8 * _each(part.weight) + _delay_bytes(part) * _each(part.delay)
-    return static + (40 if part.synapse.learns else 0)
+    return 4 * (not dense) + 8 * _each(weight) + 4 * _each(part.delay) + (40 if part.synapse.learns else 0)
 
 
-def _delay_bytes(part: Projection) -> int:
-    """A byte for a drawn delay of what does not learn, unless it is longer than 255 steps, which is not known yet."""
+def _has_drawn_delays(part: Projection) -> bool:
+    """Whether static synapses have drawn delays and are listed: these lie by themselves, see `packed`."""
     drawn = isinstance(plain(part.delay), (Distribution, of_distance))
-    return 1 if drawn and not part.synapse.learns else 4
+    return drawn and not part.synapse.learns and not isinstance(part.rule, (all_to_all, one_to_one))
 
 
 def _each(value: object) -> bool:
@@ -114,27 +128,42 @@ class SynapseRoom:
 
 def rooms(net: Network, shapes: Mapping[str, Shape]) -> dict[str, SynapseRoom] | None:
     """Neighbouring views of one array each, by name; None where how many synapses there are follows from draws."""
-    known = [_numbers(part, size(shapes[part.source]), size(shapes[part.target])) for part in net.projections.values()]
+    parts = {name: part for name, part in net.projections.items() if not _has_drawn_delays(part)}
+    known = [_numbers(part, size(shapes[part.source]), size(shapes[part.target])) for part in parts.values()]
     numbers = [number for number in known if number is not None]
     if len(numbers) < len(known):
         return None
-    return _laid_out(dict(zip(net.projections, numbers, strict=True)))
+    return _laid_out(dict(zip(parts, numbers, strict=True)))
 
 
-def packed(projections: Iterable[Resolved], made: Mapping[str, SynapseRoom] | None) -> tuple[Resolved, ...]:
+def weight_room(part: Projection, synapses: int) -> NDArray[np.floating[Any]] | None:
+    """Memory for the weights of a projection that lies by itself: 32 bits each if they are single."""
+    weight = plain(part.weight)
+    single = _has_drawn_delays(part) and isinstance(weight, Distribution) and weight.single
+    return np.empty(synapses, dtype=np.float32) if single else None
+
+
+def packed(projections: Iterable[Resolved], made: Mapping[str, SynapseRoom] | None, many: bool) -> tuple[Resolved, ...]:
     """The same projections; their `targets` and `weight` are neighbouring views of one array each, in their order.
 
     Those that do not lie in the rooms that were made for them are moved there. Where there are none, or they turned out
-    to be of other sizes, all are moved, one by one, so that memory for all is needed once.
+    to be of other sizes, all are moved, one by one, so that memory for all is needed once. With `many` synapses those
+    of static projections with delays of their own take few bytes, and lie by themselves: who runs them may free them.
     """
-    moved = list(projections)
-    if made is None or any(_misfits(part, made[part.name]) for part in moved):
-        made = _laid_out({part.name: (part.targets.size, part.weight.size) for part in moved})
+    moved = [CompactProjection.of(part) if many and is_timed(part) else part for part in projections]
+    others = [k for k, part in enumerate(moved) if not isinstance(part, CompactProjection)]
+    if made is None or any(moved[k].name not in made or _misfits(moved[k], made[moved[k].name]) for k in others):
+        made = _laid_out({moved[k].name: (moved[k].targets.size, moved[k].weight.size) for k in others})
     # One by one, each freed as it is moved: both copies of a large network would not fit.
-    for k in range(len(moved)):
+    for k in others:
         part, room = moved[k], made[moved[k].name]
         moved[k] = replace(part, targets=_into(room.targets, part.targets), weight=_into(room.weight, part.weight))
     return tuple(moved)
+
+
+def is_timed(part: Resolved) -> bool:
+    """Whether synapses are listed, static, and differ in delay."""
+    return part.layout == "csr" and part.carries == "spikes" and not part.synapse.learns and part.delay.size > 1
 
 
 def _numbers(part: Projection, n_pre: int, n_post: int) -> tuple[int, int] | None:

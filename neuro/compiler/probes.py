@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 
 import numpy as np
 
 from neuro.compiler.check import naming_the_part, recordable, refuse
-from neuro.compiler.shapes import Shape, size
+from neuro.compiler.shapes import Shape
 from neuro.compiler.views import end_of
 from neuro.core.clock import Clock
 from neuro.core.english import a
@@ -16,7 +16,7 @@ from neuro.model.network import Network
 from neuro.model.neurons import CurrentGenerator
 from neuro.model.parts import Population, Probe
 from neuro.program import program as resolved
-from neuro.program.program import Ints, Projection, connections_of, synapse_states
+from neuro.program.program import Ints, Projection, synapse_states
 
 AT_PRE = 0
 ALONE = ("spikes", "rate")
@@ -96,7 +96,7 @@ def resolve_probes(net: Network, shapes: Mapping[str, Shape], clock: Clock) -> t
 
 
 def resolve_synapse_probes(
-    net: Network, projections: Sequence[Projection], shapes: Mapping[str, Shape], clock: Clock
+    net: Network, program: resolved.Program, shapes: Mapping[str, Shape], clock: Clock
 ) -> tuple[resolved.SynapseProbe, ...]:
     """The probes of projections, one for each state.
 
@@ -108,8 +108,8 @@ def resolve_synapse_probes(
         if p.of in net.populations:
             continue
         index = names.index(p.of)
-        _check_synapses(net, p, projections[index])
-        every, chosen = AT_PRE if p.at else _every(p, clock), _chosen(p, net, projections[index], shapes)
+        _check_synapses(net, p, program.projections[index])
+        every, chosen = AT_PRE if p.at else _every(p, clock), _chosen(p, program, index, shapes)
         for state, name in p.traces().items():
             found.append(resolved.SynapseProbe(name, index, state, every, chosen, p.mean, p.origin))
     return tuple(found)
@@ -141,10 +141,11 @@ def _check_synapses(net: Network, part: Probe, projection: Projection) -> None:
             refuse(part, f"at = {part.at}: '{state}' is of a neuron, not of a synapse", "every: 1.0 records it", "at")
 
 
-def _chosen(part: Probe, net: Network, projection: Projection, shapes: Mapping[str, Shape]) -> Ints | None:
+def _chosen(part: Probe, program: resolved.Program, index: int, shapes: Mapping[str, Shape]) -> Ints | None:
     """The places of the synapses that are recorded, None for all."""
+    projection = program.projections[index]
     if part.pre is not None or part.post is not None:
-        return _between(part, net, projection, shapes)
+        return _between(part, program, index, shapes)
     if part.synapses is None:
         return None
     chosen = np.asarray(part.synapses)
@@ -156,17 +157,16 @@ def _chosen(part: Probe, net: Network, projection: Projection, shapes: Mapping[s
     return chosen
 
 
-def _between(part: Probe, net: Network, projection: Projection, shapes: Mapping[str, Shape]) -> Ints:
+def _between(part: Probe, program: resolved.Program, index: int, shapes: Mapping[str, Shape]) -> Ints:
+    projection = program.projections[index]
     if part.synapses is not None:
         refuse(part, "found both 'synapses' and the neurons at their ends: expected one of both")
     if projection.grid is not None:
         message = "pre and post: the synapses of a grid share their weights"
         refuse(part, message, "synapses: [0, 1] records some of these", "pre")
-    said = net.projections[part.of]
-    pre, post = (size(shapes[name]) for name in (said.source, said.target))
     kept = np.ones(projection.size, dtype=np.bool_)
     views = {"pre": part.pre, "post": part.post}
-    for (word, view), ids in zip(views.items(), connections_of(projection, pre, post), strict=True):
+    for (word, view), ids in zip(views.items(), program.connections(index), strict=True):
         if view is not None:
             with naming_the_part(part, word, view.population.name):
                 kept &= np.isin(ids, view.within(shapes[view.population.name])[0])

@@ -2,18 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
-from dataclasses import fields, replace
-from functools import cache
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import replace
+from functools import cache, partial
 from typing import Any
 
 import numpy as np
 
 from neuro.coding.codes import CODES, RATE_CODES
+from neuro.compiler.blocks import Blocks
 from neuro.compiler.cameras import cameras_of
 from neuro.compiler.check import check_network, check_values, naming_the_part, refuse
 from neuro.compiler.check_trials import resolve_trials
-from neuro.compiler.connect import Apart, Connections, connect
+from neuro.compiler.connect import Connections
 from neuro.compiler.drawn import MANY
 from neuro.compiler.encoded import with_generators
 from neuro.compiler.generators import check_trains, schedule_of
@@ -22,15 +23,14 @@ from neuro.compiler.probes import check_probes, resolve_probes, resolve_synapse_
 from neuro.compiler.receptors import check_conductance, receptor_of, receptor_of_current
 from neuro.compiler.shapes import Shape, grid_of, resolve_shapes, size
 from neuro.compiler.space import Between, between
-from neuro.compiler.values import LONGEST_DELAY, Steps, delay_steps, one_delay, per_neuron, per_synapse, too_late
-from neuro.compiler.views import end_of, own_places, placed
+from neuro.compiler.synapses import Drawing
+from neuro.compiler.values import LONGEST_DELAY, Steps, one_delay, per_neuron, too_late
+from neuro.compiler.views import end_of, own_places
 from neuro.compiler.wired import wired
 from neuro.core.checks import check
 from neuro.core.clock import NEVER, Clock
 from neuro.core.errors import ModelError
-from neuro.core.keyed_random import generator
 from neuro.core.memory import uncollected
-from neuro.core.quantities import word_of
 from neuro.core.threads import mapped
 from neuro.model.distributions import DISTRIBUTIONS, Distribution
 from neuro.model.network import Network
@@ -40,6 +40,7 @@ from neuro.model.neurons import (
     Generator,
     Model,
     Neuron,
+    graded_spike_train,
     poisson_generator,
     spike_generator,
     spike_train,
@@ -50,16 +51,20 @@ from neuro.model.space import PROFILES
 from neuro.model.synapses import SYNAPSES, DelayRule, Modulated, MoveRule, Synapse
 from neuro.program import program as resolved
 from neuro.program.program import Floats, Ints, Stream
+from neuro.program.share import WHOLE, Share
+
+NO_INTS: Ints = np.zeros(0, dtype=np.int64)
 
 
 @uncollected()
-def compile_network(net: Network, seed: int, threads: int = 1) -> resolved.Program:
+def compile_network(net: Network, seed: int, threads: int = 1, share: Share = WHOLE) -> resolved.Program:
     """Check a network and resolve it.
 
     Args:
         net: the network; it is not changed.
         seed: of everything random, in the network and while it runs.
-        threads: how many draw connections, each those of whole projections; what they draw does not depend on it.
+        threads: how many draw connections; what they draw does not depend on it.
+        share: the synapses onto which neurons are drawn. What is no synapse is whole.
 
     Raises:
         ModelError: the network cannot be run by any backend.
@@ -81,7 +86,7 @@ def compile_network(net: Network, seed: int, threads: int = 1) -> resolved.Progr
     net = with_generators(net, shapes, clock, seed)
     trials = resolve_trials(net, shapes, clock)
     # Before anything is drawn: a network that does not fit is refused in microseconds, not when memory is full.
-    check_memory(net, shapes)
+    share.agree(lambda: check_memory(net, shapes, share.number))
     alike: dict[tuple[int, Shape], dict[str, Any]] = {}
     populations = tuple(
         _population(part, shapes[name], clock, seed, cameras.get(name), declared[name], name in heard, alike)
@@ -90,8 +95,12 @@ def compile_network(net: Network, seed: int, threads: int = 1) -> resolved.Progr
     many = many_synapses(net, shapes, MANY)
     # Drawn into one array where sizes are known: to touch memory for the first time may cost more than the draws, and a
     # copy would need twice as much.
-    made = rooms(net, shapes) if many else None
-    projections = packed(_projections(net, shapes, clock, seed, threads, many, made), made)
+    made = rooms(net, shapes) if many and share.number == 1 else None
+    drawn = partial(_projections, net, shapes, clock, seed, threads, many, made, share)
+    if share.number == 1:
+        projections = packed(drawn(), made, many)
+    else:
+        projections = _joined(share.agree(lambda: tuple(drawn())), share)
     names = {name: index for index, name in enumerate(net.populations)}
     program = resolved.Program(
         name=net.name,
@@ -104,8 +113,9 @@ def compile_network(net: Network, seed: int, threads: int = 1) -> resolved.Progr
         groups=tuple(resolved.Group(g.name, names[g.choice.of], g.choice, g.origin) for g in net.groups.values()),
         probes=resolve_probes(net, shapes, clock),
         trials=trials,
-        synapse_probes=resolve_synapse_probes(net, projections, shapes, clock),
+        share=share,
     )
+    program = replace(program, synapse_probes=resolve_synapse_probes(net, program, shapes, clock))
     check_trains(program)
     return program
 
@@ -118,14 +128,32 @@ def _projections(
     threads: int,
     many: bool,
     made: Mapping[str, SynapseRoom] | None,
+    share: Share,
 ) -> Iterator[resolved.Projection]:
     """All projections, in order."""
+    # Projections are drawn side by side; few large ones one after the other, their blocks side by side.
+    threads_of_each = max(1, threads // max(1, len(net.projections)))
     names = {name: index for index, name in enumerate(net.populations)}
 
     def resolve(part: Projection) -> resolved.Projection:
-        return _projection(net, names, part, shapes, clock, seed, many, None if made is None else made[part.name])
+        room = None if made is None else made.get(part.name)
+        return _projection(net, names, part, shapes, clock, seed, many, room, share, threads_of_each)
 
     return mapped(resolve, list(net.projections.values()), threads)
+
+
+def _joined(projections: Sequence[resolved.Projection], share: Share) -> tuple[resolved.Projection, ...]:
+    """The same projections, with the sizes and the spans of delays of all shares."""
+    own = np.array([(part.size, *part.delay_span) for part in projections], dtype=np.int64).reshape(-1, 3)
+    every = share.gather(own[None])
+
+    def whole(part: resolved.Projection, each: Ints) -> resolved.Projection:
+        if part.share.number == 1 or not each[:, 0].any():
+            return part
+        there = each[each[:, 0] > 0]
+        return replace(part, size=int(there[:, 0].sum()), span=(int(there[:, 1].min()), int(there[:, 2].max())))
+
+    return tuple(whole(part, every[:, k]) for k, part in enumerate(projections))
 
 
 def _delays(part: resolved.Projection, resolution: float) -> tuple[int, ...]:
@@ -182,7 +210,7 @@ def _worked_out(part: Population, shape: Shape, clock: Clock, seed: int) -> dict
         check_values(model, parameters, clock)
         if timed:
             start, stop = (clock.step(getattr(model, word), f"{model.name}.{word}") for word in ("start", "stop"))
-        steps, ids = _listed_spikes(model, size(shape), clock)
+        steps, ids, payloads = _listed_spikes(model, size(shape), clock)
         schedule = schedule_of(model, size(shape), clock)
     return {
         "model": model,
@@ -193,6 +221,7 @@ def _worked_out(part: Population, shape: Shape, clock: Clock, seed: int) -> dict
         "initial": _initial(part, shape, parameters, seed),
         "spike_steps": steps,
         "spike_ids": ids,
+        "spike_payloads": payloads,
         "start": start,
         "stop": stop,
         "schedule": schedule,
@@ -225,32 +254,33 @@ def _initial(part: Population, shape: Shape, parameters: Mapping[str, Floats], s
     return start
 
 
-def _listed_spikes(model: Model, neurons: int, clock: Clock) -> tuple[Ints, Ints]:
-    """The spikes that a generator lists, by step, then neuron."""
-    if isinstance(model, spike_train):
+def _listed_spikes(model: Model, neurons: int, clock: Clock) -> tuple[Ints, Ints, Ints]:
+    """The spikes that a generator lists, by step, then neuron, and their payloads, none where it is not graded."""
+    if isinstance(model, spike_train | graded_spike_train):
         return _recorded(model, neurons, clock)
     if not isinstance(model, spike_generator) or not model.spike_times:
-        return np.zeros(0, dtype=np.int64), np.zeros(0, dtype=np.int64)
+        return NO_INTS, NO_INTS, NO_INTS
     steps = [clock.steps(t, f"spike_generator.spike_times[{i}]") for i, t in enumerate(model.spike_times)]
     ids = np.repeat(np.arange(len(steps), dtype=np.int64), [len(s) for s in steps])
     together = np.concatenate(steps)
     # By step, then neuron: the order in which every backend emits, and so that of all sums.
     order = np.lexsort((ids, together))
-    return together[order], ids[order]
+    return together[order], ids[order], NO_INTS
 
 
-def _recorded(model: spike_train, neurons: int, clock: Clock) -> tuple[Ints, Ints]:
-    times, ids = model.spikes.T
+def _recorded(model: spike_train | graded_spike_train, neurons: int, clock: Clock) -> tuple[Ints, Ints, Ints]:
+    rows = np.asarray(model.spikes, dtype=np.float64).reshape(-1, 3 if model.graded else 2)
+    times, ids, payloads = rows[:, 0], rows[:, 1], rows[:, 2:].ravel()
     bad = np.flatnonzero(ids >= neurons)
     if bad.size:
         raise ModelError(
-            f"spike_train.spikes[{bad[0]}] is of neuron {ids[bad[0]]:g}: expected a neuron from 0 to {neurons - 1}",
+            f"{model.name}.spikes[{bad[0]}] is of neuron {ids[bad[0]]:g}: expected a neuron from 0 to {neurons - 1}",
             hint=f"shape: {int(ids.max()) + 1} has room for all",
-            path=("spike_train", "spikes"),
+            path=(model.name, "spikes"),
             about=("shape",),
         )
-    steps, order = clock.steps(times, "spike_train.spikes"), np.lexsort((ids, times))
-    return steps[order], ids[order].astype(np.int64)
+    steps, order = clock.steps(times, f"{model.name}.spikes"), np.lexsort((ids, times))
+    return steps[order], ids[order].astype(np.int64), payloads[order if model.graded else ()].astype(np.int64)
 
 
 def _projection(
@@ -262,6 +292,8 @@ def _projection(
     seed: int,
     many: bool,
     room: SynapseRoom | None,
+    share: Share,
+    threads: int,
 ) -> resolved.Projection:
     sizes = grid_of(part, shapes) if isinstance(part.rule, grid) else None
     if sizes is not None and not isinstance(part.delay, float):
@@ -275,36 +307,31 @@ def _projection(
     def apart() -> Between:
         return between(net.populations[part.source], net.populations[part.target], shapes)
 
+    carries = "current" if net.populations[part.source].model.role == "current" else "spikes"
+    # Currents come from few synapses, and kernels have few weights: each part has all of them.
+    if sizes is not None or carries == "current":
+        share = WHOLE
+    onto = None if share.number == 1 else share.of(target.size)
     with naming_the_part(part):
-        key = (seed, "connect", part.name)
         seen = cache(lambda: apart().among(source.ids, target.ids))
-        to = None if room is None else room.targets
-        if isinstance(part.rule, from_file):
-            found = wired(
-                part, part.rule, (net.populations[part.source], net.populations[part.target]), (source, target)
-            )
-        else:
-            found = placed(connect(part.rule, source.shape, target.shape, own, sizes, key, seen, to), source, target)
+        blocks = Blocks(part.rule, source.shape, target.shape, own, sizes, (seed, "connect", part.name), seen)
+        both = net.populations[part.source], net.populations[part.target]
+        listed = partial(wired, part, part.rule, both, (source, target)) if isinstance(part.rule, from_file) else None
         ordered = many and not part.synapse.learns
-        # Delays before weights, each with a key of its own: adding a distribution to one changes nothing of the other.
-        drawn = generator(seed, "delay", part.name)
-        delay = delay_steps(part.delay, found, clock, "delay", drawn, apart, ordered)
-        span = (int(delay.min()), int(delay.max())) if delay.size else (1, 1)
-        if ordered:
-            found, delay = _by_delay(part, found, delay, span)
-        drawn = generator(seed, "weight", part.name)
-        weight = per_synapse(part.weight, found, "weight", drawn, apart, None if room is None else room.weight)
-        rule = _rule(part, found, seed, apart)
+        drawing = Drawing(part, blocks, listed, (source, target), clock, seed, apart, ordered, onto, threads)
+        drawn = drawing.synapses(room)
+        found, delay, weight, rule = drawn.found, drawn.delay, drawn.weight, drawn.rule
+    span = (int(delay.min()), int(delay.max())) if delay.size else (1, 1)
     # A shared kernel learns weight by weight, so it has an entry for each from the start.
     if sizes is not None and weight.size == 1:
         weight = np.repeat(weight, found.size)
-    check_stdp_weights(part, rule, weight)
+    check_stdp_weights(part, rule, weight, found if share.number > 1 else None)
     _check_delays(part, delay, clock)
-    carries = "current" if net.populations[part.source].model.role == "current" else "spikes"
     with naming_the_part(part):
-        onto = net.populations[part.target]
-        current = carries == "current"
-        receptor = receptor_of_current(part.synapse, onto, part.source) if current else receptor_of(part.synapse, onto)
+        reached, current = net.populations[part.target], carries == "current"
+        receptor = (
+            receptor_of_current(part.synapse, reached, part.source) if current else receptor_of(part.synapse, reached)
+        )
         check_conductance(receptor, weight)
     signal, dopamine, one_to_one, later = -1, -1, False, 1
     gate = -1
@@ -339,46 +366,20 @@ def _projection(
         origin=part.origin,
         span=span,
         gate=gate,
+        by_delay=drawn.by_delay,
+        whole_layout=drawn.whole_layout,
+        share=share,
     )
 
 
-def _by_delay(part: Projection, found: Connections, delay: Steps, span: tuple[int, int]) -> tuple[Connections, Steps]:
-    """The synapses of each source by delay, where all is drawn or they are listed so.
-
-    A backend that delivers them in this order would else need a second copy.
-    """
-    if found.layout == "csr" and delay.size > 1:
-        if isinstance(part.delay, Distribution) and not found.listed:
-            from neuro.compiler.rows import by_delay
-
-            by_delay(found.row_ends, delay, *span, found.targets, found.shared)
-        elif found.order is not None and found.listed == ((found.size,),):
-            as_listed = np.argsort(found.order)
-            pre = np.repeat(np.arange(found.row_ends.size - 1), np.diff(found.row_ends))[as_listed]
-            post, late = found.targets[as_listed], delay[as_listed]
-            if np.array_equal(np.lexsort((post, late, pre)), np.arange(found.size)):
-                factors = {word: values[as_listed] for word, values in found.factors.items()}
-                return replace(found, targets=post, order=None, factors=factors), late
-    return found, delay
-
-
-def _rule(part: Projection, found: Connections, seed: int, apart: Apart) -> Synapse:
-    """The synapse model with a number for each synapse, in the order of weights, where it has no single one."""
-    rule, values = part.synapse, part.synapse.parameters()
-    resolved: dict[str, Any] = {}
-    for entry in fields(rule):
-        word = word_of(entry.name)
-        if word not in rule.of_each():
-            continue
-        drawn = generator(seed, "synapse_parameter", f"{part.name}.{word}")
-        each = per_synapse(values[word], found, f"{rule.name}.{word}", drawn, apart)
-        each = check(entry.metadata["quantity"], each, f"{rule.name}.{word}")  # what was drawn may be out of bounds
-        resolved[entry.name] = each if each.size else entry.default  # of no synapses, which have any
-    return replace(rule, **resolved) if resolved else rule
-
-
-def check_stdp_weights(part: Projection, rule: Synapse, weight: Floats) -> None:
+def check_stdp_weights(part: Projection, rule: Synapse, weight: Floats, of: Connections | None = None) -> None:
     """Weights that pairs or moves change lie within their rule's bounds.
+
+    Args:
+        part: the projection.
+        rule: its synapse model.
+        weight: of each synapse, shape (1,) where shared.
+        of: the synapses, where these are a share, in which places say nothing; None: all.
 
     Raises:
         ModelError: one does not; the first such is named.
@@ -388,8 +389,9 @@ def check_stdp_weights(part: Projection, rule: Synapse, weight: Floats) -> None:
     bad = rule.outside(weight)
     if bad is not None:
         raised = f", or raise {rule.name}.Wmax" if "Wmax" in rule.parameters() else ""
+        which = f"[{bad}]" if of is None else " of synapse {} -> {}".format(*of.ends(bad))
         message = (
-            f"projection '{part.name}': weight[{bad}] = {weight[bad if weight.size > 1 else 0]:g}: "
+            f"projection '{part.name}': weight{which} = {weight[bad if weight.size > 1 else 0]:g}: "
             f"expected {rule.expected_weight(bad)}"
         )
         hint = "give the distribution 'low' and 'high'" + raised

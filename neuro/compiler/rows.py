@@ -3,6 +3,7 @@
 # mypy: disable-error-code="no-untyped-def,no-untyped-call"
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -66,7 +67,7 @@ def by_delay(
     shortest: int,
     longest: int,
     targets: NDArray[np.int32],
-    others: Ints | None,
+    others: Sequence[NDArray[Any]],
 ) -> None:
     """Put the synapses of every source in the order of their delays, in place; those with one delay stay in order.
 
@@ -76,16 +77,18 @@ def by_delay(
         shortest: the least of them.
         longest: the largest.
         targets: of each synapse.
-        others: what else each has; None: nothing.
+        others: what else each has.
     """
     room = int(np.diff(row_ends).max())
     counts = np.empty(longest - shortest + 2, dtype=np.int64)
-    scratch = np.empty(room, dtype=np.int32)
-    if others is None:
-        _sort_rows(row_ends, delays, targets, shortest, counts, scratch)
-    else:
-        _sort_others(row_ends, delays, others, shortest, counts, np.empty(room, dtype=np.int64))
-        _sort_rows(row_ends, delays, targets, shortest, counts, scratch)
+    for values in others:
+        _sort_others(row_ends, delays, values, shortest, counts, np.empty(room, dtype=values.dtype))
+    _sort_rows(row_ends, delays, targets, shortest, counts, np.empty(room, dtype=np.int32))
+
+
+def put_rows(ends: Ints, values: NDArray[Any], starts: Ints, to: NDArray[Any]) -> None:
+    """Move the values of each source, which end at `ends`, to where they start among others."""
+    _put_rows(ends, values, starts, to)
 
 
 @subkernel
@@ -180,6 +183,15 @@ def _places(delays, shortest, counts):
         counts[np.int64(delays[e]) - shortest + 1] += 1
     for d in range(1, counts.size):
         counts[d] += counts[d - 1]
+
+
+@kernel
+def _put_rows(ends, values, starts, to):
+    for source in range(starts.size):
+        first = ends[source]
+        start = starts[source]
+        for e in range(first, ends[source + 1]):
+            to[start + e - first] = values[e]
 
 
 @kernel

@@ -21,6 +21,9 @@ from neuro.program.program import Floats, Ints
 
 MOST_AXES = 3
 
+_SAMPLE = 256
+"""Sources from which it is estimated how many pairs are connected."""
+
 
 @dataclass(frozen=True, eq=False)
 class Space:
@@ -177,7 +180,7 @@ def between(source: Population, target: Population, shapes: Mapping[str, tuple[i
 
 
 def distant_pairs(
-    rule: distance_dependent, apart: Between, but: Ints | None, key: int
+    rule: distance_dependent, apart: Between, but: Ints | None, key: int, first: int = 0
 ) -> Iterator[tuple[Ints, NDArray[np.int32]]]:
     """Pairs that are connected, a block of sources at a time, in order.
 
@@ -186,10 +189,28 @@ def distant_pairs(
         apart: what lies between the neurons.
         but: of each source the target that it does not reach, -1: none; None: none of any.
         key: of the draws.
+        first: which target of the rule the first one is.
 
     Raises:
         ModelError: a probability is none, or the mask does not fit the space.
     """
+    for pre, post, p in _candidates(rule, apart, but):
+        hit = uniform_pairs(key, pre, post + first) < p
+        yield pre[hit], post[hit].astype(np.int32)
+
+
+def expected_pairs(rule: distance_dependent, apart: Between) -> float:
+    """How many pairs are connected in the mean, from some of the sources."""
+    n = len(apart.source.places)
+    some = np.unique(np.linspace(0, n - 1, _SAMPLE).astype(np.int64))
+    found = _candidates(rule, apart.among(some, None), None)
+    return sum(float(np.sum(np.broadcast_to(p, pre.size))) for pre, _, p in found) * n / some.size
+
+
+def _candidates(
+    rule: distance_dependent, apart: Between, but: Ints | None
+) -> Iterator[tuple[Ints, Ints, Floats | float]]:
+    """Pairs that may be connected, and how likely each is."""
     mask, profile = rule.mask, rule.p
     if mask is not None and (problem := mask.misfit(apart.source.places.shape[1])):
         raise ModelError(f"distance_dependent.mask: {problem}", path=("distance_dependent", "mask"))
@@ -202,8 +223,7 @@ def distant_pairs(
         if but is not None:
             kept &= but[pre] != post
         pre, post, far = pre[kept], post[kept], length(displacement[:, kept])
-        hit = uniform_pairs(key, pre, post) < (_probability(profile, far) if isinstance(profile, Profile) else profile)
-        yield pre[hit], post[hit].astype(np.int32)
+        yield pre, post, _probability(profile, far) if isinstance(profile, Profile) else profile
 
 
 def _probability(profile: Profile, distance: Floats) -> Floats:

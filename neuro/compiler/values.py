@@ -24,6 +24,7 @@ LONGEST_DELAY = 2**16
 """Steps that a delay may have."""
 
 Steps: TypeAlias = NDArray[np.integer[Any]]
+Room: TypeAlias = NDArray[np.floating[Any]]
 
 
 def per_neuron(value: Any, shape: tuple[int, ...], what: str, key: tuple[int, str, str]) -> Floats:
@@ -49,7 +50,7 @@ def per_neuron(value: Any, shape: tuple[int, ...], what: str, key: tuple[int, st
 
 
 def per_synapse(
-    value: Any, found: Connections, what: str, rng: np.random.Generator, apart: Apart, room: Floats | None = None
+    value: Any, found: Connections, what: str, rng: np.random.Generator, apart: Apart, room: Room | None = None
 ) -> Floats:
     """One value for each synapse in the program's order, or one for all (shape (1,)).
 
@@ -59,7 +60,7 @@ def per_synapse(
         what: its name in messages.
         rng: draws from a distribution.
         apart: gives what lies between neurons, for a function of distance.
-        room: memory for the values of all synapses, which may be used.
+        room: memory for the values of all synapses, which may be used; that of 32 bits only if all fit.
     """
     if what in found.factors:
         own = replace(found, factors={})
@@ -70,7 +71,8 @@ def per_synapse(
         return scaled + 0.0
     value = plain(value)
     if isinstance(value, Distribution):
-        return _drawn(value, found, rng, room)
+        drawn: Floats = _drawn(value, found, rng, room)
+        return drawn
     if isinstance(value, of_distance):
         return _by_distance(value.profile, found, what, apart) + 0.0
     array = np.asarray(value, dtype=np.float64)
@@ -89,7 +91,7 @@ def per_synapse(
     return (flat if found.order is None else flat[found.order]) + 0.0
 
 
-def _drawn(value: Distribution, found: Connections, rng: np.random.Generator, room: Floats | None) -> Floats:
+def _drawn(value: Distribution, found: Connections, rng: np.random.Generator, room: Room | None) -> Any:
     """The draw that each synapse takes."""
     if found.shared is not None:
         # Both directions of a symmetric pair take one draw.

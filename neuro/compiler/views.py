@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from neuro.compiler.connect import Connections
+from neuro.compiler.connect import Connections, listed_one_by_one
 from neuro.compiler.shapes import Shape, size
 from neuro.model.views import View
 from neuro.program.program import Ints
@@ -53,21 +53,21 @@ def placed(found: Connections, source: End, target: End) -> Connections:
     """The same synapses between the neurons of the populations, sorted by source, then target."""
     if source.ids is None and target.ids is None:
         return found
-    n_pre, n_post = size(source.shape), size(target.shape)
-    row_ends, inner = found.row_ends, found.targets
-    if found.layout == "one_to_one":
-        row_ends, inner = np.arange(n_pre + 1), np.arange(n_pre, dtype=np.int32)
-    elif found.layout == "dense":
-        row_ends, inner = np.arange(n_pre + 1) * n_post, np.tile(np.arange(n_post, dtype=np.int32), n_pre)
-    sources, degrees, order, shared = _ids(source), np.diff(row_ends), found.order, found.shared
-    targets = _ids(target).astype(np.int32)[inner]
-    if not (_ascend(sources) and _ascend(_ids(target))):
+    found = listed_one_by_one(found, size(source.shape), size(target.shape))
+    sources, degrees, order, shared = _ids(source), np.diff(found.row_ends), found.order, found.shared
+    targets = _ids(target).astype(np.int32)[found.targets]
+    if not (_ascend(sources) and ascend(target)):
         moved = np.lexsort((targets, np.repeat(sources, degrees)))
         targets, order = targets[moved], moved if order is None else order[moved]
         shared = None if shared is None else shared[moved]
     out = np.zeros(source.size + 1, dtype=np.int64)
     out[sources + 1] = degrees
-    return replace(found, layout="csr", row_ends=np.cumsum(out), targets=targets, order=order, shared=shared)
+    return replace(found, row_ends=np.cumsum(out), targets=targets, order=order, shared=shared)
+
+
+def ascend(end: End) -> bool:
+    """Whether the neurons of an end are in the order of the population."""
+    return end.ids is None or _ascend(end.ids)
 
 
 def _ids(end: End) -> Ints:

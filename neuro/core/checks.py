@@ -440,16 +440,19 @@ def _series(q: Quantity, value: Any, what: str) -> NDArray[np.float64]:
 
 def _spikes(q: Quantity, value: Any, what: str) -> NDArray[np.float64]:
     rows = value.values if isinstance(value, FromFile) else _listed(q, value, what)
-    rows = rows.reshape(0, 2) if rows.size == 0 else rows
-    if rows.ndim != 2 or rows.shape[1] != 2:
+    columns = 2 if q.kind == "train" else 3
+    rows = rows.reshape(0, columns) if rows.size == 0 else rows
+    if rows.ndim != 2 or rows.shape[1] != columns:
         raise wrong(q, value, what)
-    times, ids = rows.T
+    times, ids, payloads = rows[:, 0], rows[:, 1], rows[:, 2:]
     bad = ~(np.isfinite(times) & (times > 0) & (np.diff(times, prepend=0.0) >= 0))
     bad |= ~((ids >= 0) & (ids <= LARGEST) & (ids == np.floor(ids)))
+    bad |= ~((np.abs(payloads) < 2**31) & (payloads == np.floor(payloads))).all(axis=1)
     if bad.any():
         k = int(np.flatnonzero(bad)[0])
         before = f" after {shown(float(times[k - 1]))} ms" if k and times[k] < times[k - 1] else ""
-        found = f"{shown(float(times[k]))} ms of neuron {shown(float(ids[k]))}{before}"
+        carried = "".join(f" with payload {shown(float(payload))}" for payload in payloads[k])
+        found = f"{shown(float(times[k]))} ms of neuron {shown(float(ids[k]))}{carried}{before}"
         raise ModelError(f"{what}[{k}] = {found}: expected {q.expected()}", path=(str(k),))
     return rows
 
@@ -512,6 +515,7 @@ _CHECKERS: dict[str, Callable[[Quantity, Any, str], Any]] = {
     "moments": _moments,
     "series": _series,
     "train": _spikes,
+    "graded_train": _spikes,
     "delay": _delay,
     "codes": _codes,
     "file": _file,

@@ -9,6 +9,7 @@ from __future__ import annotations
 import os
 
 _SIZES = ("OMPI_COMM_WORLD_SIZE", "PMI_SIZE")
+_LOCAL_SIZES = ("OMPI_COMM_WORLD_LOCAL_SIZE", "MPI_LOCALNRANKS")
 _RANKS = ("OMPI_COMM_WORLD_RANK", "PMI_RANK")
 _shared = False
 
@@ -16,6 +17,11 @@ _shared = False
 def processes() -> int:
     """How many there are; 1 without mpirun."""
     return max(1, _first(_SIZES))
+
+
+def neighbours() -> int:
+    """How many of them are on this machine."""
+    return min(processes(), max(1, _first(_LOCAL_SIZES)))
 
 
 def leads() -> bool:

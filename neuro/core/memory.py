@@ -1,11 +1,16 @@
-"""How much memory this process may still take."""
+"""How much memory this process may still take, and memory that it gives back."""
 
 from __future__ import annotations
 
+import ctypes
 import gc
+import mmap
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
+from typing import Any
+
+from numpy.typing import NDArray
 
 _MACHINE = Path("/proc/meminfo")
 _GROUP = Path("/sys/fs/cgroup")
@@ -39,6 +44,27 @@ def _table(path: Path) -> dict[str, int]:
     except OSError:
         return {}
     return {line[0]: int(line[1]) for line in lines if len(line) > 1 and line[1].isdigit()}
+
+
+def discard(array: NDArray[Any], first: int, last: int) -> None:
+    """Give the system the whole pages on which items first:last of a flat array lie; the items are lost.
+
+    The array stays as large as it is; systems other than Linux may keep its pages until it is freed.
+    """
+    if not hasattr(mmap, "MADV_DONTNEED"):
+        return
+    begin = -(-(array.ctypes.data + first * array.itemsize) // mmap.PAGESIZE) * mmap.PAGESIZE
+    size = (array.ctypes.data + last * array.itemsize) // mmap.PAGESIZE * mmap.PAGESIZE - begin
+    if size > 0:
+        ctypes.CDLL(None).madvise(ctypes.c_void_p(begin), ctypes.c_size_t(size), mmap.MADV_DONTNEED)
+
+
+def give_back() -> None:
+    """Give to the system what was freed and is kept ready for this process, where its C library can."""
+    try:
+        ctypes.CDLL(None).malloc_trim(0)
+    except (AttributeError, OSError, TypeError):  # another C library, or another system
+        return
 
 
 @contextmanager

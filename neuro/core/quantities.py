@@ -18,7 +18,8 @@ class Quantity:
         kind: "number", "integer", "microseconds" (time of an event, 64 bits), "boolean", "name" (of a part of the
             network), "receptor" (of neurons), "word" (one of `words`), "shape" (a list of integers), "times" (spike
             times, a list per neuron), "moments" (times at which something changes), "series" (values at moments, in a
-            list or a row per neuron), "train" (spikes, a row of time and neuron for each), "ids", "delay" (a time that
+            list or a row per neuron), "train" (spikes, a row of time and neuron for each), "graded_train" (with a
+            third column, the payload), "ids", "delay" (a time that
             is no number of the rule), "names" (a list of names), "words" (values by name), "part" (a `part`),
             "codes" (of `neuro.coding`), "choice" (a `choice`; with bounds also a number), "file" (a path; in YAML
             inside the folder of the description) or "events" (what holds events, in Python alone).
@@ -74,6 +75,7 @@ class Quantity:
             "moments": "times > 0 ms, each later than the one before",
             "series": "a list of numbers",
             "train": "a row for each spike: a time > 0 ms, not before the last one, and a neuron",
+            "graded_train": "a row for each spike: a time > 0 ms, not before the last one, a neuron and a payload",
             "delay": "a time > 0 ms",
             "names": "names",
             "words": "{name: value}",

@@ -107,6 +107,8 @@ def _fast(wiring: Wiring, seen: Observation, k: int) -> Iterator[Finding]:
     part = seen.program.populations[k]
     if not isinstance(part.model, Neuron) or part.model.relay or part.model.chip or part.model.most:
         return
+    if part.model.graded:
+        return  # a message in each step may be what they are for
     if float(np.max(part.parameters.get("max_spikes", 1.0))) > 1.0:
         return  # several spikes in a step are what these neurons are for
     rate, most = seen.rate(k), min(ceiling_hz(part, seen.program.resolution), FAST_HZ)

@@ -24,7 +24,7 @@ from neuro.program.program import Program
 
 SECONDS = 20.0
 """Of the clock on the wall that the short run may take, without compiling."""
-EXPLAIN = ("silent", "silenced", "brief-input", "no-path", "weak-spike")
+EXPLAIN = ("silent", "silenced", "brief-input", "no-path", "weak-spike", "long-delay")
 """Warnings that are faults where no output fires, as they say why."""
 _MS = Quantity("ms", above=0)
 _RATE = Quantity("Hz", at_least=0)

@@ -52,7 +52,7 @@ Of = Population | Projection | Signal | Trials | Program
 
 def figure(value: float) -> str:
     """A number > 0 with two digits, for remedies."""
-    return f"{value:.2g}" if value < 100.0 else f"{value:,.0f}"
+    return f"{value:,.0f}" if 100.0 <= value < 1e6 else f"{value:.2g}"
 
 
 def fault(name: str, of: Of, evidence: str, remedy: str, *shows: str) -> Finding:

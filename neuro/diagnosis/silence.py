@@ -42,7 +42,8 @@ class Silence:
         self.heard = {
             part.target
             for q, part in enumerate(self.program.projections)
-            if part.carries == "current" or (part.source not in self.silent and wiring.may_excite(q))
+            if part.carries == "current"
+            or (part.source not in self.silent and wiring.may_excite(q) and part.delay_span[0] < seen.steps)
         }
         brief = {k for k in range(len(seen.populations)) if seen.is_brief(k)}
         self.waiting = wiring.reached((seen.idle - seen.driven) | brief)
@@ -65,7 +66,7 @@ class Silence:
             f"{some(early, 'spike')} in the first third of the run, {late} in the last, though its inputs went on"
         )
         inhibit, severity = [q for q in self.wiring.onto(k) if self.wiring.pushes(q)[1]], "fault"
-        more, remedy = self._depleted(onto)
+        more, remedy = self._held(part) or self._depleted(onto)
         if shrunk:
             first, last = moved[shrunk[0]].first.mean(), moved[shrunk[0]].last.mean()
             more = f": learning brought the mean weight of {self.wiring.names(shrunk)} from {first:.3g} to {last:.3g}"
@@ -83,6 +84,11 @@ class Silence:
         """Spikes in the first and in the last third of the run."""
         course, third = self.seen.course[:, k], max(1, len(self.seen.course) // 3)
         return int(course[:third].sum()), int(course[-third:].sum())
+
+    def _held(self, part: Population) -> tuple[str, str] | None:
+        """A refractory time of a third of the run or more, and what to do; None where it is shorter."""
+        held = float(part.parameters.get("t_ref", np.zeros(1)).min())
+        return (f"; t_ref is {held:g} ms", f"lower t_ref of '{part.name}'") if 3.0 * held >= self.seen.ms else None
 
     def _depleted(self, onto: list[int]) -> tuple[str, str]:
         """What short-term depression leaves of a projection, and how to leave more; empty where none depletes."""
@@ -144,7 +150,9 @@ class Silence:
         # Recurrent weights are no remedy: nothing arrives by them before the first spike, and too much after it.
         heard = [q for q in self.wiring.onto(k) if self.program.projections[q].source not in self.silent]
         onto = [q for q in heard if self.wiring.may_excite(q)] + self.wiring.onto(k, "current")
-        depleted, rested = self._depleted(onto)
+        slow = {j for j in (self.program.projections[q].source for q in onto) if self.seen.rate(j) < SLOW_HZ}
+        before = [q for j in sorted(slow) for q in self.wiring.onto(j) if self.wiring.may_excite(q)]
+        depleted, rested = self._depleted(onto + before)
         rates = "" if depleted else ", or the rate of its inputs"  # they deplete it the more
         names = f"`weight` of {self.wiring.names(onto)}{times}{rates}" if onto else "its I_e"
         sources = {self.program.projections[q].source for q in onto}

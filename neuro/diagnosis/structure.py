@@ -74,20 +74,26 @@ _INHIBITORY = re.compile(r"(^|_)(?i:inh|basket|gaba|pv(_|$)|sst)|(^|_|\d)I(_|\d|
 _EXCITATORY = re.compile(r"(^|_)(?i:exc|pyr)|(^|_|\d)E(_|\d|$)")
 
 
+def _name(program: Program, part: Population) -> str:
+    """The name of a population; `E` and `I` of those two that are called e and i."""
+    pair = {"e", "i"} <= {each.name for each in program.populations}
+    return part.name.upper() if pair and part.name in ("e", "i") else part.name
+
+
 def _signs(wiring: Wiring, q: int, source: Population, target: Population) -> Iterator[Finding]:
     """Weights that do what the name of their source or of their receptor denies."""
     part = wiring.program.projections[q]
     up, down = wiring.pushes(q)
     if source.kind != "neuron" or not isinstance(target.model, Neuron) or target.model.relay:
         return
-    mean, unit = wiring.weights[q].mean, target.model.weight_unit
+    mean, unit, name = wiring.weights[q].mean, target.model.weight_unit, _name(wiring.program, source)
     if part.receptor is None and (mean < 0.0 if up > 0.0 else mean > 0.0):
         return  # the weights are as they are meant, and a reversal potential turns them round
-    if _INHIBITORY.search(source.name) and up > 0.0 and down == 0.0:
+    if _INHIBITORY.search(name) and up > 0.0 and down == 0.0:
         evidence = f"'{source.name}' is named as inhibitory, and its weights, of mean {mean:g} {unit}".rstrip()
         remedy = "make `weight` negative" if part.receptor is None else "name the inhibitory receptor"
         yield warning("wrong-sign", part, f"{evidence}, all excite", f"{remedy}, or rename '{source.name}'")
-    elif _EXCITATORY.search(source.name) and down < 0.0 and up == 0.0:
+    elif _EXCITATORY.search(name) and down < 0.0 and up == 0.0:
         evidence = f"'{source.name}' is named as excitatory, and its weights, of mean {mean:g} {unit}".rstrip()
         remedy = "make `weight` positive" if part.receptor is None else "name the excitatory receptor"
         yield warning("wrong-sign", part, f"{evidence}, all inhibit", f"{remedy}, or rename '{source.name}'")
@@ -105,10 +111,10 @@ def _mixed(wiring: Wiring, q: int, source: Population) -> Iterator[Finding]:
     if source.kind != "neuron" or part.synapse.learns or part.receptor is not None or not w.least < 0.0 < w.largest:
         return
     share = float((part.weight < 0.0).mean()) if w.mean > 0.0 else float((part.weight > 0.0).mean())
-    sign = np.sign(w.mean)
+    sign, name = np.sign(w.mean), _name(wiring.program, source)
     others = [wiring.weights[j] for j in wiring.out_of(part.source) if j != q]
     single = any(x.synapses and min(x.least * sign, x.largest * sign) > 0.0 for x in others)
-    named = _EXCITATORY.search(source.name) if sign > 0.0 else _INHIBITORY.search(source.name)
+    named = _EXCITATORY.search(name) if sign > 0.0 else _INHIBITORY.search(name)
     if MIXED[0] < share < MIXED[1] and (named or single):
         does, bound = ("inhibit", "low") if sign > 0.0 else ("excite", "high")
         evidence = f"{share:.0%} of its weights {does}, though their mean is {w.mean:.3g}: '{source.name}' does both"

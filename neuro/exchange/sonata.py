@@ -100,6 +100,9 @@ def _node_verdict(sim: Simulation, part: Population) -> Verdict:
     if later or part.stream is not None:
         how = "parameters are attributes; of its listed spikes those are written that it has sent"
         return Verdict(part.name, part.said, APPROXIMATE, how, measured="not measured: a longer run sends more of them")
+    if part.model.graded:
+        how = "parameters and initial states are attributes; its spikes are written without their payloads"
+        return Verdict(part.name, part.said, APPROXIMATE, how, measured="not measured: SONATA has no payloads")
     return Verdict(part.name, part.said, EXACT, "parameters and initial states are attributes")
 
 

@@ -106,6 +106,7 @@ class Train:
         steps, ids, multiplicity: one entry for each neuron and step with spikes; read when they are asked for.
         spike_counts, event_counts: spikes of each neuron, and its steps with spikes, whether recorded or not.
         emits: "spikes" or "current".
+        payloads: of a graded population what each entry carries; None of others.
     """
 
     model: str
@@ -119,6 +120,7 @@ class Train:
     spike_counts: Lazy = Lazy()
     event_counts: Lazy = Lazy()
     emits: str = "spikes"
+    payloads: Lazy = Lazy(None)
 
     @property
     def times_ms(self) -> Floats:

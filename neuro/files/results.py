@@ -10,6 +10,7 @@
     steps           int64, sorted; a step times resolution_ms is its time in ms
     ids             int64
     multiplicity    int32, spikes of that neuron in that step
+    payloads        int32, of a graded population what each spike carries
     spike_counts    int64, spikes of each neuron
     event_counts    int64, steps of each neuron with spikes
 /projections/NAME   attributes: source, target, synapse, synapses, counts.*
@@ -177,6 +178,24 @@ class Results:
 
     def spikes_of(self, name: str, ids: Ints | None, since: float | None, until: float | None) -> tuple[Floats, Ints]:
         """Likewise of some neurons of a population, all if None."""
+        return self.graded_spikes_of(name, ids, since, until)[:2]
+
+    def payloads(self, of: Any, since: float | None = None, until: float | None = None) -> tuple[Floats, Ints, Ints]:
+        """Recorded spikes of a graded population, as `spikes` gives them, and the payload of each.
+
+        Raises:
+            ModelError: as `spikes`, or its spikes carry no payloads.
+        """
+        name, ids = self._neurons(of)
+        times, neurons, payloads = self.graded_spikes_of(name, ids, since, until)
+        if payloads is None:
+            raise ModelError(f"payloads of '{name}', {a(self.populations[name].model)}: its spikes carry none")
+        return times, neurons, payloads
+
+    def graded_spikes_of(
+        self, name: str, ids: Ints | None, since: float | None, until: float | None
+    ) -> tuple[Floats, Ints, Ints | None]:
+        """Likewise of some neurons of a population, with payloads where they have some."""
         train = self.populations[name]
         if not train.recorded:
             raise ModelError(f"spikes of '{name}', {a(train.model)}, are not recorded")
@@ -186,12 +205,14 @@ class Results:
         check_span(after, to, since, until)
         part = span(kept(train, "steps"), after, to)
         steps, neurons, multiplicity = (kept(train, word)[part] for word in ("steps", "ids", "multiplicity"))
+        payloads = None if kept(train, "payloads") is None else kept(train, "payloads")[part].astype(np.int64)
         if ids is not None:
             some = np.isin(neurons, ids)
             steps, neurons, multiplicity = steps[some], neurons[some], multiplicity[some]
+            payloads = None if payloads is None else payloads[some]
         if multiplicity.size and multiplicity.max() > 1:
             steps, neurons = np.repeat(steps, multiplicity), np.repeat(neurons, multiplicity)
-        return clock.array_ms(steps), neurons
+        return clock.array_ms(steps), neurons, payloads
 
     def trace(self, of: Any) -> tuple[Floats, Any]:
         """What a probe has recorded, as `Simulation.trace` gives it.
@@ -323,13 +344,21 @@ def _again(name: str, what: Any) -> str:
     return f"net.probe('name', '{name}', {what!r}) records a state; neuro.compile(run.network()) has parameters"
 
 
-def write(results: Results, path: str | PathLike[str]) -> None:
-    """Write the file in the place of any other; the caller asks before, with `neuro.core.outputs.output` and `KIND`."""
+def write(results: Results, path: str | PathLike[str], weights: Iterable[tuple[str, Weights]] = ()) -> None:
+    """Write the file in the place of any other; the caller asks before, with `neuro.core.outputs.output` and `KIND`.
+
+    Args:
+        results: what is written.
+        path: of the file.
+        weights: of projections by name, one after the other, where the results are without.
+    """
     with new_file(Path(path), FORMAT) as file:
         write_head(file, results.about, results.files)
         for section in SECTIONS:
             for name, part in getattr(results, section).items():
                 write_part(file[section].create_group(name), part)
+        for name, projection in weights:
+            write_part(file["projections"][name], projection)
 
 
 def write_head(file: h5py.File, about: Mapping[str, Any], files: Mapping[str, bytes]) -> None:

@@ -11,8 +11,8 @@ from __future__ import annotations
 
 import hashlib
 import json
-from collections.abc import Mapping
-from dataclasses import dataclass, fields, is_dataclass
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, fields, is_dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -23,7 +23,8 @@ from neuro.core.choice import Choice
 from neuro.core.errors import ModelError
 from neuro.core.hdf5 import put, reading, take, writing
 from neuro.model.synapses import Synapse
-from neuro.program.program import Program
+from neuro.program.program import Program, Projection
+from neuro.program.share import WHOLE
 
 if TYPE_CHECKING:
     import h5py
@@ -121,7 +122,18 @@ def _plain(value: Any) -> Any:
     return value.item() if isinstance(value, np.generic) else value
 
 
-_SAID_ELSEWHERE = {"origin", "kind", "carries", "receptor", "stream", "declared", "span"}
+_SAID_ELSEWHERE = {
+    "origin",
+    "kind",
+    "carries",
+    "receptor",
+    "stream",
+    "declared",
+    "span",
+    "by_delay",
+    "share",
+    "whole_layout",
+}
 """Fields of a program that decide nothing, follow from others, or count only where they are."""
 
 
@@ -136,8 +148,45 @@ def _hashed(value: Any) -> str:
     return digest.hexdigest()
 
 
+@dataclass(frozen=True)
+class _Pieces:
+    """An array of which only pieces are in memory."""
+
+    kind: np.dtype[Any]
+    size: int
+    pieces: Iterator[NDArray[Any]]
+
+
+def _whole(part: Projection) -> Projection:
+    """A projection with the synapses of all shares, in pieces."""
+    rows, gather = part.rows, part.share.gather
+
+    def joined(values: NDArray[Any], kind: Any) -> Any:
+        if gather(np.array([values.size == 1])).all() and np.unique(every := gather(values)).size == 1:
+            return every[:1]  # one for all
+        pieces = (gather(values[each.own])[each.order].astype(kind) for each in rows.stretches())
+        return _Pieces(np.dtype(kind), part.size, pieces)
+
+    late = part.delay.dtype if part.delay_span[1] <= np.iinfo(part.delay.dtype).max else np.int32
+    numbers = part.synapse.parameters()
+    each = {name: rows.joined(numbers[word]) for name, word in part.synapse.fields_of_each().items()}
+    words: dict[str, Any] = {"weight": joined(part.weight, np.float64), "delay": joined(part.delay, late)}
+    if part.whole_layout == "csr":
+        words["row_ends"] = np.concatenate(([0], np.cumsum(rows.fan_out())))
+        words["targets"] = joined(part.targets, np.int32)
+    else:
+        words |= {"row_ends": np.zeros(0, dtype=np.int64), "targets": np.zeros(0, dtype=np.int32)}
+    return replace(part, share=WHOLE, layout=part.whole_layout, synapse=replace(part.synapse, **each), **words)
+
+
 def _feed(digest: hashlib.blake2b, value: Any) -> None:
-    if isinstance(value, np.ndarray):
+    if isinstance(value, _Pieces):
+        digest.update(f"{value.kind.str}{(value.size,)}".encode())
+        for piece in value.pieces:
+            digest.update(np.ascontiguousarray(piece).data)
+    elif isinstance(value, Projection) and value.share.number > 1:
+        _feed(digest, _whole(value))
+    elif isinstance(value, np.ndarray):
         digest.update(f"{value.dtype.str}{value.shape}".encode())
         digest.update(np.ascontiguousarray(value).data)
     elif isinstance(value, Choice):

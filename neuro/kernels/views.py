@@ -23,7 +23,7 @@ Field = tuple[str, str, int]
 """Name, type and number of dimensions of an array."""
 
 _TYPES = {
-    **{"i8": "int64", "f8": "float64", "i4": "int32", "i2": "int16"},
+    **{"i8": "int64", "f8": "float64", "i4": "int32", "i2": "int16", "f4": "float32"},
     **{"u1": "uint8", "u2": "uint16", "u4": "uint32", "u8": "uint64"},
 }
 

@@ -33,6 +33,10 @@ class Distribution(Choice):
 
     kind: ClassVar[str] = "distribution"
 
+    single: bool = quantity(
+        False, "", "whether each value is rounded to the nearest number of 32 bits within the bounds", kind="boolean"
+    )
+
     def sample(self, rng: np.random.Generator, n: int) -> NDArray[np.float64]:
         """Draw n values."""
         raise NotImplementedError
@@ -48,7 +52,16 @@ class Distribution(Choice):
         if not np.isfinite(values).all():
             raise ModelError(f"{self!r} drew {values[~np.isfinite(values)][0]}: expected finite numbers")
         copied: NDArray[np.float64] = np.add(values, 0.0, dtype=np.float64)  # in which no 0 is negative
+        self._round(copied)
         return copied
+
+    def _round(self, values: NDArray[np.float64]) -> None:
+        """Round values in place if these are to be single."""
+        if self.single:
+            low, high = (_within(getattr(self, word, end), -end) for word, end in (("low", -np.inf), ("high", np.inf)))
+            rounded = values.astype(np.float32)
+            np.clip(rounded, low, high, out=rounded)
+            np.add(rounded, 0.0, out=values)
 
     def pieces(self, rng: np.random.Generator, n: int) -> Iterator[NDArray[np.float64]]:
         """The n values of `drawn`, some at a time; each piece is gone when the next is asked for.
@@ -57,6 +70,13 @@ class Distribution(Choice):
             ModelError: they are not so many finite numbers.
         """
         yield self.drawn(rng, n)
+
+
+def _within(bound: float, inwards: float) -> np.float32:
+    """The number of 32 bits that lies next to a bound, on its inner side."""
+    nearest = np.float32(bound)
+    outside = nearest > bound if inwards < 0.0 else nearest < bound
+    return np.nextafter(nearest, np.float32(inwards)) if outside else nearest
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -145,6 +165,7 @@ class normal(_Clipped):
             piece = room[: n - first]
             if not normals.fill(piece, self.mean, self.std, self.low, self.high):
                 raise self._hardly_any()
+            self._round(piece)
             yield piece
 
 

@@ -15,6 +15,7 @@ from neuro.core.registry import Registry
 from neuro.model.neurons import CurrentGenerator, Model
 from neuro.model.synapses import Synapse
 from neuro.program.program import Floats, Ints, Program
+from neuro.program.share import Share
 
 
 class OverflowWarning(UserWarning):
@@ -55,11 +56,15 @@ class Problem:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Spikes:
-    """Spikes of one population, by step, then id. A multiplicity above 1 is several spikes in one step."""
+    """Spikes of one population, by step, then id. A multiplicity above 1 is several spikes in one step.
+
+    Those of a graded population have a multiplicity of 1 and a payload each.
+    """
 
     steps: Ints
     ids: Ints
     multiplicity: NDArray[np.int32]
+    payloads: NDArray[np.int32] | None = None
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -135,7 +140,7 @@ class EngineCounts:
     Attributes:
         steps: steps run.
         events: spike events of each population (a multiplicity counts once), per neuron.
-        spikes: spikes of each population with their multiplicity, per neuron.
+        spikes: spikes of each population with their multiplicity, per neuron; of a graded one its messages.
         active: neuron-steps of each population with an arrival or a spike.
         trial_updates: weights changed at the end of trials, per projection.
         native: what only this backend counts, by name: of a chip its overflows, say. They are not shared.
@@ -168,8 +173,8 @@ class Engine(Protocol):
     def encourage(self, projection: int, maps: Ints) -> None:
         """Apply the rule's `encourage` to every weight of the given maps, once to a weight that several share."""
 
-    def inject(self, population: int, steps: Ints, ids: Ints) -> None:
-        """Add spikes of a spike_generator, at steps after the present one."""
+    def inject(self, population: int, steps: Ints, ids: Ints, payloads: Ints | None = None) -> None:
+        """Add spikes of a listed population, at steps after the present one; with payloads where it is graded."""
 
     def signal(self, signal: int, values: Floats) -> None:
         """Set the dopamine concentration of every synapse that listens to a signal, one value per post neuron."""
@@ -227,8 +232,8 @@ class Backend(Protocol):
     A backend that computes in integers says `arithmetic = "integer"`; "float" is taken otherwise.
     A backend that cannot run some cases of `neuro.testing` lists them, with reasons, in an attribute
     `unsupported: dict[str, str]`. One that does not show some states of neurons names them in an attribute
-    `unreadable: frozenset[str]`; its engine has it, too. One whose processes run a network together under mpirun says
-    `distributed = True`. One that runs many targets is a `Family`, too.
+    `unreadable: frozenset[str]`; its engine has it, too. One whose processes run a network together under mpirun is
+    `Distributed`, too. One that runs many targets is a `Family`, too.
     """
 
     name: str
@@ -239,6 +244,18 @@ class Backend(Protocol):
 
     def build(self, program: Program, *, threads: int = 1, **options: Any) -> Engine:
         """Make an engine at step 0."""
+
+
+@runtime_checkable
+class Distributed(Protocol):
+    """A backend of which several processes that mpirun started run a network together."""
+
+    def share(self) -> Share:
+        """What of a network this process has; its methods reach the others.
+
+        Raises:
+            ModelError: the processes cannot work together.
+        """
 
 
 @runtime_checkable
@@ -351,6 +368,21 @@ def floats_only(program: Program) -> list[Problem]:
             origin,
         )
         for what, choice, origin in parts
+    ]
+
+
+def ungraded(program: Program) -> list[Problem]:
+    """The problems of a backend whose spikes carry no payloads."""
+    return [
+        Problem(
+            True,
+            f"population '{part.name}': {part.model.name}",
+            "its spikes carry payloads, and spikes carry none here",
+            "run it on event, reference or loihi2",
+            part.origin,
+        )
+        for part in program.populations
+        if part.model.graded
     ]
 
 

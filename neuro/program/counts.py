@@ -141,7 +141,7 @@ class Tally:
             return np.full(n_post, n_pre, dtype=np.int64)
         if part.grid is not None or part.synapse.learns not in ("pairs", "chip"):
             return np.zeros(0, dtype=np.int64)
-        return np.bincount(part.targets, minlength=n_post).astype(np.int64)
+        return part.share.total(np.bincount(part.targets, minlength=n_post).astype(np.int64))
 
 
 def fan_out(program: Program, projection: int) -> Ints:
@@ -154,7 +154,7 @@ def fan_out(program: Program, projection: int) -> Ints:
         return np.full(n_pre, program.populations[part.target].size, dtype=np.int64)
     if part.grid is not None:
         return _grid_fan_out(part.grid)
-    return np.diff(part.row_ends)
+    return part.rows.fan_out()
 
 
 def difference(after: EngineCounts, before: EngineCounts) -> EngineCounts:

@@ -6,20 +6,23 @@ This is all that a backend sees.
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
-from typing import Any, NamedTuple, Protocol
+from dataclasses import dataclass, field
+from typing import Any, NamedTuple, Protocol, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
 from neuro.core.clock import NEVER
-from neuro.core.errors import Where
+from neuro.core.errors import ModelError, Where
 from neuro.model.neurons import Model
 from neuro.model.parts import Competition
 from neuro.model.synapses import K_PLUS, DelayRule, Synapse
+from neuro.program.share import WHOLE, Rows, Share
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
+W = TypeVar("W", bound=np.floating[Any])
+StoredSynapses = tuple[NDArray[np.integer[Any]], NDArray[np.floating[Any]], NDArray[np.integer[Any]]]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -55,7 +58,8 @@ class Population:
         shape: sizes of the axes; `size` is their product and neuron ids run in C order.
         parameters: by word, shape (1,) where all neurons share it, else (size,).
         initial: states at step 0 by name, likewise.
-        spike_steps, spike_ids: a spike_generator's listed spikes, sorted by step, then id.
+        spike_steps, spike_ids: a spike_generator's listed spikes, sorted by step, then id; `spike_payloads` are those
+            of a graded one, else none.
         start, stop: a generator emits spikes in steps start < k <= stop, and a current in steps start <= k < stop.
         records: whether its spikes are kept for reading.
         stream: gives spikes to a listed population while it runs; None where none does.
@@ -79,6 +83,7 @@ class Population:
     stream: Stream | None = None
     schedule: Schedule | None = None
     declared: str = ""
+    spike_payloads: Ints = field(default_factory=lambda: np.zeros(0, dtype=np.int64))
 
     @property
     def said(self) -> str:
@@ -164,7 +169,7 @@ class Projection:
         weight: shape (1,) where shared, else one per synapse; grid: (maps, channels, height, width) flat.
         delay: in steps, shape (1,) or one per synapse, int32, >= 1; of so many static synapses uint8 where delays are
             drawn and none is longer than 255.
-        size: number of synapses (of a grid: of its kernels' weights).
+        size: number of synapses (of a grid: of its kernels' weights), of all shares together.
         grid: the sizes of a grid, else None.
         synapse: the model; a parameter is a number, or one for each synapse in the order of the weights.
         receptor: the one of its target that all spikes go to; None where each goes by the sign of its weight. That of a
@@ -174,6 +179,9 @@ class Projection:
             `dopamine_delay` (steps) say how.
         gate: index of the signal that says how much a rule that learns by moves gathers, or -1.
         span: the fewest and the most steps in `delay`, see `delay_span`; None: not yet looked for.
+        by_delay: csr: whether the synapses of a source are sorted by delay.
+        share: which of the synapses these are: those onto the neurons of a share, in the layout csr.
+        whole_layout: the layout of those of all shares together.
     """
 
     name: str
@@ -196,6 +204,9 @@ class Projection:
     origin: Where | None
     span: tuple[int, int] | None = None
     gate: int = -1
+    by_delay: bool = False
+    share: Share = WHOLE
+    whole_layout: str = ""
 
     @property
     def delay_span(self) -> tuple[int, int]:
@@ -204,15 +215,28 @@ class Projection:
             return self.span
         return (int(self.delay.min()), int(self.delay.max())) if self.delay.size else (1, 1)
 
+    @property
+    def rows(self) -> Rows:
+        """The synapses of all shares, in layout csr."""
+        sorted_by_delay = self.by_delay and self.share.number > 1  # those of the whole network lie in order
+        return Rows(self.share, self.row_ends, self.delay if sorted_by_delay else None)
+
+    def stored(self) -> StoredSynapses:
+        """Targets, weights and delays in the types in which they are kept, see `neuro.program.compact`."""
+        return self.targets, self.weight, self.delay
+
     def delay_range(self, resolution: float) -> tuple[int, int]:
         """The fewest and the most steps that a spike may take along it, now or when it has learnt."""
         if isinstance(self.synapse, DelayRule):
             return self.synapse.delay_range(resolution)
         return self.delay_span
 
-    def arriving(self, weights: Floats) -> Floats:
+    def arriving(self, weights: NDArray[W]) -> NDArray[W]:
         """Weights as delivered: negated if the receptor is `negated`. Applied twice it gives the weights back."""
-        return 0.0 - weights if self.receptor is not None and self.receptor.negated else weights
+        if self.receptor is None or not self.receptor.negated:
+            return weights
+        negated: NDArray[W] = np.subtract(0.0, weights, dtype=weights.dtype)
+        return negated
 
     def as_by_sign(self, weights: Floats) -> bool:
         """Whether routing by sign would deliver every weight to the named receptor; true if none is named."""
@@ -325,6 +349,8 @@ class Program:
     Attributes:
         resolution: length of a step in ms, for the models' constants.
         min_delay: the smallest delay in steps.
+        share: the synapses that this process has. What the methods give is of all of them: every process that has a
+            share calls them.
     """
 
     name: str
@@ -338,6 +364,17 @@ class Program:
     probes: tuple[Probe, ...]
     trials: Trials | None
     synapse_probes: tuple[SynapseProbe, ...] = ()
+    share: Share = WHOLE
+
+    def refuse_share(self, what: str) -> None:
+        """Refuse what needs all synapses in one process.
+
+        Raises:
+            ModelError: this process has a share of them.
+        """
+        if self.share.number > 1:
+            message = f"{what}: found a network of which {self.share.number} processes have a share each"
+            raise ModelError(f"{message}: expected one process", hint="without mpirun it has all synapses")
 
     def sends_at_once(self, part: Projection) -> bool:
         """Whether a spike takes the weights of the step of its emission along a projection, not those of the next step.
@@ -350,7 +387,35 @@ class Program:
     def connections(self, index: int) -> tuple[Ints, Ints]:
         """Source and target of every synapse of a projection, in the order of its weights (not for a grid)."""
         part = self.projections[index]
-        return connections_of(part, self.populations[part.source].size, self.populations[part.target].size)
+        own = connections_of(part, self.populations[part.source].size, self.populations[part.target].size)
+        pre, post = (self.joined(index, ids) for ids in own)
+        return pre, post
+
+    def joined(self, index: int, values: NDArray[Any]) -> NDArray[Any]:
+        """The values of all synapses of a projection, in the order of its weights, from those of the share."""
+        part = self.projections[index]
+        return values if part.share.number == 1 else part.rows.joined(values)
+
+    def delays(self, index: int) -> NDArray[np.integer[Any]]:
+        """The delays of all synapses of a projection in steps, shape (1,) where shared."""
+        part = self.projections[index]
+        shortest, longest = part.delay_span
+        if part.share.number == 1:
+            return part.delay
+        return np.array([longest]) if shortest == longest else self.joined(index, part.delay)
+
+    def own(self, index: int, values: NDArray[Any]) -> NDArray[Any]:
+        """Of the values of all synapses of a projection those of the share."""
+        part = self.projections[index]
+        return values if part.share.number == 1 or len(values) == 1 else values[part.rows.places()]
+
+    def own_synapses(self, index: int) -> tuple[Ints, Ints, Ints]:
+        """As `synapses`, of those of the share; the places are among these."""
+        part = self.projections[index]
+        if part.share.number == 1:
+            return self.synapses(index)
+        sizes = self.populations[part.source].size, self.populations[part.target].size
+        return (*connections_of(part, *sizes), np.arange(part.targets.size))
 
     def synapses(self, index: int) -> tuple[Ints, Ints, Ints]:
         """Source, target and place of the weight of every synapse of a projection, in the order of its weights.

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from neuro.kernels.jit import kernel
 from neuro.program.backend import Spikes
-from neuro.program.program import Ints, Program
+from neuro.program.program import Ints, Population, Program
 
 Part = tuple[NDArray[Any], NDArray[Any], NDArray[Any]]
 _NAMES = ("record.steps", "record.ids", "record.counts")
@@ -116,25 +116,28 @@ class ListedSpikes:
     ) -> None:
         self._a, self._begins = arrays, begins
         self._cursor_shape = (threads + 1, len(program.populations))
-        self._spikes: dict[int, tuple[Ints, Ints]] = {
-            k: (p.spike_steps, p.spike_ids) for k, p in enumerate(program.populations) if p.kind == "listed"
+        self._spikes: dict[int, tuple[Ints, ...]] = {
+            k: (p.spike_steps, p.spike_ids, *((p.spike_payloads,) if p.model.graded else ()))
+            for k, p in enumerate(program.populations)
+            if p.kind == "listed"
         }
         self._first: dict[int, int] = {}
         self._room: dict[int, int] = {}
         self._write(0)
 
-    def add(self, population: int, steps: Ints, ids: Ints, now: int) -> bool:
-        """Add spikes after step `now`; return whether arrays were replaced."""
-        old_steps, old_ids = self._spikes[population]
-        ahead = old_steps > now
+    def add(self, population: int, steps: Ints, ids: Ints, now: int, payloads: Ints | None = None) -> bool:
+        """Add spikes after step `now`, with payloads where they are graded; return whether arrays were replaced."""
+        old = self._spikes[population]
+        new: tuple[Ints, ...] = (steps, ids) if payloads is None else (steps, ids, payloads)
+        ahead = old[0] > now
         if ahead.any():
-            steps, ids = np.concatenate([old_steps[ahead], steps]), np.concatenate([old_ids[ahead], ids])
-        self._spikes[population] = steps, ids
-        return self._put(population, _with_multiplicity(steps, self._begins[population] + ids), now)
+            new = tuple(np.concatenate([one[ahead], other]) for one, other in zip(old, new, strict=True))
+        self._spikes[population] = new
+        return self._put(population, _rows(*new, begin=self._begins[population]), now)
 
     def replace(self, population: int, steps: Ints, ids: Ints, now: int) -> bool:
         """Let these, sorted by step, then id, be all that a population has; return whether arrays were replaced."""
-        self._spikes[population] = (_NO_INTS, _NO_INTS)
+        self._spikes[population] = (_NO_INTS,) * len(self._spikes[population])
         neurons = ids + self._begins[population]
         return self._put(population, np.column_stack([steps, neurons, np.ones_like(steps)]), now)
 
@@ -169,16 +172,16 @@ class ListedSpikes:
 
     def drop(self, population: int) -> None:
         """Forget the spikes of a population."""
-        self._spikes[population] = (_NO_INTS, _NO_INTS)
+        self._spikes[population] = (_NO_INTS,) * len(self._spikes[population])
         self._a["cursor"][:-1, population] = self._a["cursor"][-1, population]
 
     def _write(self, now: int) -> None:
         """Write all spikes after step `now`, equal ones joined."""
         cursor = np.zeros(self._cursor_shape, dtype=np.int64)
         columns, at = [np.zeros((0, 3), dtype=np.int64)], 0
-        for k, (steps, ids) in self._spikes.items():
-            ahead = steps > now
-            rows = _with_multiplicity(steps[ahead], self._begins[k] + ids[ahead])
+        for k, spikes in self._spikes.items():
+            ahead = spikes[0] > now
+            rows = _rows(*(column[ahead] for column in spikes), begin=self._begins[k])
             self._first[k] = at
             cursor[:-1, k], cursor[-1, k] = at, at + len(rows)
             room = max(len(rows), self._room.get(k, 0))
@@ -190,14 +193,31 @@ class ListedSpikes:
 
     def snapshot(self) -> dict[str, NDArray[Any]]:
         """The spikes by population."""
-        return {f"listed.{k}": np.stack([steps, ids]) for k, (steps, ids) in self._spikes.items()}
+        return {f"listed.{k}": np.stack(spikes) for k, spikes in self._spikes.items()}
 
     def restore(self, arrays: Mapping[str, NDArray[Any]], now: int) -> None:
         """Take over a snapshot."""
         for k in self._spikes:
-            steps, ids = arrays[f"listed.{k}"]
-            self._spikes[k] = (steps.copy(), ids.copy())
+            self._spikes[k] = tuple(column.copy() for column in arrays[f"listed.{k}"])
         self._write(now)
+
+
+def _rows(steps: Ints, ids: Ints, payloads: Ints | None = None, *, begin: int) -> Ints:
+    """Rows (step, neuron, multiplicity or payload), sorted; equal ones joined."""
+    if payloads is None:
+        return _with_multiplicity(steps, begin + ids)
+    pairs, which = np.unique(np.stack([steps, begin + ids], axis=1), axis=0, return_inverse=True)
+    sums = np.zeros(len(pairs), dtype=np.int64)
+    np.add.at(sums, which.ravel(), payloads)
+    rows: Ints = np.column_stack([pairs, sums])[sums != 0]
+    return rows
+
+
+def carrying(part: Population, found: Spikes) -> Spikes:
+    """Recorded spikes of a population, whose numbers are payloads where it is graded."""
+    if not part.model.graded:
+        return found
+    return Spikes(found.steps, found.ids, np.ones_like(found.multiplicity), found.multiplicity)
 
 
 def _with_multiplicity(steps: Ints, neurons: Ints) -> Ints:

@@ -6,7 +6,7 @@ import json
 import os
 import platform
 import tempfile
-from collections.abc import Collection
+from collections.abc import Collection, Iterator
 from dataclasses import asdict, replace
 from importlib.metadata import version
 from pathlib import Path
@@ -53,6 +53,9 @@ class RunSource(Protocol):
     def spikes(self, of: str) -> tuple[Floats, Ints]:
         """Times and neurons of a population."""
 
+    def payloads(self, of: str) -> tuple[Floats, Ints, Ints]:
+        """Likewise of a graded population, with payloads."""
+
     def trace(self, of: str) -> tuple[Floats, Any]:
         """Times and values of a trace."""
 
@@ -64,7 +67,13 @@ class RunSource(Protocol):
 
 
 def collect(
-    sim: RunSource, net: Network, *, threads: int = 1, record: Collection[str] = (), all_weights: bool = False
+    sim: RunSource,
+    net: Network,
+    *,
+    threads: int = 1,
+    record: Collection[str] = (),
+    all_weights: bool = False,
+    weights: bool = True,
 ) -> Results:
     """Gather everything worth keeping.
 
@@ -75,6 +84,7 @@ def collect(
         record: the populations whose spikes to keep; all that were recorded if empty.
         all_weights: keep also the weights of static projections above a million synapses, which follow from
             network and seed.
+        weights: whether weights are kept at all; `all_weights_of` gives them one projection after the other.
     """
     program, counts, raw = sim.program, sim.counts(), sim.taken().raw_counts
     keep = record or [part.name for part in program.populations]
@@ -90,7 +100,7 @@ def collect(
             p.name: replace(_train(sim, p, p.name in keep, counts), spike_counts=spikes, event_counts=events)
             for p, spikes, events in zip(program.populations, raw.spikes, raw.events, strict=True)
         },
-        {p.name: weights_of(sim, p, counts, all_weights=all_weights) for p in program.projections},
+        {p.name: weights_of(sim, p, counts, all_weights=all_weights, kept=weights) for p in program.projections},
         traces(sim),
     )
 
@@ -157,6 +167,10 @@ def _train(sim: RunSource, part: Population, kept: bool, counts: Counts) -> Trai
     train = no_spikes(sim, part, kept, counts)
     if not train.recorded:
         return train
+    if part.model.graded:
+        times, ids, payloads = sim.payloads(part.name)
+        steps, once = Clock(train.resolution_ms).steps(times, "spikes"), np.ones(ids.size, np.int32)
+        return replace(train, steps=steps, ids=ids, multiplicity=once, payloads=payloads.astype(np.int32))
     times, ids = sim.spikes(part.name)
     steps = Clock(train.resolution_ms).steps(times, "spikes")
     first = np.ones(steps.size, bool)
@@ -172,7 +186,8 @@ def no_spikes(sim: RunSource, part: Population, kept: bool, counts: Counts) -> T
     count = asdict(counts.populations[part.name])
     emits = "current" if part.kind == "current" else "spikes"
     words = (part.said, part.shape, count, kept and part.records, sim.program.resolution)
-    return Train(*words, none, none, none.astype(np.int32), zeros, zeros, emits)
+    payloads = none.astype(np.int32) if part.model.graded else None
+    return Train(*words, none, none, none.astype(np.int32), zeros, zeros, emits, payloads)
 
 
 def weights_of(
@@ -189,6 +204,13 @@ def weights_of(
     delay = sim.get(part.name, "delay") if part.synapse.delays else None
     pre, post, weight = sim.weights(part.name)
     return Weights(*words, pre, post, weight, delay)
+
+
+def all_weights_of(sim: RunSource, all_weights: bool) -> Iterator[tuple[str, Weights]]:
+    """The projections by name, with the weights that are kept, one after the other."""
+    counts = sim.counts()
+    for part in sim.program.projections:
+        yield part.name, weights_of(sim, part, counts, all_weights=all_weights)
 
 
 def _trace(sim: RunSource, probe: Probe | SynapseProbe) -> Trace:

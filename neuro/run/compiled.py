@@ -17,8 +17,9 @@ from neuro.core.quantities import Quantity
 from neuro.core.values import shown
 from neuro.model.network import Network
 from neuro.model.neurons import Neuron
-from neuro.program.backend import Backend, Problem, find_backend
+from neuro.program.backend import Backend, Distributed, Problem, find_backend
 from neuro.program.program import Program
+from neuro.program.share import WHOLE
 from neuro.run.copies import Copies
 from neuro.run.simulation import Simulation
 
@@ -93,7 +94,8 @@ def compile(
         parts = {"backend": chosen, "threads": threads, **options}
         return Copies([compile(net, seed=int(seed) + k, **parts) for k in range(copies)])
     try:
-        program = compile_network(net, int(seed), threads)
+        share = chosen.share() if isinstance(chosen, Distributed) else WHOLE
+        program = compile_network(net, int(seed), threads, share)
         _caution(program)
         _report(chosen.name, chosen.problems(program, **options))
         return Simulation(net, chosen.name, program, chosen.build(program, threads=threads, **options))

@@ -29,8 +29,10 @@ class InputFeeder:
     def __init__(self, program: Program, engine: Engine, clock: Clock) -> None:
         self._program, self._engine, self._clock = program, engine, clock
 
-    def inject(self, neurons: Neurons, times: ArrayLike, ids: ArrayLike | None) -> None:
-        """Add spikes to a spike_generator.
+    def inject(
+        self, neurons: Neurons, times: ArrayLike, ids: ArrayLike | None, payloads: ArrayLike | None = None
+    ) -> None:
+        """Add spikes to a spike_generator, with payloads to a graded_spike_train.
 
         Raises:
             ModelError: it is another model, a time has passed or is off the grid, or there is no such neuron.
@@ -39,11 +41,17 @@ class InputFeeder:
         if part.kind != "listed" or part.stream is not None:
             hint = f"sim.feed('{part.name}', events) gives it events" if part.stream is not None else ""
             raise ModelError(f"inject: '{part.name}' is {a(part.said)}: expected a spike_generator", hint=hint)
-        steps, emit = settable.new_spikes(self._clock, times, ids, neurons)
+        if part.model.graded != (payloads is not None):
+            expected = "payloads, one for each time" if part.model.graded else "no payloads"
+            raise ModelError(f"inject: '{part.name}' is {a(part.said)}: expected {expected}")
+        steps, emit, carried = settable.new_spikes(self._clock, times, ids, neurons, payloads)
         if steps.size and steps.min() <= self._engine.step:
             early, now = (self._clock.ms(step) for step in (int(steps.min()), self._engine.step))
             raise ModelError(f"inject: a spike at {early:g} ms: expected times after {now:g} ms, the present")
-        self._engine.inject(neurons.index, steps, emit)
+        if carried is None:
+            self._engine.inject(neurons.index, steps, emit)
+        else:
+            self._engine.inject(neurons.index, steps, emit, carried)
 
     def feed(self, neurons: Neurons, events: Any) -> tuple[Ints, Ints]:
         """Let an event camera emit more events; return the steps and neurons of its spikes.

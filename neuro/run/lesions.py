@@ -7,6 +7,7 @@ from numpy.typing import NDArray
 
 from neuro.core.errors import ModelError
 from neuro.model.synapses import tsodyks2
+from neuro.program.counts import fan_out
 from neuro.program.program import Program
 from neuro.run.handles import Neurons
 
@@ -36,7 +37,7 @@ def outgoing(program: Program, neurons: Neurons) -> list[int]:
 def _reaches(program: Program, index: int, among: NDArray[np.bool_]) -> bool:
     """Whether a projection has synapses from some neurons."""
     part = program.projections[index]
-    return part.layout != "csr" or bool((part.row_ends[1:] > part.row_ends[:-1])[among].any())
+    return part.layout != "csr" or bool(fan_out(program, index)[among].any())
 
 
 def driver(program: Program, neurons: Neurons) -> Neurons:
@@ -49,7 +50,7 @@ def driver(program: Program, neurons: Neurons) -> Neurons:
         part.source
         for part in program.projections
         if part.target == neurons.index
-        and part.layout == "one_to_one"
+        and part.whole_layout == "one_to_one"
         and program.populations[part.source].kind == "poisson"
     ]
     if len(found) > 1:

@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 
 from neuro.model.synapses import Synapse
-from neuro.program.backend import Engine
+from neuro.program.backend import Engine, Spikes
 from neuro.program.program import Population, Program, Projection
 
 _OF_WEIGHTS = ("set", "set_weights", "silence", "restore", "trials")
@@ -36,6 +36,8 @@ def _population(k: int, part: Population, engine: Engine) -> Population:
         emitted = engine.spikes(k, -1) if part.records else None
         if emitted is None or not emitted.steps.size:
             return part
+        if emitted.payloads is not None:
+            return _with_payloads(part, emitted)
         listed, several = np.unique(part.spike_steps * part.size + part.spike_ids, return_counts=True)
         keys = np.concatenate([listed, emitted.steps * part.size + emitted.ids])
         spikes, places = np.unique(keys, return_inverse=True)
@@ -47,6 +49,17 @@ def _population(k: int, part: Population, engine: Engine) -> Population:
         return part
     now = {word: engine.get(k, word) for word in part.parameters}
     return replace(part, parameters={word: v[:1] if (v == v[0]).all() else v for word, v in now.items()})
+
+
+def _with_payloads(part: Population, emitted: Spikes) -> Population:
+    """A graded population that lists what it has emitted, and what it still lists for later."""
+    later = part.spike_steps > emitted.steps[-1]
+    steps, ids = (
+        np.concatenate([sent, listed[later]])
+        for sent, listed in ((emitted.steps, part.spike_steps), (emitted.ids, part.spike_ids))
+    )
+    payloads = np.concatenate([emitted.payloads, part.spike_payloads[later]]).astype(np.int64)
+    return replace(part, spike_steps=steps, spike_ids=ids, spike_payloads=payloads)
 
 
 def _projection(q: int, part: Projection, engine: Engine, rule: Synapse, changed: bool) -> Projection:

@@ -101,7 +101,8 @@ class ResultsWriter:
         program, counts = self._sim.program, self._sim.counts()
         for index, part in enumerate(program.populations):
             train, kept = collect.no_spikes(self._sim, part, index in self._kept, counts), index in self._kept
-            self._file.add(f"populations/{part.name}", train, ("steps", "ids", "multiplicity"), kept)
+            grows = ("steps", "ids", "multiplicity", *(("payloads",) if part.model.graded else ()))
+            self._file.add(f"populations/{part.name}", train, grows, kept)
         for projection in program.projections:
             weights = collect.weights_of(self._sim, projection, counts, kept=False)
             self._file.add(f"projections/{projection.name}", weights, ())
@@ -140,6 +141,8 @@ class ResultsWriter:
             end = int(np.searchsorted(found.steps, now, side="right"))
             spikes: dict[str, NDArray[Any]] = {"steps": found.steps[:end], "ids": found.ids[:end]}
             spikes["multiplicity"] = found.multiplicity[:end]
+            if found.payloads is not None:
+                spikes["payloads"] = found.payloads[:end]
             self._append(f"populations/{self._sim.program.populations[index].name}", spikes)
         self._engine.forget(now)
         self.drained = now

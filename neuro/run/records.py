@@ -30,6 +30,8 @@ if TYPE_CHECKING:
     from neuro.run.collect import RunSource
     from neuro.run.recording import ResultsWriter
 
+UNGRADED = "'neuro models' says which neurons are graded; sim.spikes gives times and neurons of all"
+
 
 class Records:
     """Runs a network and reads what was recorded of it.
@@ -127,12 +129,22 @@ class Records:
 
     def spikes(self, of: Neurons, since: float | None, until: float | None) -> tuple[Floats, Ints]:
         """Times in ms and neurons, sorted by time, then neuron."""
+        return self._spikes(of, since, until)[:2]
+
+    def payloads(self, of: Neurons, since: float | None, until: float | None) -> tuple[Floats, Ints, Ints]:
+        """Likewise of a graded population, with the payload of each spike."""
+        times, ids, payloads = self._spikes(of, since, until)
+        if payloads is None:
+            raise ModelError(f"payloads of '{of.part.name}', {a(of.part.said)}: its spikes carry none", hint=UNGRADED)
+        return times, ids, payloads
+
+    def _spikes(self, of: Neurons, since: float | None, until: float | None) -> tuple[Floats, Ints, Ints | None]:
         part = of.part
         if not part.records:
             hint = f"net.probe('name', '{part.name}') records them" if isinstance(part.model, Generator) else ""
             raise ModelError(f"spikes of '{part.name}', {a(part.said)}, are not recorded", hint=hint)
         if (results := self._file()) is not None:
-            return results.spikes_of(part.name, of.ids, since, until)
+            return results.graded_spikes_of(part.name, of.ids, since, until)
         self._notice_drained()
         after = -1 if since is None else self._clock.floor(since, "since")
         to = NEVER if until is None else self._clock.floor(until, "until")
@@ -141,12 +153,14 @@ class Records:
         found = self._engine.spikes(of.index, after)
         end = None if until is None else np.searchsorted(found.steps, to, side="right")
         steps, ids, multiplicity = found.steps[:end], found.ids[:end], found.multiplicity[:end]
+        payloads = None if found.payloads is None else found.payloads[:end].astype(np.int64)
         if of.ids is not None:
             kept = of.among()[ids]
             steps, ids, multiplicity = steps[kept], ids[kept], multiplicity[kept]
+            payloads = None if payloads is None else payloads[kept]
         if multiplicity.size and multiplicity.max() > 1:
             steps, ids = np.repeat(steps, multiplicity), np.repeat(ids, multiplicity)
-        return self._clock.array_ms(steps), ids
+        return self._clock.array_ms(steps), ids, payloads
 
     def _notice_drained(self) -> None:
         """What a live run has sent to its file is held no longer."""

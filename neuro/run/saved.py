@@ -94,16 +94,16 @@ def _projection(
     synapse: Synapse,
 ) -> Projection:
     weight = engine.get_synapses(index, "weight")
-    delay = clock.array_ms(_steps(resolved, index, engine, clock.resolution))
+    delay = clock.array_ms(_steps(program, index, engine))
     shape: Callable[[Floats], Any] = _one_or_all
     rule = part.rule
-    if isinstance(rule, all_to_all) and resolved.layout == "dense":
+    if isinstance(rule, all_to_all) and resolved.whole_layout == "dense":
         sizes = (program.populations[resolved.source].size, program.populations[resolved.target].size)
         shape = lambda values: _one_or_all(values, sizes)  # noqa: E731
     elif isinstance(rule, grid) and resolved.grid is not None:
         kernels = weight.reshape(resolved.grid.kernels)
         return replace(part, synapse=synapse, weight=kernels, delay=float(delay[0]))
-    elif resolved.layout != "one_to_one":
+    elif resolved.whole_layout != "one_to_one":
         pre, post = program.connections(index)
         rule = pairs(pre=pre, post=post)
     whole = replace(part, source_view=None, target_view=None)
@@ -112,10 +112,11 @@ def _projection(
     return replace(whole, rule=rule, synapse=synapse, weight=shape(weight), delay=shape(delay))
 
 
-def _steps(part: ResolvedProjection, index: int, engine: Engine, h: float) -> Ints:
+def _steps(program: Program, index: int, engine: Engine) -> Ints:
     """The delays in steps, those that learn as the next spike would take them."""
+    part, h = program.projections[index], program.resolution
     if not part.synapse.delays:
-        return part.delay.astype(np.int64)
+        return program.delays(index).astype(np.int64)
     fewest, most = part.delay_range(h)
     learnt = engine.get_synapses(index, "delay")
     return np.array([steps_of(delay, h, fewest, most) for delay in learnt], dtype=np.int64)

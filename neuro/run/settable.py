@@ -289,11 +289,18 @@ def new_weights(
     return full
 
 
-def new_spikes(clock: Clock, times: ArrayLike, ids: ArrayLike | None, of: Neurons) -> tuple[Ints, Ints]:
-    """Steps and neurons of spikes, sorted by step, then neuron; without ids each neuron of those emits at all times."""
+def new_spikes(
+    clock: Clock, times: ArrayLike, ids: ArrayLike | None, of: Neurons, payloads: ArrayLike | None = None
+) -> tuple[Ints, Ints, Ints | None]:
+    """Steps, neurons and payloads, if given, of spikes, sorted by step, then neuron.
+
+    Without ids each neuron of those emits at all times.
+    """
     steps = clock.steps(_listed(numbers(times, "times"), "times"), "times")
+    carried = None if payloads is None else _payloads(payloads, steps.size)
     if ids is None:
         every = np.flatnonzero(of.among())
+        carried = None if carried is None else np.repeat(carried, every.size)
         steps, ids = np.repeat(steps, every.size), np.tile(every, steps.size)
     neurons = _listed(neuron_ids(ids, of.part.size), "ids")
     if of.ids is not None and (outside := np.flatnonzero(~of.among()[neurons])).size:
@@ -301,7 +308,17 @@ def new_spikes(clock: Clock, times: ArrayLike, ids: ArrayLike | None, of: Neuron
     if steps.shape != neurons.shape:
         raise ModelError(f"{steps.size} times and {neurons.size} ids: expected as many of each")
     order = np.lexsort((neurons, steps))
-    return steps[order], neurons[order]
+    return steps[order], neurons[order], None if carried is None else carried[order]
+
+
+def _payloads(payloads: ArrayLike, times: int) -> Ints:
+    found = _listed(numbers(payloads, "payloads"), "payloads")
+    if found.size != times:
+        raise ModelError(f"{times} times and {found.size} payloads: expected as many of each")
+    bad = np.flatnonzero((found != np.rint(found)) | (np.abs(found) >= 2**31))
+    if bad.size:
+        raise ModelError(f"payloads[{bad[0]}] = {found[bad[0]]:g}: expected a whole number of 32 bits")
+    return found.astype(np.int64)
 
 
 def _listed(array: NDArray[Any], what: str) -> NDArray[Any]:

@@ -351,7 +351,13 @@ class Simulation:
     # input and output
 
     @alone
-    def inject(self, of: Population | View | str, times: ArrayLike, ids: ArrayLike | None = None) -> None:
+    def inject(
+        self,
+        of: Population | View | str,
+        times: ArrayLike,
+        ids: ArrayLike | None = None,
+        payloads: ArrayLike | None = None,
+    ) -> None:
         """Add spikes to a spike_generator.
 
         Args:
@@ -359,8 +365,9 @@ class Simulation:
             times: in ms, on the grid of steps and later than `time`.
             ids: its neurons, one for each time; of a view these are ids of the population, too, and must be among
                 those of the view. If not given, each neuron emits at all times.
+            payloads: of a graded_spike_train, whole numbers, one for each time.
         """
-        self._inputs.inject(self.handles.neurons(of), times, ids)
+        self._inputs.inject(self.handles.neurons(of), times, ids, payloads)
         self.steered["inject"] = None
 
     @alone
@@ -464,6 +471,17 @@ class Simulation:
             ModelError: they are not recorded, or a time is asked of which they were forgotten, or are in a file only.
         """
         return self._records.spikes(self.handles.neurons(of), since, until)
+
+    @alone
+    def payloads(
+        self, of: Population | View | str, since: float | None = None, until: float | None = None
+    ) -> tuple[Floats, Ints, Ints]:
+        """Recorded spikes of a graded population, as `spikes` gives them, and the payload of each.
+
+        Raises:
+            ModelError: as `spikes`, or its spikes carry no payloads.
+        """
+        return self._records.payloads(self.handles.neurons(of), since, until)
 
     @alone
     def trace(self, of: Probe | str) -> tuple[Floats, Any]:
@@ -636,6 +654,7 @@ class Simulation:
         from neuro.chips.pricing.price import bill
 
         counts = self._engine.counts() if of is None else of.raw_counts
+        self.program.refuse_share("energy")
         return bill(self.program, counts, target, step_s=step_s, chips=chips)
 
     @alone
@@ -674,6 +693,7 @@ class Simulation:
         Raises:
             ModelError: an argument is not as described.
         """
+        self.program.refuse_share("doctor")
         from neuro.diagnosis.doctor import backend_of_copy, examine, options_of, refused
         from neuro.run.present import present
 

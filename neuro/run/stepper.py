@@ -102,7 +102,7 @@ class Stepper:
         self._count = [handles.neurons(part).index for part in count]
         for index in self._emit:
             part = program.populations[index]
-            if part.kind != "listed" or part.stream is not None:
+            if part.kind != "listed" or part.stream is not None or part.model.graded:
                 raise ModelError(f"stepper: '{part.name}' is {a(part.said)}: expected a spike_generator")
         if not joined.plain:
             raise ModelError(

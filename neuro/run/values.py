@@ -178,7 +178,8 @@ class SynapseValues:
         if what == "weight":
             return self.weights(index)
         if what == "delay" and not part.synapse.delays:
-            return np.broadcast_to(self._clock.array_ms(part.delay.astype(np.int64)), part.size).copy()
+            delay = self._clock.array_ms(self._program.delays(index).astype(np.int64))
+            return np.broadcast_to(delay, part.size).copy()
         rule, word = self._rules[index], word_of(what) if isinstance(what, str) else ""
         if word in rule.numbers() and word not in known:
             return np.full(part.size, rule.parameters()[word], dtype=np.float64)

@@ -2,6 +2,7 @@
 
 | kind | known by | compared |
 | --- | --- | --- |
+| loihi2 | cases by name | see `neuro.verify.loihi2` |
 | loihi, single neurons | `cases` with `du` | u, v and spikes of every case |
 | loihi, feedforward | `params` with `du1`, arrays `w1`, `w2` | u, v and spikes of both layers, also without bias |
 | spinnaker | `cases` with `registers` | v, g_exc, g_inh and spikes of every case |
@@ -29,7 +30,8 @@ from neuro.model.rules import pairs
 from neuro.model.synapses import Synapse, loihi_static
 from neuro.program.backend import Backend, OverflowWarning
 from neuro.program.program import Floats
-from neuro.verify.comparison import Golden, TraceComparison
+from neuro.verify.comparison import Golden, TraceComparison, equal
+from neuro.verify.loihi2 import compare_loihi2, is_of_loihi2
 
 FOLLOWED = "nengo_loihi"
 
@@ -37,6 +39,8 @@ FOLLOWED = "nengo_loihi"
 def chip_of(facts: Mapping[str, Any]) -> str:
     """The chip whose traces a file holds, "" if it is of none."""
     cases = facts.get("cases")
+    if is_of_loihi2(facts):
+        return "loihi2"
     first = cases[0] if isinstance(cases, list) and cases and isinstance(cases[0], Mapping) else {}
     if "registers" in first:
         return "spinnaker"
@@ -54,7 +58,9 @@ def compare_chip(golden: Golden, backend: str | Backend) -> Iterator[TraceCompar
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", neuro.run.compiled.ApproximationWarning)
         warnings.simplefilter("ignore", OverflowWarning)
-        if "params" in golden.facts:
+        if chip_of(golden.facts) == "loihi2":
+            yield from compare_loihi2(golden, backend)
+        elif "params" in golden.facts:
             for biased in (True, False):
                 yield from _feedforward(golden, backend, biased)
         elif chip_of(golden.facts) == "spinnaker":
@@ -77,7 +83,7 @@ def _single(
     _connect(net, "in", "out", weights[None, :], _synapse(case), delays)
     sim = _run(net, int(case["T"]), {"out": ("u", "v")}, backend)
     for name in ("u", "v", "s"):
-        yield _equal(
+        yield equal(
             case["name"], name, _found(sim, "out", name, int(case["T"]))[:, 0], _expected(arrays, case["name"], name)
         )
 
@@ -98,7 +104,7 @@ def _feedforward(golden: Golden, backend: str | Backend, biased: bool) -> Iterat
     for layer in (1, 2):
         for name in ("u", "v", "s"):
             found = _found(sim, f"layer{layer}", name, steps)
-            yield _equal(f"{case}layer{layer}", name, found, arrays[f"{case}{name}{layer}"])
+            yield equal(f"{case}layer{layer}", name, found, arrays[f"{case}{name}{layer}"])
 
 
 def _spinnaker(
@@ -117,7 +123,7 @@ def _spinnaker(
     steps = int(case["T"])
     sim = _run(net, steps, {"out": ("v", "g_exc", "g_inh")}, backend)
     for name, theirs in (("v", "v_post"), ("g_exc", "g_exc"), ("g_inh", "g_inh"), ("s", "spikes")):
-        yield _equal(case["name"], name, _found(sim, "out", name, steps), arrays[f"{case['name']}__{theirs}"])
+        yield equal(case["name"], name, _found(sim, "out", name, steps), arrays[f"{case['name']}__{theirs}"])
 
 
 def _add_sources(net: Network, spikes: Any, n: int) -> None:
@@ -167,16 +173,3 @@ def _found(sim: neuro.run.simulation.Simulation, population: str, name: str, ste
 def _expected(arrays: Mapping[str, NDArray[Any]], case: str, name: str) -> NDArray[Any]:
     """The recorded array, or that of the emulator that is followed where they disagree."""
     return arrays.get(f"{case}__{name}__{FOLLOWED}", arrays[f"{case}__{name}"])
-
-
-def _equal(case: str, quantity: str, found: NDArray[Any], expected: NDArray[Any]) -> TraceComparison:
-    name = "spikes" if quantity == "s" else quantity
-    if found.shape != expected.shape:
-        text = f"shape {list(found.shape)}: expected {list(expected.shape)}"
-        return TraceComparison(name, float("inf"), text, case=case, exact=True)
-    wrong = np.argwhere(found != expected)
-    if not wrong.size:
-        return TraceComparison(name, 0.0, case=case, exact=True)
-    at = tuple(int(i) for i in wrong[0])
-    text = f"{len(wrong)} differ, first {list(at)}: {found[at]}: expected {expected[at]}"
-    return TraceComparison(name, float(len(wrong)), text, case=case, exact=True)

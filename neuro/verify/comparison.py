@@ -6,6 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
+import numpy as np
 from numpy.typing import NDArray
 
 from neuro.core.clock import Clock
@@ -46,3 +47,17 @@ class TraceComparison:
     case: str = ""
     exact: bool = False
     limit: float = LIMIT
+
+
+def equal(case: str, quantity: str, found: NDArray[Any], expected: NDArray[Any]) -> TraceComparison:
+    """Whether whole numbers are equal, and if not, where the first is that differs."""
+    name = "spikes" if quantity == "s" else quantity
+    if found.shape != expected.shape:
+        text = f"shape {list(found.shape)}: expected {list(expected.shape)}"
+        return TraceComparison(name, float("inf"), text, case=case, exact=True)
+    wrong = np.argwhere(found != expected)
+    if not wrong.size:
+        return TraceComparison(name, 0.0, case=case, exact=True)
+    at = tuple(int(i) for i in wrong[0])
+    text = f"{len(wrong)} differ, first {list(at)}: {found[at]}: expected {expected[at]}"
+    return TraceComparison(name, float(len(wrong)), text, case=case, exact=True)

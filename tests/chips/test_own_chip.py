@@ -96,7 +96,7 @@ MISTAKES = {
     ),
     "a table without arithmetic": (
         "limits:\n  delay_max: {value: 3, source: x}\n",
-        "chip 'my' has no arithmetic here: expected one of loihi, spinnaker\n"
+        "chip 'my' has no arithmetic here: expected one of loihi, loihi2, spinnaker\n"
         "  hint: its limits and costs serve placing and energy only",
     ),
 }

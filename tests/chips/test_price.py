@@ -208,7 +208,7 @@ def test_a_table_of_a_user(run, tmp_path):
     energy = price(*run, None, chip(table))
     assert energy.static_j == pytest.approx(2.0 * 10e-3)
     assert "nothing is placed: one chip is taken" in energy.notes
-    table.write_text("like: loihi2\ncosts:\n  weight_write: {value: 2.0, source: me}\n")
+    table.write_text("name: mine\ncosts:\n  weight_write: {value: 2.0, source: me}\n")
     energy = price(*run, None, chip(table))
     assert (energy.total_j, energy.chip_time_s) == (0.0, None)
     bare = "learning_update, neuron_update_active, neuron_update_inactive, synaptic_op"
@@ -230,12 +230,13 @@ def test_per_part(run):
         assert str(caught.value) == f"per = {n!r}: expected a whole number >= 1"
 
 
-def test_mistakes(run):
+def test_mistakes(run, tmp_path):
+    (tmp_path / "bare.yaml").write_text("limits:\n  cores_per_chip: {value: 128, source: me}\n")
     with pytest.raises(ModelError) as caught:
-        price(*run, None, chip("loihi2"))
+        price(*run, None, chip(tmp_path / "bare.yaml"))
     assert str(caught.value) == (
-        "target 'loihi2' has no costs: none is published\n"
-        "  hint: write a table with 'like: loihi2' and 'costs: ...', and name its file as the target"
+        "target 'bare' has no costs: none is published\n"
+        "  hint: write a table with 'like: bare' and 'costs: ...', and name its file as the target"
     )
     with pytest.raises(ModelError) as caught:
         price(*run, None, chip("loihi"))

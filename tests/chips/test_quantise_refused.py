@@ -168,8 +168,8 @@ def test_options_at_their_bounds():
 
 def test_a_chip_without_arithmetic():
     with pytest.raises(ModelError) as error:
-        quantise(one(delta()), chip("loihi2"))
+        quantise(one(delta()), chip("truenorth"))
     assert str(error.value) == (
-        "chip 'loihi2' has no arithmetic here: expected one of loihi, spinnaker\n"
+        "chip 'truenorth' has no arithmetic here: expected one of loihi, loihi2, spinnaker\n"
         "  hint: its limits and costs serve placing and energy only"
     )

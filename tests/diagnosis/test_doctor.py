@@ -15,7 +15,7 @@ from neuro.compiler import compile_network
 from neuro.diagnosis.cell import Cell
 from neuro.model.network import Network
 from neuro.testing.strategies import networks
-from neuro_models import delays, grid_world, hedonists, linear_track, motion, orders
+from neuro_models import areas, delays, grid_world, hedonists, linear_track, motion, orders
 
 ROOT = Path(__file__).parents[2]
 CLI = ROOT / "neuro" / "cli"
@@ -54,6 +54,7 @@ def test_no_false_alarm_on_files_that_ship(file, tmp_path):
 
 
 BUILT = {
+    "areas": lambda: areas.network(areas=2, density=1.0),
     "delays": lambda: delays.gathering(delays.drawn_onsets(0, 4), 3),
     "grid_world": grid_world.network,
     "hedonists": hedonists.network,

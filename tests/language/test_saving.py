@@ -102,6 +102,9 @@ def values(q, names):
             return row | st.lists(row, min_size=1, max_size=40)
         case "train":
             return st.lists(st.tuples(st.floats(0.1, 100.0), st.integers(0, 9)), max_size=30).map(sorted)
+        case "graded_train":
+            row = st.tuples(st.floats(0.1, 100.0), st.integers(0, 9), st.integers(-(2**31) + 1, 2**31 - 1))
+            return st.lists(row, max_size=30).map(sorted)
         case "codes":
             return st.sampled_from(CODES)
         case "choice":

@@ -1,5 +1,6 @@
 """One network in several processes under mpirun: the same result, one file, one voice."""
 
+import json
 import os
 import shutil
 import signal
@@ -13,7 +14,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from neuro.core.provenance import ATTRIBUTE
 from neuro.files.results import read
+from neuro_models import areas
 
 NEURO = Path(sys.executable).with_name("neuro")
 NET = """\
@@ -83,7 +86,9 @@ def test_the_same_result_from_1_2_and_4_processes(folder):
     one = read("1.h5")
     assert one.populations["exc"].ids.size > 100
     for other in (read("2.h5"), read("4.h5")):
-        assert other.about == one.about
+        made = [json.loads(results.about[ATTRIBUTE])["network"] for results in (one, other)]
+        assert made[0] == made[1]
+        assert {**other.about, ATTRIBUTE: ""} == {**one.about, ATTRIBUTE: ""}
         for name, train in one.populations.items():
             assert train.counts == other.populations[name].counts
             for word in ("steps", "ids", "multiplicity"):
@@ -91,6 +96,79 @@ def test_the_same_result_from_1_2_and_4_processes(folder):
         for name, wires in one.projections.items():
             np.testing.assert_allclose(wires.weight, other.projections[name].weight, rtol=0, atol=1e-9)
         np.testing.assert_allclose(one.traces["v"].values, other.traces["v"].values, rtol=0, atol=1e-9)
+
+
+LARGE = """
+import re, sys
+import numpy as np
+import neuro
+net = neuro.Network("large", resolution=0.1)
+for name in ("exc", "inh"):
+    net.population(name, 2000, neuro.iaf_psc_exp(), initial={"V_m": neuro.normal(mean=-58.0, std=5.0)})
+weight, delay = neuro.normal(mean=30.0, std=3.0), neuro.uniform(low=0.1, high=3.0)
+net.connect("exc", "inh", neuro.fixed_total_number(n=3_000_000), weight=weight, delay=delay, name="drawn")
+net.connect("inh", "exc", neuro.fixed_indegree(n=100), weight=-100.0, delay=delay, name="few")
+sim = neuro.compile(net, "nest", seed=3)
+own = [p.targets.nbytes + p.delay.nbytes for p in sim.program.projections]
+status = open("/proc/self/status").read()
+peak = int(re.search(r"VmHWM:\\s+(\\d+)", status)[1])
+sim.run(30.0)
+spikes = [sim.spikes(name) for name in ("exc", "inh")]
+share = sim.program.share
+values = {"own": own, "peak": peak, "fan": sim.counts().synaptic_ops}
+values |= {f"{word} {k}": each[k] for word, each in zip(("exc", "inh"), spikes) for k in (0, 1)}
+np.savez(f"large.{share.number}.{share.index}.npz", **values)
+"""
+
+
+def test_the_memory_of_a_process_is_its_share(folder):
+    Path("large.py").write_text(LARGE)
+    for n in (1, 2, 4):
+        done = subprocess.run(mpirun(n, sys.executable, "large.py"), capture_output=True, check=False, timeout=300)
+        assert done.returncode == 0
+    alone = np.load("large.1.0.npz")
+    for n in (2, 4):
+        ranks = [np.load(f"large.{n}.{rank}.npz") for rank in range(n)]
+        for found in ranks:
+            np.testing.assert_allclose(found["own"], alone["own"] / n, rtol=0.05)
+            assert found["peak"] < alone["peak"]
+            assert found["fan"] == alone["fan"] > 0
+            for name in alone.files[3:]:
+                np.testing.assert_array_equal(found[name], alone[name])
+        assert np.all(sum(found["own"] for found in ranks) == alone["own"])
+
+
+WRONG = """
+import neuro
+net = neuro.Network("wrong")
+net.population("cells", 40, neuro.iaf_psc_exp())
+pre = list(range(40))
+weight = [1.0] * 39 + [-1.0]
+net.connect("cells", "cells", neuro.pairs(pre=pre, post=pre), neuro.stdp(Wmax=2.0), weight=weight, delay=1.0)
+neuro.compile(net, "nest")
+"""
+
+
+def test_a_mistake_in_one_share_is_raised_in_all(folder):
+    Path("wrong.py").write_text(WRONG)
+    done = subprocess.run(
+        mpirun(2, sys.executable, "wrong.py"), capture_output=True, text=True, check=False, timeout=60
+    )
+    assert done.returncode != 0
+    assert done.stderr.count("projection 'cells_cells': weight of synapse 39 -> 39 = -1: expected") >= 1
+
+
+def test_areas_with_delays_between_them(folder):
+    Path("net.yaml").unlink()
+    areas.network(areas=2, scale=0.01, indegree=0.05, density=1.0).save("net.yaml")
+    for n in (1, 2, 4):
+        assert run(n, "--backend", "nest", "--for", 15, "--out", f"{n}.h5").returncode == 0
+    one = read("1.h5")
+    assert sum(train.ids.size for train in one.populations.values()) > 100
+    for other in (read("2.h5"), read("4.h5")):
+        for name, train in one.populations.items():
+            np.testing.assert_array_equal(train.steps, other.populations[name].steps)
+            np.testing.assert_array_equal(train.ids, other.populations[name].ids)
 
 
 def test_a_killed_process_ends_all(folder):
@@ -124,7 +202,9 @@ for _ in range(3):
     sim.set("exc", V_th=np.linspace(-56.0, -54.0, 30), V_m=-60.0)
     sim.run(20.0)
 times, ids = sim.spikes("exc")
-values = [*times, *ids, *sim.get("inh", "V_m"), *sim.get("exc_inh", "c"), *sim.get("relay_exc", "K_plus"), sim.time]
+learnt = sim.network().projections["inh_exc"]
+values = [*learnt.weight.ravel(), *learnt.delay.ravel(), *times, *ids, *sim.get("inh", "V_m"), sim.time]
+values += [*sim.get("exc_inh", "c"), *sim.get("relay_exc", "K_plus")]
 np.save(f"{sys.argv[1]}.{leads():d}.npy", values)
 """
 

@@ -222,3 +222,27 @@ def test_a_conductance_by_name(nest):
         del sim
     assert np.abs(traces[0] - traces[1]).max() < 1e-9
     assert np.ptp(traces[0]) > 3.0
+
+
+def test_thousands_of_projections_have_labels_of_their_own():
+    net = neuro.Network("many")
+    net.population("a", 40, neuro.iaf_psc_exp(), initial={"V_m": -40.0})
+    net.population("b", 40, neuro.iaf_psc_exp())
+    for k in range(2100):
+        one = neuro.pairs(pre=[k % 40], post=[(7 * k) % 40])
+        net.connect("a", "b", one, weight=float(k), delay=1.0, name=f"p{k}")
+    sim = neuro.compile(net, "nest")
+    sim.run(3.0)
+    assert sim.get("p2099", "weight").tolist() == [2099.0]
+    sim.set("p2099", weight=-1.0)
+    assert [sim.get(f"p{k}", "weight").item() for k in (51, 2098, 2099)] == [51.0, 2098.0, -1.0]
+
+
+def test_too_many_synapses_of_two_neurons_are_refused():
+    net = neuro.Network("deep")
+    net.population("a", 1, neuro.iaf_psc_exp())
+    net.connect("a", "a", neuro.fixed_total_number(n=20_000), name="deep")
+    with pytest.raises(neuro.ModelError) as caught:
+        neuro.compile(net, "nest").run(1.0)
+    expected = "projection 'deep': 20,000 synapses between two neurons: backend 'nest' expects at most 16,384"
+    assert str(caught.value) == expected

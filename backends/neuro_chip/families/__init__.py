@@ -7,10 +7,10 @@ from __future__ import annotations
 
 from neuro.chips.description import Chip
 from neuro_chip import tables as t
-from neuro_chip.families import loihi, spinnaker
+from neuro_chip.families import loihi, loihi2, spinnaker
 from neuro_chip.families.family import ChipFamily
 
-FAMILIES = {family.arithmetic.name: family for family in (loihi.FAMILY, spinnaker.FAMILY)}
+FAMILIES = {family.arithmetic.name: family for family in (loihi.FAMILY, loihi2.FAMILY, spinnaker.FAMILY)}
 STEPS = {kind: step for family in FAMILIES.values() for kind, step in family.steps.items()}
 """The step of each kind of population of all families."""
 

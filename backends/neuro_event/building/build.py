@@ -14,6 +14,7 @@ from neuro.core.threads import mapped
 from neuro.kernels.beside import addresses
 from neuro.kernels.instructions import LANES
 from neuro.model.neurons import Generator, Neuron
+from neuro.model.neurons.base import PAYLOAD
 from neuro.model.parts import lateral_reset, local_winners, winner_take_all
 from neuro.program.program import Floats, Ints, Program
 from neuro_event.building import joined_rows, layout, thread_partition
@@ -126,6 +127,8 @@ def _populations(a: EventArrays) -> None:
         if isinstance(p.model, Neuron):
             model = p.model
             row[t.RECEPTORS], row[t.RELAY], row[t.LINEAR] = model.receptors, int(model.relay), int(model.linear)
+            if model.graded:
+                row[t.PAYLOAD] = [state.name for state in model.states].index(PAYLOAD)
     for k, group in enumerate(a.program.groups):
         pops[group.population, t.GROUP] = k
     pops[:, t.CARRIED] = 0

@@ -2,49 +2,49 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from functools import partial
 from itertools import groupby
 from typing import Any
+from weakref import WeakKeyDictionary
 
 import numpy as np
 from numpy.typing import NDArray
 
+from neuro.core.errors import ModelError
 from neuro.core.threads import mapped
 from neuro.model.neurons import Neuron
-from neuro.program.program import Ints, Program
+from neuro.program.compact import CompactProjection, is_single
+from neuro.program.program import Floats, Ints, Program, StoredSynapses
 from neuro_event.building import layout
 from neuro_event.building.arrays import EventArrays
 from neuro_event.loop import tables as t
-from neuro_event.loop.arrivals import count_runs
-from neuro_event.loop.joined_rows import lay_joined
+from neuro_event.loop.joined_rows import lay_joined, list_joined
 
-SHARED = 2
-"""Projections in a joined row, on average, from which on there are any."""
-
-SHORT = 8
-"""Synapses in a run of the projections by themselves, on average, below which rows are joined."""
-
-MOST = 1 << 27
-"""Synapses of all joined rows, which are a second copy: 12 bytes each."""
+AT_ONCE = 1 << 17
+"""Synapses that are laid out at a time, so that they stay in the second cache."""
 
 _RECEPTORS = 2
 """The most receptors of a target: the place of an input tells its block."""
+
+NAMES = ("joined_runs", "joined_steps", "joined_weights", "joined_singles", "joined_bases")
+"""The arrays of joined rows."""
+
+TABLES = ("joined", "joined_reach")
 
 Row = list[int]
 """The projections, all of one source, whose synapses a joined row holds."""
 
 
 def choose(program: Program) -> frozenset[int]:
-    """The projections in joined rows; none if these would not be shared, or gain little."""
+    """The projections in joined rows: all whose spikes arrive at many times, as far as sums keep their order."""
     kept = {q for q in range(len(program.projections)) if _can_be_joined(program, q)}
     rows = _rows(program, _stretches(program, kept))
-    while unfit := {q for row in rows if not _is_filled(program, row) for q in row}:
+    while unfit := {q for row in rows if not _is_filled(program, row) for q in row if not _in_runs(program, q)}:
         kept -= unfit
         rows = _rows(program, _stretches(program, kept))
-    joined = [q for row in rows for q in row]
-    synapses = sum(program.projections[q].size for q in joined)
-    short = synapses < SHORT * sum(_runs(program, [q]) for q in joined)
-    return frozenset(joined if short and synapses <= MOST and len(joined) >= SHARED * len(rows) else ())
+    return frozenset(q for row in rows for q in row)
 
 
 def _can_be_joined(program: Program, q: int) -> bool:
@@ -69,22 +69,33 @@ def _stretches(program: Program, kept: set[int]) -> list[Row]:
 
 def _rows(program: Program, stretches: list[Row]) -> list[Row]:
     """The joined rows of what arrives at each target, in an order that keeps that of every sum."""
-    rank: dict[int, int] = {}
+    rank: dict[tuple[int, bool], int] = {}
     rows: dict[tuple[int, int], Row] = {}
     for stretch in stretches:
         layer, last = 0, -1
         for q in stretch:
-            at = rank.setdefault(program.projections[q].source, len(rank))
+            at = rank.setdefault((program.projections[q].source, _by_sign(program, q)), len(rank))
             # Sources in another order than elsewhere, or a second time, go on in later rows.
             layer, last = layer + (at <= last), at
             rows.setdefault((layer, at), []).append(q)
     return [rows[place] for place in sorted(rows)]
 
 
+def _by_sign(program: Program, q: int) -> bool:
+    """Whether weights below 0 go to another receptor than the others."""
+    p = program.projections[q]
+    model = program.populations[p.target].model
+    return p.receptor is None and isinstance(model, Neuron) and model.receptors == _RECEPTORS
+
+
 def _is_filled(program: Program, row: Row) -> bool:
     """Whether most runs are not empty, or are few."""
     parts = [program.projections[q] for q in row]
-    return _runs(program, row) <= sum(p.size for p in parts) or all(layout.in_runs(program, p) for p in parts)
+    return _runs(program, row) <= sum(p.size for p in parts) or all(_in_runs(program, q) for q in row)
+
+
+def _in_runs(program: Program, q: int) -> bool:
+    return layout.in_runs(program, program.projections[q])
 
 
 def _runs(program: Program, row: Row) -> int:
@@ -95,7 +106,10 @@ def _runs(program: Program, row: Row) -> int:
 
 
 def join(a: EventArrays) -> None:
-    """Lay out the joined rows, with the weights of now; projections that have a ring by now are left out."""
+    """Lay out the joined rows, with the weights of now; projections that have a ring by now are left out.
+
+    Of very many synapses the rows are the only copy: the program's arrays are freed row by row.
+    """
     part(a)
     a.parted = False
     stretches = []
@@ -106,19 +120,43 @@ def join(a: EventArrays) -> None:
             pop[t.JOINED], pop[t.JOINED_END] = places[0], places[-1] + 1
             stretches.append([q for q in arriving if q in a.joined])
     rows = _rows(a.program, stretches)
+    laid = _IN_PLACE.get(a.program)
+    unchanged = as_described(a).issuperset(q for row in rows for q in row)
+    if laid is not None and unchanged and laid.rows == rows and np.array_equal(laid.edges, a.net["edges"]):
+        a.net |= laid.net
+        return
     table = np.full((len(rows), t.PROJECTION_COLUMNS), t.NONE, dtype=np.int64)
-    runs = synapses = 0
-    for columns, row in zip(table, rows, strict=True):
-        columns[[t.SOURCE, t.RUN, t.SYNAPSE]] = a.program.projections[row[0]].source, runs, synapses
-        spans = np.array([a.program.projections[q].delay_span for q in row])
+    bases = np.zeros((len(rows), _threads(a)), dtype=np.int64)
+    reach = np.zeros((len(rows), len(a.program.populations)), dtype=np.uint8)
+    n_runs = 0
+    for k, (columns, row) in enumerate(zip(table, rows, strict=True)):
+        parts = [a.program.projections[q] for q in row]
+        spans = np.array([p.delay_span for p in parts])
+        columns[[t.ROW, t.SOURCE, t.RUN]] = k, parts[0].source, n_runs
         columns[t.SHORTEST], columns[t.DELAYS] = spans[:, 0].min(), np.ptp(spans) + 1
-        runs += _runs(a.program, row) * _threads(a) + 1
-        synapses += sum(a.program.projections[q].size for q in row)
-    a.net["joined"] = table
-    a.net["joined_runs"] = np.zeros(runs, dtype=np.uint32)
-    a.net["joined_targets"] = np.empty(synapses, dtype=np.int32)
-    a.net["joined_weights"] = np.empty(synapses)
-    list(mapped(partial(_lay, a), list(zip(table, rows, strict=True)), _threads(a)))
+        columns[t.SINGLE] = all(is_single(weights(a, q)) for q in row)
+        signs = {layout.sign(weights(a, q)) for q in row} if _by_sign(a.program, row[0]) else {t.POSITIVE}
+        columns[t.SIGN] = signs.pop() if len(signs) == 1 else t.MIXED
+        targets = a.net["pops"][[p.target for p in parts]]
+        blocks = (targets[:, t.LAST_BLOCK] - targets[:, t.FIRST_BLOCK]).sum()
+        # Two synapses a block mark nearly all of them anyway.
+        columns[t.WAKE_ALL] = 1 + 2 * blocks * _runs(a.program, row) // sum(p.size for p in parts)
+        reach[k, [p.target for p in parts]] = 1
+        n_runs += _runs(a.program, row) * _threads(a) + 1
+    a.net |= {"joined": table, "joined_bases": bases, "joined_reach": reach}
+    a.net["joined_runs"] = np.zeros(n_runs, dtype=np.uint32)
+    sizes = np.array([_count(a, columns, row) for columns, row in zip(table, rows, strict=True)], dtype=np.int64)
+    table[:, t.SYNAPSE] = np.cumsum(sizes) - sizes
+    for single, name, kind in ((1, "joined_singles", np.float32), (0, "joined_weights", np.float64)):
+        own = sizes * (table[:, t.SINGLE] == single)
+        table[table[:, t.SINGLE] == single, t.WEIGHT] = (np.cumsum(own) - own)[table[:, t.SINGLE] == single]
+        a.net[name] = np.empty(own.sum(), dtype=kind)
+    a.net["joined_steps"] = np.empty(sizes.sum(), dtype=np.uint16)
+    # Freed as they are laid out: two copies of a large network would not fit.
+    for columns, row in zip(table, rows, strict=True):
+        _lay(a, columns, row)
+    if unchanged and any(isinstance(p, CompactProjection) for p in a.program.projections):
+        _IN_PLACE[a.program] = LaidRows(rows, a.net["edges"], {name: a.net[name] for name in (*NAMES, *TABLES)})
 
 
 def part(a: EventArrays) -> None:
@@ -128,41 +166,176 @@ def part(a: EventArrays) -> None:
     pops[:, t.JOINED] = pops[:, t.JOINED_END] = pops[:, t.ARRIVALS]
     a.net["joined"] = np.zeros((0, t.PROJECTION_COLUMNS), dtype=np.int64)
     a.net["joined_runs"] = np.zeros(0, dtype=np.uint32)
-    a.net["joined_targets"] = np.zeros(0, dtype=np.int32)
-    a.net["joined_weights"] = np.zeros(0)
+    a.net["joined_steps"] = np.zeros(0, dtype=np.uint16)
+    a.net["joined_weights"], a.net["joined_singles"] = np.zeros(0), np.zeros(0, dtype=np.float32)
+    a.net["joined_bases"] = np.zeros((0, _threads(a)), dtype=np.int64)
+    a.net["joined_reach"] = np.zeros((0, len(a.program.populations)), dtype=np.uint8)
+
+
+def as_described(a: EventArrays) -> frozenset[int]:
+    """The projections in joined rows whose weights are the program's."""
+    return frozenset(q for q in a.joined if a.net["projections"][q, t.WEIGHT] < 0)
+
+
+def weights(a: EventArrays, q: int) -> NDArray[np.floating[Any]]:
+    """The weights that a projection of joined rows adds, in internal order: those that were set, else the program's."""
+    first, stride = a.net["projections"][q, [t.WEIGHT, t.WEIGHT_STRIDE]].tolist()
+    if first < 0:
+        return layout.internal_weights(a.program, q, a.synapses[q].order)
+    set_: Floats = a.net["weights"][first : first + (a.program.projections[q].size if stride else 1)]
+    return set_
 
 
 def _threads(a: EventArrays) -> int:
     return int(a.net["edges"].shape[1] - 1)
 
 
-def _lay(a: EventArrays, given: tuple[Ints, Row]) -> None:
-    """Lay out a joined row."""
-    columns, row = given
-    runs = a.net["joined_runs"][columns[t.RUN] :][: _runs(a.program, row) * _threads(a) + 1]
-    places, weights = (a.net[name][columns[t.SYNAPSE] :] for name in ("joined_targets", "joined_weights"))
-    span = int(columns[t.SHORTEST]), int(columns[t.DELAYS])
-    for q in row:
-        count_runs(*_synapses(a, q), *span, runs)
+def _begin(a: EventArrays, q: int) -> int:
+    """The place in x of the first target of a projection; what goes apart by sign lies behind all of these."""
+    receptor = max(int(a.net["projections"][q, t.RECEPTOR]), 0)
+    return a.places[a.program.projections[q].target].begin + receptor * int(a.net["x"].shape[1])
+
+
+def _row_runs(a: EventArrays, columns: Ints) -> NDArray[np.uint32]:
+    n = a.program.populations[int(columns[t.SOURCE])].size * int(columns[t.DELAYS]) * _threads(a)
+    found: NDArray[np.uint32] = a.net["joined_runs"][columns[t.RUN] :][: n + 1]
+    return found
+
+
+def _count(a: EventArrays, columns: Ints, row: Row) -> int:
+    """Where the runs of a joined row end; return how many synapses it takes, with the steps between them."""
+    runs = _row_runs(a, columns)
+    a.net["joined_bases"][columns[t.ROW]] = _bases(a, row)
+    _walk(a, columns, row, runs[1:], np.zeros(0, dtype=np.uint16), np.zeros(0))
     np.cumsum(runs, out=runs)
-    following = runs[:-1].copy()
+    return int(runs[-1])
+
+
+def _lay(a: EventArrays, columns: Ints, row: Row) -> None:
+    """Lay out a joined row, in place of the program's arrays if these are many."""
+    weights_of = "joined_singles" if columns[t.SINGLE] else "joined_weights"
+    steps, laid = a.net["joined_steps"][columns[t.SYNAPSE] :], a.net[weights_of][columns[t.WEIGHT] :]
+    following, taken = _row_runs(a, columns)[:-1].copy(), _taken_over(a, row)
+    try:
+        _walk(a, columns, row, following, steps, laid, [*taken.values()])
+    except BaseException:
+        for p in taken.values():
+            if p.has_arrays:
+                p.release(partial(_refuse, p.name))
+        raise
+    net = {name: a.net[name] for name in NAMES}
+    for q, p in taken.items():
+        n, negated = a.program.populations[p.target].size, p.receptor is not None and p.receptor.negated
+        p.release(partial(_made_anew, p.row_ends, p.kinds, net, columns, _begin(a, q), n, negated))
+
+
+def _refuse(name: str) -> StoredSynapses:
+    raise ModelError(
+        f"projection '{name}': its synapses are lost, as the run was interrupted while they were put in order: "
+        "expected a network that is compiled anew"
+    )
+
+
+def _taken_over(a: EventArrays, row: Row) -> dict[int, CompactProjection]:
+    """The projections whose arrays a joined row takes the place of, by index."""
+    found = {}
     for q in row:
-        first, stride = a.net["projections"][q, [t.WEIGHT, t.WEIGHT_STRIDE]].tolist()
-        own = a.net["weights"][first:]
-        lay_joined(*_synapses(a, q), *span, own, stride, _inputs(a, q), following, places, weights)
+        p = a.program.projections[q]
+        as_listed = a.synapses[q].order is None and a.net["projections"][q, t.WEIGHT] < 0
+        # A relay needs no weight, so its rows have none.
+        if isinstance(p, CompactProjection) and as_listed and a.net["pops"][p.target, t.RELAY] == 0:
+            found[q] = p
+    return found
 
 
-def _synapses(a: EventArrays, q: int) -> tuple[Ints, NDArray[np.int32], NDArray[np.integer[Any]], Ints]:
+def _walk(
+    a: EventArrays,
+    columns: Ints,
+    row: Row,
+    following: NDArray[np.uint32],
+    steps: NDArray[np.uint16],
+    laid: NDArray[np.floating[Any]],
+    taken: Sequence[CompactProjection] = (),
+) -> None:
+    """Go through the synapses of a joined row, by place within each run, and free those that are taken over."""
+    span = int(columns[t.SHORTEST]), int(columns[t.DELAYS])
+    at = np.tile(a.net["joined_bases"][columns[t.ROW]], following.size // _threads(a))
+    parts = []
+    for q in sorted(row, key=partial(_begin, a)):
+        own = weights(a, q)
+        parts.append((*synapses(a, q), *span, own, int(own.size > 1), _begin(a, q)))
+    n = a.program.populations[int(columns[t.SOURCE])].size
+    # Some sources at a time: the lines on which the synapses of all projections lie stay in the cache.
+    some = max(1, n * AT_ONCE // sum(a.program.projections[q].size for q in row))
+
+    def lay(first: int) -> None:
+        last = min(first + some, n)
+        for part in parts:
+            lay_joined(first, last, *part, at, following, steps, laid)
+        for p in taken:
+            p.discard(first, last)
+
+    list(mapped(lay, range(0, n, some), _threads(a)))
+
+
+def _bases(a: EventArrays, row: Row) -> Ints:
+    """The first place that each thread has of a row's targets."""
+    bases = np.full(_threads(a), np.iinfo(np.int64).max)
+    for q in row:
+        edges = _edges(a, q)
+        bases = np.minimum(bases, np.where(edges[1:] > edges[:-1], _begin(a, q) + edges[:-1], bases))
+    return np.where(bases == np.iinfo(np.int64).max, 0, bases)
+
+
+def _edges(a: EventArrays, q: int) -> Ints:
+    """The edges of the threads among the targets of a projection."""
+    target = a.program.projections[q].target
+    edges: Ints = a.net["edges"][target] * t.BLOCK - a.places[target].begin
+    return edges
+
+
+def synapses(a: EventArrays, q: int) -> tuple[Ints, NDArray[np.integer[Any]], NDArray[np.integer[Any]], Ints]:
     """Ends of the rows, targets and delays of a projection, and the edges of the threads among its targets."""
     p, s = a.program.projections[q], a.synapses[q]
-    delay = p.delay if s.order is None else p.delay[s.order]
-    return s.row_ends, s.targets, delay, a.net["edges"][p.target] * t.BLOCK - a.places[p.target].begin
+    targets, _, delay = p.stored()
+    if s.order is not None:
+        return s.row_ends, s.targets, delay[s.order], _edges(a, q)
+    return s.row_ends, targets if p.layout == "csr" else s.targets, delay, _edges(a, q)
 
 
-def _inputs(a: EventArrays, q: int) -> Ints:
-    """Where the first target of a projection has its input of weights of either sign."""
-    columns, target = a.net["projections"][q], a.program.projections[q].target
-    first = max(int(columns[t.RECEPTOR]), 0)
-    by_sign = columns[t.RECEPTOR] < 0 and a.net["pops"][target, t.RECEPTORS] == _RECEPTORS
-    receptors = np.array([first, first + by_sign], dtype=np.int64)
-    return a.places[target].begin + receptors * int(a.net["x"].shape[1])
+@dataclass(frozen=True, eq=False)
+class LaidRows:
+    """Joined rows that are in place of a program's arrays: every engine with these rows and threads has the same.
+
+    Attributes:
+        rows: the projections of each.
+        edges: of the threads.
+        net: the arrays.
+    """
+
+    rows: list[Row]
+    edges: Ints
+    net: dict[str, NDArray[Any]]
+
+
+_IN_PLACE: WeakKeyDictionary[Program, LaidRows] = WeakKeyDictionary()
+
+
+def _made_anew(
+    row_ends: Ints,
+    kinds: Mapping[str, np.dtype[Any]],
+    net: Mapping[str, NDArray[Any]],
+    columns: Ints,
+    begin: int,
+    n_targets: int,
+    negated: bool,
+) -> StoredSynapses:
+    """Targets, weights and delays of a projection, from its joined row; without a reference to it, which has this."""
+    size = int(row_ends[-1])
+    targets, delay = np.empty(size, dtype=kinds["targets"]), np.empty(size, dtype=kinds["delay"])
+    weight: NDArray[Any] = np.empty(size if "weight" in kinds else 0, dtype=kinds.get("weight"))
+    laid = net["joined_singles" if columns[t.SINGLE] else "joined_weights"][columns[t.WEIGHT] :]
+    runs, steps = net["joined_runs"][columns[t.RUN] :], net["joined_steps"][columns[t.SYNAPSE] :]
+    span, bases = (int(columns[t.SHORTEST]), int(columns[t.DELAYS])), net["joined_bases"][columns[t.ROW]]
+    list_joined(row_ends, runs, steps, laid, *span, bases, begin, begin + n_targets, targets, weight, delay)
+    return targets, 0.0 - weight if negated else weight, delay

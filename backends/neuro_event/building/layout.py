@@ -171,6 +171,8 @@ def synapses(
     plain = not (permuted or own_delays(p) or learns_pairs(p))
     if plain and p.layout in ("dense", "one_to_one"):
         return ArrangedSynapses(t.DENSE if p.layout == "dense" else t.ONE_TO_ONE, _NO_INTS, _NO_TARGETS, None)
+    if index in joined and p.layout == "csr" and not permuted:
+        return ArrangedSynapses(t.CSR, p.row_ends, _NO_TARGETS, None)
     timed = in_runs(program, p) and index not in joined
     if p.layout == "csr" and not permuted and (not timed or by_delay(p.row_ends, p.targets, p.delay)):
         return ArrangedSynapses(t.CSR, p.row_ends, p.targets, None)
@@ -185,7 +187,20 @@ def synapses(
     return ArrangedSynapses(t.CSR, row_ends, post.astype(np.int32), order)
 
 
-def split_rows(row_ends: Ints, targets: NDArray[np.int32], edges: Ints) -> Ints:
+def internal_weights(program: Program, index: int, order: Ints | None) -> NDArray[np.floating[Any]]:
+    """The weights that a static delivery adds: what arrives of the program's, in internal order; 1 for a relay."""
+    p = program.projections[index]
+    target = program.populations[p.target].model
+    if p.carries == "spikes" and isinstance(target, Neuron) and target.relay:
+        return np.ones(1)
+    _, own, _ = p.stored()
+    own = p.arriving(own[order] if order is not None and own.size > 1 else own)
+    if own.size == 1 and (p.grid is not None or p.synapse.learns in ("moves", "trials")):
+        own = np.repeat(own, p.size)
+    return own
+
+
+def split_rows(row_ends: Ints, targets: NDArray[np.integer[Any]], edges: Ints) -> Ints:
     """Row ends cut at the threads' edges (local target ids): synapses of source s for thread k are rows[s T + k] on."""
     threads = edges.size - 1
     if threads == 1:
@@ -204,8 +219,13 @@ def power_of_two(n: int) -> int:
     return 1 << max(0, int(n - 1).bit_length())
 
 
-def sign(weights: Floats) -> int:
+def sign(weights: NDArray[np.floating[Any]]) -> int:
     """Whether all weights go to one receptor."""
-    if weights.size and weights[0] < 0.0:
-        return t.NEGATIVE if weights.max() < 0.0 else t.MIXED
-    return t.POSITIVE if weights.size == 0 or weights.min() >= 0.0 else t.MIXED
+    negative = sum(int(np.count_nonzero(weights[k : k + _PIECE] < 0.0)) for k in range(0, weights.size, _PIECE))
+    if negative == 0:
+        return t.POSITIVE
+    return t.NEGATIVE if negative == weights.size else t.MIXED
+
+
+_PIECE = 1 << 16
+"""Weights that are looked at together, in the cache."""

@@ -29,9 +29,12 @@ def add_projections(a: EventArrays) -> None:
     at_emission = []
     for q, (p, s) in enumerate(zip(program.projections, a.synapses, strict=True)):
         target = program.populations[p.target]
-        row, in_runs = table[q], layout.in_runs(program, p) and q not in a.joined
+        row, in_runs = table[q], layout.in_runs(program, p)
         row[t.SOURCE], row[t.TARGET], row[t.LAYOUT] = p.source, p.target, s.layout
         row[t.RECEPTOR] = t.NONE if p.receptor is None else p.receptor.index
+        if q in a.joined:
+            row[t.LAG], row[t.WAKE_ALL], row[t.DENSE_COUNTS] = p.delay_range(program.resolution)[1], NEVER, 0
+            continue
         if s.layout == t.CSR:
             local = a.net["edges"][p.target] * t.BLOCK - a.places[p.target].begin
             targets.append(s.targets)
@@ -42,7 +45,7 @@ def add_projections(a: EventArrays) -> None:
                 rows.append(layout.split_rows(s.row_ends, s.targets, local) + n_targets)
                 row[t.ROW], n_rows = n_rows, n_rows + rows[-1].size
             n_targets += s.targets.size
-        own = internal_weights(a, q) if p.weight.size else np.zeros(1)
+        own = layout.internal_weights(program, q, s.order) if p.weight.size else np.zeros(1)
         row[t.WEIGHT], row[t.WEIGHT_STRIDE], row[t.SIGN] = (
             n_weights,
             int(own.size > 1 or p.synapse.learns == "moves"),
@@ -65,7 +68,7 @@ def add_projections(a: EventArrays) -> None:
         blocks = a.net["pops"][p.target, t.LAST_BLOCK] - a.net["pops"][p.target, t.FIRST_BLOCK]
         row[t.WAKE_ALL] = _wake_all(p, s, int(blocks))
         row[t.DENSE_COUNTS] = 0
-        if in_runs or q in a.joined:
+        if in_runs:
             row[t.LAG] = p.delay_range(program.resolution)[1]
         elif q in a.plastic_of or row[t.DELAY_STRIDE] == 1:
             longest = p.delay_range(program.resolution)[1]
@@ -93,7 +96,7 @@ def add_projections(a: EventArrays) -> None:
     list_incoming(a)
 
 
-def _sign(p: Projection, own: Floats) -> int:
+def _sign(p: Projection, own: NDArray[np.floating[Any]]) -> int:
     """Whether all weights go to one receptor, now and when they have learnt."""
     return t.MIXED if p.synapse.learns == "moves" else layout.sign(own)
 
@@ -125,21 +128,13 @@ def _wake_all(p: Projection, s: layout.ArrangedSynapses, blocks: int) -> int:
     return 1 + 2 * blocks * (s.row_ends.size - 1) // s.targets.size if s.targets.size else NEVER
 
 
-def internal_weights(a: EventArrays, q: int) -> Floats:
-    """The weights that a static delivery adds: what arrives of the program's, in internal order; 1 for a relay."""
-    p = a.program.projections[q]
-    if a.net["pops"][p.source, t.KIND] != t.CURRENT and a.net["pops"][p.target, t.RELAY] == 1:
-        return np.ones(1)
-    order = a.synapses[q].order
-    own = p.arriving(p.weight[order] if order is not None and p.weight.size > 1 else p.weight)
-    if own.size == 1 and (p.grid is not None or p.synapse.learns in ("moves", "trials")):
-        own = np.repeat(own, p.size)
-    return own
-
-
 def own_weights(a: EventArrays) -> bool:
     """Take a copy of the weights before they change, if they are the program's; return whether that was needed."""
-    shared = any(np.may_share_memory(a.net["weights"], p.weight) for p in a.program.projections)
+    shared = any(
+        np.may_share_memory(a.net["weights"], p.weight)
+        for q, p in enumerate(a.program.projections)
+        if q not in a.joined
+    )
     if shared:
         a.net["weights"] = a.net["weights"].copy()
     return shared
@@ -157,6 +152,8 @@ def give_ring(a: EventArrays, q: int) -> None:
     p = a.program.projections[q]
     row = a.net["projections"][q]
     receptors = a.net["pops"][p.target, t.RECEPTORS]
+    if q in a.joined:
+        lay_out(a, q)
     end = _give_ring(
         row,
         p.delay_range(a.program.resolution)[1],
@@ -168,6 +165,21 @@ def give_ring(a: EventArrays, q: int) -> None:
     set_buffer(a, np.concatenate([a.net["buf"], np.full(end - a.net["buf"].size, -0.0)]))
     a.net["at_emission"] = np.append(a.net["at_emission"], q)
     list_incoming(a)
+
+
+def lay_out(a: EventArrays, q: int) -> None:
+    """Lay out a projection of joined rows by itself, as it needs who has a ring."""
+    row, net = a.net["projections"][q], a.net
+    if row[t.WEIGHT] < 0:
+        own = joined_rows.weights(a, q)
+        row[t.WEIGHT], row[t.WEIGHT_STRIDE], row[t.SIGN] = net["weights"].size, int(own.size > 1), layout.sign(own)
+        net["weights"] = np.concatenate([net["weights"], own])
+    row_ends, targets, delay, local = joined_rows.synapses(a, q)
+    rows = layout.split_rows(row_ends, targets, local) + net["targets"].size
+    for name, column, values in (("rows", t.ROW, rows), ("targets", t.SYNAPSE, targets), ("delays", t.DELAY, delay)):
+        row[column] = net[name].size
+        net[name] = np.concatenate([net[name], values], dtype=net[name].dtype)
+    row[t.DELAY_STRIDE] = 1
 
 
 def set_buffer(a: EventArrays, buf: Floats) -> None:

@@ -16,7 +16,7 @@ from neuro.program.backend import EngineCounts, Outcome, Sent, Spikes, Trial, Wi
 from neuro.program.currents import Currents
 from neuro.program.drives import Rates
 from neuro.program.program import Floats, Ints, Program, Trials
-from neuro.program.spikes import ListedSpikes, RecordedSpikes
+from neuro.program.spikes import ListedSpikes, RecordedSpikes, carrying
 from neuro.program.together import Engines
 from neuro_event.building import (
     build,
@@ -165,16 +165,18 @@ class EventEngine:
 
     # --- spikes -------------------------------------------------------------------------------------------
 
-    def inject(self, population: int, steps: Ints, ids: Ints) -> None:
-        """Add spikes of a spike_generator, at steps after the present one."""
-        if self._listed.add(population, steps, ids, self._step):
+    def inject(self, population: int, steps: Ints, ids: Ints, payloads: Ints | None = None) -> None:
+        """Add spikes of a listed population, at steps after the present one."""
+        if self._listed.add(population, steps, ids, self._step, payloads):
             self._pack()
 
     def spikes(self, population: int, since: int) -> Spikes:
         """Recorded spikes with step > since."""
         self._drain()
         place = self._a.places[population]
-        return self._record.spikes(place.begin, place.end, since, None if place.inside is None else place.outside)
+        ids_at = None if place.inside is None else place.outside
+        found = self._record.spikes(place.begin, place.end, since, ids_at)
+        return carrying(self._program.populations[population], found)
 
     def _drain(self) -> None:
         """Move recorded spikes out of the loop's buffers."""
@@ -502,8 +504,8 @@ class EventEngine:
         if projections.own_weights(self._a):
             self._pack()
         first, stride = int(row[t.WEIGHT]), int(row[t.WEIGHT_STRIDE])
-        if inner.size > 1 and stride == 0 and p.size > 1:
-            row[t.WEIGHT], row[t.WEIGHT_STRIDE] = self._a.net["weights"].size, 1
+        if first < 0 or (inner.size > 1 and stride == 0 and p.size > 1):
+            row[t.WEIGHT], row[t.WEIGHT_STRIDE] = self._a.net["weights"].size, int(inner.size > 1)
             self._a.net["weights"] = np.concatenate([self._a.net["weights"], inner])
             self._pack()
         else:
@@ -521,7 +523,9 @@ class EventEngine:
         net = self._a.net
         generators.settle(self._a)
         events = tuple(p.by_id(net["events"][p.begin : p.end].copy()) for p in self._a.places)
-        spikes = tuple(p.by_id(net["spikes"][p.begin : p.end].copy()) for p in self._a.places)
+        # payloads are not counted, but spikes that carry them
+        names = ["events" if part.model.graded else "spikes" for part in self._program.populations]
+        spikes = tuple(p.by_id(net[n][p.begin : p.end].copy()) for n, p in zip(names, self._a.places, strict=True))
         return EngineCounts(
             self._step, events, spikes, net["active"].sum(axis=0)[: len(events)], self._trial_updates.copy()
         )
@@ -531,7 +535,8 @@ class EventEngine:
         if self._a.net["pops"][population, t.COUNTS] >= 0:
             generators.settle(self._a)
         place = self._a.places[population]
-        return place.by_id(self._a.net["spikes"][place.begin : place.end].copy())
+        name = "events" if self._program.populations[population].model.graded else "spikes"
+        return place.by_id(self._a.net[name][place.begin : place.end].copy())
 
     def joined(self, engines: Sequence[Any]) -> Engines:
         """Engines of this network as one."""
@@ -542,7 +547,7 @@ class EventEngine:
     def memory(self) -> dict[str, int]:
         """Bytes by what they hold."""
         net, plastic = self._a.net, self._a.plastic
-        static = ("rows", "runs", "targets", "weights", "delays", "joined_runs", "joined_targets", "joined_weights")
+        static = ("rows", "runs", "targets", "weights", "delays", *joined_rows.NAMES)
         learning = ("y", "sent", "reached", "rule", "in_synapse", "in_source", "incoming")
         logs = ("log_ids", "log_counts", "log_ends", "rec_steps", "rec_ids", "rec_counts")
         rest = [k for k in net if k not in {*static, *logs, *snapshot.VIEWS}]
@@ -558,7 +563,8 @@ class EventEngine:
         kept, delays = None, {}
         if not weights:
             parts = self._program.projections
-            kept = {q: self.get_synapses(q, "weight") for q in range(len(parts))}
+            as_described = joined_rows.as_described(self._a)
+            kept = {q: self.get_synapses(q, "weight") for q in range(len(parts)) if q not in as_described}
             delays = {q: self.get_synapses(q, "delay") for q, part in enumerate(parts) if part.synapse.delays}
         before = self._changes
         self._start_over(kept)

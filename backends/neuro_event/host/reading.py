@@ -151,6 +151,8 @@ def weights(a: EventArrays, projection: int) -> Floats:
     """Weights of a projection that spike pairs do not change, in the order of the program's."""
     p, row = a.program.projections[projection], a.net["projections"][projection]
     first = row[t.WEIGHT]
+    if first < 0:
+        return np.broadcast_to(p.weight, p.size).copy()
     if p.size == 0 or row[t.WEIGHT_STRIDE] == 0:
         return p.arriving(np.full(p.size, a.net["weights"][first]))
     return p.arriving(by_id(a.net["weights"][first : first + p.size], a.synapses[projection].order))

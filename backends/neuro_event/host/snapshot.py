@@ -51,8 +51,11 @@ _REBUILT = _DRIVES | {
     "incoming",
     "joined",
     "joined_runs",
-    "joined_targets",
+    "joined_steps",
     "joined_weights",
+    "joined_singles",
+    "joined_bases",
+    "joined_reach",
     "at_emission",
     "list_steps",
     "list_ids",
@@ -71,6 +74,8 @@ _MOVES = {
     "move_seen",
     "move_concerned",
 }
+_CHANGING = [t.LAG, t.RING, t.RING_MASK, t.RING_SIZE, t.WEIGHT, t.WEIGHT_STRIDE, t.SIGN, t.DENSE_COUNTS]
+"""Columns of projections that a run may change; the others follow from the program."""
 _FIXED = _GIVEN | VIEWS | _EMPTY | _REBUILT
 """Arrays that a snapshot leaves out: they follow from the program, or hold nothing between two runs."""
 
@@ -116,7 +121,7 @@ def restore(a: EventArrays, arrays: Mapping[str, NDArray[Any]]) -> None:
         if name == "net.pops":
             a.net["pops"][:, : t.NUMBER] = value
         elif name == "net.projections":
-            a.net["projections"][:, : t.CHANNEL_HEIGHT] = value
+            a.net["projections"][:, _CHANGING] = value[:, _CHANGING]
         elif name == "net.due":
             a.net["due"] = np.tile(value, (a.net["due"].shape[0], 1))
         elif name == "net.state":
@@ -131,6 +136,8 @@ def restore(a: EventArrays, arrays: Mapping[str, NDArray[Any]]) -> None:
             a.plastic[rest] = value.copy()
     rings = [q for q in range(len(a.program.projections)) if a.net["projections"][q, t.LAG] == 0]
     a.net["at_emission"] = np.array([q for q in rings if q not in a.plastic_of], dtype=np.int64)
+    for q in a.joined.intersection(rings):
+        projections.lay_out(a, q)
     projections.set_buffer(a, a.net["buf"])
     projections.list_incoming(a)
     generators.tabulate(a)

@@ -192,6 +192,8 @@ def step_neurons(view, thread, pop, step, at, done, h, n_all, slots, blocks):
                     came = heard(view, i, receptors)
                     if row[t.GROUP] < 0:
                         m = np.int64(net.x[0, i]) if row[t.RELAY] == 1 else np.int64(net.fired[i])
+                        if row[t.PAYLOAD] >= 0:
+                            m = np.int64(net.state[row[t.PAYLOAD], i])
                         spike(view, pop, i)
                         at = emit(view, thread, pop, i, m, step, done, h, at)
                         active += not came

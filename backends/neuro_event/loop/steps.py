@@ -73,7 +73,7 @@ def deliver(view, first, last, begin, stop, step):
     | the target of a current | `varying_currents.drive` | no spike: currents are added up along lines |
     | learns by spike pairs | ring, at emission, by the rule's entry | what is sent depends on that moment |
     | static, own delays, shared rows (below) | `joined_rows.deliver_joined` | one look, long runs for all targets |
-    | static, own delays, few runs (below) | `arrivals.arrive` | its input stays in the cache: 7 ns an event |
+    | static, own delays, few runs (below) | `arrivals.arrive` | its input stays in the cache: 5 ns an event |
     | own delays otherwise | ring, `deliver.csr_delayed` | most runs would be empty: 42 ns an event |
     | weights were set | ring, `arrivals.at_emission` | what is under way keeps the old weights |
     | one-to-one from a busy `poisson_generator` | `generators.add_counts` | counts, no list: 0.7 ns a draw |
@@ -84,7 +84,7 @@ def deliver(view, first, last, begin, stop, step):
     | one-to-one | `deliver.scatter` | one place, found without a table |
     | grid | `deliver.grid_add` | the kernel's weights lie maps innermost: runs of neighbours |
 
-    Shared rows: many projections with short runs from few sources (`building.joined_rows`); JOINED and JOINED_END.
+    Shared rows: wherever sums keep their order (`building.joined_rows`); JOINED and JOINED_END.
     Few runs: no more than synapses, or than 65,536; not for grids (`layout.in_runs`). Busy and large: the spikes of the
     step reach nearly all blocks (WAKE_ALL) of a population without COLLECTS, and these threads have more than 32,768
     targets. Both functions for one weight are in `shared_weight_delivery`.

@@ -61,8 +61,9 @@ POSITIVE, NEGATIVE, MIXED = range(3)
     GATHERS,  # 1: synapses onto it learn by moves
     JOINED,  # of what arrives: those in joined rows, and the end
     JOINED_END,
+    PAYLOAD,  # the state that its spikes carry, none where they carry no payload
     POPULATION_COLUMNS,
-) = range(31)
+) = range(32)
 
 # projections
 (
@@ -99,8 +100,9 @@ POSITIVE, NEGATIVE, MIXED = range(3)
     RUN,
     SHORTEST,
     DELAYS,
+    SINGLE,  # of joined rows, 1: weights are kept in 32 bits
     PROJECTION_COLUMNS,
-) = range(34)
+) = range(35)
 
 # plastic projections
 (
@@ -241,10 +243,13 @@ list_counts i8 1
 cursor i8 2        (threads + 1, populations) next listed spike; the last row holds the ends
 rows i8 1          ends of the CSR rows, cut at the threads' edges
 runs u4 1          likewise of the runs of each source and delay, counted from a projection's first synapse
-joined i8 2        joined rows, see `joined_rows`: the columns of a projection that say where runs lie
+joined i8 2        joined rows, see `joined_rows`: columns of `tables` that say where runs lie; ROW: its own number
 joined_runs u4 1   ends of their runs, as in `runs`
-joined_targets i4 1 where each of their synapses adds, in x
+joined_steps u2 1  where each of their synapses adds, in x, counted from the one before in its run
 joined_weights f8 1
+joined_singles f4 1 weights of rows whose weights all fit into 32 bits
+joined_bases i8 2  (rows, threads) where their runs begin in x
+joined_reach u1 2  (rows, populations) whether any of their synapses ends there
 queue i8 3         (threads, runs, 3) what is about to be added: first and last synapse, multiplicity
 targets i4 1       local targets of all CSR synapses
 weights f8 1       of all projections

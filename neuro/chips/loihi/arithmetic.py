@@ -667,6 +667,7 @@ LOIHI = Arithmetic(
     state_limit=V_LIMIT,
     register_of_one=REGISTER_OF_ONE,
     one_bit=True,
+    graded=False,
     in_rows=False,
     multicast=False,
     population=population,

@@ -462,5 +462,6 @@ def bill(
             `chips` cannot be.
     """
     priced = chip(target)
-    placement = place(program, priced) if priced.mesh is not None else None
+    placed = priced.mesh is not None or priced.arithmetic in ARITHMETICS
+    placement = place(program, priced) if placed else None
     return price(program, counts, placement, priced, step_s=step_s, chips=chips)

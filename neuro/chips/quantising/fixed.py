@@ -101,6 +101,9 @@ class FixedProjection:
         rule: of synapses that learn on the chip, else None.
         n_scale: dopamine in 1/ms of one unit of the modulatory traces.
         native: whether the weights of the language are the mantissas, bits that the chip drops included.
+        shift: by how many bits the sum of a step is shifted down before it is added to that of other projections.
+        wraps: whether that sum is a two's complement of 24 bits.
+        receptor: 1 where it goes to the second input of neurons in registers, the imaginary one.
         rounding: what became of the weights.
     """
 
@@ -120,7 +123,15 @@ class FixedProjection:
     rule: LearningRule | None = None
     n_scale: float = 0.0
     native: bool = False
+    shift: int = 0
+    wraps: bool = False
+    receptor: int = 0
     rounding: WeightRounding = WeightRounding(0.0, 0.0, 0.0, 0.0)
+
+    @property
+    def apart(self) -> bool:
+        """Whether the sum of a step is not simply added to that of other projections."""
+        return bool(self.shift or self.wraps or self.receptor)
 
     def weights(self, mantissas: Words | Floats) -> Floats:
         """What mantissas stand for, in the unit of the language."""
@@ -129,7 +140,7 @@ class FixedProjection:
 
     def acting(self, words: Words) -> Floats:
         """What words send, in the unit of the language: less than their mantissas where bits were lost."""
-        return self.weights(words.astype(np.float64) * 2.0**-self.exponent)
+        return self.weights(words.astype(np.float64) * 2.0 ** -(self.exponent + self.shift))
 
     def exact(self, weights: Floats) -> Floats:
         """Weights in units of a mantissa, before rounding."""

@@ -25,7 +25,7 @@ from neuro.core.errors import ModelError
 from neuro.model.equations import EquationNeuron
 from neuro.model.equations.twin import Twin
 from neuro.model.neurons import Model, Neuron, iaf_psc_exp_adaptive_threshold, parrot_neuron
-from neuro.program.backend import Problem, own_generators
+from neuro.program.backend import Problem, own_generators, ungraded
 from neuro.program.currents import Currents
 from neuro.program.program import Floats, Population, Program
 
@@ -95,6 +95,7 @@ def _quantise(
         projections |= found
         problems += more
     problems += [*own_generators(program), *_unbounded(program)]
+    problems += [] if arithmetic.graded else [p for p in ungraded(program) if p.what not in {q.what for q in problems}]
     problems += arithmetic.give_rules(program, chip, projections, options)
     wires = tuple(projections.get(index) for index in range(len(program.projections)))
     problems += _delays(program, chip, wires)

@@ -209,7 +209,9 @@ def _constant(out: Written, index: int) -> bool:
 
 
 def _add_population(out: Written, index: int, part: Population) -> None:
-    if part.kind in ("listed", "poisson", "generator"):
+    if part.model.graded:
+        out.says(part, REFUSED, "its spikes carry payloads, and those of NIR carry none", "leave it out")
+    elif part.kind in ("listed", "poisson", "generator"):
         out.nodes[part.name] = out.nir.Input({"input": np.array(part.shape)})
         out.shapes[index] = part.shape
         listed = part.spike_steps.size or part.kind != "listed"

@@ -260,6 +260,8 @@ class _Script:
         if part.name in self.trains:
             times, ids = self.trains[part.name]
             return self._listed(part, np.rint(times / self.step), ids)
+        if part.model.graded:
+            raise ModelError(f"{part.said} has no counterpart in PyNN, whose spikes carry no payloads")
         if part.kind == "listed" and part.stream is None:
             return self._listed(part, part.spike_steps, part.spike_ids)
         if part.kind == "poisson" and part.schedule is None:

@@ -82,7 +82,7 @@ def with_parameters(cls: type[C], node: Node) -> C:
         return cls.from_words(values)
 
 
-FILED = ("ids", "times", "moments", "series")
+FILED = ("ids", "times", "moments", "series", "graded_train")
 """Kinds of parameters that are lists, which a file may hold."""
 
 

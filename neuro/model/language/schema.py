@@ -332,7 +332,7 @@ def _accepted(q: Quantity) -> list[Schema]:
             return [{"type": "string"}, {"type": "array", "items": {"type": "string"}}]
         case "words":
             return [_by_name()]
-        case "ids" | "times" | "moments" | "series" | "train":
+        case "ids" | "times" | "moments" | "series" | "train" | "graded_train":
             return [numbers, file, _PARAMETER]
         case "codes":
             code = {"$ref": "#/$defs/code"}

@@ -41,6 +41,9 @@ FUNCTIONS = {"constants": 3, "step": 7, "fire": 3, "quiet": 5}
 DRAWING = FUNCTIONS | {"step": 8}
 """Those of a neuron that draws."""
 
+PAYLOAD = "payload"
+"""The state of a graded neuron that its spikes carry."""
+
 EMITTING = {"constants": 3, "emit": 7}
 """Those of a generator's."""
 
@@ -77,6 +80,8 @@ class Model(Choice):
             package), "generator" (any other).
         width: the most numbers among its parameters, `tau_minus` among them, and the most constants.
         fixed: parameters that cannot be set while it runs.
+        graded: whether a spike carries a whole number, its payload, in place of a multiplicity; of a neuron that of its
+            state `payload`, which `step` sets where it sets `fired`.
     """
 
     kind: ClassVar[str] = "model"
@@ -87,6 +92,7 @@ class Model(Choice):
     states: ClassVar[tuple[State, ...]] = ()
     width: ClassVar[int] = 20
     fixed: ClassVar[tuple[str, ...]] = ()
+    graded: ClassVar[bool] = False
 
     def sizes(self, said: tuple[int | str, ...]) -> tuple[int | str, ...]:
         """The shape of a population of it, as far as the model knows it where `auto` is said."""
@@ -246,6 +252,8 @@ def _complete_neuron(model: type[Neuron]) -> None:
     names = [state.name for state in model.states]
     if "V_m" in names[1:]:
         raise TypeError(f"{message}: V_m is state {names.index('V_m')}: expected it first")
+    if model.graded and PAYLOAD not in names:
+        raise TypeError(f"{message} is graded: expected a state '{PAYLOAD}'")
     _check_receptors(message, model)
     c = _complete_numbers(message, model)
     if c is not None and "V_m" in names and "V_th" in model.quantities() and c[0] != model.defaults()["V_th"]:

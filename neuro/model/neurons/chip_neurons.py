@@ -46,6 +46,111 @@ class loihi_lif(Neuron):
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
+class Loihi2Neuron(Neuron):
+    """The current and the voltage of Loihi 2's neurons in registers; every parameter is one.
+
+    Each step, in this order, all in integers, with t(y) = y / 4096 truncated towards 0:
+    u = v = 0 where `reset_interval` divides k - reset_offset, k the step from 1, if it is not 0;
+    u <- t(u (4095 - du)) + 64 a, with a what arrives, 24 bits: -2^23 is 2^23;
+    v <- t(v (4096 - dv)) + u + bias_mant 2^bias_exp, clipped to +-(2^23 - 1).
+    """
+
+    source: ClassVar[str] = "lava 0.10 LIF, TernaryLIF, LIFReset, fixed point"
+    states: ClassVar[tuple[State, ...]] = (
+        State("v", "", "voltage register"),
+        State("u", "", "current register"),
+    )
+    chip: ClassVar[str] = "loihi2"
+
+    du: Value = quantity(409, "", "decay of the current", whole=True, at_least=0, at_most=4095, arrays=True)
+    dv: Value = quantity(409, "", "decay of the voltage", whole=True, at_least=0, at_most=4096, arrays=True)
+    bias_mant: Value = quantity(0, "", "bias mantissa", whole=True, at_least=-4096, at_most=4095, arrays=True)
+    bias_exp: Value = quantity(0, "", "bias exponent", whole=True, at_least=0, at_most=7, arrays=True)
+    reset_interval: int = quantity(0, "", "steps between resets; 0: none", kind="integer", at_least=0)
+    reset_offset: int = quantity(0, "", "the first step with a reset", kind="integer", at_least=0)
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class loihi2_lif(Loihi2Neuron):
+    """A leaky integrate-and-fire neuron of Loihi 2; lava: LIF, and with `reset_interval` LIFReset.
+
+    A spike where v > 64 vth, then v is 0. `loihi2_static` says what arrives. A spike emitted in step k over a delay
+    of D steps changes u in step k + D: the delay register holds D - 1.
+    """
+
+    equation: ClassVar[str] = (
+        "u' = u (4095 - du)/4096 + 64 a; v' = v (4096 - dv)/4096 + u' + bias; spike at v' > 64 vth"
+    )
+
+    vth: Value = quantity(100, "", "threshold mantissa", whole=True, at_least=0, at_most=131071, arrays=True)
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class loihi2_ternary_lif(Loihi2Neuron):
+    """The same with two thresholds: a spike of payload 1 where v > 64 vth_hi, of -1 where v < 64 vth_lo; then v is 0.
+
+    lava: TernaryLIF.
+    """
+
+    equation: ClassVar[str] = (
+        "u' = u (4095 - du)/4096 + 64 a; v' = v (4096 - dv)/4096 + u' + bias; sends 1 at v' > 64 vth_hi, "
+        "-1 at v' < 64 vth_lo"
+    )
+    graded: ClassVar[bool] = True
+
+    vth_hi: Value = quantity(
+        100, "", "upper threshold mantissa", whole=True, at_least=-131071, at_most=131071, arrays=True
+    )
+    vth_lo: Value = quantity(
+        -100, "", "lower threshold mantissa", whole=True, at_least=-131071, at_most=131071, arrays=True
+    )
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Loihi2Resonator(Neuron):
+    """The state of a resonator of Loihi 2, a complex number that turns and decays, in registers.
+
+    Each step, in integers, with t(y) = y / 4096 truncated towards 0 and a what arrives at either receptor:
+    real <- t(cos_decay real) - t(sin_decay imag) + a_real 2^state_exp, and
+    imag <- t(sin_decay real) + t(cos_decay imag) + a_imag 2^state_exp, both clipped to +-(2^23 - 1).
+    """
+
+    states: ClassVar[tuple[State, ...]] = (State("real", "", "real register"), State("imag", "", "imaginary register"))
+    receptors: ClassVar[int] = 2
+    receptor_names: ClassVar[tuple[str, ...]] = ("real", "imag")
+    signed: ClassVar[bool] = False
+    resets_in_step: ClassVar[bool] = True
+    chip: ClassVar[str] = "loihi2"
+
+    cos_decay: Value = quantity(3900, "", "decay times cosine", whole=True, at_least=0, at_most=4096, arrays=True)
+    sin_decay: Value = quantity(1000, "", "decay times sine", whole=True, at_least=0, at_most=4096, arrays=True)
+    vth: Value = quantity(100, "", "threshold, times 2^state_exp", whole=True, at_least=0, at_most=131071, arrays=True)
+    state_exp: int = quantity(6, "", "exponent of the states", kind="integer", at_least=0, at_most=7)
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class loihi2_rf(Loihi2Resonator):
+    """A resonator that fires when its phase passes 0 at a real part of at least vth; it is not reset. lava: RF.
+
+    `static` names the receptor, real or imag.
+    """
+
+    equation: ClassVar[str] = "z' = decay e^(i phase) z + 2^state_exp a; spike at real' >= vth, imag' >= 0 > imag"
+    source: ClassVar[str] = "lava 0.10 RF, fixed point; Izhikevich, Neural Netw. 14:883, 2001"
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class loihi2_rf_iz(Loihi2Resonator):
+    """A resonator that fires at imag >= vth; then real is 0 and imag one below the threshold. lava: RF_IZ.
+
+    `static` names the receptor, real or imag.
+    """
+
+    equation: ClassVar[str] = "z' = decay e^(i phase) z + 2^state_exp a; spike at imag' >= vth, then z = i (vth - 1)"
+    source: ClassVar[str] = "lava 0.10 RF_IZ, fixed point; Izhikevich, Neural Netw. 14:883, 2001"
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
 class spinnaker_lif(Neuron):
     """A neuron of SpiNNaker in s16.15 (value x 32768) and unsigned 0.32 decays; every parameter is a register.
 

@@ -92,6 +92,23 @@ class spike_train(Generator):
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
+class graded_spike_train(Generator):
+    """Emits listed spikes that carry payloads; more can be injected while running. Two at one time make their sum."""
+
+    equation: ClassVar[str] = "emits payloads at the listed times"
+    source: ClassVar[str] = "NEST 3.10 spike_generator with spike_weights; lava 0.10 RingBuffer"
+    role: ClassVar[str] = "listed"
+    graded: ClassVar[bool] = True
+
+    spikes: Any = quantity(
+        (),
+        unit="ms",
+        doc="a row for each spike, in ascending time: when, which neuron, and its payload",
+        kind="graded_train",
+    )
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
 class inhomogeneous_poisson_generator(Generator):
     """Emits a Poisson number of spikes each step, at a rate that changes at listed times and is 0 before the first.
 

@@ -31,7 +31,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from typing import Any, ClassVar
 
 import numpy as np
@@ -40,7 +40,7 @@ from numpy.typing import NDArray
 from neuro.core.checks import is_number
 from neuro.core.choice import Choice
 from neuro.core.errors import ModelError
-from neuro.core.quantities import quantity
+from neuro.core.quantities import quantity, word_of
 from neuro.model.arithmetic import OfModule
 from neuro.model.neurons.base import State
 from neuro.model.synapses.lessons import Growth, Lesson, TrialEnd
@@ -166,6 +166,11 @@ class Synapse(Choice):
         """Words of the parameters that are no single number: one for each synapse, or what says these."""
         values = self.parameters()
         return [word for word in self.numbers() if not isinstance(values[word], bool) and not is_number(values[word])]
+
+    def fields_of_each(self) -> dict[str, str]:
+        """Fields of the parameters that are no single number, and their words."""
+        each, names = self.of_each(), [entry.name for entry in fields(self)]
+        return {name: word_of(name) for name in names if word_of(name) in each}
 
     def first_states(self) -> NDArray[np.float64]:
         """The states at step 0, without the weight, shape (states, 1) or (states, synapses)."""

@@ -3,7 +3,12 @@
 from neuro.model.synapses.base import static as static
 from neuro.model.synapses.first_spike_stdp import first_spike_stdp as first_spike_stdp
 from neuro.model.synapses.hedonistic import hedonistic as hedonistic
-from neuro.model.synapses.loihi_learning import loihi_learning as loihi_learning, loihi_static as loihi_static
+from neuro.model.synapses.loihi_learning import (
+    loihi2_convolution as loihi2_convolution,
+    loihi2_static as loihi2_static,
+    loihi_learning as loihi_learning,
+    loihi_static as loihi_static,
+)
 from neuro.model.synapses.mozafari import mozafari as mozafari
 from neuro.model.synapses.mstdpet import mstdpet as mstdpet
 from neuro.model.synapses.normalised_stdp import normalised_stdp as normalised_stdp

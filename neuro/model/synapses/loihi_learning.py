@@ -53,6 +53,37 @@ class loihi_static(Synapse):
     sign_mode: str = quantity("mixed", "", "which signs the weights have", kind="word", words=SIGN_MODES)
 
 
+@dataclass(frozen=True, kw_only=True, eq=False)
+class loihi2_static(Synapse):
+    """Adds the sum of m p over the spikes of a step, shifted by weight_exp: m is the weight, p the payload.
+
+    Mixed: m from -256 to 255, excitatory: 0 to 255, inhibitory: -255 to 0; what is beyond is clipped. The lowest
+    8 - num_weight_bits bits are dropped, one more in mixed mode: rounded down, in inhibitory mode towards 0. A
+    negative weight_exp rounds down the sum of all spikes of a step and delay, not each weight as on Loihi 1. lava:
+    Dense, Sparse, DelayDense, DelaySparse.
+    """
+
+    equation: ClassVar[str] = "adds 2^weight_exp sum m p, rounded down"
+    source: ClassVar[str] = "lava 0.10 Dense, Sparse, fixed point"
+    chip: ClassVar[str] = "loihi2"
+
+    weight_exp: int = quantity(0, "", "weight exponent", kind="integer", at_least=-8, at_most=7)
+    num_weight_bits: int = quantity(8, "", "bits of a weight", kind="integer", at_least=1, at_most=8)
+    sign_mode: str = quantity("mixed", "", "which signs the weights have", kind="word", words=SIGN_MODES)
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class loihi2_convolution(Synapse):
+    """Adds the sum of w p over the spikes of a step as 24 bits; weights are whole numbers of 8 bits, none is dropped.
+
+    lava: Conv, which takes no weight exponent and no number of bits into account.
+    """
+
+    equation: ClassVar[str] = "adds sum w p, a two's complement of 24 bits"
+    source: ClassVar[str] = "lava 0.10 Conv, fixed point"
+    chip: ClassVar[str] = "loihi2"
+
+
 def _impulse(trace: str) -> Any:
     return quantity(0, "", f"what a spike adds to {trace}", kind="integer", at_least=0, at_most=TRACE_MAX)
 

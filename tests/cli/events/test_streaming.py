@@ -27,12 +27,17 @@ def walk(tmp_path):
 def test_a_recording_is_sent_heard_and_written(run, walk, tmp_path, number):
     """Ctrl-C, a kill and a terminal that closes end it, and the file is kept."""
     command = [*NEURO, "listen", "udp://127.0.0.1:0", "heard.es", "--format", "faery8", "--sensor", "34x34"]
-    with subprocess.Popen(command, cwd=tmp_path, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as heard:
+    words = {"cwd": tmp_path, "stdout": subprocess.PIPE, "stderr": subprocess.PIPE, "text": True}
+    # What starts the tests may ignore a signal (nohup), and a command keeps that.
+    with subprocess.Popen(command, **words, preexec_fn=lambda: signal.signal(number, signal.SIG_DFL)) as heard:
         url = heard.stderr.readline().split()[-1]
         _, sent, _ = run("send", tmp_path / "walk.es", url, "--format", "faery8", "--speed", "2")
         assert re.fullmatch(rf"{url}: 500 events in \d+ datagrams, \d\.\d s(, at most [\d.]+ ms late)?\n", sent)
         heard.send_signal(number)
-        told, _ = heard.communicate(timeout=30)
+        try:
+            told, _ = heard.communicate(timeout=30)
+        finally:
+            heard.kill()
     assert heard.returncode == 0
     assert re.fullmatch(rf"{url}: 500 events in \d+ datagrams, \d+\.\d s\n", told)
     assert load(tmp_path / "heard.es") == walk

@@ -1,0 +1,195 @@
+"""Many cortical microcircuits, wired to each other with delays by distance: a stand-in for multi-area models.
+
+Its connectivity between areas is generated, not measured: it has the size, the delays and the number of projections of
+such models, and says nothing about any brain.
+
+- Areas lie anywhere on a sphere. They are numbered from the back to the front, which is their rank in a hierarchy.
+- A share of all pairs of areas is connected, in both directions; which ones is drawn, the near ones more likely.
+- A part of what each neuron hears from outside its microcircuit comes from other areas: forward from L23E to L4, back
+  from L5E and L6E to all other layers; the more from an area the nearer it is.
+- What is left of the Poisson input keeps the mean input of each neuron at the rates of the single microcircuit, so
+  these are near the rates of each area.
+
+Source: the microcircuit as in microcircuit.yaml (Potjans & Diesmann 2014). 32 areas, speed and spread of delays, and
+weights as within an area: the ground state of Schmidt et al., PLoS Comput. Biol. 14:e1006359, 2018, with numbers as in
+INM-6/multi-area-model. Density, and strengths that fall exponentially with distance: Ercsey-Ravasz et al., Neuron
+80:184, 2013. Layers: Felleman & Van Essen, Cereb. Cortex 1:1, 1991. A fifth of the connections of cortex is between
+areas (Markov et al., Science 342:1238406, 2013), which is half of the inputs from outside a microcircuit. The sphere,
+on which areas are 27 mm apart on average, and how fast strengths fall are chosen.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import TypeGuard
+
+import numpy as np
+from numpy.typing import NDArray
+
+import neuro
+from neuro import ModelError
+from neuro_models import path
+
+__all__ = ["LAYERS", "Wiring", "network", "wiring"]
+
+Floats = NDArray[np.float64]
+
+LAYERS = ("L23E", "L23I", "L4E", "L4I", "L5E", "L5I", "L6E", "L6I")
+"""The populations of an area; of the third area they are called A03_L23E and so on."""
+
+_FORWARD = (("L23E",), ("L4E", "L4I"))
+_BACK = (("L5E", "L6E"), ("L23E", "L23I", "L5E", "L5I", "L6E", "L6I"))
+_RATES = {"L23E": 0.903, "L5E": 7.569, "L6E": 1.105}  # Hz, of the single microcircuit
+_OUTSIDE = 8.0  # Hz, of each Poisson input
+_DECAY = 0.188  # 1/mm, of strengths with distance
+_LATE = 0.5  # standard deviation of delays over their mean
+_SOONEST = 0.05  # ms: half a step, so that no delay is rounded to none
+
+
+@dataclass(frozen=True)
+class Wiring:
+    """Where areas lie, and which are connected.
+
+    Attributes:
+        centres: mm, shape (areas, 3), from the back (lowest rank) to the front.
+        distances: mm, shape (areas, areas).
+        connected: whether two areas are connected, symmetric, shape (areas, areas).
+    """
+
+    centres: Floats
+    distances: Floats
+    connected: NDArray[np.bool_]
+
+    def shares(self, target: int, sources: NDArray[np.int64]) -> Floats:
+        """Of what comes to an area from some others, the share of each."""
+        strength = np.exp(-_DECAY * self.distances[target, sources])
+        shares: Floats = strength / strength.sum()
+        return shares
+
+
+def wiring(areas: int = 32, density: float = 0.66, radius: float = 20.0, seed: int = 1) -> Wiring:
+    """Draw where areas lie, and which pairs of them are connected.
+
+    Args:
+        areas: how many, at least 2.
+        density: connected pairs over all pairs, from 0 to 1.
+        radius: of the sphere, mm.
+        seed: of the draws; it is not that of a simulation.
+
+    Raises:
+        ModelError: a number cannot be used; it says which.
+    """
+    _check("areas", areas, isinstance(areas, int) and 2 <= areas <= 99, "a whole number from 2 to 99")
+    _check("density", density, _is_number(density) and 0.0 <= density <= 1.0, "a number from 0 to 1")
+    _check("radius", radius, _is_number(radius) and 0.0 < radius < np.inf, "a number > 0, in mm")
+    _check("seed", seed, isinstance(seed, int) and seed >= 0, "a whole number >= 0")
+    rng = np.random.default_rng(seed)
+    centres = rng.normal(size=(areas, 3))
+    centres *= radius / np.linalg.norm(centres, axis=1, keepdims=True)
+    centres = centres[np.argsort(centres[:, 0])]
+    distances = np.linalg.norm(centres[:, None] - centres, axis=2)
+    one, other = np.triu_indices(areas, 1)
+    likely = np.exp(-_DECAY * distances[one, other])
+    chosen = rng.choice(one.size, round(density * one.size), replace=False, p=likely / likely.sum())
+    connected = np.zeros((areas, areas), dtype=np.bool_)
+    connected[one[chosen], other[chosen]] = connected[other[chosen], one[chosen]] = True
+    return Wiring(centres, distances, connected)
+
+
+def network(
+    areas: int = 32,
+    scale: float = 0.02,
+    indegree: float = 0.1,
+    between: float = 0.5,
+    speed: float = 3.5,
+    density: float = 0.66,
+    radius: float = 20.0,
+    seed: int = 1,
+) -> neuro.Network:
+    """The areas, each a microcircuit with populations A01_L23E and so on, and projections such as A01_L23E_A02_L4E.
+
+    Args:
+        areas: how many, from 2 to 99.
+        scale: of the numbers of neurons; 1.0 are 77,169 an area.
+        indegree: of the inputs of each neuron. Fewer inputs have larger weights, and a current makes up for what is
+            lost, as in the microcircuit; below a tenth rates fall.
+        between: of the inputs from outside a microcircuit, the share that comes from other areas, from 0 to 1.
+        speed: of spikes between areas, mm/ms.
+        density: connected pairs of areas over all pairs.
+        radius: of the sphere on which areas lie, mm.
+        seed: of places and connected pairs; synapses are drawn by the seed of the simulation.
+
+    Raises:
+        ModelError: a number cannot be used; it says which.
+    """
+    _check("between", between, _is_number(between) and 0.0 <= between <= 1.0, "a number from 0 to 1")
+    _check("speed", speed, _is_number(speed) and 0.0 < speed < np.inf, "a number > 0, in mm/ms")
+    wired = wiring(areas, density, radius, seed)
+    circuit = neuro.load(path("microcircuit"), {"scale": scale, "indegree": indegree})
+    net = neuro.Network("areas", resolution=circuit.resolution)
+    inputs = [_inputs(circuit, wired, area, between) for area in range(areas)]
+    for area in range(areas):
+        _add_area(net, circuit, area, inputs[area])
+    weight = circuit.projections["L23E_L23E"].weight
+    for area in range(areas):
+        for (other, source, target), n in inputs[area].items():
+            late = wired.distances[area, other] / speed
+            pre, post = _name(other, source), _name(area, target)
+            delay = neuro.normal(mean=late, std=_LATE * late, low=_SOONEST)
+            net.connect(pre, post, neuro.fixed_total_number(n=n), weight=weight, delay=delay)
+    return net
+
+
+def _check(word: str, value: object, fits: bool, expected: str) -> None:
+    if not fits:
+        raise ModelError(f"areas: {word} = {value!r}: expected {expected}")
+
+
+def _is_number(value: object) -> TypeGuard[float]:
+    return isinstance(value, (int, float))
+
+
+def _name(area: int, population: str) -> str:
+    return f"A{area + 1:02d}_{population}"
+
+
+def _size(circuit: neuro.Network, population: str) -> int:
+    (size,) = circuit.populations[population].shape
+    return int(size)
+
+
+def _poisson(circuit: neuro.Network, population: str) -> neuro.poisson_generator:
+    model = circuit.populations[f"{population}_in"].model
+    assert isinstance(model, neuro.poisson_generator)
+    return model
+
+
+def _inputs(circuit: neuro.Network, wired: Wiring, area: int, between: float) -> dict[tuple[int, str, str], int]:
+    """Synapses from other areas, by area and population of the source and population of the target."""
+    found = {}
+    others = np.flatnonzero(wired.connected[area])
+    for (sources, targets), ranks in ((_FORWARD, others[others < area]), (_BACK, others[others > area])):
+        neurons = np.array([_size(circuit, source) for source in sources])
+        shares = np.outer(wired.shares(area, ranks), neurons / neurons.sum())
+        for target in targets:
+            each = between * _poisson(circuit, target).rate / _OUTSIDE
+            numbers = np.rint(each * _size(circuit, target) * shares).astype(np.int64)
+            for (i, j), n in np.ndenumerate(numbers):
+                if n:
+                    found[int(ranks[i]), sources[j], target] = int(n)
+    return found
+
+
+def _add_area(net: neuro.Network, circuit: neuro.Network, area: int, inputs: dict[tuple[int, str, str], int]) -> None:
+    """Add a microcircuit, whose Poisson input is what other areas leave of it."""
+    heard = dict.fromkeys(LAYERS, 0.0)
+    for (_, source, target), n in inputs.items():
+        heard[target] += n / _size(circuit, target) * _RATES[source]
+    for name in LAYERS:
+        part, poisson = circuit.populations[name], _poisson(circuit, name)
+        net.population(_name(area, name), part.shape, part.model, initial=part.initial)
+        left = replace(poisson, rate=poisson.rate - heard[name])
+        net.population(_name(area, f"{name}_in"), part.shape, left)
+    for wires in circuit.projections.values():
+        pre, post = _name(area, wires.source), _name(area, wires.target)
+        net.connect(pre, post, wires.rule, wires.synapse, weight=wires.weight, delay=wires.delay)

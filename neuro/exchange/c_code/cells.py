@@ -1,0 +1,240 @@
+"""The neurons of one population as C: their registers, their states, and one function that steps them all.
+
+Registers that all neurons share are written into the function; others are tables. What every step replaces is no state:
+of a current that keeps nothing no array is left.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from neuro.chips.quantising.fixed import FixedPopulation
+from neuro.exchange.c_code.arrays import TYPES, Memory, narrowest, number
+from neuro.program.program import Ints
+
+_NOTHING = np.zeros(1, dtype=np.int64)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Cells:
+    """A population of a network.
+
+    Attributes:
+        number: with which its names in C end.
+        fixed: its registers.
+        size: neurons.
+        first: the first of them among all of the network.
+        slots: of its ring: one more than the longest lag of what it receives.
+        receptors: rings that it has; 2 where a word may go to the second receptor.
+        out: whether its spikes are output.
+        group: whether its neurons compete.
+        onto: numbers of the projections that it sends along.
+        noted: statements with which learning hears of a spike of neuron i.
+    """
+
+    number: int
+    fixed: FixedPopulation
+    size: int
+    first: int
+    slots: int
+    receptors: int
+    out: bool
+    group: bool
+    onto: tuple[int, ...]
+    noted: tuple[str, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class Stepped:
+    """What the neurons of a population are in C.
+
+    Attributes:
+        states: registers that a step leaves to the next, with the names of their arrays.
+        lines: the functions.
+        init: statements that put the states where they are at step 0, by register.
+        threshold: of neuron i.
+    """
+
+    states: dict[str, str]
+    lines: list[str]
+    init: dict[str, str]
+    threshold: str = ""
+
+
+class Registers:
+    """The registers of a population as text of C, of neuron i.
+
+    Args:
+        cells: the population.
+        memory: takes tables and states.
+    """
+
+    def __init__(self, cells: Cells, memory: Memory) -> None:
+        self._cells, self._memory = cells, memory
+        self._states = dict[str, str]()
+        self._init = dict[str, str]()
+        self._reset = list[str]()
+
+    def text(self, name: str, values: Ints) -> str:
+        """A register: a number that all neurons share, or an entry of a table."""
+        if np.all(values == values.flat[0]):
+            return number(int(values.flat[0]))
+        return f"{self._memory.table(f'{name}_{self._cells.number}', values, f'{self._cells.fixed.name}: {name}')}[i]"
+
+    def state(self, register: str) -> str:
+        """A state register of 32 bits."""
+        at = self._array(register, "int32_t")
+        begins = self.text(f"{register}_begin", self._cells.fixed.initial.get(register, _NOTHING))
+        self._init[register] = _all(self._cells.size, f"{at} = {begins};")
+        return at
+
+    def hold(self, steps: Ints) -> str:
+        """The count of refractory steps that are left; "" where no neuron is ever refractory."""
+        if steps.max() <= 0:
+            return ""
+        at = self._array("hold", TYPES[narrowest(0, int(steps.max()))])
+        self._init["hold"] = _all(self._cells.size, f"{at} = 0;")
+        self._reset.append(f"{at} = {self.text('refractory', np.maximum(steps, 0))};")
+        return at
+
+    def falls(self, v: str, to: str) -> None:
+        """Say what a spike does to the voltage: it goes to a value, or falls by one where a register says so."""
+        fall = self._cells.fixed.registers.get("fall", _NOTHING)
+        here, by = f"{v} = {to};", self.text("fall", fall)
+        if fall.all():
+            here = f"{v} -= {by};"
+        elif fall.any():
+            here = f"{v} = {by} == 0 ? {to} : {v} - {by};"
+        self._reset.insert(0, here)
+
+    def stepped(self, names: str, threshold: str, body: Sequence[str]) -> Stepped:
+        """The population, when all of its registers have a text.
+
+        Args:
+            names: declarations before the loop over neurons.
+            threshold: of neuron i.
+            body: what a neuron does; it calls `fire(i)` at threshold.
+        """
+        k, size = self._cells.number, self._cells.size
+        lines = function(f"static void reset_{k}(uint32_t i)", self._reset) if self._cells.group else []
+        reset = [f"reset_{k}(i);"] if self._cells.group else self._reset
+        lines += function(f"static void fire_{k}(uint32_t i)", [*reset, *sent(self._cells, "1u")])
+        begins, reached = [], f"fire_{k}(i);"
+        if self._cells.group:
+            fired = self._memory.state(f"fired_{k}", "uint8_t", size, f"{self._cells.fixed.name}: above threshold")
+            begins, reached = [f"{fired}[i] = 0;"], f"{fired}[i] = 1;"
+        loop = [f"for (uint32_t i = 0; i < {size}u; i++) {{", *indented([*begins, *body]), "}"]
+        text = [line.replace("fire(i);", reached) for line in loop]
+        return Stepped(
+            self._states, [*lines, *function(f"static void step_{k}(void)", [names, *text])], self._init, threshold
+        )
+
+    def _array(self, register: str, kind: str) -> str:
+        name = f"{register}_{self._cells.number}"
+        self._states[register] = self._memory.state(
+            name, kind, self._cells.size, f"{self._cells.fixed.name}: {register}"
+        )
+        return f"{name}[i]"
+
+
+def loihi_lif(cells: Cells, memory: Memory) -> Stepped:
+    """Compartments of Loihi 1, see `neuro.model.neurons.loihi_lif`."""
+    r, own = cells.fixed.registers, Registers(cells, memory)
+    v, keep = own.state("v"), 4095 - r["du"]
+    u = own.state("u") if keep.any() else ""
+    hold = own.hold(r["refractory"] - 1)
+    own.falls(v, "0")
+    lowest = number(int(r["v_min"][0]) if "v_min" in r else -(2**23) + 1)
+    bias, leak = own.text("bias", r["bias_mant"] << r["bias_exp"]), own.text("keep_v", 4096 - r["dv"])
+    body = [f"int32_t u = next_u({u or '0'}, {own.text('keep_u', keep)}, in[i]);", *([f"{u} = u;"] if u else [])]
+    body += ["in[i] = 0;"]
+    free = [f"{v} = next_v({v}, {leak}, u, {bias}, {lowest});"]
+    threshold = own.text("threshold", r["vth"] * 64)
+    free += [f"if ({v} > {threshold}) {{", "    fire(i);", "}"]
+    return own.stepped(arriving(cells), threshold, body + _unless(hold, free, [f"{v} = 0;"]))
+
+
+def spinnaker_lif(cells: Cells, memory: Memory) -> Stepped:
+    """SpiNNaker's exponential neurons, see `neuro.model.neurons.spinnaker_lif`."""
+    r, own = cells.fixed.registers, Registers(cells, memory)
+    v, exc, inh = own.state("v"), own.state("g_exc"), own.state("g_inh")
+    hold = own.hold(r["t_refract"])
+    own.falls(v, own.text("v_reset", r["v_reset"]))
+    body, slots = [], ("in[i]", "below[i]" if cells.receptors == 2 else "0")
+    for g, word, slot in ((exc, "exc", slots[0]), (inh, "inh", slots[1])):
+        decay, init = (own.text(f"{word}_{what}", r[f"{word}_{what}"]) for what in ("decay", "init"))
+        body += [f"{g} = next_g({g}, {decay}, {slot}, {r[f'{word}_shift'][0]}, {init});"]
+    body += [f"{slot} = 0;" for slot in slots[: cells.receptors]]
+    drive = f"(int64_t){exc} - {inh} + {own.text('bias', r['i_offset'])}"
+    words = (own.text(word, r[name]) for word, name in (("r_m", "r_m"), ("v_rest", "v_rest"), ("keep_v", "exp_tc")))
+    body += _unless(hold, [f"{v} = next_v({v}, {drive}, {', '.join(words)});"], [])
+    # A refractory neuron is compared as well, as in the machine's code.
+    threshold = own.text("threshold", r["v_thresh"])
+    body += [f"if ({v} >= {threshold}) {{", "    fire(i);", "}"]
+    return own.stepped(arriving(cells), threshold, body)
+
+
+def spinnaker_delta(cells: Cells, memory: Memory) -> Stepped:
+    """Neurons with delta input in SpiNNaker's arithmetic."""
+    r, own = cells.fixed.registers, Registers(cells, memory)
+    v, hold = own.state("v"), own.hold(r["t_refract"])
+    own.falls(v, own.text("v_reset", r["v_reset"]))
+    slots = ("in[i]", "below[i]")[: cells.receptors]
+    inputs = [
+        f"((int64_t){slot} << {r[f'{word}_shift'][0]})" for slot, word in zip(slots, ("exc", "inh"), strict=False)
+    ]
+    lowest = number(int(r["v_min"][0]) if "v_min" in r else -(2**31) + 1)
+    words = (
+        own.text(word, r[name]) for word, name in (("bias", "i_offset"), ("v_rest", "v_rest"), ("keep_v", "exp_tc"))
+    )
+    body = [f"int64_t input = {' - '.join(inputs)};", *(f"{slot} = 0;" for slot in slots)]
+    free = [f"{v} = next_v_delta({v}, input, {', '.join(words)}, {lowest});"]
+    threshold = own.text("threshold", r["v_thresh"])
+    free += [f"if ({v} >= {threshold}) {{", "    fire(i);", "}"]
+    return own.stepped(arriving(cells), threshold, body + _unless(hold, free, []))
+
+
+def relay(cells: Cells, memory: Memory) -> Stepped:
+    """Parrots: as many spikes as arrived; on a chip whose spikes are one bit one of them."""
+    k, size = cells.number, cells.size
+    lines = function(f"static void fire_{k}(uint32_t i, uint32_t times)", sent(cells, "times"))
+    body = ["uint16_t times = in[i];", "in[i] = 0;", "if (times != 0) {", f"    fire_{k}(i, spikes(times));", "}"]
+    loop = [f"for (uint32_t i = 0; i < {size}u; i++) {{", *indented(body), "}"]
+    return Stepped({}, [*lines, *function(f"static void step_{k}(void)", [arriving(cells), *loop])], {})
+
+
+def arriving(cells: Cells) -> str:
+    """The declaration of what arrives in this step."""
+    k, plane = cells.number, cells.slots * cells.size
+    here = f"uint16_t *in = ring_{k} + at_{k} * {cells.size}u"
+    return f"{here}, *below = in + {plane};" if cells.receptors == 2 else f"{here};"
+
+
+def sent(cells: Cells, times: str) -> list[str]:
+    """Statements with which neuron i emits."""
+    lines = [f"emit({cells.first}u + i, {times}, {int(cells.out)});"]
+    return [*lines, *(f"send_{q}(i, {times});" for q in cells.onto), *cells.noted]
+
+
+def _unless(hold: str, free: Sequence[str], held: Iterable[str]) -> list[str]:
+    """What a neuron does that is not refractory, and one that is."""
+    if not hold:
+        return list(free)
+    return [f"if ({hold} != 0) {{", *indented([f"{hold}--;", *held]), "} else {", *indented(free), "}"]
+
+
+def _all(size: int, statement: str) -> str:
+    return f"for (uint32_t i = 0; i < {size}u; i++) {statement}"
+
+
+def indented(lines: Iterable[str]) -> list[str]:
+    """Lines inside a block."""
+    return [f"    {line}" for line in lines]
+
+
+def function(head: str, body: Iterable[str]) -> list[str]:
+    """A function by its head and its statements."""
+    return [head, "{", *indented(body), "}", ""]

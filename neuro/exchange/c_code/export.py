@@ -1,0 +1,222 @@
+"""A network in a chip's integers as a folder of C: `NAME.c`, `NAME.h`, and a test with a recorded run."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping
+from dataclasses import dataclass
+from importlib.resources import files
+from os import PathLike
+from pathlib import Path
+
+import numpy as np
+
+from neuro.chips.quantising.quantise import quantise
+from neuro.core.checks import check
+from neuro.core.clock import Clock
+from neuro.core.errors import ModelError, unknown
+from neuro.core.outputs import check_output, make_folder, sealed, write_text
+from neuro.core.paths import file_path
+from neuro.core.quantities import Quantity
+from neuro.exchange.c_code.arrays import Memory
+from neuro.exchange.c_code.recorded import Given, Recorded, record, watched, without_learning
+from neuro.exchange.c_code.source import INPUTS, MARK, Source, source_of
+from neuro.exchange.c_code.unsupported import check_chip, refuse
+from neuro.model.network import Network
+from neuro.program.program import Program
+from neuro.run.compiled import compile
+from neuro.run.simulation import Simulation
+
+__all__ = ["CCode", "save_c"]
+
+KIND = sealed("a file of C of neuro, as it was written", MARK, "; digest {}")
+_BYTES = Quantity(unit="bytes", doc="of a memory", kind="integer", at_least=0, optional=True)
+_DURATION = Quantity(unit="ms", doc="of the recorded run", above=0, optional=True)
+_FLAG = Quantity(kind="boolean")
+_WORD = re.compile(r"[a-z][a-z0-9_]*")
+_SHORTEST, _LONGEST, _AFTER = 100, 1000, 20
+_DRAWN = 0.05
+
+
+@dataclass(frozen=True, slots=True)
+class CCode:
+    """What was written.
+
+    Attributes:
+        folder: where.
+        name: with which its public names begin.
+        chip: whose integers it computes in.
+        flash: bytes of constant tables; `code` those of machine code on a Cortex-M4, at most.
+        ram: bytes of states.
+        steps: of the recorded run.
+        drawn: whether its input was drawn, since the network's own inputs send nothing.
+        input_spikes, output_spikes: of the recorded run.
+    """
+
+    folder: Path
+    name: str
+    chip: str
+    flash: int
+    code: int
+    ram: int
+    steps: int
+    drawn: bool
+    input_spikes: int
+    output_spikes: int
+
+    def __str__(self) -> str:
+        drawn = ", drawn, since the network's own send nothing" if self.drawn else ""
+        return "\n".join(
+            [
+                f"{self.folder}: {self.name}.c and {self.name}.h, in the integers of {self.chip}",
+                f"  flash  {self.flash + self.code:,} bytes: tables {self.flash:,}, code at most {self.code:,}",
+                f"  RAM    {self.ram:,} bytes, beside the stack and the caller's events",
+                f"  test   {self.steps:,} steps: {self.input_spikes:,} spikes of inputs{drawn}, "
+                f"{self.output_spikes:,} of outputs",
+                f"  make -C {self.folder} test compares every spike and state with the emulator",
+            ]
+        )
+
+
+def save_c(
+    net: Network,
+    folder: str | PathLike[str],
+    *,
+    chip: str = "loihi",
+    name: str = "net",
+    ram: int | None = None,
+    flash: int | None = None,
+    duration: float | None = None,
+    given: Given | None = None,
+    frozen: bool = False,
+    seed: int = 0,
+) -> CCode:
+    """Write a network in the integers of an emulated chip as C99 for a microcontroller.
+
+    The program allocates nothing and uses no floating-point numbers. It has the spikes and the states of the emulator
+    in every step. Spikes of generators are its input. Its output are the populations of which spikes are probed, or
+    else those that send to no other.
+
+    Args:
+        net: the network, all of whose weights are fixed.
+        folder: for the files; made where there is none.
+        chip: name or table of a chip.
+        name: with which its public names begin: small letters, digits, `_`.
+        ram: bytes that its states may take.
+        flash: bytes that its tables and its code may take.
+        duration: of the recorded run in ms; some steps longer than the network's listed spikes if not given.
+        given: spikes of inputs in the recorded run: steps, from 1, and neurons, by the input's name. Otherwise those of
+            the network; drawn ones if it has none.
+        frozen: whether what learns is left out; weights stay as they are in the network.
+        seed: of everything random.
+
+    Raises:
+        ModelError: the chip does not run the network, a part of it cannot be written, or it does not fit.
+    """
+    if not isinstance(net, Network):
+        raise ModelError(f"save_c: found {net!r:.60}: expected a Network", hint="neuro.load reads one from YAML")
+    limits = {"flash": check(_BYTES, flash, "flash"), "RAM": check(_BYTES, ram, "ram")}
+    if not _WORD.fullmatch(name):
+        raise ModelError(f"name = {name!r:.60}: expected small letters, digits and _, as in 'net'")
+    target = check_chip(chip)
+    sim = compile(watched(without_learning(net) if check(_FLAG, frozen, "frozen") else net), backend=chip, seed=seed)
+    program = sim.program
+    fixed = quantise(program, target)
+    refuse(fixed)
+    outputs = _outputs(net, program)
+    source = source_of(fixed, name, outputs)
+    code = _code(source)
+    for what, limit, size in (("flash", limits["flash"], source.flash + code), ("RAM", limits["RAM"], source.ram)):
+        if limit is not None and size > limit:
+            hint = "fewer neurons, shorter delays or shared kernels (grid) take less"
+            raise ModelError(
+                f"{what}: network '{net.name}' takes {size:,} bytes: expected at most {limit:,}", hint=hint
+            )
+    steps = _steps(program, check(_DURATION, duration, "duration"), given)
+    run, drawn = _run(sim, source, outputs, steps, given)
+    place = file_path(folder, "folder")
+    words = {"name": name, "NAME": name.upper(), "chip": target.arithmetic, "mark": f"{MARK}.", "steps": str(steps)}
+    words["data"] = _data(run, name)
+    texts = {f"{name}.h": source.header, f"{name}.c": source.code, f"{name}_test.c": _template("test.c", words)}
+    shared = ["integers.h", f"{target.arithmetic}.h", "Makefile", "m4.c", "m4.ld"]
+    shared += ["learning.h"] if '"learning.h"' in source.code else []
+    _write(place, texts | {file: _template(file, words) for file in shared})
+    spikes = (int(each[2].sum()) for each in (run.sent, run.told))
+    return CCode(place, name, fixed.chip.title, source.flash, code, source.ram, steps, drawn, *spikes)
+
+
+def _outputs(net: Network, program: Program) -> tuple[str, ...]:
+    """The populations whose spikes are output."""
+    neurons = [part.name for part in program.populations if part.kind == "neuron"]
+    probed = {probe.of for probe in net.probes.values() if "spikes" in probe.record}
+    ends = {part.source for part in net.projections.values() if part.source != part.target}
+    found = tuple(name for name in neurons if name in probed)
+    return found or tuple(name for name in neurons if name not in ends) or tuple(neurons)
+
+
+def _code(source: Source) -> int:
+    """Bytes of machine code of a Cortex-M4, at most: an estimate from its statements, of gcc 12 with -O2."""
+    return 400 + 16 * source.code.count(";")
+
+
+def _steps(program: Program, duration: float | None, given: Given | None) -> int:
+    if duration is not None:
+        return max(1, Clock(program.resolution).step(duration, "duration"))
+    listed = [part.spike_steps for part in program.populations if part.kind == "listed"]
+    listed += [steps for steps, _ in (given or {}).values()]
+    last = max((int(steps.max()) for steps in listed if steps.size), default=0)
+    return min(max(last + _AFTER, _SHORTEST), _LONGEST)
+
+
+def _run(
+    sim: Simulation, source: Source, outputs: tuple[str, ...], steps: int, given: Given | None
+) -> tuple[Recorded, bool]:
+    """The recorded run, and whether its input was drawn."""
+    inputs = [part for part in sim.program.populations if part.kind in INPUTS]
+    listed = [part.name for part in inputs if part.kind == "listed"]
+    for name, (when, neurons) in (given or {}).items():
+        if name not in listed:
+            raise unknown("input", name, listed)
+        sim.inject(name, when * sim.program.resolution, neurons)
+    found = record(sim, source, outputs, steps)
+    if found.sent.size or given or not inputs:
+        return found, False
+    sim.reset()
+    draws = np.random.default_rng(0)
+    for part in inputs:
+        if part.kind == "poisson":
+            sim.set(part.name, rate=1000.0 * _DRAWN / sim.program.resolution)
+        else:
+            when, neurons = np.nonzero(draws.random((steps, part.size)) < _DRAWN)
+            sim.inject(part.name, (when + 1) * sim.program.resolution, neurons)
+    return record(sim, source, outputs, steps), True
+
+
+def _data(run: Recorded, name: str) -> str:
+    """What the test compares with."""
+    memory = Memory()
+    for word, spikes in (("in", run.sent), ("out", run.told)):
+        ends = np.searchsorted(spikes[0], np.arange(run.steps + 1), side="right")
+        memory.table(f"{word}_ends", ends, f"where the {word}put events of each step end")
+        events = [f"{{{neuron}, {times}}}" for neuron, times in spikes[1:].T.tolist()]
+        memory.constants(f"{word}_events", f"{name}_event", [*events, "{0, 0}"])
+    for word, digests in (("spike", run.spikes), ("state", run.states)):
+        memory.constants(f"{word}_digests", "uint64_t", [f"UINT64_C({digest})" for digest in digests.tolist()])
+    return "\n".join(memory.lines)
+
+
+def _write(folder: Path, texts: Mapping[str, str]) -> None:
+    """All files, or none where one of them may not be replaced."""
+    make_folder(folder)
+    for file in texts:
+        check_output(folder / file, KIND)
+    for file, text in texts.items():
+        write_text(folder / file, text, KIND)
+
+
+def _template(file: str, words: Mapping[str, str]) -> str:
+    """A file that is the same for all networks, but for some words."""
+    text = files("neuro.exchange.c_code").joinpath("templates", file).read_text("utf-8")
+    for word, value in words.items():
+        text = text.replace(f"@{word}@", value)
+    return text

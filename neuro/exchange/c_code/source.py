@@ -1,0 +1,341 @@
+"""A quantised program as the text of `NAME.c` and `NAME.h`, and the bytes that its arrays take.
+
+A step has the order of the emulated chips. A spike is sent when it is emitted, into the slot of a later step: rings
+have one slot more than the longest lag, so the slot that a population reads now is written by nobody.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable, Iterable, Iterator
+from dataclasses import dataclass
+
+import numpy as np
+
+from neuro.chips.arithmetics import arithmetic_of
+from neuro.chips.arrival_rule import longest_lag
+from neuro.chips.quantising.fixed import FixedProjection
+from neuro.chips.quantising.fixed_program import FixedProgram
+from neuro.chips.quantising.quantise import names_of
+from neuro.exchange.c_code.arrays import TYPES, Memory, comment, narrowest
+from neuro.exchange.c_code.cells import (
+    Cells,
+    Stepped,
+    function,
+    indented,
+    loihi_lif,
+    relay,
+    spinnaker_delta,
+    spinnaker_lif,
+)
+from neuro.exchange.c_code.delivery import Delivery
+from neuro.exchange.c_code.groups import decide
+from neuro.exchange.c_code.learning import Learning
+from neuro.program.program import Population
+
+STEPS: dict[str, Callable[[Cells, Memory], Stepped]] = {
+    "relay": relay,
+    "loihi_lif": loihi_lif,
+    "spinnaker_lif": spinnaker_lif,
+    "spinnaker_delta": spinnaker_delta,
+}
+"""The neurons that are written as C, by `FixedPopulation.kind`."""
+
+RECEPTORS = {"loihi": 1, "spinnaker": 2}
+"""Families of chips that are written as C, each with a header of its name, and the slots of a neuron."""
+
+INPUTS = ("listed", "poisson")
+"""Kinds of populations whose spikes a program gives."""
+
+REGISTERS = {"V_m": ("v", "hold"), "I_syn_ex": ("u", "g_exc"), "I_syn_in": ("u", "g_inh")}
+"""What a trial puts back with a state; with the potential refractoriness ends."""
+
+MARK = "Written by neuro for a microcontroller"
+
+_POINTER = 4
+_STEP = "uint32_t NAME_step(const NAME_event *events, uint32_t n, NAME_event *out)"
+
+_EMIT = """static NAME_event *out_at;
+
+#ifdef NEURO_DIGEST
+static uint64_t sent;
+#endif
+
+static void emit(uint32_t neuron, uint32_t times, int out)
+{
+#ifdef NEURO_DIGEST
+    sent += mix((uint64_t)neuron << 32 | times);
+#endif
+    if (out) {
+        out_at->neuron = (NAME_neuron)neuron;
+        out_at->times = (uint16_t)times;
+        out_at++;
+    }
+}
+"""
+
+_PUBLIC = """typedef NEURON NAME_neuron;
+
+/* A neuron that sends `times` spikes in a step. */
+typedef struct {
+    NAME_neuron neuron;
+    uint16_t times;
+} NAME_event;
+
+/* Begin at step 0. Call it first. */
+void NAME_init(void);
+
+/* One step. Reads the spikes that inputs send in it, n events in any order, and writes those of outputs, in order of
+ * neurons; returns their number. Events of neurons that are no input are passed over. */
+uint32_t NAME_step(const NAME_event *events, uint32_t n, NAME_event *out);
+
+/* The voltage register of a neuron after the last step; 0 of what has none. */
+int32_t NAME_voltage(uint32_t neuron);
+"""
+_TRIAL = "/* Begin a trial: drop all that is under way, and put the output back where a trial begins. */"
+
+
+@dataclass(frozen=True, slots=True)
+class Source:
+    """A network as C.
+
+    Attributes:
+        header, code: of its two files.
+        flash: bytes of its constant tables.
+        ram: bytes of its states.
+        firsts: the first neuron of each population among all, and the number of all.
+        states: registers that a digest of all states is made of, by population or projection that learns, in order.
+    """
+
+    header: str
+    code: str
+    flash: int
+    ram: int
+    firsts: list[int]
+    states: dict[str, tuple[str, ...]]
+
+
+def source_of(fixed: FixedProgram, name: str, outputs: tuple[str, ...]) -> Source:
+    """Write a quantised program.
+
+    Args:
+        fixed: all of whose parts can be written.
+        name: with which all public names begin.
+        outputs: populations whose spikes are output.
+    """
+    return _Writer(fixed, name, outputs).source()
+
+
+class _Writer:
+    """Collects the arrays and functions of a network."""
+
+    def __init__(self, fixed: FixedProgram, name: str, outputs: tuple[str, ...]) -> None:
+        self._fixed, self._program, self._name, self._outputs = fixed, fixed.program, name, outputs
+        self._memory = Memory()
+        sizes = [part.size for part in self._program.populations]
+        self._firsts = np.concatenate(([0], np.cumsum(sizes))).astype(int).tolist()
+        self._spiking = [
+            q for q, wires in enumerate(fixed.projections) if wires is not None and self._program.projections[q].size
+        ]
+        self._learns = [q for q in self._spiking if self._program.projections[q].synapse.learns]
+        self._cells = {k: self._described(k) for k, part in enumerate(fixed.populations) if part.kind in STEPS}
+        self._inputs = [k for k, part in enumerate(self._program.populations) if part.kind in INPUTS]
+
+    def _described(self, k: int) -> Cells:
+        part, cells, wires = self._program.populations[k], self._fixed.populations[k], self._fixed.projections
+        into = [q for q in self._spiking if self._program.projections[q].target == k]
+        lag = max((int(longest_lag(self._program, q).max(initial=1)) for q in into), default=0)
+        below = any(np.any(wire.words < 0) for q in into if (wire := wires[q]) is not None)
+        receptors = RECEPTORS[self._fixed.chip.arithmetic] if below and cells.kind != "relay" else 1
+        group = any(group.population == k for group in self._program.groups)
+        out = part.name in self._outputs
+        onto, noted = self._along(k), self._noted(k)
+        return Cells(k, cells, part.size, self._firsts[k], lag + 1, receptors, out, group, onto, noted)
+
+    def _along(self, k: int) -> tuple[int, ...]:
+        """The projections that a population sends along."""
+        return tuple(q for q in self._spiking if self._program.projections[q].source == k)
+
+    def _noted(self, k: int) -> tuple[str, ...]:
+        """Statements with which the projections that learn hear of a spike of neuron i of a population."""
+        sides = (("x", "source"), ("y", "target"))
+        parts = self._program.projections
+        return tuple(
+            f"{x}_fired_{q}[i] = 1;" for q in self._learns for x, side in sides if getattr(parts[q], side) == k
+        )
+
+    def source(self) -> Source:
+        """Both files."""
+        memory = self._memory
+        if self._draws:
+            memory.variable("now", "uint32_t", "the step, for draws")
+        for k, cells in self._cells.items():
+            size, name = cells.slots * cells.size * cells.receptors, cells.fixed.name
+            memory.state(f"ring_{k}", "uint16_t", size, f"{name}: input to come, {cells.slots} slots")
+            memory.variable(f"at_{k}", TYPES[narrowest(0, cells.slots)], f"{name}: the slot of this step")
+        self._learning = {q: Learning(self._program, q, self._wires(q), memory) for q in self._learns}
+        sending = [line for q in self._spiking for line in self._delivery(q)]
+        learning = [line for part in self._learning.values() for line in part.lines()]
+        stepped = {k: STEPS[cells.fixed.kind](cells, memory) for k, cells in self._cells.items()}
+        deciding, opened = list[str](), list[str]()
+        for index, group in enumerate(self._program.groups):
+            k = group.population
+            lines, begin = decide(self._program, index, self._cells[k], stepped[k].threshold, memory)
+            deciding, opened = deciding + lines, opened + begin
+        functions = [line for part in stepped.values() for line in part.lines]
+        inputs, step = self._input(), self._step()
+        parts = [self._top(), memory.lines, [_EMIT], sending, functions, deciding, learning, inputs]
+        parts += [self._init(stepped, opened), step, self._voltage(), self._digest(stepped)]
+        code = "\n".join(line for part in parts for line in [*part, ""])
+        states = {self._cells[k].fixed.name: _digested(part) for k, part in stepped.items()}
+        states |= {self._program.projections[q].name: list(part.states) for q, part in self._learning.items()}
+        return Source(
+            self._header(),
+            code.replace("NAME_", f"{self._name}_").replace("\n\n\n", "\n\n").rstrip() + "\n",
+            memory.flash,
+            memory.ram + _POINTER,
+            self._firsts,
+            {name: tuple(each) for name, each in states.items()},
+        )
+
+    def _wires(self, q: int) -> FixedProjection:
+        wires = self._fixed.projections[q]
+        assert wires is not None
+        return wires
+
+    def _delivery(self, q: int) -> list[str]:
+        part = self._program.projections[q]
+        delivery = Delivery(q, part, self._wires(q), self._cells[part.target], self._memory)
+        return delivery.lines(self._learning[q].word if q in self._learning else "")
+
+    @property
+    def _draws(self) -> bool:
+        """Whether anything is drawn, by the number of the step."""
+        return bool(self._program.groups or self._learns)
+
+    @property
+    def _about(self) -> str:
+        return f"network '{comment(self._program.name)}' in the integers of {self._fixed.chip.title}"
+
+    def _header(self) -> str:
+        populations, upper = self._program.populations, self._name.upper()
+        lines = [
+            f"/* {self._about}. {MARK}. */",
+            f"#ifndef {upper}_H",
+            f"#define {upper}_H",
+            "",
+            "#include <stdint.h>",
+            "",
+        ]
+        lines += ["/* Neurons are counted through all populations: each has a first neuron and a size. */"]
+        for word, part, first in zip(_macros(populations), populations, self._firsts, strict=False):
+            role = "input" if part.kind in INPUTS else "output" if part.name in self._outputs else "inside"
+            lines += [
+                f"#define {upper}_FIRST_{word} {first}u /* {role} */",
+                f"#define {upper}_SIZE_{word} {part.size}u",
+            ]
+        most = sum(part.size for part in populations if part.name in self._outputs)
+        lines += [f"#define {upper}_MOST_OUT {most}u /* events that a step may give */"]
+        lines += [
+            f"#define {upper}_STEP_US {round(self._program.resolution * 1000)}u /* a step, in microseconds */",
+            "",
+        ]
+        neuron = TYPES[narrowest(0, self._firsts[-1])]
+        kind = {"uint8_t": "uint16_t"}.get(neuron, neuron)
+        text = _PUBLIC.replace("NAME_", f"{self._name}_").replace("NEURON", kind)
+        open_c, close_c = (f"#ifdef __cplusplus\n{each}\n#endif\n" for each in ('extern "C" {', "}"))
+        trial = [f"{_TRIAL}\nvoid {self._name}_trial(void);\n"] if self._program.trials is not None else []
+        return "\n".join([*lines, open_c, text, *trial, close_c, "#endif", ""])
+
+    def _top(self) -> list[str]:
+        chip = self._fixed.chip.arithmetic
+        headers = [self._name, chip, *(["learning"] if self._learns else [])]
+        return [f"/* {self._about}. {MARK}. */", *(f'#include "{header}.h"' for header in headers)]
+
+    def _input(self) -> list[str]:
+        """Where the spikes of each input go; what is no neuron of an input is passed over."""
+        lines = ["static void input(uint32_t neuron, uint32_t times)", "{", "    (void)times;"]
+        for k in self._inputs:
+            first, last = self._firsts[k], self._firsts[k + 1]
+            sent = [f"        send_{q}(i, times);" for q in self._along(k)]
+            sent = [f"        uint32_t i = neuron - {first}u;", "        (void)i;", *sent]
+            sent += [f"        {each}" for each in self._noted(k)]
+            test = f"neuron < {last}u" if first == 0 else f"neuron >= {first}u && neuron < {last}u"
+            lines += [f"    if ({test}) {{ /* {comment(self._program.populations[k].name)} */", *sent, "    }"]
+        if not self._inputs:
+            lines.append("    (void)neuron;")
+        return [*lines, "}"]
+
+    def _init(self, stepped: dict[int, Stepped], opened: list[str]) -> list[str]:
+        """The functions that begin a run, and a trial."""
+        clear = [f"clear(ring_{k}, {c.slots * c.size * c.receptors}u);" for k, c in self._cells.items()]
+        lines = [*(["now = 0;"] if self._draws else []), *(f"at_{k} = 0;" for k in self._cells), *clear]
+        lines += [line for part in stepped.values() for line in part.init.values()]
+        lines += [line for part in self._learning.values() for line in part.init]
+        found = function("void NAME_init(void)", [*lines, *opened])
+        if (trials := self._program.trials) is not None:
+            names = names_of(self._program.populations[trials.output])
+            states = {register for state in trials.reset for each in names[state] for register in REGISTERS[each]}
+            anew = [line for register, line in stepped[trials.output].init.items() if register in states]
+            found += function("void NAME_trial(void)", [*clear, *anew, *opened])
+        return found
+
+    def _step(self) -> list[str]:
+        merge = arithmetic_of(self._fixed.chip).one_bit and bool(self._inputs)
+        each = ["uint32_t neuron = events[e].neuron;"]
+        once = "if (events[e].times != 0) input(neuron, spikes(events[e].times));"
+        lines = [*(["now++;"] if self._draws else []), "out_at = out;"]
+        if merge:
+            most = max(self._firsts[k + 1] for k in self._inputs)
+            seen = self._memory.state("seen", "uint32_t", -(-most // 32), "inputs that have sent a spike in this step")
+            each += [f"if (neuron >= {most}u || ({seen}[neuron / 32u] >> neuron % 32u & 1u) != 0) continue;"]
+            once = f"if (events[e].times != 0) {seen}[neuron / 32u] |= 1u << neuron % 32u, input(neuron, 1u);"
+        lines += ["for (uint32_t e = 0; e < n; e++) {", *indented([*each, once]), "}"]
+        if merge:
+            clear = f"if (events[e].neuron < {most}u) {seen}[events[e].neuron / 32u] = 0;"
+            lines += [f"for (uint32_t e = 0; e < n; e++) {{ {clear} }}"]
+        for k, cells in self._cells.items():
+            lines += [f"step_{k}();", *([f"decide_{k}();"] if cells.group else [])]
+        lines += [f"learn_{q}();" for q in self._learns]
+        for k, cells in self._cells.items():
+            kind = TYPES[narrowest(0, cells.slots)]
+            lines += [f"at_{k} = ({kind})later(at_{k}, 1u, {cells.slots}u);"] if cells.slots > 1 else []
+        return function(_STEP, [*lines, "return (uint32_t)(out_at - out);"])
+
+    def _voltage(self) -> list[str]:
+        lines = []
+        for k, cells in self._cells.items():
+            if cells.fixed.kind != "relay":
+                last = cells.first + cells.size
+                test = f"neuron >= {cells.first}u && neuron < {last}u"
+                lines += [f"if ({test}) return v_{k}[neuron - {cells.first}u];"]
+        return function("int32_t NAME_voltage(uint32_t neuron)", [*lines, "(void)neuron;", "return 0;"])
+
+    def _digest(self, stepped: dict[int, Stepped]) -> list[str]:
+        """What tests compare: all states after a step, and all spikes of it."""
+        lines = ["uint64_t sum = 0;", "uint32_t place = 0;"]
+        for k, part in stepped.items():
+            size = self._cells[k].size
+            for register in _digested(part):
+                what = f"digest(&sum, &place, {part.states[register]}[i]);"
+                lines += [f"for (uint32_t i = 0; i < {size}u; i++) {what}"]
+        for one in self._learning.values():
+            for name, size in one.states.values():
+                lines.append(f"for (uint32_t i = 0; i < {size}u; i++) digest(&sum, &place, {name}[i]);")
+        lines += ["*spikes = sent;", "sent = 0;", "(void)place;", "return sum;"]
+        head = "uint64_t NAME_digest(uint64_t *spikes)"
+        return ["#ifdef NEURO_DIGEST", f"{head};", *function(head, lines)[:-1], "#endif"]
+
+
+def _digested(part: Stepped) -> list[str]:
+    """The registers that the emulator shows."""
+    return [register for register in part.states if register != "hold"]
+
+
+def _macros(populations: Iterable[Population]) -> Iterator[str]:
+    """A word for each population, in capitals, that no other has."""
+    taken = set[str]()
+    for k, part in enumerate(populations):
+        word = re.sub(r"[^A-Z0-9]", "_", part.name.upper())
+        taken.add(word := word if word not in taken else f"{word}_{k}")
+        yield word

@@ -1,0 +1,187 @@
+"""Golden cases of lava's fixed-point processes as networks of Loihi 2, compared bit for bit.
+
+A file holds many cases by name, arrays `CASE__NAME`, time first. Step k of a file, from 0, is step k + 1 of a
+simulation; what a case gives as the input `a_in` of a neuron is emitted one step before, so all steps are one later.
+
+| kind | known by | compared |
+| --- | --- | --- |
+| connections | array `a` | what arrives: `graded_vector` sends it |
+| LIF, with reset, ternary | `du` | u, v and spikes |
+| RF, RF_IZ | `sin_decay` | real, imag and spikes |
+| SigmaDelta, Delta, Sigma | `act_mode`; `spike_exp`; the name | all states and messages |
+| graded vectors | the name | messages |
+"""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Iterator, Mapping
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+import neuro.run.compiled
+from neuro.model.convolution import synapses_of
+from neuro.model.network import Network
+from neuro.model.neurons import (
+    Neuron,
+    delta_encoder,
+    graded_spike_train,
+    graded_vector,
+    loihi2_lif,
+    loihi2_rf,
+    loihi2_rf_iz,
+    loihi2_ternary_lif,
+    sigma_decoder,
+    sigma_delta,
+)
+from neuro.model.rules import one_to_one, pairs
+from neuro.model.synapses import Synapse, loihi2_convolution, loihi2_static, static
+from neuro.program.backend import Backend, OverflowWarning
+from neuro.verify.comparison import Golden, TraceComparison, equal
+
+Array = NDArray[Any]
+NOT_BUILT = {"dw": "learning with two factors", "a_in1": "Prod"}
+"""What lava has and is not built, by a word of a case, or an array that it alone has."""
+
+
+def is_of_loihi2(facts: Mapping[str, Any]) -> bool:
+    """Whether a file has cases of lava's processes by name."""
+    return bool(facts) and "cases" not in facts and all(isinstance(case, Mapping) for case in facts.values())
+
+
+def compare_loihi2(golden: Golden, backend: str | Backend) -> Iterator[TraceComparison]:
+    """Run every case of a file and compare all that it recorded."""
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", neuro.run.compiled.ApproximationWarning)
+        warnings.simplefilter("ignore", OverflowWarning)
+        for name, case in golden.facts.items():
+            prefix = f"{name}__"
+            arrays = {k.removeprefix(prefix): v for k, v in golden.arrays.items() if k.startswith(prefix)}
+            yield from _case(name, case, arrays, backend)
+
+
+def _case(
+    name: str, case: Mapping[str, Any], arrays: Mapping[str, Array], backend: str | Backend
+) -> Iterator[TraceComparison]:
+    missing = [what for word, what in NOT_BUILT.items() if word in case or word in arrays]
+    if missing:
+        yield TraceComparison("case", float("inf"), f"not built: {missing[0]}", case=name, exact=True)
+    elif "a" in arrays:
+        yield from _connections(name, case, arrays, backend)
+    else:
+        yield from _neurons(name, case, arrays, backend)
+
+
+def _connections(
+    name: str, case: Mapping[str, Any], arrays: Mapping[str, Array], backend: str | Backend
+) -> Iterator[TraceComparison]:
+    expected = arrays["a"]
+    net = Network("connections", resolution=1.0)
+    if "padding" in case:
+        pre, post, weight = _convolution(case, arrays)
+        synapse: Synapse = loihi2_convolution()
+        expected = expected.transpose(0, 3, 2, 1).reshape(len(expected), -1)
+        x = arrays["x"].transpose(0, 3, 2, 1).reshape(len(arrays["x"]), -1)
+        delay: Any = 1.0
+    elif arrays["W"].ndim == 3:  # a convolution in time: the last of its kernels acts first
+        late, post, pre = np.nonzero(arrays["W"][::-1])
+        weight, x, delay = arrays["W"][::-1][late, post, pre], arrays["x"], late + 1.0
+        synapse = _synapse(case) if "weight_exp" in case else loihi2_convolution()
+    else:
+        post, pre = np.nonzero(arrays["W"])
+        weight, synapse, x = arrays["W"][post, pre], _synapse(case), arrays["x"]
+        delay = arrays["D"][post, pre] + 1.0 if "D" in arrays else 1.0
+    _add_input(net, x)
+    net.population("out", expected.shape[1], graded_vector())
+    net.connect("in", "out", pairs(pre=pre, post=post), synapse, weight=weight.astype(np.float64), delay=delay)
+    found = _run(net, len(expected), (), backend)
+    yield equal(name, "a", found["s"], expected)
+
+
+def _convolution(case: Mapping[str, Any], arrays: Mapping[str, Array]) -> tuple[Array, Array, Array]:
+    """Synapses of a convolution with arrays in lava's order: width, height, channels; kernels are flipped."""
+    kernel = arrays["W"][:, ::-1, ::-1, :].transpose(0, 3, 2, 1).astype(np.float64)
+    _, width, height, channels = arrays["x"].shape
+    stride, padding, dilation = ((case[w][1], case[w][0]) for w in ("stride", "padding", "dilation"))
+    return synapses_of((channels, height, width), kernel, stride, padding, dilation, int(case["groups"]))
+
+
+def _neurons(
+    name: str, case: Mapping[str, Any], arrays: Mapping[str, Array], backend: str | Backend
+) -> Iterator[TraceComparison]:
+    expected = {word: array for word, array in arrays.items() if word in STATES or word == "s"}
+    size, steps = arrays["s"].shape[1], len(arrays["s"])
+    net = Network("neurons", resolution=1.0)
+    net.population("out", size, _model(name, case, arrays))
+    late = "x" not in arrays
+    for word in ("a_in", "a_real_in", "a_imag_in"):
+        if word in arrays:
+            _add_input(net, arrays[word], word)
+            receptor = {"a_real_in": "real", "a_imag_in": "imag"}.get(word)
+            net.connect(word, "out", one_to_one(), static(receptor=receptor), weight=1.0, delay=1.0)
+    if not late:
+        _add_input(net, arrays["x"])
+        post, pre = np.nonzero(arrays["W"])
+        weights = arrays["W"][post, pre].astype(np.float64)
+        net.connect("in", "out", pairs(pre=pre, post=post), _synapse(case["dense"]), weight=weights, delay=1.0)
+    known = [state.name for state in net.populations["out"].model.states]
+    found = _run(net, steps + late, [word for word in expected if word in known], backend)
+    for word, array in expected.items():
+        if word in found:
+            yield equal(name, word, found[word][late:], array)
+
+
+STATES = ("u", "v", "real", "imag", "sigma", "act", "residue", "error")
+
+
+def _model(name: str, case: Mapping[str, Any], arrays: Mapping[str, Array]) -> Neuron:
+    if "du" in case:
+        registers = {word: case[word] for word in ("du", "dv", "bias_exp", "reset_interval") if word in case}
+        registers |= {"reset_offset": case["reset_offset"] % case["reset_interval"]} if "reset_interval" in case else {}
+        registers |= {"bias_mant": arrays["bias_mant"].astype(np.float64)} if "bias_mant" in arrays else {}
+        if "vth_hi" in case:
+            return loihi2_ternary_lif(vth_hi=case["vth_hi"], vth_lo=case["vth_lo"], **registers)
+        return loihi2_lif(vth=case["vth"], **registers)
+    if "sin_decay" in case:
+        model = loihi2_rf_iz if "iz" in name else loihi2_rf
+        words = {word: case[word] for word in ("sin_decay", "cos_decay", "state_exp")}
+        return model(**words, vth=case["vth_eff"] // 2 ** case["state_exp"])
+    if "spike_exp" in case:
+        exponents = {word: case[word] for word in ("spike_exp", "state_exp")}
+        unit = 2.0 ** sum(exponents.values())
+        words = {**exponents, "vth": case["vth_eff"] / unit, "cum_error": case["cum_error"]}
+        if "act_mode" not in case:
+            return delta_encoder(**words)
+        bias = np.asarray(case.get("bias_eff", 0), dtype=np.float64) / unit
+        return sigma_delta(**words, bias=bias if bias.ndim else float(bias), relu=case["act_mode"] == "RELU")
+    if name.startswith("graded"):
+        return graded_vector(vth=case["vth"] * 2.0 ** case.get("exp", 0), relu="relu" in name)
+    return sigma_decoder()
+
+
+def _synapse(case: Mapping[str, Any]) -> Synapse:
+    words = {word: case[word] for word in ("weight_exp", "num_weight_bits") if word in case}
+    return loihi2_static(**words, sign_mode=case.get("sign_mode", "MIXED").lower())
+
+
+def _add_input(net: Network, values: Array, name: str = "in") -> None:
+    """Values by step and neuron as payloads."""
+    steps, ids = np.nonzero(values)
+    rows = np.stack([steps + 1, ids, values[steps, ids]], axis=1).astype(np.float64)
+    net.population(name, values.shape[1], graded_spike_train(spikes=rows))
+
+
+def _run(net: Network, steps: int, states: Any, backend: str | Backend) -> dict[str, Array]:
+    """Registers by name, and payloads as "s", shape (steps, neurons)."""
+    for state in states:
+        net.probe(state, "out", state)
+    sim = neuro.run.compiled.compile(net, backend)
+    sim.run(float(steps))
+    found = {state: np.rint(sim.trace(state)[1]).astype(np.int64) for state in states}
+    out = net.populations["out"]
+    sent: Array = np.zeros((steps, int(net.populations["out"].shape[0])), dtype=np.int64)
+    times, ids, payloads = sim.payloads("out") if out.model.graded else (*sim.spikes("out"), 1)
+    sent[np.rint(times).astype(np.int64) - 1, ids] = payloads
+    return found | {"s": sent}

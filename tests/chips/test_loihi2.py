@@ -1,0 +1,398 @@
+"""Loihi 2: golden cases of lava, networks of lava-dl, graded spikes on all backends that have them."""
+
+import h5py
+import numpy as np
+import pytest
+
+import neuro
+from graded import STEPS, network, twin
+from neuro.chips import chip, place, quantise
+from neuro.chips.loihi2 import dropped
+from neuro.compare import loihi_rules
+from neuro.core.errors import ModelError
+from neuro.results import read
+from neuro.run.present import present
+from neuro.verify.verify import verify
+
+LEFT_OUT = {"prod"}
+
+
+@pytest.fixture(scope="module")
+def lava(request):
+    folder = request.getfixturevalue("shared") / "reference" / "loihi2"
+    if not folder.is_dir():
+        pytest.skip("the traces of lava are not here")
+    return folder
+
+
+def test_every_case_of_a_model_that_is_built(lava):
+    results = [r for r in verify(lava) if r.case.startswith("lava")]
+    wrong = {r.case.split(": ")[1]: r.message for r in results if not r.ok}
+    assert set(wrong) == LEFT_OUT
+    assert all(message.startswith("not built") for message in wrong.values())
+    assert len({r.case for r in results}) == 38
+
+
+def sent(sim, population):
+    """Payloads or spikes by step and neuron."""
+    part = next(p for p in sim.program.populations if p.name == population)
+    times, ids, numbers = sim.payloads(population) if part.model.graded else (*sim.spikes(population), 1)
+    found = np.zeros((round(sim.time) + 1, part.size), dtype=np.int64)
+    found[np.rint(times).astype(int), ids] = numbers
+    return found
+
+
+@pytest.mark.parametrize("seed", range(8))
+def test_graded_networks_are_equal_everywhere(seed):
+    net, parts, wires = network(seed)
+    expected = twin(parts, wires)
+    for backend in ("reference", "event", "loihi2"):
+        sim = neuro.compile(net, backend)
+        sim.run(STEPS / 2)
+        sim.run(STEPS / 2)
+        for name, part in zip(net.populations, expected, strict=True):
+            assert np.array_equal(sent(sim, name)[:, : part.shape[1]], part), (backend, name)
+            assert sim.counts().populations[name].spikes == np.count_nonzero(part)
+
+
+@pytest.mark.parametrize("seed", [*range(100, 104), 2201, 2242])
+def test_sums_are_shifted_as_a_whole(seed):
+    net, parts, wires = network(seed, chip=True)
+    sim = neuro.compile(net, "loihi2")
+    sim.run(float(STEPS))
+    for name, part in zip(net.populations, twin(parts, wires), strict=True):
+        assert np.array_equal(sent(sim, name)[:, : part.shape[1]], part)
+
+
+@pytest.mark.parametrize(
+    ("mode", "bits", "given", "kept"),
+    [
+        ("mixed", 8, [-257, -5, -1, 1, 7, 300], [-256, -6, -2, 0, 6, 254]),
+        ("mixed", 5, [-17, 15, 31], [-32, 0, 16]),
+        ("excitatory", 5, [-3, 7, 9, 999], [0, 0, 8, 248]),
+        ("inhibitory", 5, [3, -7, -9, -999], [0, 0, -8, -248]),
+    ],
+)
+def test_bits_that_the_memory_does_not_keep(mode, bits, given, kept):
+    assert dropped(np.array(given, dtype=np.int32), bits, mode).tolist() == kept
+
+
+def lif(v_weight, exponent=0, **registers):
+    """The voltage and the current of a neuron that hears one spike of 3."""
+    net = neuro.Network("one", resolution=1.0)
+    net.population("in", 1, neuro.graded_spike_train(spikes=[[1.0, 0, 3]]))
+    net.population("out", 1, neuro.loihi2_lif(**registers))
+    synapse = neuro.loihi2_static(weight_exp=exponent)
+    net.connect("in", "out", neuro.all_to_all(), synapse, weight=float(v_weight), delay=1.0)
+    for state in ("u", "v"):
+        net.probe(state, "out", state)
+    sim = neuro.compile(net, "loihi2")
+    sim.run(6.0)
+    return [sim.trace(state)[1].ravel().tolist() for state in ("u", "v")]
+
+
+def test_a_negative_exponent_rounds_down():
+    u, _ = lif(-2, -2, du=4095, dv=0)
+    assert u[1] == 64 * -2  # 3 x -2 >> 2
+
+
+def test_states_wrap_and_clip():
+    net = neuro.Network("full", resolution=1.0)
+    net.population("in", 2, neuro.graded_spike_train(spikes=[[1.0, 0, 2**17], [2.0, 0, -(2**17)], [3.0, 1, 70000]]))
+    net.population("out", 1, neuro.loihi2_lif(du=4095, dv=0, vth=131071))
+    net.connect("in", "out", neuro.all_to_all(), neuro.loihi2_static(sign_mode="excitatory"), weight=1.0, delay=1.0)
+    for state in ("u", "v"):
+        net.probe(state, "out", state)
+    sim = neuro.compile(net, "loihi2")
+    with pytest.warns(neuro.OverflowWarning):
+        sim.run(6.0)
+    assert sim.trace("u")[1].ravel().tolist() == [0, 2**23, 2**23, 70000 * 64, 0, 0]
+    assert sim.counts().native["voltage clips of out"] == 2  # of u = v = 2^23, which then fires
+    assert sim.spikes("out")[0].tolist() == [2.0, 3.0]
+
+
+def test_states_are_reset_in_an_interval():
+    _, v = lif(2, du=0, dv=0, vth=131071, reset_interval=3, reset_offset=1)
+    assert v[2] > v[1] > 0
+    assert v[3] == 0  # u and v are 0 before the fourth step
+
+
+def test_a_ternary_neuron_sends_signs():
+    net = neuro.Network("ternary", resolution=1.0)
+    net.population("in", 1, neuro.graded_spike_train(spikes=[[1.0, 0, 9], [3.0, 0, -9]]))
+    net.population("out", 1, neuro.loihi2_ternary_lif(du=4095, dv=4096, vth_hi=10, vth_lo=-10))
+    net.connect("in", "out", neuro.all_to_all(), neuro.loihi2_static(), weight=2.0, delay=1.0)
+    sim = neuro.compile(net, "loihi2")
+    sim.run(6.0)
+    assert [found.tolist() for found in sim.payloads("out")] == [[2.0, 4.0], [0, 0], [1, -1]]
+
+
+def graded(**words):
+    net = neuro.Network("graded", resolution=1.0)
+    net.population("in", 2, neuro.graded_spike_train(spikes=[[1.0, 0, 4], [1.0, 0, -1], [2.0, 1, -7]]))
+    net.population("out", 2, neuro.graded_vector(**words))
+    net.connect("in", "out", neuro.one_to_one(), weight=2.0, delay=1.0)
+    net.probe("listed", "in")
+    return net
+
+
+@pytest.mark.parametrize("backend", ["reference", "event", "loihi2"])
+def test_payloads_are_injected_saved_and_read(backend, tmp_path):
+    sim = neuro.compile(graded(), backend)
+    sim.run(3.0)
+    sim.save(tmp_path / "state.h5")
+    sim.inject("in", [5.0, 4.0], [0, 1], [30, 0])
+    sim.run(3.0)
+    expected = [[2.0, 3.0, 6.0], [0, 1, 0], [6, -14, 60]]
+    assert [found.tolist() for found in sim.payloads("out")] == expected
+    assert sim.payloads("in")[2].tolist() == [3, -7, 30]
+    assert [found.tolist() for found in sim.spikes("out")] == expected[:2]
+    sim.restore(tmp_path / "state.h5")
+    sim.run(3.0, out=tmp_path / "run.h5")
+    assert sim.payloads("out")[2].tolist() == [6, -14]
+    run = read(tmp_path / "run.h5")
+    assert [found.tolist() for found in run.payloads("out")] == [[2.0, 3.0], [0, 1], [6, -14]]
+    assert [found.tolist() for found in run.spikes("out")] == [[2.0, 3.0], [0, 1]]
+
+
+def test_a_diagnosis_sees_payloads_that_were_injected():
+    net = neuro.Network("late", resolution=1.0)
+    net.population("in", 1, neuro.graded_spike_train(spikes=[[1.0, 0, 3], [9.0, 0, 8]]))
+    net.population("out", 1, neuro.sigma_decoder())
+    net.connect("in", "out", neuro.one_to_one(), weight=2.0, delay=1.0)
+    net.probe("listed", "in")
+    sim = neuro.compile(net)
+    sim.inject("in", [2.0], [0], [-5])
+    sim.run(5.0)
+    part = present(sim.program, sim._engine, sim._rules, sim.steered).populations[0]
+    assert (part.spike_steps.tolist(), part.spike_payloads.tolist()) == ([1, 2, 9], [3, -5, 8])
+    assert [found for found in sim.doctor() if found.severity == "fault"] == []
+
+
+def test_other_tools_have_no_payloads(tmp_path):
+    net = graded()
+    with pytest.raises(ModelError) as error:
+        neuro.to_pynn(net, tmp_path / "net.py")
+    assert "graded_spike_train has no counterpart in PyNN" in str(error.value)
+    verdict = neuro.save_sonata(neuro.compile(net), tmp_path / "net.json")["out"]
+    assert verdict.verdict == "approximate"
+    assert verdict.how.endswith("its spikes are written without their payloads")
+
+
+def test_a_weight_of_half_a_unit_is_shifted():
+    net = graded()
+    net.population("half", 2, neuro.sigma_delta(vth=0, relu=False))
+    net.connect("in", "half", neuro.one_to_one(), weight=0.5, delay=1.0)
+    wires = quantise(neuro.compile(net, "loihi2").program, chip("loihi2")).projections[1]
+    assert (wires.exponent, wires.shift, wires.mantissas.tolist()) == (-1, 1, [1])
+    sim = neuro.compile(net, "loihi2")
+    sim.run(4.0)
+    assert sim.get("half", "sigma").tolist() == [1, -4]  # 3 and -7 halves, rounded down
+
+
+REFUSED = {
+    "a rule": (
+        lambda net: net.connect("in", "out", neuro.all_to_all(), neuro.stdp(), name="learns"),
+        "projection 'learns': stdp with graded spikes of 'in': expected a static synapse",
+    ),
+    "a parrot": (
+        lambda net: (net.population("p", 2, neuro.parrot_neuron()), net.connect("in", "p", neuro.one_to_one())),
+        "projection 'in_p': graded spikes of 'in' onto 'p', a parrot_neuron: expected a graded neuron",
+    ),
+    "two receptors": (
+        lambda net: (net.population("p", 2, neuro.iaf_psc_exp()), net.connect("in", "p", neuro.one_to_one())),
+        "projection 'in_p': graded spikes of 'in' onto 'p', an iaf_psc_exp with 2 receptors: expected a named receptor "
+        "that is no conductance",
+    ),
+}
+
+
+@pytest.mark.parametrize("what", REFUSED)
+def test_what_takes_no_payloads(what):
+    add, message = REFUSED[what]
+    net = graded()
+    add(net)
+    with pytest.raises(ModelError) as error:
+        neuro.compile(net, "event")
+    assert error.value.message == message
+
+
+@pytest.mark.parametrize("backend", ["loihi", "spinnaker"])
+def test_backends_without_payloads(backend):
+    with pytest.raises(ModelError) as error:
+        neuro.compile(graded(), backend)
+    assert "its spikes carry payloads, and spikes carry none here" in str(error.value)
+
+
+@pytest.mark.parametrize(
+    ("words", "why"),
+    [
+        ({"t_ref": 2.0}, "no fixed-point neuron of Loihi 2 has a refractory period"),
+        ({"t_ref": 0.0, "reset_by_subtraction": True}, "no fixed-point neuron of Loihi 2 resets by subtraction"),
+    ],
+)
+def test_a_neuron_without_a_fixed_reference_is_refused(words, why):
+    net = neuro.Network("one", resolution=1.0)
+    net.population("out", 1, neuro.iaf_psc_delta(E_L=0.0, V_reset=0.0, V_th=10.0, **words))
+    with pytest.raises(ModelError, match=why):
+        neuro.compile(net, "loihi2")
+
+
+def test_a_binary_network_fires_as_on_loihi_1():
+    rng = np.random.default_rng(1)
+    net = neuro.Network("binary", resolution=1.0)
+    times = [np.flatnonzero(rng.random(300) < 0.08) + 1.0 for _ in range(20)]
+    net.population("in", 20, neuro.spike_generator(spike_times=times))
+    words = {"E_L": 0.0, "V_reset": 0.0, "V_th": 20.0, "t_ref": 0.0, "tau_m": 20.0}
+    net.population("out", 10, neuro.iaf_psc_exp(**words))
+    net.connect("in", "out", neuro.all_to_all(), weight=rng.uniform(-100.0, 300.0, 200), delay=2.0)
+    found = []
+    for backend in ("loihi", "loihi2"):
+        sim = neuro.compile(net, backend)
+        sim.run(300.0)
+        found.append(np.stack(sim.spikes("out")))
+    assert found[0].shape[1] > 20
+    assert np.array_equal(*found)
+
+
+def test_a_bill_is_a_range_from_0_to_the_ceiling():
+    sim = neuro.compile(graded(), "loihi2")
+    sim.run(1000.0)
+    bill = sim.energy("loihi2")
+    assert bill.real_time.static_j == pytest.approx(0.232)
+    dynamic = [item for item in bill.items if item.what != "static_per_chip"]
+    assert dynamic
+    assert all((item.joules, item.low) == (0.0, 0.0) and item.extrapolated for item in dynamic)
+    assert "derived, not published" in str(bill)
+
+
+def test_the_ceilings_hold_the_measurement_that_they_follow_from():
+    """A calibration, not a prediction: PilotNet as LIF neurons took 68.3 uJ of dynamic energy a step."""
+    costs = chip("loihi2").costs
+    ends = [3.4e6 * costs["synaptic_op"].high, 158e3 * costs["neuron_update_active"].high]
+    assert ends == pytest.approx([68.3e-6] * 2, rel=0.01)
+
+
+def registers(exponent, weights, **words):
+    net = neuro.Network("rules", resolution=1.0)
+    net.population("in", len(weights), neuro.spike_generator(spike_times=[[2.0, 5.0]] * len(weights)))
+    net.population("out", 1, neuro.loihi_lif(du=400, dv=200, vth=3000, **words))
+    synapse = neuro.loihi_static(weight_exp=exponent)
+    net.connect("in", "out", neuro.all_to_all(), synapse, weight=np.array(weights, dtype=float), delay=1.0)
+    return loihi_rules(net, 20.0)
+
+
+def told(found):
+    return [(d.part, d.where, d.loihi, d.loihi2, d.why) for d in found.differences]
+
+
+def test_rules_of_both_chips():
+    assert registers(0, [4, -6]).differences == ()
+    assert told(registers(0, [4, -5])) == [
+        ("in_out", "weight[1], 1 of 2 weights", "-4", "-6", "mixed mantissas are rounded down"),
+        ("out", "neuron 0, step 3: u, 1 of 1 neurons", "0", "-128", ""),
+    ]
+    shifted = told(registers(-2, [6, 6]))  # each 6 / 4 is 1, their sum is 3
+    assert shifted[0] == ("in_out", "weight[0], 2 of 2 weights", "1", "1.5", "the sum is shifted, not each weight")
+    assert shifted[1][1:4] == ("neuron 0, step 3: u, 1 of 1 neurons", "128", "192")
+    wraps = told(registers(7, [254, 254]))
+    assert ("out", "input wraps", "2", "0", "the input of a step has 22 bits on Loihi 1") in wraps
+    held = registers(0, [4], refractory=3)
+    assert [(d.loihi, d.loihi2) for d in held.differences] == [("accepted", "refused")] * 2
+    assert held.steps == 0
+    assert "'rules' by the rules of Loihi 1 and Loihi 2: 2 differences (0 steps on both)" in str(held)
+
+
+# networks of lava-dl
+
+
+def test_pilotnet_sdnn_is_that_of_intels_test(lava):
+    net = neuro.from_netx(lava / "gts_pilotnet_sdnn_network.net")
+    image = np.load(lava / "gts_pilotnet_sdnn_input.npy")[..., 0].transpose(2, 1, 0).ravel()
+    truth = np.load(lava / "gts_pilotnet_sdnn_output.npy").ravel()
+    sim = neuro.compile(net, "loihi2")
+    sim.set("input", bias=image)
+    sim.run(float(truth.size))
+    assert sent(sim, "dense9")[1:, 0].tolist() == truth.tolist()
+    assert 50 < len(place(sim.program, chip("loihi2")).cores) < 70  # Intel's own mapping takes 61
+
+
+def test_tinynet_is_that_of_intels_test(lava, tmp_path):
+    neuro.from_netx(lava / "tiny.net", reset=17).save(tmp_path / "tiny.yaml")
+    sim = neuro.compile(neuro.load(tmp_path / "tiny.yaml"), "loihi2")
+    sim.set("input", bias_mant=np.load(lava / "gts_tinynet_input_bias.npy").transpose(2, 1, 0).ravel())
+    sim.run(17.0)
+    truth = np.load(lava / "gts_tinynet_output.npy")[0, :, 0, 0, 1:]
+    assert np.array_equal(sent(sim, "conv2")[3:18].T, truth)
+
+
+@pytest.mark.parametrize(("first", "source", "target"), [(2, "conv-0", "conv-1"), (7, "conv-4", "fc-0")])
+def test_pairs_of_layers_of_pilotnet_lif(lava, first, source, target):
+    def flat(name):  # width, height, channels, time
+        array = np.load(lava / "pilotnet_lif" / f"{name}.npy")
+        return array.T.reshape(array.shape[-1], -1).astype(np.int64)
+
+    net = neuro.from_netx(lava / "pilotnet_lif" / "network.net", reset=17, first=first)
+    before, after = list(net.populations)[:2]
+    for state in ("u", "v"):
+        net.probe(state, after, state)
+    sim = neuro.compile(net, "loihi2")
+    steps, ids = np.nonzero(flat(source))
+    sim.inject(before, steps + 1.0, ids)
+    sim.run(24.0)
+    assert np.array_equal(sent(sim, after)[1:], flat(target))
+    for state in ("u", "v"):
+        if (lava / "pilotnet_lif" / f"{target}-{state}.npy").exists():
+            found = sim.trace(state)[1]
+            found = np.where((flat(target) > 0) & (state == "v"), 128, found)  # what the chip's register reads then
+            assert np.array_equal(found, flat(f"{target}-{state}"))
+
+
+def netx_file(path, **changes):
+    """A file of a small network, with some words of its second layer changed."""
+    neuron = {"type": b"LOIHI", "iDecay": 4096, "vDecay": 1024, "vThMant": 25}
+    layers = [
+        {"type": b"input", "shape": [4, 1, 1], "neuron": neuron},
+        {"type": b"dense", "shape": [2], "weight": np.array([[1.0, -3, 5, 7], [2, 4, -6, 8]]), "neuron": neuron},
+    ]
+    layers[1] = {**layers[1], **changes}
+    with h5py.File(path, "w") as file:
+        for number, layer in enumerate(layers):
+            for word, value in layer.items():
+                if isinstance(value, dict):
+                    for inner, each in value.items():
+                        file[f"layer/{number}/neuron/{inner}"] = each
+                else:
+                    file[f"layer/{number}/{word}"] = value
+    return path
+
+
+def test_odd_weights_lose_nothing(tmp_path):
+    net = neuro.from_netx(netx_file(tmp_path / "odd.net"))
+    part = net.projections["input_dense1"]
+    assert part.synapse.weight_exp == -1
+    assert np.ravel(part.weight).tolist() == [2, 4, -6, 8, 10, -12, 14, 16]
+
+
+NETX = {
+    "layer 1 (pool): netx has no layer 'pool': expected input, conv, dense, flatten": {"type": b"pool"},
+    "layer 1 (dense): netx has no neuron 'RF': expected LOIHI, CUBA or SDNN": {"neuron": {"type": b"RF"}},
+    "layer 1 (dense): its neuron has no 'iDecay'": {"neuron": {"type": b"CUBA", "vThMant": 1, "vDecay": 1}},
+    "layer 1 (dense): it has delays, which netx leaves out": {"delay": np.ones((2, 4))},
+    "layer 1 (dense): its weights are no whole numbers": {"weight": np.full((2, 4), 0.5)},
+    "layer 1 (dense): weights from -301 to 1: a weight has 8 bits": {"weight": np.array([[1.0, -301, 1, 1]] * 2)},
+}
+
+
+@pytest.mark.parametrize("message", NETX)
+def test_what_netx_refuses_or_leaves_out(tmp_path, message):
+    path = netx_file(tmp_path / "net.net", **NETX[message])
+    with pytest.raises(ModelError) as error:
+        neuro.from_netx(path)
+    assert error.value.message == f"{path}: {message}"
+
+
+def test_a_file_that_is_no_network(tmp_path):
+    (tmp_path / "a.net").write_bytes(b"nothing")
+    with pytest.raises(ModelError, match="cannot be read as a network of lava-dl"):
+        neuro.from_netx(tmp_path / "a.net")

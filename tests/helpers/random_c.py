@@ -1,0 +1,168 @@
+"""Random small networks that a chip runs and C can be: all layouts, delays, groups, and registers of every neuron."""
+
+from typing import Any
+
+import numpy as np
+
+import neuro
+
+STEPS = 60
+"""That a test compares."""
+
+
+def random_network(seed: int, chip: str) -> neuro.Network:
+    """A network of a number."""
+    draws = np.random.default_rng([seed, len(chip)])
+    net = neuro.Network(f"random{seed}", resolution=1.0)
+    n = int(draws.integers(1, 9))
+    net.population("noise", n, neuro.poisson_generator(rate=float(draws.choice([60.0, 200.0, 900.0]))))
+    times = [(np.flatnonzero(draws.random(STEPS) < 0.1) + 1.0).tolist() for _ in range(n)]
+    net.population("listed", n, neuro.spike_generator(spike_times=times))
+    sources, cells = ["noise", "listed"], list[str]()
+    if draws.random() < 0.4:
+        net.population("parrots", int(draws.integers(1, 9)), neuro.parrot_neuron())
+        _connect(net, draws, "noise", "parrots", 1.0)
+    for k in range(int(draws.integers(1, 4))):
+        cells.append(f"cells{k}")
+        size = int(draws.integers(1, 10))
+        net.population(cells[-1], size, _neurons(draws, chip, size))
+    if "parrots" in net.populations:
+        sources.append("parrots")
+    for name in cells:
+        _connect(net, draws, str(draws.choice(sources)), name, _unit(net, name))
+    for _ in range(int(draws.integers(0, 5))):
+        pre, post = str(draws.choice([*sources, *cells])), str(draws.choice(cells))
+        _connect(net, draws, pre, post, _unit(net, post), chip == "loihi" and _alike(net, post))
+    if draws.random() < 0.3:
+        _native(net, draws, chip)
+        cells.append("native")
+    if draws.random() < 0.5:
+        _grid(net, draws, chip)
+        cells.append("maps")
+    if draws.random() < 0.5:
+        of = str(draws.choice([name for name in cells if name != "native"]))
+        axis = int(draws.integers(0, len(net.populations[of].shape)))
+        once = bool(draws.integers(0, 2))
+        rival = draws.random() < 0.5
+        net.group(
+            "choice",
+            neuro.lateral_reset(of=of, axis=axis) if rival else neuro.winner_take_all(of=of, first_to_fire=once),
+        )
+    return net
+
+
+def _neurons(draws: np.random.Generator, chip: str, n: int) -> Any:
+    """Neurons of either model of the chip, whose parameters are one or each their own."""
+
+    def some(low: float, high: float) -> Any:
+        values = np.round(draws.uniform(low, high, n), 3)
+        return values if n > 1 and draws.random() < 0.4 else float(values[0])
+
+    rest = float(draws.choice([0.0, -65.0]))
+    words: dict[str, Any] = {
+        "E_L": rest,
+        "V_reset": rest,
+        "t_ref": float(draws.integers(0, 4)),
+        "tau_m": some(5.0, 30.0),
+    }
+    words["V_th"] = rest + some(4.0, 15.0)
+    if draws.random() < 0.4:
+        words["I_e"] = some(-100.0, 250.0)
+    if draws.random() < 0.5:
+        if draws.random() < 0.3:
+            words["V_min"] = rest - 8.0
+        if chip == "spinnaker" and words["t_ref"] == 0.0:
+            words["reset_by_subtraction"] = True
+        return neuro.iaf_psc_delta(**words)
+    tau = float(draws.choice([2.0, 5.0]))
+    if chip == "spinnaker":
+        words["V_reset"] = rest - 3.0
+    return neuro.iaf_psc_exp(**words, tau_syn_ex=tau, tau_syn_in=3.0 if chip == "spinnaker" else tau)
+
+
+def _unit(net: neuro.Network, name: str) -> float:
+    """A weight that moves a neuron."""
+    return 4.0 if isinstance(net.populations[name].model, neuro.iaf_psc_delta) else 300.0
+
+
+def _alike(net: neuro.Network, name: str) -> bool:
+    """Whether all neurons have the same parameters: only then synapses onto them may learn on Loihi."""
+    return not any(isinstance(value, np.ndarray) for value in net.populations[name].model.parameters().values())
+
+
+def _connect(
+    net: neuro.Network, draws: np.random.Generator, pre: str, post: str, unit: float, learns: bool = False
+) -> None:
+    n_pre, n_post = (int(net.populations[name].shape[0]) for name in (pre, post))
+    rules = [neuro.all_to_all(), neuro.fixed_indegree(int(draws.integers(1, 5))), neuro.pairwise_bernoulli(p=0.4)]
+    rules += [neuro.one_to_one()] if n_pre == n_post else []
+    chosen = rules[int(draws.integers(0, len(rules)))]
+    weights = [unit, -unit / 2, neuro.normal(mean=unit / 2, std=unit), neuro.uniform(low=0.1, high=unit)]
+    longest = float(draws.choice([1.0, 7.0, 40.0]))
+    delays = [longest, neuro.uniform(low=1.0, high=longest)] if longest > 1.0 else [1.0]
+    weight, delay = weights[int(draws.integers(0, 4))], delays[int(draws.integers(0, len(delays)))]
+    words: dict[str, Any] = {"delay": delay, "name": f"wires{len(net.projections)}"}
+    if learns and draws.random() < 0.6:
+        first = neuro.uniform(low=0.1, high=unit)
+        net.connect(pre, post, chosen, neuro.stdp(lambda_=0.2, Wmax=2.0 * unit), weight=first, **words)
+    else:
+        net.connect(pre, post, chosen, weight=1.0 if unit == 1.0 else weight, **words)
+
+
+RULES = (
+    {"dw": "2^-2*x1*y0 - 2^-2*x0*y1"},
+    {"dw": "x0*y1*(x1 + 3) - u0*2^-3*w", "epoch": 4},
+    {"dw": "2^-4*u1*t*(w - 20)", "dt": "2^-1*y0*x1 - x0*y2", "epoch": 2, "trace_decay": "exponential"},
+    {"dw": "2^-3*x2*y0 - y1*x0", "rounding": "away", "num_weight_bits": 6},
+)
+"""Of Loihi's learning engine."""
+
+
+def _native(net: neuro.Network, draws: np.random.Generator, chip: str) -> None:
+    """Neurons in registers, so large that they wrap and clip."""
+    n = int(draws.integers(1, 8))
+
+    def some(low: int, high: int) -> Any:
+        return draws.integers(low, high, n) if n > 1 else int(draws.integers(low, high))
+
+    if chip == "spinnaker":
+        words = {
+            "v_rest": some(-99, 99),
+            "v_reset": some(-99, 9),
+            "v_thresh": some(2**15, 2**19),
+            "r_m": some(2**14, 2**17),
+        }
+        words |= {"exp_tc": some(2**13, 2**15), "t_refract": some(0, 4), "i_offset": some(-(2**12), 2**15)}
+        net.population("native", n, neuro.spinnaker_lif(**words, exc_shift=int(draws.integers(0, 16))))
+        weight = np.rint(draws.uniform(-65535.0, 65535.0, (len(net.populations["listed"]), n)))
+        net.connect("listed", "native", neuro.all_to_all(), weight=weight, delay=2.0, name="words")
+        return
+    words = {"du": some(0, 4096), "dv": some(0, 4096), "vth": some(100, 2**12), "bias_mant": some(-4096, 4096)}
+    net.population("native", n, neuro.loihi_lif(**words, bias_exp=int(draws.integers(0, 8)), refractory=some(1, 64)))
+    weight = np.rint(draws.uniform(-256.0, 254.0, (len(net.populations["listed"]), n)))
+    exponent = int(draws.integers(-3, 8))
+    net.connect(
+        "listed", "native", neuro.all_to_all(), neuro.loihi_static(weight_exp=exponent), weight=weight, name="words"
+    )
+    rule = RULES[int(draws.integers(0, len(RULES)))]
+    traces = {f"{name}_{word}": int(draws.integers(*span)) for name in TRACES for word, span in SPANS.items()}
+    learning = neuro.loihi_learning(**rule, **traces, weight_exp=exponent)
+    net.connect("noise", "native", neuro.fixed_indegree(3), learning, weight=20.0, delay=3.0, name="learnt")
+
+
+TRACES = ("x1", "x2", "y1", "y2")
+SPANS = {"impulse": (10, 100), "tau": (2, 20)}
+
+
+def _grid(net: neuro.Network, draws: np.random.Generator, chip: str) -> None:
+    """A sheet under a shared kernel."""
+    channels, height, width = (int(draws.integers(low, high)) for low, high in ((1, 3), (3, 6), (3, 6)))
+    net.population("sheet", (channels, height, width), neuro.poisson_generator(rate=60.0))
+    cells = neuro.iaf_psc_delta(E_L=0.0, V_reset=0.0, V_th=6.0, tau_m=20.0, t_ref=float(draws.integers(0, 3)))
+    depthwise = bool(draws.integers(0, 2))
+    net.population("maps", (channels * int(draws.integers(1, 3)), "auto", "auto"), cells)
+    size = (int(draws.integers(1, 4)), int(draws.integers(1, 4)))
+    padding = int(draws.integers(0, min(size)))
+    rule = neuro.grid(kernel=size, stride=int(draws.integers(1, 3)), padding=padding, depthwise=depthwise)
+    weight = [3.0, neuro.normal(mean=1.0, std=2.0)][int(draws.integers(0, 2))]
+    net.connect("sheet", "maps", rule, weight=weight, delay=float(draws.integers(1, 9)), name="kernels")
