@@ -149,7 +149,7 @@ $(VENV)/.test: pyproject.toml $(VENV)/.demo
 
 $(VENV)-docs/.installed: pyproject.toml
 	$(call environment,$(VENV)-docs)
-	$(CONSTRAINED) $(VENV)-docs/bin/python $(PIP) --editable '.[docs,live,nir,events,pandas,neo]' $(TORCH)
+	$(CONSTRAINED) $(VENV)-docs/bin/python $(PIP) --editable '.[docs,live,nest,nir,events,pandas,neo]' $(TORCH)
 	@touch $@
 
 $(VENV)-release/.installed:

@@ -18,7 +18,7 @@ copyright = f"2026, {author}"
 version = release = __version__
 
 extensions = [
-    "myst_parser",
+    "myst_nb",
     "sphinx.ext.autodoc",
     "sphinx.ext.napoleon",
     "docstrings",
@@ -32,6 +32,9 @@ suppress_warnings = ["config.cache"]
 nitpicky = True
 
 myst_enable_extensions = ["colon_fence", "dollarmath"]
+nb_execution_mode = "force"
+nb_execution_raise_on_error = True
+nb_execution_timeout = 120
 myst_heading_anchors = 4
 
 sphinx_gallery_conf = {
