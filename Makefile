@@ -13,6 +13,10 @@
 # make bench        how fast it is
 # make bench-peers  how fast NEST, Brian2, public emulators of Loihi, and packages that train by gradients are with the
 #                   same networks, in environments of their own
+# make docs         the site, in build/site, with the pages, the docstrings and the examples, in an environment of its own
+# make gallery-full run the examples whose output is stored, since a build of the site would take too long with them
+# make release      build wheel and sdist in dist/, check them, and follow the README from the wheel alone in an empty
+#                   environment of each Python (RELEASE_PYTHONS=...); all but the upload
 # make constraints  resolve anew what test and demo install with this Python
 # make clean        remove what was made; make distclean: environments, too
 #
@@ -24,6 +28,7 @@ VENV := .venv
 BIN := $(VENV)/bin
 PEERS := ../shared/bench/peers
 NEST_MPI := nest-simulator
+RELEASE_PYTHONS := $(PYTHON)
 NETWORKS := 5000
 C_NETWORKS := 100
 OUT := demo
@@ -67,7 +72,7 @@ endef
 unexport PYTHONDONTWRITEBYTECODE
 
 .DEFAULT_GOAL := help
-.PHONY: help test test-slow test-bounds test-nest test-mpi test-c test-oracles demo bench bench-peers constraints clean distclean
+.PHONY: help test test-slow test-bounds test-nest test-mpi test-c test-oracles demo bench bench-peers docs gallery-full release constraints clean distclean
 
 help:
 	@sed -n 's/^# \{0,1\}//p;/^$$/q' Makefile
@@ -111,6 +116,20 @@ bench-peers: $(VENV)/.test $(if $(wildcard $(PEERS)/bench_nest.py),$(VENV)-peers
 	$(BIN)/python benchmarks/peers.py --scripts "$(PEERS)" --python $(VENV)-peers/bin/python
 	$(BIN)/python benchmarks/peers_chips.py --scripts "$(PEERS)" --python $(VENV)-peers-chips/bin/python
 
+docs: $(VENV)-docs/.installed
+	$(VENV)-docs/bin/sphinx-build --fail-on-warning --keep-going --quiet docs build/site
+	@echo "the site is build/site/index.html"
+
+gallery-full: $(VENV)/.test
+	$(BIN)/python docs/_site/gallery.py
+
+release: $(VENV)-release/.installed
+	rm -rf dist
+	$(VENV)-release/bin/python -m build --outdir dist .
+	$(VENV)-release/bin/twine check --strict dist/*
+	$(VENV)-release/bin/check-wheel-contents dist/*.whl
+	$(foreach python,$(RELEASE_PYTHONS),.ci/try-wheel $(python) dist/*.whl &&) true
+
 constraints: $(VENV)/.python-$(VERSION)
 	$(BIN)/python constraints/renew.py $(TESTED) hatchling editables
 
@@ -126,6 +145,16 @@ $(VENV)/.demo: pyproject.toml $(VENV)/.python-$(VERSION)
 
 $(VENV)/.test: pyproject.toml $(VENV)/.demo
 	$(CONSTRAINED) $(BIN)/python $(PIP) --editable $(TESTED)
+	@touch $@
+
+$(VENV)-docs/.installed: pyproject.toml
+	$(call environment,$(VENV)-docs)
+	$(CONSTRAINED) $(VENV)-docs/bin/python $(PIP) --editable '.[docs,live,nest,nir,events,pandas,neo]' $(TORCH)
+	@touch $@
+
+$(VENV)-release/.installed:
+	$(call environment,$(VENV)-release)
+	$(VENV)-release/bin/python $(PIP) build twine check-wheel-contents
 	@touch $@
 
 $(VENV)-mpi/.installed: pyproject.toml
@@ -176,8 +205,8 @@ $(VENV)-peers-torch/.installed: pyproject.toml
 	@touch $@
 
 clean:
-	rm -rf demo build dist .pytest_cache .mypy_cache .ruff_cache .hypothesis .benchmarks
+	rm -rf demo build dist docs/gallery docs/sg_execution_times.rst .pytest_cache .mypy_cache .ruff_cache .hypothesis .benchmarks
 	find . -name __pycache__ -not -path './.venv*' -prune -exec rm -rf {} +
 
 distclean: clean
-	rm -rf $(VENV) $(VENV)-mpi $(VENV)-oracles $(VENV)-oracles-nir $(VENV)-oracles-pynn $(VENV)-peers $(VENV)-peers-chips $(VENV)-peers-torch
+	rm -rf $(VENV) $(VENV)-docs $(VENV)-release $(VENV)-mpi $(VENV)-oracles $(VENV)-oracles-nir $(VENV)-oracles-pynn $(VENV)-peers $(VENV)-peers-chips $(VENV)-peers-torch

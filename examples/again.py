@@ -3,6 +3,7 @@
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
+import matplotlib.pyplot as plt
 import numpy as np
 
 import neuro
@@ -31,3 +32,10 @@ with TemporaryDirectory() as folder:
 
 before, after = net.projections["source_cells"].weight, learnt.projections["source_cells"].weight
 print(f"mean weight {before:.1f} pA before, {np.mean(after):.1f} pA after")
+
+figure, ax = plt.subplots(figsize=(6, 2.6), layout="constrained")
+ax.hist(np.ravel(after), bins=40)
+ax.axvline(before, color="k", linestyle="--", label="all of them before")
+ax.set(xlabel="weight (pA)", ylabel="synapses", title="weights after 1 s of stdp")
+ax.legend(frameon=False)
+figure.savefig("again.png", dpi=100)

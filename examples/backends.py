@@ -4,6 +4,8 @@ import warnings
 from pathlib import Path
 from time import perf_counter
 
+import matplotlib.pyplot as plt
+
 import neuro
 
 net = neuro.load(Path(__file__).with_name("follower.yaml"))
@@ -25,3 +27,12 @@ shared = len(spikes["loihi"] & spikes["event"]) / len(spikes["event"])
 bill = sim.energy("loihi")
 print(f"loihi fires {shared:.0%} of the spikes at the very step, since it learns in steps of 5 pA, and takes")
 print(f"{bill.totals()}; print(bill) tells the sources")
+
+figure, ax = plt.subplots(figsize=(8, 2.4), layout="constrained")
+rows = [(backend, motor) for backend in spikes for motor in range(4)]
+ax.eventplot(
+    [[time for time, neuron in spikes[backend] if neuron == motor] for backend, motor in rows],
+    colors=[f"C{list(spikes).index(backend)}" for backend, _ in rows],
+)
+ax.set(yticks=[1.5, 5.5, 9.5], yticklabels=list(spikes), xlabel="time (ms)", title="spikes of the four motors")
+figure.savefig("backends.png", dpi=100)

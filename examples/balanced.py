@@ -1,6 +1,6 @@
 """Excitation and inhibition in balance: neurons fire irregularly although nothing in them is random.
 
-Brunel's network with 1,000 neurons. Source: Brunel, J. Comput. Neurosci. 8:183, 2000.
+Brunel's network with 1,000 neurons. Source: Brunel, J. Comput. Neurosci. 8:183, 2000. Writes balanced.png.
 """
 
 import numpy as np
@@ -30,3 +30,5 @@ irregularity = np.mean([t.std() / t.mean() for t in intervals if t.size > 4])
 print(f"rate {times.size / EXCITATORY / 0.8:.1f} Hz, coefficient of variation of the intervals {irregularity:.2f}")
 counts = sim.counts()
 print(f"{counts.synaptic_ops:,} synaptic events in {counts.steps:,} steps")
+
+sim.plot(["exc", "inh"], window=(800.0, 1000.0)).savefig("balanced.png", dpi=100)

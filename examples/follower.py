@@ -3,10 +3,12 @@
 An 8 x 8 camera sees a light that swings to and fro. Two motors turn the camera left, two turn it right. At first
 all do the same. The reward of a motor is positive while it turns towards the light and negative while it turns
 away; dopamine STDP does the rest. The network is `follower.yaml`.
+Writes follower.png.
 """
 
 from pathlib import Path
 
+import matplotlib.pyplot as plt
 import numpy as np
 
 import neuro
@@ -34,3 +36,12 @@ _, _, weight = sim.weights("cells_motors")
 left_to_right = weight.reshape(8, 8, 4).mean(axis=0)
 print("weights by column onto a left and a right motor, pA:")
 print(left_to_right[:, :2].T.round(0))
+
+figure, (left, right) = plt.subplots(1, 2, figsize=(10, 3.2), layout="constrained")
+left.plot(0.05 * np.arange(1000), errors, linewidth=0.7)
+left.set(xlabel="time (s)", ylabel="error (px)", title="the camera behind the light")
+for motor, name in enumerate(("left", "right")):
+    right.plot(COLUMNS, left_to_right[:, motor], marker="o", label=f"onto a {name} motor")
+right.set(xlabel="column (px from the middle)", ylabel="mean weight (pA)", title="what it has learnt")
+right.legend(frameon=False)
+figure.savefig("follower.png", dpi=100)

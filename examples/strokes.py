@@ -1,10 +1,11 @@
 """Four maps learn four strokes by reward: trials, first spikes and R-STDP. The network is `strokes.yaml`.
 
-An image is a stroke of five pixels somewhere in 7 x 7 and some noise. Bright pixels spike first.
+An image is a stroke of five pixels somewhere in 7 x 7 and some noise. Bright pixels spike first. Writes strokes.png.
 """
 
 from pathlib import Path
 
+import matplotlib.pyplot as plt
 import numpy as np
 
 import neuro
@@ -39,3 +40,10 @@ print(f"new images: {np.mean(results.label == labels):.0%} right, decided after 
 for name, kernel in zip(NAMES, sim.weights("image_strokes")[:, 0], strict=True):
     print(f"what the map for {name} has learnt:")
     print("\n".join("  " + "".join(" .:*#"[int(4.99 * w)] for w in line) for line in kernel))
+
+figure, axes = plt.subplots(1, 4, figsize=(8, 2.4), layout="constrained")
+for name, kernel, ax in zip(NAMES, sim.weights("image_strokes")[:, 0], axes, strict=True):
+    shown = ax.imshow(kernel, vmin=0.0, vmax=1.0, cmap="Greys")
+    ax.set(title=f"map for {name}", xticks=[], yticks=[])
+figure.colorbar(shown, ax=axes, label="weight (mV)")
+figure.savefig("strokes.png", dpi=100)

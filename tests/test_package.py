@@ -104,3 +104,19 @@ def test_constraints_pin_what_is_required(file):
         asked = Requirement(text)
         if asked.marker is None or asked.marker.evaluate({"python_version": file.stem}):
             assert pinned[canonicalize_name(asked.name)] in asked.specifier, text
+
+
+def test_the_change_log_has_a_heading_for_each_version():
+    """In the form of Keep a Changelog, the newest first."""
+    first, *versions = re.findall(r"^## (.*)$", (ROOT / "CHANGELOG.md").read_text(), re.M)
+    assert first == "Unreleased"
+    parsed = [re.fullmatch(r"(\d+)\.(\d+)\.(\d+) - \d{4}-\d\d-\d\d", version) for version in versions]
+    assert all(parsed), versions
+    numbers = [tuple(map(int, match.groups())) for match in parsed]
+    assert numbers == sorted(set(numbers), reverse=True)
+
+
+def test_every_package_says_that_it_has_types():
+    packages = {ROOT / "neuro", *(path.parent for path in ROOT.glob("*/neuro_*/*.py"))}
+    assert len(packages) == 12
+    assert [package.name for package in packages if not (package / "py.typed").exists()] == []

@@ -16,6 +16,7 @@ from hypothesis import given, settings, strategies as st
 from event_tests import damage_is_told, read_pieces, refusal
 from neuro.core.extras import install
 from neuro.events import EventFileError, EventFileWarning, Events, load, save, stream
+from neuro.events.formats import aedat4
 from neuro.events.formats._aedat4_packet import RECORD
 from neuro.events.formats.aedat4 import Aedat4
 from neuro.events.source import Source
@@ -188,13 +189,10 @@ def test_damage_is_told():
     damage_is_told([header(k) + packet(pack(events_table(ROWS))) * 3 for k, pack in enumerate(packs)], "aedat4")
 
 
-@pytest.mark.parametrize(("compression", "package"), [(1, "lz4"), (3, "zstandard")])
-def test_a_missing_package_is_named(monkeypatch, compression, package):
-    for name in [name for name in sys.modules if name.split(".")[0] == package]:
-        monkeypatch.delitem(sys.modules, name)
-    monkeypatch.setitem(sys.modules, package, None)
-    with pytest.raises(EventFileError, match=re.escape(f"needs the package {package}: {install('events')}")):
-        load(header(compression) + packet(b""))
+def test_a_missing_package_is_named(monkeypatch):
+    monkeypatch.setitem(sys.modules, "zstandard", None)
+    with pytest.raises(EventFileError, match=re.escape(f"needs the package zstandard: {install('events')}")):
+        load(header(3) + packet(b""))
 
 
 usual_lz4 = partial(lz4.frame.compress, store_size=False)
@@ -265,7 +263,7 @@ def steps(n):
 
 def test_what_is_written_is_what_others_read(tmp_path, monkeypatch):
     """A file of these bytes was read by dv-processing 2.0.4, aedat 2.3.0 and faery 0.7.1, event for event."""
-    monkeypatch.setitem(sys.modules, "lz4.frame", None)
+    monkeypatch.setattr(aedat4, "_packer", lambda: (0, bytes))
     events = steps(20_000)
     save([events[:5], events[5:5], events[5:]], tmp_path / "a.aedat4")
     data = (tmp_path / "a.aedat4").read_bytes()
@@ -276,7 +274,7 @@ def test_what_is_written_is_what_others_read(tmp_path, monkeypatch):
 @pytest.mark.parametrize("packed", [True, False])
 def test_writing_and_reading(tmp_path, monkeypatch, packed):
     if not packed:
-        monkeypatch.setitem(sys.modules, "lz4.frame", None)
+        monkeypatch.setattr(aedat4, "_packer", lambda: (0, bytes))
     for events in (steps(0), steps(20_000)):
         save(events, tmp_path / "a.aedat4", replace=True)
         again = load(tmp_path / "a.aedat4")

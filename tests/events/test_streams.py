@@ -459,7 +459,6 @@ def test_packets_of_a_file_by_tcp(tmp_path):
     """What a file has behind its first line is what comes by TCP; its packets are compressed."""
     from neuro.events.formats import aedat4
 
-    pytest.importorskip("lz4")
     events = some(20_000)
     save(events, tmp_path / "a.aedat4")
     data = (tmp_path / "a.aedat4").read_bytes()

@@ -16,10 +16,12 @@ from __future__ import annotations
 import xml.etree.ElementTree as ElementTree
 from collections import Counter
 from collections.abc import Callable, Iterator
+from functools import partial
 from pathlib import Path
 from struct import Struct
 from typing import Any, BinaryIO, NamedTuple
 
+import lz4.frame
 import numpy as np
 import numpy.typing as npt
 
@@ -249,7 +251,7 @@ _STREAM = (
 
 
 def write(parts: Iterator[Events], path: Path) -> None:
-    """Encode as AEDAT 4 with one stream of events; packed with LZ4 where that is installed. Metadata are not kept.
+    """Encode as AEDAT 4 with one stream of events; packed with LZ4. Metadata are not kept.
 
     The FlatBuffers are written as they lie in memory, since each has one form: the size, the place of the root table,
     four letters for the kind, the table's own list of fields, the table, what it points to. Numbers stand at multiples
@@ -275,11 +277,7 @@ def write(parts: Iterator[Events], path: Path) -> None:
 
 def _packer() -> tuple[int, Callable[[bytes], bytes]]:
     """The number of the compression in the header, and what does it."""
-    try:
-        import lz4.frame
-    except ImportError:
-        return 0, bytes
-    return 1, lambda data: lz4.frame.compress(data, store_size=False)
+    return 1, partial(lz4.frame.compress, store_size=False)
 
 
 def _put(file: BinaryIO, events: Events, pack: Callable[[bytes], bytes]) -> tuple[int, int, int, int, int]:

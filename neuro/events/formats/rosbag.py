@@ -21,6 +21,7 @@ from pathlib import Path
 from struct import Struct, error
 from typing import Any
 
+import lz4.frame
 import numpy as np
 
 from neuro.events.formats._format import Damage, Format, Piece, Size, extra
@@ -205,7 +206,7 @@ def _unpacked(fields: dict[str, bytes], data: Bytes, place: int) -> Bytes:
         elif packed == "bz2":
             plain = bz2.BZ2Decompressor().decompress(data.data, min(size, RECORD_LIMIT) + 1)
         elif packed == "lz4":
-            plain = extra("lz4.frame", "a bag with LZ4 chunks").decompress(data)
+            plain = lz4.frame.decompress(data)
         else:
             raise Damage(f"a chunk is packed with {packed!r}, expected none, bz2 or lz4", place)
     except (OSError, EOFError, RuntimeError, MemoryError):
