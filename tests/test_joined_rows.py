@@ -317,6 +317,20 @@ def test_places_that_lie_far_apart():
     assert arrays["joined_steps"].size > 2 * 300 * 9, "what lies far is reached by several steps"
 
 
+@pytest.mark.usefixtures("many", "few")
+def test_rows_take_the_place_of_no_arrays_in_another_order():
+    net = network(EVERY)
+    net.connect("p0", "p2[:30]", neuro.all_to_all(), weight=WEIGHT, delay=LATE, name="all")
+    sims = [neuro.compile(net, backend, seed=1) for backend in ("reference", "event")]
+    assert "all" in joined(sims[1])
+    for sim in sims:
+        run_on(sim, 4.0)
+    assert differences(*map(observe, sims), exact=False) == []
+    expected, found = (sim.program.projections[-1] for sim in sims)
+    for name in ("targets", "weight", "delay"):
+        assert np.array_equal(getattr(expected, name), getattr(found, name)), name
+
+
 @pytest.mark.usefixtures("many")
 def test_arrays_that_are_lost_are_not_read(monkeypatch: pytest.MonkeyPatch):
     program = compile_network(large(), 1)

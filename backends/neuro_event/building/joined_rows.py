@@ -240,7 +240,7 @@ def _taken_over(a: EventArrays, row: Row) -> dict[int, CompactProjection]:
     found = {}
     for q in row:
         p = a.program.projections[q]
-        as_listed = a.synapses[q].order is None and a.net["projections"][q, t.WEIGHT] < 0
+        as_listed = p.by_delay and a.synapses[q].order is None and a.net["projections"][q, t.WEIGHT] < 0
         # A relay needs no weight, so its rows have none.
         if isinstance(p, CompactProjection) and as_listed and a.net["pops"][p.target, t.RELAY] == 0:
             found[q] = p
