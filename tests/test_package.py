@@ -118,5 +118,5 @@ def test_the_change_log_has_a_heading_for_each_version():
 
 def test_every_package_says_that_it_has_types():
     packages = {ROOT / "neuro", *(path.parent for path in ROOT.glob("*/neuro_*/*.py"))}
-    assert len(packages) == 12
+    assert len(packages) == 13
     assert [package.name for package in packages if not (package / "py.typed").exists()] == []

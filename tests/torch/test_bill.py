@@ -119,7 +119,6 @@ def test_joules_train_a_network_to_spend_less(ran):
     ("target", "message"),
     [
         ("loih", "unknown target 'loih'"),
-        ("loihi2", "target 'loihi2' has no costs: none is published"),
         ("gpu", "target 'gpu' prices every synapse in every step, whatever spikes there are: expected one"),
     ],
 )
