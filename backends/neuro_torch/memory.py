@@ -1,6 +1,6 @@
 """How much memory a batch takes at its peak, forward and backward, estimated before any is taken.
 
-What scans keep is known from what they do; what steps keep hangs on the model, so it is counted in some steps of one
+What scans keep is known from what they do; what steps keep depends on the model, so it is counted in some steps of one
 recording. Sums are of what is held at once, where that is most. What a process takes lies within a factor of 2.5 of
 that: spikes of neurons, unknown before, are left out, and allocators do not give back all that is freed.
 """

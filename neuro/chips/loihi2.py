@@ -21,7 +21,6 @@ from dataclasses import replace
 import numpy as np
 
 from neuro.chips.arithmetic import Arithmetic, Option, is_positive, is_whole
-from neuro.chips.arrival_rule import register
 from neuro.chips.loihi import arithmetic as loihi1
 from neuro.chips.quantising import rounding
 from neuro.chips.quantising.fixed import FixedPopulation, FixedProjection, Rounding, WeightRounding, Words
@@ -92,18 +91,21 @@ def _in_mantissas(inputs: Inputs, index: int, synapse: loihi2_static) -> tuple[F
         problems.append(approximated(part, f"weight = {part.weight[beyond[0]]:g}", why, "raise weight_exp"))
     asked = np.clip(np.rint(part.weight), low, high).astype(np.int32)
     found = rounding.judged(asked.astype(np.float64), dropped(asked, bits, mode), 1.0, low, high)
-    return _fixed(part.name, asked, exponent, mode, bits, np.ones(1), inputs.lag(index), found, native=True), problems
+    fixed = loihi1.fixed_projection(part.name, asked, exponent, mode, bits, np.ones(1), inputs.lag(index), found)
+    return _by_own_rules(fixed, native=True), problems
 
 
 def _convolution(inputs: Inputs, index: int) -> tuple[FixedProjection, list[Problem]]:
     """Weights as they are, whose sum wraps."""
     part = inputs.program.projections[index]
     problems = [*_not_whole(part)]
-    if np.any(np.abs(part.weight) > 255):
-        problems.append(refused(part, f"weight = {part.weight.max():g}", "a weight has 8 bits and a sign", "scale it"))
+    beyond = np.flatnonzero(np.abs(part.weight) > 255)
+    if beyond.size:
+        found = f"weight = {part.weight[beyond[0]]:g}"
+        problems.append(refused(part, found, "a weight has 8 bits and a sign", "scale it"))
     asked = np.rint(part.weight).astype(np.int32)
-    fixed = _fixed(part.name, asked, 0, "", WEIGHT_BITS, np.ones(1), inputs.lag(index), LOSSLESS, native=True)
-    return replace(fixed, wraps=True), problems
+    fixed = loihi1.fixed_projection(part.name, asked, 0, "mixed", WEIGHT_BITS, np.ones(1), inputs.lag(index), LOSSLESS)
+    return _by_own_rules(replace(fixed, sign_mode="", wraps=True), native=True), problems
 
 
 def _not_whole(part: Projection) -> Iterator[Problem]:
@@ -131,7 +133,8 @@ def _fitted(inputs: Inputs, index: int) -> tuple[FixedProjection, list[Problem]]
     exponent = max(exact, default=fitting[0])
     step = np.full(1, 2.0**exponent)
     mantissas, found = rounding.fitted(part.weight, step, step, low, high, grain, inputs.keeps(index))
-    fixed = _fixed(part.name, mantissas, exponent, mode, WEIGHT_BITS, step, inputs.lag(index), found)
+    fixed = loihi1.fixed_projection(part.name, mantissas, exponent, mode, WEIGHT_BITS, step, inputs.lag(index), found)
+    fixed = _by_own_rules(fixed)
     second = inputs.part.model.chip == "loihi2" and part.receptor is not None and part.receptor.index == 1
     return replace(fixed, receptor=int(second)), problems
 
@@ -140,44 +143,17 @@ def _fits(mantissas: Floats, low: int, high: int) -> bool:
     return float(mantissas.min(initial=0.0)) >= low and float(mantissas.max(initial=0.0)) <= high
 
 
-def _fixed(
-    name: str,
-    mantissas: Words,
-    exponent: int,
-    mode: str,
-    bits: int,
-    step: Floats,
-    lag: Words,
-    lost: WeightRounding,
-    native: bool = False,
-) -> FixedProjection:
-    low, high = SIGN_MODES.get(mode, (-255, 255))
-    fixed = FixedProjection(
-        name=name,
-        mantissas=mantissas,
-        words=mantissas,
-        low=low,
-        high=high,
-        grain=1 if native else 1 << (WEIGHT_BITS - bits + (mode == "mixed")),
-        exponent=exponent,
-        sign_mode=mode,
-        bits=bits,
-        step=step,
-        step_below=step,
-        lag=lag,
-        delay=register(lag, REGISTER_OF_ONE),
-        native=native,
-        shift=max(-exponent, 0),
-        rounding=lost,
-    )
-    return replace(fixed, words=words_of(fixed, mantissas))
+def _by_own_rules(fixed: FixedProjection, native: bool = False) -> FixedProjection:
+    """A projection of Loihi 1 with the bounds, steps and words of Loihi 2; `native` if its weights are mantissas."""
+    low, high = SIGN_MODES.get(fixed.sign_mode, (-255, 255))
+    grain = 1 if native else 1 << (WEIGHT_BITS - fixed.bits + (fixed.sign_mode == "mixed"))
+    fixed = replace(fixed, low=low, high=high, grain=grain, native=native, shift=max(-fixed.exponent, 0))
+    return replace(fixed, words=words_of(fixed, fixed.mantissas))
 
 
 def native(part: Population) -> FixedPopulation:
     """A neuron of Loihi 2: its parameters are the registers, and its model's name is its step."""
-    registers = {name: values.astype(np.int64) for name, values in part.parameters.items() if name != "tau_minus"}
-    initial = {name: values.astype(np.int64) for name, values in part.initial.items()}
-    return FixedPopulation(part.name, part.model.name, registers, initial)
+    return replace(loihi1.native(part), kind=part.model.name)
 
 
 def population(inputs: Inputs, options: Options) -> tuple[FixedPopulation, dict[int, FixedProjection], list[Problem]]:
@@ -185,10 +161,7 @@ def population(inputs: Inputs, options: Options) -> tuple[FixedPopulation, dict[
     if isinstance(inputs.part.model, GRADED):
         return _graded(inputs)
     fixed, found, problems = loihi1.population(inputs, options)
-    wires = {}
-    for index, old in found.items():
-        new = _fixed(old.name, old.mantissas, old.exponent, old.sign_mode, old.bits, old.step, old.lag, old.rounding)
-        wires[index] = new
+    wires = {index: _by_own_rules(each) for index, each in found.items()}
     registers = {name: values for name, values in fixed.registers.items() if name != "refractory"}
     return replace(fixed, kind=LIF, registers=registers), wires, [*problems, *_without_reference(inputs.part)]
 
@@ -233,9 +206,7 @@ def _graded(inputs: Inputs) -> tuple[FixedPopulation, dict[int, FixedProjection]
 
 def relay_projection(inputs: Inputs, index: int) -> FixedProjection:
     """A projection onto parrots: every spike counts, whatever its weight."""
-    part = inputs.program.projections[index]
-    ones: Words = np.ones(1, dtype=np.int32)
-    return _fixed(part.name, ones, 0, "excitatory", WEIGHT_BITS, part.weight.copy(), inputs.lag(index), LOSSLESS)
+    return _by_own_rules(loihi1.relay_projection(inputs, index))
 
 
 def lossless(fixed: FixedProjection) -> str:

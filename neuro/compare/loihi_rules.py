@@ -109,7 +109,7 @@ def loihi_rules(net: Network, duration: float = 100.0, seed: int = 0) -> LoihiRu
         return LoihiRules(net.name, 0, tuple(found))
     engines = [find_backend(name).build(each) for name, each in zip(CHIPS, programs, strict=True)]
     with warnings.catch_warnings():
-        warnings.simplefilter("ignore", OverflowWarning)  # they are told below
+        warnings.simplefilter("ignore", OverflowWarning)  # they are reported below
         found += _registers(program, engines, steps)
     found += _counted(engines)
     return LoihiRules(net.name, steps, tuple(found))

@@ -88,7 +88,7 @@ def empty_loop(tick_ms: float, ms: float) -> Histogram:
         ms: how long.
 
     Raises:
-        ModelError: one of them is no number > 0.
+        ModelError: one of them is not a number > 0.
     """
     tick_ms, ms = argument("tick_ms", tick_ms, above=0), argument("ms", ms, above=0)
     found, tick = Histogram(), round(tick_ms * 1e6)

@@ -7,7 +7,7 @@ from running_page import Running, areas, until
 
 @pytest.fixture
 def shown(running, driver):
-    """The page of the running network, as it is when frames come; nothing may be told on the console."""
+    """The page of the running network, when frames come; its console must stay empty."""
     driver.get_log("browser")
     running.page.pace.pause(False)
     driver.get(running.page.url)

@@ -135,7 +135,7 @@ class Listener:
             timeout_s: the longest wait, s.
 
         Raises:
-            ModelError: it is no number.
+            ModelError: it is not a number.
         """
         return self._receiver.wait(argument("timeout_s", timeout_s, infinite=True))
 

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from typing import ClassVar
 
 from neuro.model.neurons.base import State
-from neuro.model.neurons.graded import PAYLOAD_STATE, Encoding, sent_of
+from neuro.model.neurons.graded import PAYLOAD_STATE, Encoding, send_change, stays_silent
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -30,7 +30,7 @@ class delta_encoder(Encoding):
     )
 
 
-ACT, RESIDUE, ERROR, SENT = range(4)
+ACT = 0
 VTH, GRAIN, CUM, UNIT = range(4)
 
 
@@ -45,14 +45,7 @@ def step(s, c, x, i_0, lo, hi, fired):
     vth, grain, cumulative, unit = c[VTH], c[GRAIN], c[CUM], c[UNIT]
     for i in range(lo, hi):
         y = x[0, i] * unit
-        delta = y - s[ACT, i] + s[RESIDUE, i]
-        error = s[ERROR, i] + delta if cumulative != 0.0 else delta
-        out, payload = sent_of(delta, error, vth, grain)
-        s[ERROR, i] = error if cumulative != 0.0 and out == 0.0 else 0.0
-        s[RESIDUE, i] = delta - out
-        s[ACT, i] = y
-        s[SENT, i] = payload
-        fired[i] = payload != 0
+        fired[i] = send_change(s, ACT, i, y, vth, grain, cumulative) != 0.0
 
 
 def fire(s, c, i):
@@ -62,7 +55,7 @@ def fire(s, c, i):
 def quiet(s, c, i_0, lo, hi):
     """Without input the value is 0, and stays so."""
     for i in range(lo, hi):
-        rest = s[RESIDUE, i]
-        if s[ACT, i] != 0.0 or not abs(rest) < c[VTH] or (c[CUM] != 0.0 and rest != 0.0) or s[SENT, i] != 0.0:
+        silent = stays_silent(s, ACT, i, 0.0, c[VTH], c[CUM])
+        if not silent:
             return False
     return True

@@ -38,7 +38,23 @@ class Encoding(Graded):
     cum_error: bool = quantity(False, "", "compare the sum of changes with vth", kind="boolean")
 
 
-def sent_of(delta, error, vth, grain):
-    """What of a change is sent, in units of the state, and the payload; `error` is what is compared with vth."""
-    out = delta if abs(error) >= vth else 0.0
-    return out, math.floor(out / grain)
+def send_change(s, first, i, y, vth, grain, cumulative):
+    """Send what of the change to `y` is to be sent, and return the payload.
+
+    From row `first` on, `s` has the value of the last step, the residue, the error and the payload.
+    """
+    act, residue, error, sent = first, first + 1, first + 2, first + 3
+    delta = y - s[act, i] + s[residue, i]
+    compared = s[error, i] + delta if cumulative != 0.0 else delta
+    out = delta if abs(compared) >= vth else 0.0
+    s[error, i] = compared if cumulative != 0.0 and out == 0.0 else 0.0
+    s[residue, i] = delta - out
+    s[act, i] = y
+    s[sent, i] = math.floor(out / grain)
+    return s[sent, i]
+
+
+def stays_silent(s, first, i, y, vth, cumulative):
+    """Whether nothing is sent, and no state changes, as long as the value is `y`; `first` as of `send_change`."""
+    rest = s[first + 1, i]
+    return y == s[first, i] and abs(rest) < vth and (cumulative == 0.0 or rest == 0.0) and s[first + 3, i] == 0.0

@@ -8,7 +8,7 @@ from typing import ClassVar
 
 from neuro.core.quantities import Value, quantity
 from neuro.model.neurons.base import State
-from neuro.model.neurons.graded import PAYLOAD_STATE, Encoding, sent_of
+from neuro.model.neurons.graded import PAYLOAD_STATE, Encoding, send_change, stays_silent
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -36,7 +36,7 @@ class sigma_delta(Encoding):
     relu: bool = quantity(True, "", "activation: the sum where it is above 0, else the sum", kind="boolean")
 
 
-SIGMA, ACT, RESIDUE, ERROR, SENT = range(5)
+SIGMA, ACT = 0, 1
 VTH, GRAIN, CUM, BIAS, RELU = range(5)
 
 
@@ -54,14 +54,7 @@ def step(s, c, x, i_0, lo, hi, fired):
         y = s[SIGMA, i] + bias
         if relu != 0.0 and y < 0.0:
             y = 0.0
-        delta = y - s[ACT, i] + s[RESIDUE, i]
-        error = s[ERROR, i] + delta if cumulative != 0.0 else delta
-        out, payload = sent_of(delta, error, vth, grain)
-        s[ERROR, i] = error if cumulative != 0.0 and out == 0.0 else 0.0
-        s[RESIDUE, i] = delta - out
-        s[ACT, i] = y
-        s[SENT, i] = payload
-        fired[i] = payload != 0
+        fired[i] = send_change(s, ACT, i, y, vth, grain, cumulative) != 0.0
 
 
 def fire(s, c, i):
@@ -73,7 +66,6 @@ def quiet(s, c, i_0, lo, hi):
     for i in range(lo, hi):
         y = s[SIGMA, i] + c[BIAS]
         y = 0.0 if c[RELU] != 0.0 and y < 0.0 else y
-        rest = s[RESIDUE, i]
-        if y != s[ACT, i] or not abs(rest) < c[VTH] or (c[CUM] != 0.0 and rest != 0.0) or s[SENT, i] != 0.0:
+        if not stays_silent(s, ACT, i, y, c[VTH], c[CUM]):
             return False
     return True

@@ -76,7 +76,7 @@ class loihi2_static(Synapse):
 class loihi2_convolution(Synapse):
     """Adds the sum of w p over the spikes of a step as 24 bits; weights are whole numbers of 8 bits, none is dropped.
 
-    lava: Conv, which takes no weight exponent and no number of bits into account.
+    lava: Conv, which ignores the weight exponent and the number of bits.
     """
 
     equation: ClassVar[str] = "adds sum w p, a two's complement of 24 bits"
