@@ -5,9 +5,23 @@ from neuro_bench import Examples, Fold, Request, Task, run
 A task or a method of one's own is a subclass of `Task` or `Method`, registered by `neuro.register`.
 """
 
+from neuro_bench.costs import Costs
 from neuro_bench.known import METHODS, TASKS
 from neuro_bench.method import Method, Model
 from neuro_bench.running import Request, run
 from neuro_bench.task import Examples, Fold, Series, Spikes, Task
 
-__all__ = ["METHODS", "TASKS", "Examples", "Fold", "Method", "Model", "Request", "Series", "Spikes", "Task", "run"]
+__all__ = [
+    "METHODS",
+    "TASKS",
+    "Costs",
+    "Examples",
+    "Fold",
+    "Method",
+    "Model",
+    "Request",
+    "Series",
+    "Spikes",
+    "Task",
+    "run",
+]

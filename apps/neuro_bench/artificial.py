@@ -11,8 +11,8 @@ import numpy as np
 
 from neuro import ModelError
 from neuro.apps import install
-from neuro_bench.method import Costs, Method
-from neuro_bench.prices import arithmetic
+from neuro_bench.costs import Costs, arithmetic
+from neuro_bench.method import Method
 from neuro_bench.task import Examples
 
 if TYPE_CHECKING:
@@ -146,7 +146,7 @@ class Network:
 
     Args:
         module: it.
-        kind: of its numbers, as in `neuro_bench.prices`.
+        kind: of its numbers, as in `neuro_bench.costs`.
     """
 
     def __init__(self, module: nn.Module, kind: str) -> None:
@@ -190,7 +190,7 @@ class Network:
         macs = counted["macs"] / len(shown)
         return Costs(
             parameters=size,
-            footprint_bytes=size * (1 if self._kind == "int8" else 4),
+            footprint_bytes=4 * size - (3 * count if self._kind == "int8" else 0),  # biases stay in 32 bits
             connection_sparsity=round(zeros / count, 4),
             activation_sparsity=counted["zeros"] / counted["activations"] if counted["activations"] else 0.0,
             effective_macs=macs,

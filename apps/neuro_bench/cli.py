@@ -55,12 +55,12 @@ def run_method(
 ) -> None:
     """Run a method on the folds of a task, print its row and write all figures as JSON.
 
-    --set changes a setting of the first try: --set hidden=256.
+    --set changes a setting in all tries: --set hidden=256.
     """
     from importlib.util import find_spec
 
     from neuro_bench import report
-    from neuro_bench.running import Request, run
+    from neuro_bench.running import KEPT, Request, run
 
     asked = Request(
         task=task,
@@ -75,14 +75,17 @@ def run_method(
     )
     made, _ = asked.made()
     file = out or Path(f"{task}-{made.split}-{method}.json")
+    kept = file.with_suffix(".folds.json")
     check_output(file, report.RESULT)
+    check_output(kept, KEPT)
     if find_spec("torch") is not None:
         import torch
 
         torch.set_num_threads(threads)
     with resumable(), Bar() as bar:
-        found = run(asked, lambda what, done, total: bar.show(done, total, what))
+        found = run(asked, lambda what, done, total: bar.show(done, total, what), kept)
     report.write(found, file)
+    kept.unlink()
     report.show([report.read(file)])
     typer.echo(f"{file}: written")
 

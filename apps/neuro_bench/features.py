@@ -10,8 +10,8 @@ import numpy as np
 
 from neuro import ModelError
 from neuro.apps import install
-from neuro_bench.method import Costs, Method
-from neuro_bench.prices import arithmetic
+from neuro_bench.costs import Costs, arithmetic
+from neuro_bench.method import Method
 from neuro_bench.task import Examples
 
 

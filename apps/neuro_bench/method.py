@@ -3,39 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass, field
 from typing import Any, ClassVar, Literal, Protocol
 
 import numpy as np
 
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Costs:
-    """What a model takes for one example, in NeuroBench's words; a value of a series is one, too.
-
-    Attributes:
-        parameters: numbers that were learnt.
-        footprint_bytes: of all that describes the model.
-        connection_sparsity: share of the weights that are 0.
-        activation_sparsity: share of the activations that are 0.
-        effective_macs: multiply-accumulates whose factors are both not 0.
-        effective_acs: accumulates of weights that are not 0, by spikes.
-        dense: operations if nothing were 0.
-        joules: of one example, by what it is computed on.
-    """
-
-    parameters: int
-    footprint_bytes: int
-    connection_sparsity: float = 0.0
-    activation_sparsity: float = 0.0
-    effective_macs: float = 0.0
-    effective_acs: float = 0.0
-    dense: float = 0.0
-    joules: Mapping[str, float] = field(default_factory=dict)
-
-    def as_words(self) -> dict[str, Any]:
-        """All of it as plain data."""
-        return asdict(self)
+from neuro_bench.costs import Costs
 
 
 class Model(Protocol):
@@ -83,14 +55,21 @@ class Method:
         raise NotImplementedError
 
 
-def tries(method: Method, count: int, seed: int) -> list[dict[str, Any]]:
-    """The settings of each try: the first as they are, the others drawn from the space, none twice in a small space."""
+def tries(method: Method, changes: Mapping[str, Any], count: int, seed: int) -> list[dict[str, Any]]:
+    """The settings of each try: the first as they are, the others drawn from the space, none twice in a small space.
+
+    Args:
+        method: whose settings they are.
+        changes: settings that are otherwise than the method's, in all tries.
+        count: how many tries.
+        seed: of the draws.
+    """
     rng = np.random.default_rng((seed, 7))
-    found = [dict(method.settings)]
+    found = [{**method.settings, **changes}]
     for _ in range(100 * count):
         if len(found) == count:
             break
         drawn = {name: values[int(rng.integers(len(values)))] for name, values in method.space.items()}
-        if (one := {**method.settings, **drawn}) not in found:
+        if (one := {**method.settings, **drawn, **changes}) not in found:
             found.append(one)
     return found

@@ -7,8 +7,8 @@ from typing import Any
 
 import numpy as np
 
-from neuro_bench.method import Costs, Method
-from neuro_bench.prices import arithmetic
+from neuro_bench.costs import Costs, arithmetic
+from neuro_bench.method import Method
 from neuro_bench.task import Series
 
 WARM_UP = 45

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
@@ -11,12 +12,14 @@ from typing import Any
 import numpy as np
 
 from neuro import ModelError
-from neuro.apps import provenance, unknown
+from neuro.apps import kept_json, provenance, sealed, unknown, write_text
 from neuro_bench.known import METHODS, TASKS
 from neuro_bench.method import Method, tries
 from neuro_bench.task import Fold, Task
 
 FORMAT = "neuro bench 1"
+KEPT_FORMAT = "neuro bench folds 1"
+KEPT = sealed("the folds of an unfinished 'neuro bench run'", f'"format": "{KEPT_FORMAT}"', ', "digest": "{}"')
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -31,7 +34,7 @@ class Request:
         tries: settings that are tried in each fold.
         seeds: of the method, each on all folds.
         folds: the first so many only; all if None.
-        changes: settings of the first try that are otherwise.
+        changes: settings that are otherwise than the method's, in all tries.
         split_seed: of folds that are drawn.
     """
 
@@ -59,21 +62,23 @@ class Request:
             suits = ", ".join(name for name in METHODS if METHODS[name].kind == kind.kind)
             message = f"method '{self.method}' is for {method.kind}, task '{self.task}' is of {kind.kind}"
             raise ModelError(f"{message}: expected one of {suits}")
-        changes = dict(self.changes or {})
-        for name in changes:
+        for name in self.changes or {}:
             if name not in method.settings:
                 raise unknown("setting", name, method.settings)
-        if changes:
-            method.settings = {**method.settings, **changes}  # type: ignore[misc]
         return kind(self.data, self.split, self.split_seed), method
 
 
-def run(request: Request, report: Callable[[str, int, int], None] = lambda what, done, total: None) -> dict[str, Any]:
+def run(
+    request: Request,
+    report: Callable[[str, int, int], None] = lambda what, done, total: None,
+    kept: Path | None = None,
+) -> dict[str, Any]:
     """Run a method on all folds of a task.
 
     Args:
         request: what is asked for.
         report: called with what is done, how much of it, and of how much.
+        kept: a file of the folds that are done, from which the same request goes on; None: none.
 
     Returns:
         Ready for JSON: the request, each fold's settings, tries, score and costs, mean and 95 % interval, provenance.
@@ -83,11 +88,25 @@ def run(request: Request, report: Callable[[str, int, int], None] = lambda what,
     """
     task, method = request.made()
     folds = list(task.folds())[: request.folds]
-    found: list[dict[str, Any]] = []
-    for seed in request.seeds:
-        for fold in folds:
-            report(f"{fold.name}, seed {seed}", len(found), len(folds) * len(request.seeds))
-            found.append(_fold(task, method, fold, tries(method, request.tries, seed), seed))
+    asked: dict[str, Any] = {
+        "data": None if request.data is None else str(request.data),
+        "tries": request.tries,
+        "seeds": list(request.seeds),
+        "folds": request.folds,
+        "changes": dict(request.changes or {}),
+        "split_seed": request.split_seed,
+    }
+    made = provenance()
+    of = {"task": request.task, "split": task.split, "method": request.method, **asked}
+    of = json.loads(json.dumps(of | {word: made[word] for word in ("neuro", "commit", "inputs")}))
+    before = {} if kept is None else kept_json(kept)
+    found: list[dict[str, Any]] = before["folds"] if before.get("of") == of else []
+    each = [(seed, fold) for seed in request.seeds for fold in folds]
+    for seed, fold in each[len(found) :]:
+        report(f"{fold.name}, seed {seed}", len(found), len(each))
+        found.append(_fold(task, method, fold, tries(method, asked["changes"], request.tries, seed), seed))
+        if kept is not None:
+            write_text(kept, json.dumps({"format": KEPT_FORMAT, "of": of, "folds": found}), KEPT)
     scores = [each["score"] for each in found]
     mean, low, high = interval(scores)
     return {
@@ -100,20 +119,13 @@ def run(request: Request, report: Callable[[str, int, int], None] = lambda what,
             **{word: getattr(task, word) for word in ("title", "licence", "source")},
         },
         "method": {"name": request.method, "title": method.title, "spiking": method.spiking},
-        "asked": {
-            "data": None if request.data is None else str(request.data),
-            "tries": request.tries,
-            "seeds": list(request.seeds),
-            "folds": request.folds,
-            "changes": dict(request.changes or {}),
-            "split_seed": request.split_seed,
-        },
+        "asked": asked,
         "mean": mean,
         "interval": [low, high],
         "folds": found,
         "costs": _mean_costs([each["costs"] for each in found]),
         "cpu_s": sum(each["cpu_s"] for each in found),
-        "provenance": provenance(),
+        "provenance": made,
     }
 
 

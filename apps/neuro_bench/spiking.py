@@ -11,7 +11,8 @@ import neuro
 from neuro.apps import Showing
 from neuro.chips import chip, neurobench, place, price
 from neuro_bench.artificial import check_torch
-from neuro_bench.method import Costs, Method
+from neuro_bench.costs import Costs
+from neuro_bench.method import Method
 from neuro_bench.task import Examples
 
 PRICED = 50

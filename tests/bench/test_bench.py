@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 import neuro
-from neuro_bench import METHODS, TASKS, Examples, Fold, Method, Request, Spikes, Task, report, run
+from neuro_bench import METHODS, TASKS, Costs, Examples, Fold, Method, Request, Spikes, Task, report, run
 from neuro_bench.method import tries
 from neuro_bench.running import interval
 from neuro_bench.spoken_digits import SpokenDigits
@@ -41,8 +41,6 @@ class Majority(Method):
     called_by, title = "majority", "the most frequent class"
 
     def fit(self, train, settings, seed):
-        from neuro_bench.method import Costs
-
         class Constant:
             def predict(self, shown):
                 return np.full(len(shown), np.bincount(train.labels).argmax())
@@ -111,10 +109,11 @@ def _nothing():
 
 def test_every_method_has_the_same_tries():
     method = METHODS["echo-state"]()
-    drawn = tries(method, 4, 0)
+    drawn = tries(method, {}, 4, 0)
     assert drawn[0] == method.settings
     assert len({json.dumps(one) for one in drawn}) == 4
-    assert drawn == tries(method, 4, 0)
+    assert drawn == tries(method, {}, 4, 0)
+    assert {one["units"] for one in tries(method, {"units": 300}, 4, 0)} == {300}
 
 
 def test_tuning_never_sees_the_test_part():
@@ -133,6 +132,33 @@ def test_tuning_never_sees_the_test_part():
     found = run(Request(task="bars", method="watched", folds=1, tries=3))
     assert seen == [4, 4, 4, 20]  # a validation part of 4 for each try, the test part once
     assert len(found["folds"][0]["tries"]) == 3
+
+
+def test_folds_that_are_done_are_kept(tmp_path):
+    """A run that ends early goes on behind its last fold; with other settings it begins anew."""
+    fitted = []
+
+    class Failing(Method):
+        called_by, title, settings = "failing", "fails once", {"x": 0}
+
+        def fit(self, train, settings, seed):
+            fitted.append(settings["x"])
+            if len(fitted) == 2:
+                raise KeyboardInterrupt
+            return Majority().fit(train, settings, seed)
+
+    neuro.register(Failing)
+    kept, asked = tmp_path / "folds.json", Request(task="bars", method="failing")
+    with pytest.raises(KeyboardInterrupt):
+        run(asked, kept=kept)
+    found = run(asked, kept=kept)
+    assert (len(fitted), len(found["folds"])) == (4, 3)
+    whole = run(asked)
+    assert [one["score"] for one in found["folds"]] == [one["score"] for one in whole["folds"]]
+    fitted.clear()
+    fitted += [0, 0]
+    run(Request(task="bars", method="failing", changes={"x": 1}), kept=kept)
+    assert fitted[2:] == [1, 1, 1]
 
 
 def test_interval():
