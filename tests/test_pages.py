@@ -38,6 +38,7 @@ from importlib.util import find_spec
 from pathlib import Path
 
 import pytest
+import yaml
 
 import neuro
 from neuro.cli import main
@@ -407,6 +408,20 @@ def wrong_commands(page):
 
 def test_lines_of_markdown_are_at_most_160_characters():
     assert [place for page in {*PAGES, *ROOT.glob("*.md")} for place in long_lines(page)] == []
+
+
+def test_every_page_and_example_is_on_the_site():
+    """A page belongs to a table of contents, an example to the gallery; `make docs` fails else."""
+    docs = ROOT / "docs"
+    listed = {docs / "index.md"}
+    for page in docs.rglob("*.md"):
+        for content in re.findall(r"```{toctree}\n(.*?)```", page.read_text("utf-8"), re.DOTALL):
+            entries = [line.split("<")[-1].rstrip("> ") for line in content.splitlines() if not line.startswith(":")]
+            listed |= {Path(os.path.normpath(page.parent / f"{entry.removesuffix('.md')}.md")) for entry in entries}
+    assert sorted(set(docs.rglob("*.md")) - listed) == []
+    gallery = yaml.safe_load((docs / "_site" / "gallery.yaml").read_text("utf-8"))
+    shown = {f"{name}.py" for part in gallery.values() for name in part["examples"]}
+    assert shown == {file.name for file in (ROOT / "examples").glob("*.py")}
 
 
 def long_lines(page: Path) -> list[str]:
