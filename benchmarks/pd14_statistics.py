@@ -14,7 +14,7 @@ from itertools import combinations, product
 import numpy as np
 from numpy.typing import NDArray
 from scipy.sparse import coo_array
-from spike_statistics import Figure, Recording, Train, over
+from spike_statistics import Figure, Recording, Train, irregularities, over
 
 Floats = NDArray[np.float64]
 Distributions = Mapping[str, Mapping[str, Floats]]
@@ -31,20 +31,6 @@ MEASURES = {"rates": "rate, Hz", "spike_cvs": "CV of intervals", "spike_ccs": "c
 def rates(train: Train, begin: float, end: float) -> Floats:
     """Spikes of each neuron in a second."""
     return np.bincount(train.neurons, minlength=train.size) / (end - begin) * 1e3
-
-
-def irregularities(train: Train) -> Floats:
-    """Coefficient of variation of the intervals of each neuron that fires three times."""
-    order = np.lexsort((train.times, train.neurons))
-    times, neurons = train.times[order], train.neurons[order]
-    inside = neurons[1:] == neurons[:-1]
-    interval, of = np.diff(times)[inside], neurons[1:][inside]
-    number = np.bincount(of, minlength=train.size)
-    used = number >= LEAST_SPIKES - 1
-    mean = np.bincount(of, interval, train.size) / np.maximum(number, 1)
-    variance = np.bincount(of, (interval - mean[of]) ** 2, train.size) / np.maximum(number, 1)
-    found: Floats = np.sqrt(variance[used]) / mean[used]
-    return found
 
 
 def correlations(train: Train, begin: float, end: float, seed: int = 12345) -> Floats:
@@ -69,7 +55,7 @@ def distributions(recording: Recording) -> dict[str, dict[str, Floats]]:
     trains = recording.trains.items()
     return {
         "rates": {name: rates(train, begin, end) for name, train in trains},
-        "spike_cvs": {name: irregularities(train) for name, train in trains},
+        "spike_cvs": {name: irregularities(train, LEAST_SPIKES) for name, train in trains},
         "spike_ccs": {name: correlations(train, begin, end) for name, train in trains},
     }
 

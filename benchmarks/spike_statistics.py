@@ -79,18 +79,22 @@ def rate(train: Train, begin: float, end: float) -> Figure:
 
 
 def irregularity(train: Train, least: int = LEAST_SPIKES) -> Figure:
-    """Coefficient of variation of the intervals of a neuron, over neurons with so many spikes; NaN without any."""
+    """The mean of `irregularities`; NaN without any."""
+    return over(irregularities(train, least))
+
+
+def irregularities(train: Train, least: int = LEAST_SPIKES) -> NDArray[np.float64]:
+    """Coefficient of variation of the intervals of each neuron with so many spikes."""
     order = np.lexsort((train.times, train.neurons))
     times, neurons = train.times[order], train.neurons[order]
     inside = neurons[1:] == neurons[:-1]
     interval, of = np.diff(times)[inside], neurons[1:][inside]
     number = np.bincount(of, minlength=train.size)
     used = number >= least - 1
-    with np.errstate(invalid="ignore", divide="ignore"):
-        mean = np.bincount(of, interval, train.size) / number
-        variance = np.bincount(of, (interval - mean[of]) ** 2, train.size) / number
-        found = (np.sqrt(variance) / mean)[used]
-    return over(found)
+    mean = np.bincount(of, interval, train.size) / np.maximum(number, 1)
+    variance = np.bincount(of, (interval - mean[of]) ** 2, train.size) / np.maximum(number, 1)
+    found: NDArray[np.float64] = np.sqrt(variance[used]) / mean[used]
+    return found
 
 
 def correlation(train: Train, begin: float, end: float, bin_ms: float = BIN_MS) -> Figure:

@@ -131,6 +131,8 @@ SYNAPSES = [neuro.static(), neuro.stdp(Wmax=1e9), neuro.stdp(Wmax=neuro.uniform(
     seed=st.integers(0, 99),
 )
 def test_shares_together_are_the_whole(name, values, synapse, own, view, many, number, seed):
+    if values == "normal":
+        own = {"weight": neuro.normal(mean=2.0, std=0.5, low=0.0)} | own  # a weight that learns is not negative
     net = network(RULES[name], values, synapse=synapse, **own)
     if view is not None:
         net = neuro.Network("drawn", resolution=0.1)

@@ -26,7 +26,9 @@ def test_distributions_are_those_of_the_recipe(train):
     each = [np.sort(train.times[train.neurons == i]) for i in range(train.size)]
     assert statistics.rates(train, 500.0, 1500.0) == pytest.approx([times.size for times in each])
     intervals = [np.diff(times) for times in each if times.size > 2]
-    assert statistics.irregularities(train) == pytest.approx([np.std(found) / np.mean(found) for found in intervals])
+    assert statistics.irregularities(train, statistics.LEAST_SPIKES) == pytest.approx(
+        [np.std(found) / np.mean(found) for found in intervals]
+    )
     counts = [np.histogram(times, np.arange(500.05, 1501.0, 2.0))[0] for times in each if times.size]
     pairs = np.corrcoef(counts)[np.triu_indices(len(counts), 1)]
     assert statistics.correlations(train, 500.0, 1500.0) == pytest.approx(pairs)

@@ -20,7 +20,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from neuro.chips.arithmetic import Arithmetic, Option, is_positive, is_whole
+from neuro.chips.arithmetic import Arithmetic
 from neuro.chips.loihi import arithmetic as loihi1
 from neuro.chips.quantising import rounding
 from neuro.chips.quantising.fixed import FixedPopulation, FixedProjection, Rounding, WeightRounding, Words
@@ -214,38 +214,15 @@ def lossless(fixed: FixedProjection) -> str:
     return f"use mantissas that are multiples of {1 << (WEIGHT_BITS - fixed.bits + (fixed.sign_mode == 'mixed'))}"
 
 
-_OPTIONS = (
-    Option("scales", "populations", is_positive, "units per mV, a number > 0"),
-    Option(
-        "exponents",
-        "projections",
-        lambda value: is_whole(value, WEIGHT_EXPONENTS),
-        "a weight exponent, a whole number from -8 to 7",
-    ),
-)
-
-
 def _kept_options(cells: FixedPopulation, wires: tuple[FixedProjection, ...]) -> Options:
     return loihi1.LOIHI.kept_options(cells, wires) if cells.kind == LIF else Options({})
-
-
-def _filled(cells: FixedPopulation, arriving: Floats) -> float:
-    """Of the 24 bits of u, which also keeps what came before."""
-    if "du" not in cells.registers:
-        return 0.0
-    keep = (4095 - cells.registers["du"]) / 4096
-    u, most = np.zeros(arriving[:, 0].shape), 0.0
-    for step in range(arriving.shape[1]):
-        u = keep * u + 64.0 * arriving[:, step]
-        most = max(most, float(np.abs(u).max(initial=0.0)) / loihi1.U_LIMIT)
-    return most
 
 
 LOIHI2 = Arithmetic(
     name="loihi2",
     title="Loihi 2",
     models=(iaf_psc_exp, iaf_psc_delta, *GRADED),
-    options=_OPTIONS,
+    options=loihi1.SCALING,
     state_limit=STATE_LIMIT,
     register_of_one=REGISTER_OF_ONE,
     one_bit=False,
@@ -258,8 +235,8 @@ LOIHI2 = Arithmetic(
     relay_projection=relay_projection,
     give_rules=refuse_rules,
     kept_options=_kept_options,
-    filled=_filled,
-    told_scale=lambda cells, wires: f"exponent {wires.exponent}",
+    filled=loihi1.filled_current,
+    told_scale=loihi1.told_scale,
     lossless=lossless,
     notes=lambda program: iter(()),
 )

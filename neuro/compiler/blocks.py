@@ -12,7 +12,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from neuro.compiler.connect import Apart, Connections, all_onto, check_degree, connect, drawn_rows
+from neuro.compiler.connect import Apart, Connections, all_onto, check_degree, connect, drawn_rows, expected_synapses
 from neuro.compiler.drawn import check_number, choices, shares
 from neuro.compiler.shapes import Shape, size
 from neuro.compiler.space import expected_pairs
@@ -21,11 +21,9 @@ from neuro.model.rules import (
     Rule,
     all_to_all,
     distance_dependent,
-    fixed_indegree,
     fixed_outdegree,
     fixed_total_number,
     one_to_one,
-    pairwise_bernoulli,
 )
 from neuro.program.program import Grid, Ints
 
@@ -76,22 +74,9 @@ class Blocks:
     def _expected(self) -> float:
         """How many synapses there are in the mean, if they can be drawn by blocks."""
         n_pre, n_post = size(self.source), size(self.target)
-        match self.rule:
-            case one_to_one():
-                return n_pre
-            case all_to_all():
-                return n_pre * n_post
-            case fixed_indegree(n=n):
-                return n * n_post
-            case fixed_outdegree(n=n):
-                return n * n_pre
-            case fixed_total_number(n=n):
-                return n
-            case pairwise_bernoulli(p=p):
-                return p * n_pre * n_post
-            case distance_dependent() if n_pre * n_post >= LEAST:
-                return expected_pairs(self.rule, self.apart())
-        return 0
+        if isinstance(self.rule, distance_dependent) and n_pre * n_post >= LEAST:
+            return expected_pairs(self.rule, self.apart())
+        return expected_synapses(self.rule, n_pre, n_post)
 
     def connect(self, block: Block) -> Connections:
         """The synapses onto the targets of a block, one of several.

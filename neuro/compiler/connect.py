@@ -156,6 +156,24 @@ def connect(
     return _listed(*_own_pairs(rule, source, target, same, rng), n_pre, n_post, rule.name)
 
 
+def expected_synapses(rule: Rule, n_pre: int, n_post: int) -> int:
+    """How many synapses a rule makes in the mean; 0 where that does not follow from the sizes."""
+    match rule:
+        case one_to_one():
+            return n_pre
+        case all_to_all():
+            return n_pre * n_post
+        case fixed_indegree(n=n):
+            return n * n_post
+        case fixed_outdegree(n=n):
+            return n * n_pre
+        case fixed_total_number(n=n):
+            return n
+        case pairwise_bernoulli(p=p):
+            return round(p * n_pre * n_post)
+    return 0
+
+
 def listed_one_by_one(found: Connections, n_pre: int, n_post: int) -> Connections:
     """The same synapses with a target each."""
     match found.layout:

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from neuro.compiler.connect import expected_synapses
 from neuro.compiler.shapes import Shape, size
 from neuro.core.errors import ModelError
 from neuro.core.launch import neighbours
@@ -24,7 +25,6 @@ from neuro.model.rules import (
     fixed_total_number,
     one_to_one,
     pairs,
-    pairwise_bernoulli,
 )
 from neuro.model.space import of_distance
 from neuro.program.compact import CompactProjection
@@ -75,19 +75,13 @@ def check_memory(net: Network, shapes: Mapping[str, Shape], shares: int = 1) -> 
 def _synapses(part: Projection, n_pre: int, n_post: int) -> int:
     """About how many synapses that are stored one by one a projection has."""
     match part.rule:
-        case all_to_all():
-            return n_pre * n_post if _each(part.weight) or _each(part.delay) or part.synapse.learns else 0
-        case fixed_indegree(n=n):
-            return n * n_post
-        case fixed_outdegree(n=n):
-            return n * n_pre
-        case fixed_total_number(n=n):
-            return n
-        case pairwise_bernoulli(p=p):
-            return round(p * n_pre * n_post)
+        case one_to_one():
+            return 0
+        case all_to_all() if not (_each(part.weight) or _each(part.delay) or part.synapse.learns):
+            return 0
         case pairs(pre=pre):
             return len(pre)
-    return 0
+    return expected_synapses(part.rule, n_pre, n_post)
 
 
 def _bytes(part: Projection, shares: int) -> int:

@@ -627,7 +627,7 @@ def overflows(part: Population, d: Described, volt: float) -> Iterator[Problem]:
             )
 
 
-_OPTIONS = (
+SCALING = (
     Option("scales", "populations", is_positive, "units per mV, a number > 0"),
     Option(
         "exponents",
@@ -635,6 +635,11 @@ _OPTIONS = (
         lambda value: is_whole(value, WEIGHT_EXPONENTS),
         "a weight exponent, a whole number from -8 to 7",
     ),
+)
+"""What a user may fix of a chip's scales."""
+
+_OPTIONS = (
+    *SCALING,
     Option("signals", "projections", is_positive, "the largest dopamine that the signal sets in 1/ms, a number > 0"),
 )
 
@@ -643,16 +648,24 @@ def _kept_options(cells: FixedPopulation, wires: tuple[FixedProjection, ...]) ->
     return Options({"scales": {cells.name: cells.volt}, "exponents": {part.name: part.exponent for part in wires}})
 
 
-def _told_scale(cells: FixedPopulation, wires: FixedProjection) -> str:
+def told_scale(cells: FixedPopulation, wires: FixedProjection) -> str:
+    """How a report names the scale of a projection."""
     return f"exponent {wires.exponent}"
 
 
 def _filled(cells: FixedPopulation, arriving: Floats) -> float:
-    """Of the 22 bits of a step's input, or of the 24 of u, which also keeps what came before."""
+    """Of the 22 bits of a step's input, or of the 24 of u."""
+    if "du" not in cells.registers:
+        return 0.0
+    return max(64.0 * float(np.abs(arriving).max(initial=0.0)) / INPUT_LIMIT, filled_current(cells, arriving))
+
+
+def filled_current(cells: FixedPopulation, arriving: Floats) -> float:
+    """How much of the 24 bits of u is filled by what arrives in each step, and what came before."""
     if "du" not in cells.registers:
         return 0.0
     keep = (4095 - cells.registers["du"]) / 4096
-    u, most = np.zeros(arriving[:, 0].shape), 64.0 * float(np.abs(arriving).max(initial=0.0)) / INPUT_LIMIT
+    u, most = np.zeros(arriving[:, 0].shape), 0.0
     for step in range(arriving.shape[1]):
         u = keep * u + 64.0 * arriving[:, step]
         most = max(most, float(np.abs(u).max(initial=0.0)) / U_LIMIT)
@@ -677,7 +690,7 @@ LOIHI = Arithmetic(
     give_rules=give_rules,
     kept_options=_kept_options,
     filled=_filled,
-    told_scale=_told_scale,
+    told_scale=told_scale,
     lossless=lossless,
     notes=lambda program: iter(()),
 )
