@@ -107,8 +107,12 @@ class Claims:
             number = os.open(path, os.O_CREAT | os.O_EXCL | os.O_WRONLY, 0o666)
         except FileExistsError:
             return False
-        with os.fdopen(number, "wb", buffering=0) as file:
-            file.write(self._mine)
+        try:
+            with os.fdopen(number, "wb", buffering=0) as file:
+                file.write(self._mine)
+        except OSError:  # on a full disk: an empty claim would hold off who comes next
+            path.unlink(missing_ok=True)
+            raise
         return True
 
     def _take_over(self, path: Path) -> bool:

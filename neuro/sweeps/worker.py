@@ -57,8 +57,11 @@ class Worker:
         """One run, unless it is there or another process works on it: how it ended, as plain data."""
         if self._folder.has(item.key) and self._folder.outcome(item.key) is not None:
             return {"key": item.key, "is": THERE}
-        if not self._claims.take(item.key):
-            return {"key": item.key, "is": TAKEN}
+        try:
+            if not self._claims.take(item.key):
+                return {"key": item.key, "is": TAKEN}
+        except Unwritable as error:
+            return {"key": item.key, "is": LOST, "error": str(error)}
         try:
             if self._folder.outcome(item.key) is not None:
                 return {"key": item.key, "is": THERE}

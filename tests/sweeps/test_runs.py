@@ -6,15 +6,19 @@ import resource
 import subprocess
 import sys
 import threading
+from contextlib import suppress
 from pathlib import Path
 
 import pytest
 
 import neuro
 from neuro.sweeps.claims import Claims, began
+from neuro.sweeps.definition import Limits
 from neuro.sweeps.folder import Folder
 from neuro.sweeps.pictures import pictures
+from neuro.sweeps.space import RunItem
 from neuro.sweeps.table import table_of
+from neuro.sweeps.worker import LOST, Worker
 
 FOLDER = Path(__file__).parent
 
@@ -368,7 +372,21 @@ def test_a_full_disk(runs, mounted, on):
     assert there
     assert all(json.loads((path / "run.json").read_text())["outcome"] == "done" for path in there)
     mounted("remount,size=20m")
-    assert sweep(runs.add, space, out).counts()["done"] == 100
+    assert sweep(runs.add, space, out, on=on).counts()["done"] == 100
+
+
+def test_a_claim_for_which_there_is_no_room_is_not_left(runs, mounted):
+    out = mounted("size=200k") / "out"
+    sweep(runs.add, {"a": [1]}, out)
+    folder = Folder(out)
+    with suppress(OSError), open(out / "full", "wb", buffering=0) as file:
+        while file.write(b"0" * 4096):
+            pass
+    worker = Worker(folder, lambda point, seed: ({}, None, {}), Limits(), ())
+    ended = worker.do(RunItem("other", {"a": 2}, None))
+    assert ended["is"] == LOST
+    assert "No space left on device" in ended["error"]
+    assert list(folder.claims.glob("other")) == []
 
 
 def test_a_read_only_folder(runs, mounted):
