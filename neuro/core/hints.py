@@ -88,6 +88,14 @@ _OTHERS = {
     "circular": "circle spherical",
     "rectangular": "box",
     "winner_take_all": "wta",
+    "for": "duration time simtime run_time",
+    "chip": "target",
+    "chips": "target targets",
+    "html": "page",
+    "workers": "jobs n_jobs processes",
+    "share": "part",
+    "preset": "settings",
+    "repeats": "seeds trials",
 }
 ELSEWHERE: dict[str, tuple[str, ...]] = {}
 """Ours, in order, by a word of others."""

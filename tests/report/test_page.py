@@ -248,11 +248,11 @@ def test_the_command(tmp_path, answer, monkeypatch, run):
     (tmp_path / "net.yaml").write_text(NETWORK)
     results.write(run, "run.h5")
     assert answer("report", "run.h5") == (0, "run.html: written\n", "")
-    assert answer("report", "run.h5", "--out", "other.html", "--target", "cpu") == (0, "other.html: written\n", "")
+    assert answer("report", "run.h5", "--out", "other.html", "--chip", "cpu") == (0, "other.html: written\n", "")
     assert "energy on cpu" in (tmp_path / "other.html").read_text()
     for words, told in {
         ("net.yaml",): "net.yaml: not a file of results, as 'neuro run' writes it\n",
-        ("run.h5", "--target", "lohi"): "unknown target 'lohi'\n  hint: did you mean 'loihi'?\n",
+        ("run.h5", "--chip", "lohi"): "unknown target 'lohi'\n  hint: did you mean 'loihi'?\n",
         ("run.h5", "--out", "net.yaml"): "net.yaml: exists and is not a page of 'neuro report'",
     }.items():
         found = answer("report", *words)

@@ -75,7 +75,7 @@ def show_settings(name: str) -> None:
     out.print(f"{name}: {method.title}\n{method.source}")
     out.print(table(("setting", "value", "unit", "meaning", "source"), rows))
     for preset, values in method.presets.items():
-        out.print(f"--settings {preset}: {', '.join(f'{k}={_shown(v)}' for k, v in values.items())}")
+        out.print(f"--preset {preset}: {', '.join(f'{k}={_shown(v)}' for k, v in values.items())}")
 
 
 def learnt(recogniser: Recogniser) -> str:
