@@ -285,7 +285,7 @@ def energy(
     json: Json = False,
     backend: Backend = "event",
 ) -> None:
-    """Show recordings to a network and print what one of them takes on chips: joules and time, the sums last."""
+    """Show recordings to a network and print what one of them takes on chips: joules and time."""
     from neuro_recognise.telling import energy
     from neuro_recognise.telling.tried import try_out
 

@@ -19,6 +19,7 @@ from neuro_recognise.recogniser import Recogniser, fit
 from neuro_recognise.telling import energy, report
 from neuro_recognise.telling.report import LearningBar
 from neuro_recognise.telling.tried import Tried, try_out
+from neuro_remus import page
 from neuro_remus.saccades import make_dataset
 
 N_TRAIN, N_TEST = 1500, 500
@@ -60,9 +61,12 @@ def run(data: Path | None, out: Path, seed: int) -> None:
     write_text(out / "energy.json", energy.words(made, tried, priced) + "\n", BILLS)
     print(f"{out / 'energy.json'}\n", flush=True)
     energy.show(made, tried, priced)
+    found = {"remus": (tried, priced)}
     if known:
-        _show_beside(learning, unseen, out, {"remus": (tried, priced)})
-    print(f"\ndone in {time.perf_counter() - began:.0f} s")
+        _show_beside(learning, unseen, out, found)
+    page.write(out / "index.html", made, found)
+    print(f"\n{out / 'index.html'}: what was learnt, on one page")
+    print(f"done in {time.perf_counter() - began:.0f} s")
 
 
 def _show_beside(learning: Recordings, unseen: Recordings, out: Path, found: dict[str, tuple[Tried, Priced]]) -> None:

@@ -180,10 +180,10 @@ def echo_best_and_failures(found: TuneTable) -> None:
     """Print the best trials, why others failed, and how many runs the journal does not know."""
     from neuro.sweeps.folder import Folder
 
-    best = found.best()
+    best, units = found.best(), Folder(found.path).read().get("units", {})
     for each in best[:10]:
         values = dict(zip(found.plan.objectives, each.values or (), strict=True))
-        typer.echo(f"best: {_named(values)} at {_named(each.point)} (trial {each.number})")
+        typer.echo(f"best: {_named(values, units)} at {_named(each.point, units)} (trial {each.number})")
     if len(best) > 10:
         typer.echo(f"and {len(best) - 10} more of the front, see the table")
     trials = found.trials()
@@ -195,10 +195,10 @@ def echo_best_and_failures(found: TuneTable) -> None:
         typer.echo(f"{strays:,} runs {why}")
 
 
-def _named(values: Mapping[str, Any]) -> str:
-    from neuro.sweeps.table import text
+def _named(values: Mapping[str, Any], units: Mapping[str, str]) -> str:
+    from neuro.sweeps.table import measured
 
-    return ", ".join(f"{name} {text(value)}" for name, value in values.items())
+    return ", ".join(f"{name} {measured(value, units.get(name, ''))}" for name, value in values.items())
 
 
 @sweep.command("status")

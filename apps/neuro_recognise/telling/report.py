@@ -36,7 +36,7 @@ class LearningBar:
         if progress.right is not None:
             text += f": {progress.right:.1%} right"
         if progress.among is None:
-            self._line.show(progress.done, progress.total, text)
+            self._line.show(progress.done, progress.total, text, line=progress.right is None)
         else:
             done, total = progress.among
             self._line.show(done, total, f"{done} of {total} done; {text}")
