@@ -21,6 +21,7 @@ ARGUMENTS = {
     "hedonists": ["--trials", "60"],
     "larva": [str(LARVA), "--seeds", "2", "--ms", "100"],
     "linear_track": ["--runs", "2"],
+    "potjans_diesmann_2014": ["--scale", "0.02", "--ms", "50"],
     "song_2000": ["--seconds", "2"],
 }
 
