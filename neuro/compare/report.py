@@ -87,7 +87,7 @@ def _card(comparison: Comparison, run: Run) -> Html:
 
 def _numbers(comparison: Comparison) -> Html:
     inputs = [f"on {run.backend} {cells.INPUTS[run.inputs]}" for run in comparison.ran[1:]]
-    counts = f"Counts that all backends share. Input spikes: {'; '.join(inputs)}."
+    counts = f"Counts that all backends share; -: what the baseline is not compared in. Input spikes: {'; '.join(inputs)}."
     natives = list(cells.natives(comparison))
     parts = [tag("h2", "In numbers"), tag("p", counts), table(cells.SUMMARY, cells.summary(comparison))]
     return join([*parts, table(cells.NATIVE, natives) if natives else None])
