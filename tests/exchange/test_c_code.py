@@ -26,7 +26,7 @@ from random_c import STEPS, random_network
 NETWORKS = int(os.environ.get("NEURO_C_NETWORKS", "3"))
 """Random networks of each chip."""
 WHOLE = "NEURO_C_NETWORKS" in os.environ
-CHIPS = ("loihi", "spinnaker")
+CHIPS = ("loihi", "loihi2", "spinnaker")
 STRICT = ["-std=c99", "-Wall", "-Wextra", "-Werror", "-pedantic", "-DNEURO_DIGEST", "-DNEURO_NO_MAIN"]
 SANITIZERS = ["-O1", "-fsanitize=address,undefined", "-fno-sanitize-recover=all"]
 M4 = ["-mcpu=cortex-m4", "-mthumb", "-O2", "--specs=rdimon.specs"]

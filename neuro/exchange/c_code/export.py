@@ -18,9 +18,9 @@ from neuro.core.errors import ModelError, unknown
 from neuro.core.outputs import check_output, make_folder, sealed, write_text
 from neuro.core.paths import file_path
 from neuro.core.quantities import Quantity
-from neuro.exchange.c_code.arrays import Memory
+from neuro.exchange.c_code.arrays import Memory, number
 from neuro.exchange.c_code.recorded import Given, Recorded, record, watched, without_learning
-from neuro.exchange.c_code.source import INPUTS, MARK, Source, source_of
+from neuro.exchange.c_code.source import FAMILIES, INPUTS, MARK, Source, source_of
 from neuro.exchange.c_code.unsupported import check_chip, refuse
 from neuro.model.network import Network
 from neuro.program.program import Program
@@ -105,8 +105,8 @@ def save_c(
         ram: bytes that its states may take.
         flash: bytes that its tables and its code may take.
         duration: of the recorded run in ms; some steps longer than the network's listed spikes if not given.
-        given: spikes of inputs in the recorded run: steps, from 1, and neurons, by the input's name. Otherwise those of
-            the network; drawn ones if it has none.
+        given: spikes of inputs in the recorded run: steps, from 1, neurons, and payloads where they have such, by the
+            input's name. Otherwise those of the network; drawn ones if it has none.
         frozen: whether what learns is left out; weights stay as they are in the network.
         seed: of everything random.
 
@@ -136,7 +136,7 @@ def save_c(
     run, drawn = _run(sim, source, outputs, steps, given)
     place = file_path(folder, "folder")
     words = {"name": name, "NAME": name.upper(), "chip": target.arithmetic, "mark": f"{MARK}.", "steps": str(steps)}
-    words["data"] = _data(run, name)
+    words |= {"data": _data(run, name), "field": FAMILIES[target.arithmetic].field}
     texts = {f"{name}.h": source.header, f"{name}.c": source.code, f"{name}_test.c": _template("test.c", words)}
     shared = ["integers.h", f"{target.arithmetic}.h", "Makefile", "m4.c", "m4.ld"]
     shared += ["learning.h"] if '"learning.h"' in source.code else []
@@ -163,7 +163,7 @@ def _steps(program: Program, duration: float | None, given: Given | None) -> int
     if duration is not None:
         return max(1, Clock(program.resolution).step(duration, "duration"))
     listed = [part.spike_steps for part in program.populations if part.kind == "listed"]
-    listed += [steps for steps, _ in (given or {}).values()]
+    listed += [spikes[0] for spikes in (given or {}).values()]
     last = max((int(steps.max()) for steps in listed if steps.size), default=0)
     return min(max(last + _AFTER, _SHORTEST), _LONGEST)
 
@@ -174,10 +174,10 @@ def _run(
     """The recorded run, and whether its input was drawn."""
     inputs = [part for part in sim.program.populations if part.kind in INPUTS]
     listed = [part.name for part in inputs if part.kind == "listed"]
-    for name, (when, neurons) in (given or {}).items():
+    for name, (when, *rest) in (given or {}).items():
         if name not in listed:
             raise unknown("input", name, listed)
-        sim.inject(name, when * sim.program.resolution, neurons)
+        sim.inject(name, when * sim.program.resolution, *rest)
     found = record(sim, source, outputs, steps)
     if found.sent.size or given or not inputs:
         return found, False
@@ -188,7 +188,8 @@ def _run(
             sim.set(part.name, rate=1000.0 * _DRAWN / sim.program.resolution)
         else:
             when, neurons = np.nonzero(draws.random((steps, part.size)) < _DRAWN)
-            sim.inject(part.name, (when + 1) * sim.program.resolution, neurons)
+            payloads = [draws.integers(1, 128, neurons.size)] if part.model.graded else []
+            sim.inject(part.name, (when + 1) * sim.program.resolution, neurons, *payloads)
     return record(sim, source, outputs, steps), True
 
 
@@ -198,7 +199,7 @@ def _data(run: Recorded, name: str) -> str:
     for word, spikes in (("in", run.sent), ("out", run.told)):
         ends = np.searchsorted(spikes[0], np.arange(run.steps + 1), side="right")
         memory.table(f"{word}_ends", ends, f"where the {word}put events of each step end")
-        events = [f"{{{neuron}, {times}}}" for neuron, times in spikes[1:].T.tolist()]
+        events = [f"{{{neuron}, {number(times)}}}" for neuron, times in spikes[1:].T.tolist()]
         memory.constants(f"{word}_events", f"{name}_event", [*events, "{0, 0}"])
     for word, digests in (("spike", run.spikes), ("state", run.states)):
         memory.constants(f"{word}_digests", "uint64_t", [f"UINT64_C({digest})" for digest in digests.tolist()])

@@ -10,7 +10,7 @@ from neuro.chips.quantising.fixed_program import FixedProgram
 from neuro.chips.quantising.inputs import refused
 from neuro.core.errors import ModelError
 from neuro.exchange.c_code.groups import supports
-from neuro.exchange.c_code.source import INPUTS, RECEPTORS, STEPS
+from neuro.exchange.c_code.source import FAMILIES, INPUTS, STEPS
 from neuro.model.neurons import CurrentGenerator
 from neuro.program.backend import Problem
 
@@ -25,8 +25,8 @@ def check_chip(name: str) -> Chip:
         ModelError: there is no such chip, or it has another arithmetic.
     """
     found = chip(name)
-    if found.arithmetic not in RECEPTORS:
-        known = " or ".join(RECEPTORS)
+    if found.arithmetic not in FAMILIES:
+        known = " or ".join(FAMILIES)
         raise ModelError(f"chip '{name}' cannot be written as C: expected the arithmetic of {known}")
     return found
 

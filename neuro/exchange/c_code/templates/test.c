@@ -67,7 +67,7 @@ int @name@_test(void)
         count_instructions();
         if (n != out_ends[step + 1u] - at) return differs(step, "numbers of output spikes");
         for (uint32_t k = 0; k < n; k++) {
-            if (out[k].neuron != out_events[at + k].neuron || out[k].times != out_events[at + k].times) {
+            if (out[k].neuron != out_events[at + k].neuron || out[k].@field@ != out_events[at + k].@field@) {
                 return differs(step, "output spikes");
             }
         }
