@@ -4,6 +4,7 @@ Few networks here; `make test-c` has 200, and compiles them by clang, too.
 """
 
 import ctypes
+import dataclasses
 import os
 import re
 import shutil
@@ -53,7 +54,7 @@ def written(tmp_path_factory: pytest.TempPathFactory) -> list[neuro.CCode]:
     numbered = [(k, chip) for k in range(NETWORKS) for chip in CHIPS]
     words = {"duration": float(STEPS)}
     return [
-        save(random_network(k, chip), place / f"{chip}{k}", chip=chip, name=f"{chip}{k}", seed=k, **words)
+        save(random_network(k, chip), place / f"{chip}_{k}", chip=chip, name=f"{chip}_{k}", seed=k, **words)
         for k, chip in numbered
     ]
 
@@ -104,7 +105,7 @@ def test_the_sizes_that_are_told_are_those_of_a_cortex_m4(written: list[neuro.CC
         text, data, bss = map(int, run("arm-none-eabi-size", built).splitlines()[1].split()[:3])
         assert data == 0
         assert each.flash < text <= each.flash + each.code
-        assert each.ram <= bss <= each.ram + 64  # gaps between arrays
+        assert each.ram - 3 * each.ram // 4 < bss <= each.ram
 
 
 def test_random_networks_do_fire(written: list[neuro.CCode]):
@@ -141,7 +142,7 @@ def test_the_folder_tests_itself_and_counts_instructions(tmp_path: Path):
     result = CliRunner().invoke(app, ["convert", str(digits), str(tmp_path / "out"), "--to", "c", "--ram", "1K"])
     assert result.exit_code == 0, result.output
     assert "bytes: tables 111,456, code at most" in result.output
-    assert "RAM    762 bytes" in result.output
+    assert "RAM    768 bytes" in result.output
     assert "100 steps equal" in run("make", "-s", "-C", str(tmp_path / "out"), "test")
     needs("arm-none-eabi-gcc", "qemu-system-arm")
     told = run("make", "-s", "-C", str(tmp_path / "out"), "m4")
@@ -154,22 +155,25 @@ class Loaded:
 
     def __init__(self, code: neuro.CCode) -> None:
         library = code.folder / "net.so"
-        source = str(code.folder / f"{code.name}.c")
-        run("gcc", "-std=c99", "-O1", "-fPIC", "-shared", "-DNEURO_DIGEST", source, "-o", str(library))
+        source = code.folder / f"{code.name}.c"
+        run("gcc", "-std=c99", "-O1", "-fPIC", "-shared", "-DNEURO_DIGEST", str(source), "-o", str(library))
         self._library = ctypes.CDLL(str(library))
         self._library.net_digest.restype = ctypes.c_uint64
-        self._out = np.zeros((4096, 2), dtype=np.uint16)
+        neuron = np.uint16 if "typedef uint16_t net_neuron" in source.with_suffix(".h").read_text() else np.uint32
+        fields = [("neuron", neuron), ("number", np.int32 if "Loihi 2" in code.chip else np.uint16)]
+        self._event = np.dtype(fields, align=True)
+        self._out = np.zeros(4096, self._event)
         self.init()
 
     def init(self) -> None:
         self._library.net_init()
 
     def step(self, *events: tuple[int, int]) -> list[tuple[int, int]]:
-        sent = np.array(events, dtype=np.uint16).reshape(-1, 2)
+        sent = np.array(list(events), self._event)
         n = self._library.net_step(
             sent.ctypes.data_as(ctypes.c_void_p), len(sent), self._out.ctypes.data_as(ctypes.c_void_p)
         )
-        return [tuple(row) for row in self._out[:n].tolist()]
+        return self._out[:n].tolist()
 
     def trial(self) -> None:
         self._library.net_trial()
@@ -189,7 +193,7 @@ def one(chip: str, tmp_path: Path) -> Loaded:
     return Loaded(save(net, tmp_path / chip, chip=chip))
 
 
-@pytest.mark.parametrize(("chip", "times"), [("loihi", 1), ("spinnaker", 2)])
+@pytest.mark.parametrize(("chip", "times"), [("loihi", 1), ("loihi2", 2), ("spinnaker", 2)])
 def test_an_input_that_comes_twice_in_a_step_is_one_spike_where_spikes_are_bits(chip: str, times: int, tmp_path: Path):
     needs("gcc")
     net = one(chip, tmp_path)
@@ -307,10 +311,10 @@ def test_a_rule_that_is_left_out_leaves_the_weights(tmp_path: Path):
 @pytest.mark.parametrize(
     ("words", "message"),
     [
-        ({"chip": "cpu"}, "chip 'cpu' cannot be written as C: expected the arithmetic of loihi or spinnaker"),
+        ({"chip": "cpu"}, "chip 'cpu' cannot be written as C: expected the arithmetic of loihi, loihi2 or spinnaker"),
         ({"chip": "lohi"}, "lohi"),
         ({"name": "Net"}, "name = 'Net': expected small letters, digits and _, as in 'net'"),
-        ({"ram": 20}, "RAM: network 'small' takes 39 bytes: expected at most 20"),
+        ({"ram": 20}, "RAM: network 'small' takes 44 bytes: expected at most 20"),
         ({"flash": 20}, "flash: network 'small' takes "),
         ({"ram": -1}, "ram = -1"),
         ({"duration": 0.5}, "duration = 0.5 ms: expected a multiple of the resolution, 1 ms"),
@@ -365,3 +369,196 @@ def test_a_recording_is_the_input_of_the_test(tmp_path: Path):
     result = CliRunner().invoke(app, ["convert", str(tmp_path / "net.yaml"), str(tmp_path / "out"), *words])
     assert result.exit_code == 0, result.output
     assert "9 steps: 3 spikes of inputs" in result.output
+
+
+def digits(**words) -> neuro.Network:
+    net = neuro.Network("digits", resolution=1.0)
+    for name in words.pop("names", ("in", "out")):
+        net.population(name, 2, neuro.spike_generator() if not net.populations else neuro.iaf_psc_delta(t_ref=0.0))
+    first, *others = net.populations
+    for name in others:
+        net.connect(first, name, neuro.all_to_all(), weight=9.0, delay=1.0)
+    return net
+
+
+def compiles(code: neuro.CCode, *more: str, compiler: str = "gcc") -> None:
+    files = [f"{code.name}.c", f"{code.name}_test.c"]
+    run(compiler, *STRICT, *more, "-fsyntax-only", *(str(code.folder / file) for file in files))
+
+
+@pytest.mark.parametrize("name", ["loihi", "integers", "learning", "m4", "net_test", 3, ""])
+def test_names_that_files_have_already(name, tmp_path: Path):
+    with pytest.raises(neuro.ModelError, match=re.escape(f"name = {name!r}: expected ")):
+        save(digits(), tmp_path / "out", name=name)
+    assert not (tmp_path / "out").exists()
+
+
+@pytest.mark.parametrize(
+    "name", ["int", "neuro", "neuro_loihi", "neuro_integers", "neuro_digest", "class", "errno", "e"]
+)
+def test_names_that_mean_something_to_compilers(name: str, tmp_path: Path):
+    needs("gcc")
+    compiles(save(digits(), tmp_path, name=name))
+
+
+def test_names_of_populations_that_are_equal_in_capitals(tmp_path: Path):
+    needs("gcc")
+    code = save(digits(names=("in", "a_2", "a", "A", "ä", "int", "while", "a.b", "h")), tmp_path)
+    compiles(code)
+    words = re.findall(r"NET_FIRST_(\w+)", (tmp_path / "net.h").read_text())
+    assert len(set(words)) == len(words) == 9
+
+
+@pytest.mark.parametrize("chip", CHIPS)
+def test_limits_of_memory_are_those_of_the_report(chip: str, tmp_path: Path):
+    code = save(digits(), tmp_path, chip=chip)
+    flash = code.flash + code.code
+    assert save(digits(), tmp_path, chip=chip, ram=code.ram, flash=flash).ram == code.ram
+    with pytest.raises(neuro.ModelError, match="RAM: "):
+        save(digits(), tmp_path, chip=chip, ram=code.ram - 1)
+    with pytest.raises(neuro.ModelError, match="flash: "):
+        save(digits(), tmp_path, chip=chip, flash=flash - 1)
+
+
+def test_files_of_two_networks_do_not_compile(tmp_path: Path):
+    """As they lie there when writing was interrupted, or one of them was copied into firmware."""
+    needs("gcc")
+    code, other = save(digits(), tmp_path / "one"), save(small(), tmp_path / "two")
+    for file in ("net.c", "net_test.c"):
+        before = (code.folder / file).read_bytes()
+        (code.folder / file).write_bytes((other.folder / file).read_bytes())
+        with pytest.raises(AssertionError, match=r"net\.h is of another network"):
+            compiles(code)
+        (code.folder / file).write_bytes(before)
+    compiles(code)
+
+
+def test_the_length_of_a_step_is_not_rounded_to_microseconds(tmp_path: Path):
+    net = digits()
+    net.resolution = 0.0625
+    net.projections["in_out"] = dataclasses.replace(net.projections["in_out"], delay=0.125)
+    save(net, tmp_path)
+    assert "#define NET_STEP_NS 62500u" in (tmp_path / "net.h").read_text()
+
+
+def test_steps_are_counted_beyond_32_bits(tmp_path: Path):
+    needs("gcc")
+    net = neuro.Network("reset", resolution=1.0)
+    net.population("out", 1, neuro.loihi2_lif(du=4095, dv=0, bias_mant=1, reset_interval=7, reset_offset=2))
+    save(net, tmp_path, chip="loihi2")
+    steps = 2**32 + 100
+    main = f'#include "net.c"\nint main(void) {{ net_event out[1]; net_init(); now = UINT64_C({steps // 7 * 7 + 1});'
+    main += "for (int k = 0; k < 14; k++) { net_step(NULL, 0, out); if (net_voltage(0) != k % 7 + 1) return 1; }"
+    main += " return 0; }"
+    (tmp_path / "main.c").write_text(main)
+    run("gcc", "-std=c99", str(tmp_path / "main.c"), "-o", str(tmp_path / "main"))
+    run(str(tmp_path / "main"))
+
+
+@pytest.mark.parametrize("chip", CHIPS)
+def test_more_neurons_than_16_bits_count(chip: str, tmp_path: Path):
+    needs("gcc")
+    net = neuro.Network("many", resolution=1.0)
+    net.population("in", 70_000, neuro.spike_generator())
+    net.population("out", 70_000, neuro.iaf_psc_delta(E_L=0.0, V_reset=0.0, V_th=1.0, t_ref=0.0))
+    net.connect("in", "out", neuro.one_to_one(), weight=8.0, delay=1.0)
+    written = save(net, tmp_path, chip=chip, duration=3.0)
+    compiles(written)
+    code = Loaded(written)
+    code.step((69_999, 1), (0, 1), (66_000, 1), (2**32 - 1, 1))
+    assert code.step() == [(70_000, 1), (136_000, 1), (139_999, 1)]
+
+
+@pytest.mark.parametrize(("chip", "longest"), [("loihi", 63.0), ("loihi2", 63.0), ("spinnaker", 144.0)])
+def test_the_longest_delay(chip: str, longest: float, tmp_path: Path):
+    needs("gcc")
+    net = neuro.Network("late", resolution=1.0)
+    net.population("in", 1, neuro.spike_generator())
+    net.population("out", 1, neuro.iaf_psc_delta(E_L=0.0, V_reset=0.0, V_th=1.0, t_ref=0.0))
+    net.connect("in", "out", neuro.one_to_one(), weight=8.0, delay=longest)
+    code = Loaded(save(net, tmp_path, chip=chip))
+    code.step((0, 1))
+    found = [k for k in range(1, 300) if code.step()]
+    assert found == [int(longest)]
+
+
+def test_headers_and_programs_in_cpp(tmp_path: Path):
+    needs("g++")
+    save(digits(), tmp_path, chip="loihi2")
+    (tmp_path / "main.cpp").write_text('#include "net.h"\nint main() { net_init(); return (int)net_voltage(0); }\n')
+    run("g++", "-std=c++98", "-Wall", "-Wextra", "-Werror", "-fsyntax-only", str(tmp_path / "main.cpp"))
+
+
+WARNINGS = ["-Wconversion", "-Wsign-conversion", "-Wshadow", "-Wcast-qual", "-Wundef", "-Wmissing-prototypes", "-O2"]
+
+
+def test_strict_compilers_find_nothing(written: list[neuro.CCode]):
+    needs("gcc")
+    for each in written:
+        compiles(each, *WARNINGS)
+
+
+@pytest.mark.parametrize("level", ["-O0", "-O2", "-O3", "-Os"])
+def test_any_optimisation_is_equal(written: list[neuro.CCode], level: str, tmp_path: Path):
+    needs("gcc")
+    if level == "-O0" or WHOLE:
+        assert run(str(build(["gcc", level], written, tmp_path))).count("steps equal") == len(written)
+
+
+def test_a_network_that_begins_with_neurons_and_has_no_inputs(tmp_path: Path):
+    needs("gcc")
+    net = neuro.Network("driven", resolution=1.0)
+    net.population("out", 3, neuro.iaf_psc_delta(E_L=0.0, V_reset=0.0, V_th=5.0, t_ref=0.0, I_e=500.0))
+    code = save(net, tmp_path)
+    compiles(code)
+    assert code.output_spikes > 9
+
+
+@pytest.mark.parametrize("chip", CHIPS)
+def test_more_synapses_than_16_bits_count(chip: str, tmp_path: Path):
+    needs("gcc")
+    net = neuro.Network("many", resolution=1.0)
+    net.population("in", 80, neuro.spike_generator())
+    net.population("out", 900, neuro.iaf_psc_delta(E_L=0.0, V_reset=0.0, V_th=50.0, t_ref=0.0))
+    net.connect("in", "out", neuro.fixed_indegree(75), weight=8.0, delay=1.0)
+    compiles(save(net, tmp_path, chip=chip, duration=9.0), *WARNINGS)
+
+
+@pytest.fixture(scope="module")
+def lava(request: pytest.FixtureRequest) -> Path:
+    folder = request.getfixturevalue("shared") / "reference" / "loihi2"
+    if not folder.is_dir():
+        pytest.skip("the networks of lava-dl are not here")
+    return folder
+
+
+def biased(net: neuro.Network, **bias: np.ndarray) -> neuro.Network:
+    """A network of lava-dl with an input, which it takes as the bias of its first layer."""
+    first = net.populations["input"]
+    net.populations["input"] = dataclasses.replace(first, model=dataclasses.replace(first.model, **bias))
+    return net
+
+
+def test_pilotnet_sdnn_in_c_is_that_of_intels_test(lava: Path, tmp_path: Path):
+    needs("gcc")
+    if not WHOLE:
+        pytest.skip("make test-c compiles its 9 MB")
+    image = np.load(lava / "gts_pilotnet_sdnn_input.npy")[..., 0].transpose(2, 1, 0).astype(float)
+    truth = np.load(lava / "gts_pilotnet_sdnn_output.npy").ravel()
+    net = biased(neuro.from_netx(lava / "gts_pilotnet_sdnn_network.net"), bias=image)
+    code = Loaded(save(net, tmp_path, chip="loihi2", duration=float(truth.size)))
+    assert [sum(payload for _, payload in code.step()) for _ in truth] == truth.tolist()
+    assert run("make", "-s", "-C", str(tmp_path), "test").count("9 steps equal")
+
+
+def test_tinynet_in_c_is_that_of_intels_test(lava: Path, tmp_path: Path):
+    needs("gcc")
+    bias = np.load(lava / "gts_tinynet_input_bias.npy").transpose(2, 1, 0).astype(float)
+    truth = np.load(lava / "gts_tinynet_output.npy")[0, :, 0, 0, 1:]
+    net = biased(neuro.from_netx(lava / "tiny.net", reset=17), bias_mant=bias)
+    code, first = Loaded(save(net, tmp_path, chip="loihi2", duration=17.0)), 768 + 864
+    found = np.zeros((17, len(truth)), dtype=np.int64)
+    for step in range(17):
+        for neuron, payload in code.step():
+            found[step, neuron - first] = payload
+    assert np.array_equal(found[2:].T, truth)

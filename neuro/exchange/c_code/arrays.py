@@ -70,7 +70,7 @@ class Memory:
     """Arrays of a network as declarations, and what they take.
 
     Attributes:
-        flash, ram: bytes of constant and of other arrays.
+        flash, ram: bytes of constant arrays, and of others, which begin at multiples of 4.
         lines: the declarations.
     """
 
@@ -78,9 +78,10 @@ class Memory:
     ram: int = 0
     lines: list[str] = field(default_factory=list)
 
-    def table(self, name: str, values: NDArray[np.integer], about: str) -> str:
+    def table(self, name: str, values: NDArray[np.integer], about: str, unsigned: bool = False) -> str:
         """Declare constants; returns the name."""
-        values = values.astype(narrowest(int(values.min(initial=0)), int(values.max(initial=0))))
+        kind = narrowest(int(values.min(initial=0)), int(values.max(initial=0)))
+        values = values.astype(np.dtype(np.uint32) if unsigned and kind == np.int32 else kind)
         self.flash += values.nbytes
         self.lines.append(f"/* {comment(about)} */")
         self.constants(name, TYPES[values.dtype], [number(value) for value in values.ravel().tolist()])
@@ -92,15 +93,20 @@ class Memory:
 
     def state(self, name: str, kind: str, size: int, about: str) -> str:
         """Declare what a network changes; returns the name."""
-        self.ram += size * bytes_of(kind)
+        self.ram += in_words(size * bytes_of(kind))
         self.lines.append(f"static {kind} {name}[{size}]; /* {comment(about)} */")
         return name
 
     def variable(self, name: str, kind: str, about: str) -> str:
         """Declare one number that a network changes; returns the name."""
-        self.ram += bytes_of(kind)
+        self.ram += in_words(bytes_of(kind))
         self.lines.append(f"static {kind} {name}; /* {comment(about)} */")
         return name
+
+
+def in_words(n: int) -> int:
+    """Bytes that end where the next array may begin."""
+    return -(-n // 4) * 4
 
 
 def bytes_of(kind: str) -> int:

@@ -116,8 +116,8 @@ class Delivery:
 
     def _csr(self) -> list[str]:
         index, name = self._index, self._part.name
-        ends = self._memory.table(f"ends_{index}", self._part.row_ends, f"{name}: ends of the rows of its sources")
-        targets = self._memory.table(f"targets_{index}", self._part.targets.astype(np.int64), f"{name}: targets")
+        ends = self._memory.table(f"ends_{index}", self._part.row_ends, f"{name}: ends of rows of its sources", True)
+        targets = self._memory.table(f"targets_{index}", self._part.targets.astype(np.int64), f"{name}: targets", True)
         loop = _loop("e", f"{ends}[i]", f"{ends}[i + 1]", self._into([], f"{targets}[e]"))
         return [*self._begin(), *loop]
 

@@ -34,6 +34,7 @@ _BYTES = Quantity(unit="bytes", doc="of a memory", kind="integer", at_least=0, o
 _DURATION = Quantity(unit="ms", doc="of the recorded run", above=0, optional=True)
 _FLAG = Quantity(kind="boolean")
 _WORD = re.compile(r"[a-z][a-z0-9_]*")
+_TEMPLATES = files("neuro.exchange.c_code").joinpath("templates")
 _SHORTEST, _LONGEST, _AFTER = 100, 1000, 20
 _DRAWN = 0.05
 
@@ -116,8 +117,10 @@ def save_c(
     if not isinstance(net, Network):
         raise ModelError(f"save_c: found {net!r:.60}: expected a Network", hint="neuro.load reads one from YAML")
     limits = {"flash": check(_BYTES, flash, "flash"), "RAM": check(_BYTES, ram, "ram")}
-    if not _WORD.fullmatch(name):
-        raise ModelError(f"name = {name!r:.60}: expected small letters, digits and _, as in 'net'")
+    taken = {Path(each.name).stem for each in _TEMPLATES.iterdir()}
+    if not (isinstance(name, str) and _WORD.fullmatch(name)) or name in taken or name.endswith("_test"):
+        hint = f"files that lie beside it are {', '.join(sorted(taken))}, and those that end in _test"
+        raise ModelError(f"name = {name!r:.60}: expected small letters, digits and _, as in 'net'", hint=hint)
     target = check_chip(chip)
     sim = compile(watched(without_learning(net) if check(_FLAG, frozen, "frozen") else net), backend=chip, seed=seed)
     program = sim.program
@@ -136,12 +139,13 @@ def save_c(
     run, drawn = _run(sim, source, outputs, steps, given)
     place = file_path(folder, "folder")
     words = {"name": name, "NAME": name.upper(), "chip": target.arithmetic, "mark": f"{MARK}.", "steps": str(steps)}
-    words |= {"data": _data(run, name), "field": FAMILIES[target.arithmetic].field}
+    words |= {"data": _data(run, name), "id": source.id, "field": FAMILIES[target.arithmetic].field}
     texts = {f"{name}.h": source.header, f"{name}.c": source.code, f"{name}_test.c": _template("test.c", words)}
     shared = ["integers.h", f"{target.arithmetic}.h", "Makefile", "m4.c", "m4.ld"]
     shared += ["learning.h"] if '"learning.h"' in source.code else []
     _write(place, texts | {file: _template(file, words) for file in shared})
-    spikes = (int(each[2].sum()) for each in (run.sent, run.told))
+    graded = words["field"] == "payload"
+    spikes = (each.shape[1] if graded else int(each[2].sum()) for each in (run.sent, run.told))
     return CCode(place, name, fixed.chip.title, source.flash, code, source.ram, steps, drawn, *spikes)
 
 
@@ -198,7 +202,7 @@ def _data(run: Recorded, name: str) -> str:
     memory = Memory()
     for word, spikes in (("in", run.sent), ("out", run.told)):
         ends = np.searchsorted(spikes[0], np.arange(run.steps + 1), side="right")
-        memory.table(f"{word}_ends", ends, f"where the {word}put events of each step end")
+        memory.table(f"{word}_ends", ends, f"where the {word}put events of each step end", True)
         events = [f"{{{neuron}, {number(times)}}}" for neuron, times in spikes[1:].T.tolist()]
         memory.constants(f"{word}_events", f"{name}_event", [*events, "{0, 0}"])
     for word, digests in (("spike", run.spikes), ("state", run.states)):
@@ -217,7 +221,7 @@ def _write(folder: Path, texts: Mapping[str, str]) -> None:
 
 def _template(file: str, words: Mapping[str, str]) -> str:
     """A file that is the same for all networks, but for some words."""
-    text = files("neuro.exchange.c_code").joinpath("templates", file).read_text("utf-8")
+    text = _TEMPLATES.joinpath(file).read_text("utf-8")
     for word, value in words.items():
         text = text.replace(f"@{word}@", value)
     return text

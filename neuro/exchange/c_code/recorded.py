@@ -37,7 +37,7 @@ class Recorded:
 
     Attributes:
         steps: of it.
-        sent: steps, neurons (of the network) and numbers (multiplicities or payloads) of the spikes that inputs send, by step.
+        sent: steps, neurons (of the network) and numbers, multiplicities or payloads, of the spikes of inputs, by step.
         told: the same of outputs.
         spikes, states: the digest of each step, of all spikes of neurons and of all states after it.
     """

@@ -10,6 +10,7 @@ import re
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
 from typing import NamedTuple
+from zlib import crc32
 
 import numpy as np
 
@@ -137,6 +138,7 @@ class Source:
 
     Attributes:
         header, code: of its two files.
+        id: a number of both that other networks do not have.
         flash: bytes of its constant tables.
         ram: bytes of its states.
         firsts: the first neuron of each population among all, and the number of all.
@@ -145,6 +147,7 @@ class Source:
 
     header: str
     code: str
+    id: str
     flash: int
     ram: int
     firsts: list[int]
@@ -232,9 +235,13 @@ class _Writer:
         code = "\n".join(line for part in parts for line in [*part, ""])
         states = {self._cells[k].fixed.name: _digested(part) for k, part in stepped.items()}
         states |= {self._program.projections[q].name: list(part.states) for q, part in self._learning.items()}
+        code = code.replace("NAME_", f"{self._name}_").replace("\n\n\n", "\n\n").rstrip() + "\n"
+        header = self._header()
+        number = f"0x{crc32((header + code).encode()):08X}u"
         return Source(
-            self._header(),
-            code.replace("NAME_", f"{self._name}_").replace("\n\n\n", "\n\n").rstrip() + "\n",
+            header.replace("@id@", number),
+            code.replace("@id@", number),
+            number,
             memory.flash,
             memory.ram + _POINTER,
             self._firsts,
@@ -290,8 +297,8 @@ class _Writer:
         populations, upper = self._program.populations, self._name.upper()
         lines = [
             f"/* {self._about}. {MARK}. */",
-            f"#ifndef {upper}_H",
-            f"#define {upper}_H",
+            f"#ifndef {upper}_H_INCLUDED",
+            f"#define {upper}_H_INCLUDED",
             "",
             "#include <stdint.h>",
             "",
@@ -306,12 +313,12 @@ class _Writer:
         most = sum(part.size for part in populations if part.name in self._outputs)
         lines += [f"#define {upper}_MOST_OUT {most}u /* events that a step may give */"]
         lines += [
-            f"#define {upper}_STEP_US {round(self._program.resolution * 1000)}u /* a step, in microseconds */",
+            f"#define {upper}_STEP_NS {round(self._program.resolution * 1e6)}u /* a step, in nanoseconds */",
+            f"#define {upper}_ID @id@ /* that of {self._name}.c */",
             "",
         ]
-        neuron = TYPES[narrowest(0, self._firsts[-1])]
-        kind = {"uint8_t": "uint16_t"}.get(neuron, neuron)
-        text = _PUBLIC.replace("NAME_", f"{self._name}_").replace("NEURON", kind)
+        neuron = "uint16_t" if self._firsts[-1] <= 65536 else "uint32_t"
+        text = _PUBLIC.replace("NAME_", f"{self._name}_").replace("NEURON", neuron)
         for word, value in (("ABOUT", self._family.about), ("KIND", self._family.kind), ("FIELD", self._family.field)):
             text = text.replace(word, value)
         open_c, close_c = (f"#ifdef __cplusplus\n{each}\n#endif\n" for each in ('extern "C" {', "}"))
@@ -321,7 +328,8 @@ class _Writer:
     def _top(self) -> list[str]:
         chip = self._fixed.chip.arithmetic
         headers = [self._name, chip, *(["learning"] if self._learns else [])]
-        return [f"/* {self._about}. {MARK}. */", *(f'#include "{header}.h"' for header in headers)]
+        same = [f"#if {self._name.upper()}_ID != @id@", f'#error "{self._name}.h is of another network"', "#endif"]
+        return [f"/* {self._about}. {MARK}. */", *(f'#include "{header}.h"' for header in headers), "", *same]
 
     def _input(self) -> list[str]:
         """Where the spikes of each input go; what is no neuron of an input is passed over."""
@@ -331,8 +339,8 @@ class _Writer:
             sent = [f"        send_{q}(i, times);" for q in self._along(k)]
             sent = [f"        uint32_t i = neuron - {first}u;", "        (void)i;", *sent]
             sent += [f"        {each}" for each in self._noted(k)]
-            test = f"neuron < {last}u" if first == 0 else f"neuron >= {first}u && neuron < {last}u"
-            lines += [f"    if ({test}) {{ /* {comment(self._program.populations[k].name)} */", *sent, "    }"]
+            about = comment(self._program.populations[k].name)
+            lines += [f"    if ({_inside(first, last)}) {{ /* {about} */", *sent, "    }"]
         if not self._inputs:
             lines.append("    (void)neuron;")
         return [*lines, "}"]
@@ -379,8 +387,7 @@ class _Writer:
         for k, part in stepped.items():
             first, size = self._firsts[k], self._cells[k].size
             for state in list(part.states.values())[:1]:
-                test = f"neuron >= {first}u && neuron < {first + size}u"
-                lines += [f"if ({test}) return {state}[neuron - {first}u];"]
+                lines += [f"if ({_inside(first, first + size)}) return {state}[neuron - {first}u];"]
         return function("int32_t NAME_voltage(uint32_t neuron)", [*lines, "(void)neuron;", "return 0;"])
 
     def _digest(self, stepped: dict[int, Stepped]) -> list[str]:
@@ -399,6 +406,11 @@ class _Writer:
         return ["#ifdef NEURO_DIGEST", f"{head};", *function(head, lines)[:-1], "#endif"]
 
 
+def _inside(first: int, last: int) -> str:
+    """The test whether `neuron` lies before the last and not before the first of some."""
+    return f"neuron < {last}u" if first == 0 else f"neuron >= {first}u && neuron < {last}u"
+
+
 def _digested(part: Stepped) -> list[str]:
     """The registers that the emulator shows."""
     return [register for register in part.states if register != "hold"]
@@ -409,5 +421,7 @@ def _macros(populations: Iterable[Population]) -> Iterator[str]:
     taken = set[str]()
     for k, part in enumerate(populations):
         word = re.sub(r"[^A-Z0-9]", "_", part.name.upper())
-        taken.add(word := word if word not in taken else f"{word}_{k}")
+        while word in taken:
+            word += f"_{k}"
+        taken.add(word)
         yield word

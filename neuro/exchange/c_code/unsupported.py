@@ -26,7 +26,7 @@ def check_chip(name: str) -> Chip:
     """
     found = chip(name)
     if found.arithmetic not in FAMILIES:
-        known = " or ".join(FAMILIES)
+        known = " or ".join(FAMILIES).replace(" or ", ", ", 1)
         raise ModelError(f"chip '{name}' cannot be written as C: expected the arithmetic of {known}")
     return found
 

@@ -3,6 +3,10 @@
 
 #include <stdio.h>
 
+#if @NAME@_ID != @id@
+#error "@name@.h is of another network"
+#endif
+
 uint64_t @name@_digest(uint64_t *spikes);
 
 #define STEPS @steps@u
