@@ -192,7 +192,8 @@ To = Annotated[
     str | None, typer.Option("--to", metavar="WORD", help="'c': DST is a folder for C99, in a chip's integers.")
 ]
 OfChip = Annotated[
-    str | None, typer.Option("--chip", metavar="NAME", help="Whose integers C computes in: loihi (default), spinnaker.")
+    str | None,
+    typer.Option("--chip", metavar="NAME", help="Whose integers C has: loihi (default), loihi2 or spinnaker."),
 ]
 Name = Annotated[str | None, typer.Option("--name", metavar="WORD", help="With which names in C begin; else net.")]
 Ram = Annotated[

@@ -79,7 +79,7 @@ def board(written: list[neuro.CCode]) -> list[str]:
 def run(*command: str) -> str:
     done = subprocess.run(command, capture_output=True, text=True, stdin=subprocess.DEVNULL, timeout=600)
     assert done.returncode == 0, done.stdout[-2000:] + done.stderr[-4000:]
-    return done.stdout
+    return done.stdout + done.stderr
 
 
 @pytest.mark.parametrize("compiler", ["gcc", "clang"])
@@ -319,6 +319,17 @@ def test_a_rule_that_is_left_out_leaves_the_weights(tmp_path: Path):
         ({"ram": -1}, "ram = -1"),
         ({"duration": 0.5}, "duration = 0.5 ms: expected a multiple of the resolution, 1 ms"),
         ({"given": {"inn": (np.ones(1), np.zeros(1))}}, "unknown input 'inn'\n  hint: did you mean 'in'?"),
+        ({"given": 5}, "given = 5: expected arrays of steps and neurons, by the name of an input"),
+        (
+            {"given": {"in": 5}},
+            "given['in'] = 5: expected arrays of steps, of neurons, and of payloads where it has such",
+        ),
+        ({"given": {"in": ([1],)}}, "given['in'] = ([1],): expected arrays of steps"),
+        ({"given": {"in": ([1, 2], [0])}}, "given['in'] = ([1, 2], [0]): expected arrays of steps"),
+        ({"given": {"in": ([1.5], [0])}}, "times = 1.5 ms: expected a multiple of the resolution"),
+        ({"given": {"in": ([1], [3])}}, "ids[0] = 3: expected a neuron from 0 to 2"),
+        ({"duration": 1e9}, "duration = 1e+09 ms, 1,000,000,000 steps: expected at most 100,000"),
+        ({"name": "a" * 50}, "expected small letters, digits and _, as in 'net'"),
     ],
 )
 def test_what_cannot_be_is_refused(words, message: str, tmp_path: Path):
@@ -562,3 +573,48 @@ def test_tinynet_in_c_is_that_of_intels_test(lava: Path, tmp_path: Path):
         for neuron, payload in code.step():
             found[step, neuron - first] = payload
     assert np.array_equal(found[2:].T, truth)
+
+
+UART = """
+#include <avr/io.h>
+#include <avr/sleep.h>
+#include <stdio.h>
+static int put(char c, FILE *f)
+{
+    (void)f;
+    while ((UCSR0A & (1 << UDRE0)) == 0) continue;
+    UDR0 = (unsigned char)c;
+    return 0;
+}
+static FILE serial = FDEV_SETUP_STREAM(put, NULL, _FDEV_SETUP_WRITE);
+int MAIN(void);
+int main(void)
+{
+    UCSR0B = 1 << TXEN0, stdout = &serial;
+    printf("%d\\n\\n", MAIN());
+    sleep_mode();
+}
+"""
+
+
+def test_a_network_is_equal_where_an_int_has_16_bits(tmp_path: Path):
+    needs("avr-gcc", "simavr")
+    net = neuro.Network("wide", resolution=1.0)
+    net.population("in", 40, neuro.spike_generator())
+    net.population("out", 40, neuro.iaf_psc_delta(E_L=0.0, V_reset=0.0, V_th=20.0, t_ref=0.0))
+    net.connect("in", "out", neuro.fixed_indegree(20), weight=8.0, delay=1.0)
+    net.connect("out", "out", neuro.fixed_indegree(2), weight=-9.0, delay=neuro.uniform(low=1.0, high=5.0))
+    for chip in CHIPS:
+        code = save(net, tmp_path / chip, chip=chip, duration=60.0)
+        (code.folder / "main.c").write_text(UART.replace("MAIN", "net_test"))
+        files = [str(code.folder / file) for file in ("net.c", "net_test.c", "main.c")]
+        clock = ["-mmcu=atmega1284p", "-DF_CPU=16000000", "-O2"]
+        run("avr-gcc", *STRICT, *WARNINGS[:2], *clock, *files[:1], "-c", "-o", str(code.folder / "net.o"))
+        run("avr-gcc", "-std=c99", *STRICT[5:], *clock, *files, "-o", str(code.folder / "net.elf"))
+        assert "60 steps equal" in run("simavr", "-m", "atmega1284p", "-f", "16000000", str(code.folder / "net.elf"))
+
+
+def test_random_networks_equal_the_emulator_where_large_ends_come_first(written: list[neuro.CCode], tmp_path: Path):
+    needs("s390x-linux-gnu-gcc", "qemu-s390x")
+    told = run("qemu-s390x", str(build(["s390x-linux-gnu-gcc", "-O2", "-static"], written, tmp_path)))
+    assert told.count("steps equal") == len(written)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from importlib.resources import files
 from os import PathLike
@@ -33,9 +33,9 @@ KIND = sealed("a file of C of neuro, as it was written", MARK, "; digest {}")
 _BYTES = Quantity(unit="bytes", doc="of a memory", kind="integer", at_least=0, optional=True)
 _DURATION = Quantity(unit="ms", doc="of the recorded run", above=0, optional=True)
 _FLAG = Quantity(kind="boolean")
-_WORD = re.compile(r"[a-z][a-z0-9_]*")
+_WORD = re.compile(r"[a-z][a-z0-9_]{0,39}")
 _TEMPLATES = files("neuro.exchange.c_code").joinpath("templates")
-_SHORTEST, _LONGEST, _AFTER = 100, 1000, 20
+_SHORTEST, _LONGEST, _AFTER, _MOST = 100, 1000, 20, 100_000
 _DRAWN = 0.05
 
 
@@ -135,8 +135,9 @@ def save_c(
             raise ModelError(
                 f"{what}: network '{net.name}' takes {size:,} bytes: expected at most {limit:,}", hint=hint
             )
-    steps = _steps(program, check(_DURATION, duration, "duration"), given)
-    run, drawn = _run(sim, source, outputs, steps, given)
+    shown = _check_given(given)
+    steps = _steps(program, check(_DURATION, duration, "duration"), shown)
+    run, drawn = _run(sim, source, outputs, steps, shown)
     place = file_path(folder, "folder")
     words = {"name": name, "NAME": name.upper(), "chip": target.arithmetic, "mark": f"{MARK}.", "steps": str(steps)}
     words |= {"data": _data(run, name), "id": source.id, "field": FAMILIES[target.arithmetic].field}
@@ -163,22 +164,35 @@ def _code(source: Source) -> int:
     return 400 + 16 * source.code.count(";")
 
 
-def _steps(program: Program, duration: float | None, given: Given | None) -> int:
+def _check_given(given: Given | None) -> Given:
+    if not isinstance(given or {}, Mapping):
+        raise ModelError(f"given = {given!r:.60}: expected arrays of steps and neurons, by the name of an input")
+    found = {}
+    for name, spikes in (given or {}).items():
+        found[name] = arrays = [np.asarray(each) for each in spikes] if isinstance(spikes, Sequence) else []
+        if not 2 <= len(arrays) <= 3 or any(each.shape != (arrays[0].size,) for each in arrays):
+            wish = "expected arrays of steps, of neurons, and of payloads where it has such"
+            raise ModelError(f"given[{name!r}] = {spikes!r:.60}: {wish}")
+    return found
+
+
+def _steps(program: Program, duration: float | None, given: Given) -> int:
     if duration is not None:
-        return max(1, Clock(program.resolution).step(duration, "duration"))
+        steps = Clock(program.resolution).step(duration, "duration")
+        if steps > _MOST:
+            raise ModelError(f"duration = {duration:g} ms, {steps:,} steps: expected at most {_MOST:,}")
+        return max(1, steps)
     listed = [part.spike_steps for part in program.populations if part.kind == "listed"]
-    listed += [spikes[0] for spikes in (given or {}).values()]
+    listed += [spikes[0] for spikes in given.values()]
     last = max((int(steps.max()) for steps in listed if steps.size), default=0)
     return min(max(last + _AFTER, _SHORTEST), _LONGEST)
 
 
-def _run(
-    sim: Simulation, source: Source, outputs: tuple[str, ...], steps: int, given: Given | None
-) -> tuple[Recorded, bool]:
+def _run(sim: Simulation, source: Source, outputs: tuple[str, ...], steps: int, given: Given) -> tuple[Recorded, bool]:
     """The recorded run, and whether its input was drawn."""
     inputs = [part for part in sim.program.populations if part.kind in INPUTS]
     listed = [part.name for part in inputs if part.kind == "listed"]
-    for name, (when, *rest) in (given or {}).items():
+    for name, (when, *rest) in given.items():
         if name not in listed:
             raise unknown("input", name, listed)
         sim.inject(name, when * sim.program.resolution, *rest)

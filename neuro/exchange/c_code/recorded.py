@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import copy
 import warnings
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -25,7 +25,7 @@ from neuro.model.synapses import loihi_static, static
 from neuro.program.backend import OverflowWarning
 from neuro.program.program import Ints
 
-Given = Mapping[str, tuple[Ints, ...]]
+Given = Mapping[str, Sequence[Ints]]
 """Steps, from 1, neurons, and payloads where it has such, of the spikes that are given to an input, by its name."""
 
 Words = NDArray[np.uint64]
