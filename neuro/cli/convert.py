@@ -193,7 +193,7 @@ To = Annotated[
 ]
 OfChip = Annotated[
     str | None,
-    typer.Option("--chip", metavar="NAME", help="Whose integers C has: loihi (default), loihi2 or spinnaker."),
+    typer.Option("--chip", metavar="NAME", help="Whose integers: loihi (default), loihi2 or spinnaker."),
 ]
 Name = Annotated[str | None, typer.Option("--name", metavar="WORD", help="With which names in C begin; else net.")]
 Ram = Annotated[
