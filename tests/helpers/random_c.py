@@ -235,7 +235,7 @@ def _wire(net: neuro.Network, draws: np.random.Generator, pre: str, post: str) -
     sparse = np.nonzero(draws.random((n_pre, n_post)) < 0.5)
     rules = [(neuro.all_to_all(), n_pre * n_post), (neuro.pairs(pre=sparse[0], post=sparse[1]), sparse[0].size)]
     rules += [(neuro.one_to_one(), n_pre)] if n_pre == n_post else []
-    longest = int(draws.choice([1, 4, 63]))
+    longest = int(draws.choice([1, 4, 64]))
     delay: Any = neuro.uniform(low=1.0, high=float(longest)) if longest > 1 and draws.random() < 0.5 else float(longest)
     words = {"delay": delay, "name": f"wires{len(net.projections)}"}
     rule, synapses = rules[int(draws.integers(0, len(rules)))]
