@@ -30,6 +30,7 @@ from neuro.model.synapses.loihi_rule import (
 SIGN_MODES = ("mixed", "excitatory", "inhibitory")
 SHAPES = ("first_order", "exponential")
 ROUNDINGS = ("stochastic", "away")
+_RECEPTOR = "the receptor of the target, of those that have two"
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -70,18 +71,23 @@ class loihi2_static(Synapse):
     weight_exp: int = quantity(0, "", "weight exponent", kind="integer", at_least=-8, at_most=7)
     num_weight_bits: int = quantity(8, "", "bits of a weight", kind="integer", at_least=1, at_most=8)
     sign_mode: str = quantity("mixed", "", "which signs the weights have", kind="word", words=SIGN_MODES)
+    receptor: str | None = quantity(None, "", _RECEPTOR, kind="receptor")
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class loihi2_convolution(Synapse):
-    """Adds the sum of w p over the spikes of a step as 24 bits; weights are whole numbers of 8 bits, none is dropped.
+    """Adds the sum of w p over the spikes of a step; weights are whole numbers of 8 bits and a sign, none is dropped.
 
-    lava: Conv, which ignores the weight exponent and the number of bits.
+    With `wraps` the sum of a step and delay is a two's complement of 24 bits. lava: Conv, which ignores the weight
+    exponent and the number of bits; ConvInTime, whose sums do not wrap.
     """
 
-    equation: ClassVar[str] = "adds sum w p, a two's complement of 24 bits"
-    source: ClassVar[str] = "lava 0.10 Conv, fixed point"
+    equation: ClassVar[str] = "adds sum w p"
+    source: ClassVar[str] = "lava 0.10 Conv, ConvInTime, fixed point"
     chip: ClassVar[str] = "loihi2"
+
+    wraps: bool = quantity(True, "", "keep 24 bits of the sum", kind="boolean")
+    receptor: str | None = quantity(None, "", _RECEPTOR, kind="receptor")
 
 
 def _impulse(trace: str) -> Any:
