@@ -44,7 +44,7 @@ from neuro.model.neurons import (
     sigma_delta,
 )
 from neuro.model.neurons.base import Model, Neuron
-from neuro.model.synapses import loihi2_convolution, loihi2_static
+from neuro.model.synapses import loihi2_convolution, loihi2_learning, loihi2_static
 from neuro.program.backend import Problem
 from neuro.program.program import Floats, Ints, Population, Projection
 
@@ -75,13 +75,15 @@ def words_of(fixed: FixedProjection, mantissas: Words) -> Words:
     """What a spike of payload 1 adds to the sum of a step: a negative exponent shifts the sum."""
     if not fixed.sign_mode:
         return mantissas
-    return dropped(mantissas, fixed.bits, fixed.sign_mode) << max(fixed.exponent, 0)
+    # What has been learnt keeps its lowest bits, as in lava.
+    kept = mantissas if fixed.rule is not None else dropped(mantissas, fixed.bits, fixed.sign_mode)
+    return kept << max(fixed.exponent, 0)
 
 
 def projection(inputs: Inputs, index: int) -> tuple[FixedProjection, list[Problem]]:
     """A projection onto neurons in registers, by its synapse model."""
     part = inputs.program.projections[index]
-    if isinstance(part.synapse, loihi2_static):
+    if isinstance(part.synapse, (loihi2_static, loihi2_learning)):
         fixed, problems = _in_mantissas(inputs, index, part.synapse)
     elif isinstance(part.synapse, loihi2_convolution):
         fixed, problems = _convolution(inputs, index, part.synapse)
@@ -96,7 +98,9 @@ def has_two_inputs(model: Model) -> bool:
     return isinstance(model, Neuron) and model.receptors == 2 and not model.signed
 
 
-def _in_mantissas(inputs: Inputs, index: int, synapse: loihi2_static) -> tuple[FixedProjection, list[Problem]]:
+def _in_mantissas(
+    inputs: Inputs, index: int, synapse: loihi2_static | loihi2_learning
+) -> tuple[FixedProjection, list[Problem]]:
     """Weights that are mantissas."""
     part = inputs.program.projections[index]
     exponent, bits, mode = synapse.weight_exp, synapse.num_weight_bits, synapse.sign_mode
@@ -108,8 +112,10 @@ def _in_mantissas(inputs: Inputs, index: int, synapse: loihi2_static) -> tuple[F
         problems.append(approximated(part, f"weight = {part.weight[beyond[0]]:g}", why, "raise weight_exp"))
     asked = np.clip(np.rint(part.weight), low, high).astype(np.int32)
     found = rounding.judged(asked.astype(np.float64), dropped(asked, bits, mode), 1.0, low, high)
-    fixed = loihi1.fixed_projection(part.name, asked, exponent, mode, bits, np.ones(1), inputs.lag(index), found)
-    return _by_own_rules(fixed, native=True), problems
+    rule = synapse.rule() if isinstance(synapse, loihi2_learning) else None
+    mantissas = asked if rule is None else dropped(asked, bits, mode)
+    fixed = loihi1.fixed_projection(part.name, mantissas, exponent, mode, bits, np.ones(1), inputs.lag(index), found)
+    return _by_own_rules(replace(fixed, rule=rule), native=True), problems
 
 
 def _convolution(inputs: Inputs, index: int, synapse: loihi2_convolution) -> tuple[FixedProjection, list[Problem]]:

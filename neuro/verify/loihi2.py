@@ -9,7 +9,8 @@ simulation; what a case gives as the input `a_in` of a neuron is emitted one ste
 | LIF, with reset, ternary | `du` | u, v and spikes |
 | RF, RF_IZ | `sin_decay` | real, imag and spikes |
 | SigmaDelta, Delta, Sigma | `act_mode`; `spike_exp`; the name | all states and messages |
-| graded vectors | the name | messages |
+| graded vectors, product | the name; `a_in1` | messages |
+| learning | `dw` | weights, tags, traces, and what arrives |
 """
 
 from __future__ import annotations
@@ -38,14 +39,13 @@ from neuro.model.neurons import (
     sigma_decoder,
     sigma_delta,
 )
-from neuro.model.rules import one_to_one, pairs
-from neuro.model.synapses import Synapse, loihi2_convolution, loihi2_static, static
+from neuro.model.rules import all_to_all, one_to_one, pairs
+from neuro.model.synapses import Synapse, loihi2_convolution, loihi2_learning, loihi2_static, static
+from neuro.model.synapses.loihi_rule import POST, PRE
 from neuro.program.backend import Backend, OverflowWarning
 from neuro.verify.comparison import Golden, TraceComparison, equal
 
 Array = NDArray[Any]
-NOT_BUILT = {"dw": "learning with two factors"}
-"""What lava has and is not built, by a word of a case, or an array that it alone has."""
 
 
 def is_of_loihi2(facts: Mapping[str, Any]) -> bool:
@@ -67,11 +67,8 @@ def compare_loihi2(golden: Golden, backend: str | Backend) -> Iterator[TraceComp
 def _case(
     name: str, case: Mapping[str, Any], arrays: Mapping[str, Array], backend: str | Backend
 ) -> Iterator[TraceComparison]:
-    missing = [what for word, what in NOT_BUILT.items() if word in case or word in arrays]
-    compared = _connections if "a" in arrays else _neurons
+    compared = _learning if "dw" in case else _connections if "a" in arrays else _neurons
     try:
-        if missing:
-            raise ModelError(f"not built: {missing[0]}")
         yield from compared(name, case, arrays, backend)
     except ModelError as error:
         yield TraceComparison("case", float("inf"), str(error), case=name, exact=True)
@@ -139,6 +136,49 @@ def _neurons(
 
 INPUTS = {"a_in": None, "a_real_in": "real", "a_imag_in": "imag", "a_in1": "first", "a_in2": "second"}
 """Inputs of a neuron and their receptors."""
+
+
+def _learning(
+    name: str, case: Mapping[str, Any], arrays: Mapping[str, Array], backend: str | Backend
+) -> Iterator[TraceComparison]:
+    """Weights, tags and traces after each step, and what arrives.
+
+    A teacher makes the targets fire as in the file: it takes away what should arrive, and adds what makes them fire.
+    So u is what was not expected to arrive.
+    """
+    post, x, due = arrays["post"], arrays["x"], arrays["a"].astype(np.int64)
+    n_post, n_pre = post.shape[1], x.shape[1]
+    net = Network("learning", resolution=1.0)
+    _add_input(net, x)
+    _add_input(net, (post * FIRES - due)[1:], "teacher")
+    net.population("out", n_post, loihi2_lif(du=4095, dv=4096, vth=FIRES // 2))
+    net.connect("teacher", "out", one_to_one(), static(), weight=1.0, delay=1.0)
+    words = {"rng_seed": case["rng_seed"], "epoch": case["t_epoch"], "graded": GRADED[case["graded"]]}
+    words |= {word: case[word] for word in loihi2_learning.quantities() if word in case and word != "graded"}
+    weight = arrays["W0"].T.astype(np.float64).ravel()
+    net.connect("in", "out", all_to_all(), loihi2_learning(**words), weight=weight, delay=1.0, name="rule")
+    net.probe("u", "out", "u")
+    recorded = {"weights": "weight", "tag_1": "t"} | {word: word for word in (*PRE, *POST)}
+    sim = neuro.run.compiled.compile(net, backend)
+    found: dict[str, list[Array]] = {word: [] for word in recorded if word in arrays}
+    for _ in range(len(x)):
+        sim.run(1.0)
+        for word, each in found.items():
+            values = sim.get("rule", recorded[word]).reshape(n_pre, n_post).T
+            each.append(values[0] if word in PRE else values[:, 0] if word in POST else values)
+    for word, each in found.items():
+        yield equal(name, word, np.array(each).astype(np.int64), arrays[word])
+    yield equal(name, "a", np.rint(sim.trace("u")[1]).astype(np.int64) // 64 - post * FIRES + due, due)
+
+
+FIRES = 1000
+"""What makes a neuron fire that has a threshold of half of it and remembers nothing."""
+GRADED = {
+    "USE_REGULAR_IMPULSE": "impulse",
+    "OVERWRITE": "overwrite",
+    "ADD_WITH_SATURATION": "add_with_saturation",
+    "ADD_WITHOUT_SATURATION": "add_without_saturation",
+}
 STATES = ("u", "v", "real", "imag", "sigma", "act", "residue", "error")
 
 
