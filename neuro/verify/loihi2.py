@@ -153,8 +153,10 @@ def _learning(
     _add_input(net, (post * FIRES - due)[1:], "teacher")
     net.population("out", n_post, loihi2_lif(du=4095, dv=4096, vth=FIRES // 2))
     net.connect("teacher", "out", one_to_one(), static(), weight=1.0, delay=1.0)
-    words = {"rng_seed": case["rng_seed"], "epoch": case["t_epoch"], "graded": GRADED[case["graded"]]}
-    words |= {word: case[word] for word in loihi2_learning.quantities() if word in case and word != "graded"}
+    words = {"epoch": case["t_epoch"], "graded": GRADED[case["graded"]]}
+    words["sign_mode"] = case.get("sign_mode", "MIXED").lower()
+    words |= {"x1_impulse": 0} if words["graded"] != "impulse" else {}  # as lava sets it
+    words |= {word: case[word] for word in loihi2_learning.quantities() if word in case and word not in words}
     weight = arrays["W0"].T.astype(np.float64).ravel()
     net.connect("in", "out", all_to_all(), loihi2_learning(**words), weight=weight, delay=1.0, name="rule")
     net.probe("u", "out", "u")

@@ -232,8 +232,11 @@ class loihi2_learning(RegisterLearning):
         """The rule with its traces.
 
         Raises:
-            ModelError: a trace that is read has no impulse and no payload raises it.
+            ModelError: a trace that is read has no impulse and no payload raises it, or x1 has both.
         """
+        if self.graded != "impulse" and self.x1_impulse:
+            message = f"x1_impulse = {self.x1_impulse} with graded: {self.graded}: payloads raise x1"
+            raise ModelError(message, hint="leave it out", path=("x1_impulse",))
         said = {name: (getattr(self, f"{name}_impulse"), getattr(self, f"{name}_tau")) for name in (*PRE, *POST)}
         raised = {name for name, (impulse, _) in said.items() if impulse}
         raised |= {"x1"} if self.graded != "impulse" else set()
@@ -309,8 +312,10 @@ class _Reader:
             elif kind == _POWER:
                 exponent += int(token.partition("^")[2].replace(" ", ""))
             elif kind == _NAME and re.fullmatch(r"u\d+", token):
+                if self.as_lava and gate:
+                    raise self.wrong(f"'{token}' after '{gate}' in one product", f"write {token} first")
                 every = self.period(token, every)
-            elif kind == _NAME and token in ("x0", "y0") and not gate:
+            elif kind == _NAME and token in ("x0", "y0") and not gate and not (self.as_lava and every >= 0):
                 gate = token
             elif kind == _NAME:
                 factors.append(Factor(self.name(token)))
