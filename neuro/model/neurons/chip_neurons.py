@@ -62,7 +62,7 @@ class Loihi2Neuron(Neuron):
     )
     chip: ClassVar[str] = "loihi2"
 
-    du: Value = quantity(409, "", "decay of the current", whole=True, at_least=0, at_most=4095, arrays=True)
+    du: Value = quantity(409, "", "decay of the current", whole=True, at_least=-1, at_most=4095, arrays=True)
     dv: Value = quantity(409, "", "decay of the voltage", whole=True, at_least=0, at_most=4096, arrays=True)
     bias_mant: Value = quantity(0, "", "bias mantissa", whole=True, at_least=-4096, at_most=4095, arrays=True)
     bias_exp: Value = quantity(0, "", "bias exponent", whole=True, at_least=0, at_most=7, arrays=True)
@@ -122,9 +122,9 @@ class Loihi2Resonator(Neuron):
     resets_in_step: ClassVar[bool] = True
     chip: ClassVar[str] = "loihi2"
 
-    cos_decay: Value = quantity(3900, "", "decay times cosine", whole=True, at_least=0, at_most=4096, arrays=True)
-    sin_decay: Value = quantity(1000, "", "decay times sine", whole=True, at_least=0, at_most=4096, arrays=True)
-    vth: Value = quantity(100, "", "threshold, times 2^state_exp", whole=True, at_least=0, at_most=131071, arrays=True)
+    cos_decay: Value = quantity(3900, "", "decay times cosine", whole=True, at_least=-4096, at_most=4096, arrays=True)
+    sin_decay: Value = quantity(1000, "", "decay times sine", whole=True, at_least=-4096, at_most=4096, arrays=True)
+    vth: Value = quantity(100, "", "threshold, times 2^state_exp", at_least=0, at_most=131071, arrays=True)
     state_exp: int = quantity(6, "", "exponent of the states", kind="integer", at_least=0, at_most=7)
 
 
