@@ -618,3 +618,59 @@ def test_random_networks_equal_the_emulator_where_large_ends_come_first(written:
     needs("s390x-linux-gnu-gcc", "qemu-s390x")
     told = run("qemu-s390x", str(build(["s390x-linux-gnu-gcc", "-O2", "-static"], written, tmp_path)))
     assert told.count("steps equal") == len(written)
+
+
+FUZZ = """
+#include <stdint.h>
+#include <stdio.h>
+#include "NAME.h"
+int NAME_fuzz(void);
+int NAME_fuzz(void)
+{
+    static NAME_event events[300], out[UPPER_MOST_OUT];
+    uint64_t draw = 1;
+    NAME_init();
+    for (int step = 0; step < 50; step++) {
+        uint32_t n = (uint32_t)step * 6u;
+        for (uint32_t k = 0; k < n; k++) {
+            draw = draw * UINT64_C(6364136223846793005) + 1442695040888963407u;
+            events[k].neuron = (uint16_t)(draw >> (draw % 3 == 0 ? 33 : 61));
+            events[k].FIELD = (uint16_t)(draw >> 45);
+        }
+        if (NAME_step(n == 0 ? NULL : events, n, out) > UPPER_MOST_OUT) return 1;
+    }
+    return 0;
+}
+"""
+
+
+def test_any_events_are_taken(written: list[neuro.CCode], tmp_path: Path):
+    """Neurons of no input, several events of one, in any order, none at all."""
+    needs("gcc")
+    written = written if WHOLE else written[3:6]
+    for each in written:
+        field = "payload" if "Loihi 2" in each.chip else "times"
+        text = FUZZ.replace("NAME", each.name).replace("UPPER", each.name.upper()).replace("FIELD", field)
+        (each.folder / "fuzz.c").write_text(text)
+    calls = "".join(f"int {each.name}_fuzz(void);\n" for each in written)
+    calls += "int main(void) { return " + " + ".join(f"{each.name}_fuzz()" for each in written) + "; }\n"
+    (tmp_path / "main.c").write_text(calls)
+    files = [str(each.folder / file) for each in written for file in ("fuzz.c", f"{each.name}.c")]
+    run("gcc", *STRICT, *SANITIZERS, *files, str(tmp_path / "main.c"), "-o", str(tmp_path / "fuzz"))
+    run(str(tmp_path / "fuzz"))
+
+
+@pytest.mark.parametrize("chip", CHIPS)
+def test_the_order_of_events_makes_no_difference(chip: str, tmp_path: Path):
+    needs("gcc")
+    code = Loaded(save(random_network(0, chip), tmp_path, chip=chip, duration=9.0))
+    found = []
+    for turned in (False, True):
+        code.init()
+        draws, digests = np.random.default_rng(3), []
+        for _ in range(40):
+            events = [(int(k), 1) for k in draws.integers(0, 16, 12)]
+            code.step(*(reversed(events) if turned else events))
+            digests.append(code.digest())
+        found.append(digests)
+    assert found[0] == found[1]
