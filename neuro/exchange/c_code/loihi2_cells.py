@@ -46,8 +46,8 @@ def sigma_delta(cells: Cells, memory: Memory) -> Stepped:
     """Sums of messages, their activations, and the changes of these."""
     r, own = cells.fixed.registers, Registers(cells, memory)
     sigma = own.state("sigma")
-    y = f"plus({sigma}, {own.text('bias', r['bias'])})"
-    body = [f"int32_t y = ({sigma} = plus({sigma}, wrap32(in[i])), {y});"]
+    bias = own.text("bias", r["bias"])
+    body = [f"int32_t y = plus({sigma} = plus({sigma}, wrap32(in[i])), {bias});"]
     return _encoding(cells, own, [*body, *(["if (y < 0) y = 0;"] if shared(r, "relu") else [])])
 
 
