@@ -120,6 +120,7 @@ def shipped(tmp_path_factory: pytest.TempPathFactory) -> list[neuro.CCode]:
     place, models = tmp_path_factory.mktemp("shipped"), Path(neuro.__file__).parents[1] / "models" / "neuro_models"
     nets = {name: neuro.load(models / f"{name}.yaml") for name in SHIPPED}
     pairs = [(name, chip, f"{name}_{chip}") for name in SHIPPED for chip in CHIPS]
+    pairs = [pair for pair in pairs if pair[:2] != ("drone", "loihi2")]  # which has no refractory period
     return [save(nets[name], place / as_, name=as_, chip=chip, frozen=True) for name, chip, as_ in pairs]
 
 
@@ -132,8 +133,10 @@ def test_shipped_networks_equal_the_emulator(shipped: list[neuro.CCode], tmp_pat
 
 def test_shipped_networks_equal_the_emulator_on_a_cortex_m4(shipped: list[neuro.CCode], tmp_path: Path):
     needs("arm-none-eabi-gcc", "qemu-system-arm")
-    program = build(["arm-none-eabi-gcc", *M4], shipped, tmp_path, *board(shipped))
-    assert run(*QEMU, str(program)).count("steps equal") == len(shipped)
+    for chip in CHIPS:  # the board's flash does not hold all
+        some = [each for each in shipped if each.name.endswith(f"_{chip}")]
+        program = build(["arm-none-eabi-gcc", *M4], some, tmp_path, *board(some))
+        assert run(*QEMU, str(program)).count("steps equal") == len(some)
 
 
 def test_the_folder_tests_itself_and_counts_instructions(tmp_path: Path):
