@@ -496,6 +496,21 @@ def test_the_longest_delay(chip: str, longest: float, tmp_path: Path):
     assert found == [int(longest)]
 
 
+@pytest.mark.parametrize("level", ["-O2", "-O3"])
+@pytest.mark.parametrize("choice", [neuro.lateral_reset(of="out"), neuro.winner_take_all(of="out")])
+def test_a_neuron_without_rivals(choice, level: str, tmp_path: Path):
+    needs("gcc")
+    net = digits()
+    net.population("alone", 1, neuro.iaf_psc_delta(t_ref=2.0))
+    net.connect("in", "alone", neuro.all_to_all(), weight=9.0, delay=1.0)
+    net.group("choice", dataclasses.replace(choice, of="alone"))
+    code = save(net, tmp_path)
+    assert code.output_spikes
+    files = [str(tmp_path / file) for file in ("net.c", "net_test.c")]
+    run("gcc", *STRICT[:-1], level, *files, "-o", str(tmp_path / "net"))
+    assert "steps equal" in run(str(tmp_path / "net"))
+
+
 def test_headers_and_programs_in_cpp(tmp_path: Path):
     needs("g++")
     save(digits(), tmp_path, chip="loihi2")
