@@ -104,10 +104,10 @@ class Memory:
         return name
 
 
-def room_of(kind: str, size: int = 1) -> int:
-    """Bytes of numbers of a C type, at most: with a gap before those of 64 bits, or behind others."""
-    n = size * bytes_of(kind)
-    return n + 8 if bytes_of(kind) == 8 else -(-n // 4) * 4
+def room_of(kind: str, size: int = 0) -> int:
+    """Bytes of an array of a C type, or of one number, at most: compilers let arrays and long numbers begin at 8 n."""
+    gap = 4 if size or bytes_of(kind) == 8 else 0
+    return -(-max(1, size) * bytes_of(kind) // 4) * 4 + gap
 
 
 def bytes_of(kind: str) -> int:
