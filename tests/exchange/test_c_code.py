@@ -24,7 +24,7 @@ from neuro.exchange.c_code.source import source_of
 from neuro.program.backend import Trial
 from random_c import STEPS, random_network
 
-NETWORKS = int(os.environ.get("NEURO_C_NETWORKS", "3"))
+NETWORKS = int(os.environ.get("NEURO_C_NETWORKS", "2"))
 """Random networks of each chip."""
 WHOLE = "NEURO_C_NETWORKS" in os.environ
 CHIPS = ("loihi", "loihi2", "spinnaker")
@@ -120,6 +120,7 @@ def shipped(tmp_path_factory: pytest.TempPathFactory) -> list[neuro.CCode]:
     place, models = tmp_path_factory.mktemp("shipped"), Path(neuro.__file__).parents[1] / "models" / "neuro_models"
     nets = {name: neuro.load(models / f"{name}.yaml") for name in SHIPPED}
     pairs = [(name, chip, f"{name}_{chip}") for name in SHIPPED for chip in CHIPS]
+    pairs = [pair for pair in pairs if pair[:2] != ("drone", "loihi2")]  # which has no refractory period
     return [save(nets[name], place / as_, name=as_, chip=chip, frozen=True) for name, chip, as_ in pairs]
 
 
@@ -132,8 +133,10 @@ def test_shipped_networks_equal_the_emulator(shipped: list[neuro.CCode], tmp_pat
 
 def test_shipped_networks_equal_the_emulator_on_a_cortex_m4(shipped: list[neuro.CCode], tmp_path: Path):
     needs("arm-none-eabi-gcc", "qemu-system-arm")
-    program = build(["arm-none-eabi-gcc", *M4], shipped, tmp_path, *board(shipped))
-    assert run(*QEMU, str(program)).count("steps equal") == len(shipped)
+    for chip in CHIPS:  # the board's flash does not hold all
+        some = [each for each in shipped if each.name.endswith(f"_{chip}")]
+        program = build(["arm-none-eabi-gcc", *M4], some, tmp_path, *board(some))
+        assert run(*QEMU, str(program)).count("steps equal") == len(some)
 
 
 def test_the_folder_tests_itself_and_counts_instructions(tmp_path: Path):
@@ -142,7 +145,7 @@ def test_the_folder_tests_itself_and_counts_instructions(tmp_path: Path):
     result = CliRunner().invoke(app, ["convert", str(digits), str(tmp_path / "out"), "--to", "c", "--ram", "1K"])
     assert result.exit_code == 0, result.output
     assert "bytes: tables 111,456, code at most" in result.output
-    assert "RAM    768 bytes" in result.output
+    assert "RAM    at most 788 bytes" in result.output
     assert "100 steps equal" in run("make", "-s", "-C", str(tmp_path / "out"), "test")
     needs("arm-none-eabi-gcc", "qemu-system-arm")
     told = run("make", "-s", "-C", str(tmp_path / "out"), "m4")
@@ -314,7 +317,7 @@ def test_a_rule_that_is_left_out_leaves_the_weights(tmp_path: Path):
         ({"chip": "cpu"}, "chip 'cpu' cannot be written as C: expected the arithmetic of loihi, loihi2 or spinnaker"),
         ({"chip": "lohi"}, "lohi"),
         ({"name": "Net"}, "name = 'Net': expected small letters, digits and _, as in 'net'"),
-        ({"ram": 20}, "RAM: network 'small' takes 44 bytes: expected at most 20"),
+        ({"ram": 20}, "RAM: network 'small' takes 64 bytes: expected at most 20"),
         ({"flash": 20}, "flash: network 'small' takes "),
         ({"ram": -1}, "ram = -1"),
         ({"duration": 0.5}, "duration = 0.5 ms: expected a multiple of the resolution, 1 ms"),
@@ -355,7 +358,7 @@ def test_files_of_others_and_edited_ones_stay(tmp_path: Path):
         (["out", "--to", "d"], "--to d: expected c"),
         (["out.yaml", "--ram", "64K"], "--ram: has no use from net.yaml to out.yaml: expected --to c"),
         (["out", "--to", "c", "--ram", "64Q"], "'64Q': expected a number of bytes"),
-        (["out", "--to", "c", "--dt", "1"], "--dt: has no use from net.yaml to out"),
+        (["out", "--to", "c", "--resolution", "1"], "--resolution: has no use from net.yaml to out"),
         (["out"], "out: cannot be written: expected a name ending in .json, .nir, .py, .yaml, .yml"),
     ],
 )
@@ -376,7 +379,7 @@ def test_a_recording_is_the_input_of_the_test(tmp_path: Path):
     net.population("out", 1, neuro.iaf_psc_delta())
     net.connect("pixels", "out", neuro.all_to_all(), weight=30.0, delay=1.0)
     net.save(tmp_path / "net.yaml")
-    words = ["--to", "c", "--recording", str(tmp_path / "small.npz"), "--duration", "9"]
+    words = ["--to", "c", "--recording", str(tmp_path / "small.npz"), "--for", "9"]
     result = CliRunner().invoke(app, ["convert", str(tmp_path / "net.yaml"), str(tmp_path / "out"), *words])
     assert result.exit_code == 0, result.output
     assert "9 steps: 3 spikes of inputs" in result.output
@@ -491,6 +494,21 @@ def test_the_longest_delay(chip: str, longest: float, tmp_path: Path):
     code.step((0, 1))
     found = [k for k in range(1, 300) if code.step()]
     assert found == [int(longest)]
+
+
+@pytest.mark.parametrize("level", ["-O2", "-O3"])
+@pytest.mark.parametrize("choice", [neuro.lateral_reset(of="out"), neuro.winner_take_all(of="out")])
+def test_a_neuron_without_rivals(choice, level: str, tmp_path: Path):
+    needs("gcc")
+    net = digits()
+    net.population("alone", 1, neuro.iaf_psc_delta(t_ref=2.0))
+    net.connect("in", "alone", neuro.all_to_all(), weight=9.0, delay=1.0)
+    net.group("choice", dataclasses.replace(choice, of="alone"))
+    code = save(net, tmp_path)
+    assert code.output_spikes
+    files = [str(tmp_path / file) for file in ("net.c", "net_test.c")]
+    run("gcc", *STRICT[:-1], level, *files, "-o", str(tmp_path / "net"))
+    assert "steps equal" in run(str(tmp_path / "net"))
 
 
 def test_headers_and_programs_in_cpp(tmp_path: Path):
@@ -616,8 +634,66 @@ def test_a_network_is_equal_where_an_int_has_16_bits(tmp_path: Path):
 
 def test_random_networks_equal_the_emulator_where_large_ends_come_first(written: list[neuro.CCode], tmp_path: Path):
     needs("s390x-linux-gnu-gcc", "qemu-s390x")
+    if not WHOLE:
+        pytest.skip("make test-c runs them there")
     told = run("qemu-s390x", str(build(["s390x-linux-gnu-gcc", "-O2", "-static"], written, tmp_path)))
     assert told.count("steps equal") == len(written)
+
+
+FUZZ = """
+#include <stdint.h>
+#include <stdio.h>
+#include "NAME.h"
+int NAME_fuzz(void);
+int NAME_fuzz(void)
+{
+    static NAME_event events[300], out[UPPER_MOST_OUT];
+    uint64_t draw = 1;
+    NAME_init();
+    for (int step = 0; step < 50; step++) {
+        uint32_t n = (uint32_t)step * 6u;
+        for (uint32_t k = 0; k < n; k++) {
+            draw = draw * UINT64_C(6364136223846793005) + 1442695040888963407u;
+            events[k].neuron = (uint16_t)(draw >> (draw % 3 == 0 ? 33 : 61));
+            events[k].FIELD = (uint16_t)(draw >> 45);
+        }
+        if (NAME_step(n == 0 ? NULL : events, n, out) > UPPER_MOST_OUT) return 1;
+    }
+    return 0;
+}
+"""
+
+
+def test_any_events_are_taken(written: list[neuro.CCode], tmp_path: Path):
+    """Neurons of no input, several events of one, in any order, none at all."""
+    needs("gcc")
+    written = written if WHOLE else written[3:6]
+    for each in written:
+        field = "payload" if "Loihi 2" in each.chip else "times"
+        text = FUZZ.replace("NAME", each.name).replace("UPPER", each.name.upper()).replace("FIELD", field)
+        (each.folder / "fuzz.c").write_text(text)
+    calls = "".join(f"int {each.name}_fuzz(void);\n" for each in written)
+    calls += "int main(void) { return " + " + ".join(f"{each.name}_fuzz()" for each in written) + "; }\n"
+    (tmp_path / "main.c").write_text(calls)
+    files = [str(each.folder / file) for each in written for file in ("fuzz.c", f"{each.name}.c")]
+    run("gcc", *STRICT, *SANITIZERS, *files, str(tmp_path / "main.c"), "-o", str(tmp_path / "fuzz"))
+    run(str(tmp_path / "fuzz"))
+
+
+@pytest.mark.parametrize("chip", CHIPS)
+def test_the_order_of_events_makes_no_difference(chip: str, tmp_path: Path):
+    needs("gcc")
+    code = Loaded(save(random_network(0, chip), tmp_path, chip=chip, duration=9.0))
+    found = []
+    for turned in (False, True):
+        code.init()
+        draws, digests = np.random.default_rng(3), []
+        for _ in range(40):
+            events = [(int(k), 1) for k in draws.integers(0, 16, 12)]
+            code.step(*(reversed(events) if turned else events))
+            digests.append(code.digest())
+        found.append(digests)
+    assert found[0] == found[1]
 
 
 @pytest.mark.parametrize("out", [neuro.loihi2_lif(du=4095, dv=400, vth=200), neuro.sigma_decoder()])

@@ -185,7 +185,7 @@ def _graded(draws: np.random.Generator, seed: int) -> neuro.Network:
     for k in range(int(draws.integers(2, 7))):
         name, shape = f"cells{k}", int(draws.integers(1, 10))
         net.population(name, shape, _registers(draws, shape))
-        for pre in {str(draws.choice(sources)) for _ in range(3)}:
+        for pre in sorted({str(draws.choice(sources)) for _ in range(3)}):
             _wire(net, draws, pre, name)
         sources.append(name)
     for _ in range(int(draws.integers(0, 3))):

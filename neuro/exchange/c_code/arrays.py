@@ -70,7 +70,7 @@ class Memory:
     """Arrays of a network as declarations, and what they take.
 
     Attributes:
-        flash, ram: bytes of constant arrays, and of others, which begin at multiples of 4.
+        flash, ram: bytes of constant arrays, and of others with the gaps between them, at most.
         lines: the declarations.
     """
 
@@ -93,20 +93,21 @@ class Memory:
 
     def state(self, name: str, kind: str, size: int, about: str) -> str:
         """Declare what a network changes; returns the name."""
-        self.ram += in_words(size * bytes_of(kind))
+        self.ram += room_of(kind, size)
         self.lines.append(f"static {kind} {name}[{size}]; /* {comment(about)} */")
         return name
 
     def variable(self, name: str, kind: str, about: str) -> str:
         """Declare one number that a network changes; returns the name."""
-        self.ram += in_words(bytes_of(kind))
+        self.ram += room_of(kind)
         self.lines.append(f"static {kind} {name}; /* {comment(about)} */")
         return name
 
 
-def in_words(n: int) -> int:
-    """Bytes that end where the next array may begin."""
-    return -(-n // 4) * 4
+def room_of(kind: str, size: int = 0) -> int:
+    """Bytes of an array of a C type, or of one number, at most: compilers let arrays and long numbers begin at 8 n."""
+    gap = 4 if size or bytes_of(kind) == 8 else 0
+    return -(-max(1, size) * bytes_of(kind) // 4) * 4 + gap
 
 
 def bytes_of(kind: str) -> int:

@@ -48,7 +48,7 @@ class CCode:
         name: with which its public names begin.
         chip: whose integers it computes in.
         flash: bytes of constant tables; `code` those of machine code on a Cortex-M4, at most.
-        ram: bytes of states.
+        ram: bytes of states and of the gaps between them, at most.
         steps: of the recorded run.
         drawn: whether its input was drawn, since the network's own inputs send nothing.
         input_spikes, output_spikes: of the recorded run.
@@ -71,7 +71,7 @@ class CCode:
             [
                 f"{self.folder}: {self.name}.c and {self.name}.h, in the integers of {self.chip}",
                 f"  flash  {self.flash + self.code:,} bytes: tables {self.flash:,}, code at most {self.code:,}",
-                f"  RAM    {self.ram:,} bytes, beside the stack and the caller's events",
+                f"  RAM    at most {self.ram:,} bytes, beside the stack and the caller's events",
                 f"  test   {self.steps:,} steps: {self.input_spikes:,} spikes of inputs{drawn}, "
                 f"{self.output_spikes:,} of outputs",
                 f"  make -C {self.folder} test compares every spike and state with the emulator",

@@ -34,9 +34,9 @@ def _integrated(cells: Cells, own: Registers) -> tuple[list[str], list[str]]:
     u = own.state("u") if keep.any() else ""
     begins, interval = [arriving(cells)], shared(r, "reset_interval")
     if interval:
-        cleared = [f"memset({each[:-3]}, 0, sizeof {each[:-3]});" for each in (v, u) if each]
+        arrays = [each.removesuffix("[i]") for each in (v, u) if each]
         test = f"if (now % {interval}u == {shared(r, 'reset_offset') % interval}u) {{"
-        begins += [test, *(f"    {line}" for line in cleared), "}"]
+        begins += [test, *(f"    memset({each}, 0, sizeof {each});" for each in arrays), "}"]
     bias, leak = own.text("bias", r["bias_mant"] << r["bias_exp"]), own.text("keep_v", 4096 - r["dv"])
     body = [f"int32_t u = next_u({u or '0'}, {own.text('keep_u', keep)}, in[i]);", *([f"{u} = u;"] if u else [])]
     return [*body, "in[i] = 0;", f"{v} = next_v({v}, {leak}, u, {bias});"], begins
@@ -46,8 +46,8 @@ def sigma_delta(cells: Cells, memory: Memory) -> Stepped:
     """Sums of messages, their activations, and the changes of these."""
     r, own = cells.fixed.registers, Registers(cells, memory)
     sigma = own.state("sigma")
-    y = f"plus({sigma}, {own.text('bias', r['bias'])})"
-    body = [f"int32_t y = ({sigma} = plus({sigma}, wrap32(in[i])), {y});"]
+    bias = own.text("bias", r["bias"])
+    body = [f"int32_t y = plus({sigma} = plus({sigma}, wrap32(in[i])), {bias});"]
     return _encoding(cells, own, [*body, *(["if (y < 0) y = 0;"] if shared(r, "relu") else [])])
 
 

@@ -233,10 +233,10 @@ class _Writer:
         emit = _EMIT.replace("FIELD", self._family.field).replace("VALUE", self._value)
         parts = [self._top(), memory.lines, [emit], sending, functions, deciding, learning, inputs]
         parts += [self._init(stepped, opened), step, self._voltage(stepped), self._digest(stepped)]
-        code = "\n".join(line for part in parts for line in [*part, ""])
+        code = re.sub(r"\n{3,}", "\n\n", "\n".join(line for part in parts for line in [*part, ""]))
         states = {self._cells[k].fixed.name: _digested(part) for k, part in stepped.items()}
         states |= {self._program.projections[q].name: list(part.states) for q, part in self._learning.items()}
-        code = code.replace("NAME_", f"{self._name}_").replace("\n\n\n", "\n\n").rstrip() + "\n"
+        code = code.replace("NAME_", f"{self._name}_").rstrip() + "\n"
         header = self._header()
         number = f"0x{crc32((header + code).encode()):08X}u"
         return Source(
