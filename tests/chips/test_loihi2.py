@@ -264,11 +264,33 @@ def test_a_bill_is_a_range_from_0_to_the_ceiling():
     assert "derived, not published" in str(bill)
 
 
-def test_the_ceilings_hold_the_measurement_that_they_follow_from():
-    """A calibration, not a prediction: PilotNet as LIF neurons took 68.3 uJ of dynamic energy a step."""
+def flat(file):
+    """An array of width, height, channels, time by step and neuron."""
+    array = np.load(file)
+    return array.T.reshape(array.shape[-1], -1).astype(np.int64)
+
+
+def test_pilotnet_in_lif_neurons_takes_intels_cores_and_a_step_is_within_its_measurement(lava):
+    """A calibration, not a prediction: the ceilings follow from 68.3 uJ of dynamic energy a step."""
     costs = chip("loihi2").costs
     ends = [3.4e6 * costs["synaptic_op"].high, 158e3 * costs["neuron_update_active"].high]
     assert ends == pytest.approx([68.3e-6] * 2, rel=0.01)
+    net = neuro.from_netx(lava / "pilotnet_lif" / "network.net", reset=17, first=1)
+    sim = neuro.compile(net, "loihi2")
+    cores = [len(np.unique(own[own >= 0])) for own in place(sim.program, chip("loihi2")).core_of]
+    assert cores[1:6] == [25, 13, 3, 3, 2]  # as printed by its compiler
+    assert cores[6] <= 12  # it cuts this dense layer into more pieces than it must
+    assert cores[7:] == [1, 1, 1]
+    steps, ids = np.nonzero(flat(lava / "pilotnet_lif" / "input.npy"))
+    sim.inject("input", steps + 1.0, ids)
+    sim.run(24.0)
+    bill = sim.energy("loihi2")
+    dynamic = [item for item in bill.items if item.what != "static_per_chip"]
+    counted = {what: sum(i.count for i in dynamic if i.what.startswith(what)) / 24 for what in ("syn", "neuron")}
+    assert counted["syn"] == pytest.approx(2.955e6, rel=1e-3)  # for another frame than the notebook's, of 3.4 million
+    assert counted["neuron"] == 158_509 - 39_600  # the input is the host's here
+    assert sum(i.low for i in dynamic) / 24 <= 68.3e-6 <= sum(i.high for i in dynamic) / 24
+    assert bill.real_time.static_j == pytest.approx(0.232 * 24e-3)  # one chip
 
 
 def registers(exponent, weights, **words):
@@ -312,7 +334,6 @@ def test_pilotnet_sdnn_is_that_of_intels_test(lava):
     sim.set("input", bias=image)
     sim.run(float(truth.size))
     assert sent(sim, "dense9")[1:, 0].tolist() == truth.tolist()
-    assert 50 < len(place(sim.program, chip("loihi2")).cores) < 70  # Intel's own mapping takes 61
 
 
 def test_tinynet_is_that_of_intels_test(lava, tmp_path):
@@ -326,24 +347,23 @@ def test_tinynet_is_that_of_intels_test(lava, tmp_path):
 
 @pytest.mark.parametrize(("first", "source", "target"), [(2, "conv-0", "conv-1"), (7, "conv-4", "fc-0")])
 def test_pairs_of_layers_of_pilotnet_lif(lava, first, source, target):
-    def flat(name):  # width, height, channels, time
-        array = np.load(lava / "pilotnet_lif" / f"{name}.npy")
-        return array.T.reshape(array.shape[-1], -1).astype(np.int64)
+    def recorded(name):
+        return flat(lava / "pilotnet_lif" / f"{name}.npy")
 
     net = neuro.from_netx(lava / "pilotnet_lif" / "network.net", reset=17, first=first)
     before, after = list(net.populations)[:2]
     for state in ("u", "v"):
         net.probe(state, after, state)
     sim = neuro.compile(net, "loihi2")
-    steps, ids = np.nonzero(flat(source))
+    steps, ids = np.nonzero(recorded(source))
     sim.inject(before, steps + 1.0, ids)
     sim.run(24.0)
-    assert np.array_equal(sent(sim, after)[1:], flat(target))
+    assert np.array_equal(sent(sim, after)[1:], recorded(target))
     for state in ("u", "v"):
         if (lava / "pilotnet_lif" / f"{target}-{state}.npy").exists():
             found = sim.trace(state)[1]
-            found = np.where((flat(target) > 0) & (state == "v"), 128, found)  # what the chip's register reads then
-            assert np.array_equal(found, flat(f"{target}-{state}"))
+            found = np.where((recorded(target) > 0) & (state == "v"), 128, found)  # what the chip's register reads then
+            assert np.array_equal(found, recorded(f"{target}-{state}"))
 
 
 def netx_file(path, **changes):
