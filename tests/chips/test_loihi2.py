@@ -320,7 +320,9 @@ def test_rules_of_both_chips():
     held = registers(0, [4], refractory=3)
     assert [(d.loihi, d.loihi2) for d in held.differences] == [("accepted", "refused")] * 2
     assert held.steps == 0
-    assert "'rules' by the rules of Loihi 1 and Loihi 2: 2 differences (0 steps on both)" in str(held)
+    assert "'rules' by the rules of Loihi 1 and Loihi 2: 2 differences (not run)" in str(held)
+    assert str(registers(0, [4, -6])).endswith("are equal (20 steps on both, 0 spikes)")
+    assert registers(7, [254, 254]).spikes == (0, 18)
 
 
 # networks of lava-dl
