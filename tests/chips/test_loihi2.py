@@ -1,10 +1,13 @@
 """Loihi 2: golden cases of lava, networks of lava-dl, graded spikes on all backends that have them."""
 
+import warnings
+
 import h5py
 import numpy as np
 import pytest
 
 import neuro
+import random_loihi2
 from graded import STEPS, network, twin
 from neuro.chips import chip, place, quantise
 from neuro.chips.loihi2 import dropped
@@ -51,6 +54,100 @@ def test_graded_networks_are_equal_everywhere(seed):
         for name, part in zip(net.populations, expected, strict=True):
             assert np.array_equal(sent(sim, name)[:, : part.shape[1]], part), (backend, name)
             assert sim.counts().populations[name].spikes == np.count_nonzero(part)
+
+
+@pytest.mark.parametrize("seed", [2, 3, 7, 9, 14, 21])
+def test_every_neuron_behind_every_synapse_equals_a_twin(seed, tmp_path):
+    net, parts, wires = random_loihi2.network(seed)
+    expected, registers = random_loihi2.twin(parts, wires)
+    half = random_loihi2.STEPS // 2
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # weights lose bits and registers overflow, as they should
+        sim = neuro.compile(net, "loihi2")
+        sim.run(half)
+        sim.save(tmp_path / "half.h5")
+        sim.run(3.0)
+        sim.restore(tmp_path / "half.h5")
+        sim.run(half)
+    for name, part in zip(list(net.populations)[1:], expected[1:], strict=True):
+        assert np.array_equal(sent(sim, name), part), name
+        for state, values in registers[int(name)].items():
+            assert np.array_equal(sim.trace(f"{name}.{state}")[1], values[1:]), (name, state)
+
+
+def test_products_are_equal_everywhere():
+    found = []
+    for backend in ("reference", "event", "loihi2"):
+        net = neuro.Network("product", resolution=1.0)
+        net.population("a", 2, neuro.graded_spike_train(spikes=[[1.0, 0, 9], [1.0, 1, -7], [2.0, 0, 3], [5.0, 1, 2]]))
+        net.population("b", 1, neuro.graded_spike_train(spikes=[[1.0, 0, -5], [3.0, 0, 4], [5.0, 0, 6]]))
+        net.population("out", 2, neuro.graded_product(vth=1, exp=2))
+        net.connect("a", "out", neuro.one_to_one(), neuro.static(receptor="first"), weight=2.0, delay=1.0)
+        net.connect("b", "out", neuro.all_to_all(), neuro.static(receptor="second"), weight=1.0, delay=1.0)
+        sim = neuro.compile(net, backend)
+        sim.run(8.0)
+        found.append([values.tolist() for values in sim.payloads("out")])
+    assert found == [[[2.0, 2.0, 6.0], [0, 1, 1], [-23, 17, 6]]] * 3
+
+
+def learning(seed=0, **words):
+    """A synapse of each of two sources, which send payloads, onto a neuron that fires by itself."""
+    net = neuro.Network("learning", resolution=1.0)
+    rng = np.random.default_rng(1)
+    steps, ids = np.nonzero(rng.random((60, 2)) < 0.3)
+    rows = np.stack([steps + 1, ids, rng.integers(1, 250, ids.size)], axis=1).astype(float)
+    net.population("in", 2, neuro.graded_spike_train(spikes=rows))
+    net.population("out", 1, neuro.loihi2_lif(bias_mant=2000, bias_exp=2, vth=500))
+    rule = {"dw": "2^-4*x1*y0 - 2^-2*x0*y1", "x1_tau": 12, "y1_impulse": 8, "y1_tau": 9, "epoch": 4}
+    synapse = neuro.loihi2_learning(**{"graded": "add_with_saturation", "weight_exp": -6, **rule, **words})
+    net.connect("in", "out", neuro.all_to_all(), synapse, weight=[20.0, -40.0], delay=1.0, name="rule")
+    for state in ("weight", "x1", "y1", "t"):
+        net.probe(state, "rule", state)
+    return neuro.compile(net, "loihi2", seed=seed)
+
+
+def test_learning_goes_on_where_it_was_saved_and_follows_the_seed(tmp_path):
+    sim = learning()
+    sim.run(60.0)
+    whole = [sim.trace(state)[1] for state in ("weight", "x1", "y1", "t")]
+    assert whole[0].min() < 0 < whole[0].max()
+    assert len(np.unique(whole[0])) > 5
+    assert sim.counts().native["rules applied in rule"] > 10
+    sim = learning()
+    sim.run(23.0)  # within an epoch
+    sim.save(tmp_path / "state.h5")
+    other = learning()
+    other.restore(tmp_path / "state.h5")
+    other.run(37.0)
+    for state, values in zip(("weight", "x1", "y1", "t"), whole, strict=True):
+        assert np.array_equal(other.trace(state)[1], values), state
+    seeds = []
+    for found in (learning(seed=5), learning(rng_seed=3), learning(seed=5, rng_seed=3)):
+        found.run(60.0)
+        seeds.append(found.trace("y1")[1].tolist())
+    assert seeds[0] != whole[2].tolist()
+    assert seeds[1] == seeds[2] != seeds[0]
+
+
+@pytest.mark.parametrize(
+    ("words", "message"),
+    [
+        ({"x1_impulse": 3}, "x1_impulse = 3 with graded: add_with_saturation: payloads raise x1"),
+        ({"y1_impulse": 0}, "reads y1, which never rises"),
+        ({"dw": "2^-9*x1*y0"}, "exponent -9: expected -7 to"),
+        ({"dw": "x0*u1*x1"}, "'u1' after 'x0' in one product"),
+    ],
+)
+def test_rules_that_lava_does_not_take(words, message):
+    with pytest.raises(ModelError) as error:
+        learning(**words)
+    assert message in error.value.message
+
+
+def test_thresholds_in_the_wrong_order():
+    with pytest.raises(ModelError) as error:
+        neuro.loihi2_ternary_lif(vth_hi=-5, vth_lo=7)
+    assert error.value.message == "loihi2_ternary_lif: vth_lo = 7 above vth_hi = -5"
 
 
 @pytest.mark.parametrize("seed", [*range(100, 104), 2201, 2242])
