@@ -123,7 +123,6 @@ class TwoFactors:
         added[pre] = halves
         sums = self.xs[0] + added & 255
         over = sums > TRACE_MAX
-        self.saturated += np.count_nonzero(over)
         if self.graded == "add_with_saturation":
             self.xs[0] = np.minimum(sums, TRACE_MAX)
             return every

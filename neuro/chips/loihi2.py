@@ -253,6 +253,7 @@ LOIHI2 = Arithmetic(
     one_bit=False,
     graded=True,
     in_rows=False,
+    keeps_kernels=True,
     multicast=False,
     population=population,
     native=native,

@@ -144,15 +144,11 @@ WRITERS: dict[str, Callable[[Network, Path, Options], Verdicts | None]] = {
 }
 """What writes one, by the ending of a file, or by the word of --to."""
 
-<<<<<<< HEAD
 READING = {
-    ".nir": ("--dt", "--from", "--reset"),
+    ".nir": ("--resolution", "--from", "--reset"),
     ".net": ("--reset",),
     ".py": ("--run-script", "--arguments", "--network"),
 }
-=======
-READING = {".nir": ("--resolution", "--from", "--reset"), ".py": ("--run-script", "--arguments", "--network")}
->>>>>>> cee
 WRITING = {
     ".nir": ("--resolution", "--to"),
     ".py": ("--seed", "--for"),

@@ -77,7 +77,7 @@ def _case(
 def _connections(
     name: str, case: Mapping[str, Any], arrays: Mapping[str, Array], backend: str | Backend
 ) -> Iterator[TraceComparison]:
-    expected = arrays["a"]
+    expected, arrays = arrays["a"], _heard(case, arrays)
     net = Network("connections", resolution=1.0)
     if "padding" in case:
         pre, post, weight = _convolution(case, arrays)
@@ -121,7 +121,7 @@ def _neurons(
             _add_input(net, arrays[word], word)
             net.connect(word, "out", one_to_one(), static(receptor=receptor), weight=1.0, delay=1.0)
     if not late:
-        _add_input(net, arrays["x"])
+        _add_input(net, _heard(case["dense"], arrays)["x"])
         post, pre = np.nonzero(arrays["W"])
         weights = arrays["W"][post, pre].astype(np.float64)
         net.connect(
@@ -215,6 +215,12 @@ def _synapse(case: Mapping[str, Any], weights: Array) -> Synapse:
     words = {word: case[word] for word in ("weight_exp", "num_weight_bits") if word in case}
     found = "EXCITATORY" if weights.min() >= 0 else "INHIBITORY" if weights.max() <= 0 else "MIXED"
     return loihi2_static(**words, sign_mode=case.get("sign_mode", found).lower())
+
+
+def _heard(case: Mapping[str, Any], arrays: Mapping[str, Array]) -> dict[str, Array]:
+    """Arrays with the input as a connection hears it: without bits for messages a spike is 1."""
+    binary = case.get("num_message_bits") == 0
+    return {**arrays, "x": (arrays["x"] != 0).astype(np.int64) if binary else arrays["x"]}
 
 
 def _add_input(net: Network, values: Array, name: str = "in") -> None:

@@ -204,14 +204,14 @@ def resonate(net, pop, row, step):
     for i in range(lo, row[t.END]):
         re, im, k = net.v[i], net.u[i], i - lo
         turned = i32(share(re, net.keep_u[i]) - share(im, net.keep_v[i]))
-        x = i32(turned + i32(net.ring[first + k] << exponent))
+        x = np.int64(turned) + np.int64(i32(net.ring[first + k] << exponent))
         turned = i32(share(re, net.keep_v[i]) + share(im, net.keep_u[i]))
-        y = i32(turned + i32(net.ring[second + k] << exponent))
+        y = np.int64(turned) + np.int64(i32(net.ring[second + k] << exponent))
         net.ring[first + k] = ZERO
         net.ring[second + k] = ZERO
         net.hold[i] = im
-        net.v[i] = i32(min(max(x, i32(-V_LIMIT)), V_LIMIT))
-        net.u[i] = i32(min(max(y, i32(-V_LIMIT)), V_LIMIT))
+        net.v[i] = i32(min(max(x, np.int64(-V_LIMIT)), np.int64(V_LIMIT)))
+        net.u[i] = i32(min(max(y, np.int64(-V_LIMIT)), np.int64(V_LIMIT)))
         clips = i32(clips + i32(net.v[i] != x) + i32(net.u[i] != y))
     net.native[pop, t.CLIPS] += clips
 

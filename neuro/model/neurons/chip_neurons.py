@@ -6,6 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any, ClassVar
 
+from neuro.core.errors import ModelError, here
 from neuro.core.quantities import Value, quantity
 from neuro.model.neurons.base import Neuron, State
 
@@ -104,6 +105,13 @@ class loihi2_ternary_lif(Loihi2Neuron):
     vth_lo: Value = quantity(
         -100, "", "lower threshold mantissa", whole=True, at_least=-131071, at_most=131071, arrays=True
     )
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        low, high = self.vth_lo, self.vth_hi
+        if isinstance(low, (int, float)) and isinstance(high, (int, float)) and low > high:
+            message = f"{self.name}: vth_lo = {low:g} above vth_hi = {high:g}"
+            raise ModelError(message, hint="lower it", path=("vth_lo",), where=here())
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
