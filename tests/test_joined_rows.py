@@ -373,7 +373,7 @@ def test_arrays_that_are_lost_are_not_read(monkeypatch: pytest.MonkeyPatch):
 def test_a_row_of_more_synapses_than_places_is_refused(monkeypatch: pytest.MonkeyPatch):
     sim = neuro.compile(network(EVERY), "event", seed=1)
     monkeypatch.setattr(joined_rows, "MOST", 200)
-    message = r"population 'p\d' has \d+ synapses that are delivered together: expected at most 200"
+    message = r"population 'p\d' has [\d,]+ synapses that are delivered together: expected at most 200"
     with pytest.raises(ModelError, match=message):
         sim.run(1.0)
 
