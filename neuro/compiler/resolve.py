@@ -50,7 +50,7 @@ from neuro.model.rules import RULES, from_file, grid
 from neuro.model.space import PROFILES
 from neuro.model.synapses import SYNAPSES, DelayRule, Modulated, MoveRule, Synapse
 from neuro.program import program as resolved
-from neuro.program.compact import CompactProjection
+from neuro.program.compact import CompactProjection, SharedProjection
 from neuro.program.program import Floats, Ints, Stream
 from neuro.program.share import WHOLE, Share
 
@@ -345,7 +345,8 @@ def _projection(
         if rule.dopamine_delay is not None:
             with naming_the_part(part):
                 later = int(one_delay(rule.dopamine_delay, clock, f"{rule.name}.dopamine_delay")[0])
-    made = resolved.Projection(
+    kind = resolved.Projection if share.number == 1 else SharedProjection
+    made = kind(
         name=part.name,
         source=names[part.source],
         target=names[part.target],

@@ -1,4 +1,4 @@
-"""Projections whose synapses take few bytes, and whose arrays a backend may have in place of the program."""
+"""Projections that take few bytes, and whose arrays a backend may have in place of the program."""
 
 from __future__ import annotations
 
@@ -162,3 +162,21 @@ class CompactProjection(Projection):
         lambda self: self.stored()[1].astype(np.float64), lambda self, values: self._keep("weight", _single(values))
     )
     delay = property(lambda self: self.stored()[2].copy(), lambda self, values: self._keep("delay", values))
+
+
+class SharedProjection(Projection):
+    """A projection of one of several shares: it keeps how many synapses each source has, in as few bytes as fit.
+
+    A share has few synapses of each source, and a row for each source of every projection. `row_ends` is an array of
+    the type of any projection, a new one at each access.
+    """
+
+    __slots__ = ("_numbers",)
+
+    _numbers: NDArray[np.unsignedinteger[Any]]
+
+    def _keep_row_ends(self, row_ends: Ints) -> None:
+        numbers = np.diff(row_ends, prepend=0)
+        object.__setattr__(self, "_numbers", numbers.astype(np.min_scalar_type(int(numbers.max(initial=0)))))
+
+    row_ends = property(lambda self: np.cumsum(self._numbers, dtype=np.int64), _keep_row_ends)
