@@ -160,6 +160,17 @@ def test_shares_together_are_the_whole(name, values, synapse, own, view, many, n
     np.testing.assert_array_equal(rows(whole), in_order(found, by_delay))
 
 
+@pytest.mark.usefixtures("small_blocks")
+def test_a_negative_conductance_in_blocks_has_no_place(monkeypatch: pytest.MonkeyPatch):
+    monkeypatch.setattr("neuro.compiler.resolve.MANY", 0)
+    net = neuro.Network("drawn", resolution=0.1)
+    net.population("a", 60, neuro.iaf_cond_exp())
+    weight, delay = neuro.normal(mean=1.0, std=2.0), VALUES["normal"][1]
+    net.connect("a", "a", RULES["fixed_indegree"], neuro.static(receptor="ex"), weight=weight, delay=delay, name="p")
+    with pytest.raises(neuro.ModelError, match=r"weight = -\d.* to receptor 'ex', a conductance: expected at least 0"):
+        compile_network(net, 3)
+
+
 class Together(Share):
     """A share of a program whose other shares run in threads of this process."""
 
