@@ -9,7 +9,7 @@ simulation; what a case gives as the input `a_in` of a neuron is emitted one ste
 | LIF, with reset, ternary | `du` | u, v and spikes |
 | RF, RF_IZ | `sin_decay` | real, imag and spikes |
 | SigmaDelta, Delta, Sigma | `act_mode`; `spike_exp`; the name | all states and messages |
-| graded vectors, product | the name; `a_in1` | messages |
+| graded vectors, product | the name | messages |
 | learning | `dw` | weights, tags, traces, and what arrives |
 """
 
@@ -205,9 +205,11 @@ def _model(name: str, case: Mapping[str, Any], arrays: Mapping[str, Array]) -> N
         return sigma_delta(**words, bias=bias if bias.ndim else float(bias), relu=case["act_mode"] == "RELU")
     if name.startswith("graded"):
         return graded_vector(vth=case["vth"], relu="relu" in name)
-    if "a_in1" in arrays:
+    if name.startswith("prod"):
         return graded_product(vth=case["vth"], exp=case["exp"])
-    return sigma_decoder()
+    if name.startswith("sigma"):
+        return sigma_decoder()
+    raise ModelError("not built: none of lava's processes that are built here has such a case")
 
 
 def _synapse(case: Mapping[str, Any], weights: Array) -> Synapse:

@@ -1,5 +1,6 @@
 """Loihi 2: golden cases of lava, networks of lava-dl, graded spikes on all backends that have them."""
 
+import json
 import warnings
 
 import h5py
@@ -32,6 +33,17 @@ def test_every_case_of_a_model_that_is_built(lava):
     assert {r.case: r.message for r in results if not r.ok} == {}
     assert len({r.case for r in results}) == 38 + 3
     assert {r.quantity for r in results} >= {"weights", "tag_1", "x1", "x2", "y1"}
+
+
+def test_a_case_that_cannot_run_leaves_the_others(tmp_path):
+    """Without a sign mode the weights have that of their signs, as in lava; a graded input of binary synapses is 1."""
+    cases = {"invsqrt": {}, "dense": {"num_message_bits": 0, "weight_exp": 1, "num_weight_bits": 8}}
+    arrays = {"invsqrt__s": np.zeros((3, 1)), "dense__x": np.array([[1, 0], [7, 1], [0, 0]])}
+    arrays |= {"dense__W": np.array([[3, 5]]), "dense__a": np.array([[0], [6], [16]])}
+    (tmp_path / "lava.json").write_text(json.dumps(cases))
+    np.savez(tmp_path / "lava.npz", **arrays)
+    found = {r.case: (r.ok, r.message.partition(":")[0]) for r in verify(tmp_path)}
+    assert found == {"lava: invsqrt": (False, "not built"), "lava: dense": (True, "")}
 
 
 def sent(sim, population):
