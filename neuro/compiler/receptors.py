@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 from neuro.core.errors import ModelError, unknown
 from neuro.model.neurons import Neuron
 from neuro.model.parts import Population
-from neuro.model.synapses import MoveRule, Synapse, static
-from neuro.program.program import Floats, Receptor
+from neuro.model.synapses import Synapse, static
+from neuro.program.program import Receptor
 
 
 def receptor_of(synapse: Synapse, target: Population) -> Receptor | None:
