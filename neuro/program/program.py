@@ -384,8 +384,10 @@ class Program:
         """Refuse what needs all synapses in one process.
 
         Raises:
-            ModelError: this process has a share of them.
+            ModelError: this process has a share of them, or the backend draws some.
         """
+        for index in range(len(self.projections)):
+            self.refuse_undrawn(index)
         if self.share.number > 1:
             message = f"{what}: found a network of which {self.share.number} processes have a share each"
             raise ModelError(f"{message}: expected one process", hint="without mpirun it has all synapses")
