@@ -55,7 +55,7 @@ class RuleProjection:
         weight, delay = (drawn_by_nest(nest, value) for value in (asked.weight, asked.delay))
         negated = self.part.receptor is not None and self.part.receptor.negated
         # What rounds to no step is one step, as in this language.
-        late = nest.math.max(delay, clock.resolution) if isinstance(asked.delay, Distribution) else delay
+        late = max(delay, clock.resolution) if isinstance(delay, float) else nest.math.max(delay, clock.resolution)
         words = {"synapse_model": self._model, "weight": weight * -1.0 if negated else weight, "delay": late}
         nest.Connect(source, target, in_words_of_nest(asked.rule), words)
 

@@ -16,9 +16,9 @@ from neuro.core.clock import Clock
 from neuro.core.errors import ModelError, unknown
 from neuro.model.network import Network
 from neuro.model.neurons import event_camera, spike_generator
-from neuro.model.parts import Part, Population, Projection
+from neuro.model.parts import Part, Population
 from neuro.model.views import Laid, View, named, view
-from neuro.program.backend import Draws, EngineCounts, find_backend
+from neuro.program.backend import EngineCounts
 from neuro.program.program import Floats, Ints, Program
 from neuro.program.synapse_pairs import Ends, places_of_pairs, refuse_some_of_a_grid
 
@@ -104,19 +104,13 @@ def resolved(results: FinishedRun, net: Network) -> Program:
     """
     from neuro.compiler import compile_network
 
-    net = without_recordings(results, net)
-    drawn = any(_drawn_by(results, part) for part in net.projections.values())
-    program = compile_network(net, int(results.about["seed"]), backend_draws=drawn)
-    program.refuse_share("what follows from synapses")
-    return program
+    for name, part in results.projections.items():
+        if part.drawn_by:
+            raise ModelError(f"the synapses of '{name}' were drawn by {part.drawn_by}, and are not known", hint=_DRAWN)
+    return compile_network(without_recordings(results, net), int(results.about["seed"]))
 
 
-def _drawn_by(results: FinishedRun, part: Projection) -> str:
-    """Who drew the synapses of a projection in a run, if the backend did, else ""."""
-    from neuro.compiler.undrawn import is_left
-
-    backend = find_backend(str(results.about["backend"])) if is_left(part) else None
-    return backend.drawn_by if isinstance(backend, Draws) else ""
+_DRAWN = "without 'draw: backend' in its rule they are"
 
 
 def without_recordings(results: FinishedRun, net: Network) -> Network:
@@ -204,8 +198,8 @@ def _kept(results: FinishedRun, name: Any) -> Any:
     if part.weight is None:
         hint = "--all-weights keeps them" if results.finished else "weights are written when a run ends"
         message = f"the weights of '{name}' were not kept"
-        if who := _drawn_by(results, results.network(played=False).projections[name]):
-            message, hint = f"{message}: its synapses were drawn by {who}", "without 'draw: backend' they can be"
+        if part.drawn_by:
+            message, hint = f"{message}: its synapses were drawn by {part.drawn_by}, and are not known", _DRAWN
         raise ModelError(message, hint=hint)
     return part
 

@@ -262,8 +262,8 @@ class Distributed(Protocol):
 class Draws(Protocol):
     """A backend with connection rules of its own, which draw the synapses of rules with `draw: backend`."""
 
-    drawn_by: str
-    """The name of whoever draws, for messages."""
+    draws_synapses: bool
+    """That it is so: true."""
 
 
 @runtime_checkable

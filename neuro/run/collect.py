@@ -198,7 +198,7 @@ def weights_of(
     about = (names[part.source], names[part.target], part.synapse.name, part.size)
     words = (*about, asdict(counts.projections[part.name]))
     if part.undrawn is not None or not kept or not (all_weights or part.synapse.learns or part.size <= SMALL):
-        return Weights(*words)
+        return Weights(*words, drawn_by=None if part.undrawn is None else sim.backend)
     if part.grid is not None:
         return Weights(*words, weight=sim.weights(part.name))
     delay = sim.get(part.name, "delay") if part.synapse.delays else None
