@@ -72,7 +72,7 @@ def test_random_folds_test_each_example_once_and_keep_parts_apart():
 def test_no_speaker_is_in_two_parts(sounds):
     made = SpokenDigits(sounds, "speakers").folds()
     assert [fold.name for fold in made] == ["without a", "without b", "without c"]
-    assert [len(made[0].train), len(made[0].validation), len(made[0].test)] == [12, 12, 12]
+    assert [part.recordings for part in (made[0].train, made[0].validation, made[0].test)] == [12, 12, 12]
     with pytest.raises(neuro.ModelError, match="found 2 groups: expected at least 3"):
         grouped_folds(examples(4), "aabb")
 
