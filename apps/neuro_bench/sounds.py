@@ -3,7 +3,7 @@
 | a recording becomes | |
 | --- | --- |
 | levels | 32 mel bands every 12.5 ms, in dB below the loudest of the recording, 50 dB as 1 to 0 |
-| frames, for artificial networks | the levels, shape (1, bands, frames) |
+| frames, for artificial networks | the levels, two in time as one, shape (1, bands, frames) |
 | spikes, for spiking ones | where a band passes one of four levels, downward and upward |
 
 Who learns hears each recording in several versions: as it is, and as if other speakers had said it. Who is tested hears
@@ -23,16 +23,16 @@ import numpy as np
 
 from neuro import ModelError
 from neuro.apps import record_input
-from neuro.coding import crossings, mel_levels
+from neuro.coding import MelBands, crossings
 from neuro_bench.task import Examples, Floats, Fold, Series, Spikes, Task, random_folds
 
 Sound = tuple[str, float, Series]
 """Name, rate in Hz and samples in [-1, 1] of a recording."""
 
-BANDS, HOP, WINDOW = 32, 12.5, 32.0
-"""Mel bands; ms from frame to frame; ms that a frame sees."""
+BANDS, HOP, WINDOW, POOLED = 32, 12.5, 32.0, 2
+"""Mel bands; ms from level to level; ms that a level sees; levels in time that are one for artificial networks."""
 RANGE, ONSET, BEFORE = 50.0, 30.0, 3
-"""dB below the loudest that count; speech begins at these dB below the loudest, and so many frames before are heard."""
+"""dB below the loudest that count; speech begins at these dB below the loudest, and so many levels before are heard."""
 THRESHOLDS = (0.2, 0.4, 0.6, 0.8)
 """Levels at whose crossing a band spikes."""
 VOICE, TEMPO, COLOUR = 0.2, 0.25, 5.0
@@ -46,8 +46,8 @@ class Sounds(Task):
     title = "sounds in folders of classes"
     licence = "that of your files"
     source = "your own wav files: a folder or zip of CLASS/NAME.wav"
-    columns: ClassVar[int] = 56
-    """Frames that are seen of each recording."""
+    steps: ClassVar[int] = 56
+    """Levels in time that are seen of each recording."""
     versions: ClassVar[int] = 4
     """Of each recording, for who learns."""
 
@@ -85,27 +85,28 @@ class Sounds(Task):
         rng = np.random.default_rng((self.seed, 4))
         classes = tuple(sorted({label for label, _, _ in heard}))
         labels = np.array([classes.index(label) for label, _, _ in heard] * self.versions)
-        each = [loudness(rate, sound, self.columns) for _, rate, sound in heard]
+        each = [loudness(rate, sound, self.steps) for _, rate, sound in heard]
         for _ in range(self.versions - 1):
-            each += [loudness(rate, sound, self.columns, rng) for _, rate, sound in heard]
+            each += [loudness(rate, sound, self.steps, rng) for _, rate, sound in heard]
         levels = np.stack(each)
-        return Examples(levels.transpose(0, 2, 1)[:, None].copy(), labels, classes, spikes_of(levels), self.versions)
+        frames = levels.reshape(len(levels), -1, POOLED, BANDS).mean(axis=2).transpose(0, 2, 1)[:, None]
+        return Examples(np.ascontiguousarray(frames), labels, classes, spikes_of(levels), self.versions)
 
 
-def loudness(rate: float, sound: Series, frames: int, rng: np.random.Generator | None = None) -> Floats:
-    """Levels of a recording from where its speech begins, in [0, 1]; 0 after the end, shape (frames, bands).
+def loudness(rate: float, sound: Series, steps: int, rng: np.random.Generator | None = None) -> Floats:
+    """Levels of a recording from where its speech begins, in [0, 1]; 0 after the end, shape (steps, bands).
 
     Args:
         rate: Hz.
         sound: samples.
-        frames: that are seen.
+        steps: that are seen.
         rng: draws a version: another height of the voice, tempo and colour; None: as it is.
     """
     if rng is not None:
         higher = _about_1(rng, VOICE)
         sound = np.interp(np.arange(0.0, len(sound), higher), np.arange(len(sound)), sound)
-    levels = mel_levels(sound, rate, BANDS, window=WINDOW, hop=HOP)
-    shares = np.zeros((frames, BANDS), dtype=np.float32)
+    levels = MelBands(rate, BANDS, window=WINDOW, hop=HOP).hear(sound)
+    shares = np.zeros((steps, BANDS), dtype=np.float32)
     if not len(levels):
         return shares
     begins = int((levels.max(axis=1) > levels.max() - ONSET).argmax())
@@ -117,7 +118,7 @@ def loudness(rate: float, sound: Series, frames: int, rng: np.random.Generator |
         part, at = (at % 1.0)[:, None], at.astype(np.int64)
         levels = (1.0 - part) * levels[at] + part * levels[at + 1]
         levels += np.interp(np.arange(BANDS), np.linspace(0, BANDS - 1, 5), rng.normal(0.0, COLOUR, 5))
-    levels = levels[:frames]
+    levels = levels[:steps]
     if len(levels):
         shares[: len(levels)] = np.clip(1.0 + (levels - levels.max()) / RANGE, 0.0, 1.0)
     return shares
@@ -132,7 +133,7 @@ def spikes_of(levels: Floats) -> Spikes:
     """Where bands pass the thresholds, on two sheets, down and up, with a row a threshold and a column a band.
 
     Args:
-        levels: shape (examples, frames, bands).
+        levels: shape (examples, steps, bands).
     """
     places = [crossings(each, THRESHOLDS).reshape(len(each), -1).nonzero() for each in levels]
     at, neuron = np.concatenate(places, axis=1)

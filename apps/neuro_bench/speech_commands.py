@@ -24,7 +24,7 @@ class SpeechCommands(Sounds):
     licence = "CC BY 4.0"
     source = "Warden, arXiv:1804.03209; speech_commands_v0.02.tar.gz, unpacked: WORD/NAME.wav and the official lists"
     splits = ("official",)
-    columns: ClassVar[int] = 80
+    steps: ClassVar[int] = 80
     versions: ClassVar[int] = 1
 
     def folds(self) -> Sequence[Fold]:

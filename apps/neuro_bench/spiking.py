@@ -21,7 +21,10 @@ INPUT, OUTPUT, CHIP = "input", "out", "loihi"
 
 
 class Spiking(Method):
-    """Base of these: an input, a hidden layer and a neuron a class, of which the one that fires most decides."""
+    """Base of these: an input, a hidden layer and a neuron a class, of which the one that fires most decides.
+
+    An epoch shows each recording once, so many versions of it are as many epochs.
+    """
 
     spiking = True
     back: ClassVar[bool] = False
@@ -72,7 +75,8 @@ class Spiking(Method):
         """The settings as `neuro train` has them."""
         from neuro_train.plan import TrainingPlan
 
-        words: Any = {name: settings[name] for name in ("epochs", "rate", "decay", "temperature", "shift")}
+        words: Any = {name: settings[name] for name in ("rate", "decay", "temperature", "shift")}
+        words["epochs"] = -(-settings["epochs"] // train.versions)
         learns = ("in_hidden=weight,delay", "hidden_out=weight") if self.delayed else ()
         duration = train.spikes.steps * train.spikes.step
         return TrainingPlan(input=INPUT, output=OUTPUT, trainable=learns, duration=duration, seed=seed, **words)

@@ -89,7 +89,7 @@ def test_speech_commands_have_their_official_parts(commands):
     assert fold.test.classes == ("no", "yes")
     assert [len(part) for part in (fold.train, fold.validation, fold.both, fold.test)] == [3, 1, 4, 2]
     assert fold.test.labels.tolist() == [0, 1]
-    assert fold.test.frames.shape == (2, 1, BANDS, 80)
+    assert fold.test.frames.shape == (2, 1, BANDS, 40)
 
 
 def test_speech_commands_without_lists(commands):
