@@ -33,10 +33,11 @@ BANDS, HOP, WINDOW, POOLED = 32, 12.5, 32.0, 2
 """Mel bands; ms from level to level; ms that a level sees; levels in time that are one for artificial networks."""
 RANGE, ONSET, BEFORE = 50.0, 30.0, 3
 """dB below the loudest that count; speech begins at these dB below the loudest, and so many levels before are heard."""
-THRESHOLDS = (0.2, 0.4, 0.6, 0.8)
+THRESHOLDS = (0.3, 0.45, 0.6, 0.8)
 """Levels at whose crossing a band spikes."""
-VOICE, TEMPO, COLOUR = 0.2, 0.25, 5.0
-"""Of versions: shares by which a voice is higher or lower, and speech faster or slower, dB of a room's colour."""
+VOICE, TEMPO, COLOUR, NOISE = 0.2, 0.25, 5.0, (-80.0, -35.0)
+"""Of versions: shares by which a voice is higher or lower, and speech faster or slower; dB of a room's colour, and of
+white noise, as standard deviation relative to the largest sample."""
 
 
 class Sounds(Task):
@@ -48,7 +49,7 @@ class Sounds(Task):
     source = "your own wav files: a folder or zip of CLASS/NAME.wav"
     steps: ClassVar[int] = 56
     """Levels in time that are seen of each recording."""
-    versions: ClassVar[int] = 4
+    versions: ClassVar[int] = 8
     """Of each recording, for who learns."""
 
     def folds(self) -> Sequence[Fold]:
@@ -100,11 +101,13 @@ def loudness(rate: float, sound: Series, steps: int, rng: np.random.Generator | 
         rate: Hz.
         sound: samples.
         steps: that are seen.
-        rng: draws a version: another height of the voice, tempo and colour; None: as it is.
+        rng: draws a version: another height of the voice, tempo, colour and noise; None: as it is.
     """
     if rng is not None:
         higher = _about_1(rng, VOICE)
         sound = np.interp(np.arange(0.0, len(sound), higher), np.arange(len(sound)), sound)
+        noise = 10.0 ** (rng.uniform(*NOISE) / 20.0) * np.abs(sound).max(initial=0.0)
+        sound = sound + rng.normal(0.0, noise, len(sound))
     levels = MelBands(rate, BANDS, window=WINDOW, hop=HOP).hear(sound)
     shares = np.zeros((steps, BANDS), dtype=np.float32)
     if not len(levels):

@@ -54,13 +54,13 @@ def test_who_is_tested_hears_recordings_as_they_are(sounds):
         made = SpokenDigits(sounds, split).folds()
         assert len(made) == {"random": 5, "speakers": 3}[split]
         for fold in made:
-            assert [part.versions for part in (fold.train, fold.validation, fold.both, fold.test)] == [4, 1, 4, 1]
+            assert [part.versions for part in (fold.train, fold.validation, fold.both, fold.test)] == [8, 1, 8, 1]
             assert fold.train.recordings + fold.validation.recordings + fold.test.recordings == 36
             learnt = {one.tobytes() for one in fold.both.frames}
-            assert len(learnt) == 4 * fold.both.recordings
+            assert len(learnt) == 8 * fold.both.recordings
             assert not learnt & {one.tobytes() for one in fold.test.frames}
             n = fold.both.recordings
-            assert (fold.both.labels.reshape(4, n) == fold.both.labels[:n]).all()
+            assert (fold.both.labels.reshape(8, n) == fold.both.labels[:n]).all()
 
 
 def test_any_folder_of_sounds(tmp_path):
