@@ -85,6 +85,18 @@ def test_spikes_are_taken_with_their_examples():
     assert some.spikes.neuron[some.spikes.example == 1].tolist() == shown.spikes.neuron[own].tolist()
 
 
+def test_recordings_are_taken_in_all_their_versions():
+    shown = examples()
+    twice = Examples(shown.frames, shown.labels, shown.classes, shown.spikes, versions=2)
+    some = twice.take(np.array([7, 3]))
+    assert (twice.recordings, len(some), some.recordings) == (30, 4, 2)
+    assert np.array_equal(some.frames, shown.frames[[7, 3, 37, 33]])
+    assert np.array_equal(twice.take(np.array([7]), 1).frames, shown.frames[[7]])
+    pytest.importorskip("torch", reason="the extra torch is not installed")
+    method = METHODS["dense"]()
+    assert method.plan(twice, {**method.settings, "epochs": 5}, 0).epochs == 3  # each shows all versions once
+
+
 @pytest.mark.parametrize("method", ["logistic", "majority", "cnn", "cnn-int8", "gru", "recurrent", "delays"])
 def test_a_newcomers_task_is_learnt_by_every_method(method):
     needs_torch = method not in ("logistic", "majority")
