@@ -98,9 +98,10 @@ class NestEngine:
     def _joined(self, wires: NestProjection, weights: Floats) -> Floats:
         """The weights of all synapses, of a grid of its kernels, from those that the program has."""
         part = wires.part
-        if len(weights) == 1 or part.share.number == 1:
+        if part.share.number == 1:
             return np.broadcast_to(weights, part.size).copy()
-        return wires.joined(weights)
+        # One weight is that of all, or of the only synapse that this process has: what each has decides nothing.
+        return wires.joined(np.broadcast_to(weights, wires.source.size))
 
     def _faded(self, wires: NestProjection, k_plus: Floats) -> Floats:
         """K+ now: NEST's stdp_synapse has it as of the last pre spike."""

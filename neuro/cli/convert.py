@@ -191,7 +191,8 @@ Duration = Annotated[
     typer.Option("--for", metavar="MS", parser=milliseconds, help="How long DST runs; random trains are then written."),
 ]
 OfChip = Annotated[
-    str | None, typer.Option("--chip", metavar="NAME", help="Whose integers C computes in: loihi (default), spinnaker.")
+    str | None,
+    typer.Option("--chip", metavar="NAME", help="Whose integers: loihi (default), loihi2 or spinnaker."),
 ]
 Name = Annotated[str | None, typer.Option("--name", metavar="WORD", help="With which names in C begin; else net.")]
 Ram = Annotated[

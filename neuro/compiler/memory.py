@@ -156,7 +156,9 @@ def packed(projections: Iterable[Resolved], made: Mapping[str, SynapseRoom] | No
 
 
 def is_timed(part: Resolved) -> bool:
-    """Whether synapses are listed, static, and differ in delay."""
+    """Whether synapses are listed, static, and differ in delay, and not yet compact."""
+    if isinstance(part, CompactProjection):
+        return False
     return part.layout == "csr" and part.carries == "spikes" and not part.synapse.learns and part.delay.size > 1
 
 

@@ -23,7 +23,7 @@ from neuro.compiler.probes import check_probes, resolve_probes, resolve_synapse_
 from neuro.compiler.receptors import check_conductance, receptor_of, receptor_of_current
 from neuro.compiler.shapes import Shape, grid_of, resolve_shapes, size
 from neuro.compiler.space import Between, between
-from neuro.compiler.synapses import Drawing
+from neuro.compiler.synapses import Drawing, together
 from neuro.compiler.values import LONGEST_DELAY, Steps, one_delay, per_neuron, too_late
 from neuro.compiler.views import end_of, own_places
 from neuro.compiler.wired import wired
@@ -50,6 +50,7 @@ from neuro.model.rules import RULES, from_file, grid
 from neuro.model.space import PROFILES
 from neuro.model.synapses import SYNAPSES, DelayRule, Modulated, MoveRule, Synapse
 from neuro.program import program as resolved
+from neuro.program.compact import CompactProjection, SharedProjection
 from neuro.program.program import Floats, Ints, Stream
 from neuro.program.share import WHOLE, Share
 
@@ -321,7 +322,6 @@ def _projection(
         drawing = Drawing(part, blocks, listed, (source, target), clock, seed, apart, ordered, onto, threads)
         drawn = drawing.synapses(room)
         found, delay, weight, rule = drawn.found, drawn.delay, drawn.weight, drawn.rule
-    span = (int(delay.min()), int(delay.max())) if delay.size else (1, 1)
     # A shared kernel learns weight by weight, so it has an entry for each from the start.
     if sizes is not None and weight.size == 1:
         weight = np.repeat(weight, found.size)
@@ -332,7 +332,7 @@ def _projection(
         receptor = (
             receptor_of_current(part.synapse, reached, part.source) if current else receptor_of(part.synapse, reached)
         )
-        check_conductance(receptor, weight)
+        check_conductance(receptor, *drawn.weights)
     signal, dopamine, one_to_one, later = -1, -1, False, 1
     gate = -1
     if isinstance(rule, MoveRule):
@@ -345,7 +345,8 @@ def _projection(
         if rule.dopamine_delay is not None:
             with naming_the_part(part):
                 later = int(one_delay(rule.dopamine_delay, clock, f"{rule.name}.dopamine_delay")[0])
-    return resolved.Projection(
+    kind = resolved.Projection if share.number == 1 else SharedProjection
+    made = kind(
         name=part.name,
         source=names[part.source],
         target=names[part.target],
@@ -364,12 +365,15 @@ def _projection(
         dopamine_one_to_one=one_to_one,
         dopamine_delay=later,
         origin=part.origin,
-        span=span,
+        span=drawn.span,
         gate=gate,
         by_delay=drawn.by_delay,
         whole_layout=drawn.whole_layout,
         share=share,
     )
+    if not drawn.blocks:
+        return made
+    return CompactProjection.of_blocks(made, drawn.blocks, partial(together, weight.size == 0))
 
 
 def check_stdp_weights(part: Projection, rule: Synapse, weight: Floats, of: Connections | None = None) -> None:
