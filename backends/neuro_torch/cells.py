@@ -11,6 +11,7 @@ from torch import Tensor
 
 from neuro.core import keyed_random
 from neuro.model.neurons import Neuron
+from neuro.model.neurons.base import PAYLOAD
 from neuro.program.program import Floats, Population, drawn_for
 from neuro_torch.lanes import ALL, LaneRows, Lanes, spread
 from neuro_torch.problems import reset_of
@@ -92,21 +93,26 @@ class TensorCells:
         Lanes(self.device).run(self.model.arithmetic.constants, values, self._h, self.constants)
 
     def scale(self) -> Tensor | float:
-        """V_th - V_reset in mV, the unit of surrogates."""
+        """The unit of surrogates: V_th - V_reset in mV, of graded neurons vth; infinite where every change is sent."""
+        if self.model.graded:
+            vth = torch.as_tensor(self._learnt.get("vth", self.parameters.get("vth", 0.0)), device=self.device)
+            unit = 2.0 ** sum(float(self.parameters.get(word, [0.0])[0]) for word in ("spike_exp", "state_exp"))
+            return torch.where(vth > 0.0, vth * unit, torch.inf)
         both = [self._learnt.get(word, self.parameters[word]) for word in ("V_th", reset_of(self.part))]
         top, bottom = (each if isinstance(each, Tensor) else torch.tensor(each, device=self.device) for each in both)
         return top - bottom
 
-    def step(self, x: Tensor, current: Tensor | float, step: int, spike: Spike | None = None) -> Tensor:
-        """Step every neuron; return how often each spiked, as doubles.
+    def step(self, x: Tensor | list[Tensor], current: Tensor | float, step: int, spike: Spike | None = None) -> Tensor:
+        """Step every neuron; return how often each spiked, of graded neurons the payloads, as doubles.
 
         Args:
-            x: arrived input, shape (receptors, batch, size).
+            x: arrived input, shape (receptors, batch, size), or one of (batch, size) for each receptor.
             current: external, in pA; a number or shape (size,).
             step: which it is.
             spike: makes spikes with a gradient of what fired; None makes them without.
         """
-        lanes, arithmetic = Lanes(self.device), self.model.arithmetic
+        gate = self._gate(spike) if self.model.graded and spike is not None else None
+        lanes, arithmetic = Lanes(self.device, gate=gate), self.model.arithmetic
         states, fired = LaneRows(self.states, self.shape), LaneRows([0.0])
         free = self.states[self._held] == 0.0 if self._held >= 0 else None
         drawn = (LaneRows([self._uniform(step)]),) if self.model.draws else ()
@@ -114,6 +120,8 @@ class TensorCells:
         lanes.run(arithmetic.step, states, self.constants, arriving, flowing, ALL, ALL, fired, *drawn)
         reached = fired.rows[0]
         self.states = states.rows
+        if self.model.graded:
+            return self.states[self.names.index(PAYLOAD)]
         spikes = spread(reached, self.shape, self.device)
         who = spikes != 0.0
         if self.model.relay:
@@ -122,6 +130,10 @@ class TensorCells:
             spikes = spike(spikes, margin / self.scale(), free if free is not None else torch.ones_like(who))
         self._fire(who)
         return spikes
+
+    def _gate(self, spike: Spike) -> Callable[[Tensor, Tensor], Tensor]:
+        unit = self.scale()
+        return lambda sent, margin: spike(sent.double(), margin / unit, torch.ones_like(sent))
 
     def _fire(self, who: Tensor) -> None:
         if not self.model.resets_in_step and bool(who.any()):

@@ -121,10 +121,14 @@ class Lanes:
     Args:
         device: where its tensors are.
         live: the lanes that take part, None for all.
+        gate: of graded neurons that learn, makes 0 or 1 with a gradient of what was at least its threshold and by how
+            much: what a threshold chooses has the gradient of its surrogate, and what is rounded down that of itself.
     """
 
-    def __init__(self, device: Any, live: Tensor | None = None) -> None:
-        self.device, self.live = device, live
+    def __init__(
+        self, device: Any, live: Tensor | None = None, gate: Callable[[Tensor, Tensor], Tensor] | None = None
+    ) -> None:
+        self.device, self.live, self.gate = device, live, gate
 
     def run(self, function: Any, *arguments: Any) -> Any:
         """A function of a model's arithmetic, for all neurons."""
@@ -220,7 +224,13 @@ class Lanes:
         """One of two values."""
         if not isinstance(test, Tensor):
             return yes() if test else no()
-        return merged(test if test.dtype is torch.bool else test != 0, yes(), no())
+        chosen, other = yes(), no()
+        found = merged(test if test.dtype is torch.bool else test != 0, chosen, other)
+        margin = getattr(test, "margin", None)
+        if self.gate is None or margin is None:
+            return found
+        gate = self.gate(test, margin)
+        return found + self.tensor(chosen - other).detach() * (gate - gate.detach())
 
     # Loops.
 
@@ -348,6 +358,22 @@ def _extreme(better: Callable[[Any, Any], Any]) -> Callable[..., Any]:
     return found
 
 
+class _Floor(torch.autograd.Function):
+    """Rounding down, whose gradient is that of doing nothing (Bengio, Leonard & Courville, arXiv:1308.3432, 2013)."""
+
+    @staticmethod
+    def forward(ctx: Any, value: Tensor) -> Tensor:
+        return torch.floor(value)
+
+    @staticmethod
+    def backward(ctx: Any, *grads: Tensor) -> Any:
+        return grads[0]
+
+
+def _floor(lanes: Lanes, value: Any) -> Any:
+    return torch.floor(value) if lanes.gate is None else _Floor.apply(value)  # type: ignore[no-untyped-call]
+
+
 _OWN: dict[Any, Callable[..., Any]] = {
     builtins.abs: lambda lanes, a: abs(a),
     builtins.max: _extreme(lambda a, b: a > b),
@@ -357,5 +383,6 @@ _OWN: dict[Any, Callable[..., Any]] = {
     builtins.float: lambda lanes, a: a.to(torch.float64),
     builtins.bool: lambda lanes, a: a != 0,
     math.fabs: lambda lanes, a: abs(a),
+    math.floor: _floor,
 }
 """Functions of Python whose tensors' version has another name or other ways."""

@@ -18,7 +18,7 @@ from neuro.model.neurons import Neuron
 from neuro.program.program import Floats, Program
 from neuro_torch.arrivals import Arrivals, Learnt
 from neuro_torch.bounds import check_parameters, in_steps
-from neuro_torch.cells import TensorCells
+from neuro_torch.cells import Spike, TensorCells
 from neuro_torch.flows import Flow
 from neuro_torch.problems import problems, without_gradient
 from neuro_torch.scan.gradients import joined
@@ -259,7 +259,7 @@ class Stepper:
             ModelError: an input is of no population of a `spike_generator`, or has another shape.
         """
         step, given = self.now + 1, self._given(inputs or {})
-        spike = self._spike if self._surrogate is not None else None
+        spike = None if self._surrogate is None else gradual(self._surrogate)
         arrived = {k: self._arrived(k, step) for k in self.cells}
         for k, cells in self.cells.items():
             self.spikes[k] = cells.step(*arrived[k], step, spike)
@@ -283,11 +283,6 @@ class Stepper:
                 found = f"{tuple(spikes.shape)} of {spikes.dtype}"
                 raise ModelError(f"input '{name}': found {found}: expected {expected} of torch.float64")
         return {listed[name]: spikes for name, spikes in inputs.items()}
-
-    def _spike(self, spikes: Tensor, x: Tensor, free: Tensor) -> Tensor:
-        apply: Any = Surrogated.apply
-        found: Tensor = apply(spikes, x, free, self._surrogate)
-        return found
 
     def _emitted(self, k: int, step: int, given: Tensor | None) -> Tensor:
         numbers = self.sources[k].emit(step)
@@ -357,6 +352,17 @@ def _times(versions: Versions) -> Iterator[tuple[int, int, Tensor]]:
     """Weights with the first step whose spikes are sent with them, and the first whose do not."""
     ends = [since for since, _ in versions[1:]] + [NEVER]
     yield from ((since, end, weights) for (since, weights), end in zip(versions, ends, strict=True))
+
+
+def gradual(surrogate: Surrogate) -> Spike:
+    """What makes spikes with the gradient of a surrogate."""
+    apply: Any = Surrogated.apply
+
+    def spike(spikes: Tensor, x: Tensor, free: Tensor) -> Tensor:
+        found: Tensor = apply(spikes, x, free, surrogate)
+        return found
+
+    return spike
 
 
 class Surrogated(torch.autograd.Function):
