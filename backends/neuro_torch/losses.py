@@ -110,7 +110,7 @@ class _FirstSpike(torch.autograd.Function):
 
     @staticmethod
     def forward(ctx: Any, spikes: Tensor) -> Tensor:
-        first = _first(spikes > 0)
+        first = _first(spikes != 0)
         ctx.save_for_backward(spikes, first)
         return first.to(spikes.dtype)
 
@@ -118,7 +118,7 @@ class _FirstSpike(torch.autograd.Function):
     def backward(ctx: Any, gradient: Tensor) -> Tensor:
         spikes, first = ctx.saved_tensors
         step = torch.arange(spikes.shape[1], device=spikes.device)[None, :, None]
-        later = (spikes > 0) & (step > first[:, None, :])
+        later = (spikes != 0) & (step > first[:, None, :])
         second = _first(later)
         sooner = (first[:, None, :] - step).clamp(min=0)
         lost = torch.where(step == first[:, None, :], (second - first)[:, None, :], 0)

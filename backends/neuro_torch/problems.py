@@ -64,10 +64,12 @@ def without_gradient(program: Program) -> list[Problem]:
 def _no_gradient(part: Population) -> str:
     model = part.model
     assert isinstance(model, Neuron)
-    if model.relay or model.graded:
+    if model.relay:
         return ""
     if model.draws:
         return "it fires at random"
+    if model.graded:
+        return ""
     if model.resets_in_step:
         return "it resets within a step"
     if np.any(part.parameters.get("max_spikes", 1.0) != 1.0):

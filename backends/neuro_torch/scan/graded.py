@@ -37,9 +37,9 @@ def messages(part: Population, sent: Tensor, surrogate: Surrogate) -> Tensor:
         sent: payloads, (batch, steps, neurons).
         surrogate: stands in for the derivative at the threshold.
     """
-    p = part.parameters
-    least = p.get("vth", torch.zeros(1).numpy()) * 2.0 ** p.get("spike_exp", torch.zeros(1).numpy())
-    threshold = torch.as_tensor(least).to(sent.device, sent.dtype)
+    p: Any = part.parameters
+    least = p.get("vth", 0.0) * 2.0 ** p.get("spike_exp", 0.0)
+    threshold = torch.as_tensor(least, dtype=sent.dtype, device=sent.device)
     counted: Tensor = _Messages.apply(sent, threshold, surrogate)  # type: ignore[no-untyped-call]
     return counted
 
