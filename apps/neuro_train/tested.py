@@ -119,7 +119,8 @@ def on_backend(
         np.add.at(spikes[k].numpy(), at, 1.0 if payloads is None else payloads)
         report(f"{backend}: testing", k + 1, len(shown))
     bill = _bill(sim, showing.taken, backend, len(shown), plan.neurons_per_core)
-    counts = zip(sim.program.populations, showing.taken.raw_counts.events, strict=True) if showing.taken else ()
+    events_of = () if showing.taken is None else showing.taken.raw_counts.events
+    counts = zip(sim.program.populations, events_of, strict=False)
     sent = {part.name: float(each.sum()) / len(shown) for part, each in counts}
     return replace(_tried(backend, spikes, shown, h, bill, showing.overflows), sent=sent)
 

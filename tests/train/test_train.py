@@ -116,6 +116,8 @@ def test_sigma_delta_neurons_learn_for_loihi_2(neuro, folder):
     rows = [line.split() for line in out.splitlines() if "9 of 9" in line]
     assert [row[0] for row in rows] == ["torch", "event", "loihi2"]
     assert float(rows[0][1].rstrip("%")) >= 66.0
+    sent = [line.split(":")[1] for line in out.splitlines() if "spikes in a recording" in line]
+    assert sent[0] == sent[1]
     net, unseen = snn.load("trained.yaml"), snn.events.recordings(folder, part="Test")
     asked = [snn.predict(net, unseen, backend=backend) for backend in ("event", "loihi2")]
     assert asked[0].agrees(asked[1]) == 1.0
