@@ -121,13 +121,11 @@ class Lanes:
     Args:
         device: where its tensors are.
         live: the lanes that take part, None for all.
-        gate: of graded neurons that learn, makes 0 or 1 with a gradient of what was at least its threshold and by how
-            much: what a threshold chooses has the gradient of its surrogate, and what is rounded down that of itself.
+        gate: of graded neurons that learn, the derivative of a choice by how far above its threshold something is: what
+            a threshold chooses has this gradient, too, and what is rounded down that of itself.
     """
 
-    def __init__(
-        self, device: Any, live: Tensor | None = None, gate: Callable[[Tensor, Tensor], Tensor] | None = None
-    ) -> None:
+    def __init__(self, device: Any, live: Tensor | None = None, gate: Callable[[Tensor], Tensor] | None = None) -> None:
         self.device, self.live, self.gate = device, live, gate
 
     def run(self, function: Any, *arguments: Any) -> Any:
@@ -224,13 +222,10 @@ class Lanes:
         """One of two values."""
         if not isinstance(test, Tensor):
             return yes() if test else no()
-        chosen, other = yes(), no()
-        found = merged(test if test.dtype is torch.bool else test != 0, chosen, other)
-        margin = getattr(test, "margin", None)
-        if self.gate is None or margin is None:
-            return found
-        gate = self.gate(test, margin)
-        return found + self.tensor(chosen - other).detach() * (gate - gate.detach())
+        chosen, other, margin = yes(), no(), getattr(test, "margin", None)
+        if self.gate is not None and margin is not None:
+            return _Chosen.apply(test, self.tensor(chosen), self.tensor(other), margin, self.gate)  # type: ignore[no-untyped-call]
+        return merged(test if test.dtype is torch.bool else test != 0, chosen, other)
 
     # Loops.
 
@@ -356,6 +351,24 @@ def _extreme(better: Callable[[Any, Any], Any]) -> Callable[..., Any]:
         return best
 
     return found
+
+
+class _Chosen(torch.autograd.Function):
+    """One of two values, with the gradient of a surrogate for what was compared."""
+
+    @staticmethod
+    def forward(ctx: Any, test: Tensor, chosen: Tensor, other: Tensor, margin: Tensor, gate: Any) -> Tensor:
+        ctx.save_for_backward(test, chosen, other, margin)
+        ctx.gate = gate
+        return torch.where(test, chosen, other)
+
+    @staticmethod
+    def backward(ctx: Any, *grads: Tensor) -> Any:
+        (g,), (test, chosen, other, margin) = grads, ctx.saved_tensors
+        none = g.new_zeros(())
+        to_margin = g * (chosen - other) * ctx.gate(margin)
+        to_chosen, to_other = torch.where(test, g, none), torch.where(test, none, g)
+        return None, to_chosen.sum_to_size(chosen.shape), to_other.sum_to_size(other.shape), to_margin, None
 
 
 class _Floor(torch.autograd.Function):

@@ -18,7 +18,7 @@ from neuro.model.neurons import Neuron
 from neuro.program.program import Floats, Program
 from neuro_torch.arrivals import Arrivals, Learnt
 from neuro_torch.bounds import check_parameters, in_steps
-from neuro_torch.cells import Spike, TensorCells
+from neuro_torch.cells import TensorCells
 from neuro_torch.flows import Flow
 from neuro_torch.problems import problems, without_gradient
 from neuro_torch.scan.gradients import joined
@@ -259,10 +259,9 @@ class Stepper:
             ModelError: an input is of no population of a `spike_generator`, or has another shape.
         """
         step, given = self.now + 1, self._given(inputs or {})
-        spike = None if self._surrogate is None else gradual(self._surrogate)
         arrived = {k: self._arrived(k, step) for k in self.cells}
         for k, cells in self.cells.items():
-            self.spikes[k] = cells.step(*arrived[k], step, spike)
+            self.spikes[k] = cells.step(*arrived[k], step, self._surrogate)
         for k in self.sources:
             self.spikes[k] = self._emitted(k, step, given.get(k))
         for flow in self.flows.values():
@@ -352,34 +351,6 @@ def _times(versions: Versions) -> Iterator[tuple[int, int, Tensor]]:
     """Weights with the first step whose spikes are sent with them, and the first whose do not."""
     ends = [since for since, _ in versions[1:]] + [NEVER]
     yield from ((since, end, weights) for (since, weights), end in zip(versions, ends, strict=True))
-
-
-def gradual(surrogate: Surrogate) -> Spike:
-    """What makes spikes with the gradient of a surrogate."""
-    apply: Any = Surrogated.apply
-
-    def spike(spikes: Tensor, x: Tensor, free: Tensor) -> Tensor:
-        found: Tensor = apply(spikes, x, free, surrogate)
-        return found
-
-    return spike
-
-
-class Surrogated(torch.autograd.Function):
-    """Spikes as they are; the surrogate stands in for their derivative."""
-
-    @staticmethod
-    def forward(ctx, spikes, x, free, surrogate):  # type: ignore[no-untyped-def]
-        """The spikes; `x` is how far above the threshold each neuron is, `free` which are not refractory."""
-        ctx.surrogate = surrogate
-        ctx.save_for_backward(x, free)
-        return spikes.clone()
-
-    @staticmethod
-    def backward(ctx, g):  # type: ignore[no-untyped-def]
-        """The gradient of `x`."""
-        x, free = ctx.saved_tensors
-        return None, g * ctx.surrogate.derivative(x) * free, None, None
 
 
 Named = Mapping[str, Tensor]

@@ -10,7 +10,6 @@ from torch import Tensor
 from neuro.program.program import Population
 from neuro_torch.cells import TensorCells
 from neuro_torch.scan.layers import ScanTask
-from neuro_torch.stepping import gradual
 from neuro_torch.surrogates import Surrogate
 
 
@@ -24,8 +23,8 @@ def scan(part: Population, drive: Tensor, task: ScanTask, resolution: float) -> 
         resolution: length of a step in ms.
     """
     cells = TensorCells(part, task.batch, resolution, 0, task.device)
-    spike, none = gradual(task.surrogate), torch.zeros_like(drive[:, 0], dtype=torch.float64)
-    sent = [cells.step([x.double(), none], 0.0, t, spike) for t, x in enumerate(drive.unbind(1), 1)]
+    none = torch.zeros_like(drive[:, 0], dtype=torch.float64)
+    sent = [cells.step([x.double(), none], 0.0, t, task.surrogate) for t, x in enumerate(drive.unbind(1), 1)]
     return torch.stack(sent, 1).to(task.dtype)
 
 
