@@ -107,9 +107,10 @@ def test_every_network_that_ships_learns_by_the_command(neuro, folder, name):
 
 
 def test_sigma_delta_neurons_learn_for_loihi_2(neuro, folder):
-    small = ("height=12", "width=12", "classes=3", "maps=4", "kernel=3", "stride=2", "resolution=10", "out_std=60")
+    small = ("height=12", "width=12", "classes=3", "maps=4", "kernel=3", "stride=2", "hidden=8", "resolution=10")
+    small += ("hidden_vth=500", "hidden_std=30", "out_std=60")
     sets = [word for value in small for word in ("--set", value)]
-    how = ("--chip", "loihi2", "--bits", 8, "--temperature", 1e4, "--rate", 0.06, "--epochs", 15, "--batch", 6)
+    how = ("--chip", "loihi2", "--bits", 8, "--temperature", 1e6, "--rate", 0.06, "--epochs", 12, "--batch", 6)
     test = ("--test", folder, "--backends", "event,loihi2", "--duration", 60)
     status, out, err = neuro("sigma", "--data", folder, *sets, *how, *test)
     assert (status, err) == (0, "")
