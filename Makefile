@@ -32,6 +32,7 @@ RELEASE_PYTHONS := $(PYTHON)
 NETWORKS := 5000
 C_NETWORKS := 100
 OUT := demo
+OTHER_TOOLS := brian2 'numpy<2.4' snntorch tonic
 DATA :=
 RUNNING := tests/test_conformance.py tests/test_random_networks.py tests/test_trials.py tests/test_many_targets.py tests/test_moves.py tests/test_copies.py tests/chips
 
@@ -149,7 +150,8 @@ $(VENV)/.test: pyproject.toml $(VENV)/.demo
 
 $(VENV)-docs/.installed: pyproject.toml
 	$(call environment,$(VENV)-docs)
-	$(CONSTRAINED) $(VENV)-docs/bin/python $(PIP) --editable '.[docs,live,nest,nir,events,pandas,neo]' $(TORCH)
+	$(CONSTRAINED) $(VENV)-docs/bin/python $(PIP) --editable '.[docs,live,nest,nir,events,pandas,neo,pynn]' $(TORCH)
+	$(VENV)-docs/bin/python $(PIP) $(OTHER_TOOLS)
 	@touch $@
 
 $(VENV)-release/.installed:

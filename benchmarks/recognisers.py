@@ -1,6 +1,6 @@
 """How well a method recognises: `python benchmarks/recognisers.py nmnist|poker|poker-upright METHOD`.
 
-`--settings` and `--set` change it as they do `neuro recognise train`; POKER-DVS has ReMuS' preset for it.
+`--preset` and `--set` change it as they do `neuro recognise train`; POKER-DVS has ReMuS' preset for it.
 
 Stratified folds of the recordings to train on, anew for each of `--seeds`; each fold is tested with what was learnt
 from the others. `--random N` takes N random splits into 900 recordings to learn from and 100 to test instead. Prints
@@ -71,7 +71,7 @@ def main() -> None:
     options.add_argument("case", choices=FILES)
     options.add_argument("method", help="see 'neuro recognise list'")
     options.add_argument("--data", type=Path, help="recordings, if not those of ../shared")
-    options.add_argument("--settings", default="", help="a preset of the method")
+    options.add_argument("--preset", default="", help="a preset of the method")
     options.add_argument("--set", action="append", default=[], metavar="NAME=VALUE")
     options.add_argument("--seeds", type=int, default=1)
     options.add_argument("--folds", type=int, default=5)

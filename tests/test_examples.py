@@ -14,12 +14,15 @@ NEEDS_PACKAGE = {"drone_ppo": "stable_baselines3"}
 LARVA = ROOT.parent / "shared" / "data" / "connectome" / "larva_winding2023.zip"
 NEEDS_DATA = {"larva": LARVA}
 ARGUMENTS = {
+    "brunel_2000": ["--scale", "0.1", "--ms", "100"],
     "conditioning": ["--seconds", "30"],
     "drone_ppo": ["256"],
     "grid_world": ["--side", "2", "--episodes", "3"],
     "hedonists": ["--trials", "60"],
     "larva": [str(LARVA), "--seeds", "2", "--ms", "100"],
     "linear_track": ["--runs", "2"],
+    "potjans_diesmann_2014": ["--scale", "0.02", "--ms", "50"],
+    "song_2000": ["--seconds", "2"],
 }
 
 

@@ -11,6 +11,7 @@ from neuro.chips.description import Chip, Mesh
 from neuro.chips.known import chip
 from neuro.chips.placing.mesh import mesh_of
 from neuro.chips.placing.placement import Core, Placement
+from neuro.chips.pricing.energy import FASTEST, quantity
 from neuro.chips.quantising.fixed_program import FixedProgram
 from neuro.compare import cells
 from neuro.compare.result import Comparison, Run
@@ -79,7 +80,7 @@ def _card(comparison: Comparison, run: Run) -> Html:
         big, below = f"{equal} of {len(run.neurons)}", "populations fire exactly the same spikes"
         facts += [("first difference", cells.earliest(comparison, run)), ("distance", cells.far(run.per_spike))]
     if run.own is not None:
-        facts.append(("energy", run.own.totals()))
+        facts.append((f"energy, {FASTEST}", quantity(run.own.total_j, "J", 3)))
     rows = [part for what, value in facts for part in (tag("dt", what), tag("dd", value))]
     return tag("section", name, tag("p", big, class_="big"), tag("p", below), tag("dl", *rows), class_="card")
 

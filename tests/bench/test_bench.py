@@ -168,7 +168,7 @@ def test_interval():
 
 
 def test_commands(bench, sounds):
-    words = ("--data", sounds, "--folds", 2)
+    words = ("--data", sounds, "--first-folds", 2)
     status, out, err = bench("run", "spoken-digits", "--method", "logistic", *words)
     assert (status, err) == (0, "")
     assert "spoken-digits-random-logistic.json: written" in out
@@ -201,8 +201,8 @@ def test_what_cannot_be_is_refused(bench, words, message):
 
 
 def test_results_of_other_tries_are_not_compared(bench):
-    bench("run", "bars", "--method", "majority", "--folds", 1)
-    bench("run", "bars", "--method", "logistic", "--folds", 1, "--tries", 2)
+    bench("run", "bars", "--method", "majority", "--first-folds", 1)
+    bench("run", "bars", "--method", "logistic", "--first-folds", 1, "--tries", 2)
     status, _, err = bench("compare", "bars-random-majority.json", "bars-random-logistic.json")
     assert status
     assert "results differ in tries: 1 and 2: expected the same in one table" in err

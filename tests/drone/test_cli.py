@@ -69,16 +69,16 @@ def test_watch_flies_the_first_lap_of_a_test_or_the_fixed_path(drone, tmp_path):
         return out, re.search("<p>(.*?)</p>", (tmp_path / "lap.html").read_text("utf-8"))[1]
 
     assert " · the fixed path · " in watched("--path", "fixed")[1]
-    first, second = watched("--start", "20,-10"), watched("--start", "20,-10", "--seed", 1)
+    first, second = watched("--error", "20,-10"), watched("--error", "20,-10", "--seed", 1)
     assert re.search(r" · a path scaled by \d\.\d\d, turned by -?\d+ degrees, \d\.\d\d times as fast · ", first[1])
     assert first != second
     error = told(drone, "test", *ORACLE, "--starts", 1)["error_px"]
-    assert f"mean error {error:.2f} px, a lap that counts" in watched("--start", "0,0")[0]
+    assert f"mean error {error:.2f} px, a lap that counts" in watched("--error", "0,0")[0]
 
 
 def test_watch_begins_on_three_axes(drone, tmp_path):
     short = [word for set in ("task.ball.lap=0.6", "task.ball.speed=0.06") for word in ("--set", set)]
-    assert drone("watch", "--controller", "oracle", "--scenario", "B60-height", *short, "--start", "5,-5,8")[0] == 0
+    assert drone("watch", "--controller", "oracle", "--scenario", "B60-height", *short, "--error", "5,-5,8")[0] == 0
     data = json.loads(re.search('id="data">(.*?)</script>', (tmp_path / "lap.html").read_text("utf-8"))[1])
     talls = np.frombuffer(base64.b64decode(data["talls"]), "<f4")
     assert talls[0] == pytest.approx(48.0)
@@ -87,7 +87,7 @@ def test_watch_begins_on_three_axes(drone, tmp_path):
 def test_seeds_have_files_of_their_own(drone, tmp_path):
     words = ("train", "--scenario", "short.yaml", "--controller", "lms", "--steps", 200, "--seed", 3)
     assert drone(*words, "--out", "one.h5")[0] == 0
-    code, out, _ = drone(*words, "--seeds", 2, "--out", "both.h5")
+    code, out, _ = drone(*words, "--repeats", 2, "--out", "both.h5")
     assert code == 0
     assert [line.partition(":")[0] for line in out.splitlines()] == ["both-3.h5", "both-4.h5"]
     one, both, other = (Model.load(tmp_path / f"{name}.h5").learnt["weights"] for name in ("one", "both-3", "both-4"))
@@ -103,7 +103,7 @@ def test_controllers_that_do_not_learn_are_tested_by_name(drone):
 
 
 def test_compare_is_kept_and_told(drone, tmp_path):
-    words = ("compare", "--scenario", "short.yaml", "--steps", 200, "--seeds", 2, "--starts", 1, "--row", "oracle")
+    words = ("compare", "--scenario", "short.yaml", "--steps", 200, "--repeats", 2, "--starts", 1, "--row", "oracle")
     words = (*words, "--row", "lms", "--also", "lms gain=4 steps=300", "--also", "random-search", "--out", "kept")
     code, out, err = drone(*words, "--json")
     assert code == 0

@@ -340,7 +340,7 @@ def test_files_of_others_and_edited_ones_stay(tmp_path: Path):
         (["out", "--to", "d"], "--to d: expected c"),
         (["out.yaml", "--ram", "64K"], "--ram: has no use from net.yaml to out.yaml: expected --to c"),
         (["out", "--to", "c", "--ram", "64Q"], "'64Q': expected a number of bytes"),
-        (["out", "--to", "c", "--dt", "1"], "--dt: has no use from net.yaml to out"),
+        (["out", "--to", "c", "--resolution", "1"], "--resolution: has no use from net.yaml to out"),
         (["out"], "out: cannot be written: expected a name ending in .json, .nir, .py, .yaml, .yml"),
     ],
 )
@@ -361,7 +361,7 @@ def test_a_recording_is_the_input_of_the_test(tmp_path: Path):
     net.population("out", 1, neuro.iaf_psc_delta())
     net.connect("pixels", "out", neuro.all_to_all(), weight=30.0, delay=1.0)
     net.save(tmp_path / "net.yaml")
-    words = ["--to", "c", "--recording", str(tmp_path / "small.npz"), "--duration", "9"]
+    words = ["--to", "c", "--recording", str(tmp_path / "small.npz"), "--for", "9"]
     result = CliRunner().invoke(app, ["convert", str(tmp_path / "net.yaml"), str(tmp_path / "out"), *words])
     assert result.exit_code == 0, result.output
     assert "9 steps: 3 spikes of inputs" in result.output

@@ -82,7 +82,7 @@ def test_energy(neuro, folder, model):
     assert (code, err, "of 8 right" in out) == (0, "", True)
     for target in ("loihi", "spinnaker", "spinnaker2", "truenorth", "cpu", "gpu"):
         assert f"\n {target} " in out
-    words = ("--target", "truenorth", "--target", "cpu", "--json")
+    words = ("--chips", "truenorth,cpu", "--json")
     code, out, _ = neuro("recognise", "energy", "model.h5", "--data", folder, *words)
     told = json.loads(out)
     assert code == 0
@@ -94,10 +94,10 @@ def test_energy(neuro, folder, model):
 def test_energy_of_a_target_that_is_none(neuro, folder, model):
     """It is refused before any recording is looked for."""
     words = ("recognise", "energy", "model.h5", "--data")
-    told = neuro(*words, "nowhere", "--target", "loihi", "--target", "lohi")
+    told = neuro(*words, "nowhere", "--chips", "loihi,lohi")
     assert told == (2, "", "error: unknown target 'lohi'\n  hint: did you mean 'loihi'?\n")
     Path("bare.yaml").write_text("limits:\n  cores_per_chip: {value: 128, source: me}\n")
-    assert neuro(*words, folder, "--target", "bare.yaml") == (
+    assert neuro(*words, folder, "--chips", "bare.yaml") == (
         2, "", "error: target 'bare' has no costs: none is published\n"
         "  hint: write a table with 'like: bare' and 'costs: ...', and name its file as the target\n",
     )  # fmt: skip
@@ -110,7 +110,7 @@ def test_train_test_and_energy_on_other_backends(neuro, folder):
     assert figures["accuracy"] == 7 / 8
     told = json.loads(neuro("recognise", "energy", "model.h5", "--data", folder, "--backend", "spinnaker", "--json")[1])
     assert (told["backend"], told["accuracy"]) == ("spinnaker", 7 / 8)
-    thesis = ("--set", "theta=40", "--set", "per_class=1", "--set", "epochs=1", "--settings", "thesis", "--out", "a.h5")
+    thesis = ("--set", "theta=40", "--set", "per_class=1", "--set", "epochs=1", "--preset", "thesis", "--out", "a.h5")
     assert neuro("recognise", "train", "remus", "--data", folder / "Test", "--backend", "reference", *thesis)[0] == 0
 
 
@@ -122,7 +122,7 @@ def test_train_test_and_energy_on_other_backends(neuro, folder):
             "{folder}/Train/lying/1.bin: is a single recording: expected recordings of at least two classes",
         ),
         (
-            "train remus --data {folder} --settings good",
+            "train remus --data {folder} --preset good",
             "unknown settings of method 'remus' 'good'\n  hint: known: best, early, poker, thesis",
         ),
         ("train remus --data {folder} --set maps=3", "'maps' cannot be set: it follows from the classes and per_class"),

@@ -24,7 +24,7 @@ pytestmark = [
     pytest.mark.filterwarnings("ignore:backend 'spinnaker'"),  # no released binary has iaf_psc_delta
     pytest.mark.filterwarnings("ignore:backend 'loihi'"),  # what rounding loses
 ]
-QUICK = ("--duration", 60, "--epochs", 8, "--batch", 6)
+QUICK = ("--for", 60, "--epochs", 8, "--batch", 6)
 PLAN = {"input": "pixels", "output": "out", "duration": 60.0, "epochs": 8, "batch": 6}
 
 
@@ -94,7 +94,7 @@ def test_every_network_that_ships_learns_by_the_command(neuro, folder, name):
     small = ("height=12", "width=12", "classes=3", "resolution=5", "in_std=0.3", "out_std=0.3", *values)
     sets = [word for value in small for word in ("--set", value)]
     words += ("--epochs", 15, "--rate", 0.03, "--test", folder, "--backends", "event")
-    status, out, err = neuro(name, "--data", folder, "--duration", 60, "--batch", 6, *sets, *words)
+    status, out, err = neuro(name, "--data", folder, "--for", 60, "--batch", 6, *sets, *words)
     assert (status, err) == (0, "")
     rows = [line.split() for line in out.splitlines() if line.split()[:1] in (["torch"], ["event"])]
     assert len(rows) == 2
@@ -181,7 +181,7 @@ def test_folds_are_trained_once(neuro, folder, file, tmp_path, monkeypatch):
 
 
 def test_no_epochs_test_only(neuro, folder, file):
-    words = ("--duration", 60, "--epochs", 0, "--test", folder, "--backends", "event")
+    words = ("--for", 60, "--epochs", 0, "--test", folder, "--backends", "event")
     status, out, _ = neuro(file, "--data", folder, *words)
     assert (status, "9 of 9" in out) == (0, True)
     before, after = (snn.compile(snn.load(each)).weights("in_hidden")[2] for each in (file, "trained.yaml"))
