@@ -97,7 +97,7 @@ Threads = Annotated[int, Option(metavar="N", min=1, help="Threads to compute wit
 Cost = Annotated[list[str], Option(metavar="CHIP=X", help="Add X to the loss for each microjoule; repeatable.")]
 Bits = Annotated[int | None, Option(metavar="N", help="Of weights while they learn, on a chip's grid.")]
 OnChip = Annotated[
-    str | None, Option("--chip", metavar="CHIP", help="Of --bits: that of --cost, or loihi, if not given.")
+    str | None, Option("--chip", metavar="NAME", help="Of --bits: that of --cost, or loihi, if not given.")
 ]
 Prune = Annotated[float, Option(metavar="SHARE", help="Drop so many synapses, the smallest, half way.")]
 NeuronsPerCore = Annotated[int | None, Option(metavar="N", help="Of a chip, fewer than it allows.")]

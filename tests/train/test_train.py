@@ -111,7 +111,7 @@ def test_sigma_delta_neurons_learn_for_loihi_2(neuro, folder):
     small += ("hidden_vth=500", "hidden_std=30", "out_std=60")
     sets = [word for value in small for word in ("--set", value)]
     how = ("--chip", "loihi2", "--bits", 8, "--temperature", 1e6, "--rate", 0.06, "--epochs", 12, "--batch", 6)
-    test = ("--test", folder, "--backends", "event,loihi2", "--duration", 60)
+    test = ("--test", folder, "--backends", "event,loihi2", "--for", 60)
     status, out, err = neuro("sigma", "--data", folder, *sets, *how, *test)
     assert (status, err) == (0, "")
     rows = [line.split() for line in out.splitlines() if "9 of 9" in line]
