@@ -386,7 +386,7 @@ def ungraded(program: Program) -> list[Problem]:
             True,
             f"population '{part.name}': {part.model.name}",
             "its spikes carry payloads, and spikes carry none here",
-            "run it on event, reference or loihi2",
+            "run it on event, reference, torch or loihi2",
             part.origin,
         )
         for part in program.populations

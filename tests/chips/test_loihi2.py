@@ -59,7 +59,7 @@ def sent(sim, population):
 def test_graded_networks_are_equal_everywhere(seed):
     net, parts, wires = network(seed)
     expected = twin(parts, wires)
-    for backend in ("reference", "event", "loihi2"):
+    for backend in ("reference", "event", "torch", "loihi2"):
         sim = neuro.compile(net, backend)
         sim.run(STEPS / 2)
         sim.run(STEPS / 2)
