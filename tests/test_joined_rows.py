@@ -239,6 +239,28 @@ def test_few_synapses_with_very_many_delays_are_not_joined():
     assert differences(observe(other), observe(sim), exact=False) == []
 
 
+@pytest.mark.usefixtures("few")
+def test_few_synapses_of_many_delays_are_joined_where_rings_would_take_longer():
+    net = network(EVERY, (60, 300, 300))
+    net.population("rare", 60, neuro.iaf_psc_exp(I_e=400.0))
+    for target in ("p0", "p1", "p2"):
+        net.connect(
+            "rare", target, neuro.fixed_total_number(n=90), weight=0.5, delay=LATE, name=f"rare_{target}",
+        )  # fmt: skip
+        for source in ("p0", "p1"):
+            net.connect(
+                source, target, neuro.fixed_indegree(n=9), weight=1.0, delay=LATE, name=f"{source}_{target}_more",
+            )  # fmt: skip
+    sims = [neuro.compile(net, backend, seed=1) for backend in ("reference", "event")]
+    program = sims[1].program
+    rare = [q for q, p in enumerate(program.projections) if p.name.startswith("rare")]
+    assert not joined_rows._is_filled(program, rare)
+    assert len(joined(sims[1])) == 18, "else what comes before or after them onto a target would have rings, too"
+    for sim in sims:
+        run_on(sim, 8.0)
+    assert differences(*map(observe, sims), exact=False) == []
+
+
 def test_a_silent_network_looks_once_a_source_and_kind_of_input():
     sim = neuro.compile(network(EVERY), "event", seed=1)
     sim.run(1.0)
