@@ -112,15 +112,17 @@ def test_random_networks_do_fire(written: list[neuro.CCode]):
     assert sum(each.output_spikes > 10 for each in written) > len(written) / 2
 
 
-SHIPPED = ["conv", *(["demo_digits", "remus", "dense", "recurrent", "learnt_delays", "drone"] if WHOLE else [])]
+SLOW = ["demo_digits", "remus", "dense", "recurrent", "learnt_delays", "drone", "sigma"]
+SHIPPED = ["conv", *(SLOW if WHOLE else [])]
+NOT_ON = {("drone", "loihi2"), ("sigma", "loihi"), ("sigma", "spinnaker")}
+"""No refractory period on Loihi 2, graded spikes on no other chip."""
 
 
 @pytest.fixture(scope="module")
 def shipped(tmp_path_factory: pytest.TempPathFactory) -> list[neuro.CCode]:
     place, models = tmp_path_factory.mktemp("shipped"), Path(neuro.__file__).parents[1] / "models" / "neuro_models"
     nets = {name: neuro.load(models / f"{name}.yaml") for name in SHIPPED}
-    pairs = [(name, chip, f"{name}_{chip}") for name in SHIPPED for chip in CHIPS]
-    pairs = [pair for pair in pairs if pair[:2] != ("drone", "loihi2")]  # which has no refractory period
+    pairs = [(name, chip, f"{name}_{chip}") for name in SHIPPED for chip in CHIPS if (name, chip) not in NOT_ON]
     return [save(nets[name], place / as_, name=as_, chip=chip, frozen=True) for name, chip, as_ in pairs]
 
 
