@@ -18,6 +18,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
+from math import prod
 from os import PathLike
 from pathlib import Path
 from typing import Any
@@ -26,6 +27,7 @@ import h5py
 import numpy as np
 from numpy.typing import NDArray
 
+from neuro.chips.arithmetic import is_whole
 from neuro.core.errors import ModelError
 from neuro.core.inputs import record_input
 from neuro.core.paths import existing
@@ -47,8 +49,18 @@ from neuro.program.program import Floats
 LAYERS = ("input", "conv", "dense", "flatten")
 EXPONENT = 6
 """Of the states and messages of SDNN neurons, and of the bias of LIF neurons."""
+MOST = 2**31 - 1
+TEXTS = ("type", "activation")
+ARRAYS = ("weight", "bias")
+WHOLE = {
+    **{"shape": (3, 1), "stride": (2, 1), "padding": (2, 0), "dilation": (2, 1), "groups": (1, 1)},
+    **dict.fromkeys(("vThMant", "iDecay", "vDecay", "refDelay", "wgtExp"), (1, -MOST)),
+}
+"""Words that are whole numbers: how many at most, and the least."""
+PRESENT = ("delay", "sigma_output")
+"""Words of which only counts that they are there."""
 
-Ints3 = tuple[int, ...]
+Ints = tuple[int, ...]
 
 
 @dataclass(frozen=True, slots=True)
@@ -57,19 +69,29 @@ class Layer:
 
     Attributes:
         number: its place in the file.
-        depth: how many layers of neurons lie before it.
         kind: one of `LAYERS`.
         shape: channels, rows and columns of its neurons; of flat ones their number.
         neuron: what the file says of its neurons, by word.
         words: numbers and arrays of the layer itself.
+        before: the layer of neurons before it, None of the first.
     """
 
     number: int
-    depth: int
     kind: str
-    shape: Ints3
+    shape: Ints
     neuron: Mapping[str, Any]
     words: Mapping[str, Any] = field(default_factory=dict)
+    before: Layer | None = None
+
+    @property
+    def depth(self) -> int:
+        """How many layers of neurons lie before it."""
+        return 0 if self.before is None else self.before.depth + 1
+
+    @property
+    def size(self) -> int:
+        """The number of its neurons."""
+        return prod(self.shape)
 
     def wrong(self, message: str, hint: str = "") -> ModelError:
         """An error that names the layer."""
@@ -77,8 +99,13 @@ class Layer:
 
     def two(self, word: str) -> tuple[int, int]:
         """A word of a convolution, down and across."""
-        down, across = np.broadcast_to(np.ravel(self.words.get(word, 1 if word != "padding" else 0)), 2).tolist()
-        return int(down), int(across)
+        numbers: Ints = self.words.get(word, (0 if word == "padding" else 1,))
+        return numbers[0], numbers[-1]
+
+    @property
+    def groups(self) -> int:
+        """Of a convolution."""
+        return int(self.words.get("groups", 1))
 
 
 def from_netx(file: str | PathLike[str], *, reset: int = 0, first: int = 0) -> Network:
@@ -93,7 +120,9 @@ def from_netx(file: str | PathLike[str], *, reset: int = 0, first: int = 0) -> N
     Raises:
         ModelError: the file is no such network, or has what is refused; all of that at once.
     """
-    path, layers = _layers(file)
+    path, layers = _layers(file, reset)
+    if not is_whole(first, range(layers[-1].number + 1)):
+        raise ModelError(f"first = {first!r}: expected the number of a layer, 0 to {layers[-1].number}")
     problems = [problem for layer in layers for problem in _problems(layer)]
     if problems:
         raise problems[0].at(None, str(path)).but(others=tuple(problems[1:]))
@@ -108,10 +137,10 @@ def examine_netx(file: str | PathLike[str], *, reset: int = 0) -> tuple[Network 
     Raises:
         ModelError: the file is no such network.
     """
-    path, layers = _layers(file)
+    path, layers = _layers(file, reset)
     verdicts = []
     for layer in layers:
-        problems = list(_problems(layer))
+        problems = _problems(layer)
         kind = ", ".join(filter(None, (layer.kind, layer.neuron.get("type", ""))))
         how = "; ".join(problem.message.partition(": ")[2] for problem in problems) or _becomes(layer, reset)
         way_out = "; ".join(dict.fromkeys(filter(None, (problem.hint for problem in problems))))
@@ -134,8 +163,10 @@ def _becomes(layer: Layer, reset: int) -> str:
     return f"{cells.name}, {rule} of {weights.size:,} weights"
 
 
-def _layers(file: str | PathLike[str]) -> tuple[Path, list[Layer]]:
-    path = existing(Path(file))
+def _layers(file: str | PathLike[str], reset: int) -> tuple[Path, list[Layer]]:
+    path = existing(file)
+    if not is_whole(reset, range(MOST + 1)):
+        raise ModelError(f"reset = {reset!r}: expected a whole number >= 0")
     record_input(path)
     return path, _read(path)
 
@@ -143,51 +174,26 @@ def _layers(file: str | PathLike[str]) -> tuple[Path, list[Layer]]:
 def _network(name: str, layers: list[Layer], reset: int, first: int) -> Network:
     """Layers that are not refused as populations."""
     net = Network(name, resolution=1.0)
-    before: Layer | None = None
-    for layer in layers:
-        if layer.kind == "flatten":
-            continue
-        if layer.number >= first:
-            _add(net, layer, before, reset)
-        elif layer.number < first:
-            _add_source(net, layer, last=_next(layers, layer).number >= first)
-        before = layer
+    taken = [layer for layer in layers if layer.kind != "flatten" and layer.number >= first]
+    for layer in taken:
+        if layer is taken[0] and layer.before:
+            graded = layer.before.neuron["type"] == "SDNN"
+            source = graded_spike_train() if graded else spike_generator()
+            net.population(_name(layer.before), layer.before.shape, source)
+        _add(net, layer, reset)
     return net
-
-
-def _next(layers: list[Layer], layer: Layer) -> Layer:
-    return next(each for each in layers if each.number > layer.number and each.kind != "flatten")
-
-
-def _add_source(net: Network, layer: Layer, last: bool) -> None:
-    if last:
-        graded = layer.neuron["type"] == "SDNN"
-        net.population(_name(layer), layer.shape, graded_spike_train() if graded else spike_generator())
 
 
 def _name(layer: Layer) -> str:
     return "input" if layer.kind == "input" else f"{layer.kind}{layer.number}"
 
 
-def _add(net: Network, layer: Layer, before: Layer | None, reset: int) -> None:
+def _add(net: Network, layer: Layer, reset: int) -> None:
     """A layer and what connects it to the one before."""
-    if layer.kind == "conv" and before is not None:
-        _check_shape(layer, before)
     net.population(_name(layer), layer.shape, _neurons(layer, reset))
-    if layer.kind == "input":
-        return
-    if before is None:
-        raise layer.wrong("there is no layer before it: expected an input")
-    rule, synapse, weight = _synapses(layer, before)
-    net.connect(_name(before), _name(layer), rule, synapse, weight=weight, delay=1.0)
-
-
-def _check_shape(layer: Layer, before: Layer) -> None:
-    kernel = layer.words["weight"]
-    sizes = (layer.two("stride"), layer.two("padding"), layer.two("dilation"))
-    expected = (kernel.shape[0], *out_size(before.shape[1:], kernel.shape[2:4], *sizes))  # type: ignore[arg-type]
-    if tuple(layer.shape) != expected or before.shape[0] != kernel.shape[1] * int(layer.words.get("groups", 1)):
-        raise layer.wrong(f"shape {list(layer.shape)} from {list(before.shape)}: expected {list(expected)}")
+    if layer.before:
+        rule, synapse, weight = _synapses(layer, layer.before)
+        net.connect(_name(layer.before), _name(layer), rule, synapse, weight=weight, delay=1.0)
 
 
 def _neurons(layer: Layer, reset: int) -> Neuron:
@@ -210,22 +216,22 @@ def _neurons(layer: Layer, reset: int) -> Neuron:
 def _synapses(layer: Layer, before: Layer) -> tuple[Rule, Synapse, Floats]:
     weight = layer.words["weight"]
     if layer.kind == "dense":
-        synapse, mantissas = _dense(weight.reshape(int(np.prod(layer.shape)), -1))
+        synapse, mantissas = _dense(weight.reshape(layer.size, -1))
         return all_to_all(), synapse, mantissas.T.ravel()
     kernel, stride, padding = weight.reshape(weight.shape[:4]), layer.two("stride"), layer.two("padding")
-    dilation, groups = layer.two("dilation"), int(layer.words.get("groups", 1))
+    dilation = layer.two("dilation")
     if _is_grid(layer):
         rule = grid(kernel=kernel.shape[2:], stride=stride[0], padding=padding[0], column_padding=padding[1])
         return rule, loihi2_convolution(), kernel.ravel()
     channels, rows, columns = before.shape
-    pre, post, weights = synapses_of((channels, rows, columns), kernel, stride, padding, dilation, groups)
+    pre, post, weights = synapses_of((channels, rows, columns), kernel, stride, padding, dilation, layer.groups)
     return pairs(pre=pre, post=post), loihi2_convolution(), weights
 
 
 def _is_grid(layer: Layer) -> bool:
     """Whether a rule of the language shares the kernel."""
     down, across = layer.two("stride")
-    return down == across and layer.two("dilation") == (1, 1) and int(layer.words.get("groups", 1)) == 1
+    return down == across and layer.two("dilation") == (1, 1) and layer.groups == 1
 
 
 def _dense(weight: Floats) -> tuple[Synapse, Floats]:
@@ -235,7 +241,18 @@ def _dense(weight: Floats) -> tuple[Synapse, Floats]:
     return loihi2_static(weight_exp=-1 if doubled else 0, sign_mode=mode), weight * (2.0 if doubled else 1.0)
 
 
-def _problems(layer: Layer) -> Iterator[ModelError]:
+def _problems(layer: Layer) -> list[ModelError]:
+    """Why a layer is refused."""
+    problems = list(_refused(layer))
+    if not problems and layer.kind != "flatten":
+        try:
+            _neurons(layer, 0)
+        except ModelError as error:
+            problems = [layer.wrong(error.message, error.hint)]
+    return problems
+
+
+def _refused(layer: Layer) -> Iterator[ModelError]:
     """What netx refuses or leaves out."""
     if layer.kind not in LAYERS:
         yield layer.wrong(f"netx has no layer '{layer.kind}': expected {', '.join(LAYERS)}")
@@ -248,25 +265,31 @@ def _problems(layer: Layer) -> Iterator[ModelError]:
     elif missing := [word for word in _needed(kind) if word not in layer.neuron]:
         yield layer.wrong(f"its neuron has no '{missing[0]}'")
     for word, kept in (("refDelay", (0, 1)), ("wgtExp", (0,))):
-        if int(layer.neuron.get(word, kept[0])) not in kept:
+        if layer.neuron.get(word, kept[0]) not in kept:
             yield layer.wrong(f"{word} = {layer.neuron[word]}: netx leaves it out, and so nothing says what it does")
     if layer.neuron.get("activation", "relu") != "relu":
         yield layer.wrong(f"activation '{layer.neuron['activation']}': expected relu")
     if "delay" in layer.words:
         yield layer.wrong("it has delays, which netx leaves out", "train it without delays")
-    if layer.kind != "input":
-        yield from _of_weights(layer, kind)
+    if (layer.kind == "input") == bool(layer.before):
+        yield layer.wrong("expected the input as first layer, and only there")
+    elif layer.before:
+        yield from _of_weights(layer, layer.before)
 
 
 def _needed(kind: str) -> tuple[str, ...]:
     return ("vThMant",) if kind == "SDNN" else ("vThMant", "iDecay", "vDecay")
 
 
-def _of_weights(layer: Layer, kind: str) -> Iterator[ModelError]:
-    weight = layer.words.get("weight")
-    if weight is None:
+def _of_weights(layer: Layer, before: Layer) -> Iterator[ModelError]:
+    weight = layer.words.get("weight", np.zeros(0))
+    if not weight.size:
         yield layer.wrong("it has no weights")
         return
+    if wrong := _of_convolution(layer, before) if layer.kind == "conv" else _of_dense(layer, before):
+        yield layer.wrong(wrong)
+    if (biases := layer.words.get("bias", np.zeros(1)).size) not in (1, layer.shape[0]):
+        yield layer.wrong(f"{biases:,} biases: expected 1 or {layer.shape[0]:,}")
     if not np.array_equal(weight, np.rint(weight)):
         yield layer.wrong("its weights are no whole numbers", "export the network quantised")
     low, high = float(weight.min()), float(weight.max())
@@ -276,35 +299,100 @@ def _of_weights(layer: Layer, kind: str) -> Iterator[ModelError]:
         yield layer.wrong(f"weights from {low:g} to {high:g}: a weight has 8 bits")
 
 
+def _of_dense(layer: Layer, before: Layer) -> str:
+    """What is wrong with the number of weights."""
+    expected, found = layer.size * before.size, layer.words["weight"].size
+    if found == expected:
+        return ""
+    return f"{found:,} weights from {before.size:,} neurons to {layer.size:,}: expected {expected:,}"
+
+
+def _of_convolution(layer: Layer, before: Layer) -> str:
+    """What is wrong with the shapes of a convolution and of its kernel."""
+    kernel = layer.words["weight"]
+    shapes = f"shape {list(layer.shape)} from {list(before.shape)}"
+    if len(layer.shape) != 3 or len(before.shape) != 3:
+        return f"{shapes}: expected 3 numbers each"
+    if kernel.ndim < 4 or prod(kernel.shape[4:]) != 1:
+        return f"weights of shape {list(kernel.shape)}: expected maps, channels, height, width"
+    maps, depth, *size = kernel.shape[:4]
+    if maps % layer.groups:
+        return f"groups = {layer.groups}: expected one that divides {maps} maps"
+    sizes = (layer.two("stride"), layer.two("padding"), layer.two("dilation"))
+    expected = [maps, *out_size(before.shape[1:], tuple(size), *sizes)]
+    source = [depth * layer.groups, *before.shape[1:]]
+    if list(layer.shape) == expected and list(before.shape) == source:
+        return ""
+    return f"{shapes}: expected {expected} from {source}"
+
+
 def _read(path: Path) -> list[Layer]:
     """All layers of a file."""
     try:
         with h5py.File(path, "r") as file:
             found = file.get("layer")
             if not isinstance(found, h5py.Group):
-                raise ModelError(f"{path}: there is no 'layer' in it: expected a network of lava-dl")
+                raise ModelError("there is no 'layer' in it: expected a network of lava-dl")
             layers: list[Layer] = []
+            before = None
             for number in sorted(found, key=int):
-                layers.append(_layer(int(number), sum(each.kind != "flatten" for each in layers), found[number]))
+                layers.append(_layer(int(number), found[number], before))
+                before = before if layers[-1].kind == "flatten" else layers[-1]
+            if before is None:
+                raise ModelError("there is no layer in it")
             return layers
-    except (OSError, KeyError, ValueError, TypeError) as error:
+    except ModelError as error:
+        raise error.at(None, str(path)) from None
+    except (OSError, KeyError, ValueError, TypeError, RuntimeError, MemoryError) as error:
         raise ModelError(f"{path}: it cannot be read as a network of lava-dl: {error}") from None
 
 
-def _layer(number: int, depth: int, group: h5py.Group) -> Layer:
-    words = {word: _plain(item) for word, item in group.items() if isinstance(item, h5py.Dataset)}
-    neuron = {word: _plain(item) for word, item in group["neuron"].items()} if "neuron" in group else {}
-    shape = tuple(int(n) for n in np.ravel(words["shape"]))
-    kind = str(words["type"])
-    if kind == "dense":
-        shape = (int(np.prod(shape)),)
-    arrays = {word: np.asarray(words[word], dtype=np.float64) for word in ("weight", "bias") if word in words}
-    return Layer(number, depth, kind, shape, neuron, {**words, **arrays})
+def _layer(number: int, group: h5py.Group, before: Layer | None) -> Layer:
+    where = f"layer {number}"
+    words = _words(group, where)
+    neuron = _words(group["neuron"], f"{where}: its neuron") if "neuron" in group else {}
+    for needed in ("type", "shape"):
+        if needed not in words:
+            raise ModelError(f"{where} has no '{needed}'")
+    kind, shape = words["type"], words["shape"]
+    return Layer(number, kind, (prod(shape),) if kind == "dense" else shape, neuron, words, before)
 
 
-def _plain(item: h5py.Dataset) -> Any:
-    """A text, a number or an array."""
-    value: NDArray[Any] | Any = item[()]
-    if isinstance(value, np.ndarray) and value.dtype.kind in "SO":
-        value = value.ravel()[0]
-    return value.decode("ascii") if isinstance(value, bytes) else value
+def _words(group: h5py.Group, where: str) -> dict[str, Any]:
+    """What a layer or its neuron says that is used here."""
+    if not isinstance(group, h5py.Group):
+        raise ModelError(f"{where} is no group of words")
+    known = (*TEXTS, *ARRAYS, *WHOLE, *PRESENT)
+    return {word: _value(group[word], word, where.partition(":")[0]) for word in group if word in known}
+
+
+def _value(item: h5py.Dataset, word: str, where: str) -> Any:
+    """A text, an array, a whole number or several."""
+    most, least = WHOLE.get(word, (1, 0))
+    expected = "a word" if word in TEXTS else "numbers" if word in ARRAYS else _whole(most, least)
+    if not isinstance(item, h5py.Dataset):
+        raise ModelError(f"{where}: {word} has no value: expected {expected}")
+    value: NDArray[Any] = np.asarray(item[()])
+    listed = [each.decode("ascii") if isinstance(each, bytes) else each for each in value.ravel()[:20].tolist()]
+    if word in PRESENT:
+        return True
+    if word in TEXTS and len(listed) == 1 and isinstance(listed[0], str):
+        return listed[0]
+    if word in ARRAYS and value.dtype.kind in "iuf":
+        return value.astype(np.float64)
+    if word in WHOLE and 1 <= len(listed) <= most and all(_is_whole(each, least) for each in listed):
+        return int(listed[0]) if most == 1 else tuple(map(int, listed))
+    found = listed if value.shape else listed[0]
+    raise ModelError(f"{where}: {word} = {found!r:.60}: expected {expected}")
+
+
+def _is_whole(number: Any, least: int) -> bool:
+    """Whether it is one, also as a float."""
+    is_number = isinstance(number, int | float) and not isinstance(number, bool)
+    return is_number and least <= number <= MOST and number == int(number)
+
+
+def _whole(most: int, least: int) -> str:
+    """What is expected of whole numbers."""
+    several = {1: "a whole number", 2: "1 or 2 whole numbers", 3: "1 to 3 whole numbers"}[most]
+    return several if least == -MOST else f"{several} >= {least}"

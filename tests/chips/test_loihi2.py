@@ -1,5 +1,6 @@
 """Loihi 2: golden cases of lava, networks of lava-dl, graded spikes on all backends that have them."""
 
+import contextlib
 import json
 import warnings
 
@@ -490,7 +491,7 @@ def netx_file(path, **changes):
             for word, value in layer.items():
                 if isinstance(value, dict):
                     for inner, each in value.items():
-                        file[f"layer/{number}/neuron/{inner}"] = each
+                        file[f"layer/{number}/{word}/{inner}"] = each
                 else:
                     file[f"layer/{number}/{word}"] = value
     return path
@@ -510,6 +511,37 @@ NETX = {
     "layer 1 (dense): it has delays, which netx leaves out": {"delay": np.ones((2, 4))},
     "layer 1 (dense): its weights are no whole numbers": {"weight": np.full((2, 4), 0.5)},
     "layer 1 (dense): weights from -301 to 1: a weight has 8 bits": {"weight": np.array([[1.0, -301, 1, 1]] * 2)},
+    "layer 1 (dense): 6 weights from 4 neurons to 2: expected 8": {"weight": np.ones((2, 3))},
+    "layer 1 (dense): 3 biases: expected 1 or 2": {"bias": np.ones(3)},
+    "layer 1 (conv): shape [2] from [4, 1, 1]: expected 3 numbers each": {"type": b"conv"},
+    "layer 1 (conv): weights of shape [2, 4]: expected maps, channels, height, width": {
+        "type": b"conv",
+        "shape": [2, 1, 1],
+    },
+    "layer 1 (conv): shape [2, 1, 1] from [4, 1, 1]: expected [2, 1, 1] from [8, 1, 1]": {
+        "type": b"conv",
+        "shape": [2, 1, 1],
+        "weight": np.ones((2, 8, 1, 1)),
+    },
+    "layer 1 (conv): groups = 4: expected one that divides 2 maps": {
+        "type": b"conv",
+        "shape": [2, 1, 1],
+        "weight": np.ones((2, 1, 1, 1)),
+        "groups": 4,
+    },
+    "layer 1 (dense): loihi2_lif.vth = -1: expected a whole number >= 0 and <= 131071": {
+        "neuron": {"type": b"CUBA", "vThMant": -1, "iDecay": 1, "vDecay": 1}
+    },
+    "layer 1: stride = nan: expected 1 or 2 whole numbers >= 1": {"stride": np.nan},
+    "layer 1: padding = [0, -1]: expected 1 or 2 whole numbers >= 0": {"padding": [0, -1]},
+    "layer 1: shape = []: expected 1 to 3 whole numbers >= 1": {"shape": np.array([], dtype=int)},
+    "layer 1: shape = ['a']: expected 1 to 3 whole numbers >= 1": {"shape": [b"a"]},
+    "layer 1: weight = 'a': expected numbers": {"weight": b"a"},
+    "layer 1: weight has no value: expected numbers": {"weight": {"inside": 1}},
+    "layer 1: type = 3: expected a word": {"type": 3},
+    "layer 1: its neuron is no group of words": {"neuron": 3},
+    "layer 1: iDecay = 1.5: expected a whole number": {"neuron": {"type": b"CUBA", "iDecay": 1.5}},
+    "layer 1: vThMant = [1, 2]: expected a whole number": {"neuron": {"type": b"CUBA", "vThMant": [1, 2]}},
 }
 
 
@@ -539,3 +571,41 @@ def test_a_file_that_is_no_network(tmp_path):
     (tmp_path / "a.net").write_bytes(b"nothing")
     with pytest.raises(ModelError, match="cannot be read as a network of lava-dl"):
         neuro.from_netx(tmp_path / "a.net")
+    with h5py.File(tmp_path / "b.net", "w") as file:
+        file["layer/0"] = 1
+        file["layer/1/shape"] = 4
+    with pytest.raises(ModelError, match=r"b\.net: layer 0 is no group of words"):
+        neuro.from_netx(tmp_path / "b.net")
+    with h5py.File(tmp_path / "b.net", "r+") as file:
+        del file["layer/0"]
+    with pytest.raises(ModelError, match=r"b\.net: layer 1 has no 'type'"):
+        neuro.from_netx(tmp_path / "b.net")
+    with h5py.File(tmp_path / "b.net", "r+") as file:
+        del file["layer/1"]
+    with pytest.raises(ModelError, match=r"b\.net: there is no layer in it"):
+        neuro.from_netx(tmp_path / "b.net")
+    with pytest.raises(ModelError, match="path = 3: expected the name of a file"):
+        neuro.from_netx(3)
+
+
+@pytest.mark.parametrize("first", [2, -1, 1.5, "a", True])
+def test_the_first_layer_is_one_of_the_file(tmp_path, first):
+    with pytest.raises(ModelError, match=rf"first = {first!r}: expected the number of a layer, 0 to 1"):
+        neuro.from_netx(netx_file(tmp_path / "net.net"), first=first)
+
+
+def test_a_wrong_reset_is_refused(tmp_path):
+    with pytest.raises(ModelError, match="reset = 'a': expected a whole number >= 0"):
+        neuro.from_netx(netx_file(tmp_path / "net.net"), reset="a")
+
+
+def test_damaged_files_are_read_or_refused(tmp_path):
+    whole = netx_file(tmp_path / "net.net").read_bytes()
+    rng = np.random.default_rng(0)
+    for k in range(200):
+        damaged = bytearray(whole[: rng.integers(len(whole))] if k % 4 == 0 else whole)
+        for byte in rng.integers(len(damaged), size=rng.integers(1, 20)) if damaged else ():
+            damaged[byte] = rng.integers(256)
+        (tmp_path / "damaged.net").write_bytes(damaged)
+        with contextlib.suppress(ModelError):
+            neuro.from_netx(tmp_path / "damaged.net")
