@@ -181,11 +181,13 @@ def _check_graded(net: Network, part: Projection) -> None:
         refuse(part, text, "graded_vector repeats payloads", "to")
     receptor = getattr(part.synapse, "receptor", None)
     if target.receptors > 1 and (receptor is None or receptor in target.conductances):
+        named = [name for name in target.named_receptors() if name not in target.conductances]
+        expected = f"a synapse that names one, receptor: {' or '.join(named)}" if named else "a neuron with one"
         text = (
             f"graded spikes of '{part.source}' onto '{part.target}', {a(target.name)} with {target.receptors} receptors"
         )
         hint = "payloads may be negative, so that a weight does not say which; iaf_psc_delta has one"
-        refuse(part, f"{text}: expected a named receptor that is no conductance", hint, "to")
+        refuse(part, f"{text}: expected {expected}", hint, "to")
 
 
 def _swap(part: Projection) -> str:

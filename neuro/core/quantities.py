@@ -75,7 +75,9 @@ class Quantity:
             "moments": "times > 0 ms, each later than the one before",
             "series": "a list of numbers",
             "train": "a row for each spike: a time > 0 ms, not before the last one, and a neuron",
-            "graded_train": "a row for each spike: a time > 0 ms, not before the last one, a neuron and a payload",
+            "graded_train": (
+                "a row for each spike: a time > 0 ms, not before the last one, a neuron and a whole payload of 32 bits"
+            ),
             "delay": "a time > 0 ms",
             "names": "names",
             "words": "{name: value}",

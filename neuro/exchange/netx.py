@@ -166,7 +166,7 @@ def _becomes(layer: Layer, reset: int) -> str:
 def _layers(file: str | PathLike[str], reset: int) -> tuple[Path, list[Layer]]:
     path = existing(file)
     if not is_whole(reset, range(MOST + 1)):
-        raise ModelError(f"reset = {reset!r}: expected a whole number >= 0")
+        raise ModelError(f"reset = {reset!r}: expected a whole number >= 0 and <= {MOST}")
     record_input(path)
     return path, _read(path)
 

@@ -309,10 +309,26 @@ REFUSED = {
     ),
     "two receptors": (
         lambda net: (net.population("p", 2, neuro.iaf_psc_exp()), net.connect("in", "p", neuro.one_to_one())),
-        "projection 'in_p': graded spikes of 'in' onto 'p', an iaf_psc_exp with 2 receptors: expected a named receptor "
-        "that is no conductance",
+        "projection 'in_p': graded spikes of 'in' onto 'p', an iaf_psc_exp with 2 receptors: expected a synapse that "
+        "names one, receptor: ex or in",
+    ),
+    "a product without names": (
+        lambda net: (net.population("p", 2, neuro.graded_product()), net.connect("in", "p", neuro.one_to_one())),
+        "projection 'in_p': graded spikes of 'in' onto 'p', a graded_product with 2 receptors: expected a synapse that "
+        "names one, receptor: first or second",
+    ),
+    "conductances": (
+        lambda net: (net.population("p", 2, neuro.iaf_cond_exp()), net.connect("in", "p", neuro.one_to_one())),
+        "projection 'in_p': graded spikes of 'in' onto 'p', an iaf_cond_exp with 2 receptors: expected a neuron with "
+        "one",
     ),
 }
+
+
+@pytest.mark.parametrize("payload", [1.5, np.nan, 2**40])
+def test_a_payload_is_a_whole_number_of_32_bits(payload):
+    with pytest.raises(ModelError, match=r"a neuron and a whole payload of 32 bits$"):
+        neuro.graded_spike_train(spikes=[[1.0, 0, payload]])
 
 
 @pytest.mark.parametrize("what", REFUSED)
@@ -595,7 +611,7 @@ def test_the_first_layer_is_one_of_the_file(tmp_path, first):
 
 
 def test_a_wrong_reset_is_refused(tmp_path):
-    with pytest.raises(ModelError, match="reset = 'a': expected a whole number >= 0"):
+    with pytest.raises(ModelError, match="reset = 'a': expected a whole number >= 0 and <= 2147483647"):
         neuro.from_netx(netx_file(tmp_path / "net.net"), reset="a")
 
 
