@@ -264,11 +264,11 @@ def convert(
         table.check()
 
 
-def _of(table: dict[str, T], file: Path, done: str) -> T:
+def _of(table: dict[str, T], file: Path, done: str, hint: str = "") -> T:
     from neuro.core.errors import ModelError
 
     if file.suffix not in table:
-        raise ModelError(f"{file}: cannot be {done}: expected a name ending in {', '.join(sorted(table))}")
+        raise ModelError(f"{file}: cannot be {done}: expected a name ending in {', '.join(sorted(table))}", hint=hint)
     return table[file.suffix]
 
 
@@ -282,7 +282,7 @@ def _form(destination: Path, to: str | None) -> str:
     ends = {end: write for end, write in WRITERS.items() if end not in words}
     if to is not None and destination.suffix not in ends:
         raise ModelError(f"--to {to}: expected {' or '.join(words)}", hint="other formats are chosen by DST's ending")
-    _of(ends, destination, "written")
+    _of(ends, destination, "written", "--to c writes C into a folder of that name")
     return destination.suffix
 
 

@@ -379,6 +379,10 @@ def floats_only(program: Program) -> list[Problem]:
     ]
 
 
+TAKE_PAYLOADS = "run it on event, reference, torch or loihi2"
+"""The way out of a backend whose spikes carry no payloads."""
+
+
 def ungraded(program: Program) -> list[Problem]:
     """The problems of a backend whose spikes carry no payloads."""
     return [
@@ -386,7 +390,7 @@ def ungraded(program: Program) -> list[Problem]:
             True,
             f"population '{part.name}': {part.model.name}",
             "its spikes carry payloads, and spikes carry none here",
-            "run it on event, reference, torch or loihi2",
+            TAKE_PAYLOADS,
             part.origin,
         )
         for part in program.populations

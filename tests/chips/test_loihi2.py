@@ -346,6 +346,7 @@ def test_backends_without_payloads(backend):
     with pytest.raises(ModelError) as error:
         neuro.compile(graded(), backend)
     assert "its spikes carry payloads, and spikes carry none here" in str(error.value)
+    assert str(error.value).count("hint: run it on event, reference, torch or loihi2") == 2
 
 
 @pytest.mark.parametrize(

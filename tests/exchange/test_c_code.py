@@ -362,6 +362,7 @@ def test_files_of_others_and_edited_ones_stay(tmp_path: Path):
         (["out", "--to", "c", "--ram", "64Q"], "'64Q': expected a number of bytes"),
         (["out", "--to", "c", "--resolution", "1"], "--resolution: has no use from net.yaml to out"),
         (["out"], "out: cannot be written: expected a name ending in .json, .nir, .py, .yaml, .yml"),
+        (["out"], "hint: --to c writes C into a folder of that name"),
     ],
 )
 def test_options_of_the_command(words: list[str], message: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch):

@@ -25,7 +25,7 @@ from neuro.core.errors import ModelError
 from neuro.model.equations import EquationNeuron
 from neuro.model.equations.twin import Twin
 from neuro.model.neurons import Model, Neuron, iaf_psc_exp_adaptive_threshold, parrot_neuron
-from neuro.program.backend import Problem, own_generators, ungraded
+from neuro.program.backend import TAKE_PAYLOADS, Problem, own_generators, ungraded
 from neuro.program.currents import Currents
 from neuro.program.program import Floats, Population, Program
 
@@ -149,6 +149,8 @@ def _lacking(inputs: Inputs, chip: Chip, arithmetic: Arithmetic) -> Problem:
         way = error.hint or f"use {known}, or run on event"
         return refused(inputs.part, model.name, why, way)
     way = f"backend '{model.chip}' runs it" if model.chip else "use iaf_psc_exp, or run on event"
+    if model.graded:
+        way = TAKE_PAYLOADS
     if isinstance(model, iaf_psc_exp_adaptive_threshold):
         way = "adapt on event, then give iaf_psc_exp the V_th of each neuron that is V_th + theta there"
     return refused(inputs.part, model.name, why, way)
