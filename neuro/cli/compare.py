@@ -11,13 +11,14 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from neuro.cli.options import Backends, Duration, NetworkFile, Seed, Set, Threads, assignments, stoppable
+from neuro.cli.options import Backends, Duration, NetworkFile, Seed, Set, Threads, assignments, listed, stoppable
 
 if TYPE_CHECKING:
     from neuro.compare.result import Comparison
     from neuro.model.network import Network
     from neuro.verify.verify import Result
 
+BACKENDS = "event,loihi,spinnaker"
 Json = Annotated[bool, typer.Option("--json", help="Print JSON instead of tables.")]
 Out = Annotated[Path | None, typer.Option("--out", metavar="FILE", help="All figures as JSON.")]
 Rules = Annotated[bool, typer.Option("--rules", help="Show where Loihi 1 and 2 give different integers, nothing else.")]
@@ -26,7 +27,7 @@ Html = Annotated[Path | None, typer.Option("--html", metavar="FILE", help="Write
 
 def compare(
     file: NetworkFile,
-    backends: Backends = "event,loihi,spinnaker",
+    backends: Backends = BACKENDS,
     duration: Duration = 1000.0,
     seed: Seed = 0,
     threads: Threads = 1,
@@ -48,6 +49,7 @@ def compare(
     net = load(file, params=assignments(set))
     Clock(net.resolution).step(duration, "--for")
     if rules:
+        _check_alone({"--backends": backends != listed(BACKENDS), "--out": out, "--html": html})
         _compare_rules(net, duration, seed, as_json)
         return
     _check_apart(html, out)
@@ -58,6 +60,14 @@ def compare(
         found = run(net, backends, duration, seed, threads=threads, advance=lambda sim, n: advance(sim, n, bar))
         write(found, page_part, json_part)
     print_comparison(found, as_json, [file for file in (out, html) if file])
+
+
+def _check_alone(given: dict[str, object]) -> None:
+    """Refuse options for which --rules has no use."""
+    from neuro.core.errors import ModelError
+
+    if words := [word for word, value in given.items() if value]:
+        raise ModelError(f"{words[0]}: has no use beside --rules", hint="--json prints the differences as JSON")
 
 
 def _compare_rules(net: Network, duration: float, seed: int, as_json: bool) -> None:

@@ -28,7 +28,8 @@ from neuro.chips.quantising.fixed import FixedProjection
 from neuro.chips.quantising.fixed_program import FixedProgram
 from neuro.chips.quantising.quantise import quantise
 from neuro.compiler import compile_network
-from neuro.core.clock import Clock
+from neuro.core.clock import NEVER, Clock
+from neuro.core.errors import ModelError
 from neuro.core.tables import Table, as_html, as_text
 from neuro.model.network import Network
 from neuro.model.neurons import Generator, loihi2_lif, loihi_lif, parrot_neuron
@@ -104,10 +105,14 @@ def loihi_rules(net: Network, duration: float = 100.0, seed: int = 0) -> LoihiRu
         seed: of all that is drawn.
 
     Raises:
-        ModelError: the network is none.
+        ModelError: the network is none, or `duration` is below 0, infinite or off the grid.
     """
-    program = compile_network(net, seed)
+    if not isinstance(net, Network):
+        raise ModelError(f"loihi_rules: found {net!r:.60}: expected a Network", hint="neuro.load reads one from YAML")
     steps = Clock(net.resolution).step(duration, "duration")
+    if not 0 <= steps < NEVER:
+        raise ModelError(f"duration = {duration} ms: expected a finite time >= 0 ms")
+    program = compile_network(net, seed)
     programs = [_in_registers_of(program, name) for name in CHIPS]
     fixed = [quantise(each, chip(name)) for each, name in zip(programs, CHIPS, strict=True)]
     found = [*_refused(fixed), *_words(program, fixed)]

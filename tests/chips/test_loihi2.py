@@ -7,12 +7,14 @@ import warnings
 import h5py
 import numpy as np
 import pytest
+from typer.testing import CliRunner
 
 import neuro
 import random_loihi2
 from graded import STEPS, network, twin
 from neuro.chips import chip, place, quantise
 from neuro.chips.loihi2 import dropped
+from neuro.cli.commands import app
 from neuro.compare import loihi_rules
 from neuro.core.errors import ModelError
 from neuro.exchange.netx import examine_netx
@@ -431,6 +433,21 @@ def registers(exponent, weights, **words):
 
 def told(found):
     return [(d.part, d.where, d.loihi, d.loihi2, d.why) for d in found.differences]
+
+
+@pytest.mark.parametrize("duration", [-1.0, np.inf])
+def test_rules_are_compared_over_some_time(duration):
+    with pytest.raises(ModelError, match=rf"duration = {duration} ms: expected a finite time >= 0 ms"):
+        loihi_rules(graded(), duration)
+    with pytest.raises(ModelError, match=r"loihi_rules: found 'net.yaml': expected a Network"):
+        loihi_rules("net.yaml", 20.0)
+
+
+@pytest.mark.parametrize("option", [("--html", "a.html"), ("--out", "a.json"), ("--backends", "event,loihi2")])
+def test_options_that_rules_do_not_use(option, tmp_path):
+    graded().save(tmp_path / "net.yaml")
+    result = CliRunner().invoke(app, ["compare", str(tmp_path / "net.yaml"), "--rules", *option])
+    assert result.exception.message == f"{option[0]}: has no use beside --rules"
 
 
 def test_rules_of_both_chips():
