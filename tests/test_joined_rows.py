@@ -1,6 +1,7 @@
 """Joined rows: projections by the hundred with few synapses each are delivered together, and no bit differs."""
 
 import sys
+import weakref
 from pathlib import Path
 
 import numpy as np
@@ -341,6 +342,25 @@ def test_a_reset_and_a_state_where_rows_are_the_only_copy(tmp_path: Path):
     for sim in sims:
         sim.reset(weights=True)
         assert differences(found[0], steered(sim), exact=True) == []
+
+
+@pytest.mark.usefixtures("many")
+@pytest.mark.parametrize(("ran", "before"), [(0.0, False), (2.0, False), (2.0, True)])
+def test_rows_that_were_laid_out_anew_leave_no_second_copy(ran: float, before: bool):
+    sim = neuro.compile(large(), "event", seed=1)
+    described = {p.name: sim.get(p.name, "weight") for p in sim.program.projections}
+    if before:
+        sim.set("wires2", weight=9.0)
+    sim._engine.run(0)  # type: ignore[attr-defined]
+    old = [weakref.ref(sim._engine._a.net[name]) for name in joined_rows.NAMES]  # type: ignore[attr-defined]
+    sim.run(ran)
+    sim.set("wires1", weight=9.0)
+    sim.run(2.0)
+    assert not any(each() is not None for each in old)
+    sim.reset(weights=True)
+    sim.run(1.0)
+    for name, weight in described.items():
+        assert np.array_equal(sim.get(name, "weight"), weight)
 
 
 @pytest.mark.usefixtures("many")

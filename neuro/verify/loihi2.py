@@ -128,7 +128,7 @@ def _neurons(
             "in", "out", pairs(pre=pre, post=post), _synapse(case["dense"], arrays["W"]), weight=weights, delay=1.0
         )
     known = [each.name for each in net.populations["out"].model.states]
-    found = _run(net, steps + late, [word for word in expected if word in known], backend)
+    found = _run(net, steps + late, [word for word in expected if word in known], backend, late)
     for word, array in expected.items():
         if word in found:
             yield equal(name, word, found[word][late:], array)
@@ -189,6 +189,8 @@ def _model(name: str, case: Mapping[str, Any], arrays: Mapping[str, Array]) -> N
         model = loihi2_ternary_lif if "vth_hi" in case else loihi2_lif
         words: dict[str, Any] = {word: case[word] for word in model.quantities() if word in case}
         words |= {word: arrays[word].astype(np.float64) for word in model.quantities() if word in arrays}
+        if "reset_offset" in words and "x" not in arrays:
+            words["reset_offset"] += 1  # as all steps are one later
         return model(**words)
     if "sin_decay" in case:
         resonator = loihi2_rf_iz if "iz" in name else loihi2_rf
@@ -232,12 +234,19 @@ def _add_input(net: Network, values: Array, name: str = "in") -> None:
     net.population(name, values.shape[1], graded_spike_train(spikes=rows))
 
 
-def _run(net: Network, steps: int, states: Any, backend: str | Backend) -> dict[str, Array]:
-    """Registers by name, and payloads as "s", shape (steps, neurons)."""
+def _run(net: Network, steps: int, states: Any, backend: str | Backend, late: bool = False) -> dict[str, Array]:
+    """Registers by name, and payloads as "s", shape (steps, neurons); if `late` no bias acts in the first step."""
     for state in states:
         net.probe(state, "out", state)
     sim = neuro.run.compiled.compile(net, backend)
-    sim.run(float(steps))
+    biases = [word for word in ("bias", "bias_mant") if late and word in net.populations["out"].model.quantities()]
+    if biases:
+        none: dict[str, Any] = dict.fromkeys(biases, 0.0)
+        kept: dict[str, Any] = {word: sim.get("out", word) for word in biases}
+        sim.set("out", **none)
+        sim.run(1.0)
+        sim.set("out", **kept)
+    sim.run(float(steps) - sim.time)
     found = {state: np.rint(sim.trace(state)[1]).astype(np.int64) for state in states}
     out = net.populations["out"]
     sent: Array = np.zeros((steps, int(net.populations["out"].shape[0])), dtype=np.int64)

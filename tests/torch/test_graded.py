@@ -96,3 +96,19 @@ def test_the_bill_prices_messages():
     assert float(taken.detach()) == pytest.approx(ceiling)
     taken.backward()
     assert own.weights["up"].grad.any()  # what is near to the threshold of sending
+
+
+def test_a_product_of_two_inputs():
+    net = neuro.Network("gated", resolution=1.0)
+    net.population("in", 2, neuro.graded_spike_train(spikes=[[1.0, 0, 3], [1.0, 1, -5], [3.0, 0, 4], [3.0, 1, 7]]))
+    net.population("out", 1, neuro.graded_product(vth=20))
+    for k, receptor in enumerate(("first", "second")):
+        rule = neuro.pairs(pre=[k], post=[0])
+        net.connect("in", "out", rule, neuro.static(receptor=receptor), weight=2.0, delay=1.0, name=receptor)
+    own = neuro_torch.Module(net, ["first"], dtype=torch.float64, surrogate=no_slope)
+    found = own({"in": torch.zeros(1, 5, 2)}).spikes["out"][0, :, 0]
+    sim = neuro.compile(net, "event")
+    sim.run(5.0)
+    assert found.tolist() == [0.0, -60.0, 0.0, 112.0, 0.0] == [0.0, *np.insert(sim.payloads("out")[2], 1, 0), 0.0]
+    found[3].backward()
+    assert own.weights["first"].grad.tolist() == [4 * 14.0]

@@ -192,6 +192,7 @@ def join(a: EventArrays) -> None:
     # Freed as they are laid out: two copies of a large network would not fit.
     for columns, row in zip(table, rows, strict=True):
         _lay(a, columns, row)
+    _leave(a, rows)
     if unchanged and any(isinstance(p, CompactProjection) for p in a.program.projections):
         _IN_PLACE[a.program] = LaidRows(rows, a.net["edges"], {name: a.net[name] for name in (*NAMES, *TABLES)})
 
@@ -268,6 +269,15 @@ def _lay(a: EventArrays, columns: Ints, row: Row) -> None:
     for q, p in taken.items():
         n, negated = a.program.populations[p.target].size, p.receptor is not None and p.receptor.negated
         p.release(partial(_made_anew, p.row_ends, p.kinds, net, columns, _begin(a, q), n, negated))
+
+
+def _leave(a: EventArrays, rows: list[Row]) -> None:
+    """Free earlier rows in place of the program's arrays: what the new rows do not take over has its arrays again."""
+    taken = {q for row in rows for q in _taken_over(a, row)}
+    for q, p in enumerate(a.program.projections):
+        if isinstance(p, CompactProjection) and not p.has_arrays and q not in taken:
+            p.retain()
+    _IN_PLACE.pop(a.program, None)
 
 
 def _refuse(name: str) -> StoredSynapses:

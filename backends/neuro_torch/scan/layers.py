@@ -108,7 +108,8 @@ def unfit(program: Program) -> list[str]:
 
 def _unfit_cells(part: Population) -> list[str]:
     if part.model.graded:
-        return []
+        several = isinstance(part.model, Neuron) and part.model.receptors > 1
+        return ["it has several receptors"] if several else []
     if part.model.name not in CELLS:
         return [f"scans support only {' and '.join(CELLS)}, not {part.model.name}"]
     p = part.parameters
