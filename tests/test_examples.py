@@ -23,7 +23,7 @@ ARGUMENTS = {
     "hedonists": ["--trials", "60"],
     "larva": [str(LARVA), "--seeds", "2", "--ms", "100"],
     "linear_track": ["--runs", "2"],
-    "masquelier_thorpe_2007": [str(NMNIST), "--recordings", "70"],
+    "masquelier_thorpe_2007": [str(NMNIST), "--each", "5"],
     "potjans_diesmann_2014": ["--scale", "0.02", "--ms", "50"],
     "vogels_abbott_2005": ["--neurons", "1000", "--ms", "100"],
     "song_2000": ["--seconds", "2"],
