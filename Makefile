@@ -1,6 +1,6 @@
 # make test         environment, install, lint, types, tests
 # make test-slow    the tests that are left out of it: kills at random moments, many processes, memory, long runs
-# make demo         environment, install, then learn to recognise digits from event-camera recordings
+# make demo         environment, install, then learn to recognise digits from event-camera recordings; demo/index.html shows it
 #                   (DATA=folder: real N-MNIST files instead of recordings made here)
 # make test-bounds  what runs networks once more, with every index of every compiled loop looked at
 # make test-nest    5,000 random networks (NETWORKS=...) on the event backend, the reference and NEST

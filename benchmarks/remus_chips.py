@@ -52,7 +52,7 @@ def main() -> None:
     options.add_argument("--json", action="store_true")
     asked = options.parse_args()
     warnings.simplefilter("ignore", neuro.ApproximationWarning)
-    method = Remus().preset(asked.settings).changed(assignments(asked.set)).fitting(FIELD)
+    method = Remus().preset(asked.preset).changed(assignments(asked.set)).fitting(FIELD)
     data = recordings(asked.data)
     if asked.times:
         time_frames(method, observe(method, data[::10]), asked.backends, asked.times)
@@ -63,7 +63,7 @@ def main() -> None:
     for made, part in models(shown, folds, method, asked.seed):
         for backend in asked.backends:
             found[backend].append(decided(made, part, backend))
-    report = {"settings": asked.settings, "recordings": len(shown), "frames": len(Frames.of(shown))}
+    report = {"settings": asked.preset, "recordings": len(shown), "frames": len(Frames.of(shown))}
     report |= {"folds": asked.folds}
     rows = {backend: compared(joined(found[backend]), joined(found[asked.backends[0]])) for backend in asked.backends}
     for backend, row in rows.items():

@@ -130,7 +130,7 @@ def main() -> None:
     if asked.child:
         import sweeps  # by its name, so that all folders are of the same sweep
 
-        words = {"on": asked.on, "part": asked.part, "workers": asked.workers, "progress": False}
+        words = {"on": asked.on, "share": asked.share, "workers": asked.workers, "progress": False}
         neuro.sweep(sweeps.nothing, {"a": list(range(asked.runs))}, out=asked.out, **words)
         return
     asked.out.mkdir(parents=True, exist_ok=True)

@@ -1,6 +1,7 @@
 """Joined rows: projections by the hundred with few synapses each are delivered together, and no bit differs."""
 
 import sys
+import weakref
 from pathlib import Path
 
 import numpy as np
@@ -239,6 +240,28 @@ def test_few_synapses_with_very_many_delays_are_not_joined():
     assert differences(observe(other), observe(sim), exact=False) == []
 
 
+@pytest.mark.usefixtures("few")
+def test_few_synapses_of_many_delays_are_joined_where_rings_would_take_longer():
+    net = network(EVERY, (60, 300, 300))
+    net.population("rare", 60, neuro.iaf_psc_exp(I_e=400.0))
+    for target in ("p0", "p1", "p2"):
+        net.connect(
+            "rare", target, neuro.fixed_total_number(n=90), weight=0.5, delay=LATE, name=f"rare_{target}",
+        )  # fmt: skip
+        for source in ("p0", "p1"):
+            net.connect(
+                source, target, neuro.fixed_indegree(n=9), weight=1.0, delay=LATE, name=f"{source}_{target}_more",
+            )  # fmt: skip
+    sims = [neuro.compile(net, backend, seed=1) for backend in ("reference", "event")]
+    program = sims[1].program
+    rare = [q for q, p in enumerate(program.projections) if p.name.startswith("rare")]
+    assert not joined_rows._is_filled(program, rare)
+    assert len(joined(sims[1])) == 18, "else what comes before or after them onto a target would have rings, too"
+    for sim in sims:
+        run_on(sim, 8.0)
+    assert differences(*map(observe, sims), exact=False) == []
+
+
 def test_a_silent_network_looks_once_a_source_and_kind_of_input():
     sim = neuro.compile(network(EVERY), "event", seed=1)
     sim.run(1.0)
@@ -319,6 +342,25 @@ def test_a_reset_and_a_state_where_rows_are_the_only_copy(tmp_path: Path):
     for sim in sims:
         sim.reset(weights=True)
         assert differences(found[0], steered(sim), exact=True) == []
+
+
+@pytest.mark.usefixtures("many")
+@pytest.mark.parametrize(("ran", "before"), [(0.0, False), (2.0, False), (2.0, True)])
+def test_rows_that_were_laid_out_anew_leave_no_second_copy(ran: float, before: bool):
+    sim = neuro.compile(large(), "event", seed=1)
+    described = {p.name: sim.get(p.name, "weight") for p in sim.program.projections}
+    if before:
+        sim.set("wires2", weight=9.0)
+    sim._engine.run(0)  # type: ignore[attr-defined]
+    old = [weakref.ref(sim._engine._a.net[name]) for name in joined_rows.NAMES]  # type: ignore[attr-defined]
+    sim.run(ran)
+    sim.set("wires1", weight=9.0)
+    sim.run(2.0)
+    assert not any(each() is not None for each in old)
+    sim.reset(weights=True)
+    sim.run(1.0)
+    for name, weight in described.items():
+        assert np.array_equal(sim.get(name, "weight"), weight)
 
 
 @pytest.mark.usefixtures("many")

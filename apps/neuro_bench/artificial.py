@@ -76,7 +76,7 @@ class QuantisedCNN(CNN):
     def fit(self, train: Examples, settings: Mapping[str, Any], seed: int) -> Network:
         """Learn from examples, then quantise by their largest values; see `Method`."""
         network = super().fit(train, settings, seed)
-        return Network(quantised(network.module, train.take(np.arange(min(len(train), AT_ONCE)))), "int8")
+        return Network(quantised(network.module, train.take(np.arange(min(train.recordings, AT_ONCE)), 1)), "int8")
 
 
 class GRU(Method):
@@ -106,20 +106,23 @@ class GRU(Method):
 
 
 def learnt(make: Any, train: Examples, settings: Mapping[str, Any], seed: int) -> nn.Module:
-    """A module that has learnt: cross-entropy, AdamW, one cycle, batches of 32, frames shifted at random."""
+    """A module that has learnt: cross-entropy, AdamW, one cycle, batches of 32, frames shifted at random.
+
+    An epoch shows each recording once, in one version after the other.
+    """
     import torch
 
     with torch.random.fork_rng(devices=[]):
         torch.manual_seed(seed)
         module: nn.Module = make()
-        batches = -(-len(train) // 32)
+        batches = -(-train.recordings // 32)
         steps = batches * settings["epochs"]
         optimiser = torch.optim.AdamW(module.parameters(), lr=settings["rate"], weight_decay=settings["decay"])
         cycle = torch.optim.lr_scheduler.OneCycleLR(optimiser, settings["rate"], total_steps=steps)
         rng = np.random.default_rng((seed, 3))
         module.train()
-        for _ in range(settings["epochs"]):
-            order = rng.permutation(len(train))
+        for epoch in range(settings["epochs"]):
+            order = rng.permutation(train.recordings) + epoch % train.versions * train.recordings
             for k in range(batches):
                 chosen = order[k * 32 : (k + 1) * 32]
                 frames = torch.from_numpy(shifted(train.frames[chosen], settings["shift"], rng))

@@ -11,6 +11,9 @@ from neuro_bench.mackey_glass import MackeyGlass
 from neuro_bench.method import Method
 from neuro_bench.nmnist import NMNIST
 from neuro_bench.reservoir import EchoState, SeriesMean
+from neuro_bench.shd import SHD
+from neuro_bench.sounds import Sounds
+from neuro_bench.speech_commands import SpeechCommands
 from neuro_bench.spiking import Delays, Dense, Recurrent
 from neuro_bench.spoken_digits import SpokenDigits
 from neuro_bench.task import Task
@@ -36,7 +39,7 @@ def _takes(base: type[Any]) -> Any:
 
 TASKS: Registry[type[Task]] = Registry(
     "bench task",
-    (SpokenDigits, NMNIST, MackeyGlass),
+    (SpokenDigits, Sounds, SpeechCommands, SHD, NMNIST, MackeyGlass),
     takes=_takes(Task),
     group="neuro.bench_tasks",
     complete=_whole(Task, "folds", ("called_by", "title", "licence", "source")),

@@ -31,7 +31,7 @@ class Request:
         method: a name of `METHODS`.
         data: path of the data, None where the task makes them.
         split: of the task, its first if None.
-        tries: settings that are tried in each fold.
+        tries: settings that are tried in each fold, with the first seed.
         seeds: of the method, each on all folds.
         folds: the first so many only; all if None.
         changes: settings that are otherwise than the method's, in all tries.
@@ -87,7 +87,7 @@ def run(
         ModelError: as of `Request.made` and of the task.
     """
     task, method = request.made()
-    folds = list(task.folds())[: request.folds]
+    folds = task.folds()[: request.folds]
     asked: dict[str, Any] = {
         "data": None if request.data is None else str(request.data),
         "tries": request.tries,
@@ -101,10 +101,13 @@ def run(
     of = json.loads(json.dumps(of | {word: made[word] for word in ("neuro", "commit", "inputs")}))
     before = {} if kept is None else kept_json(kept)
     found: list[dict[str, Any]] = before["folds"] if before.get("of") == of else []
-    each = [(seed, fold) for seed in request.seeds for fold in folds]
-    for seed, fold in each[len(found) :]:
+    each = [(seed, k) for seed in request.seeds for k in range(len(folds))]
+    for seed, k in each[len(found) :]:
+        fold = folds[k]
         report(f"{fold.name}, seed {seed}", len(found), len(each))
-        found.append(_fold(task, method, fold, tries(method, asked["changes"], request.tries, seed), seed))
+        first = len(found) < len(folds)
+        tried = tries(method, asked["changes"], request.tries, seed) if first else [found[k]["settings"]]
+        found.append(_fold(task, method, fold, tried, seed))
         if kept is not None:
             write_text(kept, json.dumps({"format": KEPT_FORMAT, "of": of, "folds": found}), KEPT)
     scores = [each["score"] for each in found]

@@ -21,13 +21,17 @@ INPUT, OUTPUT, CHIP = "input", "out", "loihi"
 
 
 class Spiking(Method):
-    """Base of these: an input, a hidden layer and a neuron a class, of which the one that fires most decides."""
+    """Base of these: an input, a hidden layer and a neuron a class, of which the one that fires most decides.
+
+    An epoch shows each recording once, so many versions of it are as many epochs.
+    """
 
     spiking = True
     back: ClassVar[bool] = False
     delayed: ClassVar[bool] = False
     settings = {
-        "hidden": 128, "tau": 20.0, "epochs": 40, "rate": 0.01, "decay": 0.05, "temperature": 2.0, "shift": 1,
+        "hidden": 128, "tau": 20.0, "epochs": 40, "rate": 0.01, "decay": 0.05, "temperature": 2.0, "slope": 1.0,
+        "batch": 20, "shift": 1,
     }  # fmt: skip
     space: ClassVar[Mapping[str, Any]] = {
         "hidden": (128, 256),
@@ -36,6 +40,7 @@ class Spiking(Method):
         "rate": (0.005, 0.01, 0.02),
         "decay": (0.02, 0.05, 0.1),
         "temperature": (1.5, 2.0, 3.0),
+        "slope": (1.0, 2.0, 4.0),
         "shift": (1, 2),
     }
 
@@ -56,7 +61,7 @@ class Spiking(Method):
         span = neuro.uniform(low=h, high=10.0 * h) if self.delayed else h
         connect("in_hidden", INPUT, "hidden", 0.8 / each**0.5, span)
         if self.back:
-            connect("hidden_hidden", "hidden", "hidden", 0.05 / settings["hidden"] ** 0.5)
+            connect("hidden_hidden", "hidden", "hidden", settings["back"] / settings["hidden"] ** 0.5)
         connect("hidden_out", "hidden", OUTPUT, 0.1)
         return net
 
@@ -72,7 +77,8 @@ class Spiking(Method):
         """The settings as `neuro train` has them."""
         from neuro_train.plan import TrainingPlan
 
-        words: Any = {name: settings[name] for name in ("epochs", "rate", "decay", "temperature", "shift")}
+        words: Any = {name: settings[name] for name in ("rate", "decay", "temperature", "slope", "batch", "shift")}
+        words["epochs"] = -(-settings["epochs"] // train.versions)
         learns = ("in_hidden=weight,delay", "hidden_out=weight") if self.delayed else ()
         duration = train.spikes.steps * train.spikes.step
         return TrainingPlan(input=INPUT, output=OUTPUT, trainable=learns, duration=duration, seed=seed, **words)
@@ -127,11 +133,17 @@ class _Trained:
 
 
 class Recurrent(Spiking):
-    """A hidden layer that sees the input and itself."""
+    """A hidden layer that sees the input and itself.
+
+    Its surrogate is narrow: along recurrent synapses the derivative of a wide one reaches neurons that are far from a
+    spike, step after step, and what it says is no gradient of anything.
+    """
 
     called_by = "recurrent"
     title = "recurrent spiking network, by surrogate gradients"
     back = True
+    settings = {**Spiking.settings, "slope": 4.0, "back": 0.5, "batch": 50, "rate": 0.02}
+    space = {**Spiking.space, "slope": (4.0, 8.0), "back": (0.25, 0.5, 1.0), "rate": (0.01, 0.02, 0.04)}
 
 
 class Dense(Spiking):

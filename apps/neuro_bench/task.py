@@ -69,12 +69,15 @@ class Examples:
         labels: the class of each, from 0, shape (examples,).
         classes: names.
         spikes: what spiking networks see.
+        versions: of each recording, for who learns: of n recordings, example v n + k is version v of the one k, and
+            version 0 is the recording as it is.
     """
 
     frames: Floats
     labels: Ints
     classes: tuple[str, ...]
     spikes: Spikes
+    versions: int = 1
 
     def __post_init__(self) -> None:
         if self.frames.ndim != 4 or len(self.frames) != len(self.labels):
@@ -88,10 +91,17 @@ class Examples:
     def __len__(self) -> int:
         return len(self.labels)
 
-    def take(self, chosen: Ints) -> Examples:
-        """Some of them, in the order given."""
-        spikes = self.spikes.take(chosen, len(self))
-        return Examples(self.frames[chosen], self.labels[chosen], self.classes, spikes)
+    @property
+    def recordings(self) -> int:
+        """How many there are, each in all versions."""
+        return len(self) // self.versions
+
+    def take(self, chosen: Ints, versions: int | None = None) -> Examples:
+        """Some of the recordings, in the order given, in so many of their versions; in all if not given."""
+        count = self.versions if versions is None else versions
+        index = (np.arange(count)[:, None] * self.recordings + np.asarray(chosen, np.int64)).reshape(-1)
+        spikes = self.spikes.take(index, len(self))
+        return Examples(self.frames[index], self.labels[index], self.classes, spikes, count)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -168,41 +178,75 @@ class Task:
         return 100.0 * float(np.mean(np.asarray(predicted) == wanted.labels))
 
 
-def random_folds(examples: Examples, count: int, seed: int) -> list[Fold]:
-    """Folds that test on each example once, drawn within the classes; a tenth of the others is the validation part.
+class Folds(Sequence[Fold]):
+    """Folds of examples, each made when it is asked for: all at once may need more memory than there is.
+
+    Learning sees all versions of a recording, validation and test see version 0.
+
+    Args:
+        examples: the recordings.
+        parts: of each fold its name, and which recordings learn, validate and test, each of shape (recordings,).
+    """
+
+    def __init__(self, examples: Examples, parts: Sequence[tuple[str, Any, Any, Any]]) -> None:
+        self._examples, self._parts = examples, parts
+
+    def __len__(self) -> int:
+        return len(self._parts)
+
+    def __getitem__(self, k: Any) -> Any:
+        """The fold k, or some of the folds."""
+        if isinstance(k, slice):
+            return Folds(self._examples, self._parts[k])
+        name, train, held, tested = self._parts[k]
+        take = self._examples.take
+        learnt, validated, both, asked = (np.flatnonzero(part) for part in (train, held, train | held, tested))
+        return Fold(name, take(learnt), take(validated, 1), take(both), take(asked, 1))
+
+
+def random_folds(examples: Examples, count: int, seed: int) -> Folds:
+    """Folds that test on each recording once, drawn within the classes; a tenth of the others is the validation part.
 
     Raises:
-        ModelError: there are fewer examples than folds.
+        ModelError: there are fewer recordings than folds.
     """
-    if len(examples) < 2 * count:
-        raise ModelError(f"found {len(examples)} examples: expected at least {2 * count} for {count} folds")
+    n = examples.recordings
+    if n < 2 * count:
+        raise ModelError(f"found {n} examples: expected at least {2 * count} for {count} folds")
     rng = np.random.default_rng((seed, 1))
-    part = np.empty(len(examples), dtype=np.int64)
+    part = np.empty(n, dtype=np.int64)
     first = 0
     for label in range(len(examples.classes)):
-        own = np.flatnonzero(examples.labels == label)
+        own = np.flatnonzero(examples.labels[:n] == label)
         part[rng.permutation(own)] = (first + np.arange(len(own))) % count
         first += len(own)
-    return [fold(examples, f"random {k + 1}", part == k, (seed, 2, k)) for k in range(count)]
+    return Folds(examples, [_drawn(f"random {k + 1}", part == k, (seed, 2, k)) for k in range(count)])
 
 
-def fold(examples: Examples, name: str, tested: npt.NDArray[np.bool_], key: tuple[int, ...]) -> Fold:
-    """The fold that tests on some examples and draws the validation part from the others."""
+def _drawn(name: str, tested: npt.NDArray[np.bool_], key: tuple[int, ...]) -> tuple[str, Any, Any, Any]:
+    """The fold that tests on some recordings and draws the validation part from the others."""
     rest = np.random.default_rng(key).permutation(np.flatnonzero(~tested))
-    held = max(1, len(rest) // 10)
-    parts = (examples.take(np.sort(each)) for each in (rest[held:], rest[:held], rest, np.flatnonzero(tested)))
-    return Fold(name, *parts)
+    held = np.zeros(len(tested), dtype=np.bool_)
+    held[rest[: max(1, len(rest) // 10)]] = True
+    return name, ~tested & ~held, held, tested
 
 
-def grouped_folds(examples: Examples, groups: Sequence[str]) -> list[Fold]:
-    """Folds that test on one group each, such as a speaker; the validation part is the group that follows it."""
+def grouped_folds(examples: Examples, groups: Sequence[str]) -> Folds:
+    """Folds that test on one group each, such as a speaker; the validation part is the group that follows it.
+
+    Args:
+        examples: the recordings.
+        groups: that of each recording.
+
+    Raises:
+        ModelError: there are fewer than three groups.
+    """
     names = sorted(set(groups))
     if len(names) < 3:
         raise ModelError(f"found {len(names)} groups: expected at least 3, to learn, to choose and to test by")
     own = np.asarray(groups)
-    folds = []
+    parts = []
     for k, name in enumerate(names):
         tested, held = own == name, own == names[(k + 1) % len(names)]
-        parts = (examples.take(np.flatnonzero(each)) for each in (~tested & ~held, held, ~tested, tested))
-        folds.append(Fold(f"without {name}", *parts))
-    return folds
+        parts.append((f"without {name}", ~tested & ~held, held, tested))
+    return Folds(examples, parts)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shlex
 from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -101,6 +102,9 @@ def train(
         raise typer.Exit(130) from None
     for file, model in zip(files, models, strict=True):
         typer.echo(f"{file}: {learnt(model)}")
+    if models[0].steps:
+        name = shlex.quote(str(files[0]))
+        typer.echo(f"next: neuro drone test {name} flies whole laps, which show what was learnt")
 
 
 @app.command("test")

@@ -96,6 +96,9 @@ Threads = Annotated[int, Option(metavar="N", min=1, help="Threads to compute wit
 # for a chip
 Cost = Annotated[list[str], Option(metavar="CHIP=X", help="Add X to the loss for each microjoule; repeatable.")]
 Bits = Annotated[int | None, Option(metavar="N", help="Of weights while they learn, on a chip's grid.")]
+OnChip = Annotated[
+    str | None, Option("--chip", metavar="NAME", help="Of --bits: that of --cost, or loihi, if not given.")
+]
 Prune = Annotated[float, Option(metavar="SHARE", help="Drop so many synapses, the smallest, half way.")]
 NeuronsPerCore = Annotated[int | None, Option(metavar="N", help="Of a chip, fewer than it allows.")]
 
@@ -137,6 +140,7 @@ def train(
     augment: Augment = [],  # noqa: B006
     cost: Cost = [],  # noqa: B006
     bits: Bits = None,
+    chip: OnChip = None,
     prune: Prune = 0.0,
     neurons_per_core: NeuronsPerCore = None,
     search: Search = None,
@@ -158,7 +162,7 @@ def train(
     plan = TrainingPlan(
         input=input, output=output, trainable=tuple(learn), epochs=epochs, duration=duration, start=start, scale=scale,
         window=window, batch=batch, rate=rate, decay=decay, loss=loss, temperature=temperature, surrogate=surrogate,
-        slope=slope, **augmentation(augment), cost=costs(cost), bits=bits, prune=prune,
+        slope=slope, **augmentation(augment), cost=costs(cost), bits=bits, on=chip, prune=prune,
         neurons_per_core=neurons_per_core, seed=seed, device=device,
     )  # fmt: skip
     net = neuro.load(file, params=assignments(set))

@@ -35,10 +35,10 @@ if TYPE_CHECKING:
 def check(file: NetworkFile, backend: Backend = "event", seed: Seed = 0, set: Set = []) -> None:  # noqa: B006
     """Load and compile a network, ask the backend whether it can run it, and say all that is wrong."""
     from neuro.compiler.mistakes import mistakes
-    from neuro.program.backend import find_backend
+    from neuro.program.backend import Draws, find_backend
 
     chosen = find_backend(backend)
-    found = mistakes(file, assignments(set), seed)
+    found = mistakes(file, assignments(set), seed, isinstance(chosen, Draws))
     problems = () if found.program is None else chosen.problems(found.program)
     problems = [problem for problem in problems if problem.origin not in found.unsure]
     for error in found.mistakes:

@@ -28,7 +28,7 @@ class Options:
         dt: length of a step in ms, None if not given.
         written_by: the tool that wrote the source, None if not given.
         read_by: the tool that is to read the destination, None if not given.
-        reset: what a spike does, None if not given.
+        reset: what a spike does, or of lava-dl the steps between two resets of states, None if not given.
         pynn: how a script of PyNN is run; its words are those of `neuro.from_pynn`.
         seed: of what is drawn where a network is written with its draws.
         duration: ms for which a script written for PyNN runs, or a test in C, None if not given.
@@ -72,9 +72,12 @@ def _read_pynn(file: Path, options: Options) -> tuple[Network | None, Verdicts |
 
 
 def _read_netx(file: Path, options: Options) -> tuple[Network | None, Verdicts | None]:
-    from neuro.exchange.netx import from_netx
+    from neuro.core.errors import ModelError
+    from neuro.exchange.netx import examine_netx
 
-    return from_netx(file), None
+    if options.reset is not None and not options.reset.isdigit():
+        raise ModelError(f"--reset {options.reset}: expected a number of steps, of a network of lava-dl")
+    return examine_netx(file, reset=int(options.reset or 0))
 
 
 def _write_yaml(net: Network, file: Path, options: Options) -> Verdicts | None:
@@ -141,7 +144,11 @@ WRITERS: dict[str, Callable[[Network, Path, Options], Verdicts | None]] = {
 }
 """What writes one, by the ending of a file, or by the word of --to."""
 
-READING = {".nir": ("--resolution", "--from", "--reset"), ".py": ("--run-script", "--arguments", "--network")}
+READING = {
+    ".nir": ("--resolution", "--from", "--reset"),
+    ".net": ("--reset",),
+    ".py": ("--run-script", "--arguments", "--network"),
+}
 WRITING = {
     ".nir": ("--resolution", "--to"),
     ".py": ("--seed", "--for"),
@@ -168,7 +175,10 @@ To = Annotated[
 Reset = Annotated[
     str | None,
     typer.Option(
-        "--reset", metavar="WORD", help="What a spike does in SRC: to_value, to_value_next, subtract or subtract_next."
+        "--reset",
+        metavar="WORD",
+        help="What a spike does in SRC: to_value, to_value_next, subtract or subtract_next; "
+        "of lava-dl's networks the steps between two resets.",
     ),
 ]
 RunScript = Annotated[

@@ -181,9 +181,11 @@ def print_results(results: Results, out: Path) -> None:
     if learnt:
         console().print(table(("projection", "synapse", ">synapses", ">weight", ">SD", ">from", ">to"), learnt))
     typer.echo(recorded(results))
-    left_out = [name for name, part in results.projections.items() if part.weight is None]
+    left_out = [name for name, part in results.projections.items() if part.weight is None and not part.drawn_by]
     if left_out:
         typer.echo(f"left out the static weights of {', '.join(left_out)}; --all-weights keeps them")
+    if drawn := [name for name, part in results.projections.items() if part.drawn_by]:
+        typer.echo(f"drawn by the backend, and without weights: the synapses of {', '.join(drawn)}")
     typer.echo(f"{out}: {results.duration_ms:g} ms")
     if any(part.recorded for part in results.populations.values()) or results.traces:
         typer.echo(f"next: neuro plot {shlex.quote(str(out))}, or neuro report {shlex.quote(str(out))}")

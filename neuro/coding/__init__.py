@@ -2,7 +2,7 @@
 
 An encoder is a function of an array of values and named parameters. Those of `CODES` give spike times, those of
 `RATE_CODES` rates, which `poisson` makes into spikes. Those of `FIELDS` are classes, made for dimensions of vectors,
-that give the spikes of neurons with fields. `Cochlea`, `HairCells`, `mel_levels` and `crossings` make spikes of sounds.
+that give the spikes of neurons with fields. `Cochlea`, `MelBands`, `HairCells` and `crossings` make spikes of sounds.
 Decoders are functions of counts or spike times.
 """
 
@@ -22,8 +22,8 @@ if TYPE_CHECKING:
     from neuro.coding.ears import (
         Cochlea as Cochlea,
         HairCells as HairCells,
+        MelBands as MelBands,
         crossings as crossings,
-        mel_levels as mel_levels,
     )
     from neuro.coding.encoders import (
         burst as burst,

@@ -2,10 +2,11 @@
 
 | step | by |
 | --- | --- |
-| sound to channels | `Cochlea` (gammatone filters, a stream), `mel_levels` (bands of spectra, frame by frame) |
-| channels to spikes | `HairCells` (integrate-and-fire, a stream), `crossings` (passed thresholds), rates |
+| sound to channels | `Cochlea` (gammatone filters, sample by sample), `MelBands` (bands of spectra, frame by frame) |
+| channels to spikes | `HairCells` (integrate-and-fire), `crossings` (passed thresholds), rates |
 
-Rates are the levels times a largest rate, which `neuro.coding.poisson` makes into spikes.
+All are streams: pieces of a sound give what the whole gives. Rates are the levels times a largest rate, which
+`neuro.coding.poisson` makes into spikes.
 
 Source: gammatone filters: Slaney, Apple Computer Technical Report 35, 1993; mel scale: O'Shaughnessy, Speech
 Communication, 1987; spikes of integrate-and-fire cells behind a half-wave rectifier: Cramer, Stradmann, Schemmel &
@@ -151,21 +152,12 @@ def _integrate(drive, gain, keep, rest, first, v, until, fired):  # type: ignore
                 fired[t, k] = True
 
 
-def mel_levels(
-    sound: npt.ArrayLike,
-    rate: float,
-    channels: int = 32,
-    low: float = 60.0,
-    high: float | None = None,
-    window: float = 25.0,
-    hop: float = 10.0,
-) -> Floats:
-    """Logarithms of the energy in triangular bands, evenly spaced in mels, frame by frame.
+class MelBands:
+    """Logarithms of the energy in triangular bands, evenly spaced in mels, frame by frame; it hears a sound in pieces.
 
-    A frame sees the window that ends with it, so a frame needs no sample of the future.
+    A frame sees the window that ends with it, so it needs no sample of the future. Before the first sample is silence.
 
     Args:
-        sound: samples, shape (samples,).
         rate: samples of a second, Hz.
         channels: bands, 1 to 1024.
         low: where the lowest band begins, Hz.
@@ -173,42 +165,69 @@ def mel_levels(
         window: of a frame, under a Hann window, ms.
         hop: from frame to frame, ms.
 
-    Returns:
-        Levels in dB of a band's energy, -120 for silence, shape (frames, channels); there are samples / hop frames.
-
     Raises:
-        ModelError: a number is out of its bounds, or the sound is no row of finite numbers.
+        ModelError: a number is out of its bounds.
     """
-    per_s: float = argument("rate", rate, above=0)
-    count: int = argument("channels", channels, kind="integer", at_least=1, at_most=1024)
-    first: float = argument("low", low, at_least=0)
-    last: float = argument("high", per_s / 2.0 if high is None else high, above=first, at_most=per_s / 2.0)
-    width = round(argument("window", window, above=0) * per_s / 1000.0)
-    step = round(argument("hop", hop, above=0) * per_s / 1000.0)
-    if width < 2 or step < 1:
-        raise ModelError(
-            f"window = {window}, hop = {hop}: expected at least 2 samples and 1 sample of {1000 / per_s:g} ms"
-        )
-    samples = _row(sound)
-    frames = len(samples) // step
-    padded = np.concatenate((np.zeros(width), samples))
-    ends = width + step * (1 + np.arange(frames))
-    pieces = padded[ends[:, None] - width + np.arange(width)] * np.hanning(width)
-    bins = 1 << (width - 1).bit_length()
-    power = np.abs(np.fft.rfft(pieces, bins, axis=1)) ** 2 / (np.hanning(width) ** 2).sum()
-    energy = power @ _triangles(count, first, last, bins, per_s)
-    levels: Floats = 10.0 * np.log10(energy + _SILENCE)
-    return levels
+
+    def __init__(
+        self,
+        rate: float,
+        channels: int = 32,
+        low: float = 60.0,
+        high: float | None = None,
+        window: float = 25.0,
+        hop: float = 10.0,
+    ) -> None:
+        self.rate: float = argument("rate", rate, above=0)
+        count: int = argument("channels", channels, kind="integer", at_least=1, at_most=1024)
+        first: float = argument("low", low, at_least=0)
+        half = self.rate / 2.0
+        last: float = argument("high", half if high is None else high, above=first, at_most=half)
+        width = round(argument("window", window, above=0) * self.rate / 1000.0)
+        self._step = round(argument("hop", hop, above=0) * self.rate / 1000.0)
+        if width < 2 or self._step < 1:
+            raise ModelError(
+                f"window = {window}, hop = {hop}: expected at least 2 samples and 1 sample of {1000 / self.rate:g} ms"
+            )
+        self._window = np.hanning(width)
+        self._bins = 1 << (width - 1).bit_length()
+        self._bands = _triangles(count, first, last, self._bins, self.rate)
+        self.reset()
+
+    def reset(self) -> None:
+        """Forget what was heard: the next sample is the first."""
+        self._seen = np.zeros(len(self._window))
+
+    def hear(self, sound: npt.ArrayLike) -> Floats:
+        """The frames that end in the next samples.
+
+        Args:
+            sound: samples, shape (samples,).
+
+        Returns:
+            Levels in dB of a band's energy, -120 for silence, shape (frames, channels).
+
+        Raises:
+            ModelError: it is no row of finite numbers.
+        """
+        seen, width = np.concatenate((self._seen, _row(sound))), len(self._window)
+        frames = (len(seen) - width) // self._step
+        starts = self._step * (1 + np.arange(frames))
+        self._seen = seen[frames * self._step :]
+        power = np.abs(np.fft.rfft(seen[starts[:, None] + np.arange(width)] * self._window, self._bins, axis=1)) ** 2
+        energy = np.einsum("fb,bc->fc", power / (self._window**2).sum(), self._bands)  # each frame by itself
+        levels: Floats = 10.0 * np.log10(energy + _SILENCE)
+        return levels
 
 
-def crossings(levels: npt.ArrayLike, thresholds: npt.ArrayLike) -> Floats:
+def crossings(levels: npt.ArrayLike, thresholds: npt.ArrayLike, before: npt.ArrayLike | None = None) -> Floats:
     """Spikes where a channel passes a threshold between two frames, upward and downward.
-
-    Before the first frame all channels are below all thresholds.
 
     Args:
         levels: of channels, shape (frames, channels).
         thresholds: ascending, shape (thresholds,), in the unit of the levels.
+        before: the frame before the first, shape (channels,), such as the last of the piece before; below all
+            thresholds if not given.
 
     Returns:
         1 for a spike, else 0, shape (frames, 2, thresholds, channels): downward, then upward.
@@ -221,8 +240,11 @@ def crossings(levels: npt.ArrayLike, thresholds: npt.ArrayLike) -> Floats:
         raise ModelError(f"levels: found the shape {values.shape}: expected (frames, channels)")
     if bars.ndim != 1 or not len(bars) or (np.diff(bars) <= 0).any():
         raise ModelError("thresholds: expected ascending numbers in a row, at least one")
-    above = values[:, None, :] >= bars[:, None]
-    change = np.diff(above.astype(np.int8), axis=0, prepend=np.int8(0))
+    first = np.full(values.shape[1], -np.inf) if before is None else finite(before, "before")
+    if first.shape != values.shape[1:]:
+        raise ModelError(f"before: found the shape {first.shape}: expected ({values.shape[1]},)")
+    above = np.concatenate((first[None], values))[:, None, :] >= bars[:, None]
+    change = np.diff(above.astype(np.int8), axis=0)
     return np.stack((change < 0, change > 0), axis=1).astype(np.float64)
 
 

@@ -33,7 +33,8 @@ DISTANCE = (
 ENERGY = (
     "Counts times published figures, and static power times the time of the emulated chip, which works as fast as it "
     "can or waits for each step in real time; in brackets the range of the figures. cpu and gpu do the same "
-    "work as dense layers: every synapse in every step."
+    "work as dense layers: every synapse in every step. Behind > static energy is missing, for lack of a figure; - "
+    "stands where no time is known."
 )
 ROUNDED = ("population", "quantity", ">described", ">on the chip", "unit", ">error")
 SCALED = ("projection", ">exponent", "signs", ">bits", ">step", ">saturated", ">turned to 0", ">largest error", ">rms")
@@ -87,7 +88,7 @@ def _card(comparison: Comparison, run: Run) -> Html:
 
 def _numbers(comparison: Comparison) -> Html:
     inputs = [f"on {run.backend} {cells.INPUTS[run.inputs]}" for run in comparison.ran[1:]]
-    counts = f"Counts that all backends share. Input spikes: {'; '.join(inputs)}."
+    counts = f"Counts that all backends share; - where nothing is compared. Input spikes: {'; '.join(inputs)}."
     natives = list(cells.natives(comparison))
     parts = [tag("h2", "In numbers"), tag("p", counts), table(cells.SUMMARY, cells.summary(comparison))]
     return join([*parts, table(cells.NATIVE, natives) if natives else None])

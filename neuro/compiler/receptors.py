@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from neuro.core.errors import ModelError, unknown
 from neuro.model.neurons import Neuron
 from neuro.model.parts import Population
-from neuro.model.synapses import MoveRule, Synapse, static
+from neuro.model.synapses import Synapse, static
 from neuro.program.program import Receptor
 
 
@@ -28,10 +28,10 @@ def receptor_of(synapse: Synapse, target: Population) -> Receptor | None:
     model = target.model
     assert isinstance(model, Neuron)
     known = model.named_receptors()
-    name = synapse.receptor if isinstance(synapse, (static, MoveRule)) else None
+    name = getattr(synapse, "receptor", None)
     if name is None:
         if len(known) > 2 or not model.signed:
-            rule = synapse.name if isinstance(synapse, MoveRule) else "static"
+            rule = synapse.name if hasattr(synapse, "receptor") else "static"
             message = f"{_shown(target)} has {len(known)} receptors: the synapse must name one"
             raise ModelError(message, hint=f"write {rule} with 'receptor', one of {', '.join(known)}")
         return None

@@ -76,6 +76,11 @@ def player_style() -> str:
     return (_FOLDER / "player.css").read_text("utf-8").strip()
 
 
+def player_script() -> str:
+    """What the scripts of these pages share: round marks on an axis."""
+    return (_FOLDER / "player.js").read_text("utf-8").strip()
+
+
 def tag(name: str, *parts: object, **attributes: object) -> Html:
     """An element.
 

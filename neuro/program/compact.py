@@ -133,6 +133,10 @@ class CompactProjection(Projection):
             self._set({"targets": targets, "weight": weight, "delay": delay})
         return targets, weight, delay
 
+    def retain(self) -> None:
+        """Have all arrays again, in place of what makes them anew."""
+        self._set(dict(zip(_ARRAYS, self.stored(), strict=True)))
+
     def release(self, again: Callable[[], StoredSynapses]) -> None:
         """Free all arrays with a value for each synapse; `again` makes them anew, in the same order and types."""
         self._set({} if "weight" in self.kinds else {"weight": self._kept["weight"]}, again)

@@ -238,7 +238,7 @@ def _projection(results: Results, name: str, part: Weights) -> tuple[object, ...
         name,
         part.source,
         part.target,
-        part.synapse,
+        part.said,
         f"{part.synapses:,}",
         *weights,
         f"{part.counts['synaptic_ops']:,}",

@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 import shlex
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -23,7 +22,7 @@ from neuro.core.version import VERSION
 from neuro.pages.scales import few, prefixed, tick, ticks
 from neuro.sweeps.folder import Folder, RunOutcome
 from neuro.sweeps.plan import Floats, so_far
-from neuro.sweeps.plot_data import PlotData, is_log, ordered, plot_data, scaled, told
+from neuro.sweeps.plot_data import PlotData, Units, is_log, named, ordered, plot_data, scaled, told, with_units
 from neuro.sweeps.table import RunRows, SweepTable, columns, measured, reasons, text
 from neuro.sweeps.trials import FoundTrial, TuneTable
 
@@ -135,26 +134,9 @@ def _cards(counts: Mapping[str, int], total: str, under_way: int, pruned: str = 
     yield html.card("left", f"{counts['left']:,}", f"{under_way:,} of them under way")
 
 
-Units = Mapping[str, str]
-"""Of parameters and metrics, by name; of what has none there is none."""
-
-
-def _with_units(data: PlotData, units: Units) -> PlotData:
-    """The same with units in the names, and metrics in that with a prefix by which they are readable."""
-    largest = max((abs(value) for _, each in data.points for value in each), default=0.0)
-    factor, unit = prefixed(largest, units.get(data.metric, ""))
-    points = tuple((values, tuple(factor * value for value in each)) for values, each in data.points)
-    names = tuple(_named(name, units.get(name, "")) for name in data.names)
-    return replace(data, metric=_named(data.metric, unit), names=names, points=points)
-
-
-def _named(name: str, unit: str) -> str:
-    return f"{name} ({unit})" if unit else name
-
-
 def _metrics(found: SweepTable, units: Units) -> Iterator[Html]:
     try:
-        drawn = [_with_units(each, units) for each in plot_data(found, (), (), "auto")]
+        drawn = [with_units(each, units) for each in plot_data(found, (), (), "auto")]
     except ModelError as error:
         yield tag("p", error.message)
         return
@@ -379,7 +361,7 @@ def _next(found: SweepTable | TuneTable, commands: Iterable[str]) -> Iterator[Ht
 def _headed(names: Iterable[str], units: Units) -> list[str]:
     """Heads of columns with their units; joules have theirs in the cells."""
     of = {name: unit for name, unit in units.items() if unit != "J"}
-    return [_named(name, of.get(name.lstrip(">"), "")) for name in names]
+    return [named(name, of.get(name.lstrip(">"), "")) for name in names]
 
 
 def _cell(value: Any, name: str, units: Units) -> str:
@@ -414,7 +396,7 @@ def _objectives(found: TuneTable, trials: Sequence[FoundTrial], units: Units) ->
     scales = [prefixed(most, units.get(name, "")) for name, most in zip(found.plan.objectives, largest, strict=True)]
     factors = [factor for factor, _ in scales]
     values = values * factors
-    names = [_named(name, unit) for name, (_, unit) in zip(found.plan.objectives, scales, strict=True)]
+    names = [named(name, unit) for name, (_, unit) in zip(found.plan.objectives, scales, strict=True)]
     small = []
     if len(found.plan.objectives) > 1:
         small.append(_front(found, names, values, numbers, factors))
@@ -425,7 +407,7 @@ def _objectives(found: TuneTable, trials: Sequence[FoundTrial], units: Units) ->
         small.append(_points("trial", name, numbers, values[:, k], numbers, steps, caption))
     yield tag("div", *small, class_="grid")
     for each in plot_data(found.runs(), tuple(found.plan.objectives), found.plan.names, "parallel"):
-        yield _parallel(_with_units(each, units))
+        yield _parallel(with_units(each, units))
 
 
 def _front(found: TuneTable, names: Sequence[str], values: Floats, numbers: Floats, factors: Sequence[float]) -> Html:

@@ -72,7 +72,7 @@ def test_random_folds_test_each_example_once_and_keep_parts_apart():
 def test_no_speaker_is_in_two_parts(sounds):
     made = SpokenDigits(sounds, "speakers").folds()
     assert [fold.name for fold in made] == ["without a", "without b", "without c"]
-    assert [len(made[0].train), len(made[0].validation), len(made[0].test)] == [12, 12, 12]
+    assert [part.recordings for part in (made[0].train, made[0].validation, made[0].test)] == [12, 12, 12]
     with pytest.raises(neuro.ModelError, match="found 2 groups: expected at least 3"):
         grouped_folds(examples(4), "aabb")
 
@@ -83,6 +83,18 @@ def test_spikes_are_taken_with_their_examples():
     assert some.labels.tolist() == [1, 0]
     own = shown.spikes.example == 3
     assert some.spikes.neuron[some.spikes.example == 1].tolist() == shown.spikes.neuron[own].tolist()
+
+
+def test_recordings_are_taken_in_all_their_versions():
+    shown = examples()
+    twice = Examples(shown.frames, shown.labels, shown.classes, shown.spikes, versions=2)
+    some = twice.take(np.array([7, 3]))
+    assert (twice.recordings, len(some), some.recordings) == (30, 4, 2)
+    assert np.array_equal(some.frames, shown.frames[[7, 3, 37, 33]])
+    assert np.array_equal(twice.take(np.array([7]), 1).frames, shown.frames[[7]])
+    pytest.importorskip("torch", reason="the extra torch is not installed")
+    method = METHODS["dense"]()
+    assert method.plan(twice, {**method.settings, "epochs": 5}, 0).epochs == 3  # each shows all versions once
 
 
 @pytest.mark.parametrize("method", ["logistic", "majority", "cnn", "cnn-int8", "gru", "recurrent", "delays"])

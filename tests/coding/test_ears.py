@@ -5,7 +5,7 @@ import pytest
 from scipy.signal import gammatone, sosfreqz
 
 import neuro
-from neuro.coding import Cochlea, HairCells, crossings, mel_levels
+from neuro.coding import Cochlea, HairCells, MelBands, crossings
 from neuro.coding.ears import _gammatone
 
 RATE = 8000.0
@@ -37,7 +37,7 @@ def test_silence_is_silent():
     heard = Cochlea(RATE, 8).hear(np.zeros(800))
     assert not heard.any()
     assert len(HairCells(8, RATE).spikes(heard)[0]) == 0
-    assert mel_levels(np.zeros(800), RATE).tolist() == np.full((10, 32), -120.0).tolist()
+    assert MelBands(RATE).hear(np.zeros(800)).tolist() == np.full((10, 32), -120.0).tolist()
     assert not crossings(np.full((5, 3), -1.0), [0.0]).any()
 
 
@@ -65,14 +65,22 @@ def test_a_tone_is_loudest_in_its_band():
     edges = np.linspace(2595 * np.log10(1 + 60 / 700), 2595 * np.log10(1 + 4000 / 700), 34)
     centres = 700 * (10 ** (edges[1:-1] / 2595) - 1)
     for band in (5, 15, 28):
-        assert mel_levels(tone(centres[band]), RATE)[5:].mean(axis=0).argmax() == band
+        assert MelBands(RATE).hear(tone(centres[band]))[5:].mean(axis=0).argmax() == band
 
 
 def test_a_frame_needs_no_sample_of_the_future():
     sound = np.random.default_rng(1).normal(size=1600)
-    levels = mel_levels(sound, RATE)
+    ear = MelBands(RATE)
+    levels = ear.hear(sound)
     assert len(levels) == 20
-    assert mel_levels(sound[:800], RATE) == pytest.approx(levels[:10])
+    ear.reset()
+    pieces = [ear.hear(piece) for piece in np.split(sound, [1, 50, 50, 799, 1200])]
+    assert [len(piece) for piece in pieces] == [0, 0, 0, 9, 6, 5]
+    assert np.array_equal(np.concatenate(pieces), levels)
+    bars = np.median(levels) + np.array([-3.0, 0.0, 3.0])
+    spikes = crossings(levels, bars)
+    assert 0 < spikes[9:].sum() < spikes.sum()
+    assert np.array_equal(crossings(levels[9:], bars, before=levels[8]), spikes[9:])
 
 
 def test_crossings_are_where_levels_pass_thresholds():
@@ -89,8 +97,9 @@ def test_crossings_are_where_levels_pass_thresholds():
         (lambda: HairCells(2, RATE).spikes([[1.0]]), "drive: found the shape (1, 1): expected (samples, 2)"),
         (lambda: crossings([[1.0]], [2.0, 1.0]), "thresholds: expected ascending numbers in a row, at least one"),
         (lambda: crossings([1.0], [2.0]), "levels: found the shape (1,): expected (frames, channels)"),
+        (lambda: crossings([[1.0]], [2.0], [1.0, 1.0]), "before: found the shape (2,): expected (1,)"),
         (
-            lambda: mel_levels([0.0], 10.0, low=0.0),
+            lambda: MelBands(10.0, low=0.0),
             "window = 25.0, hop = 10.0: expected at least 2 samples and 1 sample of 100 ms",
         ),
     ],

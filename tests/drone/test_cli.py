@@ -27,7 +27,12 @@ def test_train_and_test(drone, tmp_path):
     assert code == 0
     assert err.splitlines()[-1].startswith("seed 0: 1,000 of 1,000 steps, ")
     assert len(err.splitlines()) == 10
-    assert out.startswith("model.h5: snn in short, 1,000 steps, seed 0: in the last tenth of ")
+    frozen = re.search(
+        r"px with frozen weights in short flights from afar; [\d.]+ px and \d+% lost in the last tenth of", out
+    )
+    assert frozen, out
+    assert out.startswith("model.h5: snn in short, 1,000 steps, seed 0: ")
+    assert "px frozen, from afar; " in err
     four = told(drone, "test", "model.h5", "--starts", 2)
     assert (four["starts"], four["controller"], four["scenario"], four["steps"]) == (4, "snn", "short", 1000)
     assert [one["start"] for one in four["per_start"]] == [[-35, -35], [35, -35], [-35, 35], [35, 35]]
@@ -89,7 +94,7 @@ def test_seeds_have_files_of_their_own(drone, tmp_path):
     assert drone(*words, "--out", "one.h5")[0] == 0
     code, out, _ = drone(*words, "--repeats", 2, "--out", "both.h5")
     assert code == 0
-    assert [line.partition(":")[0] for line in out.splitlines()] == ["both-3.h5", "both-4.h5"]
+    assert [line.partition(":")[0] for line in out.splitlines()] == ["both-3.h5", "both-4.h5", "next"]
     one, both, other = (Model.load(tmp_path / f"{name}.h5").learnt["weights"] for name in ("one", "both-3", "both-4"))
     assert (one == both).all()
     assert (one != other).any()

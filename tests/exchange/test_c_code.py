@@ -694,3 +694,20 @@ def test_the_order_of_events_makes_no_difference(chip: str, tmp_path: Path):
             digests.append(code.digest())
         found.append(digests)
     assert found[0] == found[1]
+
+
+@pytest.mark.parametrize("out", [neuro.loihi2_lif(du=4095, dv=400, vth=200), neuro.sigma_decoder()])
+def test_learning_of_loihi_2_is_refused_or_left_out(out, tmp_path: Path):
+    needs("gcc")
+    net = neuro.Network("learns", resolution=1.0)
+    net.population("in", 3, neuro.spike_generator())
+    net.population("out", 2, out)
+    rule = neuro.loihi2_learning(dw="2^-2*x1*y0", x1_impulse=60, x1_tau=4, weight_exp=3)
+    net.connect("in", "out", neuro.all_to_all(), rule, weight=12.0, delay=1.0)
+    with pytest.raises(neuro.ModelError) as found:
+        save(net, tmp_path / "learns", chip="loihi2")
+    assert "projection 'in_out': loihi2_learning: the program in C has no learning of loihi2" in str(found.value)
+    code = Loaded(save(net, tmp_path, chip="loihi2", frozen=True))
+    code.step((0, 1))
+    code.step()
+    assert code.voltage(3) == (12 << 3) * (64 if "lif" in out.name else 1)

@@ -110,7 +110,7 @@ def test_a_file_of_another_tool_is_not_replaced(content, tmp_path):
         ("a.yaml b.yaml --resolution 1", "SRC to end in .nir, or DST to end in .nir"),
         ("a.yaml b.nir --from norse", "SRC to end in .nir"),
         ("a.nir b.yaml --resolution 1 --to norse", "DST to end in .nir"),
-        ("a.py b.yaml --run-script --reset subtract", "SRC to end in .nir"),
+        ("a.py b.yaml --run-script --reset subtract", "SRC to end in .nir, or SRC to end in .net"),
         ("a.yaml b.nir --seed 1", "DST to end in .py, or --to c"),
         ("a.yaml b.py --network 2", "SRC to end in .py"),
     ],

@@ -215,7 +215,7 @@ def _registers(draws: np.random.Generator, n: int) -> Any:
     decays = {"du": some(0, 4096), "dv": some(0, 4097), "bias_mant": some(-4096, 4096), "bias_exp": some(0, 8)}
     if draws.random() < 0.5:
         decays |= {"reset_interval": int(draws.integers(1, 20)), "reset_offset": int(draws.integers(0, 30))}
-    turning = {"cos_decay": some(2000, 4097), "sin_decay": some(0, 2000), "state_exp": int(draws.integers(0, 8))}
+    turning = {"cos_decay": some(-4096, 4097), "sin_decay": some(-2000, 2000), "state_exp": int(draws.integers(0, 8))}
     kinds = [
         lambda: neuro.loihi2_lif(**decays, vth=some(0, 2**12)),
         lambda: neuro.loihi2_ternary_lif(**decays, vth_hi=some(0, 2**12), vth_lo=some(-(2**12), 0)),
@@ -223,6 +223,7 @@ def _registers(draws: np.random.Generator, n: int) -> Any:
         lambda: neuro.delta_encoder(**encoding),
         lambda: neuro.sigma_decoder(),
         lambda: neuro.graded_vector(vth=some(0, 2**10), relu=relu),
+        lambda: neuro.graded_product(vth=some(0, 2**10), exp=int(draws.integers(0, 16))),
         lambda: neuro.loihi2_rf(**turning, vth=some(0, 999)),
         lambda: neuro.loihi2_rf_iz(**turning, vth=some(0, 999)),
     ]
@@ -239,16 +240,15 @@ def _wire(net: neuro.Network, draws: np.random.Generator, pre: str, post: str) -
     delay: Any = neuro.uniform(low=1.0, high=float(longest)) if longest > 1 and draws.random() < 0.5 else float(longest)
     words = {"delay": delay, "name": f"wires{len(net.projections)}"}
     rule, synapses = rules[int(draws.integers(0, len(rules)))]
-    if isinstance(net.populations[post].model, neuro.loihi2_rf | neuro.loihi2_rf_iz):
-        synapse: Any = neuro.static(receptor=str(draws.choice(["real", "imag"])))
-        net.connect(pre, post, rule, synapse, weight=float(draws.choice([-3.5, 1.0, 40.0])), **words)
-        return
+    receptor: dict[str, str] = {}
+    if (model := net.populations[post].model).receptors == 2:
+        receptor = {"receptor": str(draws.choice(model.receptor_names))}
     mode = str(draws.choice(["mixed", "excitatory", "inhibitory"]))
     bits, exponent = int(draws.integers(1, 9)), int(draws.integers(-8, 8))
     synapse = [
-        neuro.loihi2_static(weight_exp=exponent, num_weight_bits=bits, sign_mode=mode),
-        neuro.loihi2_convolution(),
-        neuro.static(),
+        neuro.loihi2_static(weight_exp=exponent, num_weight_bits=bits, sign_mode=mode, **receptor),
+        neuro.loihi2_convolution(**receptor),
+        neuro.static(**receptor),
     ][int(draws.integers(0, 3))]
     weight = draws.integers(-255, 255, synapses).astype(float)
     net.connect(pre, post, rule, synapse, weight=weight if draws.random() < 0.8 else 77.0, **words)

@@ -9,8 +9,13 @@ import pytest
 from matplotlib.image import imread
 
 from neuro.events import Events, recordings, save
-from neuro_recognise import fit
+from neuro_recognise import Recogniser, fit
+from neuro_recognise.method import Progress
 from neuro_recognise.methods import method_of
+from neuro_recognise.telling.energy import bills
+from neuro_recognise.telling.report import LearningBar
+from neuro_recognise.telling.tried import try_out
+from neuro_remus import page
 
 
 @pytest.fixture(scope="module")
@@ -52,6 +57,26 @@ def trained(folder, tmp_path_factory):
 @pytest.fixture
 def model(trained, tmp_path):
     return shutil.copy(trained, tmp_path / "model.h5")
+
+
+@pytest.mark.filterwarnings("ignore:backend")
+def test_the_page_of_the_demonstration(trained, folder, tmp_path, capsys):
+    made, unseen = Recogniser.load(trained), recordings(folder, part="Test")
+    tried = try_out(made, unseen)
+    page.write(tmp_path / "index.html", made, {"remus": (tried, bills(tried, ["loihi", "cpu"]))})
+    text = (tmp_path / "index.html").read_text("utf-8")
+    assert f'<h3>right, remus</h3><p class="big">{tried.own.accuracy:.1%}</p>' in text
+    assert text.count("<img ") == 3  # what it looks for, the curve, what it takes for what
+    assert text.index(">loihi</td>") < text.index("not in the bill: the camera")
+    assert "neuro new my-classifier --template classifier" in text
+
+
+def test_epochs_are_a_line_each_where_there_is_no_terminal(monkeypatch, capsys):
+    monkeypatch.setattr("neuro.core.progress.EVERY_S", 0.0)
+    with LearningBar() as bar:
+        for done in range(4):
+            bar.show(Progress("epoch 1 of 2", done, 3, 0.5))
+    assert capsys.readouterr().err.splitlines().count("epoch 1 of 2: 50.0% right") == 1
 
 
 def test_train_test_show(neuro, folder, tmp_path):

@@ -46,6 +46,20 @@ def folder(tmp_path, monkeypatch, registries):
     return tmp_path
 
 
+def test_units_are_those_of_the_network(folder):
+    sweep = load_sweep(folder / "sweep.yaml")
+    assert sweep.as_dict()["units"] == {
+        "exc.V_th": "mV",
+        "rate.exc": "Hz",
+        "weight.exc_inh": "pA",
+        "weight_sd.exc_inh": "pA",
+        "energy.loihi": "J",
+        "energy_real_time.loihi": "J",
+    }
+    assert sweep.units(["for", "exc_inh.delay", "exc_inh.weight"])["exc_inh.delay"] == "ms"
+    assert sweep.units(["for", "exc_inh.weight"])["exc_inh.weight"] == "pA"
+
+
 def test_a_sweep_gives_what_single_runs_give(folder, run, capsys):
     run("sweep", "run", "sweep.yaml", "--on", "here")
     out = capsys.readouterr().out.splitlines()
@@ -217,6 +231,8 @@ def test_pictures_and_the_page(folder, run, capsys):
     page = (folder / "runs" / "sweep.html").read_text()
     assert page.count("<tr>") > 25
     assert "25 runs" in page
+    assert "rate.exc (Hz)" in page
+    assert "exc.V_th (mV)" in page
     assert '<meta name="provenance"' in page
 
 

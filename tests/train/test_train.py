@@ -106,6 +106,25 @@ def test_every_network_that_ships_learns_by_the_command(neuro, folder, name):
         assert len(np.unique(listed(net.projections["hidden_out"].delay))) > 3
 
 
+def test_sigma_delta_neurons_learn_for_loihi_2(neuro, folder):
+    small = ("height=12", "width=12", "classes=3", "maps=4", "kernel=3", "stride=2", "hidden=8", "resolution=10")
+    small += ("hidden_vth=500", "hidden_std=30", "out_std=60")
+    sets = [word for value in small for word in ("--set", value)]
+    how = ("--chip", "loihi2", "--bits", 8, "--temperature", 1e6, "--rate", 0.06, "--epochs", 12, "--batch", 6)
+    test = ("--test", folder, "--backends", "event,loihi2", "--for", 60)
+    status, out, err = neuro("sigma", "--data", folder, *sets, *how, *test)
+    assert (status, err) == (0, "")
+    rows = [line.split() for line in out.splitlines() if "9 of 9" in line]
+    assert [row[0] for row in rows] == ["torch", "event", "loihi2"]
+    assert float(rows[0][1].rstrip("%")) >= 66.0
+    sent = [line.split(":")[1] for line in out.splitlines() if "spikes in a recording" in line]
+    assert sent[0] == sent[1]
+    net, unseen = snn.load("trained.yaml"), snn.events.recordings(folder, part="Test")
+    asked = [snn.predict(net, unseen, backend=backend) for backend in ("event", "loihi2")]
+    assert asked[0].agrees(asked[1]) == 1.0
+    assert f"{np.mean(asked[0].decided == unseen.labels):.1%}" == rows[0][1]
+
+
 @pytest.mark.slow
 def test_the_same_bits_after_kills():
     script = Path(__file__).parents[1] / "helpers" / "kills.py"

@@ -81,6 +81,18 @@ def graded_vector(cells: Cells, memory: Memory) -> Stepped:
     return own.sending([arriving(cells)], body, f"passed({words})")
 
 
+def graded_product(cells: Cells, memory: Memory) -> Stepped:
+    """The product of what arrives at both receptors, where it is large enough."""
+    r, own = cells.fixed.registers, Registers(cells, memory)
+    slots = ("in[i]", "below[i]")[: cells.receptors]
+    body = [
+        f"int32_t product = wrap32((int64_t)({' * '.join([*slots, '0u'][:2])}));",
+        *(f"{slot} = 0;" for slot in slots),
+    ]
+    words = f"(int32_t)floor_shift(product, {shared(r, 'exp')}u), {own.text('vth', r['vth'])}, 1"
+    return own.sending([arriving(cells)], body, f"passed({words})")
+
+
 def resonator(fires: Callable[[str, str, str], tuple[str, str]]) -> Callable[[Cells, Memory], Stepped]:
     """Neurons whose state turns.
 
@@ -93,7 +105,7 @@ def resonator(fires: Callable[[str, str, str], tuple[str, str]]) -> Callable[[Ce
         r, own = cells.fixed.registers, Registers(cells, memory)
         real, imag = own.state("real"), own.state("imag")
         exponent = shared(r, "state_exp")
-        test, reset = fires(real, imag, own.text("threshold", r["vth"] << exponent))
+        test, reset = fires(real, imag, own.text("threshold", r["vth"]))
         slots = ("in[i]", "below[i]")[: cells.receptors]
         inputs = [f"scaled({slot}, {exponent}u)" for slot in slots] + ["0"]
         factors = ", ".join(own.text(word, r[word]) for word in ("cos_decay", "sin_decay"))

@@ -21,7 +21,7 @@ from neuro.core.keyed_random import mix
 from neuro.exchange.c_code.source import INPUTS, Source
 from neuro.model.network import Network
 from neuro.model.parts import Projection
-from neuro.model.synapses import loihi_static, static
+from neuro.model.synapses import Synapse, loihi2_static, loihi_static, static
 from neuro.program.backend import OverflowWarning
 from neuro.program.program import Ints
 
@@ -83,10 +83,11 @@ def without_learning(net: Network) -> Network:
 def _frozen(part: Projection, net: Network) -> Projection:
     if not part.synapse.learns:
         return part
-    if net.populations[part.target].model.chip == "loihi":
-        known = part.synapse.parameters()
-        return replace(part, synapse=loihi_static(**{word: known[word] for word in loihi_static.quantities()}))
-    return replace(part, synapse=static())
+    target = net.populations[part.target].model
+    models: dict[str, type[Synapse]] = {"loihi": loihi_static, "loihi2": loihi2_static}
+    model = models.get(part.synapse.chip or target.chip, static)
+    known = part.synapse.parameters()
+    return replace(part, synapse=model(**{word: known[word] for word in model.quantities() if word in known}))
 
 
 def watched(net: Network) -> Network:

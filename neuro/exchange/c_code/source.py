@@ -50,6 +50,7 @@ STEPS: dict[str, Callable[[Cells, Memory], Stepped]] = {
     "delta_encoder": loihi2_cells.delta_encoder,
     "sigma_decoder": loihi2_cells.sigma_decoder,
     "graded_vector": loihi2_cells.graded_vector,
+    "graded_product": loihi2_cells.graded_product,
 }
 """The neurons that are written as C, by `FixedPopulation.kind`."""
 

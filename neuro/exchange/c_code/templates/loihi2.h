@@ -74,12 +74,23 @@ static inline uint32_t passed(int32_t input, int32_t threshold, int negative)
     return size > threshold ? (uint32_t)input : 0u;
 }
 
-/* A resonator turns. */
+/* value x factor / 4096, rounded towards 0, of factors of either sign. */
+static inline int32_t share(int32_t value, int32_t factor)
+{
+    return factor < 0 ? -kept(value, -factor) : kept(value, factor);
+}
+
+static inline int32_t limited(int64_t x)
+{
+    return x < -V_LIMIT ? -V_LIMIT : x > V_LIMIT ? V_LIMIT : (int32_t)x;
+}
+
+/* A resonator turns, and takes what arrives without a wrap. */
 static inline void turn(int32_t *real, int32_t *imag, int32_t cosine, int32_t sine, int32_t to_real, int32_t to_imag)
 {
-    int32_t x = minus(kept(*real, cosine), kept(*imag, sine)), y = plus(kept(*real, sine), kept(*imag, cosine));
-    *real = clipped(plus(x, to_real), -V_LIMIT, V_LIMIT);
-    *imag = clipped(plus(y, to_imag), -V_LIMIT, V_LIMIT);
+    int32_t x = minus(share(*real, cosine), share(*imag, sine)), y = plus(share(*real, sine), share(*imag, cosine));
+    *real = limited((int64_t)x + to_real);
+    *imag = limited((int64_t)y + to_imag);
 }
 
 #endif
