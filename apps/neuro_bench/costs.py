@@ -5,7 +5,7 @@ Joules of multiply-accumulates are those of the arithmetic alone, so a lower bou
 | type | pJ a product and a sum, 45 nm, 0.9 V |
 | --- | --- |
 | int8 | 0.2 + 0.03 |
-| float32 | 3.7 + 0.9 |
+| float32 | 3.7 + 0.9; a sum alone 0.9 |
 
 Source: Horowitz, ISSCC 2014, figure 1.1.9. By the same figure 64 bits of an 8 kB cache take 10 pJ and of DRAM 1,300 pJ
 or more. A bill of a chip has all of that, so the two are compared only with these words beside them.
@@ -17,8 +17,8 @@ from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field
 from typing import Any
 
-PICOJOULES = {"int8": 0.23, "float32": 4.6}
-"""Of a multiply-accumulate."""
+PICOJOULES = {"int8": 0.23, "float32": 4.6, "float32 sum": 0.9}
+"""Of a multiply-accumulate, or a sum."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
