@@ -215,7 +215,7 @@ class Network:
             activation_sparsity=counted["zeros"] / counted["activations"] if counted["activations"] else 0.0,
             effective_macs=macs,
             dense=counted["dense"] / len(shown),
-            joules=arithmetic(self._kind, macs),
+            joules=arithmetic(self._kind, macs, counted["dense"] / len(shown)),
         )
 
 

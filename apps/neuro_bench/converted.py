@@ -22,7 +22,7 @@ from neuro import ModelError
 from neuro.apps import Showing
 from neuro.chips import neurobench
 from neuro_bench.artificial import check_torch, learnt
-from neuro_bench.costs import Costs
+from neuro_bench.costs import Costs, on_chips
 from neuro_bench.method import Method
 from neuro_bench.spiking import INPUT, OUTPUT, PRICED
 from neuro_bench.task import Examples, Floats, Spikes
@@ -148,12 +148,8 @@ class _Converted:
         n = min(PRICED, len(shown))
         sim = neuro.compile(self.net)
         _, taken = self._show(sim, shown.take(np.arange(n)))
-        found, bill = neurobench(sim.program, taken.raw_counts, samples=n), sim.energy("loihi", of=taken)
+        found = neurobench(sim.program, taken.raw_counts, samples=n)
         ops, words = found["synaptic_operations"], ("footprint_bytes", "connection_sparsity", "activation_sparsity")
-        joules = {"Loihi, as fast as it can": bill.total_j, "Loihi, in real time": bill.real_time.total_j}
-        return Costs(
-            parameters=found["parameter_count"],
-            **{word: found[word] for word in words},
-            **{word: ops[word] for word in ("effective_macs", "effective_acs", "dense")},
-            joules={name: value / n for name, value in joules.items()},
-        )
+        each: Any = {word: found[word] for word in words} | on_chips(sim, taken, n)
+        each |= {word: ops[word] for word in ("effective_macs", "effective_acs", "dense")}
+        return Costs(parameters=found["parameter_count"], **each)

@@ -109,7 +109,7 @@ class _Reservoir:
         weights = (self._inside, self._inward, self._out)
         size = sum(each.size for each in weights)
         macs = float(sum(np.count_nonzero(each) for each in weights))
-        words: Any = {"connection_sparsity": 1.0 - macs / size, "joules": arithmetic("float32", macs)}
+        words: Any = {"connection_sparsity": 1.0 - macs / size, "joules": arithmetic("float32", macs, float(size))}
         sizes: Any = {"parameters": self._out.size, "footprint_bytes": 8 * size}
         return Costs(effective_macs=macs, dense=float(size), **sizes, **words)
 

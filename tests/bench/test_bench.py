@@ -8,6 +8,7 @@ import pytest
 
 import neuro
 from neuro_bench import METHODS, TASKS, Costs, Examples, Fold, Method, Request, Spikes, Task, report, run
+from neuro_bench.costs import break_even
 from neuro_bench.method import tries
 from neuro_bench.running import interval
 from neuro_bench.spoken_digits import SpokenDigits
@@ -210,3 +211,16 @@ def test_results_of_other_tries_are_not_compared(bench):
 
 def test_a_fold_has_named_parts():
     assert Fold.__slots__ == ("name", "train", "validation", "both", "test")
+
+
+def test_a_spiking_network_stops_winning_at_a_rate():
+    assert break_even(10.0, 4.0, 14.0) == 2.0  # 6 whatever it says, and 8 for twice the spikes
+    assert break_even(10.0, 4.0, 5.0) == 0.0
+    costs = {"joules": {"a chip": 10.0}, "joules_of_spikes": {"a chip": 4.0}}
+    spiking = {"method": {"name": "one", "spiking": True}, "costs": costs}
+    other = {"method": {"name": "two", "spiking": False}, "costs": {"joules": {"a core": 14.0, "arithmetic": 1.0}}}
+    assert report.sensitivity([other, spiking]) == [
+        "one on a chip against two on a core: fewer joules up to 2 times its spikes",
+        "one on a chip against two on arithmetic: more joules, even if it were silent",
+    ]
+    assert report.sensitivity([spiking]) == []
