@@ -42,7 +42,7 @@ class PopulationCode(Method):
     called_by = "population-code"
     title = "spiking populations with delays and a readout by least squares"
     spiking = True
-    settings = {"cells": 6000, "functions": 30, "steep": 1.0, "delays": 20, "ridge": 1e-9, "members": 3}
+    settings = {"cells": 2000, "functions": 30, "steep": 1.0, "delays": 20, "ridge": 1e-9, "members": 3}
     space = {
         "functions": (20, 30, 45),
         "steep": (0.8, 1.0, 1.3),
