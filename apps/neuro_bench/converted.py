@@ -41,6 +41,7 @@ class Converted(Method):
     spiking = True
     settings = {
         "maps": 16, "epochs": 40, "rate": 0.004, "decay": 0.01, "dropout": 0.5, "shift": 2, "warp": 0.15, "levels": 8,
+        "members": 1,
     }  # fmt: skip
     space = {
         "maps": (12, 16, 24),
@@ -68,8 +69,9 @@ class Converted(Method):
             last = nn.Linear(4 * maps * sides[0] * sides[1], len(train.classes), bias=False)
             return nn.Sequential(*layers, nn.Flatten(), nn.Dropout(settings["dropout"]), last)
 
-        weights = scaled(learnt(make, counts, settings, seed), counts.frames, settings["levels"])
-        return _Converted(weights, train.spikes, settings["levels"])
+        modules = [learnt(make, counts, settings, seed + 1000 * k) for k in range(settings["members"])]
+        members = [scaled(module, counts.frames, settings["levels"]) for module in modules]
+        return _Converted(members, train.spikes, settings["levels"])
 
 
 def counted(spikes: Spikes, examples: int) -> Floats:
@@ -80,7 +82,10 @@ def counted(spikes: Spikes, examples: int) -> Floats:
 
 
 def scaled(module: Any, frames: Floats, levels: int) -> list[Floats]:
-    """Weights of each layer, by which nearly all activations are 0 to `levels` if those of the layer before are."""
+    """Weights of each layer, by which nearly all activations are 0 to `levels` if those of the layer before are.
+
+    Potentials of the classes are those of the module.
+    """
     import torch
 
     found, before, x = [], 1.0, torch.from_numpy(frames)
@@ -89,44 +94,42 @@ def scaled(module: Any, frames: Floats, levels: int) -> list[Floats]:
             x = layer(x)
             if hasattr(layer, "weight"):
                 positive = np.asarray(x[x > 0])
-                now = levels / float(np.quantile(positive, COMMON)) if len(positive) else 1.0
+                last = layer is module[-1]
+                now = levels / float(np.quantile(positive, COMMON)) if len(positive) and not last else 1.0
                 found.append(layer.weight.numpy() * (now / before))
                 before = now
     return found
 
 
 class _Converted:
-    def __init__(self, weights: list[Floats], like: Spikes, levels: int) -> None:
+    """Its members lie side by side between the input and the classes, whose potentials are the sums of theirs."""
+
+    def __init__(self, members: list[list[Floats]], like: Spikes, levels: int) -> None:
         if like.step < 1.0:
             raise ModelError(f"method 'converted-cnn': steps of {like.step} ms: expected 1 ms or more")
-        steps = math.ceil(like.steps * like.step)
-        cell = neuro.iaf_psc_delta(
-            tau_m=float("inf"), t_ref=0.0, E_L=0.0, V_reset=0.0, V_th=1.0, reset_by_subtraction=True
-        )
+        words: Any = {"tau_m": float("inf"), "t_ref": 0.0, "E_L": 0.0, "V_reset": 0.0}
+        cell = neuro.iaf_psc_delta(V_th=1.0, reset_by_subtraction=True, **words)
+        layers, first = len(members[0]) - 1, math.ceil(like.steps * like.step) + 2
+        opened = [float(first + k * (levels + 2)) for k in range(layers)]
         net = neuro.Network("converted-cnn", resolution=1.0)
         net.population(INPUT, like.shape, neuro.spike_generator())
-        opened = [float(steps + 2 + k * (levels + 2)) for k in range(len(weights) - 1)]
-        clock = net.population(
-            "clock", len(weights), neuro.spike_generator(spike_times=[[1.0], *([t] for t in opened)])
-        )
-        before = INPUT
-        for k, weight in enumerate(weights[:-1]):
-            name, size = f"maps_{k}", weight.shape[2]
-            net.population(name, (len(weight), "auto", "auto"), cell)
-            rule = neuro.grid(kernel=(size, size), stride=2, padding=size // 2)
-            net.connect(before, name, rule, weight=weight.astype(np.float64), delay=1.0, name=f"{before}_{name}")
-            for word, source, held in (
-                ("holds", clock[0], -HELD),
-                ("opens", clock[k + 1], HELD + 0.5),
-            ):  # a half rounds
-                net.connect(source, name, neuro.all_to_all(), weight=held, delay=1.0, name=f"{word}_{k}")
-            before = name
-        net.population(
-            OUTPUT, len(weights[-1]), neuro.iaf_psc_delta(tau_m=float("inf"), E_L=0.0, V_reset=0.0, V_th=1e6)
-        )
-        net.connect(
-            before, OUTPUT, neuro.all_to_all(), weight=weights[-1].T.astype(np.float64), delay=1.0, name="classes"
-        )
+        times = [[1.0], *([each] for each in opened)]
+        clock = net.population("clock", layers + 1, neuro.spike_generator(spike_times=times))
+        net.population(OUTPUT, len(members[0][-1]), neuro.iaf_psc_delta(V_th=1e6, **words))
+        for m, weights in enumerate(members):
+            before = INPUT
+            for k, weight in enumerate(weights[:-1]):
+                name, size = f"maps_{m}_{k}", weight.shape[2]
+                net.population(name, (len(weight), "auto", "auto"), cell)
+                rule = neuro.grid(kernel=(size, size), stride=2, padding=size // 2)
+                net.connect(before, name, rule, weight=weight.astype(np.float64), delay=1.0)
+                for word, source, held in (
+                    ("held", clock[0], -HELD),
+                    ("open", clock[k + 1], HELD + 0.5),
+                ):  # half rounds
+                    net.connect(source, name, neuro.all_to_all(), weight=held, delay=1.0, name=f"{name}_{word}")
+                before = name
+            net.connect(before, OUTPUT, neuro.all_to_all(), weight=weights[-1].T.astype(np.float64), delay=1.0)
         self.net, self._steps = net, int(opened[-1]) + levels + 4
 
     def _show(self, sim: Any, shown: Examples) -> tuple[Any, Any]:

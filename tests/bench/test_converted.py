@@ -18,7 +18,7 @@ def drawn(rng, n=5):
     return Examples(np.zeros((n, 1, 1, 1), np.float32), np.zeros(n, np.int64), ("a", "b", "c"), spikes), weights
 
 
-def in_whole_numbers(counts, weights, levels):
+def in_whole_numbers(counts, weights):
     """Rectified sums, rounded, layer by layer; and the potentials of the classes."""
     torch = pytest.importorskip("torch", reason="the extra torch is not installed")
     x, said = torch.from_numpy(counts).double(), []
@@ -30,15 +30,17 @@ def in_whole_numbers(counts, weights, levels):
 
 
 def test_each_layer_fires_its_rectified_sum_in_whole_numbers():
-    shown, weights = drawn(np.random.default_rng(3))
-    said, potentials = in_whole_numbers(counted(shown.spikes, 5), weights, LEVELS)
+    rng = np.random.default_rng(3)
+    (shown, weights), (_, second) = drawn(rng), drawn(rng)
+    said, potentials = in_whole_numbers(counted(shown.spikes, 5), weights)
     assert 0 < max(each.max() for each in said) <= LEVELS
-    made = _Converted(weights, shown.spikes, LEVELS)
+    potentials = potentials + in_whole_numbers(counted(shown.spikes, 5), second)[1]
+    made = _Converted([weights, second], shown.spikes, LEVELS)
     sim = neuro.compile(made.net)
     for k in range(5):
         classes, _ = made._show(sim, shown.take(np.array([k])))
         for layer in range(3):
-            _, ids = sim.spikes(f"maps_{layer}")
+            _, ids = sim.spikes(f"maps_0_{layer}")
             assert np.array_equal(np.bincount(ids, minlength=said[layer][k].size), said[layer][k].ravel())
         assert sim.get(OUTPUT, "V_m") == pytest.approx(potentials[k], abs=1e-9)
         assert classes[0] == potentials[k].argmax()
@@ -53,4 +55,4 @@ def test_counts_are_those_of_the_spikes():
 def test_steps_below_a_millisecond_are_refused():
     _, weights = drawn(np.random.default_rng(4))
     with pytest.raises(neuro.ModelError, match=r"steps of 0\.5 ms: expected 1 ms or more"):
-        _Converted(weights, Spikes.of_dense(np.zeros((1, 2, 2, 9, 9)), 0.5), LEVELS)
+        _Converted([weights], Spikes.of_dense(np.zeros((1, 2, 2, 9, 9)), 0.5), LEVELS)
