@@ -117,9 +117,9 @@ def show(results: Sequence[Mapping[str, Any]]) -> None:
     console().print(table(head, rows, title=f"{task['title']}; {task['split']} folds; {folds}; {tried}"))
     for line in sensitivity(ordered):
         console().print(line, soft_wrap=True)
-    notes = {name for one in ordered for name in one["costs"]["joules"]}
+    notes = dict.fromkeys(name for one in ordered for name in one["costs"]["joules"])
     if notes:
-        console().print(f"uJ of an example: {'; '.join(sorted(notes))}, the first of each row", soft_wrap=True)
+        console().print(f"uJ of an example: {'; '.join(notes)}, the first of each row", soft_wrap=True)
 
 
 def sensitivity(results: Sequence[Mapping[str, Any]]) -> list[str]:

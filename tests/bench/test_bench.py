@@ -224,3 +224,25 @@ def test_a_spiking_network_stops_winning_at_a_rate():
         "one on a chip against two on arithmetic: more joules, even if it were silent",
     ]
     assert report.sensitivity([spiking]) == []
+
+
+def test_the_task_of_the_page_is_trained_compared_and_priced(tmp_path, capsys):
+    """Thirty lines from outside: no line of the package knows them."""
+    page = (Path(__file__).parents[2] / "docs/how-to/benchmarks.md").read_text("utf-8")
+    code = page.split("# tones.py\n")[1].split("```")[0]
+    assert len([line for line in code.splitlines() if line.strip()]) <= 30
+    file = tmp_path / "tones.py"
+    file.write_text(code)
+    exec(compile(code, str(file), "exec"), {"__name__": "tones"})
+    pytest.importorskip("torch", reason="the extra torch is not installed")
+    changes = {"hidden": 8, "epochs": 2}
+    with np.errstate(all="ignore"):
+        results = [
+            run(Request(task="rows", method="dense", folds=1, changes=changes)),
+            run(Request(task="rows", method="logistic", folds=1)),
+        ]
+    report.show(results)
+    printed = capsys.readouterr().out
+    assert printed.startswith("logistic wins, a non-spiking network or method")
+    assert "dense on Loihi, as fast as it can against logistic on CPU core, float32: " in printed
+    assert all(result["costs"]["joules"] for result in results)
