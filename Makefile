@@ -1,13 +1,14 @@
 # make test         environment, install, lint, types, tests
 # make test-slow    the tests that are left out of it: kills at random moments, many processes, memory, long runs
-# make demo         environment, install, then learn to recognise digits from event-camera recordings
+# make demo         environment, install, then learn to recognise digits from event-camera recordings; demo/index.html shows it
 #                   (DATA=folder: real N-MNIST files instead of recordings made here)
 # make test-bounds  what runs networks once more, with every index of every compiled loop looked at
 # make test-nest    5,000 random networks (NETWORKS=...) on the event backend, the reference and NEST
 # make test-mpi     the tests of NEST under MPI, which it builds once (15 minutes) in an environment of its own
 #                   (NEST_MPI=file.whl: a wheel that is built already); needs openmpi-bin libopenmpi-dev libgsl-dev
-# make test-c       200 random networks (C_NETWORKS=... of each chip) and those that ship as C: gcc and clang with sanitizers,
-#                   and a Cortex-M4; needs gcc clang gcc-arm-none-eabi libnewlib-arm-none-eabi qemu-system-arm
+# make test-c       300 random networks (C_NETWORKS=... of each chip) and those that ship as C: gcc and clang with sanitizers,
+#                   and a Cortex-M4; needs gcc clang gcc-arm-none-eabi libnewlib-arm-none-eabi qemu-system-arm; on AVR (int of
+#                   16 bits) and s390x (large-endian) where gcc-avr avr-libc simavr gcc-s390x-linux-gnu qemu-user are, too
 # make test-oracles the tests of event files and streams, of networks beside other tools (NIR, SONATA), of scripts of PyNN,
 #                   and of NeuroBench's metrics, in environments of their own
 # make bench        how fast it is
@@ -32,6 +33,7 @@ RELEASE_PYTHONS := $(PYTHON)
 NETWORKS := 5000
 C_NETWORKS := 100
 OUT := demo
+OTHER_TOOLS := brian2 'numpy<2.4' snntorch tonic
 DATA :=
 RUNNING := tests/test_conformance.py tests/test_random_networks.py tests/test_trials.py tests/test_many_targets.py tests/test_moves.py tests/test_copies.py tests/chips
 
@@ -149,7 +151,8 @@ $(VENV)/.test: pyproject.toml $(VENV)/.demo
 
 $(VENV)-docs/.installed: pyproject.toml
 	$(call environment,$(VENV)-docs)
-	$(CONSTRAINED) $(VENV)-docs/bin/python $(PIP) --editable '.[docs,live,nest,nir,events,pandas,neo]' $(TORCH)
+	$(CONSTRAINED) $(VENV)-docs/bin/python $(PIP) --editable '.[docs,live,nest,nir,events,pandas,neo,pynn]' $(TORCH)
+	$(VENV)-docs/bin/python $(PIP) $(OTHER_TOOLS)
 	@touch $@
 
 $(VENV)-release/.installed:

@@ -1,6 +1,6 @@
 """How well a method recognises: `python benchmarks/recognisers.py nmnist|poker|poker-upright METHOD`.
 
-`--settings` and `--set` change it as they do `neuro recognise train`; POKER-DVS has ReMuS' preset for it.
+`--preset` and `--set` change it as they do `neuro recognise train`; POKER-DVS has ReMuS' preset for it.
 
 Stratified folds of the recordings to train on, anew for each of `--seeds`; each fold is tested with what was learnt
 from the others. `--random N` takes N random splits into 900 recordings to learn from and 100 to test instead. Prints
@@ -71,7 +71,7 @@ def main() -> None:
     options.add_argument("case", choices=FILES)
     options.add_argument("method", help="see 'neuro recognise list'")
     options.add_argument("--data", type=Path, help="recordings, if not those of ../shared")
-    options.add_argument("--settings", default="", help="a preset of the method")
+    options.add_argument("--preset", default="", help="a preset of the method")
     options.add_argument("--set", action="append", default=[], metavar="NAME=VALUE")
     options.add_argument("--seeds", type=int, default=1)
     options.add_argument("--folds", type=int, default=5)
@@ -79,7 +79,7 @@ def main() -> None:
     options.add_argument("--backend", default="event", help="trains and tests")
     options.add_argument("--json", action="store_true")
     asked = options.parse_args()
-    method = method_of(asked.method, asked.settings)
+    method = method_of(asked.method, asked.preset)
     poker = method.presets["poker"] if asked.method == "remus" and asked.case != "nmnist" else {}
     method = method.changed({**poker, **assignments(asked.set)}).fitting(FIELD)
     data = recordings(asked.data or FILES[asked.case])
@@ -92,7 +92,7 @@ def main() -> None:
     jobs = [Fold(shown, split, method, seed, asked.backend) for seed, folds in parts.items() for split in folds]
     found = side_by_side(Fold.run, jobs)
     tested = [np.concatenate([job.split[1] for job in jobs if job.seed == seed]) for seed in parts]
-    report: dict[str, Any] = {word: getattr(asked, word) for word in ("case", "method", "settings", "set", "backend")}
+    report: dict[str, Any] = {word: getattr(asked, word) for word in ("case", "method", "preset", "set", "backend")}
     report |= {"recordings": len(shown), "folds": asked.folds, "seeds": len(parts)}
     report["learn_s"] = sum(spent for _, spent, _ in found) / len(jobs)
     report["decide_ms"] = 1e3 * sum(spent for *_, spent in found) / sum(map(len, tested))

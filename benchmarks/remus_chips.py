@@ -1,4 +1,4 @@
-"""Whether chips decide as the float simulator: `python benchmarks/remus_chips.py --settings thesis|best`.
+"""Whether chips decide as the float simulator: `python benchmarks/remus_chips.py --preset thesis|best`.
 
 A network learns on `event`; its recordings are then shown to the same network with the same weights on each backend.
 With `--folds 5` each recording is shown to a network that has not learnt from it. Prints the share of frames with the
@@ -43,7 +43,7 @@ def main() -> None:
     """Measure and print."""
     options = argparse.ArgumentParser(description=__doc__)
     options.add_argument("--data", type=Path, default=NMNIST, help="recordings")
-    options.add_argument("--settings", choices=("best", "thesis"), default="best")
+    options.add_argument("--preset", choices=("best", "thesis"), default="best")
     options.add_argument("--set", action="append", default=[], metavar="NAME=VALUE")
     options.add_argument("--folds", type=int, default=1, help="1: show what was learnt from")
     options.add_argument("--seed", type=int, default=0)
@@ -52,7 +52,7 @@ def main() -> None:
     options.add_argument("--json", action="store_true")
     asked = options.parse_args()
     warnings.simplefilter("ignore", neuro.ApproximationWarning)
-    method = Remus().preset(asked.settings).changed(assignments(asked.set)).fitting(FIELD)
+    method = Remus().preset(asked.preset).changed(assignments(asked.set)).fitting(FIELD)
     data = recordings(asked.data)
     if asked.times:
         time_frames(method, observe(method, data[::10]), asked.backends, asked.times)
@@ -63,7 +63,7 @@ def main() -> None:
     for made, part in models(shown, folds, method, asked.seed):
         for backend in asked.backends:
             found[backend].append(decided(made, part, backend))
-    report = {"settings": asked.settings, "recordings": len(shown), "frames": len(Frames.of(shown))}
+    report = {"settings": asked.preset, "recordings": len(shown), "frames": len(Frames.of(shown))}
     report |= {"folds": asked.folds}
     rows = {backend: compared(joined(found[backend]), joined(found[asked.backends[0]])) for backend in asked.backends}
     for backend, row in rows.items():

@@ -109,7 +109,7 @@ def per_run(name: str, out: Path, runs: int, cluster: Cluster | None) -> tuple[f
         if cluster:
             started = [swept(folder, number, "--on", str(cluster.file))]
         elif name == "parts":
-            started = [swept(folder, number, "--part", f"{k}/4", "--workers", "1") for k in range(1, 5)]
+            started = [swept(folder, number, "--share", f"{k}/4", "--workers", "1") for k in range(1, 5)]
         else:
             started = [swept(folder, number, "--workers", "2")]
         found.append(taken(started) + (cluster.cpu_s() - before if cluster else 0.0))
@@ -124,13 +124,13 @@ def main() -> None:
     options.add_argument("--times", type=int, default=3, help="of which the fastest counts")
     options.add_argument("--child", action="store_true", help=argparse.SUPPRESS)
     options.add_argument("--on", default="cores", help=argparse.SUPPRESS)
-    options.add_argument("--part", help=argparse.SUPPRESS)
+    options.add_argument("--share", help=argparse.SUPPRESS)
     options.add_argument("--workers", type=int, help=argparse.SUPPRESS)
     asked = options.parse_args()
     if asked.child:
         import sweeps  # by its name, so that all folders are of the same sweep
 
-        words = {"on": asked.on, "part": asked.part, "workers": asked.workers, "progress": False}
+        words = {"on": asked.on, "share": asked.share, "workers": asked.workers, "progress": False}
         neuro.sweep(sweeps.nothing, {"a": list(range(asked.runs))}, out=asked.out, **words)
         return
     asked.out.mkdir(parents=True, exist_ok=True)

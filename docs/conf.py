@@ -35,6 +35,7 @@ myst_enable_extensions = ["colon_fence", "dollarmath"]
 nb_execution_mode = "force"
 nb_execution_raise_on_error = True
 nb_execution_timeout = 120
+nb_output_stderr = "remove"
 myst_heading_anchors = 4
 
 sphinx_gallery_conf = {

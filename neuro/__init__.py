@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
+import sys
 from typing import TYPE_CHECKING
 
 from neuro.core.lazy import public_names
 from neuro.core.version import VERSION
 
 __version__ = VERSION
+
+if sys.platform == "win32":
+    raise ImportError("neuro runs on Linux and macOS: on Windows install it in WSL 2, whose system is Linux")
 
 if TYPE_CHECKING:
     from neuro import (

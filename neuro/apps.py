@@ -13,10 +13,11 @@ from neuro.core.lazy import public_names
 
 if TYPE_CHECKING:
     from neuro.chips.pricing.energy import number as number, quantity as quantity, sourced as sourced
-    from neuro.cli.chips import TARGETS as TARGETS, Sources as Sources, Target as Target
+    from neuro.cli.chips import PRICED as PRICED, Chips as Chips, Sources as Sources
     from neuro.cli.live import announce as announce
     from neuro.cli.options import (
         Backend as Backend,
+        Backends as Backends,
         NetworkFile as NetworkFile,
         Seed as Seed,
         Set as Set,

@@ -13,6 +13,7 @@ from neuro.compiler import blocks, compile_network
 from neuro.files.state import fingerprint
 from neuro.model.distributions import Distribution
 from neuro.model.rules import Rule
+from neuro.program.compact import SharedProjection
 from neuro.program.counts import Tally
 from neuro.program.program import Program, Projection
 from neuro.program.share import Share
@@ -151,8 +152,23 @@ def test_shares_together_are_the_whole(name, values, synapse, own, view, many, n
         assert (
             number == 1 or not share.projections[0].size or set(share.projections[0].targets) <= set(range(first, end))
         )
+        cut = share.projections[0]
+        if isinstance(cut, SharedProjection):
+            assert cut._numbers.nbytes == 61, "a byte a source"
+            assert cut.row_ends.dtype == np.int64
     by_delay = whole.projections[0].by_delay
     np.testing.assert_array_equal(rows(whole), in_order(found, by_delay))
+
+
+@pytest.mark.usefixtures("small_blocks")
+def test_a_negative_conductance_in_blocks_has_no_place(monkeypatch: pytest.MonkeyPatch):
+    monkeypatch.setattr("neuro.compiler.resolve.MANY", 0)
+    net = neuro.Network("drawn", resolution=0.1)
+    net.population("a", 60, neuro.iaf_cond_exp())
+    weight, delay = neuro.normal(mean=1.0, std=2.0), VALUES["normal"][1]
+    net.connect("a", "a", RULES["fixed_indegree"], neuro.static(receptor="ex"), weight=weight, delay=delay, name="p")
+    with pytest.raises(neuro.ModelError, match=r"weight = -\d.* to receptor 'ex', a conductance: expected at least 0"):
+        compile_network(net, 3)
 
 
 class Together(Share):

@@ -11,15 +11,21 @@ import neuro
 
 ROOT = Path(__file__).parents[1]
 NEEDS_PACKAGE = {"drone_ppo": "stable_baselines3"}
+NMNIST = ROOT.parent / "shared" / "data" / "nmnist" / "nmnist_train1000_bin.zip"
 LARVA = ROOT.parent / "shared" / "data" / "connectome" / "larva_winding2023.zip"
-NEEDS_DATA = {"larva": LARVA}
+NEEDS_DATA = {"diehl_cook_2015": NMNIST, "larva": LARVA}
 ARGUMENTS = {
+    "brunel_2000": ["--scale", "0.1", "--ms", "100"],
     "conditioning": ["--seconds", "30"],
+    "diehl_cook_2015": [str(NMNIST), "--neurons", "10", "--epochs", "1", "--folds", "1", "--recordings", "2"],
     "drone_ppo": ["256"],
     "grid_world": ["--side", "2", "--episodes", "3"],
     "hedonists": ["--trials", "60"],
     "larva": [str(LARVA), "--seeds", "2", "--ms", "100"],
     "linear_track": ["--runs", "2"],
+    "potjans_diesmann_2014": ["--scale", "0.02", "--ms", "50"],
+    "vogels_abbott_2005": ["--neurons", "1000", "--ms", "100"],
+    "song_2000": ["--seconds", "2"],
 }
 
 

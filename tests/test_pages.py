@@ -52,6 +52,8 @@ NEEDS = {
     "a backend of yours": None,
     "a terminal": None,
     "minutes": None,
+    "BindsNET": None,
+    "Lava": None,
     "N-MNIST": None,
     "POKER-DVS": None,
     "MPI": None,

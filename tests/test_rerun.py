@@ -157,8 +157,8 @@ def test_a_recording_that_was_moved(played, run, again, capsys):
     run("rerun", "a.h5", status=2)
     err = capsys.readouterr().err
     assert f"a.h5: plays {played}/walk.dat, which is not there any more" in err
-    assert "--inputs FOLDER looks for it there, by its content" in err
-    told = again("a.h5", "--inputs", "away")
+    assert "--moved-to FOLDER looks for it there, by its content" in err
+    told = again("a.h5", "--moved-to", "away")
     assert told == [
         "a.h5: the same bits",
         f"changed: input {played}/walk.dat: lies at {played}/away/other.dat now, with the same content",

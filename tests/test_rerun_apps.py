@@ -84,7 +84,7 @@ def test_the_demonstrations_model_is_made_again(neuro, bars, tmp_path):
 
 @pytest.mark.parametrize("seeds", [1, 2])
 def test_a_drones_model_is_made_again(neuro, seeds):
-    assert neuro("drone", "train", "--steps", 400, "--out", "fly.h5", "--seeds", seeds)[0] == 0
+    assert neuro("drone", "train", "--steps", 400, "--out", "fly.h5", "--repeats", seeds)[0] == 0
     file = "fly.h5" if seeds == 1 else "fly-1.h5"
     assert record(file)["seed"] == seeds - 1
     assert neuro("rerun", file) == (0, f"{file}: the same bits\n")
@@ -95,7 +95,7 @@ def test_an_own_world_is_an_input_of_each_seed_that_is_trained_beside_others(neu
     world = Path(__file__).parents[1] / "apps" / "neuro_drone" / "scenarios"
     own = tmp_path / "own.yaml"
     own.write_text(sorted(world.glob("*.yaml"))[0].read_text())
-    neuro("drone", "train", "--scenario", "own.yaml", "--steps", 100, "--seeds", 2, "--out", "fly.h5")
+    neuro("drone", "train", "--scenario", "own.yaml", "--steps", 100, "--repeats", 2, "--out", "fly.h5")
     assert [str(own) in record(f"fly-{seed}.h5")["inputs"] for seed in (0, 1)] == [True, True]
 
 
@@ -113,7 +113,7 @@ def test_pages_and_figures_of_apps_say_where_they_come_from(neuro, bars, tmp_pat
     assert f"{tmp_path}/bars" in record("all/compare.html")["inputs"]
     neuro("events", "view", one, "--out", "view.html")
     assert f"{tmp_path}/bars" in record("view.html")["inputs"]
-    neuro("drone", "compare", "--row", "static", "--seeds", 1, "--starts", 1, "--out", "flown")
+    neuro("drone", "compare", "--row", "static", "--repeats", 1, "--starts", 1, "--out", "flown")
     assert record("flown/static-0.json")["seed"] == 0
     neuro("drone", "watch", "flown/static-0.h5", "--out", "lap.html")
     assert f"{tmp_path}/flown/static-0.h5" in record("lap.html")["inputs"]
@@ -126,9 +126,7 @@ def test_a_page_names_only_what_it_is_of(neuro, tmp_path):
         "probes: {seen: {of: noise}}\n"
     )
     neuro("run", "net.yaml", "--for", 20, "--out", "a.h5")
-    neuro(
-        "compare", "net.yaml", "--backends", "event,reference", "--for", 20, "--html", "c.html", "--json-out", "c.json"
-    )
+    neuro("compare", "net.yaml", "--backends", "event,reference", "--for", 20, "--html", "c.html", "--out", "c.json")
     neuro("report", "a.h5", "--out", "a.html")
     assert [*record("a.html")["inputs"]] == [f"{tmp_path}/a.h5"]
     assert [*record("c.html")["inputs"]] == [*record("c.json")["inputs"]] == [f"{tmp_path}/net.yaml"]

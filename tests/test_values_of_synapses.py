@@ -184,3 +184,21 @@ def test_a_trace_has_one_time_constant():
         complete(slow)
     message = "'tau' takes a value for each synapse: expected one for all, as traces have one"
     assert str(error.value) == f"synapse model 'slow': {message}"
+
+
+@pytest.mark.parametrize("backend", ["reference", "event"])
+def test_a_state_with_weights_that_were_set_changes_no_described_weight(backend: str, tmp_path: Path):
+    net = neuro.Network("described")
+    net.population("cells", 40, neuro.iaf_psc_exp(I_e=450.0))
+    net.connect("cells", "cells", neuro.all_to_all(), weight=neuro.normal(mean=30.0, std=9.0), name="wires")
+    sim = neuro.compile(net, backend, seed=1)
+    described = sim.get("wires", "weight")
+    sim.run(5.0)
+    sim.set("wires", weight=0.5 * described)
+    sim.save(tmp_path / "state.h5")
+    other = neuro.compile(net, backend, seed=1)
+    other.restore(tmp_path / "state.h5")
+    assert np.array_equal(other.get("wires", "weight"), 0.5 * described)
+    other.reset(weights=True)
+    assert np.array_equal(other.get("wires", "weight"), described)
+    assert np.array_equal(other.program.projections[0].weight, described)

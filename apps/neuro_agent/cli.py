@@ -147,13 +147,13 @@ def compare(
     environment: Environment,
     steps: Steps,
     seeds: Annotated[
-        Any, typer.Option("--seeds", metavar="N,N,...", parser=seeds_of, help="Seeds; each is a training of each.")
+        Any, typer.Option("--seeds", metavar="A,B,...", parser=seeds_of, help="Seeds; each is a training of each.")
     ] = "1,2,3",
     episodes: Episodes = 100,
     out: Annotated[Path | None, typer.Option("--out", metavar="FILE", help="All figures as JSON.")] = None,
-    only: Annotated[
+    method: Annotated[
         list[str],
-        typer.Option("--only", metavar="NAME", help="Only this: agent, twin, ppo, dqn or random; may be repeated."),
+        typer.Option("--method", metavar="NAME", help="Only this: agent, twin, ppo, dqn or random; repeatable."),
     ] = [],  # noqa: B006
     set: Set = [],  # noqa: B006
 ) -> None:
@@ -164,7 +164,7 @@ def compare(
     from neuro.apps import Bar
     from neuro_agent import compare as comparing, report
 
-    plan = comparing.Plan(environment, steps, seeds, episodes, assignments(set), tuple(only))
+    plan = comparing.Plan(environment, steps, seeds, episodes, assignments(set), tuple(method))
     if out is not None:
         report.check_table(out)
     with Bar() as bar:

@@ -273,6 +273,7 @@ def page(agent: Learner, episode: Episode, seed: int = 0) -> str:
     return template.substitute(
         head=html.head("neuro agent watch", episode.name),
         style=html.player_style(),
+        script=html.player_script(),
         title=escape(episode.name),
         told=escape(" · ".join(about)),
         data=json.dumps(_data(agent, episode)).replace("<", "\\u003c"),

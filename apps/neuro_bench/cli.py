@@ -47,8 +47,10 @@ def run_method(
     tries: Annotated[
         int, Option("--tries", metavar="N", parser=count, help="Settings to try in each fold, by its validation part.")
     ] = 1,
-    seeds: Annotated[tuple, Option("--seeds", metavar="A,B", parser=seeds_of, help="Each on all folds.")] = "0",  # type: ignore[assignment, type-arg]
-    folds: Annotated[int | None, Option("--folds", metavar="N", parser=count, help="The first N folds only.")] = None,
+    seeds: Annotated[tuple, Option("--seeds", metavar="A,B,...", parser=seeds_of, help="Each on all folds.")] = "0",  # type: ignore[assignment, type-arg]
+    first_folds: Annotated[
+        int | None, Option("--first-folds", metavar="N", parser=count, help="Only so many folds, the first.")
+    ] = None,
     split_seed: Annotated[int, Option("--split-seed", metavar="N", min=0, help="Of folds that are drawn.")] = 0,
     threads: Annotated[int, Option("--threads", metavar="N", min=1, help="Threads to compute with.")] = 1,
     set: Set = [],  # noqa: B006
@@ -69,7 +71,7 @@ def run_method(
         split=split,
         tries=tries,
         seeds=tuple(seeds),
-        folds=folds,
+        folds=first_folds,
         changes=assignments(set),
         split_seed=split_seed,
     )

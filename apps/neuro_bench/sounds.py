@@ -170,6 +170,9 @@ def _wav(place: str, content: bytes) -> tuple[float, Series]:
             rate, samples = wavfile.read(io.BytesIO(content))
     except (ValueError, EOFError) as error:
         raise ModelError(f"{place}: is no wav file: {error}") from None
-    largest = float(np.iinfo(samples.dtype).max) if samples.dtype.kind == "i" else 1.0
-    values = samples.astype(np.float64) / largest
+    values = samples.astype(np.float64)
+    if samples.dtype == np.uint8:  # 8 bits have no sign in wav files
+        values = (values - 128.0) / 127.0
+    elif samples.dtype.kind == "i":
+        values /= np.iinfo(samples.dtype).max
     return float(rate), values if values.ndim == 1 else values.mean(axis=1)

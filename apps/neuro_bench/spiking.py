@@ -31,7 +31,7 @@ class Spiking(Method):
     delayed: ClassVar[bool] = False
     settings = {
         "hidden": 128, "tau": 20.0, "epochs": 40, "rate": 0.01, "decay": 0.05, "temperature": 2.0, "slope": 1.0,
-        "shift": 1,
+        "batch": 20, "shift": 1,
     }  # fmt: skip
     space: ClassVar[Mapping[str, Any]] = {
         "hidden": (128, 256),
@@ -77,7 +77,7 @@ class Spiking(Method):
         """The settings as `neuro train` has them."""
         from neuro_train.plan import TrainingPlan
 
-        words: Any = {name: settings[name] for name in ("rate", "decay", "temperature", "slope", "shift")}
+        words: Any = {name: settings[name] for name in ("rate", "decay", "temperature", "slope", "batch", "shift")}
         words["epochs"] = -(-settings["epochs"] // train.versions)
         learns = ("in_hidden=weight,delay", "hidden_out=weight") if self.delayed else ()
         duration = train.spikes.steps * train.spikes.step
@@ -138,8 +138,8 @@ class Recurrent(Spiking):
     called_by = "recurrent"
     title = "recurrent spiking network, by surrogate gradients"
     back = True
-    settings = {**Spiking.settings, "slope": 4.0, "back": 0.5}
-    space = {**Spiking.space, "slope": (4.0, 8.0), "back": (0.25, 0.5, 1.0)}
+    settings = {**Spiking.settings, "slope": 4.0, "back": 0.5, "batch": 50, "rate": 0.02}
+    space = {**Spiking.space, "slope": (4.0, 8.0), "back": (0.25, 0.5, 1.0), "rate": (0.01, 0.02, 0.04)}
 
 
 class Dense(Spiking):

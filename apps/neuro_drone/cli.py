@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+import shlex
 from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from neuro.apps import TARGETS, Backend, Seed, Set, Sources, Target, whole
+from neuro.apps import PRICED, Backend, Chips, Seed, Set, Sources, whole
 
 if TYPE_CHECKING:
     from neuro_drone.model import Model
@@ -73,22 +74,22 @@ def train(
     ] = "snn",
     steps: Steps = 60_000,
     seed: Seed = 0,
-    seeds: Annotated[
-        int, typer.Option("--seeds", metavar="N", parser=count, help="So many trainings, on all cores.")
+    repeats: Annotated[
+        int, typer.Option("--repeats", metavar="N", parser=count, help="Trainings, each from its seed, on all cores.")
     ] = 1,
     out: Annotated[Path, typer.Option("--out", metavar="FILE", help="The model to write.")] = Path("model.h5"),
     set: Set = [],  # noqa: B006
 ) -> None:
     """Train a controller from random starts; after a kill the same command goes on where it was.
 
-    --set changes the scenario (camera.tilt=30) or the controller (eta=1e-3). Several seeds write model-0.h5, ...
+    --set changes the scenario (camera.tilt=30) or the controller (eta=1e-3). Several trainings write model-0.h5, ...
     """
     from neuro_drone.pilot import chosen
     from neuro_drone.report import Bars, learnt
     from neuro_drone.train import TrainingJob, side_by_side
 
     world, settings = chosen(scenario, controller, set)
-    files = [out] if seeds == 1 else [out.with_name(f"{out.stem}-{seed + k}{out.suffix}") for k in range(seeds)]
+    files = [out] if repeats == 1 else [out.with_name(f"{out.stem}-{seed + k}{out.suffix}") for k in range(repeats)]
     jobs = [
         TrainingJob(world, controller, steps, seed=seed + k, settings=settings, out=file)
         for k, file in enumerate(files)
@@ -101,6 +102,9 @@ def train(
         raise typer.Exit(130) from None
     for file, model in zip(files, models, strict=True):
         typer.echo(f"{file}: {learnt(model)}")
+    if models[0].steps:
+        name = shlex.quote(str(files[0]))
+        typer.echo(f"next: neuro drone test {name} flies whole laps, which show what was learnt")
 
 
 @app.command("test")
@@ -191,7 +195,9 @@ def live(
 def compare(
     scenario: ScenarioName = "B60",
     steps: Steps = 60_000,
-    seeds: Annotated[int, typer.Option("--seeds", metavar="N", parser=count, help="Trainings of each.")] = 5,
+    repeats: Annotated[
+        int, typer.Option("--repeats", metavar="N", parser=count, help="Trainings of each, each from its seed.")
+    ] = 5,
     seed: Seed = 0,
     starts: Grid = 5,
     path: PathKind = "varied",
@@ -218,7 +224,7 @@ def compare(
     from neuro_drone.paths import FlightCourse
     from neuro_drone.report import Bars, comparison, show_comparison, write_comparison
 
-    course, all_seeds = FlightCourse(path, test_seed), range(seed, seed + seeds)
+    course, all_seeds = FlightCourse(path, test_seed), range(seed, seed + repeats)
     rows = tuple(ComparisonRow.of(text, scenario, steps, all_seeds, set) for text in [*(row or ROWS), *more])
     folder = out or Path(f"compare-{rows[0].scenario.name}")
     try:
@@ -237,7 +243,7 @@ def compare(
 @app.command()
 def energy(
     model: ModelFile,
-    target: Target = TARGETS,
+    chips: Chips = PRICED,
     sources: Sources = False,
     json: Annotated[bool, typer.Option("--json", help="Print the bills as JSON.")] = False,
 ) -> None:
@@ -245,7 +251,7 @@ def energy(
     from neuro_drone.energy import priced, show, words
     from neuro_drone.model import Model
 
-    bills = priced(Model.load(model), target)
+    bills = priced(Model.load(model), chips)
     if json:
         typer.echo(words(bills))
     else:
@@ -258,10 +264,10 @@ def watch(
     scenario: Scenario = None,
     controller: Untrained = None,
     out: Annotated[Path, typer.Option("--out", metavar="FILE", help="The page to write.")] = Path("lap.html"),
-    start: Annotated[
+    error: Annotated[
         Any,
         typer.Option(
-            "--start",
+            "--error",
             metavar="A,B[,C]",
             parser=errors,
             help="Error on each axis at the beginning: px, px and px of the ball's height; of a line px, degrees.",
@@ -278,7 +284,7 @@ def watch(
     from neuro_drone.watch import watch as write
 
     course = FlightCourse(path, seed)
-    summary = write(_pilot(model, scenario, controller, set), out, start, backend, course)
+    summary = write(_pilot(model, scenario, controller, set), out, error, backend, course)
     typer.echo(f"{out}: {summary}")
 
 

@@ -66,7 +66,9 @@ class Bars:
         what = f"seed {progress.seed}"
         errors = self._errors[what]
         errors.append(progress.error_px)
-        message = f"{progress.step:,} of {progress.steps:,} steps, {sum(errors) / len(errors):.1f} px"
+        frozen = "" if np.isnan(progress.frozen_px) else f"{progress.frozen_px:.1f} px frozen, from afar; "
+        learning = f"{sum(errors) / len(errors):.1f} px while it learns"
+        message = f"{progress.step:,} of {progress.steps:,} steps, {frozen}{learning}"
         self.at(what, progress.step, progress.steps, message)
 
     def laps(self, total: int) -> Callable[[Lap], None]:
@@ -101,14 +103,16 @@ def named(model: Model) -> str:
 
 
 def learnt(model: Model) -> str:
-    """One line about a training."""
+    """What came of a training: of frozen weights first, since learning disturbs the flight."""
     if not model.steps:
         return f"{model.controller} does not learn; it is kept as it is"
     errors, lost = model.history["error_px"], model.history["lost"]
     last = max(1, len(errors) // 10)
+    tested = model.curve.get("error_px", np.zeros(0))
+    frozen = f"{tested[-1]:.1f} px with frozen weights in short flights from afar; " if len(tested) else ""
     return (
-        f"{named(model)}: in the last tenth of {len(errors):,} episodes {np.mean(errors[-last:]):.1f} px "
-        f"and {np.mean(lost[-last:]):.0%} lost, with learning on"
+        f"{named(model)}: {frozen}{np.mean(errors[-last:]):.1f} px and {np.mean(lost[-last:]):.0%} lost in the last "
+        f"tenth of {len(errors):,} episodes, in which it explores and dopamine steers"
     )
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import islice
@@ -62,6 +63,7 @@ class TrainingProgress:
         step, steps: done, and all.
         error_px: mean of the episode.
         lost: whether the target was lost.
+        frozen_px: mean of the last test with frozen weights; not a number before the first.
     """
 
     seed: int
@@ -70,6 +72,7 @@ class TrainingProgress:
     steps: int
     error_px: float
     lost: bool
+    frozen_px: float = math.nan
 
 
 Report = Callable[[TrainingProgress], None]
@@ -162,7 +165,7 @@ def _learn(
         done += count
         curve.follow(learner, done)
         if report is not None:
-            report(TrainingProgress(model.seed, index, done, steps, error_px, lost))
+            report(TrainingProgress(model.seed, index, done, steps, error_px, lost, curve.last_px))
         if checkpoint and done - kept >= KEEP and done < steps:
             checkpoint.keep(state=learner.state(), history=_arrays(history), curve=curve.arrays())
             kept = done
@@ -224,6 +227,11 @@ class Curve:
         errors = [info["error_px"] for info in infos]
         errors += errors[-1:] * (FLIGHT_STEPS - len(errors))
         return float(np.mean(errors[FLIGHT_STEPS // 2 :])), infos[-1]["lost"]
+
+    @property
+    def last_px(self) -> float:
+        """The error of the last test; not a number before the first."""
+        return float(self._points["error_px"][-1]) if self._points["error_px"] else math.nan
 
     def arrays(self) -> dict[str, npt.NDArray[Any]]:
         """One value a test: steps of the training, error_px (mean of the flights) and lost (how many)."""

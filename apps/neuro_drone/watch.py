@@ -269,6 +269,7 @@ def page(flight: Flight) -> str:
     return template.substitute(
         head=html.head("neuro drone watch", title),
         style=html.player_style(),
+        script=html.player_script(),
         title=escape(title),
         told=escape(" · ".join(about)),
         data=json.dumps(_data(flight, max(1, thinned))).replace("<", "\\u003c"),

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from neuro.apps import TARGETS, Backend, Seed, Set, Sources, Target, assignments, resumable, whole
+from neuro.apps import PRICED, Backend, Chips, Seed, Set, Sources, assignments, resumable, whole
 
 if TYPE_CHECKING:
     from neuro.events import Recordings
@@ -35,7 +35,7 @@ def folds(text: str) -> int:
     return whole(text, 2)
 
 
-def seeds(text: str) -> int:
+def count(text: str) -> int:
     """A whole number >= 1."""
     return whole(text, 1)
 
@@ -115,7 +115,7 @@ def train(
     data: Data,
     out: Annotated[Path, Option(metavar="FILE", help="The recogniser to write.")] = Path("model.h5"),
     part: Part = "Train",
-    settings: Annotated[str, Option(metavar="NAME", help="A preset of the method.")] = "",
+    preset: Annotated[str, Option(metavar="NAME", help="A preset of the method.")] = "",
     seed: Seed = 0,
     backend: Backend = "event",
     force: Annotated[bool, Option("--force", help="Replace a recogniser of another training.")] = False,
@@ -126,7 +126,7 @@ def train(
     from neuro_recognise.recogniser import fit
     from neuro_recognise.telling.report import learnt
 
-    chosen = method_of(method, settings, assignments(set))
+    chosen = method_of(method, preset, assignments(set))
     found = _recordings(data, part)
     with _learning() as shown:
         made = fit(found, chosen, seed=seed, backend=backend, out=out, replace=force, report=shown)
@@ -247,17 +247,17 @@ def compare(
     data: Data,
     out: Annotated[Path, Option(metavar="FOLDER", help="Results and pages.")] = Path("compared"),
     method: Annotated[
-        list[str], Option(metavar="NAME", help="Only this one, 'hats:poker' with settings; may be repeated.")
+        list[str], Option(metavar="NAME", help="Only this one, 'hats:poker' with settings; repeatable.")
     ] = [],  # noqa: B006
     part: Part = "Train",
-    without: Annotated[
-        list[str], Option(metavar="PATTERN", help="Leave out names like '*i.aedat'; may be repeated.")
-    ] = [],  # noqa: B006
+    without: Annotated[list[str], Option(metavar="PATTERN", help="Leave out names like '*i.aedat'; repeatable.")] = [],  # noqa: B006
     folds: Annotated[int, Option(metavar="N", parser=folds, help="Each is tested once.")] = 5,
-    seeds: Annotated[int, Option(metavar="N", parser=seeds, help="Folds and trainings anew.")] = 1,
-    target: Target = TARGETS,
+    repeats: Annotated[int, Option(metavar="N", parser=count, help="Folds and trainings anew, by seed.")] = 1,
+    chips: Chips = PRICED,
     backend: Backend = "event",
-    jobs: Annotated[int | None, Option(metavar="N", parser=seeds, help="Folds at a time; one for each core.")] = None,
+    workers: Annotated[
+        int | None, Option(metavar="N", parser=count, help="Folds at a time; one for each core.")
+    ] = None,
 ) -> None:
     """Train and test all methods on the same folds: accuracy, time, joules on each chip, as a table and a page.
 
@@ -267,7 +267,7 @@ def compare(
     from neuro_recognise.telling.compare_report import show, write
     from neuro_train.data import but
 
-    plan = MethodComparison(contestants(method), folds, tuple(range(seeds)), tuple(target), out, backend, jobs)
+    plan = MethodComparison(contestants(method), folds, tuple(range(repeats)), tuple(chips), out, backend, workers)
     with _learning() as shown:
         found = side_by_side(but(_recordings(data, part), without), plan, shown)
     show(found, plan)
@@ -280,19 +280,19 @@ def energy(
     model: ModelFile,
     data: Data,
     part: Part = "Test",
-    target: Target = TARGETS,
+    chips: Chips = PRICED,
     sources: Sources = False,
     json: Json = False,
     backend: Backend = "event",
 ) -> None:
-    """Show recordings to a network and print what one of them takes on chips: joules and time, the sums last."""
+    """Show recordings to a network and print what one of them takes on chips: joules and time."""
     from neuro_recognise.telling import energy
     from neuro_recognise.telling.tried import try_out
 
     trained = _loaded(model)
-    energy.check_targets(trained, target)
+    energy.check_targets(trained, chips)
     tried = try_out(trained, _recordings(data, part, trained.classes), backend)
-    priced = energy.bills(tried, target)
+    priced = energy.bills(tried, chips)
     if json:
         typer.echo(energy.words(trained, tried, priced))
     else:
@@ -322,7 +322,7 @@ def scenes(
     sensor: Annotated[str, Option(metavar="WxH", help="Its size, px.")] = "100x80",
     touching: Annotated[bool, Option("--touching", help="Objects touch, and move as one.")] = False,
     noise: Annotated[float, Option(metavar="HZ", help="Background events of a pixel.")] = 1.0,
-    length: Annotated[float, Option(metavar="MS", help="Of a scene.")] = 300.0,
+    length: Annotated[float, Option("--for", metavar="MS", help="Of a scene, in ms.")] = 300.0,
     part: Part = "Train",
     folds: Annotated[int, Option(metavar="N", min=1, help="Into which recordings are divided.")] = 1,
     fold: Annotated[int, Option(metavar="K", min=0, help="Take only this one, from 0 on.")] = 0,

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 
 import neuro
-from neuro.apps import TARGETS, console, make_folder, sealed, table, write_text
+from neuro.apps import PRICED, console, make_folder, sealed, table, write_text
 from neuro.chips import COLUMNS
 from neuro.events import Recordings, recordings
 from neuro_models import path
@@ -19,6 +19,7 @@ from neuro_recognise.recogniser import Recogniser, fit
 from neuro_recognise.telling import energy, report
 from neuro_recognise.telling.report import LearningBar
 from neuro_recognise.telling.tried import Tried, try_out
+from neuro_remus import page
 from neuro_remus.saccades import make_dataset
 
 N_TRAIN, N_TEST = 1500, 500
@@ -56,13 +57,16 @@ def run(data: Path | None, out: Path, seed: int) -> None:
     print(out / "results.json")
     report.write_confusion(tried, out)
     report.write_pictures(made, out)
-    priced = energy.bills(tried, TARGETS)
+    priced = energy.bills(tried, PRICED.split(","))
     write_text(out / "energy.json", energy.words(made, tried, priced) + "\n", BILLS)
     print(f"{out / 'energy.json'}\n", flush=True)
     energy.show(made, tried, priced)
+    found = {"remus": (tried, priced)}
     if known:
-        _show_beside(learning, unseen, out, {"remus": (tried, priced)})
-    print(f"\ndone in {time.perf_counter() - began:.0f} s")
+        _show_beside(learning, unseen, out, found)
+    page.write(out / "index.html", made, found)
+    print(f"\n{out / 'index.html'}: what was learnt, on one page")
+    print(f"done in {time.perf_counter() - began:.0f} s")
 
 
 def _show_beside(learning: Recordings, unseen: Recordings, out: Path, found: dict[str, tuple[Tried, Priced]]) -> None:
@@ -71,7 +75,7 @@ def _show_beside(learning: Recordings, unseen: Recordings, out: Path, found: dic
     print(f"\nthe same {len(unseen)} recordings for a network that ships and learnt {name} from the {len(learning)}\n")
     made = trained_by_gradients(learning, SEED)
     tried = try_out(made, unseen)
-    found[name] = tried, energy.bills(tried, TARGETS)
+    found[name] = tried, energy.bills(tried, PRICED.split(","))
     write_text(out / "gradients.json", energy.words(made, *found[name]) + "\n", BILLS)
     print(f"{out / 'gradients.json'}\n", flush=True)
     show_beside_each_other(found)

@@ -11,6 +11,7 @@ import typer
 
 from neuro.apps import (
     NETWORK,
+    Backends,
     Bar,
     NetworkFile,
     Seed,
@@ -52,12 +53,11 @@ Test = Annotated[Path | None, Option("--test", metavar="FOLDER", help="Recording
 Folds = Annotated[
     int | None, Option(metavar="N", parser=folds, help="Test each Nth on what the others taught instead.")
 ]
-Backends = Annotated[str, Option(metavar="A,B,...", help="What to test on.")]
 
 # how they are seen
 Input = Annotated[str, Option("--input", metavar="NAME", help="The population of the pixels.")]
 Output = Annotated[str, Option("--output", metavar="NAME", help="The population with a neuron a class.")]
-Duration = Annotated[float, Option(metavar="MS", help="Of each recording, in ms.")]
+Duration = Annotated[float, Option("--for", metavar="MS", help="Of each recording, in ms.")]
 Start = Annotated[float, Option(metavar="MS", help="What is left out before that, in ms.")]
 Scale = Annotated[int, Option(metavar="N", help="Pixels in a row and column that are one neuron.")]
 Window = Annotated[
@@ -96,12 +96,15 @@ Threads = Annotated[int, Option(metavar="N", min=1, help="Threads to compute wit
 # for a chip
 Cost = Annotated[list[str], Option(metavar="CHIP=X", help="Add X to the loss for each microjoule; repeatable.")]
 Bits = Annotated[int | None, Option(metavar="N", help="Of weights while they learn, on a chip's grid.")]
+OnChip = Annotated[
+    str | None, Option("--chip", metavar="NAME", help="Of --bits: that of --cost, or loihi, if not given.")
+]
 Prune = Annotated[float, Option(metavar="SHARE", help="Drop so many synapses, the smallest, half way.")]
 NeuronsPerCore = Annotated[int | None, Option(metavar="N", help="Of a chip, fewer than it allows.")]
 
 # what comes of it
 Out = Annotated[Path, Option("--out", metavar="FILE", help="The network to write.")]
-Page = Annotated[Path | None, Option(metavar="FILE", help="The page to write; that of --out if not given.")]
+Html = Annotated[Path | None, Option(metavar="FILE", help="The page to write; --out with .html if not given.")]
 Search = Annotated[
     str | None,
     Option("--search", metavar="A,B=1:2,...", help="Vary step, duration, hidden, prune, ...: accuracy by joules."),
@@ -137,12 +140,13 @@ def train(
     augment: Augment = [],  # noqa: B006
     cost: Cost = [],  # noqa: B006
     bits: Bits = None,
+    chip: OnChip = None,
     prune: Prune = 0.0,
     neurons_per_core: NeuronsPerCore = None,
     search: Search = None,
     budget: Budget = 20,
     device: Device = "cpu",
-    page: Page = None,
+    html: Html = None,
     seed: Seed = 0,
     threads: Threads = 1,
     set: Set = [],  # noqa: B006
@@ -158,25 +162,24 @@ def train(
     plan = TrainingPlan(
         input=input, output=output, trainable=tuple(learn), epochs=epochs, duration=duration, start=start, scale=scale,
         window=window, batch=batch, rate=rate, decay=decay, loss=loss, temperature=temperature, surrogate=surrogate,
-        slope=slope, **augmentation(augment), cost=costs(cost), bits=bits, prune=prune,
+        slope=slope, **augmentation(augment), cost=costs(cost), bits=bits, on=chip, prune=prune,
         neurons_per_core=neurons_per_core, seed=seed, device=device,
     )  # fmt: skip
     net = neuro.load(file, params=assignments(set))
-    names = [name.strip() for name in backends.split(",") if name.strip()]
     torch.set_num_threads(threads)
     if folds and test is not None:
         raise ModelError("--folds and --test: expected one of them", hint="folds test on what they leave out")
-    _check_before(net, plan, names if folds or test else [], out, page)
+    _check_before(net, plan, backends if folds or test else [], out, html)
     learnt_from = _recordings(data, part, without=without)
     with resumable():
         if search is not None:
             inputs = (file, data, part, without)
             _search(inputs, net, plan, assignments(set), search, budget, folds, test, out.with_suffix(""))
         elif folds:
-            _validate(net, learnt_from, folds, plan, names, out)
+            _validate(net, learnt_from, folds, plan, backends, out)
         else:
             unseen = None if test is None else _recordings(test, "Test", learnt_from.classes)
-            _train(net, learnt_from, unseen, plan, names, out, page or out.with_suffix(".html"))
+            _train(net, learnt_from, unseen, plan, backends, out, html or out.with_suffix(".html"))
 
 
 def _train(

@@ -76,6 +76,7 @@ def cross_validate(
         result |= {"same_spikes": {one.backend: one.same_spikes(tried[0]) for one in tried}}
         result |= {"overflows": {one.backend: one.overflows for one in tried if one.overflows}}
         result |= {"room": [asdict(one) for one in room]}
+        result |= {"sent": {one.backend: one.sent for one in tried if one.sent}}
         result |= {"bills": {one.backend: one.bill.as_dict() for one in tried if one.bill}}
         write_text(file, json.dumps(result, indent=1), RESULT)
         checkpoint.remove()

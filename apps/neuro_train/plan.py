@@ -43,7 +43,8 @@ class TrainingPlan:
         warp: by how much recordings are turned (rad), made larger and sheared (shares) at random.
         mirror: share of the recordings, drawn at random, that are mirrored, left to right.
         cost: what a microjoule of a recording adds to the loss, by chip.
-        bits: of the weights while they learn, on the first chip of `cost`, or Loihi; None: as they are.
+        bits: of the weights while they learn, on the grid of `chip`; None: as they are.
+        on: the chip whose grid weights lie on; if not given the first of `cost`, or Loihi.
         prune: share of the synapses that go, the smallest, after half of the epochs.
         neurons_per_core: put fewer neurons on a core of a chip than it allows, so that the busiest has less to do.
         seed: of everything random.
@@ -73,6 +74,7 @@ class TrainingPlan:
     mirror: float = 0.0
     cost: Mapping[str, float] = field(default_factory=dict)
     bits: int | None = None
+    on: str | None = None
     prune: float = 0.0
     neurons_per_core: int | None = None
     seed: int = 0
@@ -109,7 +111,7 @@ class TrainingPlan:
     @property
     def chip(self) -> str:
         """The chip whose grid the weights lie on."""
-        return next(iter(self.cost), "loihi")
+        return self.on or next(iter(self.cost), "loihi")
 
     def readout(self, classes: Sequence[str]) -> dict[str, Any]:
         """The words of `neuro.Readout` by which the network is asked as it is tested: the neuron that fires most."""

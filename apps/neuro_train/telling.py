@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import numpy.typing as npt
 
-from neuro.apps import console, html, sealed, table, warn_of_overflows, wilson, write_text
+from neuro.apps import console, html, quantity, sealed, table, warn_of_overflows, wilson, write_text
 from neuro.chips import COLUMNS, footnotes
 from neuro_train.room import MARGIN, MemoryRoom, told
 from neuro_train.tested import TestedNetwork, summed
@@ -56,18 +56,27 @@ def bills(tried: Sequence[TestedNetwork]) -> list[tuple[str, ...]]:
 
 
 def show(tried: Sequence[TestedNetwork], room: Sequence[MemoryRoom] = ()) -> None:
-    """Print the room in registers, a row for each backend, the bills and what they assume; warn of what overflowed."""
+    """Print the room in registers, a row for each backend, the bills, then what they assume; warn of overflows."""
     for line in told(room):
         print(f"- {line}")
     if not tried:
         return
     for one in tried:
         warn_of_overflows(one.backend, one.overflows, len(one.labels))
-    for line in footnotes([one.bill for one in tried if one.bill], False):
-        print(f"- {line}")
     console().print(table(HEAD, rows(tried), title=f"{len(tried[0].labels)} recordings"))
     if billed := bills(tried):
         console().print(table(BILLS, billed, title="a recording"))
+    for line in footnotes([one.bill for one in tried if one.bill], False):
+        print(f"- {line}")
+    for one in tried:
+        _show_sent(one.backend, one.sent)
+
+
+def _show_sent(backend: str, sent: Mapping[str, float]) -> None:
+    """Print how many spikes or messages a recording has."""
+    if sent:
+        each = ", ".join(f"{number:.0f} of '{name}'" for name, number in sent.items())
+        print(f"{backend}: {sum(sent.values()):.0f} spikes in a recording, {each}")
 
 
 def show_folds(folds: Sequence[Mapping[str, Any]]) -> None:
@@ -89,6 +98,9 @@ def show_folds(folds: Sequence[Mapping[str, Any]]) -> None:
         right = sum(one["right"][name] for one in folds)
         low, high = wilson(right, n)
         print(f"{name}: {right / n:.2%} of {n} right (95 % interval {low:.1%} - {high:.1%})")
+    for name in names:
+        parts = [(one["n"], one.get("sent", {}).get(name, {})) for one in folds]
+        _show_sent(name, {of: sum(k * part[of] for k, part in parts) / n for of in parts[0][1]})
 
 
 def write(
@@ -111,6 +123,8 @@ def _parts(
     yield tag("h1", f"{trained.net.name}: trained by gradients")
     lead = f"{recordings} recordings, {plan.epochs} epochs, {trained.cpu_s:.1f} s of one core."
     yield tag("p", lead, class_="lead")
+    if cards := list(_cards(trained, tried)):
+        yield tag("div", *cards, class_="cards")
     if tried:
         yield tag("h2", f"On {len(tried[0].labels)} recordings that it has not seen")
         yield html.table(HEAD, rows(tried))
@@ -134,6 +148,21 @@ def _parts(
     if sources := list(footnotes([each.bill for each in tried if each.bill], True)):
         yield tag("h2", "Where the joules come from")
         yield tag("ul", *(tag("li", line) for line in sources))
+
+
+def _cards(trained: Trained, tried: Sequence[TestedNetwork]) -> Iterator[Any]:
+    """The accuracy on recordings that were not learnt from, or on those that were, and joules on each chip."""
+    if tried:
+        first = tried[0].own
+        low, high = first.interval
+        yield html.card("accuracy", f"{first.accuracy:.1%}", f"of {first.n} unseen recordings; {low:.1%} to {high:.1%}")
+    elif len(trained.curves["right"]):
+        yield html.card("right", f"{trained.curves['right'][-1]:.1%}", "of the recordings that it learnt from")
+    for one in tried:
+        if one.bill:
+            slow = quantity(one.bill.real_time.total_j, "J", 3)
+            below = f"a recording, as fast as the chip can; {slow} in real time; {one.own.accuracy:.1%} right"
+            yield html.card(f"energy on {one.backend}", quantity(one.bill.total_j, "J", 3), below)
 
 
 def _own(room: MemoryRoom) -> str:

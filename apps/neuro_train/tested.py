@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -41,23 +41,25 @@ class TestedNetwork:
 
     Attributes:
         backend: that ran them; "torch" is the module that learnt.
-        spikes: of the output, (recordings, steps, neurons).
+        spikes: of the output, of a graded one its payloads, (recordings, steps, neurons).
         decided: the class of each, -1 for silence.
         labels: the right ones.
         classes: names.
         first_ms: the first spike of the output, the mean of the recordings that have one.
         bill: of a recording, where the backend is a chip that has costs.
         overflows: of the registers of a chip, in how many recordings.
+        sent: spikes or messages of a recording, the mean, by population; none of "torch".
     """
 
     backend: str
-    spikes: npt.NDArray[np.float32]
+    spikes: npt.NDArray[np.floating]
     decided: Ints
     labels: Ints
     classes: tuple[str, ...]
     first_ms: float
     bill: Energy | None = None
     overflows: Overflows = field(default_factory=dict)
+    sent: Mapping[str, float] = field(default_factory=dict)
 
     @property
     def own(self) -> Evaluation:
@@ -107,15 +109,20 @@ def on_backend(
     options: dict[str, Any] = {"scales": own} if (own := scales(room, backend)) else {}
     sim = neuro.compile(net, backend=backend, seed=plan.seed, **options)
     events, h = shown.events, net.resolution
-    spikes = torch.zeros(len(shown), events.steps, math.prod(int(side) for side in net.populations[plan.output].shape))
+    neurons = math.prod(int(side) for side in net.populations[plan.output].shape)
+    spikes = torch.zeros(len(shown), events.steps, neurons, dtype=torch.float64)  # they hold payloads of 32 bits
     showing = Showing(sim, plan.input, plan.output)
     for k in range(len(shown)):
         train = events.trains[plan.input].of([k])
-        times, ids = showing.show(train.step, train.neuron, events.steps)
-        np.add.at(spikes[k].numpy(), (np.rint(times / h).astype(np.int64) - 1, ids), 1.0)
+        times, ids, payloads = showing.show(train.step, train.neuron, events.steps)
+        at = np.rint(times / h).astype(np.int64) - 1, ids
+        np.add.at(spikes[k].numpy(), at, 1.0 if payloads is None else payloads)
         report(f"{backend}: testing", k + 1, len(shown))
     bill = _bill(sim, showing.taken, backend, len(shown), plan.neurons_per_core)
-    return _tried(backend, spikes, shown, h, bill, showing.overflows)
+    events_of = () if showing.taken is None else showing.taken.raw_counts.events
+    counts = zip(sim.program.populations, events_of, strict=False)
+    sent = {part.name: float(each.sum()) / len(shown) for part, each in counts}
+    return replace(_tried(backend, spikes, shown, h, bill, showing.overflows), sent=sent)
 
 
 def _bill(

@@ -9,11 +9,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from neuro.chips.arrival_rule import longest_lag
+from neuro.chips.loihi2 import has_two_inputs
 from neuro.chips.quantising.fixed import FixedPopulation, FixedProjection
 from neuro.chips.quantising.fixed_program import FixedProgram
 from neuro.core import keyed_random
 from neuro.core.clock import NEVER
-from neuro.model.neurons import Neuron
 from neuro.model.parts import lateral_reset, local_winners, winner_take_all
 from neuro.program.program import Program, Projection
 from neuro_chip import deliver, tables as t
@@ -159,8 +159,7 @@ def _apart(fixed: FixedProgram, target: int) -> list[FixedProjection]:
 
 def _has_second(fixed: FixedProgram, target: int) -> bool:
     """Whether a population has a second input in a plane of its own, the first one."""
-    model = fixed.program.populations[target].model
-    return isinstance(model, Neuron) and model.chip == "loihi2" and model.receptors == 2
+    return family_of(fixed.chip).receptors == 1 and has_two_inputs(fixed.program.populations[target].model)
 
 
 def _lags_apart(wires: FixedProjection) -> range:

@@ -10,10 +10,12 @@ from numpy.typing import NDArray
 
 from neuro.chips.quantising.fixed import FixedProjection
 from neuro.chips.quantising.fixed_program import FixedProgram
+from neuro.model.synapses import loihi2_learning
 from neuro.model.synapses.loihi_rule import POST, LearningRule, Term
 from neuro.program.program import Floats, Ints, Program
 from neuro_chip import learning as kernels, tables as t
 from neuro_chip.plastic import Plastic
+from neuro_chip.two_factors import TwoFactors
 from neuro_chip.weights import ChipWeights
 
 _COUNTED = {
@@ -40,7 +42,7 @@ class Learners:
 
     def __init__(self, fixed: FixedProgram, weights: ChipWeights, arrays: dict[str, NDArray[Any]]) -> None:
         self._fixed, self._program, self._weights, self._a = fixed, fixed.program, weights, arrays
-        self._parts: dict[int, Plastic] = {}
+        self._parts: dict[int, Plastic | TwoFactors] = {}
         self._due: dict[int, list[tuple[int, Ints]]] = {}
         for index, wires in enumerate(fixed.projections):
             if wires is not None and wires.rule is not None:
@@ -57,18 +59,21 @@ class Learners:
     def after(self, step: int) -> None:
         """What the spikes of a step teach; called when the step is done."""
         emitted = self._a["emitted"][: self._a["clock"][t.EMITTED]]
+        times = self._a["emitted_times"]
         pops = self._a["pops"]
-        fired = {}
+        fired: dict[int, Ints] = {}
+        payloads: dict[int, Ints] = {}
         for index, plastic in self._parts.items():
             part = self._program.projections[index]
             for k in (part.source, part.target, part.dopamine):
                 if k >= 0 and k not in fired:
                     lo, hi = np.searchsorted(emitted, (pops[k, t.BEGIN], pops[k, t.END]))
                     fired[k] = emitted[lo:hi] - pops[k, t.BEGIN]
+                    payloads[k] = times[lo:hi]
             if self._fresh[index]:
                 self._weights.put(index, plastic.weights.astype(np.int32))
             before = plastic.counts[kernels.CHANGED]
-            plastic.step(step, fired[part.source], fired[part.target])
+            plastic.step(step, fired[part.source], fired[part.target], payloads[part.source])
             self._fresh[index] = bool(plastic.counts[kernels.CHANGED] != before)
             if part.dopamine >= 0:
                 self._release(index, step, fired[part.dopamine])
@@ -80,13 +85,15 @@ class Learners:
             n = self._program.populations[part.target].size
             reached = ids if part.dopamine_one_to_one else np.tile(np.arange(n), ids.size)
             due.append((step + part.dopamine_delay, reached))
+        plastic = self._parts[index]
+        assert isinstance(plastic, Plastic)
         while due and due[0][0] <= step:
-            self._parts[index].release(step, due.pop(0)[1])
+            plastic.release(step, due.pop(0)[1])
 
     def signal(self, signal: int, values: Floats, step: int) -> None:
         """Set the modulatory traces of every projection that listens."""
         for index, plastic in self._parts.items():
-            if self._program.projections[index].signal == signal:
+            if isinstance(plastic, Plastic) and self._program.projections[index].signal == signal:
                 plastic.modulate(step, values, self._wires(index).n_scale)
 
     def _wires(self, index: int) -> FixedProjection:
@@ -105,6 +112,8 @@ class Learners:
     def read(self, index: int, name: str) -> Floats:
         """K_plus, c, t or n of every synapse, in the units of the language."""
         plastic, rule = self._parts[index], self._parts[index].rule
+        if isinstance(plastic, TwoFactors):
+            return (plastic.tags if name == "t" else plastic.present(name)).astype(np.float64)
         now = (self.step_of(plastic) - 1) % plastic.epoch
         pre, post = self._program.connections(index)
         if name == "K_plus":
@@ -118,7 +127,7 @@ class Learners:
         tags = plastic.tags.astype(np.float64)
         return tags if name == "t" else tags / _tag_of_one(rule, self._program, index)
 
-    def step_of(self, plastic: Plastic) -> int:
+    def step_of(self, plastic: Plastic | TwoFactors) -> int:
         """The last finished step."""
         return int(self._a["clock"][t.STEP])
 
@@ -175,7 +184,7 @@ class Learners:
             self._due[index] = [(int(at), rows[rows[:, 0] == at, 1].copy()) for at in np.unique(rows[:, 0])]
 
 
-def _plastic(program: Program, index: int, wires: FixedProjection) -> Plastic:
+def _plastic(program: Program, index: int, wires: FixedProjection) -> Plastic | TwoFactors:
     """The arrays of a projection as CSR."""
     part = program.projections[index]
     n_source, n_target = program.populations[part.source].size, program.populations[part.target].size
@@ -183,17 +192,10 @@ def _plastic(program: Program, index: int, wires: FixedProjection) -> Plastic:
     row_ends = np.concatenate(([0], np.cumsum(np.bincount(pre, minlength=n_source)))).astype(np.int64)
     mantissas = np.broadcast_to(wires.mantissas, part.size).astype(np.int64)
     assert isinstance(wires.rule, LearningRule)
-    return Plastic(
-        part.name,
-        program.seed,
-        wires.rule,
-        row_ends,
-        post.astype(np.int32),
-        n_target,
-        mantissas,
-        wires.bits,
-        wires.sign_mode,
-    )
+    synapses = row_ends, post.astype(np.int32), n_target, mantissas
+    if isinstance(part.synapse, loihi2_learning):
+        return TwoFactors(part.name, program.seed, wires.rule, part.synapse, *synapses)
+    return Plastic(part.name, program.seed, wires.rule, *synapses, wires.bits, wires.sign_mode)
 
 
 def _tag_of_one(rule: LearningRule, program: Program, index: int) -> float:

@@ -92,13 +92,14 @@ class Plastic:
         self.counts: Ints = np.zeros(6, dtype=np.int64)
         self.saturated: Ints = np.zeros(1, dtype=np.int64)
 
-    def step(self, step: int, pre: Ints, post: Ints) -> None:
+    def step(self, step: int, pre: Ints, post: Ints, payloads: Ints | None = None) -> None:
         """One step of learning.
 
         Args:
             step: its number, from 1; an epoch ends where it is a multiple of `epoch`.
             pre: ids of the sources that fired, each once.
             post: ids of the targets that fired, each once.
+            payloads: not looked at.
         """
         slot = (step - 1) % self.epoch  # decay, then impulses, then the rule: it reads the impulses of its own step
         kernels.decay(self.xs, slot, self.x_keep, self.x_keys, step)

@@ -24,6 +24,7 @@ class NestBackend:
 
     name = "nest"
     description = "NEST itself, if installed (pip install nest-simulator): the judge of the float backends"
+    draws_synapses = True
     unreadable = UNREADABLE
     unsupported = UNSUPPORTED
 

@@ -44,6 +44,17 @@ class NestEngine:
         return NestNetwork(self.program, self._nest, self._threads, parameters, weights, rules)
 
     @property
+    def _listed(self) -> list[NestProjection]:
+        """The projections whose synapses the program has."""
+        return [wires for wires in self.net.wires if isinstance(wires, NestProjection)]
+
+    def _wires(self, projection: int) -> NestProjection:
+        self.program.refuse_undrawn(projection)
+        wires = self.net.wires[projection]
+        assert isinstance(wires, NestProjection)
+        return wires
+
+    @property
     def step(self) -> int:
         """The last finished step."""
         return self.net.step
@@ -58,7 +69,7 @@ class NestEngine:
 
     def signal(self, signal: int, values: Floats) -> None:
         """Set the dopamine of every synapse that listens."""
-        for wires in self.net.wires:
+        for wires in self._listed:
             if wires.part.signal == signal:
                 self._check_moment(wires, f"signal '{self.program.signals[signal].name}'")
                 self._write(wires, "n", values[wires.target])
@@ -84,7 +95,7 @@ class NestEngine:
 
     def get_synapses(self, projection: int, name: str) -> Floats:
         """A state of every synapse."""
-        wires = self.net.wires[projection]
+        wires = self._wires(projection)
         if not wires.part.synapse.learns:
             return self._joined(wires, wires.weights)
         if wires.part.synapse.modulated:
@@ -98,9 +109,10 @@ class NestEngine:
     def _joined(self, wires: NestProjection, weights: Floats) -> Floats:
         """The weights of all synapses, of a grid of its kernels, from those that the program has."""
         part = wires.part
-        if len(weights) == 1 or part.share.number == 1:
+        if part.share.number == 1:
             return np.broadcast_to(weights, part.size).copy()
-        return wires.joined(weights)
+        # One weight is that of all, or of the only synapse that this process has: what each has decides nothing.
+        return wires.joined(np.broadcast_to(weights, wires.source.size))
 
     def _faded(self, wires: NestProjection, k_plus: Floats) -> Floats:
         """K+ now: NEST's stdp_synapse has it as of the last pre spike."""
@@ -110,7 +122,7 @@ class NestEngine:
 
     def set_rule(self, projection: int, parameters: Floats) -> None:
         """Change the numbers of a synapse model."""
-        wires = self.net.wires[projection]
+        wires = self._wires(projection)
         self._check_changeable(wires, "the numbers")
         own = parameters if parameters.ndim == 1 else wires.given(parameters)
         self.net.rules[projection] = own.copy()
@@ -126,7 +138,7 @@ class NestEngine:
 
     def set_weights(self, projection: int, weights: Floats, chosen: NDArray[np.bool_] | None = None) -> None:
         """Replace all weights; those that are not chosen are NEST's own."""
-        wires = self.net.wires[projection]
+        wires = self._wires(projection)
         if wires.part.synapse.learns:
             self._check_changeable(wires, "the weights")
         elif wires.part.carries == "spikes" and not wires.part.as_by_sign(weights):
@@ -182,11 +194,14 @@ class NestEngine:
         """Counts since the start or the last reset."""
         records = self.net.records
         stepped = np.array([p.kind == "neuron" for p in self.program.populations])
+        active = self.program.share.total(self.net.activity.active) * stepped
+        for target in {p.target for p in self.program.projections if p.undrawn is not None}:
+            active[target] = self.program.populations[target].size * self.step  # arrivals are known to NEST alone
         return EngineCounts(
             steps=self.step,
             events=tuple(record.events.copy() for record in records),
             spikes=tuple(record.spikes.copy() for record in records),
-            active=self.program.share.total(self.net.activity.active) * stepped,
+            active=active,
             trial_updates=np.zeros(len(self.program.projections), dtype=np.int64),
         )
 
@@ -199,8 +214,10 @@ class NestEngine:
 
     def reset(self, weights: bool) -> None:
         """Back to step 0: NEST is built anew."""
-        kept = [wires.given(self.get_synapses(i, "weight")) for i, wires in enumerate(self.net.wires)]
         first = [p.weight for p in self.program.projections]
+        kept = [*first]
+        for wires in self._listed:
+            kept[wires.index] = wires.given(self.get_synapses(wires.index, "weight"))
         with nest_errors():
             self._nest.ResetKernel()
         self.net = self._build([c.parameters for c in self.net.cells], first if weights else kept, self.net.rules)

@@ -16,6 +16,7 @@ from neuro_nest.kernel import nest_errors, set_nodes, sign
 from neuro_nest.nodes import Nodes, dealt_out
 from neuro_nest.projections import NestProjection
 from neuro_nest.record import Activity, NestRecord
+from neuro_nest.rules import RuleProjection
 from neuro_nest.sources import NONE, InjectedTrain, Noise, TrainSource, is_noise, nodes_of, train
 from neuro_nest.tables import DEVICE, ENDLESS, FIXED_TRUE, LACKING, NODES, OF_TARGET, UNREADABLE
 
@@ -51,16 +52,25 @@ class NestNetwork:
         self.clock = Clock(program.resolution)
         self.rules = rules
         sent_at_once = {p.source for p in program.projections if self._is_at_once(p)}
+        # What NEST draws follows from its seed and from the node of each neuron. These are dealt out for threads as for
+        # processes, so that a process with two threads has the network of two processes.
+        draws = any(p.undrawn is not None for p in program.projections)
+        dealt = max(program.share.number, threads if draws and program.share.number == 1 else 1)
         with nest_errors():
             nest.local_num_threads = threads
-            nest.set(resolution=program.resolution)
+            nest.set(resolution=program.resolution, rng_seed=1 + program.seed % _SEEDS)
             nest.set(min_delay=program.resolution, max_delay=self.clock.ms(self._longest_delay()))
             sign(nest)
             self.cells = [
-                NestPopulation(nest, part, own, self.clock, program.share, nodes_of(program, k), k in sent_at_once)
+                NestPopulation(
+                    nest, part, own, self.clock, program.share, nodes_of(program, k), k in sent_at_once, dealt
+                )
                 for k, (part, own) in enumerate(zip(program.populations, parameters, strict=True))
             ]
-            self.wires = [NestProjection(program, i, w) for i, w in enumerate(weights)]
+            self.wires = [
+                NestProjection(program, i, w) if part.undrawn is None else RuleProjection(program, i, w)
+                for i, (part, w) in enumerate(zip(program.projections, weights, strict=True))
+            ]
             for wires in self.wires:
                 self._connect(wires)
             self._recorder = self._record_neurons()
@@ -74,7 +84,8 @@ class NestNetwork:
         for index in self.noise:
             self.set_noise(index, parameters[index])
         self.records = [NestRecord(p.size, p.records) for p in program.populations]
-        self.activity = Activity(program, [w for w in self.wires if not self._sends_current(w.part.source)])
+        listed = [w for w in self.wires if isinstance(w, NestProjection)]
+        self.activity = Activity(program, [w for w in listed if not self._sends_current(w.part.source)])
         self._stretch = max(1, min(LONGEST, CELLS_AT_ONCE // sum(p.size for p in program.populations)))
 
     def run(self, steps: int) -> None:
@@ -135,8 +146,12 @@ class NestNetwork:
                 self.nest.Connect(cells.nodes, recorder, syn_spec={"delay": self.program.resolution})
         return recorder
 
-    def _connect(self, wires: NestProjection) -> None:
+    def _connect(self, wires: NestProjection | RuleProjection) -> None:
         part = wires.part
+        if isinstance(wires, RuleProjection):
+            source, target = self.cells[part.source], self.cells[part.target]
+            wires.connect(self.nest, source.senders(self._is_at_once(part)), target.nodes, self.clock)
+            return
         transmitters = self._transmitters(wires) if part.synapse.modulated else None
         shared = zip(part.synapse.numbers(), common(self.rules[wires.index]), strict=True)
         if of_target := {word: value for word, value in shared if word in OF_TARGET}:
@@ -183,6 +198,9 @@ class NestNetwork:
         return transmitters
 
 
+_SEEDS = 2**32 - 1
+"""NEST's seeds go from 1 to this."""
+
 _WITH_E_L = ("V_th", "V_reset", "V_min", "V_m")
 """What NEST holds relative to E_L: set again with it, so that no rounding moves it."""
 
@@ -198,6 +216,7 @@ class NestPopulation:
         share: which of the neurons are of this process.
         number: of nodes, if it is not that of its neurons.
         devices: whether those of a generator send along synapses that do not learn.
+        dealt: processes, or threads, of which each has neighbouring neurons.
 
     Attributes:
         nodes_of: the nodes of the neurons.
@@ -213,14 +232,16 @@ class NestPopulation:
         share: Share,
         number: int | None = None,
         devices: bool = False,
+        dealt: int = 1,
     ) -> None:
         self.part, self.parameters, self._clock, self._share = part, parameters, clock, share
         # NEST deals its nodes out in turn, whatever is not a device: the first of these is of the first process.
-        dealt = part.kind != "current"
-        if dealt and (gap := -(nest.network_size + 1) % share.number):
+        if part.kind == "current":
+            dealt = 1
+        if gap := -(nest.network_size + 1) % dealt:
             nest.Create("parrot_neuron", gap)
         self._nest, self.nodes = nest, nest.Create(NODES[part.model.name], number or part.size)
-        at = dealt_out(part.size, share.number) if dealt and share.number > 1 else None
+        at = dealt_out(part.size, dealt) if dealt > 1 else None
         self.nodes_of = Nodes(int(self.nodes[0].global_id), at)
         self._emitting = [self.nodes, *([nest.Create(DEVICE, part.size)] if devices else [])]
         self.devices_of = Nodes(int(self._emitting[-1][0].global_id), at)
@@ -246,6 +267,10 @@ class NestPopulation:
         rows = np.broadcast_to(listed.values.T, (self.part.size, listed.steps.size))
         set_nodes(self._nest, self.nodes, [{"amplitude_times": times, "amplitude_values": row.copy()} for row in rows])
 
+    def senders(self, at_once: bool) -> Any:
+        """The nodes that send, of devices if `at_once`."""
+        return self._emitting[-1 if at_once else 0]
+
     def emit(self, spikes: InjectedTrain) -> None:
         """Let the injectors fire, and the devices."""
         places = self.nodes_of.places(spikes.ids)
@@ -267,10 +292,12 @@ class NestPopulation:
             gathered = self._gathered(name)
             return gathered if ids is None else gathered[ids]
         if ids is None:
-            return np.atleast_1d(np.array(self.nodes.get(name), dtype=np.float64))
-        order = np.argsort(ids)  # NEST takes its nodes in ascending order only
-        found: Floats = np.empty(ids.size)
-        found[order] = self.nodes[ids[order].tolist()].get(name)
+            in_turn = np.atleast_1d(np.array(self.nodes.get(name), dtype=np.float64))
+            return in_turn[self.nodes_of.places(np.arange(self.part.size))]
+        places = self.nodes_of.places(ids)
+        order = np.argsort(places)  # NEST takes its nodes in ascending order only
+        found: Floats = np.empty(places.size)
+        found[order] = self.nodes[places[order].tolist()].get(name)
         return found
 
     def _gathered(self, name: str) -> Floats:

@@ -6,8 +6,9 @@ from collections.abc import Iterator, Mapping
 
 import numpy as np
 
-from neuro.core.english import a
+from neuro.core.english import a, some
 from neuro.model.neurons import CurrentGenerator
+from neuro.model.rules import fixed_total_number
 from neuro.program.backend import Problem, floats_only, unnoted
 from neuro.program.program import Floats, Population, Program, Projection
 from neuro_nest.tables import (
@@ -26,6 +27,7 @@ ELSEWHERE = "backend 'event' runs it"
 NO_LEAK = "with an infinite tau_m NEST's propagator of a current, tau_m / C_m (1 - exp(-h / tau_m)), is no number"
 RKF45_ONLY = "NEST integrates by RKF45"
 BY_SIGN = "NEST sends weights above 0 to ex and weights below 0 to in"
+HERE = "leave 'draw' out"
 FINITE = "use a large tau_m, say 1e6"
 
 
@@ -39,7 +41,7 @@ def problems(program: Program) -> list[Problem]:
         found += _of_population(program, index, part)
     for projection in program.projections:
         found += _of_projection(program, projection)
-    return [*found, *_of_copies(program), *_of_targets(program)]
+    return [*found, *_of_copies(program), *_of_targets(program), *_of_rules(program)]
 
 
 def _refused(what: str, why: str, way_out: str, part: object) -> Problem:
@@ -146,6 +148,23 @@ def _of_targets(program: Program) -> Iterator[Problem]:
                     f"give both the same, or {ELSEWHERE.replace(' it', ' them')}",
                     part,
                 )
+
+
+def _of_rules(program: Program) -> Iterator[Problem]:
+    """What NEST draws itself."""
+    parts = [part for part in program.projections if part.undrawn is not None]
+    for part in parts:
+        assert part.undrawn is not None
+        rule, message = part.undrawn.rule, f"projection '{part.name}': draw = backend"
+        if part.carries == "current":
+            yield _refused(f"{message}: a current", "each of its connections has a node", HERE, part)
+        if isinstance(rule, fixed_total_number) and not rule.multapses:
+            yield _refused(f"{message}: {rule.name}.multapses = false", "NEST's rule draws pairs twice", HERE, part)
+    if parts:
+        names = ", ".join(f"'{part.name}'" for part in parts[:3])
+        what = f"the synapses of {some(len(parts), 'projection')} ({names}{', ...' * (len(parts) > 3)})"
+        why = "drawn by NEST: the same in distribution, others than of this language"
+        yield Problem(False, what, why, f"if they are to be equal, {HERE}", parts[0].origin)
 
 
 _NO_LEAK = "without leak NEST's propagator of a current is no number"

@@ -69,7 +69,8 @@ class NestProjection:
         self.source, self.target = nodes.astype(np.int32), target.astype(np.int32)
         self.slot = slice(None) if self.part.grid is None and self._own is None else slot
         self._program = program
-        self.row_ends = np.searchsorted(source, np.arange(n_source + 1))
+        # A process has a few synapses of each source, and an end for each source of every projection.
+        self.row_ends = np.searchsorted(source, np.arange(n_source + 1)).astype(np.min_scalar_type(-1 - len(source)))
         self._receptor: dict[str, int] = {}
         if self.part.carries == "current" and self.part.receptor is not None:
             model = program.populations[self.part.target].model.name

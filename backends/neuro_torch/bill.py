@@ -1,9 +1,11 @@
 """What a recording takes on a chip, in joules, as a tensor with a gradient: a regulariser, and a bill.
 
 It is the bill of `neuro.chips.price`, without the ranges: spikes x (fan-out x a synaptic operation + their ways between
-cores), updates of neurons, and static power x the time of the chip, which its busiest core decides. All but the busiest
-core is linear in the spikes, so a batch takes what its mean recording takes. Spikes have the gradient that the
-surrogate gives them; updates that are active only since something arrives have none.
+cores), updates of neurons, and static power x the time of the chip, which its busiest core decides. Where a chip has no
+figure but a ceiling, as Loihi 2 for all that it does, the ceiling is taken. A message with a payload is one spike.
+
+All but the busiest core is linear in the spikes, so a batch takes what its mean recording takes. Spikes have the
+gradient that the surrogate gives them; updates that are active only since something arrives have none.
 """
 
 from __future__ import annotations
@@ -132,7 +134,7 @@ class Bill:
 
     def _cost(self, what: str) -> float:
         figure = self.chip.costs.get(what)
-        return 0.0 if figure is None else figure.value
+        return 0.0 if figure is None else figure.value or figure.high or 0.0
 
     def _of_spikes(self, population: int) -> Floats:
         """Joules of a spike of each neuron of a population."""

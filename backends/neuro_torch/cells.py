@@ -11,13 +11,12 @@ from torch import Tensor
 
 from neuro.core import keyed_random
 from neuro.model.neurons import Neuron
+from neuro.model.neurons.base import PAYLOAD
 from neuro.program.program import Floats, Population, drawn_for
 from neuro_torch.lanes import ALL, LaneRows, Lanes, spread
 from neuro_torch.problems import reset_of
 from neuro_torch.sources import constants_of
-
-Spike = Callable[[Tensor, Tensor, Tensor], Tensor]
-"""Makes spikes of what fired and by how much it was above its threshold, absolute and in units of the surrogate."""
+from neuro_torch.surrogates import Surrogate
 
 
 class TensorCells:
@@ -92,21 +91,28 @@ class TensorCells:
         Lanes(self.device).run(self.model.arithmetic.constants, values, self._h, self.constants)
 
     def scale(self) -> Tensor | float:
-        """V_th - V_reset in mV, the unit of surrogates."""
+        """The unit of surrogates: V_th - V_reset in mV, of graded neurons vth; infinite where every change is sent."""
+        if self.model.graded:
+            vth = torch.as_tensor(self._learnt.get("vth", self.parameters.get("vth", 0.0)), device=self.device)
+            unit = 2.0 ** sum(float(self.parameters.get(word, [0.0])[0]) for word in ("spike_exp", "state_exp"))
+            return torch.where(vth > 0.0, vth * unit, torch.inf)
         both = [self._learnt.get(word, self.parameters[word]) for word in ("V_th", reset_of(self.part))]
         top, bottom = (each if isinstance(each, Tensor) else torch.tensor(each, device=self.device) for each in both)
         return top - bottom
 
-    def step(self, x: Tensor, current: Tensor | float, step: int, spike: Spike | None = None) -> Tensor:
-        """Step every neuron; return how often each spiked, as doubles.
+    def step(
+        self, x: Tensor | list[Tensor], current: Tensor | float, step: int, surrogate: Surrogate | None = None
+    ) -> Tensor:
+        """Step every neuron; return how often each spiked, of graded neurons the payloads, as doubles.
 
         Args:
-            x: arrived input, shape (receptors, batch, size).
+            x: arrived input, shape (receptors, batch, size), or one of (batch, size) for each receptor.
             current: external, in pA; a number or shape (size,).
             step: which it is.
-            spike: makes spikes with a gradient of what fired; None makes them without.
+            surrogate: stands in for the derivative of what fired or is sent; without one that has no gradient.
         """
-        lanes, arithmetic = Lanes(self.device), self.model.arithmetic
+        gate = self._gate(surrogate) if self.model.graded and surrogate is not None else None
+        lanes, arithmetic = Lanes(self.device, gate=gate), self.model.arithmetic
         states, fired = LaneRows(self.states, self.shape), LaneRows([0.0])
         free = self.states[self._held] == 0.0 if self._held >= 0 else None
         drawn = (LaneRows([self._uniform(step)]),) if self.model.draws else ()
@@ -114,14 +120,22 @@ class TensorCells:
         lanes.run(arithmetic.step, states, self.constants, arriving, flowing, ALL, ALL, fired, *drawn)
         reached = fired.rows[0]
         self.states = states.rows
+        if self.model.graded:
+            return self.states[self.names.index(PAYLOAD)]
         spikes = spread(reached, self.shape, self.device)
         who = spikes != 0.0
         if self.model.relay:
             spikes = x[0] * who
-        elif spike is not None and (margin := getattr(reached, "margin", None)) is not None:
-            spikes = spike(spikes, margin / self.scale(), free if free is not None else torch.ones_like(who))
+        elif surrogate is not None and (margin := getattr(reached, "margin", None)) is not None:
+            x, free = margin / self.scale(), free if free is not None else torch.ones_like(who)
+            apply: Any = Surrogated.apply
+            spikes = apply(spikes, x, free, surrogate)
         self._fire(who)
         return spikes
+
+    def _gate(self, surrogate: Surrogate) -> Callable[[Tensor], Tensor]:
+        unit = self.scale()
+        return lambda margin: surrogate.derivative(margin / unit) / unit
 
     def _fire(self, who: Tensor) -> None:
         if not self.model.resets_in_step and bool(who.any()):
@@ -131,3 +145,20 @@ class TensorCells:
 
     def _uniform(self, step: int) -> Tensor:
         return torch.tensor(keyed_random.uniform(self._key, step, np.arange(self.part.size)), device=self.device)
+
+
+class Surrogated(torch.autograd.Function):
+    """Spikes as they are; the surrogate stands in for their derivative."""
+
+    @staticmethod
+    def forward(ctx, spikes, x, free, surrogate):  # type: ignore[no-untyped-def]
+        """The spikes; `x` is how far above the threshold each neuron is, `free` which are not refractory."""
+        ctx.surrogate = surrogate
+        ctx.save_for_backward(x, free)
+        return spikes.clone()
+
+    @staticmethod
+    def backward(ctx, g):  # type: ignore[no-untyped-def]
+        """The gradient of `x`."""
+        x, free = ctx.saved_tensors
+        return None, g * ctx.surrogate.derivative(x) * free, None, None

@@ -13,6 +13,7 @@ from torch import Tensor
 
 from neuro.program.backend import EngineCounts, Outcome, Spikes, Trial
 from neuro.program.program import Floats, Ints, Program
+from neuro.program.spikes import carrying
 from neuro_torch.stepping import Stepper
 from neuro_torch.wires import Emitted
 
@@ -28,10 +29,11 @@ class TensorRecord:
     Args:
         size: neurons.
         keeps: whether spikes are kept.
+        graded: whether multiplicities are payloads, of which each counts as one spike.
     """
 
-    def __init__(self, size: int, keeps: bool) -> None:
-        self._size, self._keeps = size, keeps
+    def __init__(self, size: int, keeps: bool, graded: bool = False) -> None:
+        self._size, self._keeps, self._graded = size, keeps, graded
         self.start_anew()
 
     @property
@@ -51,7 +53,7 @@ class TensorRecord:
     def add(self, step: int, ids: Ints, multiplicity: Ints) -> None:
         """The spikes of one step."""
         self.events[ids] += 1
-        self.spikes[ids] += multiplicity
+        self.spikes[ids] += 1 if self._graded else multiplicity
         if self._keeps and len(ids):
             self.steps.append(np.full(len(ids), step, dtype=np.int64))
             self.ids.append(ids)
@@ -90,7 +92,7 @@ class TorchEngine:
     def __init__(self, program: Program, threads: int, device: torch.device) -> None:
         self.program, self._threads = program, threads
         self.stepper = Stepper(program, device=device, hears=True)
-        self.records = [TensorRecord(part.size, part.records) for part in program.populations]
+        self.records = [TensorRecord(part.size, part.records, part.model.graded) for part in program.populations]
 
     @property
     def step(self) -> int:
@@ -115,9 +117,9 @@ class TorchEngine:
                 heard[emitted.neuron] = True
                 record.active += int(heard.sum())
 
-    def inject(self, population: int, steps: Ints, ids: Ints) -> None:
-        """Add spikes of a spike_generator."""
-        self.stepper.sources[population].inject(steps, ids, self.step)
+    def inject(self, population: int, steps: Ints, ids: Ints, payloads: Ints | None = None) -> None:
+        """Add spikes of a listed population, with payloads where it is graded."""
+        self.stepper.sources[population].inject(steps, ids, self.step, payloads)
 
     def signal(self, signal: int, values: Floats) -> None:
         """Nothing listens: rules under dopamine are refused."""
@@ -171,7 +173,7 @@ class TorchEngine:
 
     def spikes(self, population: int, since: int) -> Spikes:
         """Recorded spikes after a step."""
-        return self.records[population].since(since)
+        return carrying(self.program.populations[population], self.records[population].since(since))
 
     def forget(self, before: int) -> None:
         """Drop recorded spikes up to a step."""
@@ -234,6 +236,8 @@ def _threads(number: int) -> Iterator[None]:
 
 
 Arrays = Mapping[str, NDArray[Any]]
+_LISTED = ("states", "steps", "ids", "numbers")
+"""What a source keeps between steps."""
 
 
 def take_snapshot(stepper: Stepper, records: Sequence[TensorRecord]) -> dict[str, NDArray[Any]]:
@@ -244,7 +248,7 @@ def take_snapshot(stepper: Stepper, records: Sequence[TensorRecord]) -> dict[str
             torch.stack([state[0] for state in cells.states]).cpu().numpy() if cells.states else np.zeros(0)
         )
     for k, source in stepper.sources.items():
-        found |= {f"sources/{k}/{name}": getattr(source, name).copy() for name in ("states", "steps", "ids")}
+        found |= {f"sources/{k}/{name}": getattr(source, name).copy() for name in _LISTED}
     for k, flow in stepper.flows.items():
         found |= {f"flows/{k}/{name}": getattr(flow, name).copy() for name in ("due", "held", "weights")}
     for k in range(len(records)):
@@ -277,7 +281,7 @@ def put_snapshot(stepper: Stepper, records: Sequence[TensorRecord], arrays: Arra
             cells.put(name, values)
         cells.refresh()
     for k, source in stepper.sources.items():
-        for name in ("states", "steps", "ids"):
+        for name in _LISTED:
             setattr(source, name, arrays[f"sources/{k}/{name}"].copy())
         source.refresh()
     for k, flow in stepper.flows.items():

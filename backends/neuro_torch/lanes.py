@@ -121,10 +121,12 @@ class Lanes:
     Args:
         device: where its tensors are.
         live: the lanes that take part, None for all.
+        gate: of graded neurons that learn, the derivative of a choice by how far above its threshold something is: what
+            a threshold chooses has this gradient, too, and what is rounded down that of itself.
     """
 
-    def __init__(self, device: Any, live: Tensor | None = None) -> None:
-        self.device, self.live = device, live
+    def __init__(self, device: Any, live: Tensor | None = None, gate: Callable[[Tensor], Tensor] | None = None) -> None:
+        self.device, self.live, self.gate = device, live, gate
 
     def run(self, function: Any, *arguments: Any) -> Any:
         """A function of a model's arithmetic, for all neurons."""
@@ -220,7 +222,10 @@ class Lanes:
         """One of two values."""
         if not isinstance(test, Tensor):
             return yes() if test else no()
-        return merged(test if test.dtype is torch.bool else test != 0, yes(), no())
+        chosen, other, margin = yes(), no(), getattr(test, "margin", None)
+        if self.gate is not None and margin is not None:
+            return _Chosen.apply(test, self.tensor(chosen), self.tensor(other), margin, self.gate)  # type: ignore[no-untyped-call]
+        return merged(test if test.dtype is torch.bool else test != 0, chosen, other)
 
     # Loops.
 
@@ -348,6 +353,40 @@ def _extreme(better: Callable[[Any, Any], Any]) -> Callable[..., Any]:
     return found
 
 
+class _Chosen(torch.autograd.Function):
+    """One of two values, with the gradient of a surrogate for what was compared."""
+
+    @staticmethod
+    def forward(ctx: Any, test: Tensor, chosen: Tensor, other: Tensor, margin: Tensor, gate: Any) -> Tensor:
+        ctx.save_for_backward(test, chosen, other, margin)
+        ctx.gate = gate
+        return torch.where(test, chosen, other)
+
+    @staticmethod
+    def backward(ctx: Any, *grads: Tensor) -> Any:
+        (g,), (test, chosen, other, margin) = grads, ctx.saved_tensors
+        none = g.new_zeros(())
+        to_margin = g * (chosen - other) * ctx.gate(margin)
+        to_chosen, to_other = torch.where(test, g, none), torch.where(test, none, g)
+        return None, to_chosen.sum_to_size(chosen.shape), to_other.sum_to_size(other.shape), to_margin, None
+
+
+class _Floor(torch.autograd.Function):
+    """Rounding down, whose gradient is that of doing nothing (Bengio, Leonard & Courville, arXiv:1308.3432, 2013)."""
+
+    @staticmethod
+    def forward(ctx: Any, value: Tensor) -> Tensor:
+        return torch.floor(value)
+
+    @staticmethod
+    def backward(ctx: Any, *grads: Tensor) -> Any:
+        return grads[0]
+
+
+def _floor(lanes: Lanes, value: Any) -> Any:
+    return torch.floor(value) if lanes.gate is None else _Floor.apply(value)  # type: ignore[no-untyped-call]
+
+
 _OWN: dict[Any, Callable[..., Any]] = {
     builtins.abs: lambda lanes, a: abs(a),
     builtins.max: _extreme(lambda a, b: a > b),
@@ -357,5 +396,6 @@ _OWN: dict[Any, Callable[..., Any]] = {
     builtins.float: lambda lanes, a: a.to(torch.float64),
     builtins.bool: lambda lanes, a: a != 0,
     math.fabs: lambda lanes, a: abs(a),
+    math.floor: _floor,
 }
 """Functions of Python whose tensors' version has another name or other ways."""

@@ -110,7 +110,7 @@ class _FirstSpike(torch.autograd.Function):
 
     @staticmethod
     def forward(ctx: Any, spikes: Tensor) -> Tensor:
-        first = _first(spikes > 0)
+        first = _first(spikes != 0)
         ctx.save_for_backward(spikes, first)
         return first.to(spikes.dtype)
 
@@ -118,7 +118,7 @@ class _FirstSpike(torch.autograd.Function):
     def backward(ctx: Any, gradient: Tensor) -> Tensor:
         spikes, first = ctx.saved_tensors
         step = torch.arange(spikes.shape[1], device=spikes.device)[None, :, None]
-        later = (spikes > 0) & (step > first[:, None, :])
+        later = (spikes != 0) & (step > first[:, None, :])
         second = _first(later)
         sooner = (first[:, None, :] - step).clamp(min=0)
         lost = torch.where(step == first[:, None, :], (second - first)[:, None, :], 0)
@@ -168,15 +168,17 @@ LOSSES: Mapping[str, Callable[..., Tensor]] = {
 def decisions(spikes: Tensor) -> Tensor:
     """The output neuron that fired most, of several the one that fired first, then the first; -1 for silence.
 
+    Of graded neurons it is the one whose payloads have the largest sum.
+
     Args:
         spikes: (batch, steps, neurons).
 
     Returns:
         (batch,), int64.
     """
-    count, steps = spikes.sum(dim=1), spikes.shape[1]
-    said = (count * (steps + 1) + (steps - _first(spikes > 0))).argmax(dim=1)
-    return torch.where(count.amax(dim=1) > 0, said, -1)
+    count, steps = spikes.double().sum(dim=1), spikes.shape[1]
+    said = (count * (steps + 1) + (steps - _first(spikes != 0))).argmax(dim=1)
+    return torch.where((spikes != 0).any(dim=2).any(dim=1), said, -1)
 
 
 def _check(values: Tensor, labels: Tensor) -> None:

@@ -18,7 +18,7 @@ from neuro.core.errors import ModelError
 from neuro.core.memory import free_memory
 from neuro.program.program import Population, Program
 from neuro_torch.events import Train
-from neuro_torch.scan.layers import Component, Plan, ScanTask, Synapses
+from neuro_torch.scan.layers import CELLS, Component, Plan, ScanTask, Synapses
 
 __all__ = ["Need", "free", "kept_by_steps", "need", "refuse_large"]
 
@@ -148,10 +148,16 @@ def _neurons(part: Component) -> int:
     return sum(cell.size for cell in part.cells.values())
 
 
+def _states(parts: Iterable[Component], learns: bool) -> int:
+    """Bytes of a step that the arithmetic of graded neurons keeps for the way back: about four doubles of each."""
+    sizes = (cell.size for part in parts for cell in part.cells.values() if cell.model not in CELLS)
+    return 4 * DOUBLE * sum(sizes) if learns else 0
+
+
 def _kernels(parts: tuple[Component, ...], inputs: Inputs, task: ScanTask, learns: bool) -> Need:
     """Spikes, potentials and what became of them stay; input and gradients come and go with a part."""
     size = task.dtype.itemsize
-    kept = (2 * size + 1 if learns else size) * sum(map(_neurons, parts))
+    kept = (2 * size + 1 if learns else size) * sum(map(_neurons, parts)) + _states(parts, learns)
     passing = _largest(parts, lambda part: (4 + bool(part.inside)) * size * _neurons(part))
     return Need(task.batch, task.steps * (kept + passing) + _given(inputs.values(), task))
 
@@ -165,6 +171,7 @@ def _torch(parts: tuple[Component, ...], inputs: Inputs, task: ScanTask, learns:
     passing = _largest(parts, lambda part: 6 * size * _neurons(part) * task.steps + _drives(part, inputs, task))
     listed = [each for part in parts for each in (*part.outside, *part.inside) if not each.dense]
     tables = sum(3 * size * each.sizes[0] * each.sizes[1] * len(_delays(each)) for each in listed)
+    kept += _states(parts, learns)
     return Need(task.batch, task.steps * kept + passing + _given(inputs.values(), task), tables)
 
 

@@ -24,7 +24,7 @@ from neuro_torch import bounds, feeding, memory, trainable as words
 from neuro_torch.events import Events
 from neuro_torch.outcome import Outcome, Told, active_updates
 from neuro_torch.problems import problems, without_gradient
-from neuro_torch.scan import compiled, layers, operations
+from neuro_torch.scan import compiled, graded, layers, operations
 from neuro_torch.scan.layers import Plan, ScanTask, plan_of
 from neuro_torch.stepping import Learning, Stepper, stepped
 from neuro_torch.surrogates import Plain, Surrogate, surrogate_of
@@ -178,6 +178,10 @@ class Module(torch.nn.Module):
                 drives[k] = torch.zeros(
                     task.batch, task.steps, part.cells[k].size, dtype=task.dtype, device=task.device
                 )
+            if any(populations[k].model.graded for k in part.cells):
+                resolution = self.program.resolution
+                emitted |= {k: graded.scan(populations[k], drive, task, resolution) for k, drive in drives.items()}
+                continue
             inside = self._ways(part.inside, weights)
             spikes, before = scans.scan(layers.component(part, inside), drives, [weight for _, weight in inside], task)
             emitted |= spikes
@@ -374,9 +378,10 @@ class Module(torch.nn.Module):
 
     def _outcome(self, batch: Any, emitted: dict[int, Any], potentials: dict[int, Tensor], task: ScanTask) -> Outcome:
         outs = {name: self._index[name] for name in self.outputs}
-        counts = {n: partial(self._count, batch, k, emitted[k], task) for n, k in self._index.items() if k in emitted}
+        sent = {k: self._messages(k, each) for k, each in emitted.items()}
+        counts = {n: partial(self._count, batch, k, sent[k], task) for n, k in self._index.items() if k in sent}
         active = {
-            part.name: partial(self._active, k, emitted, task)
+            part.name: partial(self._active, k, sent, task)
             for k, part in enumerate(self.program.populations)
             if part.kind == "neuron"
         }
@@ -389,6 +394,13 @@ class Module(torch.nn.Module):
             self.program.resolution,
             self.program,
         )
+
+    def _messages(self, population: int, emitted: Any) -> Any:
+        """What a population emitted as spikes, each of which counts as one where it carries a payload."""
+        part = self.program.populations[population]
+        if not part.model.graded or not isinstance(emitted, Tensor):
+            return emitted
+        return graded.messages(part, emitted, self.surrogate)
 
     def _count(self, batch: Any, index: int, emitted: Any, task: ScanTask) -> Tensor:
         """The spikes of each neuron of a population."""

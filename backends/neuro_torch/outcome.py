@@ -29,10 +29,11 @@ class Outcome:
     Index 0 of an axis of steps is the first step of the run.
 
     Attributes:
-        spikes: by population of the outputs 0 or 1, (batch, steps, neurons); gradients go through the surrogate.
+        spikes: by population of the outputs 0 or 1, of graded ones payloads, (batch, steps, neurons); gradients go
+            through the surrogate.
         V_m: likewise the potential at the end of each step in mV, after a reset, as NEST records it.
-        counts: by population, of all neurons and inputs, the spikes of each neuron, (batch, neurons). Those of neurons
-            have gradients.
+        counts: by population, of all neurons and inputs, the spikes of each neuron, of graded ones its messages,
+            (batch, neurons). Those of neurons have gradients.
         active: by population of neurons, how many updates had an arrival or a spike, (batch,).
         steps: of each recording.
         step: length of one in ms.

@@ -7,7 +7,7 @@ from collections.abc import Iterator
 import numpy as np
 
 from neuro.model.neurons import Neuron
-from neuro.program.backend import Problem, floats_only, ungraded
+from neuro.program.backend import Problem, floats_only
 from neuro.program.program import Population, Program
 from neuro_torch.translate import Untranslatable, translated
 
@@ -22,8 +22,7 @@ def problems(program: Program) -> list[Problem]:
     chips = floats_only(program)
     if chips:
         return chips
-    found = ungraded(program)
-    found += [_refused(f"group '{g.name}'", f"there is no {g.choice.noun} here", ELSEWHERE, g) for g in program.groups]
+    found = [_refused(f"group '{g.name}'", f"there is no {g.choice.noun} here", ELSEWHERE, g) for g in program.groups]
     if program.trials is not None:
         way_out = f"{ELSEWHERE}; neuro_torch.Module trains by gradients instead"
         found.append(_refused("trials", "there are none here", way_out, program.trials))
@@ -69,6 +68,8 @@ def _no_gradient(part: Population) -> str:
         return ""
     if model.draws:
         return "it fires at random"
+    if model.graded:
+        return ""
     if model.resets_in_step:
         return "it resets within a step"
     if np.any(part.parameters.get("max_spikes", 1.0) != 1.0):

@@ -15,7 +15,7 @@ class TensorSource:
     Attributes:
         parameters: by word, as they are now.
         states: of a generator that has some, shape (states, size).
-        steps, ids: listed spikes.
+        steps, ids, numbers: listed spikes, each with its payload, or 1.
 
     Args:
         part: the population.
@@ -36,6 +36,7 @@ class TensorSource:
         for row, name in enumerate(self.names):
             self.states[row] = self.part.initial[name]
         self.steps, self.ids = self.part.spike_steps.copy(), self.part.spike_ids.copy()
+        self.numbers: Ints = self.part.spike_payloads.copy() if self.part.model.graded else np.ones_like(self.ids)
         self.refresh()
 
     def put(self, name: str, values: Floats) -> None:
@@ -50,18 +51,23 @@ class TensorSource:
             self._runs = [(0, self.part.size)] if alike else [(i, i + 1) for i in range(self.part.size)]
 
     def emit(self, step: int) -> Ints:
-        """How many spikes each neuron emits in a step."""
+        """How many spikes each neuron emits in a step, or its payload."""
         if self.part.kind == "listed":
-            found: Ints = np.bincount(self.ids[self.steps == step], minlength=self.part.size).astype(np.int64)
+            found: Ints = np.zeros(self.part.size, dtype=np.int64)
+            due = self.steps == step
+            np.add.at(found, self.ids[due], self.numbers[due])
             return found
         if not self.part.start < step <= self.part.stop:
             return np.zeros(self.part.size, dtype=np.int64)
         return self._drawn(step) if self.part.kind == "poisson" else self._emitted(step)
 
-    def inject(self, steps: Ints, ids: Ints, now: int) -> None:
+    def inject(self, steps: Ints, ids: Ints, now: int, payloads: Ints | None = None) -> None:
         """Add listed spikes; those up to step `now` are forgotten."""
-        ahead = self.steps > now
-        self.steps, self.ids = np.concatenate((self.steps[ahead], steps)), np.concatenate((self.ids[ahead], ids))
+        ahead, numbers = self.steps > now, np.ones_like(ids) if payloads is None else payloads
+        self.steps, self.ids, self.numbers = (
+            np.concatenate((old[ahead], new))
+            for old, new in ((self.steps, steps), (self.ids, ids), (self.numbers, numbers))
+        )
 
     def _drawn(self, step: int) -> Ints:
         numbers: Ints = np.zeros(self.part.size, dtype=np.int64)

@@ -259,10 +259,9 @@ class Stepper:
             ModelError: an input is of no population of a `spike_generator`, or has another shape.
         """
         step, given = self.now + 1, self._given(inputs or {})
-        spike = self._spike if self._surrogate is not None else None
         arrived = {k: self._arrived(k, step) for k in self.cells}
         for k, cells in self.cells.items():
-            self.spikes[k] = cells.step(*arrived[k], step, spike)
+            self.spikes[k] = cells.step(*arrived[k], step, self._surrogate)
         for k in self.sources:
             self.spikes[k] = self._emitted(k, step, given.get(k))
         for flow in self.flows.values():
@@ -283,11 +282,6 @@ class Stepper:
                 found = f"{tuple(spikes.shape)} of {spikes.dtype}"
                 raise ModelError(f"input '{name}': found {found}: expected {expected} of torch.float64")
         return {listed[name]: spikes for name, spikes in inputs.items()}
-
-    def _spike(self, spikes: Tensor, x: Tensor, free: Tensor) -> Tensor:
-        apply: Any = Surrogated.apply
-        found: Tensor = apply(spikes, x, free, self._surrogate)
-        return found
 
     def _emitted(self, k: int, step: int, given: Tensor | None) -> Tensor:
         numbers = self.sources[k].emit(step)
@@ -357,23 +351,6 @@ def _times(versions: Versions) -> Iterator[tuple[int, int, Tensor]]:
     """Weights with the first step whose spikes are sent with them, and the first whose do not."""
     ends = [since for since, _ in versions[1:]] + [NEVER]
     yield from ((since, end, weights) for (since, weights), end in zip(versions, ends, strict=True))
-
-
-class Surrogated(torch.autograd.Function):
-    """Spikes as they are; the surrogate stands in for their derivative."""
-
-    @staticmethod
-    def forward(ctx, spikes, x, free, surrogate):  # type: ignore[no-untyped-def]
-        """The spikes; `x` is how far above the threshold each neuron is, `free` which are not refractory."""
-        ctx.surrogate = surrogate
-        ctx.save_for_backward(x, free)
-        return spikes.clone()
-
-    @staticmethod
-    def backward(ctx, g):  # type: ignore[no-untyped-def]
-        """The gradient of `x`."""
-        x, free = ctx.saved_tensors
-        return None, g * ctx.surrogate.derivative(x) * free, None, None
 
 
 Named = Mapping[str, Tensor]

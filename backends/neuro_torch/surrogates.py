@@ -1,7 +1,8 @@
 """What stands in for the derivative of a spike: a spike is a step of the potential, whose derivative teaches nothing.
 
 All are functions of x = (V_m - V_th) / (V_th - V_reset), so a slope means the same whatever the potentials of a model
-are; and all are 1 at the threshold, so that a slope only says how far from it a neuron still learns.
+are; and all are 1 at the threshold, so that a slope only says how far from it a neuron still learns. Of graded neurons
+x = (change - vth) / vth, of what is compared with the threshold of sending.
 
 | name | derivative | source |
 | --- | --- | --- |

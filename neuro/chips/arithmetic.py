@@ -56,6 +56,7 @@ class Arithmetic:
         one_bit: whether a spike is one bit, so that several of a neuron in a step become one.
         graded: whether a spike carries a payload.
         in_rows: whether synapses lie in rows as long as the longest, else in blocks; see `neuro.chips.placing.packing`.
+        keeps_kernels: whether a core keeps a kernel once, and not each of its synapses.
         multicast: whether routers copy a spike that goes to several cores, else it is sent once for each.
         population: a population of `models` and the projections onto it, with what cannot be.
         native: a population that is described in registers.
@@ -81,6 +82,7 @@ class Arithmetic:
     one_bit: bool
     graded: bool
     in_rows: bool
+    keeps_kernels: bool
     multicast: bool
     population: Callable[[Inputs, Options], tuple[FixedPopulation, Projections, list[Problem]]]
     native: Callable[[Population], FixedPopulation]

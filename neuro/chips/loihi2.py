@@ -34,13 +34,22 @@ from neuro.chips.quantising.inputs import (
     refused,
     value_at,
 )
-from neuro.model.neurons import delta_encoder, graded_vector, iaf_psc_delta, iaf_psc_exp, sigma_decoder, sigma_delta
-from neuro.model.synapses import loihi2_convolution, loihi2_static
+from neuro.model.neurons import (
+    delta_encoder,
+    graded_product,
+    graded_vector,
+    iaf_psc_delta,
+    iaf_psc_exp,
+    sigma_decoder,
+    sigma_delta,
+)
+from neuro.model.neurons.base import Model, Neuron
+from neuro.model.synapses import loihi2_convolution, loihi2_learning, loihi2_static
 from neuro.program.backend import Problem
 from neuro.program.program import Floats, Ints, Population, Projection
 
 LIF = "loihi2_lif"
-GRADED = (sigma_delta, delta_encoder, sigma_decoder, graded_vector)
+GRADED = (sigma_delta, delta_encoder, sigma_decoder, graded_vector, graded_product)
 """Models in whole numbers, whose parameters are registers on a scale of their own."""
 
 STATE_LIMIT = 2**31 - 1
@@ -64,22 +73,34 @@ def dropped(mantissas: Words, bits: int, mode: str) -> Words:
 
 def words_of(fixed: FixedProjection, mantissas: Words) -> Words:
     """What a spike of payload 1 adds to the sum of a step: a negative exponent shifts the sum."""
-    if fixed.wraps or not fixed.sign_mode:
+    if not fixed.sign_mode:
         return mantissas
-    return dropped(mantissas, fixed.bits, fixed.sign_mode) << max(fixed.exponent, 0)
+    # What has been learnt keeps its lowest bits, as in lava.
+    kept = mantissas if fixed.rule is not None else dropped(mantissas, fixed.bits, fixed.sign_mode)
+    return kept << max(fixed.exponent, 0)
 
 
 def projection(inputs: Inputs, index: int) -> tuple[FixedProjection, list[Problem]]:
     """A projection onto neurons in registers, by its synapse model."""
-    synapse = inputs.program.projections[index].synapse
-    if isinstance(synapse, loihi2_static):
-        return _in_mantissas(inputs, index, synapse)
-    if isinstance(synapse, loihi2_convolution):
-        return _convolution(inputs, index)
-    return _fitted(inputs, index)
+    part = inputs.program.projections[index]
+    if isinstance(part.synapse, (loihi2_static, loihi2_learning)):
+        fixed, problems = _in_mantissas(inputs, index, part.synapse)
+    elif isinstance(part.synapse, loihi2_convolution):
+        fixed, problems = _convolution(inputs, index, part.synapse)
+    else:
+        fixed, problems = _fitted(inputs, index)
+    second = has_two_inputs(inputs.part.model) and part.receptor is not None and part.receptor.index == 1
+    return replace(fixed, receptor=int(second)), problems
 
 
-def _in_mantissas(inputs: Inputs, index: int, synapse: loihi2_static) -> tuple[FixedProjection, list[Problem]]:
+def has_two_inputs(model: Model) -> bool:
+    """Whether the synapses onto a neuron name one of two inputs."""
+    return isinstance(model, Neuron) and model.receptors == 2 and not model.signed
+
+
+def _in_mantissas(
+    inputs: Inputs, index: int, synapse: loihi2_static | loihi2_learning
+) -> tuple[FixedProjection, list[Problem]]:
     """Weights that are mantissas."""
     part = inputs.program.projections[index]
     exponent, bits, mode = synapse.weight_exp, synapse.num_weight_bits, synapse.sign_mode
@@ -91,12 +112,14 @@ def _in_mantissas(inputs: Inputs, index: int, synapse: loihi2_static) -> tuple[F
         problems.append(approximated(part, f"weight = {part.weight[beyond[0]]:g}", why, "raise weight_exp"))
     asked = np.clip(np.rint(part.weight), low, high).astype(np.int32)
     found = rounding.judged(asked.astype(np.float64), dropped(asked, bits, mode), 1.0, low, high)
-    fixed = loihi1.fixed_projection(part.name, asked, exponent, mode, bits, np.ones(1), inputs.lag(index), found)
-    return _by_own_rules(fixed, native=True), problems
+    rule = synapse.rule() if isinstance(synapse, loihi2_learning) else None
+    mantissas = asked if rule is None else dropped(asked, bits, mode)
+    fixed = loihi1.fixed_projection(part.name, mantissas, exponent, mode, bits, np.ones(1), inputs.lag(index), found)
+    return _by_own_rules(replace(fixed, rule=rule), native=True), problems
 
 
-def _convolution(inputs: Inputs, index: int) -> tuple[FixedProjection, list[Problem]]:
-    """Weights as they are, whose sum wraps."""
+def _convolution(inputs: Inputs, index: int, synapse: loihi2_convolution) -> tuple[FixedProjection, list[Problem]]:
+    """Weights as they are, whose sum may wrap."""
     part = inputs.program.projections[index]
     problems = [*_not_whole(part)]
     beyond = np.flatnonzero(np.abs(part.weight) > 255)
@@ -105,7 +128,7 @@ def _convolution(inputs: Inputs, index: int) -> tuple[FixedProjection, list[Prob
         problems.append(refused(part, found, "a weight has 8 bits and a sign", "scale it"))
     asked = np.rint(part.weight).astype(np.int32)
     fixed = loihi1.fixed_projection(part.name, asked, 0, "mixed", WEIGHT_BITS, np.ones(1), inputs.lag(index), LOSSLESS)
-    return _by_own_rules(replace(fixed, sign_mode="", wraps=True), native=True), problems
+    return _by_own_rules(replace(fixed, sign_mode="", wraps=synapse.wraps), native=True), problems
 
 
 def _not_whole(part: Projection) -> Iterator[Problem]:
@@ -134,9 +157,7 @@ def _fitted(inputs: Inputs, index: int) -> tuple[FixedProjection, list[Problem]]
     step = np.full(1, 2.0**exponent)
     mantissas, found = rounding.fitted(part.weight, step, step, low, high, grain, inputs.keeps(index))
     fixed = loihi1.fixed_projection(part.name, mantissas, exponent, mode, WEIGHT_BITS, step, inputs.lag(index), found)
-    fixed = _by_own_rules(fixed)
-    second = inputs.part.model.chip == "loihi2" and part.receptor is not None and part.receptor.index == 1
-    return replace(fixed, receptor=int(second)), problems
+    return _by_own_rules(fixed), problems
 
 
 def _fits(mantissas: Floats, low: int, high: int) -> bool:
@@ -153,7 +174,11 @@ def _by_own_rules(fixed: FixedProjection, native: bool = False) -> FixedProjecti
 
 def native(part: Population) -> FixedPopulation:
     """A neuron of Loihi 2: its parameters are the registers, and its model's name is its step."""
-    return replace(loihi1.native(part), kind=part.model.name)
+    fixed = loihi1.native(part)
+    if "cos_decay" in fixed.registers:
+        vth = np.trunc(part.parameters["vth"] * 2.0 ** part.parameters["state_exp"]).astype(np.int64)
+        fixed = replace(fixed, registers=fixed.registers | {"vth": vth})
+    return replace(fixed, kind=part.model.name)
 
 
 def population(inputs: Inputs, options: Options) -> tuple[FixedPopulation, dict[int, FixedProjection], list[Problem]]:
@@ -228,6 +253,7 @@ LOIHI2 = Arithmetic(
     one_bit=False,
     graded=True,
     in_rows=False,
+    keeps_kernels=True,
     multicast=False,
     population=population,
     native=native,

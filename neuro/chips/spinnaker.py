@@ -380,6 +380,7 @@ SPINNAKER = Arithmetic(
     one_bit=False,
     graded=False,
     in_rows=True,
+    keeps_kernels=False,
     multicast=True,
     population=population,
     native=native,

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import inspect
 import json
+import re
 from collections.abc import Mapping
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -14,10 +15,14 @@ if TYPE_CHECKING:
     from neuro.core.quantities import Quantity
 
 
-def models(name: Annotated[str, typer.Argument(metavar="[NAME]", help="Only this one.")] = "") -> None:
-    """Describe every model, synapse, rule and distribution: parameters, units, defaults, bounds, equation, source."""
+Name = Annotated[str, typer.Argument(metavar="[NAME]", help="Describe this one.")]
+Long = Annotated[bool, typer.Option("--long", help="Describe all: parameters, units, bounds, equation, source.")]
+
+
+def models(name: Name = "", long: Long = False) -> None:
+    """List every model, synapse, rule and distribution, a line each; or describe one, or all."""
     from neuro.core.errors import unknown
-    from neuro.core.tables import console
+    from neuro.core.tables import console, table
 
     sections = catalogue()
     known = {word: choice for section in sections.values() for word, choice in section.items()}
@@ -28,9 +33,14 @@ def models(name: Annotated[str, typer.Argument(metavar="[NAME]", help="Only this
         describe(known[name], out)
         return
     for title, section in sections.items():
+        if not long:
+            out.print(table((title, "is"), [(word, sentence(choice)) for word, choice in section.items()]))
+            continue
         out.rule(f"[bold]{title}")
         for choice in section.values():
             describe(choice, out)
+    if not long:
+        out.print("neuro models NAME describes one of them, neuro models --long all")
 
 
 def catalogue() -> dict[str, Mapping[str, type[Choice]]]:
@@ -94,6 +104,11 @@ def body(choice: type[Choice]) -> str:
     if getattr(choice, "source", ""):
         text = text.partition("Source:")[0]
     return "\n".join(" ".join(paragraph.split()) for paragraph in text.strip().split("\n\n"))
+
+
+def sentence(choice: type[Choice]) -> str:
+    """The first sentence of the description."""
+    return re.split(r"(?<=[^.]\.) |\n", body(choice), maxsplit=1)[0].rstrip(".").replace("``", "`")
 
 
 def said(choice: type[Choice], what: str) -> str:

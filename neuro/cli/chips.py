@@ -18,6 +18,7 @@ from neuro.cli.options import (
     Set,
     Threads,
     assignments,
+    listed,
     milliseconds,
     stoppable,
 )
@@ -34,10 +35,10 @@ if TYPE_CHECKING:
 def check(file: NetworkFile, backend: Backend = "event", seed: Seed = 0, set: Set = []) -> None:  # noqa: B006
     """Load and compile a network, ask the backend whether it can run it, and say all that is wrong."""
     from neuro.compiler.mistakes import mistakes
-    from neuro.program.backend import find_backend
+    from neuro.program.backend import Draws, find_backend
 
     chosen = find_backend(backend)
-    found = mistakes(file, assignments(set), seed)
+    found = mistakes(file, assignments(set), seed, isinstance(chosen, Draws))
     problems = () if found.program is None else chosen.problems(found.program)
     problems = [problem for problem in problems if problem.origin not in found.unsure]
     for error in found.mistakes:
@@ -178,9 +179,11 @@ def _finite(value: Any) -> Any:
     return str(value) if isinstance(value, float) and not math.isfinite(value) else value
 
 
-TARGETS = ["loihi", "spinnaker", "spinnaker2", "truenorth", "cpu", "gpu"]
+PRICED = "loihi,spinnaker,spinnaker2,truenorth,cpu,gpu"
 
-Target = Annotated[list[str], typer.Option("--target", metavar="NAME", help="A chip, or a table's file; repeatable.")]
+Chips = Annotated[
+    Any, typer.Option("--chips", metavar="A,B,...", parser=listed, help="What to price on: chips, or tables' files.")
+]
 Per = Annotated[
     tuple[int, str],
     typer.Option("--per", metavar="N WHAT", help="Divide by the N parts that the run has, e.g. 100 recording."),
@@ -189,8 +192,8 @@ StepTime = Annotated[
     float | None,
     typer.Option("--step-time", metavar="MS", parser=milliseconds, help="How long a step takes on the chip, in ms."),
 ]
-Chips = Annotated[
-    int | None, typer.Option("--chips", metavar="N", min=1, help="How many chips are on, e.g. all of a board.")
+ChipsOn = Annotated[
+    int | None, typer.Option("--chips-on", metavar="N", min=1, help="How many chips are on, e.g. all of a board.")
 ]
 Sources = Annotated[bool, typer.Option("--sources", help="Tell of each figure where it comes from.")]
 BillJson = Annotated[bool, typer.Option("--json", help="Print JSON, with NeuroBench's metrics, instead of tables.")]
@@ -199,14 +202,14 @@ BillJson = Annotated[bool, typer.Option("--json", help="Print JSON, with NeuroBe
 def energy(
     file: NetworkFile,
     duration: Duration = 1000.0,
-    target: Target = TARGETS,
+    chips: Chips = PRICED,
     backend: Backend = "event",
     seed: Seed = 0,
     threads: Threads = 1,
     set: Set = [],  # noqa: B006
     per: Per = (1, "run"),
     step_time: StepTime = None,
-    chips_on: Chips = None,
+    chips_on: ChipsOn = None,
     sources: Sources = False,
     as_json: BillJson = False,
 ) -> None:
@@ -220,19 +223,19 @@ def energy(
 
     if per[0] < 1:
         raise typer.BadParameter(f"'{per[0]}': expected a whole number >= 1", param_hint="'--per'")
-    chips = [priceable(name) for name in target]
+    targets = [priceable(name) for name in chips]
     net = load(file, params=assignments(set))
     steps = Clock(net.resolution).step(duration, "--for")
     with stoppable("nothing is priced") as bar:
         bar.say("preparing")
         sim = compiled(net, backend=backend, seed=seed, threads=threads)
-        placements = [placed(sim.program, each) for each in chips]
+        placements = [placed(sim.program, each) for each in targets]
         advance(sim, steps, bar)
     counts = sim._engine.counts()
     step_s = None if step_time is None else step_time * 1e-3
     bills = [
         price(sim.program, counts, *where, step_s=step_s, chips=chips_on)
-        for where in zip(placements, chips, strict=True)
+        for where in zip(placements, targets, strict=True)
     ]
     if as_json:
         typer.echo(json.dumps(plain(sim, bills, placements[0], per), indent=2))

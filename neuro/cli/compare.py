@@ -11,16 +11,15 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from neuro.cli.options import Duration, NetworkFile, Seed, Set, Threads, assignments, stoppable
+from neuro.cli.options import Backends, Duration, NetworkFile, Seed, Set, Threads, assignments, stoppable
 
 if TYPE_CHECKING:
     from neuro.compare.result import Comparison
     from neuro.model.network import Network
     from neuro.verify.verify import Result
 
-Backends = Annotated[str, typer.Option(metavar="A,B,...", help="What to run on; others are compared with the first.")]
 Json = Annotated[bool, typer.Option("--json", help="Print JSON instead of tables.")]
-JsonOut = Annotated[Path | None, typer.Option("--json-out", metavar="FILE", help="Write the JSON to a file, too.")]
+Out = Annotated[Path | None, typer.Option("--out", metavar="FILE", help="All figures as JSON.")]
 Rules = Annotated[bool, typer.Option("--rules", help="Show where Loihi 1 and 2 give different integers, nothing else.")]
 Html = Annotated[Path | None, typer.Option("--html", metavar="FILE", help="Write a page with pictures, too.")]
 
@@ -33,7 +32,7 @@ def compare(
     threads: Threads = 1,
     set: Set = [],  # noqa: B006
     as_json: Json = False,
-    json_out: JsonOut = None,
+    out: Out = None,
     html: Html = None,
     rules: Rules = False,
 ) -> None:
@@ -47,19 +46,18 @@ def compare(
     from neuro.run.progress import advance
 
     net = load(file, params=assignments(set))
-    names = [name.strip() for name in backends.split(",") if name.strip()]
     Clock(net.resolution).step(duration, "--for")
     if rules:
         _compare_rules(net, duration, seed, as_json)
         return
-    _check_apart(html, json_out)
+    _check_apart(html, out)
     with stoppable("nothing is compared") as bar, ExitStack() as files:
         page_part = files.enter_context(output(html, PAGE)) if html else None
-        json_part = files.enter_context(output(json_out, JSON)) if json_out else None
+        json_part = files.enter_context(output(out, JSON)) if out else None
         bar.say("preparing")
-        found = run(net, names, duration, seed, threads=threads, advance=lambda sim, n: advance(sim, n, bar))
+        found = run(net, backends, duration, seed, threads=threads, advance=lambda sim, n: advance(sim, n, bar))
         write(found, page_part, json_part)
-    print_comparison(found, as_json, [out for out in (json_out, html) if out])
+    print_comparison(found, as_json, [file for file in (out, html) if file])
 
 
 def _compare_rules(net: Network, duration: float, seed: int, as_json: bool) -> None:
@@ -95,10 +93,10 @@ def print_comparison(found: Comparison, as_json: bool, written: list[Path]) -> N
         typer.echo(f"{out}: written")
 
 
-def _check_apart(html: Path | None, json_out: Path | None) -> None:
+def _check_apart(html: Path | None, out: Path | None) -> None:
     """Refuse to write two things to one file."""
-    if html is not None and json_out is not None and html.resolve() == json_out.resolve():
-        raise typer.BadParameter(f"'{json_out}' is the page already: expected another name", param_hint="'--json-out'")
+    if html is not None and out is not None and html.resolve() == out.resolve():
+        raise typer.BadParameter(f"'{out}' is the page already: expected another name", param_hint="'--out'")
 
 
 Folder = Annotated[Path, typer.Argument(metavar="FOLDER", help="Golden traces: NAME.json and NAME.npz of each case.")]

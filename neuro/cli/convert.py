@@ -28,7 +28,7 @@ class Options:
         dt: length of a step in ms, None if not given.
         written_by: the tool that wrote the source, None if not given.
         read_by: the tool that is to read the destination, None if not given.
-        reset: what a spike does, None if not given.
+        reset: what a spike does, or of lava-dl the steps between two resets of states, None if not given.
         pynn: how a script of PyNN is run; its words are those of `neuro.from_pynn`.
         seed: of what is drawn where a network is written with its draws.
         duration: ms for which a script written for PyNN runs, or a test in C, None if not given.
@@ -58,7 +58,7 @@ def _read_nir(file: Path, options: Options) -> tuple[Network | None, Verdicts | 
     from neuro.exchange.nir.importing import examine, network_of
 
     if options.dt is None:
-        raise ModelError(f"{file}: NIR has no steps: expected the length of one", hint="--dt 1, in ms")
+        raise ModelError(f"{file}: NIR has no steps: expected the length of one", hint="--resolution 1, in ms")
     found = examine(file, options.dt, options.written_by, options.reset)
     table = found.table()
     return None if table.refused else network_of(found), table
@@ -72,9 +72,12 @@ def _read_pynn(file: Path, options: Options) -> tuple[Network | None, Verdicts |
 
 
 def _read_netx(file: Path, options: Options) -> tuple[Network | None, Verdicts | None]:
-    from neuro.exchange.netx import from_netx
+    from neuro.core.errors import ModelError
+    from neuro.exchange.netx import examine_netx
 
-    return from_netx(file), None
+    if options.reset is not None and not options.reset.isdigit():
+        raise ModelError(f"--reset {options.reset}: expected a number of steps, of a network of lava-dl")
+    return examine_netx(file, reset=int(options.reset or 0))
 
 
 def _write_yaml(net: Network, file: Path, options: Options) -> Verdicts | None:
@@ -141,30 +144,41 @@ WRITERS: dict[str, Callable[[Network, Path, Options], Verdicts | None]] = {
 }
 """What writes one, by the ending of a file, or by the word of --to."""
 
-READING = {".nir": ("--dt", "--from", "--reset"), ".py": ("--run-script", "--arguments", "--network")}
+READING = {
+    ".nir": ("--resolution", "--from", "--reset"),
+    ".net": ("--reset",),
+    ".py": ("--run-script", "--arguments", "--network"),
+}
 WRITING = {
-    ".nir": ("--dt", "--for"),
-    ".py": ("--seed", "--duration"),
-    "c": ("--chip", "--name", "--ram", "--flash", "--frozen", "--recording", "--seed", "--duration"),
+    ".nir": ("--resolution", "--to"),
+    ".py": ("--seed", "--for"),
+    "c": ("--chip", "--name", "--ram", "--flash", "--frozen", "--recording", "--seed", "--for"),
 }
 """By the ending of SRC, and of DST or the word of --to, the options that are for it alone."""
 
 Source = Annotated[Path, typer.Argument(metavar="SRC", help="The network to read.")]
 Destination = Annotated[Path, typer.Argument(metavar="DST", help="The file to write.")]
-Dt = Annotated[float | None, typer.Option("--dt", metavar="MS", parser=milliseconds, help="Length of a step, in ms.")]
+Resolution = Annotated[
+    float | None, typer.Option("--resolution", metavar="MS", parser=milliseconds, help="Length of a step, in ms.")
+]
 From = Annotated[
     str | None, typer.Option("--from", metavar="TOOL", help="The tool that wrote SRC: norse, snntorch, sinabs, ...")
 ]
-For = Annotated[
+To = Annotated[
     str | None,
     typer.Option(
-        "--for", metavar="TOOL", help="The tool that reads DST: norse, snntorch, sinabs, spikingjelly or nir."
+        "--to",
+        metavar="TOOL",
+        help="The tool that reads DST: norse, snntorch, sinabs, spikingjelly or nir; or c: DST is a folder for C99.",
     ),
 ]
 Reset = Annotated[
     str | None,
     typer.Option(
-        "--reset", metavar="WORD", help="What a spike does in SRC: to_value, to_value_next, subtract or subtract_next."
+        "--reset",
+        metavar="WORD",
+        help="What a spike does in SRC: to_value, to_value_next, subtract or subtract_next; "
+        "of lava-dl's networks the steps between two resets.",
     ),
 ]
 RunScript = Annotated[
@@ -180,19 +194,15 @@ Seconds = Annotated[float, typer.Option("--seconds", metavar="S", help="How long
 Memory = Annotated[float, typer.Option("--memory", metavar="GIB", help="How much memory SRC may use.")]
 Seed = Annotated[
     int | None,
-    typer.Option("--seed", help="Of what is drawn and written into the file beside DST; else 0."),
+    typer.Option("--seed", metavar="N", help="Of what is drawn and written into the file beside DST; else 0."),
 ]
 Duration = Annotated[
     float | None,
-    typer.Option(
-        "--duration", metavar="MS", parser=milliseconds, help="How long DST runs; random trains are then written."
-    ),
-]
-To = Annotated[
-    str | None, typer.Option("--to", metavar="WORD", help="'c': DST is a folder for C99, in a chip's integers.")
+    typer.Option("--for", metavar="MS", parser=milliseconds, help="How long DST runs; random trains are then written."),
 ]
 OfChip = Annotated[
-    str | None, typer.Option("--chip", metavar="NAME", help="Whose integers C computes in: loihi (default), spinnaker.")
+    str | None,
+    typer.Option("--chip", metavar="NAME", help="Whose integers: loihi (default), loihi2 or spinnaker."),
 ]
 Name = Annotated[str | None, typer.Option("--name", metavar="WORD", help="With which names in C begin; else net.")]
 Ram = Annotated[
@@ -211,9 +221,9 @@ Json = Annotated[bool, typer.Option("--json", help="Print the verdicts as JSON i
 def convert(
     source: Source,
     destination: Destination,
-    dt: Dt = None,
+    resolution: Resolution = None,
     written_by: From = None,
-    read_by: For = None,
+    to: To = None,
     reset: Reset = None,
     as_json: Json = False,
     run_script: RunScript = False,
@@ -223,7 +233,6 @@ def convert(
     memory: Memory = 4.0,
     seed: Seed = None,
     duration: Duration = None,
-    to: To = None,
     chip: OfChip = None,
     name: Name = None,
     ram: Ram = None,
@@ -236,16 +245,17 @@ def convert(
     With --to c it is written as C99 for a microcontroller, with the spikes and states of an emulated chip.
     """
     form = _form(destination, to)
+    read_by = None if to in WRITERS else to
     read, write = _of(READERS, source, "read"), WRITERS[form]
-    given: dict[str, object] = {"--dt": dt, "--from": written_by, "--for": read_by, "--reset": reset}
+    given: dict[str, object] = {"--resolution": resolution, "--from": written_by, "--to": read_by, "--reset": reset}
     given |= {"--run-script": run_script or None, "--arguments": arguments, "--network": network}
-    given |= {"--seed": seed, "--duration": duration, "--frozen": frozen or None, "--recording": recording}
+    given |= {"--seed": seed, "--for": duration, "--frozen": frozen or None, "--recording": recording}
     given |= (of_c := {"--chip": chip, "--name": name, "--ram": ram, "--flash": flash})
     _check_options([word for word, value in given.items() if value is not None], source, destination, form)
     pynn: dict[str, Any] = {"run_script": run_script, "network": network, "seconds": seconds, "memory": memory}
     pynn["arguments"] = None if arguments is None else shlex.split(arguments)
     c = {word.lstrip("-"): value for word, value in of_c.items() if value is not None} | {"frozen": frozen}
-    options = Options(dt, written_by, read_by, reset, pynn, seed or 0, duration, c, recording)
+    options = Options(resolution, written_by, read_by, reset, pynn, seed or 0, duration, c, recording)
     net, table = read(source, options)
     if net is not None:
         table = write(net, destination, options) or table
@@ -263,16 +273,17 @@ def _of(table: dict[str, T], file: Path, done: str) -> T:
 
 
 def _form(destination: Path, to: str | None) -> str:
-    """What is written: the word of --to, or the ending of a file."""
+    """What is written: a word of `WRITERS` that --to gives, or the ending of a file."""
     from neuro.core.errors import ModelError
 
     words = [word for word in WRITERS if not word.startswith(".")]
-    if to is None:
-        _of({end: write for end, write in WRITERS.items() if end not in words}, destination, "written")
-        return destination.suffix
-    if to not in words:
+    if to in words:
+        return to
+    ends = {end: write for end, write in WRITERS.items() if end not in words}
+    if to is not None and destination.suffix not in ends:
         raise ModelError(f"--to {to}: expected {' or '.join(words)}", hint="other formats are chosen by DST's ending")
-    return to
+    _of(ends, destination, "written")
+    return destination.suffix
 
 
 def _check_options(given: list[str], source: Path, destination: Path, form: str) -> None:

@@ -41,7 +41,7 @@ RewardAfter = Annotated[
     typer.Option("--reward-after", metavar="MS", parser=milliseconds, help="How late a reward comes, in ms."),
 ]
 Json = Annotated[bool, typer.Option("--json", help="Print JSON instead of text.")]
-Page = Annotated[Path | None, typer.Option("--out", metavar="FILE", help="Write a page with pictures, too.")]
+Html = Annotated[Path | None, typer.Option("--html", metavar="FILE", help="Write a page with pictures, too.")]
 
 
 def doctor(
@@ -55,7 +55,7 @@ def doctor(
     drive: Drive = 0.0,
     reward_after: RewardAfter = None,
     as_json: Json = False,
-    out: Page = None,
+    html: Html = None,
 ) -> None:
     """Say why a network does not work: findings with evidence and remedy. The exit status is 1 if there is a fault."""
     from neuro.core.outputs import check_output, output
@@ -63,17 +63,17 @@ def doctor(
     from neuro.diagnosis.page import PAGE
 
     options = options_of(ms=duration, backend=backend, chip=chip, train=train, drive=drive, reward_after=reward_after)
-    if out is not None:
-        check_output(out, PAGE)
+    if html is not None:
+        check_output(html, PAGE)
     with stoppable("nothing is judged") as bar:
         bar.say("examining")
         found = examined(file, assignments(set), seed, options)
-        if out is not None:
-            with output(out, PAGE) as part:
+        if html is not None:
+            with output(html, PAGE) as part:
                 part.write_text(PAGE.seal(found.page()), "utf-8")
     typer.echo(json.dumps(found.as_dict(), indent=2) if as_json else str(found))
-    if out is not None and not as_json:
-        typer.echo(f"{out}: written")
+    if html is not None and not as_json:
+        typer.echo(f"{html}: written")
     if found.faults:
         raise typer.Exit(1)
 

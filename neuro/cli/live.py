@@ -83,8 +83,12 @@ Input = Annotated[
         "played at its own pace; repeatable.",
     ),
 ]
-Format = Annotated[str | None, typer.Option("--format", metavar="NAME", help="Of what comes by UDP: 'spif', for one.")]
-WhenLate = Annotated[Late, typer.Option("--late", help="What to do when an action comes too late.")]
+From = Annotated[
+    str | None, typer.Option("--from", metavar="FORMAT", help="What comes by UDP: spif, faery8, faery13 or raw-evt3.")
+]
+WhenLate = Annotated[
+    Late, typer.Option("--late", metavar="catch_up|skip|stop", help="What to do when an action comes too late.")
+]
 LiveOut = Annotated[
     Path | None, typer.Option("--out", metavar="FILE", help="The HDF5 file to write; none if not given.")
 ]
@@ -112,7 +116,7 @@ def live(
     tick: Tick = 1.0,
     duration: Long = None,
     input: Input = [],  # noqa: B006
-    format: Format = None,
+    from_format: From = None,
     late: WhenLate = Late.catch_up,
     backend: Backend = "event",
     seed: Seed = 0,
@@ -134,7 +138,7 @@ def live(
     from neuro.run.compiled import compile as compiled
 
     if not any("=udp://" in text for text in input):
-        refuse_unused(context, "an --input from udp://", "format")
+        refuse_unused(context, "an --input from udp://", "from_format")
     if not page:
         refuse_unused(context, "--page", "host", "port", "no_browser")
         if out is None:
@@ -165,7 +169,7 @@ def live(
             with stoppable(lambda: f"at {shown.sim.time:g} ms"):
                 shown.run(math.inf if duration is None else duration)
             return
-        inputs = sources(sim, streams, input, format, stack)
+        inputs = sources(sim, streams, input, from_format, stack)
         watch = None if shown is None else shown.tick
         loop = Loop(sim, tick=tick, inputs=inputs, late=late.value, watch=watch)
         run = loop.run(duration or 10_000.0, out=out, record=record, threads=threads, report=lines)

@@ -84,6 +84,16 @@ def _usage(context: Any) -> str:
     )
 
 
+def _unknown_option(name: str, context: Any) -> str:
+    """The message for an option that a command does not have, with the nearest that it has."""
+    from neuro.core.hints import alike
+
+    known = [word.lstrip("-") for one in context.command.params for word in one.opts if word.startswith("--")]
+    close = " or ".join(f"'--{word}'" for word in alike(name.lstrip("-"), sorted(known)))
+    hint = f"did you mean {close}?" if close else f"see '{context.command_path} --help'"
+    return f"unknown option '{name}'\n  hint: {hint}"
+
+
 def usage(error: Exception) -> str:
     """The message of a misused option, and where to read more."""
     text = getattr(error, "format_message")().rstrip(".")  # noqa: B009
@@ -92,6 +102,8 @@ def usage(error: Exception) -> str:
         text = f"found '{more[1]}', too: expected {_usage(context)}" if context else text
     elif choice := _CHOICE.fullmatch(text):
         text = f"{choice[1]}: found {choice[2]}: expected one of {choice[3]}"
+    if text.startswith("No such option") and context is not None:
+        return _unknown_option(getattr(error, "option_name"), context)  # noqa: B009
     if getattr(error, "option_name", "") == "--with":
         return f"{text}\n  hint: write it after the command, as in neuro run net.yaml --with my_neuron.py"
     return f"{text}\n  hint: see '{context.command_path} --help'" if context else text

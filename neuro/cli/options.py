@@ -70,11 +70,11 @@ def moment(text: str) -> float:
     from neuro.core.measures import in_ms
 
     try:
-        return float(in_ms(text, "--window"))
+        return float(in_ms(text, "--between"))
     except ModelError:
         raise
     except ValueError:
-        raise ModelError(f"--window: found '{text}': expected a time in ms") from None
+        raise ModelError(f"--between: found '{text}': expected a time in ms") from None
 
 
 def whole(text: str, least: int) -> int:
@@ -96,6 +96,14 @@ def resumable() -> Iterator[None]:
     except KeyboardInterrupt:
         typer.echo("interrupted: the same command goes on where it was", err=True)
         raise typer.Exit(130) from None
+
+
+def listed(text: str) -> list[str]:
+    """Names with commas between them, each once."""
+    names = [name.strip() for name in text.split(",") if name.strip()]
+    if not names or len(set(names)) < len(names):
+        raise typer.BadParameter(f"'{text}': expected names with commas between them, each once")
+    return names
 
 
 def memory_size(text: str) -> int:
@@ -158,9 +166,15 @@ def network(text: str) -> Path:
 NetworkFile = Annotated[
     Path, typer.Argument(metavar="FILE", parser=network, help="A network, as YAML, or the name of a published one.")
 ]
-Set = Annotated[list[str], typer.Option("--set", metavar="NAME=VALUE", help="Override a parameter; may be repeated.")]
+Set = Annotated[list[str], typer.Option("--set", metavar="NAME=VALUE", help="Override a parameter; repeatable.")]
 Backend = Annotated[
     str, typer.Option("--backend", metavar="NAME", help="What to run on: see 'neuro backends'; or a chip's table.")
+]
+Backends = Annotated[
+    Any,
+    typer.Option(
+        "--backends", metavar="A,B,...", parser=listed, help="What to run on; others are compared with the first."
+    ),
 ]
 Seed = Annotated[int, typer.Option("--seed", metavar="N", parser=seed, help="Seed of everything random.")]
 Duration = Annotated[float, typer.Option("--for", metavar="MS", parser=milliseconds, help="How long, in ms.")]

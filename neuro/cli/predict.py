@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from neuro.cli.options import NetworkFile, Seed, Set, assignments, milliseconds, stoppable
+from neuro.cli.options import Backends, NetworkFile, Seed, Set, assignments, milliseconds, stoppable
 
 if TYPE_CHECKING:
     from neuro.core.progress import Bar
@@ -25,14 +25,10 @@ Decide = Annotated[str | None, typer.Option("--decide", metavar="WORD", help="By
 Classes = Annotated[str | None, typer.Option("--classes", metavar="A,B,...", help="Names of the output's neurons.")]
 Duration = Annotated[
     float | None,
-    typer.Option("--duration", metavar="MS", parser=milliseconds, help="For each recording; to its end if not given."),
+    typer.Option("--for", metavar="MS", parser=milliseconds, help="For each recording; to its end if not given."),
 ]
 Labels = Annotated[bool, typer.Option("--labels", help="The class folders are right: report the accuracy.")]
 Part = Annotated[str | None, typer.Option("--part", metavar="NAME", help="Of recordings in parts, such as Test.")]
-Backends = Annotated[
-    str,
-    typer.Option("--backend", "--backends", metavar="A,B,...", help="What to run on, the first is compared with."),
-]
 Picture = Annotated[
     Path | None, typer.Option(metavar="FILE", help="Draw the output in the first 24 recordings: .png, .pdf or .svg.")
 ]
@@ -63,6 +59,7 @@ def predict(
     from neuro.core.errors import ModelError
     from neuro.core.outputs import check_picture, write_picture
     from neuro.model.language import load
+    from neuro.program.backend import find_backend
     from neuro.readout import pictures, tables
     from neuro.readout.asked import gather, with_classes
     from neuro.readout.predict import ask, check_recordings
@@ -76,7 +73,8 @@ def predict(
         readout = readout_of(net, **said)
     except ModelError as error:
         raise error.but(where=None) from None
-    chosen = _backends(backends)
+    for name in backends:
+        find_backend(name)
     if picture is not None:
         check_picture(picture)
     asked = gather(recordings, part, labels)
@@ -87,7 +85,7 @@ def predict(
     with stoppable("nothing is reported") as bar:
         bar.say("reading recordings")
         check_recordings(asked.samples, readout, net)
-        for name in chosen:
+        for name in backends:
             keep = 0 if picture is None or found else pictures.MOST
             words: dict[str, Any] = {"labels": asked.labels, "seed": seed, "keep": keep, "report": _shown(bar, name)}
             found.append(ask(net, asked.samples, readout, name, **words))
@@ -101,19 +99,6 @@ def predict(
         typer.echo(f"{picture}: written")
 
 
-def _backends(text: str) -> list[str]:
-    """The names of backends that are there, each once."""
-    from neuro.core.errors import ModelError
-    from neuro.program.backend import find_backend
-
-    names = [name.strip() for name in text.split(",") if name.strip()]
-    for name in names:
-        find_backend(name)
-    if not names or len(dict.fromkeys(names)) < len(names):
-        raise ModelError(f"--backends {text}: expected names of backends, each once", hint="event,loihi,spinnaker")
-    return names
-
-
 def _shown(bar: Bar, backend: str) -> Callable[[int, int], None]:
     return lambda done, total: bar.show(done, total, f"{backend}: showing recordings")
 
@@ -124,7 +109,7 @@ def _check_network(file: Path, recordings: list[Path]) -> None:
     from neuro.core.hdf5 import FRONT, is_hdf5
 
     if file.suffix == ".nir":
-        command = shlex.join(["neuro", "convert", str(file), str(file.with_suffix(".yaml")), "--dt", "1"])
+        command = shlex.join(["neuro", "convert", str(file), str(file.with_suffix(".yaml")), "--resolution", "1"])
         raise ModelError(f"{file}: is a graph of NIR: expected a network as YAML", hint=f"{command} makes one")
     if file.is_file():
         with file.open("rb") as opened:

@@ -181,9 +181,11 @@ def print_results(results: Results, out: Path) -> None:
     if learnt:
         console().print(table(("projection", "synapse", ">synapses", ">weight", ">SD", ">from", ">to"), learnt))
     typer.echo(recorded(results))
-    left_out = [name for name, part in results.projections.items() if part.weight is None]
+    left_out = [name for name, part in results.projections.items() if part.weight is None and not part.drawn_by]
     if left_out:
         typer.echo(f"left out the static weights of {', '.join(left_out)}; --all-weights keeps them")
+    if drawn := [name for name, part in results.projections.items() if part.drawn_by]:
+        typer.echo(f"drawn by the backend, and without weights: the synapses of {', '.join(drawn)}")
     typer.echo(f"{out}: {results.duration_ms:g} ms")
     if any(part.recorded for part in results.populations.values()) or results.traces:
         typer.echo(f"next: neuro plot {shlex.quote(str(out))}, or neuro report {shlex.quote(str(out))}")
@@ -237,29 +239,28 @@ class Format(StrEnum):
 
 File = Annotated[Path, typer.Argument(metavar="FILE", help="Results that 'neuro run' wrote.")]
 Folder = Annotated[Path | None, typer.Option("--out", metavar="FOLDER", help="Where to; beside FILE if not given.")]
-Window = Annotated[
-    tuple[str, str] | None, typer.Option("--window", metavar="BEGIN END", help="Only this stretch, in ms.")
+Between = Annotated[
+    tuple[str, str] | None, typer.Option("--between", metavar="BEGIN END", help="Only this stretch, in ms.")
 ]
 Of = Annotated[
     list[str],
     typer.Option(
         "--of",
-        "--population",
         metavar="NAME",
         help="Only this population, or some of its neurons: 'exc[:100]', 'grid[2:4, :]', 'exc[[3, 7]]'; repeatable.",
     ),
 ]
 Bin = Annotated[float | None, typer.Option("--bin", metavar="MS", parser=milliseconds, help="Bins of the rates.")]
-As = Annotated[Format, typer.Option("--format", help="Of the pictures.")]
+PictureFormat = Annotated[Format, typer.Option("--format", metavar="png|pdf|svg", help="Of the pictures.")]
 
 
 def plot(
     file: File,
     out: Folder = None,
-    window: Window = None,
+    between: Between = None,
     of: Of = [],  # noqa: B006
     bin: Bin = None,
-    format: As = Format.png,
+    format: PictureFormat = Format.png,
 ) -> None:
     """Draw the spikes, rates and traces of a run as pictures."""
     from neuro import plots
@@ -268,7 +269,7 @@ def plot(
     from neuro.model.views import View, on_a_line
 
     results = read(file)
-    stretch = None if window is None else tuple(moment(text) for text in window)
+    stretch = None if between is None else tuple(moment(text) for text in between)
     laid = {name: results.laid(name) for name in results.populations}
     asked = [on_a_line(text, laid) for text in of]
     shown = [part if isinstance(part, View) else part.name for part in asked] or None
@@ -310,14 +311,14 @@ def _seen(trace: Trace, views: Sequence[View]) -> bool:
 
 
 PageOut = Annotated[Path | None, typer.Option(metavar="FILE", help="The page to write; FILE with .html if not given.")]
-Target = Annotated[str, typer.Option("--target", metavar="NAME", help="The chip, or a table's file, of the bill.")]
+ChipName = Annotated[str, typer.Option("--chip", metavar="NAME", help="A chip, or a table's file, of the bill.")]
 
 ENDINGS = (".html", ".htm")
 
 
-def report(file: File, out: PageOut = None, target: Target = "loihi") -> None:
+def report(file: File, out: PageOut = None, chip: ChipName = "loihi") -> None:
     """Write one page that shows a run: spikes, rates, traces, weights, counts and what a chip would take."""
-    from neuro.chips.known import chip
+    from neuro.chips.known import chip as known
     from neuro.core.errors import ModelError
     from neuro.core.outputs import check_output, output
     from neuro.files.results import read
@@ -327,17 +328,18 @@ def report(file: File, out: PageOut = None, target: Target = "loihi") -> None:
     check_output(path, PAGE)
     if path.suffix.lower() not in ENDINGS:
         raise ModelError(f"--out {path}: a report is a page of HTML: expected a name ending in .html")
-    chip(target)
+    known(chip)
     results = read(file)
     with output(path, PAGE) as part:
-        part.write_text(PAGE.seal(page(results, file, target)), "utf-8")
+        part.write_text(PAGE.seal(page(results, file, chip)), "utf-8")
     typer.echo(f"{path}: written")
 
 
 Made = Annotated[Path, typer.Argument(metavar="FILE", help="Results, a model, a page, or the folder of a run.")]
 OtherBackend = Annotated[str, typer.Option("--backend", metavar="NAME", help="Another one than it was made on.")]
-Inputs = Annotated[
-    list[Path], typer.Option(metavar="FOLDER", help="Look there for inputs that were moved, by content; repeatable.")
+MovedTo = Annotated[
+    list[Path],
+    typer.Option("--moved-to", metavar="FOLDER", help="Look there for inputs that were moved, by content; repeatable."),
 ]
 Against = Annotated[Path | None, typer.Option(metavar="OTHER", help="Compare with this file instead of making it.")]
 
@@ -345,7 +347,7 @@ Against = Annotated[Path | None, typer.Option(metavar="OTHER", help="Compare wit
 def rerun(
     file: Made,
     backend: OtherBackend = "",
-    inputs: Inputs = [],  # noqa: B006
+    moved_to: MovedTo = [],  # noqa: B006
     against: Against = None,
 ) -> None:
     """Make a file again from what it holds; report whether it has the same bits, or what differs and what changed."""
@@ -354,7 +356,7 @@ def rerun(
 
     with Bar() as bar:
         bar.say("running again")
-        verdict = again(file, backend=backend, inputs=inputs, against=against, bar=bar)
+        verdict = again(file, backend=backend, inputs=moved_to, against=against, bar=bar)
     typer.echo(f"{file}: " + ("the same bits" if verdict.same else f"not the same: {verdict.difference}"))
     for line in verdict.changed:
         typer.echo(f"changed: {line}")

@@ -94,6 +94,13 @@ next:
   python -m pytest     # needs pytest: pip install pytest
   neuro run network.yaml --out out.h5
 """,
+    "learn.py": """\
+next:
+  cd {}
+  python learn.py
+  python -m pytest     # needs pytest: pip install pytest
+  neuro recognise watch model.h5 RECORDING     # a page on which it decides while events arrive
+""",
     "train.py": """\
 next:
   cd {}
@@ -104,17 +111,22 @@ next:
 }
 """What to do with a template, by the file that says what it is."""
 _FIRST = "balanced-network"
-_RECORDINGS = {"event-camera": "walk.dat"}
+_RECORDINGS = {"classifier": "shapes.zip", "event-camera": "walk.dat"}
 """The example that a template needs beside its own files."""
 _NAME = re.compile(r"[A-Za-z][\w.-]*", re.ASCII)
 
 Folder = Annotated[Path | None, typer.Argument(metavar="NAME", help="The folder to make.")]
-Template = Annotated[str, typer.Option(metavar="NAME", help="What to begin with: see --list.")]
+Template = Annotated[
+    str | None, typer.Option(metavar="NAME", help="What to begin with: see --list.", show_default="that of NAME")
+]
 ListTemplates = Annotated[bool, typer.Option("--list", help="List the templates.")]
 
 
-def new(name: Folder = None, template: Template = _FIRST, list_all: ListTemplates = False) -> None:
-    """Write a folder to start from: a network with comments, a script that runs it, and a test of it."""
+def new(name: Folder = None, template: Template = None, list_all: ListTemplates = False) -> None:
+    """Write a folder to start from: a network with comments, a script that runs it, and a test of it.
+
+    A folder that is called as a template, as by 'neuro new classifier', is made from it, others from balanced-network.
+    """
     from neuro.core.errors import ModelError, unknown
     from neuro.core.tables import console, table
 
@@ -125,6 +137,7 @@ def new(name: Folder = None, template: Template = _FIRST, list_all: ListTemplate
         return
     if name is None:
         raise ModelError("which folder? expected the name of one to make", hint="neuro new my-network, or --list")
+    template = template or (name.name if name.name in known else _FIRST)
     if template not in known:
         raise unknown("template", template, known)
     check_name(name)

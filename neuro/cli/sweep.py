@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from neuro.cli.options import group, stoppable, threads as workers
-from neuro.cli.run import Format, write_pictures
+from neuro.cli.run import Format, PictureFormat, write_pictures
 from neuro.core.progress import Bar
 
 if TYPE_CHECKING:
@@ -41,7 +41,9 @@ class TuningPicture(StrEnum):
 
 
 SweepFile = Annotated[Path, typer.Argument(metavar="SWEEP", help="A sweep, as YAML.")]
-SweepPart = Annotated[str | None, typer.Option(metavar="I/N", help="Only the I-th of each N runs, for array jobs.")]
+SweepShare = Annotated[
+    str | None, typer.Option("--share", metavar="I/N", help="The I-th of each N runs, for array jobs.")
+]
 Swept = Annotated[Path, typer.Argument(metavar="FOLDER", help="A sweep, as 'neuro sweep run' writes it.")]
 Out = Annotated[Path, typer.Option(metavar="FOLDER", help="Where runs are kept; what is there is not done again.")]
 On = Annotated[
@@ -61,13 +63,14 @@ SweepPage = Annotated[
 Metric = Annotated[list[str], typer.Option("--metric", metavar="NAME", help="Only this metric; repeatable.")]
 Of = Annotated[list[str], typer.Option("--of", metavar="NAME", help="Only these parameters, in order; repeatable.")]
 SweepAs = Annotated[
-    SweepPicture, typer.Option("--as", help="lines, map (of two parameters) or parallel; what fits if not given.")
+    SweepPicture,
+    typer.Option("--kind", metavar="WORD", help="lines, map (of two parameters) or parallel; what fits if not given."),
 ]
 Pictures = Annotated[Path | None, typer.Option("--out", metavar="FOLDER", help="Where to; into FOLDER if not given.")]
-Form = Annotated[Format, typer.Option("--format", help="Of the pictures.")]
 SearchFile = Annotated[Path, typer.Argument(metavar="SEARCH", help="What is tuned, as YAML.")]
-SearchPart = Annotated[
-    str | None, typer.Option(metavar="I/N", help="One of N processes that ask one journal: its share of the trials.")
+SearchShare = Annotated[
+    str | None,
+    typer.Option("--share", metavar="I/N", help="The trials of one of N processes that ask one journal."),
 ]
 Tuned = Annotated[Path, typer.Argument(metavar="FOLDER", help="A tuning, as 'neuro tune run' writes it.")]
 TrialTimes = Annotated[bool, typer.Option("--times", help="Also how long the runs of each took together.")]
@@ -77,7 +80,9 @@ TunePage = Annotated[
 ]
 TuneAs = Annotated[
     list[TuningPicture],
-    typer.Option("--as", help="history, front (of two objectives), importance or parallel; repeatable."),
+    typer.Option(
+        "--kind", metavar="WORD", help="history, front (of two objectives), importance or parallel; repeatable."
+    ),
 ]
 
 sweep = group(
@@ -96,7 +101,7 @@ def run_sweep(
     out: Out = Path("runs"),
     on: On = "cores",
     workers: Workers = None,
-    part: SweepPart = None,
+    share: SweepShare = None,
     retry_failed: Retry = False,
 ) -> None:
     """Do all runs of a sweep that the folder does not have; the same command goes on where it was."""
@@ -106,12 +111,12 @@ def run_sweep(
     from neuro.sweeps.folder import SWEEP, Folder
     from neuro.sweeps.table import as_text, table_of
 
-    place = place_of(on, workers, part)
+    place = place_of(on, workers, share)
     made, folder = load_sweep(file), Folder(out, SWEEP)
     with going(out) as bar:
         counts = execute(made, folder, place, retry=retry_failed, bar=bar)
     found = table_of(out)
-    typer.echo(f"{out}: {f'part {part}: ' if part else ''}{as_text(counts)}")
+    typer.echo(f"{out}: {f'share {share}: ' if share else ''}{as_text(counts)}")
     echo_failures(folder, found.keys)
     echo_next(found, "sweep", found.counts()["left"])
 
@@ -122,7 +127,7 @@ def run_search(
     out: Out = Path("tuned"),
     on: On = "cores",
     workers: Workers = None,
-    part: SearchPart = None,
+    share: SearchShare = None,
     retry_failed: Retry = False,
 ) -> None:
     """Ask for trials and run them until there are as many as the file says; the same command goes on where it was."""
@@ -133,12 +138,12 @@ def run_search(
     from neuro.sweeps.table import as_text
     from neuro.sweeps.trials import tune_table_of
 
-    place = place_of(on, workers, part)
+    place = place_of(on, workers, share)
     made, folder = load_search(file), Folder(out, TUNING)
     with going(out) as bar:
         counts = execute_search(made, folder, place, retry=retry_failed, bar=bar)
     found = tune_table_of(out)
-    typer.echo(f"{out}: {f'part {part}: ' if part else ''}{as_text(counts)}")
+    typer.echo(f"{out}: {f'share {share}: ' if share else ''}{as_text(counts)}")
     echo_best_and_failures(found)
     echo_next(found, "tune", counts["left"], f", or neuro tune test {shlex.quote(str(out))}" * bool(made.plan.folds))
 
@@ -175,10 +180,10 @@ def echo_best_and_failures(found: TuneTable) -> None:
     """Print the best trials, why others failed, and how many runs the journal does not know."""
     from neuro.sweeps.folder import Folder
 
-    best = found.best()
+    best, units = found.best(), Folder(found.path).read().get("units", {})
     for each in best[:10]:
         values = dict(zip(found.plan.objectives, each.values or (), strict=True))
-        typer.echo(f"best: {_named(values)} at {_named(each.point)} (trial {each.number})")
+        typer.echo(f"best: {_named(values, units)} at {_named(each.point, units)} (trial {each.number})")
     if len(best) > 10:
         typer.echo(f"and {len(best) - 10} more of the front, see the table")
     trials = found.trials()
@@ -190,10 +195,10 @@ def echo_best_and_failures(found: TuneTable) -> None:
         typer.echo(f"{strays:,} runs {why}")
 
 
-def _named(values: Mapping[str, Any]) -> str:
-    from neuro.sweeps.table import text
+def _named(values: Mapping[str, Any], units: Mapping[str, str]) -> str:
+    from neuro.sweeps.table import measured
 
-    return ", ".join(f"{name} {text(value)}" for name, value in values.items())
+    return ", ".join(f"{name} {measured(value, units.get(name, ''))}" for name, value in values.items())
 
 
 @sweep.command("status")
@@ -255,7 +260,7 @@ def sweep_plot(
     of: Of = [],  # noqa: B006
     kind: SweepAs = SweepPicture.auto,
     out: Pictures = None,
-    format: Form = Format.png,
+    format: PictureFormat = Format.png,
 ) -> None:
     """Draw metrics over parameters: lines with the spread of seeds, a map of two, or all as parallel coordinates."""
     from neuro.sweeps.pictures import pictures
@@ -270,7 +275,7 @@ def search_plot(
     folder: Tuned,
     kind: TuneAs = [],  # noqa: B006
     out: Pictures = None,
-    format: Form = Format.png,
+    format: PictureFormat = Format.png,
 ) -> None:
     """Draw a tuning: the best value so far, the front, how much each parameter matters, parallel coordinates."""
     from neuro.sweeps.pictures import search_pictures

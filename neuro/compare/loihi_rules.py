@@ -66,11 +66,13 @@ class LoihiRules:
     Attributes:
         network: its name.
         steps: that were compared on both; 0 where one of the chips refuses the network.
+        spikes: of all neurons on either chip. Where there are none, equal registers say little.
         differences: none if all integers are equal.
     """
 
     network: str
     steps: int
+    spikes: tuple[int, int]
     differences: tuple[RuleDifference, ...]
 
     def __str__(self) -> str:
@@ -80,7 +82,11 @@ class LoihiRules:
         return as_html(self._heading(), self._tables())
 
     def _heading(self) -> str:
-        count, ran = len(self.differences), f"{self.steps:,} steps on both"
+        count, ran = len(self.differences), "not run"
+        if self.steps:
+            one, two = self.spikes
+            fired = f"{one:,} spikes" if one == two else f"{one:,} and {two:,} spikes"
+            ran = f"{self.steps:,} steps on both, {fired}"
         found = f"{count} difference{'s' * (count > 1)}" if count else "all words and registers are equal"
         return f"'{self.network}' by the rules of Loihi 1 and Loihi 2: {found} ({ran})"
 
@@ -106,13 +112,14 @@ def loihi_rules(net: Network, duration: float = 100.0, seed: int = 0) -> LoihiRu
     fixed = [quantise(each, chip(name)) for each, name in zip(programs, CHIPS, strict=True)]
     found = [*_refused(fixed), *_words(program, fixed)]
     if any(problem.refused for each in fixed for problem in each.problems):
-        return LoihiRules(net.name, 0, tuple(found))
+        return LoihiRules(net.name, 0, (0, 0), tuple(found))
     engines = [find_backend(name).build(each) for name, each in zip(CHIPS, programs, strict=True)]
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", OverflowWarning)  # they are reported below
         found += _registers(program, engines, steps)
     found += _counted(engines)
-    return LoihiRules(net.name, steps, tuple(found))
+    one, two = (_fired(program, engine) for engine in engines)
+    return LoihiRules(net.name, steps, (one, two), tuple(found))
 
 
 def _in_registers_of(program: Program, name: str) -> Program:
@@ -191,6 +198,12 @@ def _registers(program: Program, engines: list[Engine], steps: int) -> Iterator[
             for engine in engines:
                 engine.run(steps - step)
             break
+
+
+def _fired(program: Program, engine: Engine) -> int:
+    """Spikes of all neurons."""
+    counted = zip(program.populations, engine.counts().spikes, strict=True)
+    return sum(int(spikes.sum()) for part, spikes in counted if part.kind == "neuron")
 
 
 def _counted(engines: list[Engine]) -> Iterator[RuleDifference]:

@@ -11,6 +11,7 @@ from neuro.chips.description import Chip, Mesh
 from neuro.chips.known import chip
 from neuro.chips.placing.mesh import mesh_of
 from neuro.chips.placing.placement import Core, Placement
+from neuro.chips.pricing.energy import FASTEST, quantity
 from neuro.chips.quantising.fixed_program import FixedProgram
 from neuro.compare import cells
 from neuro.compare.result import Comparison, Run
@@ -32,7 +33,8 @@ DISTANCE = (
 ENERGY = (
     "Counts times published figures, and static power times the time of the emulated chip, which works as fast as it "
     "can or waits for each step in real time; in brackets the range of the figures. cpu and gpu do the same "
-    "work as dense layers: every synapse in every step."
+    "work as dense layers: every synapse in every step. Behind > static energy is missing, for lack of a figure; - "
+    "stands where no time is known."
 )
 ROUNDED = ("population", "quantity", ">described", ">on the chip", "unit", ">error")
 SCALED = ("projection", ">exponent", "signs", ">bits", ">step", ">saturated", ">turned to 0", ">largest error", ">rms")
@@ -79,14 +81,14 @@ def _card(comparison: Comparison, run: Run) -> Html:
         big, below = f"{equal} of {len(run.neurons)}", "populations fire exactly the same spikes"
         facts += [("first difference", cells.earliest(comparison, run)), ("distance", cells.far(run.per_spike))]
     if run.own is not None:
-        facts.append(("energy", run.own.totals()))
+        facts.append((f"energy, {FASTEST}", quantity(run.own.total_j, "J", 3)))
     rows = [part for what, value in facts for part in (tag("dt", what), tag("dd", value))]
     return tag("section", name, tag("p", big, class_="big"), tag("p", below), tag("dl", *rows), class_="card")
 
 
 def _numbers(comparison: Comparison) -> Html:
     inputs = [f"on {run.backend} {cells.INPUTS[run.inputs]}" for run in comparison.ran[1:]]
-    counts = f"Counts that all backends share. Input spikes: {'; '.join(inputs)}."
+    counts = f"Counts that all backends share; - where nothing is compared. Input spikes: {'; '.join(inputs)}."
     natives = list(cells.natives(comparison))
     parts = [tag("h2", "In numbers"), tag("p", counts), table(cells.SUMMARY, cells.summary(comparison))]
     return join([*parts, table(cells.NATIVE, natives) if natives else None])

@@ -171,7 +171,7 @@ def _check_graded(net: Network, part: Projection) -> None:
     """What takes no payloads: parrots, rules that learn from spikes, receptors that the sign of an input chooses."""
     source, target = net.populations[part.source].model, net.populations[part.target].model
     sides = [name for name, model in ((part.source, source), (part.target, target)) if model.graded]
-    if part.synapse.learns and sides:
+    if part.synapse.learns and sides and not part.synapse.takes_graded:
         text = f"{part.synapse.name} with graded spikes of '{sides[0]}': expected a static synapse"
         refuse(part, text, "a spike of payload m is not m spikes, from which a rule would learn", part.synapse.name)
     if not source.graded or not isinstance(target, Neuron):

@@ -37,25 +37,28 @@ ROOM = 1.2
 """What is needed beside the synapses, over what these need: tables, neurons, and what is being drawn."""
 
 
-def many_synapses(net: Network, shapes: Mapping[str, Shape], least: int) -> bool:
-    """Whether a network has about so many synapses that are stored one by one; views count as what they are of."""
-    parts = net.projections.values()
+def many_synapses(parts: Iterable[Projection], shapes: Mapping[str, Shape], least: int) -> bool:
+    """Whether projections have about so many synapses that are stored one by one; views count as what they are of."""
     return sum(_synapses(part, size(shapes[part.source]), size(shapes[part.target])) for part in parts) >= least
 
 
-def check_memory(net: Network, shapes: Mapping[str, Shape], shares: int = 1) -> None:
+def check_memory(
+    net: Network, shapes: Mapping[str, Shape], shares: int = 1, drawn: Mapping[str, Projection] | None = None
+) -> None:
     """Refuse a network that has far more synapses than memory has room for.
 
     Args:
         net: checked.
         shapes: of its populations.
         shares: how many processes have a share each; those on this machine have one memory.
+        drawn: its projections whose synapses are drawn; None: all.
 
     Raises:
         ModelError: it needs more than is free.
     """
     # Views have fewer synapses than the populations that they are of: counted as a whole they could refuse what fits.
-    parts = [part for part in net.projections.values() if part.source_view is None and part.target_view is None]
+    every = net.projections if drawn is None else drawn
+    parts = [part for part in every.values() if part.source_view is None and part.target_view is None]
     synapses = {part.name: _synapses(part, size(shapes[part.source]), size(shapes[part.target])) for part in parts}
     total = sum(synapses.values())
     free = free_memory() if total > MANY else None
@@ -120,9 +123,9 @@ class SynapseRoom:
     weight: Floats
 
 
-def rooms(net: Network, shapes: Mapping[str, Shape]) -> dict[str, SynapseRoom] | None:
+def rooms(projections: Mapping[str, Projection], shapes: Mapping[str, Shape]) -> dict[str, SynapseRoom] | None:
     """Neighbouring views of one array each, by name; None where how many synapses there are follows from draws."""
-    parts = {name: part for name, part in net.projections.items() if not _has_drawn_delays(part)}
+    parts = {name: part for name, part in projections.items() if not _has_drawn_delays(part)}
     known = [_numbers(part, size(shapes[part.source]), size(shapes[part.target])) for part in parts.values()]
     numbers = [number for number in known if number is not None]
     if len(numbers) < len(known):
@@ -145,7 +148,7 @@ def packed(projections: Iterable[Resolved], made: Mapping[str, SynapseRoom] | No
     of static projections with delays of their own take few bytes, and lie by themselves: who runs them may free them.
     """
     moved = [CompactProjection.of(part) if many and is_timed(part) else part for part in projections]
-    others = [k for k, part in enumerate(moved) if not isinstance(part, CompactProjection)]
+    others = [k for k, part in enumerate(moved) if not isinstance(part, CompactProjection) and part.undrawn is None]
     if made is None or any(moved[k].name not in made or _misfits(moved[k], made[moved[k].name]) for k in others):
         made = _laid_out({moved[k].name: (moved[k].targets.size, moved[k].weight.size) for k in others})
     # One by one, each freed as it is moved: both copies of a large network would not fit.
@@ -156,7 +159,9 @@ def packed(projections: Iterable[Resolved], made: Mapping[str, SynapseRoom] | No
 
 
 def is_timed(part: Resolved) -> bool:
-    """Whether synapses are listed, static, and differ in delay."""
+    """Whether synapses are listed, static, and differ in delay, and not yet compact."""
+    if isinstance(part, CompactProjection):
+        return False
     return part.layout == "csr" and part.carries == "spikes" and not part.synapse.learns and part.delay.size > 1
 
 

@@ -60,22 +60,23 @@ class Findings:
 
 
 @uncollected()
-def mistakes(path: str | Path, params: Mapping[str, Any] | None, seed: int) -> Findings:
+def mistakes(path: str | Path, params: Mapping[str, Any] | None, seed: int, backend_draws: bool = False) -> Findings:
     """Find all mistakes of a network in a YAML file.
 
     Args:
         path: the file.
         params: values for its `parameters`, as of `neuro.load`.
         seed: as of `neuro.compile`.
+        backend_draws: as of `compile_network`.
     """
     file, said = file_path(path, "path"), {} if params is None else dict(params)
-    first = _Search(file, dict(said), seed, turn=0)
+    first = _Search(file, dict(said), seed, 0, backend_draws)
     first.run()
     found = {str(error): error for error in first.told}
     if first.mended:
         # Once more with other stand-ins: a mistake that only a stand-in caused is reported in other words, or not at
         # all, and is dropped.
-        second = _Search(file, dict(said), seed, turn=1)
+        second = _Search(file, dict(said), seed, 1, backend_draws)
         second.run()
         again = {str(error) for error in second.told}
         found = {text: error for text, error in found.items() if text in again}
@@ -95,8 +96,8 @@ class _Search:
         partial: whether parts that are named may be in what could not be read.
     """
 
-    def __init__(self, file: Path, params: dict[str, Any], seed: int, turn: int) -> None:
-        self.file, self.params, self.seed, self.turn = file, params, seed, turn
+    def __init__(self, file: Path, params: dict[str, Any], seed: int, turn: int, backend_draws: bool) -> None:
+        self.file, self.params, self.seed, self.turn, self.backend_draws = file, params, seed, turn, backend_draws
         self.told: list[ModelError] = []
         self.files: dict[Path, Node] = {}
         self.mended: list[Words] = []
@@ -152,7 +153,7 @@ class _Search:
             net = None
             try:
                 net = build(sections, together=True)
-                self.program = compile_network(net, self.seed)
+                self.program = compile_network(net, self.seed, backend_draws=self.backend_draws)
                 doubted = self.failed | self.touched
                 self.unsure = {
                     node.label

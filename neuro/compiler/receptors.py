@@ -3,14 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from neuro.core.errors import ModelError, unknown
 from neuro.model.neurons import Neuron
 from neuro.model.parts import Population
-from neuro.model.synapses import MoveRule, Synapse, static
-from neuro.program.program import Floats, Receptor
+from neuro.model.synapses import Synapse, static
+from neuro.program.program import Receptor
 
 
 def receptor_of(synapse: Synapse, target: Population) -> Receptor | None:
@@ -26,10 +28,10 @@ def receptor_of(synapse: Synapse, target: Population) -> Receptor | None:
     model = target.model
     assert isinstance(model, Neuron)
     known = model.named_receptors()
-    name = synapse.receptor if isinstance(synapse, (static, MoveRule)) else None
+    name = getattr(synapse, "receptor", None)
     if name is None:
         if len(known) > 2 or not model.signed:
-            rule = synapse.name if isinstance(synapse, MoveRule) else "static"
+            rule = synapse.name if hasattr(synapse, "receptor") else "static"
             message = f"{_shown(target)} has {len(known)} receptors: the synapse must name one"
             raise ModelError(message, hint=f"write {rule} with 'receptor', one of {', '.join(known)}")
         return None
@@ -71,17 +73,19 @@ def _unknown(synapse: Synapse, target: Population, name: str, known: Iterable[st
     return error.but(message=f"{_shown(target)} has no receptor '{name}'")
 
 
-def check_conductance(receptor: Receptor | None, weight: Floats) -> None:
-    """Refuse negative weights to a conductance that is named.
+def check_conductance(receptor: Receptor | None, *weights: NDArray[np.floating[Any]]) -> None:
+    """Refuse negative weights to a conductance that is named; weights in several arrays have no places.
 
     Raises:
         ModelError: for the first one.
     """
     if receptor is None or not receptor.conductance:
         return
-    bad = np.flatnonzero(weight < 0.0)
-    if bad.size:
-        first = weight[bad[0]]
-        message = f"weight[{bad[0]}] = {first:g} to receptor '{receptor.name}', a conductance: expected at least 0"
+    for weight in weights:
+        bad = np.flatnonzero(weight < 0.0)
+        if not bad.size:
+            continue
+        first, place = weight[bad[0]], f"[{bad[0]}]" if len(weights) == 1 else ""
+        message = f"weight{place} = {first:g} to receptor '{receptor.name}', a conductance: expected at least 0"
         hint = f"write {-first:g}, or leave out 'receptor', so that the sign chooses"
         raise ModelError(message, hint=hint, path=("weight",), about=("receptor",))

@@ -23,7 +23,8 @@ from neuro.compiler.probes import check_probes, resolve_probes, resolve_synapse_
 from neuro.compiler.receptors import check_conductance, receptor_of, receptor_of_current
 from neuro.compiler.shapes import Shape, grid_of, resolve_shapes, size
 from neuro.compiler.space import Between, between
-from neuro.compiler.synapses import Drawing
+from neuro.compiler.synapses import Drawing, together
+from neuro.compiler.undrawn import drawn_here, is_left, undrawn
 from neuro.compiler.values import LONGEST_DELAY, Steps, one_delay, per_neuron, too_late
 from neuro.compiler.views import end_of, own_places
 from neuro.compiler.wired import wired
@@ -50,6 +51,7 @@ from neuro.model.rules import RULES, from_file, grid
 from neuro.model.space import PROFILES
 from neuro.model.synapses import SYNAPSES, DelayRule, Modulated, MoveRule, Synapse
 from neuro.program import program as resolved
+from neuro.program.compact import CompactProjection, SharedProjection
 from neuro.program.program import Floats, Ints, Stream
 from neuro.program.share import WHOLE, Share
 
@@ -57,7 +59,9 @@ NO_INTS: Ints = np.zeros(0, dtype=np.int64)
 
 
 @uncollected()
-def compile_network(net: Network, seed: int, threads: int = 1, share: Share = WHOLE) -> resolved.Program:
+def compile_network(
+    net: Network, seed: int, threads: int = 1, share: Share = WHOLE, backend_draws: bool = False
+) -> resolved.Program:
     """Check a network and resolve it.
 
     Args:
@@ -65,6 +69,7 @@ def compile_network(net: Network, seed: int, threads: int = 1, share: Share = WH
         seed: of everything random, in the network and while it runs.
         threads: how many draw connections; what they draw does not depend on it.
         share: the synapses onto which neurons are drawn. What is no synapse is whole.
+        backend_draws: whether synapses whose rule has `draw: backend` are left to the backend.
 
     Raises:
         ModelError: the network cannot be run by any backend.
@@ -86,17 +91,18 @@ def compile_network(net: Network, seed: int, threads: int = 1, share: Share = WH
     net = with_generators(net, shapes, clock, seed)
     trials = resolve_trials(net, shapes, clock)
     # Before anything is drawn: a network that does not fit is refused in microseconds, not when memory is full.
-    share.agree(lambda: check_memory(net, shapes, share.number))
+    here = drawn_here(net.projections, backend_draws)
+    share.agree(lambda: check_memory(net, shapes, share.number, here))
     alike: dict[tuple[int, Shape], dict[str, Any]] = {}
     populations = tuple(
         _population(part, shapes[name], clock, seed, cameras.get(name), declared[name], name in heard, alike)
         for name, part in net.populations.items()
     )
-    many = many_synapses(net, shapes, MANY)
+    many = many_synapses(here.values(), shapes, MANY)
     # Drawn into one array where sizes are known: to touch memory for the first time may cost more than the draws, and a
     # copy would need twice as much.
-    made = rooms(net, shapes) if many and share.number == 1 else None
-    drawn = partial(_projections, net, shapes, clock, seed, threads, many, made, share)
+    made = rooms(here, shapes) if many and share.number == 1 else None
+    drawn = partial(_projections, net, shapes, clock, seed, threads, many, made, share, backend_draws)
     if share.number == 1:
         projections = packed(drawn(), made, many)
     else:
@@ -129,6 +135,7 @@ def _projections(
     many: bool,
     made: Mapping[str, SynapseRoom] | None,
     share: Share,
+    backend_draws: bool,
 ) -> Iterator[resolved.Projection]:
     """All projections, in order."""
     # Projections are drawn side by side; few large ones one after the other, their blocks side by side.
@@ -137,7 +144,10 @@ def _projections(
 
     def resolve(part: Projection) -> resolved.Projection:
         room = None if made is None else made.get(part.name)
-        return _projection(net, names, part, shapes, clock, seed, many, room, share, threads_of_each)
+        left = backend_draws and is_left(part)
+        return _projection(
+            net, names, part, shapes, clock, seed, many, room, WHOLE if left else share, threads_of_each, left
+        )
 
     return mapped(resolve, list(net.projections.values()), threads)
 
@@ -294,6 +304,7 @@ def _projection(
     room: SynapseRoom | None,
     share: Share,
     threads: int,
+    left: bool,
 ) -> resolved.Projection:
     sizes = grid_of(part, shapes) if isinstance(part.rule, grid) else None
     if sizes is not None and not isinstance(part.delay, float):
@@ -319,9 +330,12 @@ def _projection(
         listed = partial(wired, part, part.rule, both, (source, target)) if isinstance(part.rule, from_file) else None
         ordered = many and not part.synapse.learns
         drawing = Drawing(part, blocks, listed, (source, target), clock, seed, apart, ordered, onto, threads)
-        drawn = drawing.synapses(room)
+        described = None
+        if left:
+            described, drawn = undrawn(part, source.size, target.size, clock)
+        else:
+            drawn = drawing.synapses(room)
         found, delay, weight, rule = drawn.found, drawn.delay, drawn.weight, drawn.rule
-    span = (int(delay.min()), int(delay.max())) if delay.size else (1, 1)
     # A shared kernel learns weight by weight, so it has an entry for each from the start.
     if sizes is not None and weight.size == 1:
         weight = np.repeat(weight, found.size)
@@ -332,7 +346,7 @@ def _projection(
         receptor = (
             receptor_of_current(part.synapse, reached, part.source) if current else receptor_of(part.synapse, reached)
         )
-        check_conductance(receptor, weight)
+        check_conductance(receptor, *drawn.weights)
     signal, dopamine, one_to_one, later = -1, -1, False, 1
     gate = -1
     if isinstance(rule, MoveRule):
@@ -345,7 +359,8 @@ def _projection(
         if rule.dopamine_delay is not None:
             with naming_the_part(part):
                 later = int(one_delay(rule.dopamine_delay, clock, f"{rule.name}.dopamine_delay")[0])
-    return resolved.Projection(
+    kind = resolved.Projection if share.number == 1 else SharedProjection
+    made = kind(
         name=part.name,
         source=names[part.source],
         target=names[part.target],
@@ -364,12 +379,16 @@ def _projection(
         dopamine_one_to_one=one_to_one,
         dopamine_delay=later,
         origin=part.origin,
-        span=span,
+        span=drawn.span,
         gate=gate,
         by_delay=drawn.by_delay,
         whole_layout=drawn.whole_layout,
         share=share,
+        undrawn=described,
     )
+    if not drawn.blocks:
+        return made
+    return CompactProjection.of_blocks(made, drawn.blocks, partial(together, weight.size == 0))
 
 
 def check_stdp_weights(part: Projection, rule: Synapse, weight: Floats, of: Connections | None = None) -> None:

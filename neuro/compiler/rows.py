@@ -23,6 +23,9 @@ _MOST_BITS = 31
 _DIGIT = 11
 """Bits that a pass may sort by."""
 
+_NO_TARGET = 1 << 31
+"""Beyond all targets."""
+
 _CHUNK = 1024
 """Draws that are made at a time, by lanes."""
 
@@ -55,9 +58,9 @@ def draw_rows(key: int, ends: Ints, but: Ints | None, targets: NDArray[np.int32]
     scratch = np.empty(int(heaps.max()), dtype=np.int32)
     np.cumsum(heaps, out=heaps)
     _deal(word, n, pairs, bits, heaps, chunk, targets)
-    counts = np.empty((passes, 1 << -(-bits // passes)), dtype=np.int64)
-    row_ends = np.zeros(ends.size, dtype=np.int64)
-    _sort_heaps(bits, heaps, scratch, counts, ends, _NONE if but is None else but, row_ends, targets)
+    digit, row_ends = -(-bits // passes), np.zeros(ends.size, dtype=np.int64)
+    places = np.empty(1 << digit, dtype=np.int32)
+    _sort_heaps(bits, passes, digit, heaps, scratch, places, ends, _NONE if but is None else but, row_ends, targets)
     return row_ends
 
 
@@ -106,7 +109,7 @@ def _count(key, n, bound, bits, heaps, chunk):
         some = chunk[: min(chunk.size, n - first)]
         _draw(base, first, bound, some)
         for k in range(some.size):
-            heaps[(some[k] >> bits) + 1] += 1
+            heaps[np.uint64((some[k] >> bits) + 1)] += 1
 
 
 @kernel
@@ -117,60 +120,59 @@ def _deal(key, n, bound, bits, heaps, chunk, found):
         some = chunk[: min(chunk.size, n - first)]
         _draw(base, first, bound, some)
         for k in range(some.size):
-            heap = some[k] >> bits
-            found[heaps[heap]] = np.int32(some[k] & low)
+            heap = np.uint64(some[k] >> bits)
+            found[np.uint64(heaps[heap])] = np.int32(some[k] & low)
             heaps[heap] += 1
 
 
 @subkernel
-def _sort(found, scratch, counts, bits):
-    """Sort numbers of so many bits, a digit at a time, lowest first; an even number of passes ends where it began."""
-    # A radix sort. All digits are counted in one go, since each pass moves the same numbers.
-    passes, mask = counts.shape[0], counts.shape[1] - 1
-    digit = (bits + passes - 1) // passes
-    counts[:] = 0
-    for k in range(found.size):
-        number = np.int64(found[k])
-        for p in range(passes):
-            counts[p, (number >> (p * digit)) & mask] += 1
-    for p in range(passes):
-        before = 0
-        for d in range(mask + 1):
-            number = counts[p, d]
-            counts[p, d] = before
-            before += number
+def _sort(found, scratch, places, passes, digit):
+    """Sort numbers by their digits, lowest first; an even number of passes ends where it began."""
+    # A radix sort.
     for p in range(0, passes, 2):
-        _deal_by(found, scratch, counts[p], p * digit)
-        _deal_by(scratch[: found.size], found, counts[p + 1], (p + 1) * digit)
+        _deal_by(found, scratch, places, np.uint32(p * digit))
+        _deal_by(scratch[: found.size], found, places, np.uint32((p + 1) * digit))
 
 
 @subkernel
 def _deal_by(numbers, to, places, shift):
-    mask = places.size - 1
+    """Put numbers in the order of a digit; those with one stay in order."""
+    # Unsigned places take half the time: of others numba asks whether they count from the end.
+    mask = np.uint32(places.size - 1)
+    places[:] = 0
     for k in range(numbers.size):
-        d = (np.int64(numbers[k]) >> shift) & mask
-        to[places[d]] = numbers[k]
-        places[d] += 1
+        places[(np.uint32(numbers[k]) >> shift) & mask] += np.int32(1)
+    before = np.int32(0)
+    for d in range(places.size):
+        number = places[d]
+        places[d] = before
+        before += number
+    for k in range(numbers.size):
+        d = (np.uint32(numbers[k]) >> shift) & mask
+        to[np.uint32(places[d])] = numbers[k]
+        places[d] += np.int32(1)
 
 
 @kernel
-def _sort_heaps(bits, heaps, scratch, counts, ends, but, row_ends, targets):
+def _sort_heaps(bits, passes, digit, heaps, scratch, places, ends, but, row_ends, targets):
     """Sort each heap, and make targets of its pairs."""
     source = first = 0
     for heap in range(heaps.size - 1):
         last = heaps[heap]
-        _sort(targets[first:last], scratch, counts, bits)
-        for k in range(first, last):
-            place = (heap << bits) + np.int64(targets[k])
-            while place >= ends[source + 1]:
+        _sort(targets[first:last], scratch, places, passes, digit)
+        base, k = heap << bits, first
+        while k < last:
+            while base + np.int64(targets[k]) >= ends[source + 1]:
                 source += 1
                 row_ends[source] = k
-            target = place - ends[source]
-            if but.size > 0:
-                # Targets from the excluded one on move up by one, as in `connect._draw`, so that both ways draw the
-                # same network.
-                target += (but[source] >= 0) & (target >= but[source])
-            targets[k] = target
+            begin, end = ends[source] - base, ends[source + 1] - base
+            # Targets from the excluded one on move up by one, as in `connect._draw`, so that both ways draw the same
+            # network.
+            left_out = but[source] if but.size > 0 and but[source] >= 0 else _NO_TARGET
+            while k < last and targets[k] < end:
+                target = targets[k] - begin
+                targets[k] = target + (target >= left_out)
+                k += 1
         first = last
     row_ends[source + 1 :] = targets.size
 

@@ -27,7 +27,8 @@ from neuro.model.parts import Projection
 from neuro.model.rules import all_to_all, one_to_one
 from neuro.model.space import of_distance
 from neuro.model.synapses import Synapse
-from neuro.program.program import Floats, Ints
+from neuro.program.compact import SynapseBlock
+from neuro.program.program import Floats, Ints, StoredSynapses
 
 _OF_THREAD, _NOTHING = threading.local(), np.zeros(0)
 
@@ -45,6 +46,8 @@ class Synapses:
         weight: shape (1,) where shared.
         rule: the synapse model, with a number for each where it has no single one.
         by_delay: whether those of each source are sorted by delay.
+        whole_layout: the layout of those of all parts together.
+        blocks: where synapses stay in blocks, these; arrays with a value for each are empty then.
     """
 
     found: Connections
@@ -53,6 +56,19 @@ class Synapses:
     rule: Synapse
     by_delay: bool
     whole_layout: str
+    blocks: tuple[SynapseBlock, ...] = ()
+
+    @property
+    def span(self) -> tuple[int, int]:
+        """The fewest and the most steps in a delay; of no synapses 1."""
+        delays = [block.delay for block in self.blocks] or [self.delay]
+        spans = [(int(delay.min()), int(delay.max())) for delay in delays if delay.size]
+        return (min(first for first, _ in spans), max(last for _, last in spans)) if spans else (1, 1)
+
+    @property
+    def weights(self) -> tuple[NDArray[np.floating[Any]], ...]:
+        """The weights of all, in one or several arrays."""
+        return tuple(block.weight for block in self.blocks) or (self.weight,)
 
 
 @dataclass(frozen=True, eq=False)
@@ -135,9 +151,12 @@ class Drawing:
     def _of_blocks(self, room: SynapseRoom | None) -> Synapses:
         """The synapses of several blocks."""
         needed = [block for block in self.blocks.all if self._reached(block)] or [self.blocks.all[0]]
+        if self._stay:
+            return self._in_blocks(tuple(mapped(self._block, needed, self.threads)))
         pieces = dict(enumerate(mapped(self._begun, needed, self.threads)))
-        listed, whole_layout, shape = bool(pieces[0].found.listed), self._layout, (self.ends[0].size, self.ends[1].size)
-        joint = Joint(whole_layout if self.among is None else "csr", shape, [*pieces.values()])
+        whole_layout, shape = self._layout, (self.ends[0].size, self.ends[1].size)
+        layout = whole_layout if self.among is None else "csr"
+        joint = Joint(layout, shape, needed, [piece.row_ends for piece in pieces.values()])
         targets = joint.room(np.int32, None if room is None else room.targets)
         delay = pieces[0].delay
         if _each(self.part.delay):
@@ -163,13 +182,37 @@ class Drawing:
         rows = [*columns.values(), *([delay] if _each(self.part.delay) else [])]
         if found.layout == "csr" and not ascend(self.ends[1]):
             _sort_targets(found, rows)
-        by_delay = self.ordered and found.layout == "csr" and not listed and isinstance(self.part.delay, Distribution)
-        if by_delay and found.size:
-            from neuro.compiler.rows import by_delay as sort
-
-            sort(found.row_ends, delay, int(delay.min()), int(delay.max()), found.targets, list(columns.values()))
+        by_delay = layout == "csr" and self._sorts
+        if by_delay:
+            _by_delay_in_place(found.row_ends, delay, targets, [*columns.values()])
         weight = columns.pop("weight", weights[0])
         return Synapses(found, delay, weight, _with(self.part.synapse, columns), by_delay, whole_layout)
+
+    @property
+    def _sorts(self) -> bool:
+        """Whether synapses of several blocks are sorted by delay, if these are listed one by one."""
+        return (
+            self.ordered and isinstance(self.part.delay, Distribution) and not isinstance(self.blocks.rule, one_to_one)
+        )
+
+    @property
+    def _stay(self) -> bool:
+        """Whether synapses stay in blocks: a backend that makes rows of its own reads them as they are."""
+        whole = self.among is None and self._layout == "csr" and ascend(self.ends[1])
+        return whole and self._sorts and not self._parameters
+
+    def _block(self, block: Block) -> SynapseBlock:
+        """The synapses of a block, in few bytes."""
+        found = placed(self.blocks.connect(block), *self.ends)
+        delay = self._delay(found, block)
+        weight = self._columns(found, block, weight_room(self.part, found.size))["weight"]
+        return SynapseBlock.of(found.row_ends, found.targets, weight, delay)
+
+    def _in_blocks(self, blocks: tuple[SynapseBlock, ...]) -> Synapses:
+        row_ends = np.sum([block.row_ends for block in blocks], axis=0)
+        weight = np.zeros(0) if _each(self.part.weight) else blocks[0].weight.astype(np.float64)
+        found = Connections("csr", int(row_ends[-1]), row_ends)
+        return Synapses(found, np.zeros(0, dtype=np.uint8), weight, self.part.synapse, True, "csr", blocks)
 
     def _reached(self, block: Block) -> bool:
         """Whether some targets of a block are of the part."""
@@ -251,12 +294,12 @@ class Joint:
     Args:
         layout: of all.
         shape: neurons of source and target.
-        pieces: the blocks, in order.
+        blocks: in order.
+        rows: where the synapses of each source end, block by block.
     """
 
-    def __init__(self, layout: str, shape: tuple[int, int], pieces: Sequence[Piece]) -> None:
-        self._layout, self._shape, self._blocks = layout, shape, [piece.block for piece in pieces]
-        self._rows = [piece.row_ends for piece in pieces]
+    def __init__(self, layout: str, shape: tuple[int, int], blocks: Sequence[Block], rows: Sequence[Ints]) -> None:
+        self._layout, self._shape, self._blocks, self._rows = layout, shape, blocks, rows
         self._row_ends: Ints = np.sum(self._rows, axis=0)
         self.size = int(self._row_ends[-1])
 
@@ -268,18 +311,20 @@ class Joint:
             starts.append(starts[-1] + np.diff(ends))
         return starts
 
+    def _columns(self, k: int) -> slice:
+        return slice(self._blocks[k].first, self._blocks[k].end)
+
     def room(self, kind: Any, given: NDArray[Any] | None = None) -> NDArray[Any]:
         """Memory for a value of each; that which is given if it fits."""
         return given if given is not None and given.size == self.size else np.empty(self.size, dtype=kind)
 
     def put(self, k: int, values: NDArray[Any], to: NDArray[Any]) -> None:
         """Move the values of block k to their places."""
-        block = self._blocks[k]
         match self._layout:
             case "one_to_one":
-                to[block.first : block.end] = values
+                to[self._columns(k)] = values
             case "dense":
-                to.reshape(self._shape)[:, block.first : block.end] = values.reshape(self._shape[0], -1)
+                to.reshape(self._shape)[:, self._columns(k)] = values.reshape(self._shape[0], -1)
             case _:
                 from neuro.compiler.rows import put_rows
 
@@ -290,6 +335,22 @@ class Joint:
         if self._layout == "csr":
             return Connections("csr", self.size, self._row_ends, targets)
         return Connections(self._layout, self.size)
+
+
+def together(own_weights: bool, blocks: Sequence[SynapseBlock]) -> StoredSynapses:
+    """Targets, weights and delays of the synapses of blocks, by source, delay, target."""
+    joint = Joint("csr", (0, 0), (), [block.row_ends for block in blocks])
+
+    def of_all(name: str) -> NDArray[Any]:
+        to = joint.room(getattr(blocks[0], name).dtype)
+        for k, block in enumerate(blocks):
+            joint.put(k, getattr(block, name), to)
+        return to
+
+    targets, delay = of_all("targets"), of_all("delay")
+    weight = of_all("weight") if own_weights else blocks[0].weight
+    _by_delay_in_place(joint.connections(targets).row_ends, delay, targets, [weight] if own_weights else [])
+    return targets, weight, delay
 
 
 def _scratch(size: int) -> Floats:
@@ -326,6 +387,14 @@ def _sort_targets(found: Connections, columns: Sequence[NDArray[Any]]) -> None:
         column[:] = column[order]
 
 
+def _by_delay_in_place(row_ends: Ints, delay: Steps, targets: NDArray[Any], others: Sequence[NDArray[Any]]) -> None:
+    """Put the synapses of each source in the order of their delays, in place."""
+    from neuro.compiler.rows import by_delay
+
+    if delay.size:
+        by_delay(row_ends, delay, int(delay.min()), int(delay.max()), targets, others)
+
+
 def _by_delay(part: Projection, found: Connections, delay: Steps) -> tuple[Connections, Steps, bool]:
     """The synapses of each source by delay, where all is drawn or they are listed so; whether they are.
 
@@ -333,10 +402,8 @@ def _by_delay(part: Projection, found: Connections, delay: Steps) -> tuple[Conne
     """
     if found.layout == "csr" and delay.size > 1:
         if isinstance(part.delay, Distribution) and not found.listed:
-            from neuro.compiler.rows import by_delay
-
             shared = [] if found.shared is None else [found.shared]
-            by_delay(found.row_ends, delay, int(delay.min()), int(delay.max()), found.targets, shared)
+            _by_delay_in_place(found.row_ends, delay, found.targets, shared)
             return found, delay, True
         if found.order is not None and found.listed == ((found.size,),):
             as_listed = np.argsort(found.order)

@@ -76,6 +76,11 @@ def player_style() -> str:
     return (_FOLDER / "player.css").read_text("utf-8").strip()
 
 
+def player_script() -> str:
+    """What the scripts of these pages share: round marks on an axis."""
+    return (_FOLDER / "player.js").read_text("utf-8").strip()
+
+
 def tag(name: str, *parts: object, **attributes: object) -> Html:
     """An element.
 
@@ -113,10 +118,17 @@ def table(columns: Sequence[str], rows: Iterable[Sequence[object]], caption: str
     return tag("div", tag("table", above, tag("thead", tag("tr", *head)), tag("tbody", *body)), class_="scroll")
 
 
+def card(what: str, big: str, below: object) -> Html:
+    """A figure, large, with what it is; cards stand beside each other in an element of class "cards"."""
+    return tag("section", tag("h3", what), tag("p", big, class_="big"), tag("p", below), class_="card")
+
+
 def figure(picture: Html, caption: object, title: str = "", class_: str | None = None) -> Html:
     """A picture with words: a caption above it if it has a title, else below."""
     if title:
-        return tag("figure", tag("figcaption", tag("b", title), tag("span", caption)), picture, class_=class_)
+        return tag(
+            "figure", tag("figcaption", tag("b", title), tag("span", caption)), tag("div", picture), class_=class_
+        )
     return tag("figure", picture, tag("figcaption", caption), class_=class_)
 
 

@@ -7,6 +7,7 @@ import gc
 import mmap
 from collections.abc import Iterator
 from contextlib import contextmanager
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -14,6 +15,7 @@ from numpy.typing import NDArray
 
 _MACHINE = Path("/proc/meminfo")
 _GROUP = Path("/sys/fs/cgroup")
+_HUGE = 1 << 21
 
 
 def free_memory() -> int | None:
@@ -47,24 +49,32 @@ def _table(path: Path) -> dict[str, int]:
 
 
 def discard(array: NDArray[Any], first: int, last: int) -> None:
-    """Give the system the whole pages on which items first:last of a flat array lie; the items are lost.
+    """Give the system the pages on which items first:last of a flat array lie; what lies before was given before.
 
-    The array stays as large as it is; systems other than Linux may keep its pages until it is freed.
+    The items are lost, and the array stays as large as it is; systems other than Linux may keep its pages until it is
+    freed. Huge pages are given as a whole: of one that is given in parts the system keeps all until it lacks memory.
     """
     if not hasattr(mmap, "MADV_DONTNEED"):
         return
-    begin = -(-(array.ctypes.data + first * array.itemsize) // mmap.PAGESIZE) * mmap.PAGESIZE
-    size = (array.ctypes.data + last * array.itemsize) // mmap.PAGESIZE * mmap.PAGESIZE - begin
-    if size > 0:
-        ctypes.CDLL(None).madvise(ctypes.c_void_p(begin), ctypes.c_size_t(size), mmap.MADV_DONTNEED)
+    data = array.ctypes.data
+    least = -(-data // mmap.PAGESIZE) * mmap.PAGESIZE
+    begin, end = (max(least, (data + k * array.itemsize) // _HUGE * _HUGE) for k in (first, last))
+    if begin < end:
+        _library().madvise(ctypes.c_void_p(begin), ctypes.c_size_t(end - begin), mmap.MADV_DONTNEED)
 
 
 def give_back() -> None:
     """Give to the system what was freed and is kept ready for this process, where its C library can."""
     try:
-        ctypes.CDLL(None).malloc_trim(0)
+        _library().malloc_trim(0)
     except (AttributeError, OSError, TypeError):  # another C library, or another system
         return
+
+
+@cache
+def _library() -> ctypes.CDLL:
+    """The C library of this process."""
+    return ctypes.CDLL(None)
 
 
 @contextmanager

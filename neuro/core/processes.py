@@ -23,6 +23,7 @@ from typing import Any, TypeAlias, TypeVar
 from neuro.core import inputs
 from neuro.core.errors import ModelError
 from neuro.core.extension import extensions
+from neuro.core.system import only_on_linux, usable_cores
 
 TRIES = 2
 END_S = 5.0
@@ -123,13 +124,14 @@ class Processes:
         seconds: that a job may take; None for as long as it likes.
 
     Raises:
-        ModelError: a script asks for them where other processes would do so, too.
+        ModelError: a script asks for them where other processes would do so, too; the system is not Linux.
     """
 
     def __init__(self, begin: Callable[[], Work], count: int, seconds: float | None = None) -> None:
         if loading_script:
             message = f"{sys.argv[0]}: starts processes wherever it is read, and they read it to find what they run"
             raise ModelError(message, hint='write the call below: if __name__ == "__main__":')
+        only_on_linux("work in several processes")
         self._begin, self._count, self._seconds = begin, count, seconds
         self._waiting: deque[_Task] = deque()
         self._processes: list[_Process] = []
@@ -309,7 +311,7 @@ def _send(each: _Process, what: Any) -> None:
 
 def cores(threads: int = 1) -> int:
     """How many processes of so many threads the cores are enough for that this one may use."""
-    return max(1, len(os.sched_getaffinity(0)) // threads)
+    return max(1, usable_cores() // threads)
 
 
 Job = TypeVar("Job")

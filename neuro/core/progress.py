@@ -51,8 +51,15 @@ class Bar:
         self._bar.reset(self._task)
         self._began, self._done, self._from = time.monotonic(), done, done
 
-    def show(self, done: float, total: float, text: str) -> None:
-        """Show how much is done of how much, and what it is; less than before is the begin of something else."""
+    def show(self, done: float, total: float, text: str, line: bool = True) -> None:
+        """Show how much is done of how much, and what it is; less than before is the begin of something else.
+
+        Args:
+            done: how much.
+            total: of how much.
+            text: what it is.
+            line: whether it is also a line where stderr is no terminal; not if a line is kept of it anyway.
+        """
         if done < self._done:
             self._bar.reset(self._task)
             self._began, self._from = time.monotonic(), 0.0
@@ -60,7 +67,8 @@ class Bar:
         self._bar.update(self._task, description=text, completed=done, total=total)
         since = done - self._from
         left = (time.monotonic() - self._began) * (total - done) / since if since else 0.0
-        self._line(f"{text}, {left:,.0f} s left" if left >= 1 else text)
+        if line:
+            self._line(f"{text}, {left:,.0f} s left" if left >= 1 else text)
 
     def keep(self, text: str) -> None:
         """A line that stays."""

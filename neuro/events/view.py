@@ -114,6 +114,7 @@ def page(events: Events, title: str, total: int, step: int) -> str:
     template = Template(files("neuro.events").joinpath("view.html").read_text("utf-8"))
     return template.substitute(
         head=html.head("neuro events view", title),
+        script=html.player_script(),
         title=escape(title),
         told=escape(message),
         data=json.dumps(data).replace("<", "\\u003c"),

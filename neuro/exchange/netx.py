@@ -29,6 +29,7 @@ from numpy.typing import NDArray
 from neuro.core.errors import ModelError
 from neuro.core.inputs import record_input
 from neuro.core.paths import existing
+from neuro.exchange.verdict import EXACT, REFUSED, Verdict, Verdicts
 from neuro.model.convolution import out_size, synapses_of
 from neuro.model.network import Network
 from neuro.model.neurons import (
@@ -92,13 +93,56 @@ def from_netx(file: str | PathLike[str], *, reset: int = 0, first: int = 0) -> N
     Raises:
         ModelError: the file is no such network, or has what is refused; all of that at once.
     """
-    path = existing(Path(file))
-    record_input(path)
-    layers = _read(path)
+    path, layers = _layers(file)
     problems = [problem for layer in layers for problem in _problems(layer)]
     if problems:
         raise problems[0].at(None, str(path)).but(others=tuple(problems[1:]))
-    net = Network(path.stem, resolution=1.0)
+    return _network(path.stem, layers, reset, first)
+
+
+def examine_netx(file: str | PathLike[str], *, reset: int = 0) -> tuple[Network | None, Verdicts]:
+    """The network of a file of lava-dl, None if a layer is refused, and a verdict for each layer.
+
+    `file` and `reset` are those of `from_netx`.
+
+    Raises:
+        ModelError: the file is no such network.
+    """
+    path, layers = _layers(file)
+    verdicts = []
+    for layer in layers:
+        problems = list(_problems(layer))
+        kind = ", ".join(filter(None, (layer.kind, layer.neuron.get("type", ""))))
+        how = "; ".join(problem.message.partition(": ")[2] for problem in problems) or _becomes(layer, reset)
+        way_out = "; ".join(dict.fromkeys(filter(None, (problem.hint for problem in problems))))
+        verdicts.append(Verdict(_name(layer), kind, REFUSED if problems else EXACT, how, way_out))
+    table = Verdicts(f"'{path.stem}' of lava-dl, by the rules of lava's netx", tuple(verdicts))
+    return None if table.refused else _network(path.stem, layers, reset, 0), table
+
+
+def _becomes(layer: Layer, reset: int) -> str:
+    """What a layer is here."""
+    if layer.kind == "flatten":
+        return "ids are in its order: channels, rows, columns"
+    cells = _neurons(layer, reset)
+    if layer.kind == "input":
+        return f"{cells.name}, fed by its bias"
+    weights = layer.words["weight"]
+    if layer.kind == "dense":
+        return f"{cells.name}, {weights.size:,} weights, none of which loses a bit"
+    rule = "a shared kernel" if _is_grid(layer) else "its synapses one by one"
+    return f"{cells.name}, {rule} of {weights.size:,} weights"
+
+
+def _layers(file: str | PathLike[str]) -> tuple[Path, list[Layer]]:
+    path = existing(Path(file))
+    record_input(path)
+    return path, _read(path)
+
+
+def _network(name: str, layers: list[Layer], reset: int, first: int) -> Network:
+    """Layers that are not refused as populations."""
+    net = Network(name, resolution=1.0)
     before: Layer | None = None
     for layer in layers:
         if layer.kind == "flatten":
@@ -170,12 +214,18 @@ def _synapses(layer: Layer, before: Layer) -> tuple[Rule, Synapse, Floats]:
         return all_to_all(), synapse, mantissas.T.ravel()
     kernel, stride, padding = weight.reshape(weight.shape[:4]), layer.two("stride"), layer.two("padding")
     dilation, groups = layer.two("dilation"), int(layer.words.get("groups", 1))
-    if stride[0] == stride[1] and dilation == (1, 1) and groups == 1:
+    if _is_grid(layer):
         rule = grid(kernel=kernel.shape[2:], stride=stride[0], padding=padding[0], column_padding=padding[1])
         return rule, loihi2_convolution(), kernel.ravel()
     channels, rows, columns = before.shape
     pre, post, weights = synapses_of((channels, rows, columns), kernel, stride, padding, dilation, groups)
     return pairs(pre=pre, post=post), loihi2_convolution(), weights
+
+
+def _is_grid(layer: Layer) -> bool:
+    """Whether a rule of the language shares the kernel."""
+    down, across = layer.two("stride")
+    return down == across and layer.two("dilation") == (1, 1) and int(layer.words.get("groups", 1)) == 1
 
 
 def _dense(weight: Floats) -> tuple[Synapse, Floats]:

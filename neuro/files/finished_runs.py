@@ -104,7 +104,13 @@ def resolved(results: FinishedRun, net: Network) -> Program:
     """
     from neuro.compiler import compile_network
 
+    for name, part in results.projections.items():
+        if part.drawn_by:
+            raise ModelError(f"the synapses of '{name}' were drawn by {part.drawn_by}, and are not known", hint=_DRAWN)
     return compile_network(without_recordings(results, net), int(results.about["seed"]))
+
+
+_DRAWN = "without 'draw: backend' in its rule they are"
 
 
 def without_recordings(results: FinishedRun, net: Network) -> Network:
@@ -191,7 +197,10 @@ def _kept(results: FinishedRun, name: Any) -> Any:
     part = results.projections[name]
     if part.weight is None:
         hint = "--all-weights keeps them" if results.finished else "weights are written when a run ends"
-        raise ModelError(f"the weights of '{name}' were not kept", hint=hint)
+        message = f"the weights of '{name}' were not kept"
+        if part.drawn_by:
+            message, hint = f"{message}: its synapses were drawn by {part.drawn_by}, and are not known", _DRAWN
+        raise ModelError(message, hint=hint)
     return part
 
 

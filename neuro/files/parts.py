@@ -180,6 +180,11 @@ class Fed:
         raise NotImplementedError
 
 
+def synapse_said(synapse: str, drawn_by: str | None) -> str:
+    """A synapse model, and the backend that draws the synapses, if it does."""
+    return f"{synapse}, drawn by {drawn_by}" if drawn_by else synapse
+
+
 @dataclass(frozen=True, eq=False)
 class Weights:
     """Weights of one projection at the end of a run, and its delays where these learn.
@@ -192,6 +197,7 @@ class Weights:
         pre, post: the ends of each synapse; None for a grid or where weights were not kept.
         weight: one for each; kernels of a grid; None where weights were not kept.
         delay_ms: one for each, of a rule that changes delays; None of others.
+        drawn_by: the backend that drew the synapses, by rules of its own; None where they are those of this language.
     """
 
     source: str
@@ -203,6 +209,12 @@ class Weights:
     post: Lazy = Lazy(None)
     weight: Lazy = Lazy(None)
     delay_ms: Lazy = Lazy(None)
+    drawn_by: str | None = None
+
+    @property
+    def said(self) -> str:
+        """The synapse model, and who drew the synapses if that was the backend."""
+        return synapse_said(self.synapse, self.drawn_by)
 
 
 @dataclass(frozen=True, eq=False)

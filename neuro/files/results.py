@@ -121,7 +121,7 @@ class Results:
         trains, weights, traces = self.populations.items(), self.projections.items(), self.traces.items()
         return [
             run_table(self.duration_ms, ((name, t.model, t.size, t.spikes) for name, t in trains)),
-            projection_table((name, w.source, w.target, w.synapse, w.synapses) for name, w in weights),
+            projection_table((name, w.source, w.target, w.said, w.synapses) for name, w in weights),
             Table(
                 "traces",
                 ("name", "of", "state", ">columns", ">times"),

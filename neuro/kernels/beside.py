@@ -21,6 +21,7 @@ from typing import Any, TypeAlias
 
 import numba
 
+from neuro.core.system import usable_cores
 from neuro.kernels import compile_report
 from neuro.kernels.address import Entry
 from neuro.kernels.kept import folder
@@ -47,7 +48,7 @@ def addresses(asked: Sequence[Asked]) -> list[int]:
 def _has_room() -> bool:
     """Whether another process would help: it has a core, what it compiles is found, and it would compile the same."""
     alone = compile_report.REPORTED in os.environ and not compile_report.here
-    return len(os.sched_getaffinity(0)) > 1 and folder() is not None and not _config.BOUNDSCHECK and not alone
+    return usable_cores() > 1 and folder() is not None and not _config.BOUNDSCHECK and not alone
 
 
 @contextmanager

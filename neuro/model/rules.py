@@ -15,6 +15,9 @@ from neuro.core.registry import Registry
 from neuro.model.arithmetic import has_method
 from neuro.model.space import Mask, Profile
 
+HERE, BACKEND = "neuro", "backend"
+"""Who may draw the synapses of a rule."""
+
 SAME = "same"
 """The padding that keeps the size of a sheet."""
 
@@ -57,7 +60,21 @@ class Rule(Choice):
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class one_to_one(Rule):
+class NamedRule(Rule):
+    """A rule that simulators have by name: the backend may make its synapses in place of this language."""
+
+    draw: str = quantity(
+        HERE,
+        "",
+        "who draws the synapses: neuro, the same for every backend, or backend: by its own rules, if it has some, the "
+        "same in distribution",
+        kind="word",
+        words=(HERE, BACKEND),
+    )
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class one_to_one(NamedRule):
     """Neuron i reaches neuron i; both populations have the same size."""
 
     def synapses(self, source: int, target: int, same: bool) -> int | None:
@@ -66,7 +83,7 @@ class one_to_one(Rule):
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class all_to_all(Rule):
+class all_to_all(NamedRule):
     """Every neuron reaches every neuron, itself only with `autapses`."""
 
     autapses: bool = quantity(True, "", "whether a neuron may reach itself", kind="boolean")
@@ -77,7 +94,7 @@ class all_to_all(Rule):
 
 
 @dataclass(frozen=True, eq=False)
-class fixed_indegree(Rule):
+class fixed_indegree(NamedRule):
     """Every target has n sources drawn at random."""
 
     n: int = quantity(doc="sources of each target", kind="integer", at_least=1)
@@ -90,7 +107,7 @@ class fixed_indegree(Rule):
 
 
 @dataclass(frozen=True, eq=False)
-class fixed_outdegree(Rule):
+class fixed_outdegree(NamedRule):
     """Every source has n targets drawn at random."""
 
     n: int = quantity(doc="targets of each source", kind="integer", at_least=1)
@@ -103,7 +120,7 @@ class fixed_outdegree(Rule):
 
 
 @dataclass(frozen=True, eq=False)
-class pairwise_bernoulli(Rule):
+class pairwise_bernoulli(NamedRule):
     """Every pair is connected with probability p."""
 
     p: float = quantity(doc="probability", at_least=0, at_most=1)
@@ -111,7 +128,7 @@ class pairwise_bernoulli(Rule):
 
 
 @dataclass(frozen=True, eq=False)
-class fixed_total_number(Rule):
+class fixed_total_number(NamedRule):
     """So many synapses in all, each between a source and a target drawn at random. NEST calls n N."""
 
     n: int = quantity(doc="synapses", kind="integer", at_least=0)

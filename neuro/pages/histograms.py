@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -10,12 +10,12 @@ from numpy.typing import NDArray
 
 from neuro.core import html
 from neuro.core.html import Html, tag
+from neuro.pages.scales import tick, ticks
 from neuro.program.program import Floats
 
 BINS = 48
 WIDTH, HEIGHT = 330.0, 150.0
-_LEFT, _RIGHT, _TOP, _BOTTOM = 8.0, 8.0, 10.0, 26.0
-_ROOM = 90.0
+_LEFT, _RIGHT, _TOP, _BOTTOM = 48.0, 12.0, 18.0, 26.0
 MOST = 60
 
 
@@ -120,14 +120,28 @@ def _drawing(part: Histogram, names: Sequence[str]) -> Html:
         tag("path", d=_steps(xs, tops[name], floor), class_=kind if kind == "described" else f"outline {kind}")
         for name, kind in kinds
     ]
-    parts.append(html.line(_LEFT, floor, WIDTH - _RIGHT, floor, "axis"))
-    ends = (min(pair[0] for pair in part.extent.values()), max(pair[1] for pair in part.extent.values()))
-    for weight, at, anchor in zip(ends, (_LEFT, WIDTH - _RIGHT), ("start", "end"), strict=True):
-        parts.append(html.text(at, HEIGHT - 9, f"{weight:.4g} {part.unit}".rstrip(), "tick", anchor))
-    if _ROOM < x(0) < WIDTH - _ROOM:
-        parts += [html.line(x(0), floor, x(0), floor + 4, "axis"), html.text(x(0), HEIGHT - 9, "0", "tick", "middle")]
+    parts += _axes(x, low, high, part.unit, floor, most)
     picture = html.svg(WIDTH, HEIGHT, *parts, label=f"weights of {part.projection}")
     return html.figure(picture, _about(part, names), part.projection)
+
+
+def _axes(x: Callable[[float], float], low: float, high: float, unit: str, floor: float, most: int) -> Iterator[Html]:
+    """Round weights, the last with its unit, and round numbers of synapses."""
+    yield html.line(_LEFT, floor, WIDTH - _RIGHT, floor, "axis")
+    weights = ticks(low, high, 4)
+    for weight in weights:
+        last = weight == weights[-1]
+        yield html.line(x(weight), floor, x(weight), floor + 4, "axis")
+        label, anchor = f"{tick(weight, weights)} {unit * last}".rstrip(), "end" if x(weight) > WIDTH - 36 else "middle"
+        yield html.text(
+            min(x(weight), WIDTH - 1) if anchor == "middle" else WIDTH - 1, HEIGHT - 7, label, "tick", anchor
+        )
+    counts = [mark for mark in ticks(0.0, float(most), 3) if mark == int(mark)]
+    for count in counts:
+        at = floor - (floor - _TOP) * count / most
+        yield html.line(_LEFT, at, WIDTH - _RIGHT, at, "faint")
+        yield html.text(_LEFT - 6, at + 4, tick(count, counts), "tick", "end")
+    yield html.text(0.0, _TOP - 8, "synapses", "tick")
 
 
 def _steps(xs: Floats, tops: NDArray[np.float64], floor: float) -> str:

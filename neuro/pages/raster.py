@@ -106,12 +106,13 @@ class Strip:
 def raster(
     strips: Sequence[Strip], ms: float, resolution_ms: float, *, label: str, tallest: int = 96, together: bool = False
 ) -> Html:
-    """A drawing of strips; `together`: they have the same neurons, of which all show the same part."""
+    """A drawing of strips, in height like their populations; `together`: all show the same part of the same neurons."""
+    largest = max((strip.window.size for strip in strips), default=1)
     data = {
         "ms": ms,
         "step": resolution_ms,
         "together": together,
-        "strips": [_plain(strip, tallest) for strip in strips],
+        "strips": [_plain(strip, tallest * strip.window.size / largest) for strip in strips],
     }
     text = Html(json.dumps(data, separators=(",", ":")).replace("<", "\\u003c"))
     buttons = (tag("button", label, type="button", name_=name, aria_label=name) for name, label in _BUTTONS)
@@ -130,7 +131,7 @@ def script() -> str:
     return (Path(__file__).parent / "raster.js").read_text("utf-8")
 
 
-def _plain(strip: Strip, tallest: int) -> dict[str, object]:
+def _plain(strip: Strip, tallest: float) -> dict[str, object]:
     neurons = strip.window.neurons
     rows = neurons.size
     return {
@@ -138,7 +139,7 @@ def _plain(strip: Strip, tallest: int) -> dict[str, object]:
         "about": strip.about,
         "rows": rows,
         "neurons": packed(neurons) if rows < strip.window.size else "",
-        "height": max(24, min(tallest, 3 * rows)),
+        "height": round(max(24, min(tallest, 3 * rows))),
         "mark": strip.mark,
         "kinds": {kind: packed(keys) for kind, keys in strip.kinds.items() if keys.size},
     }

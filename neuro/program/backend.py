@@ -233,7 +233,7 @@ class Backend(Protocol):
     A backend that cannot run some cases of `neuro.testing` lists them, with reasons, in an attribute
     `unsupported: dict[str, str]`. One that does not show some states of neurons names them in an attribute
     `unreadable: frozenset[str]`; its engine has it, too. One whose processes run a network together under mpirun is
-    `Distributed`, too. One that runs many targets is a `Family`, too.
+    `Distributed`, too. One that runs many targets is a `Family`, too. One that draws synapses itself is `Draws`, too.
     """
 
     name: str
@@ -256,6 +256,14 @@ class Distributed(Protocol):
         Raises:
             ModelError: the processes cannot work together.
         """
+
+
+@runtime_checkable
+class Draws(Protocol):
+    """A backend with connection rules of its own, which draw the synapses of rules with `draw: backend`."""
+
+    draws_synapses: bool
+    """That it is so: true."""
 
 
 @runtime_checkable
@@ -378,7 +386,7 @@ def ungraded(program: Program) -> list[Problem]:
             True,
             f"population '{part.name}': {part.model.name}",
             "its spikes carry payloads, and spikes carry none here",
-            "run it on event, reference or loihi2",
+            "run it on event, reference, torch or loihi2",
             part.origin,
         )
         for part in program.populations

@@ -31,7 +31,7 @@ class ProjectionCounts:
     """Counts of one projection.
 
     Attributes:
-        synaptic_ops: spikes x the synapses each one travels along.
+        synaptic_ops: spikes x the synapses each one travels along; in the mean where the backend draws these.
         learning_updates: plastic synapses of each pre and each post spike, and weights changed after trials.
     """
 
@@ -107,12 +107,18 @@ class Tally:
         }
         projections = {
             part.name: ProjectionCounts(
-                synaptic_ops=int(after.spikes[part.source] @ self._fan(index)[0]),
+                synaptic_ops=self._operations(index, after.spikes[part.source]),
                 learning_updates=self._learning(index, after),
             )
             for index, part in enumerate(self.program.projections)
         }
         return Counts(after.steps, populations, projections, dict(after.native))
+
+    def _operations(self, index: int, spikes: Ints) -> int:
+        part = self.program.projections[index]
+        if part.undrawn is None:
+            return int(spikes @ self._fan(index)[0])
+        return round(int(spikes.sum()) * part.size / self.program.populations[part.source].size)
 
     def _learning(self, index: int, counts: EngineCounts) -> int:
         part = self.program.projections[index]
@@ -146,6 +152,7 @@ class Tally:
 
 def fan_out(program: Program, projection: int) -> Ints:
     """Synapses of each source neuron of a projection (by index), whatever their weights; shape (sources,)."""
+    program.refuse_undrawn(projection)
     part = program.projections[projection]
     n_pre = program.populations[part.source].size
     if part.layout == "one_to_one":

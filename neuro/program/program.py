@@ -14,8 +14,10 @@ from numpy.typing import NDArray
 
 from neuro.core.clock import NEVER
 from neuro.core.errors import ModelError, Where
+from neuro.model.distributions import Distribution
 from neuro.model.neurons import Model
 from neuro.model.parts import Competition
+from neuro.model.rules import NamedRule
 from neuro.model.synapses import K_PLUS, DelayRule, Synapse
 from neuro.program.share import WHOLE, Rows, Share
 
@@ -156,13 +158,22 @@ class Receptor:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
+class Undrawn:
+    """What a backend draws synapses by: the rule, and a number or a distribution for weights and for delays in ms."""
+
+    rule: NamedRule
+    weight: float | Distribution
+    delay: float | Distribution
+
+
+@dataclass(frozen=True, slots=True, eq=False)
 class Projection:
     """Connections between two populations.
 
     Attributes:
         source, target: indices of the populations.
         carries: "spikes" or "current".
-        layout: "one_to_one", "dense" (every pair, source-major), "csr" or "grid" (a shared kernel).
+        layout: "one_to_one", "dense" (every pair, source-major), "csr", "grid" (a shared kernel), or "undrawn".
         row_ends: csr: synapses of source i are row_ends[i] : row_ends[i + 1], targets ascending; in a network
             of about a million synapses or more, of static ones with drawn delays: delays ascending, then targets.
         targets: csr: the target of each synapse, int32.
@@ -182,6 +193,8 @@ class Projection:
         by_delay: csr: whether the synapses of a source are sorted by delay.
         share: which of the synapses these are: those onto the neurons of a share, in the layout csr.
         whole_layout: the layout of those of all shares together.
+        undrawn: what the backend draws the synapses by; None where the program has them. If it has not, `weight` and
+            `delay` are the least and the largest that may be drawn, and `size` is a mean where it is drawn, too.
     """
 
     name: str
@@ -207,6 +220,7 @@ class Projection:
     by_delay: bool = False
     share: Share = WHOLE
     whole_layout: str = ""
+    undrawn: Undrawn | None = None
 
     @property
     def delay_span(self) -> tuple[int, int]:
@@ -370,11 +384,25 @@ class Program:
         """Refuse what needs all synapses in one process.
 
         Raises:
-            ModelError: this process has a share of them.
+            ModelError: this process has a share of them, or the backend draws some.
         """
+        for index in range(len(self.projections)):
+            self.refuse_undrawn(index)
         if self.share.number > 1:
             message = f"{what}: found a network of which {self.share.number} processes have a share each"
             raise ModelError(f"{message}: expected one process", hint="without mpirun it has all synapses")
+
+    def refuse_undrawn(self, index: int) -> None:
+        """Refuse what needs the synapses of a projection.
+
+        Raises:
+            ModelError: the backend draws them.
+        """
+        part = self.projections[index]
+        if part.undrawn is not None:
+            message = f"projection '{part.name}': its synapses are drawn by the backend, which does not list them"
+            hint = f"without 'draw: backend' in {part.undrawn.rule.name} they are drawn before, and can be read and set"
+            raise ModelError(message, where=part.origin, hint=hint)
 
     def sends_at_once(self, part: Projection) -> bool:
         """Whether a spike takes the weights of the step of its emission along a projection, not those of the next step.
@@ -386,6 +414,7 @@ class Program:
 
     def connections(self, index: int) -> tuple[Ints, Ints]:
         """Source and target of every synapse of a projection, in the order of its weights (not for a grid)."""
+        self.refuse_undrawn(index)
         part = self.projections[index]
         own = connections_of(part, self.populations[part.source].size, self.populations[part.target].size)
         pre, post = (self.joined(index, ids) for ids in own)
@@ -398,6 +427,7 @@ class Program:
 
     def delays(self, index: int) -> NDArray[np.integer[Any]]:
         """The delays of all synapses of a projection in steps, shape (1,) where shared."""
+        self.refuse_undrawn(index)
         part = self.projections[index]
         shortest, longest = part.delay_span
         if part.share.number == 1:

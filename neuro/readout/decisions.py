@@ -2,7 +2,7 @@
 
 | decides by | score | of several equal ones | nothing |
 | --- | --- | --- | --- |
-| counts | spikes | the first to fire, then the lowest | where none fires |
+| counts | spikes, of a graded output the sum of payloads | the first to fire, then the lowest | where none fires |
 | first | ms of the first spike, NaN without one | the one that fires most, then the lowest | where none fires |
 | potential | mean V_m over all steps, mV | the lowest | where all are equal |
 
@@ -23,15 +23,19 @@ SILENT = -1
 """The decision where there is nothing to decide by."""
 
 
-def by_counts(times: Floats, ids: Ints, neurons: int) -> tuple[int, Floats]:
-    """The neuron that fires most, and the spikes of each.
+def by_counts(times: Floats, ids: Ints, neurons: int, payloads: Ints | None = None) -> tuple[int, Floats]:
+    """The neuron that fires most, and the spikes of each; of a graded output that of the largest sum, and the sums.
 
     Args:
         times: of spikes, ms.
         ids: which neuron emits each.
         neurons: of the output.
+        payloads: of the spikes of a graded output.
     """
     counts, first = _counts_and_first(times, ids, neurons)
+    if payloads is not None:
+        sums = np.bincount(ids, payloads, minlength=neurons).astype(np.float64)
+        return int(np.lexsort((first, -sums))[0]) if ids.size else SILENT, sums
     most = highest_rate(counts)
     return _first_of(most[first_to_fire(first[most])]), counts
 

@@ -35,9 +35,9 @@ class Pixels:
     def __init__(self, net: Network, readout: Readout) -> None:
         self._readout, self._h = readout, net.resolution
         self._shape = tuple(int(side) for side in net.populations[readout.input].shape)
-        self.steps = None if readout.duration is None else Clock(self._h).step(readout.duration, "--duration")
+        self.steps = None if readout.duration is None else Clock(self._h).step(readout.duration, "--for")
         if self.steps == 0:
-            raise ModelError(f"--duration = {readout.duration:g} ms: expected at least a step of {self._h:g} ms")
+            raise ModelError(f"--for = {readout.duration:g} ms: expected at least a step of {self._h:g} ms")
 
     def check(self, item: Sample | Events, name: str) -> None:
         """Refuse a recording that is damaged, or of another sensor."""

@@ -178,9 +178,9 @@ def ask(
     for k, item in enumerate(recordings):
         step, neuron = pixels.spikes(load(item), name_of(item, k))
         steps = pixels.steps or int(step.max(initial=-1)) + 1 + way
-        times, ids = showing.show(step, neuron, steps)
+        times, ids, payloads = showing.show(step, neuron, steps)
         V_m = sim.trace(probe)[1] if probe else None
-        decided[k], scores[k] = _decision(readout.decide, times, ids, V_m, neurons)
+        decided[k], scores[k] = _decision(readout.decide, times, ids, payloads, V_m, neurons)
         spikes[k] = len(ids)
         if k < keep:
             shown.append(ShownRecording(name_of(item, k), steps * h, times, ids, V_m))
@@ -240,10 +240,12 @@ def _way(program: Program, readout: Readout) -> int:
     raise ModelError(f"no projection leads from --input {readout.input} to --output {readout.output}: expected a way")
 
 
-def _decision(by: str, times: Floats, ids: Ints, V_m: Floats | None, neurons: int) -> tuple[int, Floats]:
+def _decision(
+    by: str, times: Floats, ids: Ints, payloads: Ints | None, V_m: Floats | None, neurons: int
+) -> tuple[int, Floats]:
     if V_m is not None:
         return by_potential(V_m)
-    return (by_counts if by == "counts" else by_first)(times, ids, neurons)
+    return by_counts(times, ids, neurons, payloads) if by == "counts" else by_first(times, ids, neurons)
 
 
 def _bill(showing: Showing, backend: str, recordings: int) -> Energy | None:

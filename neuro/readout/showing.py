@@ -30,10 +30,11 @@ class Showing:
     def __init__(self, sim: Simulation, input: str, output: str) -> None:
         self.sim, self._input, self._output = sim, input, output
         self._learns = any(part.synapse.learns for part in sim.program.projections)
+        self._graded = any(part.model.graded for part in sim.program.populations if part.name == output)
         self.taken: TrialCounts | None = None
         self.overflows: dict[str, tuple[int, str]] = {}
 
-    def show(self, step: npt.NDArray[Any], neuron: npt.NDArray[Any], steps: int) -> tuple[Floats, Ints]:
+    def show(self, step: npt.NDArray[Any], neuron: npt.NDArray[Any], steps: int) -> tuple[Floats, Ints, Ints | None]:
         """Show one.
 
         Args:
@@ -42,7 +43,7 @@ class Showing:
             steps: how long the network runs.
 
         Returns:
-            The output's spikes: times in ms, and neurons.
+            The output's spikes: times in ms, neurons, and payloads, None where it is not graded.
         """
         sim, h = self.sim, self.sim.program.resolution
         sim.reset(weights=self._learns)  # what one recording teaches is not known to the next
@@ -50,4 +51,4 @@ class Showing:
         with noted(self.overflows):
             sim.run(steps * h)
         self.taken = sim.taken() if self.taken is None else self.taken + sim.taken()
-        return sim.spikes(self._output)
+        return sim.payloads(self._output) if self._graded else (*sim.spikes(self._output), None)

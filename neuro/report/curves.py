@@ -12,6 +12,7 @@ from neuro.core.html import Html, tag
 from neuro.files.parts import Trace, Train
 from neuro.files.results import Results
 from neuro.pages.raster import evenly
+from neuro.pages.scales import tick, ticks
 from neuro.program.program import Floats, Ints
 
 WIDTH, LANE = 330.0, 84.0
@@ -131,7 +132,7 @@ def curves(
         for mark in marks:
             height = bottom - 2.0 - (tall - 4.0) * (mark - low) / (high - low)
             parts += [html.line(_LEFT, height, WIDTH, height, "faint")]
-            parts += [html.text(_LEFT - 8, height + 4, _number(mark, marks), "tick", "end")]
+            parts += [html.text(_LEFT - 8, height + 4, tick(mark, marks), "tick", "end")]
         if names:
             parts.append(html.text(WIDTH, bottom - tall - 2, names[index], f"tick name{index}", "end"))
         box = {"x": _LEFT, "y": bottom - tall, "width": _WIDE, "height": tall}
@@ -160,40 +161,14 @@ def _round(ms: float) -> float:
     return next(n * ten for n in (1, 2, 5, 10) if n * ten >= ms * (1 - 1e-9))
 
 
-def ticks(low: float, high: float, most: int) -> list[float]:
-    """At most so many round numbers from `low` to `high`, evenly apart, at least two if they can be round."""
-    ten = 10.0 ** math.floor(math.log10((high - low) / most))
-    found = [_multiples(low, high, n * ten, slack) for n in (1, 2, 5, 10, 20) for slack in _SLACK]
-    best = next((marks for marks in found if len(marks) <= most), found[-1])
-    if len(best) > 1:
-        return best
-    threes = (_multiples(low, high, 3 * ten, slack) for slack in _SLACK)  # -2 to 4: not 0 alone, but 0 and 3
-    return next((marks for marks in threes if 1 < len(marks) <= most), best)
-
-
-_SLACK = (1e-9, 0.0)
-"""Of a step: multiples that lie just outside are marks, too, where there is room for them."""
-
-
-def _multiples(low: float, high: float, step: float, slack: float) -> list[float]:
-    return [step * k for k in range(math.ceil(low / step - slack), math.floor(high / step + slack) + 1)]
-
-
-def _number(mark: float, marks: Sequence[float]) -> str:
-    """A round number with the digits that all of them need."""
-    step = marks[1] - marks[0] if len(marks) > 1 else abs(mark) or 1.0
-    digits = max(0, -math.floor(math.log10(step) + 1e-9))
-    return f"{mark:.{digits}f}" if digits < 5 and abs(mark) < 1e6 else f"{mark:.3g}"
-
-
 def _times(last: float, floor: float) -> Iterator[Html]:
     """The time axis of the whole run; the page's script draws that of a part."""
     marks = ticks(0.0, last, 4)
     for mark in marks:
         at = _LEFT + _WIDE * mark / last
         yield html.line(at, floor, at, floor + 4, "axis")
-        tick = _number(mark, marks) + " ms" * (mark == marks[-1])
-        yield html.text(min(at, WIDTH), floor + 17, tick, "tick", "end" if at > WIDTH - 26 else "middle")
+        label = tick(mark, marks) + " ms" * (mark == marks[-1])
+        yield html.text(min(at, WIDTH), floor + 17, label, "tick", "end" if at > WIDTH - 26 else "middle")
 
 
 def _path(x: Floats, y: Floats) -> str:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 import shlex
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 
 import numpy as np
@@ -21,6 +21,8 @@ from neuro.core.version import VERSION
 from neuro.files.finished_runs import energy
 from neuro.files.parts import Train, Weights
 from neuro.files.results import Results, spike_columns
+from neuro.model.neurons import CurrentGenerator, Generator
+from neuro.model.parts import Population
 from neuro.pages import raster
 from neuro.pages.bills import joules
 from neuro.pages.histograms import Histogram, drawings, histogram
@@ -36,7 +38,9 @@ TALLEST, LOWER = 140, 60
 """Pixels of a strip; of one of more than a dozen."""
 
 POPULATIONS = ("population", "model", "shape", ">neurons", ">spikes", ">rate Hz", ">that fired", ">active updates")
-PROJECTIONS = ("projection", "from", "to", "synapse", ">synapses", ">least", ">mean", ">largest", ">operations")
+PROJECTIONS = (
+    "projection", "from", "to", "synapse", ">synapses", ">least weight", ">mean", ">largest", ">operations",
+)  # fmt: skip
 TOTALS = {
     "spikes": "spikes",
     "synaptic_ops": "synaptic operations",
@@ -88,21 +92,19 @@ def _head(results: Results) -> Html:
 
 def _cards(results: Results, bill: Energy | None, target: str) -> Iterator[Html]:
     populations, projections = results.populations, results.projections
-    neurons, synapses = (
-        sum(n) for n in ((p.size for p in populations.values()), (p.synapses for p in projections.values()))
-    )
-    spikes = int(results.about["counts.spikes"])
-    yield _card("spikes", f"{spikes:,}", f"of {some(neurons, 'neuron')} in {some(len(populations), 'population')}")
+    inputs = _generators(results)
+    cells = [train for name, train in populations.items() if name not in inputs]
+    about = f"of {some(sum(each.size for each in cells), 'neuron')} in {some(len(cells), 'population')}"
+    emitted = sum(populations[name].counts["spikes"] for name in inputs)
+    about += f"; generators emitted {emitted:,} more" if emitted else ""
+    yield html.card("spikes", f"{sum(each.counts['spikes'] for each in cells):,}", about)
+    synapses = sum(part.synapses for part in projections.values())
     carried = some(int(results.about["counts.synaptic_ops"]), "operation")
     line = f"in {some(len(projections), 'projection')} carried {carried}"
-    yield _card("synapses", f"{synapses:,}", line)
+    yield html.card("synapses", f"{synapses:,}", line)
     if bill is not None:
         joules = quantity(bill.total_j, "J")
-        yield _card(f"energy on {target}", joules, bill.totals().removeprefix(f"{joules} "))
-
-
-def _card(what: str, big: str, below: str) -> Html:
-    return tag("section", tag("h3", what), tag("p", big, class_="big"), tag("p", below), class_="card")
+        yield html.card(f"energy on {target}", joules, bill.totals().removeprefix(f"{joules} "))
 
 
 def _spikes(results: Results) -> Iterator[Html]:
@@ -148,14 +150,31 @@ def _hz(train: Train, results: Results) -> str:
     return f"{train.counts['spikes'] / train.size / (end_ms(results) / 1000.0):.2f}"
 
 
-def _models(results: Results) -> dict[str, str]:
-    """The model of each population as the network says it: a recording is compiled to another."""
-    models = {name: train.model for name, train in results.populations.items()}
+def _generators(results: Results) -> set[str]:
+    """The populations that emit spikes which no neuron fires."""
+    return {name for name, part in _described(results).items() if isinstance(part.model, Generator)}
+
+
+def _described(results: Results) -> Mapping[str, Population]:
+    """The populations as the network says them: a recording is compiled to another model; none if it says nothing."""
     try:
-        said = results.network().populations
+        return results.network().populations
     except ModelError:
-        return models
-    return {name: said[name].model.name if name in said else model for name, model in models.items()}
+        return {}
+
+
+def _weight_unit(results: Results, part: Weights) -> str:
+    """The unit of a projection's weights, "" of currents and where it is not known."""
+    said = _described(results)
+    if part.target not in said or isinstance(said[part.source].model, CurrentGenerator):
+        return ""
+    return str(getattr(said[part.target].model, "weight_unit", ""))
+
+
+def _models(results: Results) -> dict[str, str]:
+    """The model of each population, as the network says it if it does."""
+    said = _described(results)
+    return {name: said[name].model.name if name in said else train.model for name, train in results.populations.items()}
 
 
 def _population(name: str, model: str, train: Train, results: Results) -> tuple[object, ...]:
@@ -180,7 +199,7 @@ def _traces(results: Results) -> Iterator[Html]:
 
 
 def _weights(results: Results) -> Iterator[Html]:
-    found = [_histogram(name, part) for name, part in results.projections.items() if part.weight is not None]
+    found = [_histogram(results, name, part) for name, part in results.projections.items() if part.weight is not None]
     found = [part for part in found if part.synapses]
     probed = any(trace.projection for trace in results.traces.values())
     if found or probed:
@@ -193,30 +212,33 @@ def _weights(results: Results) -> Iterator[Html]:
         yield drawings(found, {"end": "at the end"})
 
 
-def _histogram(name: str, part: Weights) -> Histogram:
+def _histogram(results: Results, name: str, part: Weights) -> Histogram:
     assert part.weight is not None
-    return histogram(name, "", {"end": part.weight.ravel()})
+    return histogram(name, _weight_unit(results, part), {"end": part.weight.ravel()})
 
 
 def _network(results: Results) -> Iterator[Html]:
     yield tag("h2", "Network")
     if results.projections:
-        yield table(PROJECTIONS, (_projection(name, part) for name, part in results.projections.items()))
+        yield table(PROJECTIONS, (_projection(results, name, part) for name, part in results.projections.items()))
     else:
         yield tag("p", "Nothing is connected.")
     yield tag("h3", "Counts")
     yield table(("what", ">count"), [(label, f"{int(results.about[f'counts.{n}']):,}") for n, label in TOTALS.items()])
 
 
-def _projection(name: str, part: Weights) -> tuple[object, ...]:
+def _projection(results: Results, name: str, part: Weights) -> tuple[object, ...]:
     w = part.weight
     there = w is not None and w.size > 0
-    weights = [f"{n:.4g}" for n in (w.min(), w.mean(), w.max())] if there and w is not None else ["-"] * 3
+    unit = _weight_unit(results, part)
+    weights = (
+        [f"{n:.4g} {unit}".rstrip() for n in (w.min(), w.mean(), w.max())] if there and w is not None else ["-"] * 3
+    )
     return (
         name,
         part.source,
         part.target,
-        part.synapse,
+        part.said,
         f"{part.synapses:,}",
         *weights,
         f"{part.counts['synaptic_ops']:,}",

@@ -152,7 +152,7 @@ def _network(results: Results, record: Mapping[str, Any], elsewhere: Mapping[str
         was = next((each for each in record.get("inputs", {}) if each.endswith(f"{os.sep}{name}")), name)
         now = Path(elsewhere.get(was, was))
         if not now.exists():
-            hint = "--inputs FOLDER looks for it there, by its content"
+            hint = "--moved-to FOLDER looks for it there, by its content"
             raise ModelError(f"plays {was}, which is not there any more", hint=hint)
         _copy(now, folder / name)
     return load(folder / YAML)

@@ -197,8 +197,8 @@ def weights_of(
     names = [population.name for population in sim.program.populations]
     about = (names[part.source], names[part.target], part.synapse.name, part.size)
     words = (*about, asdict(counts.projections[part.name]))
-    if not kept or not (all_weights or part.synapse.learns or part.size <= SMALL):
-        return Weights(*words)
+    if part.undrawn is not None or not kept or not (all_weights or part.synapse.learns or part.size <= SMALL):
+        return Weights(*words, drawn_by=None if part.undrawn is None else sim.backend)
     if part.grid is not None:
         return Weights(*words, weight=sim.weights(part.name))
     delay = sim.get(part.name, "delay") if part.synapse.delays else None

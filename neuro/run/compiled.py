@@ -17,7 +17,7 @@ from neuro.core.quantities import Quantity
 from neuro.core.values import shown
 from neuro.model.network import Network
 from neuro.model.neurons import Neuron
-from neuro.program.backend import Backend, Distributed, Problem, find_backend
+from neuro.program.backend import Backend, Distributed, Draws, Problem, find_backend
 from neuro.program.program import Program
 from neuro.program.share import WHOLE
 from neuro.run.copies import Copies
@@ -95,7 +95,7 @@ def compile(
         return Copies([compile(net, seed=int(seed) + k, **parts) for k in range(copies)])
     try:
         share = chosen.share() if isinstance(chosen, Distributed) else WHOLE
-        program = compile_network(net, int(seed), threads, share)
+        program = compile_network(net, int(seed), threads, share, isinstance(chosen, Draws))
         _caution(program)
         _report(chosen.name, chosen.problems(program, **options))
         return Simulation(net, chosen.name, program, chosen.build(program, threads=threads, **options))

@@ -18,13 +18,14 @@ from neuro.core.progress import Bar
 from neuro.core.quantities import Quantity, word_of
 from neuro.core.tables import Table, as_html, as_text
 from neuro.core.values import shown
+from neuro.files.parts import synapse_said
 from neuro.files.results import projection_table, run_table
 from neuro.model.network import Network
 from neuro.model.parts import Part, Population, Probe, Projection, Side, Signal
 from neuro.model.views import View
 from neuro.program.backend import Engine, Registers
 from neuro.program.counts import Counts, Tally
-from neuro.program.program import Floats, Ints
+from neuro.program.program import Floats, Ints, Projection as ResolvedProjection
 from neuro.run.finite import Watch
 from neuro.run.handles import Handles, Neurons
 from neuro.run.inputs import InputFeeder, StreamFeeder, streams_of
@@ -115,10 +116,13 @@ class Simulation:
         return [
             run_table(self.time, ((p.name, p.said, p.size, spikes[p.name]) for p in populations)),
             projection_table(
-                (p.name, populations[p.source].name, populations[p.target].name, p.synapse.name, p.size)
+                (p.name, populations[p.source].name, populations[p.target].name, self._said(p), p.size)
                 for p in self.program.projections
             ),
         ]
+
+    def _said(self, part: ResolvedProjection) -> str:
+        return synapse_said(part.synapse.name, None if part.undrawn is None else self.backend)
 
     # time
 

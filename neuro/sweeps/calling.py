@@ -37,7 +37,7 @@ def sweep(
     set: Mapping[str, Any] | None = None,
     on: str | PathLike[str] = "cores",
     workers: int | None = None,
-    part: str | None = None,
+    share: str | None = None,
     time_limit: float | str | None = None,
     memory_limit: str | None = None,
     retry_failed: bool = False,
@@ -63,7 +63,7 @@ def sweep(
         on: "cores", processes of this machine; "here", this process; "tcp://host:8786" or the file of a Dask
             scheduler, which all work in the same folder.
         workers: how many processes of this machine; as many as there are cores if not given.
-        part: "I/N" for one of N parts, for array jobs.
+        share: "I/N" for one of N shares of the runs, for array jobs.
         time_limit: of a run, in s or with its unit.
         memory_limit: of a run, as "500 MB" or "2 GB".
         retry_failed: whether to do again what failed.
@@ -78,7 +78,7 @@ def sweep(
             sweep, or cannot be written.
     """
     points = space_of(space, sampling, runs, seeds, draw)
-    limits, place = limits_of(time_limit, memory_limit), place_of(on, workers, part)
+    limits, place = limits_of(time_limit, memory_limit), place_of(on, workers, share)
     made = python_sweep(function, points, limits, set, place.on == HERE)
     folder = Folder(file_path(out, "out"), SWEEP)
     do, table = partial(execute, made, folder, place), partial(table_of, folder.path)
@@ -100,7 +100,7 @@ def tune(
     set: Mapping[str, Any] | None = None,
     on: str | PathLike[str] = "cores",
     workers: int | None = None,
-    part: str | None = None,
+    share: str | None = None,
     time_limit: float | str | None = None,
     memory_limit: str | None = None,
     retry_failed: bool = False,
@@ -136,7 +136,7 @@ def tune(
         on: "cores", processes of this machine; "here", this process; "tcp://host:8786" or the file of a Dask
             scheduler, which all work in the same folder.
         workers: how many processes of this machine; as many as there are cores if not given.
-        part: "I/N" for one of N processes that ask one journal, for array jobs: it asks for its share of the trials.
+        share: "I/N" for one of N processes that ask one journal, for array jobs: it asks for its share of the trials.
         time_limit: of a run, in s or with its unit.
         memory_limit: of a run, as "500 MB" or "2 GB".
         retry_failed: whether to do those trials again of which a run failed.
@@ -152,7 +152,7 @@ def tune(
             is empty, the folder is of another search, is damaged or cannot be written.
     """
     plan = plan_of(space, objectives, trials, sampler, draw, seeds, folds, prune)
-    limits, place = limits_of(time_limit, memory_limit), place_of(on, workers, part)
+    limits, place = limits_of(time_limit, memory_limit), place_of(on, workers, share)
     made = python_search(function, plan, limits, set, place.on == HERE)
     folder = Folder(file_path(out, "out"), TUNING)
     return _done(

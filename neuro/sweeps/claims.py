@@ -21,6 +21,7 @@ from threading import Event, Thread
 from typing import Any
 
 from neuro.core.outputs import Unwritable
+from neuro.core.system import only_on_linux
 
 LEASE_S = 60.0
 """A claim from another machine that was touched longer ago, or that much in the future, is void."""
@@ -54,9 +55,13 @@ class Claims:
 
     Args:
         folder: of the claims.
+
+    Raises:
+        ModelError: the system is not Linux, so whether a process still works is not known.
     """
 
     def __init__(self, folder: Path) -> None:
+        only_on_linux("a sweep")
         self._folder = folder
         self._mine = json.dumps(asdict(Holder(machine(), os.getpid(), began(os.getpid())))).encode()
         self._held: set[str] = set()

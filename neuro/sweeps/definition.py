@@ -6,7 +6,7 @@ import hashlib
 import json
 import re
 import shlex
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import asdict, dataclass, replace
 from functools import cached_property
@@ -90,6 +90,10 @@ class Definition:
             "with": {file: digest_of(file) for file in extensions()},
         }
 
+    def units(self, names: Iterable[str]) -> dict[str, str]:
+        """The units of parameters and of the metrics of a network, by name, as far as they are known."""
+        return self.run.units((*names, *self.run.metrics)) if isinstance(self.run, NetworkRun) else {}
+
 
 @dataclass(frozen=True)
 class Sweep(Definition):
@@ -110,7 +114,8 @@ class Sweep(Definition):
         """What `sweep.json` has, beside where it comes from."""
         runs = [[item.key, item.point, item.seed] for item in self.items]
         digest = hashlib.sha256(json.dumps(runs).encode()).hexdigest()[:32]
-        return super().as_dict() | {"parameters": list(self.space.names), "digest_of_runs": digest, "runs": runs}
+        words = {"parameters": list(self.space.names), "units": self.units(self.space.names)}
+        return super().as_dict() | words | {"digest_of_runs": digest, "runs": runs}
 
     def check(self) -> None:
         """Refuse unknown names and the values of the first point, before anything runs.
@@ -134,7 +139,7 @@ class Search(Definition):
     def as_dict(self) -> dict[str, Any]:
         """What `tune.json` has, beside where it comes from."""
         same = {"same": self.same | self.plan.same(), "plan": self.plan.as_dict(), "before": self.before}
-        return super().as_dict() | same
+        return super().as_dict() | {"units": self.units(self.plan.names)} | same
 
     def check(self) -> None:
         """Refuse unknown names before anything runs.

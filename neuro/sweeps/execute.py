@@ -50,8 +50,8 @@ def execute(
         ModelError: the folder is another's, cannot be written, or there are no such workers.
     """
     folder.begin(_recorded(sweep), "digest_of_runs", "same")
-    part = place.part
-    items = [item for k, item in enumerate(sweep.items, 1) if part is None or k % part[1] == part[0]]
+    share = place.share
+    items = [item for k, item in enumerate(sweep.items, 1) if share is None or k % share[1] == share[0]]
     there = folder.outcomes(item.key for item in items)
     if retry:
         for key in [key for key, outcome in there.items() if outcome.failed]:
@@ -97,8 +97,8 @@ def execute_search(
     Args:
         search: the search.
         folder: where runs and the journal are kept; made if it is not there.
-        place: where runs are done; a part asks for its share of the trials and does not wait for others.
-        retry: whether to do those trials again of which a run failed; not of a part.
+        place: where runs are done; one that has a share asks for so many trials and does not wait for others.
+        retry: whether to do those trials again of which a run failed; not of a share.
         bar: shows how far it is.
         hear: gets the key of each run when it is there.
 
@@ -110,19 +110,19 @@ def execute_search(
             has a metric of the objectives, or there are no such workers.
     """
     optuna()  # whether it is there shows before a folder is made
-    if retry and place.part is not None:
+    if retry and place.share is not None:
         message = "what failed is done again by one process for all"
-        raise ModelError(f"{message}: expected no part", hint="run it once without, then the parts")
+        raise ModelError(f"{message}: expected no share", hint="run it once without, then the shares")
     _begin_search(search, folder)
     if retry:
         _retry_failed(search.plan, search.before, folder)
-    with closing(Asker(search.plan, search.before, folder, _share(search.plan.most, place.part))) as asker:
+    with closing(Asker(search.plan, search.before, folder, _share(search.plan.most, place.share))) as asker:
         _ask(asker, search, folder, place, bar, hear)
         return asker.counts()
 
 
 def _ask(asker: Asker, search: Search, folder: Folder, place: Executor, bar: Bar | None, hear: Hear | None) -> None:
-    """Do the runs that are asked for, and wait for trials of others where this is no part."""
+    """Do the runs that are asked for, and wait for trials of others where this has no share."""
 
     def tell(key: str, failed: bool) -> None:
         asker.tell(key)
@@ -137,7 +137,7 @@ def _ask(asker: Asker, search: Search, folder: Folder, place: Executor, bar: Bar
     say = None if bar is None else bar.say
     with doing(search, folder, place, tell, asker.more, say=say) as do:
         do(())
-        while place.part is None and not asker.finished():
+        while place.share is None and not asker.finished():
             if say is not None and (others := asker.others()):
                 say(waiting(folder.claims, others, "trial"))
             time.sleep(POLL_S)  # others work on what is left, and may die
@@ -182,9 +182,9 @@ def _begin_search(search: Search, folder: Folder) -> None:
         folder.write(kept | {"plan": content["plan"]})
 
 
-def _share(most: int, part: tuple[int, int] | None) -> int | None:
-    """Of how many trials a part asks at most."""
-    return None if part is None else most // part[1] + (0 < part[0] <= most % part[1])
+def _share(most: int, share: tuple[int, int] | None) -> int | None:
+    """Of how many trials a share asks at most."""
+    return None if share is None else most // share[1] + (0 < share[0] <= most % share[1])
 
 
 def _retry_failed(plan: SearchPlan, before: str, folder: Folder) -> None:

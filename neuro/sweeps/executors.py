@@ -1,4 +1,4 @@
-"""Where runs are done: in this process, on the cores of this machine, on a Dask cluster, as a part of many."""
+"""Where runs are done: in this process, on the cores of this machine, on a Dask cluster, as a share of many."""
 
 from __future__ import annotations
 
@@ -38,12 +38,12 @@ class Executor:
     Attributes:
         on: "cores", "here", the address of a Dask scheduler, or the file that names one.
         workers: how many processes; as many as there are cores if None.
-        part: (i, n): only the runs that are the i-th of each n.
+        share: (i, n): only the runs that are the i-th of each n.
     """
 
     on: str = CORES
     workers: int | None = None
-    part: tuple[int, int] | None = None
+    share: tuple[int, int] | None = None
 
     @property
     def cluster(self) -> bool:
@@ -51,24 +51,24 @@ class Executor:
         return self.on not in (CORES, HERE)
 
 
-def place_of(on: str | PathLike[str], workers: int | None = None, part: str | None = None) -> Executor:
+def place_of(on: str | PathLike[str], workers: int | None = None, share: str | None = None) -> Executor:
     """Where runs are done, from what a call or a command says.
 
     Args:
         on: "cores", "here", the address of a Dask scheduler, or the file that names one.
         workers: how many processes, at least 1; as many as there are cores if None.
-        part: `3/100` is the third of each hundred runs, `0/100` and `100/100` the last.
+        share: `3/100` is the third of each hundred runs, `0/100` and `100/100` the last.
 
     Raises:
-        ModelError: there can be no such workers, or it says no part.
+        ModelError: there can be no such workers, or it says no share.
     """
-    return Executor(str(on), check(_WORKERS, workers, "workers"), None if part is None else _part_of(part))
+    return Executor(str(on), check(_WORKERS, workers, "workers"), None if share is None else _share_of(share))
 
 
-def _part_of(text: Any) -> tuple[int, int]:
+def _share_of(text: Any) -> tuple[int, int]:
     found = _PART.fullmatch(text) if isinstance(text, str) else None
     if found is None or not int(found[2]) or int(found[1]) > int(found[2]):
-        raise ModelError(f"part = {shown(text)}: expected I/N, with I from 0 to N, such as 3/100")
+        raise ModelError(f"share = {shown(text)}: expected I/N, with I from 0 to N, such as 3/100")
     return int(found[1]) % int(found[2]), int(found[2])
 
 

@@ -32,6 +32,8 @@ TOTALS = ("spikes", "synaptic_ops", "neuron_updates", "neuron_updates_active", "
 _OF_POPULATIONS = ("rate", "spikes", "cv")
 _OF_PROJECTIONS = ("weight", "weight_sd")
 _OF_CHIPS = ("energy", "energy_real_time")
+UNITS = {"rate": "Hz", "energy": "J", "energy_real_time": "J"}
+"""Of metrics of one part, by their first word."""
 
 
 def check_metrics(names: Iterable[str], populations: Collection[str], projections: Collection[str]) -> None:

@@ -28,7 +28,7 @@ from neuro.model.language.sources import gather
 from neuro.model.network import Network
 from neuro.model.parts import Population, Projection
 from neuro.program.backend import find_backend
-from neuro.sweeps.metrics import check_metrics, measured, report_step
+from neuro.sweeps.metrics import UNITS, check_metrics, measured, report_step
 
 if TYPE_CHECKING:
     from neuro.run.simulation import Simulation
@@ -107,6 +107,12 @@ class NetworkRun:
         check_metrics(self.metrics, net.populations, net.projections)
         find_backend(str(run.get("backend", self.backend)))
         Clock(net.resolution).step(self._ms(run), "for")
+
+    def units(self, names: Iterable[str]) -> dict[str, str]:
+        """The units of parameters and metrics, by name; what has none, or an unknown one, is left out."""
+        net, _ = self.described({})
+        found = {name: _unit(net, name) for name in names}
+        return {name: unit for name, unit in found.items() if unit}
 
     @cached_property
     def _sections(self) -> dict[str, Node]:
@@ -273,6 +279,23 @@ def _projection(net: Network, part: Projection, word: str, value: Any) -> Projec
     if word in rule:
         return replace(part, rule=replace(part.rule, **{rule[word]: value}))
     raise unknown(f"parameter of '{part.name}'", word, ("weight", "delay", *synapse, *rule))
+
+
+def _unit(net: Network, name: str) -> str:
+    """The unit of a metric, of a word of the run or of a parameter of a part; "" if it has none."""
+    first, _, rest = name.partition(".")
+    part, _, word = name.rpartition(".")
+    if rest and first in UNITS:
+        return UNITS[first]
+    if name == "for" or (part in net.projections and word == "delay"):
+        return "ms"
+    of = rest if first in ("weight", "weight_sd") else part if word == "weight" else ""
+    if of in net.projections:
+        target = net.populations[net.projections[of].target]
+        return str(getattr(target.model, "weight_unit", ""))
+    choices: list[Choice] = [net.populations[part].model] if part in net.populations else []
+    choices += [net.projections[part].synapse, net.projections[part].rule] if part in net.projections else []
+    return next((each.quantities()[word].unit for each in choices if word in each.quantities()), "")
 
 
 def _names(choice: Choice) -> dict[str, str]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import shlex
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
@@ -9,17 +10,20 @@ from typing import Any
 
 import numpy as np
 
+from neuro.chips.pricing.energy import quantity
 from neuro.core import html
+from neuro.core.checks import is_number
 from neuro.core.english import some
 from neuro.core.errors import ModelError
 from neuro.core.html import Html, table, tag
 from neuro.core.outputs import output, sealed
 from neuro.core.provenance import differences
 from neuro.core.version import VERSION
+from neuro.pages.scales import few, prefixed, tick, ticks
 from neuro.sweeps.folder import Folder, RunOutcome
 from neuro.sweeps.plan import Floats, so_far
-from neuro.sweeps.plot_data import PlotData, is_log, ordered, places, plot_data, scaled, told
-from neuro.sweeps.table import RunRows, SweepTable, columns, reasons, text
+from neuro.sweeps.plot_data import PlotData, Units, is_log, named, ordered, plot_data, scaled, told, with_units
+from neuro.sweeps.table import RunRows, SweepTable, columns, measured, reasons, text
 from neuro.sweeps.trials import FoundTrial, TuneTable
 
 PAGES = {
@@ -34,6 +38,7 @@ WIDE, TALL, LEFT, TOP, BELOW = 400.0, 200.0, 58.0, 20.0, 40.0
 _AXIS = 105.0
 """Room for an axis of parallel coordinates."""
 _COLOURS = 8
+MOST_MARKS = 6
 _LINE = "fill:none;stroke:var(--item{});stroke-width:1.6;stroke-linejoin:round"
 
 
@@ -70,9 +75,9 @@ def _of_sweep(found: SweepTable, said: Mapping[str, Any], outcomes: Mapping[str,
     on = f" on {what['backend']}" if what["kind"] == "network" else ""
     yield _head(found, what, f"{on} over {over}: {some(len(found), 'run')}.")
     yield tag("div", *_sweep_cards(found.counts(), outcomes), class_="cards")
-    yield from _metrics(found)
+    yield from _metrics(found, said.get("units", {}))
     yield from _failures(found, outcomes, ())
-    yield from _rows(found)
+    yield from _rows(found, said.get("units", {}))
     yield from _origin(said, outcomes)
     yield from _next(found, ("table", "plot", "status"))
     if first := next(iter(found.keys), None):
@@ -89,10 +94,11 @@ def _of_search(
     trials_by = f"{some(plan.most, 'trial')} by {plan.sampler}{runs}"
     yield _head(found, said["what"], f": {aims}, over {', '.join(plan.names)}; {trials_by}.")
     yield tag("div", *_search_cards(found, trials), class_="cards")
-    yield from _best(found)
-    yield from _objectives(found, trials)
+    units = said.get("units", {})
+    yield from _best(found, units)
+    yield from _objectives(found, trials, units)
     yield from _failures(found, outcomes, [trial for trial in trials if trial.has_no_value and trial.error])
-    yield from _rows(found)
+    yield from _rows(found, units)
     yield from _origin(said, outcomes)
     yield from _next(found, ("table", "plot", "status", *(("test",) if plan.folds else ())))
     if best := found.best():
@@ -110,7 +116,8 @@ def _sweep_cards(counts: Mapping[str, int], outcomes: Mapping[str, RunOutcome]) 
     total = counts["done"] + counts["failed"] + counts["left"]
     yield from _cards(counts, some(total, "run"), counts["under way"])
     if seconds:
-        yield _card("a run took", f"{np.median(seconds):.3g} s", f"in the middle; {sum(seconds):,.3g} s all together")
+        took = quantity(float(np.median(seconds)), "s", 3)
+        yield html.card("a run took", took, f"in the middle; {sum(seconds):,.3g} s all together")
 
 
 def _search_cards(found: TuneTable, trials: Sequence[FoundTrial]) -> Iterator[Html]:
@@ -120,21 +127,16 @@ def _search_cards(found: TuneTable, trials: Sequence[FoundTrial]) -> Iterator[Ht
 
 
 def _cards(counts: Mapping[str, int], total: str, under_way: int, pruned: str = "") -> Iterator[Html]:
-    yield _card("done", f"{counts['done']:,}", f"of {total}")
-    yield _card("failed", f"{counts['failed']:,}", "kept with their errors" if counts["failed"] else "none")
+    yield html.card("done", f"{counts['done']:,}", f"of {total}")
+    yield html.card("failed", f"{counts['failed']:,}", "kept with their errors" if counts["failed"] else "none")
     if pruned:
-        yield _card("pruned", f"{counts['pruned']:,}", pruned)
-    yield _card("left", f"{counts['left']:,}", f"{under_way:,} of them under way")
+        yield html.card("pruned", f"{counts['pruned']:,}", pruned)
+    yield html.card("left", f"{counts['left']:,}", f"{under_way:,} of them under way")
 
 
-def _card(what: str, big: str, below: str) -> Html:
-    """A figure, large, with what it is."""
-    return tag("section", tag("h3", what), tag("p", big, class_="big"), tag("p", below), class_="card")
-
-
-def _metrics(found: SweepTable) -> Iterator[Html]:
+def _metrics(found: SweepTable, units: Units) -> Iterator[Html]:
     try:
-        drawn = plot_data(found, (), (), "auto")
+        drawn = [with_units(each, units) for each in plot_data(found, (), (), "auto")]
     except ModelError as error:
         yield tag("p", error.message)
         return
@@ -167,7 +169,7 @@ def _lines(data: PlotData) -> Html:
         line = list(zip(xs, mean, strict=True))
         parts.append(tag("path", d=_path(line, to_x, to_y), style=_LINE.format(k)))
         for a, b in line:
-            what = tag("title", f"{data.names[0]} = {told(a.item())}: {b:.6g}")
+            what = tag("title", f"{data.names[0]} = {told(a.item())}: {few(b)}")
             parts.append(tag("circle", what, cx=to_x(a), cy=to_y(b), r=2.6, class_=f"item{k}"))
     words = html.legend(*((f"item{k}", line[0]) for k, line in enumerate(drawn) if line[0]))
     more = f", {len(lines) - len(drawn)} more lines are not drawn" if len(lines) > len(drawn) else ""
@@ -185,7 +187,7 @@ def _map(data: PlotData) -> Html:
     for (row, column), value in np.ndenumerate(grid):
         if np.isfinite(value):
             share = (value - low) / (high - low) if high > low else 0.5
-            title = f"{data.names[0]} = {told(x[column])}, {data.names[1]} = {told(y[row])}: {value:.6g}"
+            title = f"{data.names[0]} = {told(x[column])}, {data.names[1]} = {told(y[row])}: {few(float(value))}"
             at = (LEFT + column * wide, TOP + (len(y) - 1 - row) * tall)
             parts.append(html.box(*at, max(wide - 1, 0.5), max(tall - 1, 0.5), "core", title, 0.08 + 0.92 * share))
     floor = TOP + tall * len(y)
@@ -195,7 +197,7 @@ def _map(data: PlotData) -> Html:
         parts.append(html.text(LEFT - 6, TOP + (len(y) - 0.5 - k) * tall + 4, told(y[k]), "tick", "end"))
     parts.append(html.text((LEFT + WIDE) / 2, floor + 32, data.names[0], "quiet", "middle"))
     parts.append(html.text(0.0, TOP - 8, data.names[1], "quiet"))
-    caption = f"from {low:.6g}, pale, to {high:.6g}: the mean of all runs there"
+    caption = f"from {few(low)}, pale, to {few(high)}: the mean of all runs there"
     label = f"{data.metric} over {data.names[0]} and {data.names[1]}"
     return html.figure(html.svg(WIDE, floor + BELOW, *parts, label=label), caption, data.metric)
 
@@ -217,17 +219,18 @@ def _parallel(data: PlotData) -> Html:
         x = LEFT + k * gap
         parts.append(html.line(x, TOP + 12, x, TOP + TALL, "axis"))
         parts.append(html.text(x, TOP + TALL + 32, names[k], "quiet", "middle"))
-        parts.append(html.text(x, TOP + 4, told(every[-1]), "tick", "middle"))
-        parts.append(html.text(x, TOP + TALL + 16, told(every[0]), "tick", "middle"))
+        for value, label in _marks(every, most_listed=MOST_MARKS if k < len(data.names) else 0):
+            parts.append(html.line(x - 3, to_y(value), x + 3, to_y(value), "axis"))
+            parts.append(html.text(x + 7, to_y(value) + 4, label, "tick"))
     low, high = min(metric), max(metric)
     lines = []
     for n in np.argsort(metric).tolist():
         share = (metric[n] - low) / (high - low) if high > low else 0.5
         d = "M" + "L".join(f"{LEFT + k * gap:.1f} {heights[k][n]:.1f}" for k in range(len(names)))
-        style = f"fill:none;stroke:var(--accent);stroke-width:1.2;stroke-opacity:{0.08 + 0.8 * share:.2f}"
+        style = f"fill:none;stroke:var(--accent);stroke-width:1.2;stroke-opacity:{0.2 + 0.7 * share:.2f}"
         title = ", ".join(f"{name} = {told(column[n])}" for name, column in zip(names, columns, strict=True))
         lines.append(tag("path", tag("title", title), d=d, style=style))
-    caption = f"a line for each point; the darker, the larger {data.metric}, from {low:.6g} to {high:.6g}"
+    caption = f"a line for each point; the darker, the larger {data.metric}, from {few(low)} to {few(high)}"
     label = f"{data.metric} over {', '.join(data.names)}"
     return html.figure(html.svg(wide, TOP + TALL + BELOW, *lines, *parts, label=label), caption, data.metric)
 
@@ -238,19 +241,44 @@ _DRAW = {"lines": _lines, "map": _map, "parallel": _parallel}
 def _frame(data: PlotData, to_x: Any, y: Any) -> Iterator[Html]:
     floor = TOP + TALL
     yield html.line(LEFT, floor, WIDE - 12, floor, "axis")
-    low, high = float(np.min(y)), float(np.max(y))
-    for share in (0.0, 0.5, 1.0):
-        at = floor - share * TALL
-        yield html.line(LEFT, at, WIDE - 12, at, "rule")
-        yield html.text(LEFT - 6, at + 4, f"{low + share * (high - low):.3g}", "tick", "end")
-    values = data.axis(0)
-    last = -1e9
-    for value, place in zip(values, places(values), strict=True):
-        x = to_x(place)
+    yield from _up(y, _scale(y, floor, TOP))
+    values, last = data.axis(0), -1e9
+    for value, label in _marks(values):
+        x = to_x(10.0**value if is_log(values) else value)
         if x - last >= 52:
-            yield html.text(x, floor + 16, told(value), "tick", "middle")
+            yield html.line(x, floor, x, floor + 4, "axis")
+            yield html.text(x, floor + 16, label, "tick", "middle")
             last = x
     yield html.text((LEFT + WIDE) / 2, floor + 34, data.names[0], "quiet", "middle")
+
+
+def _up(y: Any, to_y: Any) -> Iterator[Html]:
+    """Round values on the axis that goes up, with lines across."""
+    low, high = float(np.min(y)), float(np.max(y))
+    marks = ticks(low, high, 5) if high > low else [low]
+    for mark in marks:
+        yield html.line(LEFT, to_y(mark), WIDE - 12, to_y(mark), "rule")
+        yield html.text(LEFT - 6, to_y(mark) + 4, tick(mark, marks) if len(marks) > 1 else few(mark), "tick", "end")
+
+
+def _marks(values: Sequence[Any], most_listed: int = MOST_MARKS) -> list[tuple[float, str]]:
+    """Marks on the axis of some values, at their places as of `scaled`: all of a few, else round numbers."""
+    at = scaled(values)
+    if len(values) <= max(1, most_listed) or not all(map(is_number, values)):
+        every = max(1, -(-len(values) // MOST_MARKS))
+        return [(float(place), told(value)) for value, place in zip(values[::every], at[::every], strict=True)]
+    low, high = float(at.min()), float(at.max())
+    if is_log(values):
+        return [(math.log10(value), few(value)) for value in _rounds(10.0**low, 10.0**high)]
+    marks = ticks(low, high, 5)
+    return [(mark, tick(mark, marks)) for mark in marks]
+
+
+def _rounds(low: float, high: float) -> list[float]:
+    """Powers of ten, with 2 and 5 of each where these are few."""
+    decades = range(math.floor(math.log10(low)), math.ceil(math.log10(high)) + 1)
+    digits = (1, 2, 5) if len(decades) <= 3 else (1,)
+    return [n * 10.0**k for k in decades for n in digits if low <= n * 10.0**k <= high]
 
 
 def _scale(values: Any, begin: float, end: float) -> Any:
@@ -291,7 +319,7 @@ def _point(point: Mapping[str, Any]) -> str:
     return ", ".join(f"{name} = {told(value)}" for name, value in point.items())
 
 
-def _rows(found: RunRows) -> Iterator[Html]:
+def _rows(found: RunRows, units: Units) -> Iterator[Html]:
     """The rows of a table, those first that are there."""
     rows = found.rows(times=True)
     there = [row for row in rows if row["outcome"] != "left"][:MOST_ROWS]
@@ -300,8 +328,10 @@ def _rows(found: RunRows) -> Iterator[Html]:
     yield tag("h2", found.many.capitalize())
     left_out = {"attempts"} if any(row["error"] for row in there) else {"attempts", "error"}
     names = [name for name in there[0] if name not in left_out]
-    body = [[text(row[name], name) for name in names] for row in there]
-    yield table(columns(names), body, f"the first {MOST_ROWS} of {len(rows):,}" if len(rows) > MOST_ROWS else "")
+    body = [[_cell(row[name], name, units) for name in names] for row in there]
+    yield table(
+        _headed(columns(names), units), body, f"the first {MOST_ROWS} of {len(rows):,}" if len(rows) > MOST_ROWS else ""
+    )
 
 
 def _origin(content: Mapping[str, Any], outcomes: Mapping[str, RunOutcome]) -> Iterator[Html]:
@@ -328,20 +358,33 @@ def _next(found: SweepTable | TuneTable, commands: Iterable[str]) -> Iterator[Ht
     yield tag("pre", "\n".join(f"neuro {command} {each} {name}{words.get(each, '')}" for each in commands))
 
 
-def _best(found: TuneTable) -> Iterator[Html]:
+def _headed(names: Iterable[str], units: Units) -> list[str]:
+    """Heads of columns with their units; joules have theirs in the cells."""
+    of = {name: unit for name, unit in units.items() if unit != "J"}
+    return [named(name, of.get(name.lstrip(">"), "")) for name in names]
+
+
+def _cell(value: Any, name: str, units: Units) -> str:
+    """A value in three digits, joules with their prefix."""
+    return text(value, name) if name == "run" else measured(value, "J" if units.get(name) == "J" else "")
+
+
+def _best(found: TuneTable, units: Units) -> Iterator[Html]:
     best = {each.number for each in found.best()}
     rows = [row for row in found.rows() if row["trial"] in best]
     if not rows:
         return
     names = [name for name in rows[0] if name not in ("outcome", "best", "error")]
     first = next(iter(found.plan.objectives))
-    body = [[text(row[name], name) for name in names] for row in sorted(rows, key=lambda row: float(row[first]))]
+    body = [
+        [_cell(row[name], name, units) for name in names] for row in sorted(rows, key=lambda row: float(row[first]))
+    ]
     yield tag("h2", "Best" if len(found.plan.objectives) == 1 else "No other trial beats these")
     more = f"the first {MOST_BEST} of {len(body)}" if len(body) > MOST_BEST else ""
-    yield table([f">{name}" for name in names], body[:MOST_BEST], more)
+    yield table(_headed([f">{name}" for name in names], units), body[:MOST_BEST], more)
 
 
-def _objectives(found: TuneTable, trials: Sequence[FoundTrial]) -> Iterator[Html]:
+def _objectives(found: TuneTable, trials: Sequence[FoundTrial], units: Units) -> Iterator[Html]:
     done = [trial for trial in trials if trial.values is not None]
     if not done:
         yield tag("p", "No trial is done yet.")
@@ -349,24 +392,28 @@ def _objectives(found: TuneTable, trials: Sequence[FoundTrial]) -> Iterator[Html
     yield tag("h2", "Objectives")
     values = np.array([trial.values for trial in done], float)
     numbers = np.array([trial.number for trial in done], float)
+    largest = np.abs(values).max(axis=0).tolist()
+    scales = [prefixed(most, units.get(name, "")) for name, most in zip(found.plan.objectives, largest, strict=True)]
+    factors = [factor for factor, _ in scales]
+    values = values * factors
+    names = [named(name, unit) for name, (_, unit) in zip(found.plan.objectives, scales, strict=True)]
     small = []
     if len(found.plan.objectives) > 1:
-        small.append(_front(found, values, numbers))
-    for k, (name, direction) in enumerate(found.plan.objectives.items()):
+        small.append(_front(found, names, values, numbers, factors))
+    for k, (name, direction) in enumerate(zip(names, found.plan.objectives.values(), strict=True)):
         best = so_far(values[:, k], direction)
         steps = list(zip(np.repeat(numbers, 2)[1:], np.repeat(best, 2)[:-1], strict=True))
         caption = f"each trial, and the best so far ({direction}d)"
         small.append(_points("trial", name, numbers, values[:, k], numbers, steps, caption))
     yield tag("div", *small, class_="grid")
     for each in plot_data(found.runs(), tuple(found.plan.objectives), found.plan.names, "parallel"):
-        yield _parallel(each)
+        yield _parallel(with_units(each, units))
 
 
-def _front(found: TuneTable, values: Floats, numbers: Floats) -> Html:
+def _front(found: TuneTable, names: Sequence[str], values: Floats, numbers: Floats, factors: Sequence[float]) -> Html:
     """The first two objectives; what is minimised, a cost, to the right."""
-    names = list(found.plan.objectives)
-    across, up = (1, 0) if found.plan.objectives[names[0]] == "maximise" else (0, 1)
-    best = np.array([trial.values for trial in found.best()], float)
+    across, up = (1, 0) if next(iter(found.plan.objectives.values())) == "maximise" else (0, 1)
+    best = np.array([trial.values for trial in found.best()], float) * factors
     order = np.argsort(best[:, across], kind="stable")
     line = [(x, y) for x, y in best[order][:, [across, up]]] if len(names) == 2 else []
     caption = "each trial; the line joins those that no other beats"
@@ -378,22 +425,17 @@ def _points(
 ) -> Html:
     floor = TOP + TALL
     to_x, to_y = _scale(x, LEFT + 6, WIDE - 18), _scale(y, floor, TOP)
-    parts: list[Html] = [html.line(LEFT, floor, WIDE - 12, floor, "axis")]
-    for share in (0.0, 0.5, 1.0):
-        up, across = y.min() + share * (y.max() - y.min()), x.min() + share * (x.max() - x.min())
-        parts.append(html.line(LEFT, to_y(up), WIDE - 12, to_y(up), "rule"))
-        parts.append(html.text(LEFT - 6, to_y(up) + 4, f"{up:.3g}", "tick", "end"))
-        parts.append(html.text(to_x(across), floor + 16, _tick(across, x_name), "tick", "middle"))
+    parts: list[Html] = [html.line(LEFT, floor, WIDE - 12, floor, "axis"), *_up(y, to_y)]
+    marks = ticks(float(x.min()), float(x.max()), 5) if np.ptp(x) else [float(x.min())]
+    for mark in marks:
+        parts.append(html.line(to_x(mark), floor, to_x(mark), floor + 4, "axis"))
+        parts.append(html.text(to_x(mark), floor + 16, tick(mark, marks), "tick", "middle"))
     if line:
         parts.append(tag("path", d=_path(line, to_x, to_y), style=_LINE.format(0)))
     for a, b, number in zip(x, y, numbers, strict=True):
-        where = "" if x_name == "trial" else f", {x_name} {told(float(a))}"
-        title = tag("title", f"trial {int(number)}: {y_name} {told(float(b))}{where}")
+        where = "" if x_name == "trial" else f", {x_name} {few(float(a))}"
+        title = tag("title", f"trial {int(number)}: {y_name} {few(float(b))}{where}")
         parts.append(tag("circle", title, cx=to_x(a), cy=to_y(b), r=3.0, class_="item2", fill_opacity=0.75))
     parts.append(html.text((LEFT + WIDE) / 2, floor + 34, x_name, "quiet", "middle"))
     picture = html.svg(WIDE, TOP + TALL + BELOW, *parts, label=f"{y_name} over {x_name}")
     return html.figure(picture, caption, y_name)
-
-
-def _tick(value: float, name: str) -> str:
-    return f"{value:.0f}" if name == "trial" else f"{value:.3g}"

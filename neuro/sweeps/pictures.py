@@ -18,7 +18,7 @@ from neuro.plots._canvas import COLOURS, Picture, colours, tidy
 from neuro.sweeps.folder import TUNING, Folder
 from neuro.sweeps.journal import OPTUNAS, optuna, quietly, trials_of
 from neuro.sweeps.plan import MAXIMISE, so_far
-from neuro.sweeps.plot_data import PlotData, is_log, ordered, plot_data, scaled, told
+from neuro.sweeps.plot_data import PlotData, Units, is_log, named, ordered, plot_data, scaled, told, with_units
 from neuro.sweeps.table import RunRows, SweepTable
 from neuro.sweeps.trials import FoundTrial, TuneTable
 
@@ -31,8 +31,16 @@ def pictures(
     table: SweepTable, metrics: Sequence[str] = (), of: Sequence[str] = (), kind: str = "auto"
 ) -> dict[str, Figure]:
     """A figure for each metric, by the name of a file; arguments and errors as of `plot_data.plot_data`."""
-    drawn = plot_data(table, metrics, of, kind)
-    return {f"{_in_a_name(each.metric)}-{each.kind}": _DRAW[each.kind](table, each) for each in drawn}
+    drawn, units = plot_data(table, metrics, of, kind), units_of(table)
+    return {
+        f"{_in_a_name(each.metric)}-{each.kind}": _DRAW[each.kind](table, with_units(each, units)) for each in drawn
+    }
+
+
+def units_of(table: SweepTable | TuneTable) -> Units:
+    """The units of the parameters and metrics, as far as they were known when the runs began."""
+    found: Units = Folder(table.path).read().get("units", {})
+    return found
 
 
 def _in_a_name(metric: str) -> str:
@@ -162,13 +170,14 @@ def search_pictures(table: TuneTable, kinds: Sequence[str] = ()) -> dict[str, Fi
 def _history(table: TuneTable, done: Sequence[FoundTrial]) -> Figure:
     """Each trial's value, and the best so far."""
     figure, axes = _figure(table, rows=len(table.plan.objectives))
+    units = units_of(table)
     numbers = [trial.number for trial in done]
     for axis, (k, (name, direction)) in zip(axes, enumerate(table.plan.objectives.items()), strict=True):
         values = _column(done, k)
         axis.plot(numbers, values, "o", color="0.65", markersize=4, label="trials")
         best = so_far(values, direction)
         axis.step(numbers, best, where="post", color=COLOURS[0], linewidth=1.4, label="best so far")
-        axis.set_ylabel(literal(name))
+        axis.set_ylabel(literal(named(name, units.get(name, ""))))
     axes[0].legend(frameon=False, fontsize="small")
     axes[-1].set_xlabel("trial")
     return figure
@@ -192,8 +201,9 @@ def _front(table: TuneTable, done: Sequence[FoundTrial]) -> Figure:
     tests = _tests(table, x_name, y_name)
     if tests:
         axis.plot(*zip(*tests, strict=True), "x", color=COLOURS[1], markersize=7, label="the same, held out")
-    axis.set_xlabel(literal(f"{x_name} ({table.plan.objectives[x_name]})"))
-    axis.set_ylabel(literal(f"{y_name} ({table.plan.objectives[y_name]})"))
+    units = units_of(table)
+    for name, label in ((x_name, axis.set_xlabel), (y_name, axis.set_ylabel)):
+        label(literal(f"{named(name, units.get(name, ''))}, {table.plan.objectives[name]}d"))
     axis.legend(frameon=False, fontsize="small", loc="best")
     return figure
 

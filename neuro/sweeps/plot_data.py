@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from neuro.core.checks import is_number
 from neuro.core.errors import ModelError, unknown
+from neuro.pages.scales import prefixed
 from neuro.sweeps.folder import RunOutcome
 from neuro.sweeps.table import SweepTable
 
@@ -63,6 +64,24 @@ class PlotData:
             count[at] += len(metrics)
         with np.errstate(invalid="ignore"):
             return np.where(count > 0, sums / np.maximum(count, 1), np.nan)
+
+
+Units = Mapping[str, str]
+"""Of parameters and metrics, by name; of what has none there is none."""
+
+
+def with_units(data: PlotData, units: Units) -> PlotData:
+    """The same with units in the names, and metrics in that with a prefix by which they are readable."""
+    largest = max((abs(value) for _, each in data.points for value in each), default=0.0)
+    factor, unit = prefixed(largest, units.get(data.metric, ""))
+    points = tuple((values, tuple(factor * value for value in each)) for values, each in data.points)
+    names = tuple(named(name, units.get(name, "")) for name in data.names)
+    return replace(data, metric=named(data.metric, unit), names=names, points=points)
+
+
+def named(name: str, unit: str) -> str:
+    """A name with its unit, if it has one."""
+    return f"{name} ({unit})" if unit else name
 
 
 def plot_data(table: SweepTable, metrics: Sequence[str], of: Sequence[str], kind: str) -> list[PlotData]:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 import io
+import math
 import re
 from abc import ABC, abstractmethod
 from collections.abc import Iterable, Iterator, Mapping
@@ -12,11 +13,13 @@ from os import PathLike
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from neuro.chips.pricing.energy import quantity
 from neuro.core import tables
 from neuro.core.errors import ModelError, unknown
 from neuro.core.extras import needed
 from neuro.core.outputs import Kind, marked, output
 from neuro.core.paths import file_path
+from neuro.pages.scales import few
 from neuro.sweeps.claims import claimed
 from neuro.sweeps.folder import PRUNED, SWEEP, Folder, RunOutcome
 
@@ -167,6 +170,14 @@ def text(value: Any, name: str = "") -> str:
     if name == "run":
         return str(value)[:10]
     return f"{value:.6g}" if isinstance(value, float) else str(value)
+
+
+def measured(value: Any, unit: str) -> str:
+    """A value in three digits with its unit, joules with a prefix."""
+    if unit == "J" and isinstance(value, float) and math.isfinite(value):
+        return quantity(value, unit, 3)
+    plain = few(value) if isinstance(value, float) and math.isfinite(value) else text(value)
+    return f"{plain} {unit}".rstrip()
 
 
 @dataclass(frozen=True, slots=True, eq=False)

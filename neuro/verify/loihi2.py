@@ -9,7 +9,8 @@ simulation; what a case gives as the input `a_in` of a neuron is emitted one ste
 | LIF, with reset, ternary | `du` | u, v and spikes |
 | RF, RF_IZ | `sin_decay` | real, imag and spikes |
 | SigmaDelta, Delta, Sigma | `act_mode`; `spike_exp`; the name | all states and messages |
-| graded vectors | the name | messages |
+| graded vectors, product | the name | messages |
+| learning | `dw` | weights, tags, traces, and what arrives |
 """
 
 from __future__ import annotations
@@ -22,11 +23,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 import neuro.run.compiled
+from neuro.core.errors import ModelError
 from neuro.model.convolution import synapses_of
 from neuro.model.network import Network
 from neuro.model.neurons import (
     Neuron,
     delta_encoder,
+    graded_product,
     graded_spike_train,
     graded_vector,
     loihi2_lif,
@@ -36,14 +39,13 @@ from neuro.model.neurons import (
     sigma_decoder,
     sigma_delta,
 )
-from neuro.model.rules import one_to_one, pairs
-from neuro.model.synapses import Synapse, loihi2_convolution, loihi2_static, static
+from neuro.model.rules import all_to_all, one_to_one, pairs
+from neuro.model.synapses import Synapse, loihi2_convolution, loihi2_learning, loihi2_static, static
+from neuro.model.synapses.loihi_rule import POST, PRE
 from neuro.program.backend import Backend, OverflowWarning
 from neuro.verify.comparison import Golden, TraceComparison, equal
 
 Array = NDArray[Any]
-NOT_BUILT = {"dw": "learning with two factors", "a_in1": "Prod"}
-"""What lava has and is not built, by a word of a case, or an array that it alone has."""
 
 
 def is_of_loihi2(facts: Mapping[str, Any]) -> bool:
@@ -65,19 +67,17 @@ def compare_loihi2(golden: Golden, backend: str | Backend) -> Iterator[TraceComp
 def _case(
     name: str, case: Mapping[str, Any], arrays: Mapping[str, Array], backend: str | Backend
 ) -> Iterator[TraceComparison]:
-    missing = [what for word, what in NOT_BUILT.items() if word in case or word in arrays]
-    if missing:
-        yield TraceComparison("case", float("inf"), f"not built: {missing[0]}", case=name, exact=True)
-    elif "a" in arrays:
-        yield from _connections(name, case, arrays, backend)
-    else:
-        yield from _neurons(name, case, arrays, backend)
+    compared = _learning if "dw" in case else _connections if "a" in arrays else _neurons
+    try:
+        yield from compared(name, case, arrays, backend)
+    except ModelError as error:
+        yield TraceComparison("case", float("inf"), str(error), case=name, exact=True)
 
 
 def _connections(
     name: str, case: Mapping[str, Any], arrays: Mapping[str, Array], backend: str | Backend
 ) -> Iterator[TraceComparison]:
-    expected = arrays["a"]
+    expected, arrays = arrays["a"], _heard(case, arrays)
     net = Network("connections", resolution=1.0)
     if "padding" in case:
         pre, post, weight = _convolution(case, arrays)
@@ -88,10 +88,10 @@ def _connections(
     elif arrays["W"].ndim == 3:  # a convolution in time: the last of its kernels acts first
         late, post, pre = np.nonzero(arrays["W"][::-1])
         weight, x, delay = arrays["W"][::-1][late, post, pre], arrays["x"], late + 1.0
-        synapse = _synapse(case) if "weight_exp" in case else loihi2_convolution()
+        synapse = loihi2_convolution(wraps=False)
     else:
         post, pre = np.nonzero(arrays["W"])
-        weight, synapse, x = arrays["W"][post, pre], _synapse(case), arrays["x"]
+        weight, synapse, x = arrays["W"][post, pre], _synapse(case, arrays["W"]), arrays["x"]
         delay = arrays["D"][post, pre] + 1.0 if "D" in arrays else 1.0
     _add_input(net, x)
     net.population("out", expected.shape[1], graded_vector())
@@ -116,38 +116,87 @@ def _neurons(
     net = Network("neurons", resolution=1.0)
     net.population("out", size, _model(name, case, arrays))
     late = "x" not in arrays
-    for word in ("a_in", "a_real_in", "a_imag_in"):
+    for word, receptor in INPUTS.items():
         if word in arrays:
             _add_input(net, arrays[word], word)
-            receptor = {"a_real_in": "real", "a_imag_in": "imag"}.get(word)
             net.connect(word, "out", one_to_one(), static(receptor=receptor), weight=1.0, delay=1.0)
     if not late:
-        _add_input(net, arrays["x"])
+        _add_input(net, _heard(case["dense"], arrays)["x"])
         post, pre = np.nonzero(arrays["W"])
         weights = arrays["W"][post, pre].astype(np.float64)
-        net.connect("in", "out", pairs(pre=pre, post=post), _synapse(case["dense"]), weight=weights, delay=1.0)
-    known = [state.name for state in net.populations["out"].model.states]
-    found = _run(net, steps + late, [word for word in expected if word in known], backend)
+        net.connect(
+            "in", "out", pairs(pre=pre, post=post), _synapse(case["dense"], arrays["W"]), weight=weights, delay=1.0
+        )
+    known = [each.name for each in net.populations["out"].model.states]
+    found = _run(net, steps + late, [word for word in expected if word in known], backend, late)
     for word, array in expected.items():
         if word in found:
             yield equal(name, word, found[word][late:], array)
 
 
+INPUTS = {"a_in": None, "a_real_in": "real", "a_imag_in": "imag", "a_in1": "first", "a_in2": "second"}
+"""Inputs of a neuron and their receptors."""
+
+
+def _learning(
+    name: str, case: Mapping[str, Any], arrays: Mapping[str, Array], backend: str | Backend
+) -> Iterator[TraceComparison]:
+    """Weights, tags and traces after each step, and what arrives.
+
+    A teacher makes the targets fire as in the file: it takes away what should arrive, and adds what makes them fire.
+    So u is what was not expected to arrive.
+    """
+    post, x, due = arrays["post"], arrays["x"], arrays["a"].astype(np.int64)
+    n_post, n_pre = post.shape[1], x.shape[1]
+    net = Network("learning", resolution=1.0)
+    _add_input(net, x)
+    _add_input(net, (post * FIRES - due)[1:], "teacher")
+    net.population("out", n_post, loihi2_lif(du=4095, dv=4096, vth=FIRES // 2))
+    net.connect("teacher", "out", one_to_one(), static(), weight=1.0, delay=1.0)
+    words = {"epoch": case["t_epoch"], "graded": GRADED[case["graded"]]}
+    words["sign_mode"] = case.get("sign_mode", "MIXED").lower()
+    words |= {"x1_impulse": 0} if words["graded"] != "impulse" else {}  # as lava sets it
+    words |= {word: case[word] for word in loihi2_learning.quantities() if word in case and word not in words}
+    weight = arrays["W0"].T.astype(np.float64).ravel()
+    net.connect("in", "out", all_to_all(), loihi2_learning(**words), weight=weight, delay=1.0, name="rule")
+    net.probe("u", "out", "u")
+    recorded = {"weights": "weight", "tag_1": "t"} | {word: word for word in (*PRE, *POST)}
+    sim = neuro.run.compiled.compile(net, backend)
+    found: dict[str, list[Array]] = {word: [] for word in recorded if word in arrays}
+    for _ in range(len(x)):
+        sim.run(1.0)
+        for word, each in found.items():
+            values = sim.get("rule", recorded[word]).reshape(n_pre, n_post).T
+            each.append(values[0] if word in PRE else values[:, 0] if word in POST else values)
+    for word, each in found.items():
+        yield equal(name, word, np.array(each).astype(np.int64), arrays[word])
+    yield equal(name, "a", np.rint(sim.trace("u")[1]).astype(np.int64) // 64 - post * FIRES + due, due)
+
+
+FIRES = 1000
+"""What makes a neuron fire that has a threshold of half of it and remembers nothing."""
+GRADED = {
+    "USE_REGULAR_IMPULSE": "impulse",
+    "OVERWRITE": "overwrite",
+    "ADD_WITH_SATURATION": "add_with_saturation",
+    "ADD_WITHOUT_SATURATION": "add_without_saturation",
+}
 STATES = ("u", "v", "real", "imag", "sigma", "act", "residue", "error")
 
 
 def _model(name: str, case: Mapping[str, Any], arrays: Mapping[str, Array]) -> Neuron:
     if "du" in case:
-        registers = {word: case[word] for word in ("du", "dv", "bias_exp", "reset_interval") if word in case}
-        registers |= {"reset_offset": case["reset_offset"] % case["reset_interval"]} if "reset_interval" in case else {}
-        registers |= {"bias_mant": arrays["bias_mant"].astype(np.float64)} if "bias_mant" in arrays else {}
-        if "vth_hi" in case:
-            return loihi2_ternary_lif(vth_hi=case["vth_hi"], vth_lo=case["vth_lo"], **registers)
-        return loihi2_lif(vth=case["vth"], **registers)
+        model = loihi2_ternary_lif if "vth_hi" in case else loihi2_lif
+        words: dict[str, Any] = {word: case[word] for word in model.quantities() if word in case}
+        words |= {word: arrays[word].astype(np.float64) for word in model.quantities() if word in arrays}
+        if "reset_offset" in words and "x" not in arrays:
+            words["reset_offset"] += 1  # as all steps are one later
+        return model(**words)
     if "sin_decay" in case:
-        model = loihi2_rf_iz if "iz" in name else loihi2_rf
-        words = {word: case[word] for word in ("sin_decay", "cos_decay", "state_exp")}
-        return model(**words, vth=case["vth_eff"] // 2 ** case["state_exp"])
+        resonator = loihi2_rf_iz if "iz" in name else loihi2_rf
+        bits = 12 - case.get("decay_bits", 12)
+        words = {word: case[word] << bits for word in ("sin_decay", "cos_decay")}
+        return resonator(**words, state_exp=case["state_exp"], vth=case["vth_eff"] / 2.0 ** case["state_exp"])
     if "spike_exp" in case:
         exponents = {word: case[word] for word in ("spike_exp", "state_exp")}
         unit = 2.0 ** sum(exponents.values())
@@ -157,13 +206,25 @@ def _model(name: str, case: Mapping[str, Any], arrays: Mapping[str, Array]) -> N
         bias = np.asarray(case.get("bias_eff", 0), dtype=np.float64) / unit
         return sigma_delta(**words, bias=bias if bias.ndim else float(bias), relu=case["act_mode"] == "RELU")
     if name.startswith("graded"):
-        return graded_vector(vth=case["vth"] * 2.0 ** case.get("exp", 0), relu="relu" in name)
-    return sigma_decoder()
+        return graded_vector(vth=case["vth"], relu="relu" in name)
+    if name.startswith("prod"):
+        return graded_product(vth=case["vth"], exp=case["exp"])
+    if name.startswith("sigma"):
+        return sigma_decoder()
+    raise ModelError("not built: none of lava's processes that are built here has such a case")
 
 
-def _synapse(case: Mapping[str, Any]) -> Synapse:
+def _synapse(case: Mapping[str, Any], weights: Array) -> Synapse:
+    """Without a sign mode it is that of the weights."""
     words = {word: case[word] for word in ("weight_exp", "num_weight_bits") if word in case}
-    return loihi2_static(**words, sign_mode=case.get("sign_mode", "MIXED").lower())
+    found = "EXCITATORY" if weights.min() >= 0 else "INHIBITORY" if weights.max() <= 0 else "MIXED"
+    return loihi2_static(**words, sign_mode=case.get("sign_mode", found).lower())
+
+
+def _heard(case: Mapping[str, Any], arrays: Mapping[str, Array]) -> dict[str, Array]:
+    """Arrays with the input as a connection hears it: without bits for messages a spike is 1."""
+    binary = case.get("num_message_bits") == 0
+    return {**arrays, "x": (arrays["x"] != 0).astype(np.int64) if binary else arrays["x"]}
 
 
 def _add_input(net: Network, values: Array, name: str = "in") -> None:
@@ -173,12 +234,19 @@ def _add_input(net: Network, values: Array, name: str = "in") -> None:
     net.population(name, values.shape[1], graded_spike_train(spikes=rows))
 
 
-def _run(net: Network, steps: int, states: Any, backend: str | Backend) -> dict[str, Array]:
-    """Registers by name, and payloads as "s", shape (steps, neurons)."""
+def _run(net: Network, steps: int, states: Any, backend: str | Backend, late: bool = False) -> dict[str, Array]:
+    """Registers by name, and payloads as "s", shape (steps, neurons); if `late` no bias acts in the first step."""
     for state in states:
         net.probe(state, "out", state)
     sim = neuro.run.compiled.compile(net, backend)
-    sim.run(float(steps))
+    biases = [word for word in ("bias", "bias_mant") if late and word in net.populations["out"].model.quantities()]
+    if biases:
+        none: dict[str, Any] = dict.fromkeys(biases, 0.0)
+        kept: dict[str, Any] = {word: sim.get("out", word) for word in biases}
+        sim.set("out", **none)
+        sim.run(1.0)
+        sim.set("out", **kept)
+    sim.run(float(steps) - sim.time)
     found = {state: np.rint(sim.trace(state)[1]).astype(np.int64) for state in states}
     out = net.populations["out"]
     sent: Array = np.zeros((steps, int(net.populations["out"].shape[0])), dtype=np.int64)

@@ -145,7 +145,7 @@ def test_controls(neuro, walk):
 
 def test_compare(neuro, walk):
     words = ("compare", "my_walk:Walk", "--steps", 200, "--seeds", "1,2", "--episodes", 3)
-    words = (*words, "--only", "agent", "--only", "random", "--set", "critics=5", "--set", "explore=30")
+    words = (*words, "--method", "agent", "--method", "random", "--set", "critics=5", "--set", "explore=30")
     code, out, _ = neuro(*words, "--out", "table.json")
     assert code == 0
     told = json.loads(Path("table.json").read_text())
@@ -175,7 +175,7 @@ def test_compare_ends_where_episodes_do_not_and_tells_what_an_environment_raises
     monkeypatch.setattr(compare, "MOST", 30)
     with Path("my_walk.py").open("a") as file:
         file.write(FAULTS)
-    words = ("--steps", 10, "--seeds", 1, "--episodes", 2, "--only", "random", "--out", "table.json")
+    words = ("--steps", 10, "--seeds", 1, "--episodes", 2, "--method", "random", "--out", "table.json")
     assert neuro("compare", "my_walk:Endless", *words).status == 0
     assert json.loads(Path("table.json").read_text())["each"][0]["returns"] == [30.0, 30.0]
     assert neuro("compare", "my_walk:Raises", *words) == (2, "", "error: env.step raised OSError: no camera\n")
@@ -275,7 +275,7 @@ def test_who_cannot_take_part(monkeypatch):
         (("test", "none.h5"), "none.h5: no such file: expected a neuro agent 1"),
         (("test", "my_walk.py"), "my_walk.py: not a neuro agent 1"),
         (
-            ("compare", "CartPole-v1", "--steps", "9", "--only", "pop"),
+            ("compare", "CartPole-v1", "--steps", "9", "--method", "pop"),
             "unknown contestant 'pop'\n  hint: did you mean 'ppo'?",
         ),
     ],

@@ -86,6 +86,18 @@ def test_spikes_are_taken_with_their_examples():
     assert some.spikes.neuron[some.spikes.example == 1].tolist() == shown.spikes.neuron[own].tolist()
 
 
+def test_recordings_are_taken_in_all_their_versions():
+    shown = examples()
+    twice = Examples(shown.frames, shown.labels, shown.classes, shown.spikes, versions=2)
+    some = twice.take(np.array([7, 3]))
+    assert (twice.recordings, len(some), some.recordings) == (30, 4, 2)
+    assert np.array_equal(some.frames, shown.frames[[7, 3, 37, 33]])
+    assert np.array_equal(twice.take(np.array([7]), 1).frames, shown.frames[[7]])
+    pytest.importorskip("torch", reason="the extra torch is not installed")
+    method = METHODS["dense"]()
+    assert method.plan(twice, {**method.settings, "epochs": 5}, 0).epochs == 3  # each shows all versions once
+
+
 @pytest.mark.parametrize("method", ["logistic", "majority", "cnn", "cnn-int8", "gru", "recurrent", "delays"])
 def test_a_newcomers_task_is_learnt_by_every_method(method):
     needs_torch = method not in ("logistic", "majority")
@@ -169,7 +181,7 @@ def test_interval():
 
 
 def test_commands(bench, sounds):
-    words = ("--data", sounds, "--folds", 2)
+    words = ("--data", sounds, "--first-folds", 2)
     status, out, err = bench("run", "spoken-digits", "--method", "logistic", *words)
     assert (status, err) == (0, "")
     assert "spoken-digits-random-logistic.json: written" in out
@@ -202,8 +214,8 @@ def test_what_cannot_be_is_refused(bench, words, message):
 
 
 def test_results_of_other_tries_are_not_compared(bench):
-    bench("run", "bars", "--method", "majority", "--folds", 1)
-    bench("run", "bars", "--method", "logistic", "--folds", 1, "--tries", 2)
+    bench("run", "bars", "--method", "majority", "--first-folds", 1)
+    bench("run", "bars", "--method", "logistic", "--first-folds", 1, "--tries", 2)
     status, _, err = bench("compare", "bars-random-majority.json", "bars-random-logistic.json")
     assert status
     assert "results differ in tries: 1 and 2: expected the same in one table" in err

@@ -74,6 +74,20 @@ def test_any_folder_of_sounds(tmp_path):
         Sounds(tmp_path).folds()
 
 
+@pytest.mark.parametrize("kind", [np.uint8, np.int16, np.int32, np.float32])
+def test_samples_of_every_type_are_heard_alike(tmp_path, kind):
+    sound = 0.5 * tone()
+    if kind == np.float32:
+        samples = sound.astype(kind)
+    else:
+        largest = np.iinfo(kind).max if kind != np.uint8 else 127
+        samples = np.rint(sound * largest + (128 if kind == np.uint8 else 0)).astype(kind)
+    wavfile.write(tmp_path / "1_a_0.wav", 8000, np.stack((samples, samples), axis=1))
+    (read,) = SpokenDigits(tmp_path).sounds()
+    assert read[:2] == ("1_a_0.wav", 8000.0)
+    assert read[2] == pytest.approx(sound, abs=0.005)
+
+
 @pytest.fixture
 def commands(tmp_path):
     for k in range(6):

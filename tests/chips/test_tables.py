@@ -58,7 +58,7 @@ def test_limits():
     told = {name: [chip(name).limit(word) for word in names] for name in ("loihi", "loihi2", "spinnaker")}
     assert told == {
         "loihi": [128, 1024, 128 * 1024, 62, None],
-        "loihi2": [128, 8192, 192 * 1024, 63, None],
+        "loihi2": [128, 8192, 96_000, 63, 1],
         "spinnaker": [16, 256, None, 144, 1],
     }
     assert chip("spinnaker").limit("synapse_bytes_per_chip") == 128 * 2**20

@@ -65,7 +65,7 @@ def test_tables(run):
 
 
 def test_json_goes_out_and_to_a_file(run, tmp_path):
-    status, out, err = run(*FLOATS, "--json", "--json-out", "found.json", "--seed", "2", "--set", "w=500")
+    status, out, err = run(*FLOATS, "--json", "--out", "found.json", "--seed", "2", "--set", "w=500")
     assert (status, err) == (0, "")
     told = json.loads(out)
     kept = json.loads((tmp_path / "found.json").read_text("utf-8"))
@@ -100,7 +100,7 @@ def test_a_refusal_is_a_row(run, tmp_path):
 
 def test_too_few_backends_run(run, tmp_path):
     (tmp_path / "net.yaml").write_text(REFUSED)
-    status, out, err = run(*RUN, "--html", "page.html", "--json-out", "found.json")
+    status, out, err = run(*RUN, "--html", "page.html", "--out", "found.json")
     assert (status, out) == (2, "")
     assert err.startswith("error: only 1 of the 3 backends runs this network: nothing to compare\nbackend 'loihi' ")
     assert [path.name for path in tmp_path.iterdir()] == ["net.yaml"]
@@ -146,8 +146,8 @@ MISTAKES = {
         "net.yaml: exists and is not a page of 'neuro compare': expected a new name",
     ),
     "two in one": (
-        ("--html", "x", "--json-out", "x"),
-        "Invalid value for '--json-out': 'x' is the page already: expected another name",
+        ("--html", "x", "--out", "x"),
+        "Invalid value for '--out': 'x' is the page already: expected another name",
     ),
     "no folder": (("--html", "none/page.html"), "none/page.html: cannot be written: No such file or directory"),
 }

@@ -53,7 +53,7 @@ def test_a_network_that_does_not_work_ends_with_an_error(tmp_path):
 
 
 def test_json_and_page(tmp_path):
-    found = run(str(EXAMPLE), "--set", "w=30", "--json", "--out", str(tmp_path / "page.html"))
+    found = run(str(EXAMPLE), "--set", "w=30", "--json", "--html", str(tmp_path / "page.html"))
     assert found.exit_code == 1
     told = json.loads(found.stdout)
     assert told["faults"] == 1
@@ -66,7 +66,7 @@ def test_json_and_page(tmp_path):
 def test_a_page_with_a_fault_can_be_made_again(tmp_path):
     command = [sys.executable, "-m", "neuro"]
     (tmp_path / "net.yaml").write_bytes(EXAMPLE.read_bytes())
-    made = [*command, "doctor", "net.yaml", "--set", "w=30", "--for", "100", "--out", "page.html"]
+    made = [*command, "doctor", "net.yaml", "--set", "w=30", "--for", "100", "--html", "page.html"]
     assert subprocess.run(made, cwd=tmp_path, capture_output=True).returncode == 1
     again = subprocess.run([*command, "rerun", "page.html"], cwd=tmp_path, capture_output=True, text=True)
     assert again.stdout == "page.html: the same bits\n"

@@ -30,13 +30,13 @@ def bill(network):
 
 
 def test_one_bill(run, bill):
-    status, out, err = run(*RUN, "--target", "spinnaker2")
+    status, out, err = run(*RUN, "--chips", "spinnaker2")
     assert (status, err) == (0, "")
     assert out == f"{bill('spinnaker2')}\n\n"
 
 
 def test_sources_if_asked_for(run, bill):
-    plain, asked = (run(*RUN, "--target", "loihi", *words)[1] for words in ((), ("--sources",)))
+    plain, asked = (run(*RUN, "--chips", "loihi", *words)[1] for words in ((), ("--sources",)))
     assert "Davies" not in plain
     assert "[1] Davies et al., IEEE Micro 38(1):82, 2018, Table 2 (" in asked
     assert "- chip time: learning_update 6.1 ns: Davies et al." in asked
@@ -45,7 +45,7 @@ def test_sources_if_asked_for(run, bill):
 
 
 def test_several_bills_and_a_row_of_each(run, bill):
-    status, out, _ = run(*RUN, "--target", "truenorth", "--target", "cpu")
+    status, out, _ = run(*RUN, "--chips", "truenorth,cpu")
     assert status == 0
     bills = f"{bill('truenorth')}\n\n{bill('cpu')}\n\n"
     assert out.startswith(bills)
@@ -59,21 +59,21 @@ def test_several_bills_and_a_row_of_each(run, bill):
 
 def test_the_time_of_a_step_and_the_chips_that_are_on(run, bill):
     """Static energy is that of all of a board for as long as steps take there."""
-    words = ("--target", "spinnaker", "--step-time", "2", "--chips", "48", "--json")
+    words = ("--chips", "spinnaker", "--step-time", "2", "--chips-on", "48", "--json")
     told = json.loads(run(*RUN, *words)[1])["bills"][0]
     assert (told["chip_time_s"], told["chips"]) == (pytest.approx(500 * 2e-3), 48)
     assert told["static_j"] == pytest.approx(48 * 500 * 2e-3 * 0.36)
     assert told["static_high_j"] == pytest.approx(48 * 500 * 2e-3 * 1.0)
     assert "the network uses 1 chip, 48 are on, as given" in told["notes"]
     assert "chip time: a step of 0.1 ms takes 2 ms on the chip, as given" in told["notes"]
-    told = run(*RUN, "--target", "spinnaker", "--target", "cpu", "--step-time", "2")[1].splitlines()
+    told = run(*RUN, "--chips", "spinnaker,cpu", "--step-time", "2")[1].splitlines()
     heads = [" ".join(line.split()) for line in told if "in real time" in line]
     clocks = "at the given steps in real time"
     assert heads == [clocks, clocks, f"target dynamic {clocks} chip time chips"]
 
 
 def test_json(run, bill, network):
-    words = ("--target", "truenorth", "--target", "gpu", "--per", "3", "recording", "--json", "--seed", "0")
+    words = ("--chips", "truenorth,gpu", "--per", "3", "recording", "--json", "--seed", "0")
     status, out, _ = run(*RUN, *words)
     assert status == 0
     told = json.loads(out)
@@ -87,7 +87,7 @@ def test_json(run, bill, network):
 
 def test_parameters_and_seed_are_used(run, network):
     few, many, other = (
-        json.loads(run(*RUN, "--target", "truenorth", "--json", *words)[1])["bills"][0]["dynamic_j"]
+        json.loads(run(*RUN, "--chips", "truenorth", "--json", *words)[1])["bills"][0]["dynamic_j"]
         for words in (("--set", "rate=10"), ("--set", "rate=1000"), ("--set", "rate=1000", "--seed", "1"))
     )
     assert few < many != other
@@ -95,7 +95,7 @@ def test_parameters_and_seed_are_used(run, network):
 
 def test_a_table_of_the_user(run, network, tmp_path):
     (tmp_path / "half.yaml").write_text("like: truenorth\ncosts: {synaptic_op: {value: 13.0e-12, source: me}}\n")
-    status, out, _ = run(*RUN, "--target", "half.yaml", "--sources")
+    status, out, _ = run(*RUN, "--chips", "half.yaml", "--sources")
     assert status == 0
     assert out.startswith("IBM TrueNorth (half), energy per run: ")
     assert "] me\n" in out
@@ -103,7 +103,7 @@ def test_a_table_of_the_user(run, network, tmp_path):
 
 @pytest.mark.parametrize("target", ["loihi", "spinnaker"])
 def test_chips_with_places(run, network, target):
-    status, out, err = run(*RUN, "--target", target)
+    status, out, err = run(*RUN, "--chips", target)
     assert (status, err) == (0, "")
     assert f"{chip(target).title} ({target}), energy per run: 1 chip, 500 steps, " in out
     assert "static_per_chip" in out
@@ -114,15 +114,15 @@ def test_an_interrupted_run_prices_nothing(run, network, monkeypatch):
         raise KeyboardInterrupt
 
     monkeypatch.setattr("neuro.run.progress.advance", interrupted)
-    assert run(*RUN, "--target", "cpu") == (130, "", "interrupted: nothing is priced\n")
+    assert run(*RUN, "--chips", "cpu") == (130, "", "interrupted: nothing is priced\n")
 
 
 MISTAKES = {
-    "an unknown target": (("--target", "loihj"), "unknown target 'loihj'\n  hint: did you mean 'loihi'?"),
+    "an unknown target": (("--chips", "loihj"), "unknown target 'loihj'\n  hint: did you mean 'loihi'?"),
     "no parts": (("--per", "0", "trial"), "Invalid value for '--per': '0': expected a whole number >= 1"),
-    "no chips": (("--chips", "0"), "Invalid value for '--chips': Input should be greater than or equal to 1"),
+    "no chips": (("--chips-on", "0"), "Invalid value for '--chips-on': Input should be greater than or equal to 1"),
     "no time": (
-        ("--target", "loihi", "--step-time", "0"),
+        ("--chips", "loihi", "--step-time", "0"),
         "Invalid value for '--step-time': '0': expected a time > 0 ms",
     ),
     "off the grid": (("--for", "0.05"), "--for = 0.05 ms"),
@@ -139,7 +139,7 @@ def test_mistakes_are_told_before_the_run(run, network, what, monkeypatch):
 
 
 def test_an_unknown_target_is_told_of_those_with_costs(neuro, network):
-    answer = neuro("energy", network, "--target", "loihi22")
+    answer = neuro("energy", network, "--chips", "loihi22")
     assert (answer.status, answer.out) == (2, "")
     assert answer.err == "error: unknown target 'loihi22'\n  hint: did you mean 'loihi2'?\n"
 
@@ -147,7 +147,7 @@ def test_an_unknown_target_is_told_of_those_with_costs(neuro, network):
 def test_silent_input_is_told(run, network):
     text = Path(network).read_text()
     Path(network).write_text(text.replace("rate: 100.0}", "rate: 0.0}"))
-    for command, words in ((energy, ("--target", "loihi")), (simulate, ())):
+    for command, words in ((energy, ("--chips", "loihi")), (simulate, ())):
         status, _, err = run.func(command, *RUN, *words)
         assert status == 0
         assert err.startswith(

@@ -183,5 +183,5 @@ def test_other_processes_know_it(neuro, tmp_path):
         for k in range(9):
             Path("set", name).mkdir(parents=True, exist_ok=True)
             Path("set", name, f"{k}.mine").write_bytes(b"MINE" + bytes([k]))
-    answer = neuro("events", "tohdf5", "-f", "set", "-o", "set.h5", "--jobs", "2", "--with", "my_format.py")
+    answer = neuro("events", "tohdf5", "-f", "set", "-o", "set.h5", "--workers", "2", "--with", "my_format.py")
     assert (answer.status, answer.out) == (0, "set.h5: 18 recordings of 2 classes\n")

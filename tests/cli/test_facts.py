@@ -51,8 +51,15 @@ def test_schema(neuro):
     assert json.loads(neuro("schema").out)["title"] == "neuro network"
 
 
+def test_models_lists_all_in_few_lines(neuro):
+    rows = [line.split() for line in neuro("models").out.splitlines() if line.split() and line[1] != " "]
+    names = [name for choices in catalogue().values() for name in choices]
+    assert [row[0] for row in rows if row[0] in names and len(row) > 1] == names
+    assert " ".join(rows[-1]) == "neuro models NAME describes one of them, neuro models --long all"
+
+
 def test_models_tells_everything(neuro):
-    text = " ".join(neuro("models").out.split())
+    text = " ".join(neuro("models", "--long").out.split())
     for section, choices in catalogue().items():
         assert section in text
         for name, choice in choices.items():

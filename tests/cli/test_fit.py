@@ -187,5 +187,5 @@ def test_the_commands_run_on_a_table(neuro, file, tmp_path):
     assert checked.out.startswith("net.yaml: ok on my.yaml: 7 neurons")
     compared = neuro("compare", file(text), "--backends", "event,my.yaml", "--for", "100", "--json")
     assert list(json.loads(compared.out)["backends"]) == ["event", "my.yaml"]
-    priced = neuro("energy", file(text), "--backend", "my.yaml", "--target", "my.yaml", "--for", "100", "--json")
+    priced = neuro("energy", file(text), "--backend", "my.yaml", "--chips", "my.yaml", "--for", "100", "--json")
     assert json.loads(priced.out)["bills"][0]["target"] == "my"

@@ -2,6 +2,7 @@
 
 import contextlib
 import io
+import re
 import runpy
 import subprocess
 import sys
@@ -57,6 +58,30 @@ def test_a_folder_runs_and_passes_as_written(neuro, inside, template):
     assert tests
     for test in tests.values():
         test()
+
+
+def test_a_classifier_learns_to_recognise(neuro, inside):
+    written = neuro("new", "classifier")
+    assert written.out == (
+        "classifier: learn.py, test_classifier.py, shapes.zip\n"
+        "next:\n  cd classifier\n  python learn.py\n  python -m pytest     # needs pytest: pip install pytest\n"
+        "  neuro recognise watch model.h5 RECORDING     # a page on which it decides while events arrive\n"
+    )
+    inside("classifier")
+    printed = io.StringIO()
+    with contextlib.redirect_stdout(printed):
+        runpy.run_path("learn.py", run_name="__main__")
+    sys.modules.pop("learn", None)
+    found = re.fullmatch(r"18 unseen recordings: (\d+)% right, 33% by chance\n", printed.getvalue())
+    assert found
+    assert int(found[1]) > 60
+    assert "remus for 3 classes, learnt from 18 recordings" in neuro("recognise", "show", "model.h5").out
+
+
+def test_a_name_that_is_no_template_is_a_balanced_network(neuro, empty):
+    assert neuro("new", "mine").out.startswith("mine: network.yaml, run.py, test_network.py\n")
+    assert neuro("new", "closed-loop").out.startswith("closed-loop: network.yaml, run.py, test_network.py\n")
+    assert "env.step" not in Path("mine/run.py").read_text()
 
 
 def test_what_is_told_next_works_in_a_shell(neuro, empty):

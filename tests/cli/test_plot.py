@@ -39,7 +39,7 @@ BEGIN = {"pdf": b"%PDF", "svg": b"<?xml"}
 
 @pytest.mark.parametrize("form", BEGIN)
 def test_other_formats(neuro, ran, form):
-    words = ("plot", ran, "--format", form, "--of", "one", "--window", 5, 10, "--bin", 2)
+    words = ("plot", ran, "--format", form, "--of", "one", "--between", 5, 10, "--bin", 2)
     names = [f"out-{name}.{form}" for name in ("raster", "rates", "traces")]
     assert neuro(*words).out.split() == names
     assert all(Path(name).read_bytes().startswith(BEGIN[form]) for name in names)
@@ -50,7 +50,7 @@ def test_other_formats(neuro, ran, form):
 
 
 def test_only_what_was_asked_for(neuro, ran):
-    answer = neuro("plot", ran, "--population", "exc", "--population", "one")
+    answer = neuro("plot", ran, "--of", "exc", "--of", "one")
     assert answer.out.split() == ["out-raster.png", "out-rates.png", "out-traces.png"]
     answer = neuro("plot", ran, "--of", "noise")
     assert (answer.status, answer.err) == (
@@ -59,17 +59,17 @@ def test_only_what_was_asked_for(neuro, ran):
     )
     answer = neuro("plot", ran, "--of", "ecx")
     assert (answer.status, answer.err) == (2, "error: unknown population 'ecx'\n  hint: did you mean 'exc'?\n")
-    answer = neuro("plot", ran, "--window", 10, 5)
+    answer = neuro("plot", ran, "--between", 10, 5)
     expected = "error: window = [10, 5]: expected (begin, end) in ms with 0 <= begin < end\n"
     assert (answer.status, answer.err) == (2, expected)
 
 
 def test_times_with_units(neuro, ran):
-    assert neuro("plot", ran, "--window", "0.005 s", "10 ms", "--bin", "1 ms").status == 0
-    answer = neuro("plot", ran, "--window", "0 ms", "3 s")
+    assert neuro("plot", ran, "--between", "0.005 s", "10 ms", "--bin", "1 ms").status == 0
+    answer = neuro("plot", ran, "--between", "0 ms", "3 s")
     assert answer.err == "error: window = [0, 3000]: the run ends at 20 ms: expected an end <= 20 ms\n"
-    answer = neuro("plot", ran, "--window", "0", "soon")
-    assert answer.err == "error: --window: found 'soon': expected a time in ms\n"
+    answer = neuro("plot", ran, "--between", "0", "soon")
+    assert answer.err == "error: --between: found 'soon': expected a time in ms\n"
 
 
 def test_some_neurons(neuro, ran):

@@ -234,12 +234,13 @@ MISTAKES = {
     "net.yaml data --classes a,b,c": (
         "--output out: 2 neurons and the classes a, b, c: expected as many different names as neurons"
     ),
-    "net.yaml data --duration 0.5": (
-        "--duration = 0.5 ms: expected a multiple of the resolution, 1 ms\n  hint: the nearest is 1 ms"
+    "net.yaml data --for 0.5": (
+        "--for = 0.5 ms: expected a multiple of the resolution, 1 ms\n  hint: the nearest is 1 ms"
     ),
-    "net.yaml data --backend evnt": "unknown backend 'evnt'\n  hint: did you mean 'event'?",
+    "net.yaml data --backends evnt": "unknown backend 'evnt'\n  hint: did you mean 'event'?",
     "net.yaml data --backends event,event": (
-        "--backends event,event: expected names of backends, each once\n  hint: event,loihi,spinnaker"
+        "Invalid value for '--backends': 'event,event': expected names with commas between them, each once\n"
+        "  hint: see 'python -m pytest.predict --help'"
     ),
     "net.yaml nope": "nope: no such folder, zip or HDF5 file",
     "net.yaml empty": (
@@ -266,7 +267,7 @@ MISTAKES = {
     ),
     "cnn.nir data": (
         "cnn.nir: is a graph of NIR: expected a network as YAML\n"
-        "  hint: neuro convert cnn.nir cnn.yaml --dt 1 makes one"
+        "  hint: neuro convert cnn.nir cnn.yaml --resolution 1 makes one"
     ),
     "apart.yaml data --output out": "no projection leads from --input pixels to --output out: expected a way",
     "two.yaml data": (

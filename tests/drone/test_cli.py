@@ -27,7 +27,12 @@ def test_train_and_test(drone, tmp_path):
     assert code == 0
     assert err.splitlines()[-1].startswith("seed 0: 1,000 of 1,000 steps, ")
     assert len(err.splitlines()) == 10
-    assert out.startswith("model.h5: snn in short, 1,000 steps, seed 0: in the last tenth of ")
+    frozen = re.search(
+        r"px with frozen weights in short flights from afar; [\d.]+ px and \d+% lost in the last tenth of", out
+    )
+    assert frozen, out
+    assert out.startswith("model.h5: snn in short, 1,000 steps, seed 0: ")
+    assert "px frozen, from afar; " in err
     four = told(drone, "test", "model.h5", "--starts", 2)
     assert (four["starts"], four["controller"], four["scenario"], four["steps"]) == (4, "snn", "short", 1000)
     assert [one["start"] for one in four["per_start"]] == [[-35, -35], [35, -35], [-35, 35], [35, 35]]
@@ -69,16 +74,16 @@ def test_watch_flies_the_first_lap_of_a_test_or_the_fixed_path(drone, tmp_path):
         return out, re.search("<p>(.*?)</p>", (tmp_path / "lap.html").read_text("utf-8"))[1]
 
     assert " · the fixed path · " in watched("--path", "fixed")[1]
-    first, second = watched("--start", "20,-10"), watched("--start", "20,-10", "--seed", 1)
+    first, second = watched("--error", "20,-10"), watched("--error", "20,-10", "--seed", 1)
     assert re.search(r" · a path scaled by \d\.\d\d, turned by -?\d+ degrees, \d\.\d\d times as fast · ", first[1])
     assert first != second
     error = told(drone, "test", *ORACLE, "--starts", 1)["error_px"]
-    assert f"mean error {error:.2f} px, a lap that counts" in watched("--start", "0,0")[0]
+    assert f"mean error {error:.2f} px, a lap that counts" in watched("--error", "0,0")[0]
 
 
 def test_watch_begins_on_three_axes(drone, tmp_path):
     short = [word for set in ("task.ball.lap=0.6", "task.ball.speed=0.06") for word in ("--set", set)]
-    assert drone("watch", "--controller", "oracle", "--scenario", "B60-height", *short, "--start", "5,-5,8")[0] == 0
+    assert drone("watch", "--controller", "oracle", "--scenario", "B60-height", *short, "--error", "5,-5,8")[0] == 0
     data = json.loads(re.search('id="data">(.*?)</script>', (tmp_path / "lap.html").read_text("utf-8"))[1])
     talls = np.frombuffer(base64.b64decode(data["talls"]), "<f4")
     assert talls[0] == pytest.approx(48.0)
@@ -87,9 +92,9 @@ def test_watch_begins_on_three_axes(drone, tmp_path):
 def test_seeds_have_files_of_their_own(drone, tmp_path):
     words = ("train", "--scenario", "short.yaml", "--controller", "lms", "--steps", 200, "--seed", 3)
     assert drone(*words, "--out", "one.h5")[0] == 0
-    code, out, _ = drone(*words, "--seeds", 2, "--out", "both.h5")
+    code, out, _ = drone(*words, "--repeats", 2, "--out", "both.h5")
     assert code == 0
-    assert [line.partition(":")[0] for line in out.splitlines()] == ["both-3.h5", "both-4.h5"]
+    assert [line.partition(":")[0] for line in out.splitlines()] == ["both-3.h5", "both-4.h5", "next"]
     one, both, other = (Model.load(tmp_path / f"{name}.h5").learnt["weights"] for name in ("one", "both-3", "both-4"))
     assert (one == both).all()
     assert (one != other).any()
@@ -103,7 +108,7 @@ def test_controllers_that_do_not_learn_are_tested_by_name(drone):
 
 
 def test_compare_is_kept_and_told(drone, tmp_path):
-    words = ("compare", "--scenario", "short.yaml", "--steps", 200, "--seeds", 2, "--starts", 1, "--row", "oracle")
+    words = ("compare", "--scenario", "short.yaml", "--steps", 200, "--repeats", 2, "--starts", 1, "--row", "oracle")
     words = (*words, "--row", "lms", "--also", "lms gain=4 steps=300", "--also", "random-search", "--out", "kept")
     code, out, err = drone(*words, "--json")
     assert code == 0

@@ -1,9 +1,10 @@
 """Networks as C: every spike and every state of the emulated chip in every step, on this computer and on a Cortex-M4.
 
-Few networks here; `make test-c` has 200, and compiles them by clang, too.
+Few networks here; `make test-c` has 300, and compiles them by clang, too.
 """
 
 import ctypes
+import dataclasses
 import os
 import re
 import shutil
@@ -23,10 +24,10 @@ from neuro.exchange.c_code.source import source_of
 from neuro.program.backend import Trial
 from random_c import STEPS, random_network
 
-NETWORKS = int(os.environ.get("NEURO_C_NETWORKS", "3"))
+NETWORKS = int(os.environ.get("NEURO_C_NETWORKS", "2"))
 """Random networks of each chip."""
 WHOLE = "NEURO_C_NETWORKS" in os.environ
-CHIPS = ("loihi", "spinnaker")
+CHIPS = ("loihi", "loihi2", "spinnaker")
 STRICT = ["-std=c99", "-Wall", "-Wextra", "-Werror", "-pedantic", "-DNEURO_DIGEST", "-DNEURO_NO_MAIN"]
 SANITIZERS = ["-O1", "-fsanitize=address,undefined", "-fno-sanitize-recover=all"]
 M4 = ["-mcpu=cortex-m4", "-mthumb", "-O2", "--specs=rdimon.specs"]
@@ -53,7 +54,7 @@ def written(tmp_path_factory: pytest.TempPathFactory) -> list[neuro.CCode]:
     numbered = [(k, chip) for k in range(NETWORKS) for chip in CHIPS]
     words = {"duration": float(STEPS)}
     return [
-        save(random_network(k, chip), place / f"{chip}{k}", chip=chip, name=f"{chip}{k}", seed=k, **words)
+        save(random_network(k, chip), place / f"{chip}_{k}", chip=chip, name=f"{chip}_{k}", seed=k, **words)
         for k, chip in numbered
     ]
 
@@ -76,9 +77,9 @@ def board(written: list[neuro.CCode]) -> list[str]:
 
 
 def run(*command: str) -> str:
-    done = subprocess.run(command, capture_output=True, text=True, stdin=subprocess.DEVNULL, timeout=600)
+    done = subprocess.run(command, capture_output=True, text=True, stdin=subprocess.DEVNULL, timeout=3600)
     assert done.returncode == 0, done.stdout[-2000:] + done.stderr[-4000:]
-    return done.stdout
+    return done.stdout + done.stderr
 
 
 @pytest.mark.parametrize("compiler", ["gcc", "clang"])
@@ -104,7 +105,7 @@ def test_the_sizes_that_are_told_are_those_of_a_cortex_m4(written: list[neuro.CC
         text, data, bss = map(int, run("arm-none-eabi-size", built).splitlines()[1].split()[:3])
         assert data == 0
         assert each.flash < text <= each.flash + each.code
-        assert each.ram <= bss <= each.ram + 64  # gaps between arrays
+        assert each.ram - 3 * each.ram // 4 < bss <= each.ram
 
 
 def test_random_networks_do_fire(written: list[neuro.CCode]):
@@ -119,6 +120,7 @@ def shipped(tmp_path_factory: pytest.TempPathFactory) -> list[neuro.CCode]:
     place, models = tmp_path_factory.mktemp("shipped"), Path(neuro.__file__).parents[1] / "models" / "neuro_models"
     nets = {name: neuro.load(models / f"{name}.yaml") for name in SHIPPED}
     pairs = [(name, chip, f"{name}_{chip}") for name in SHIPPED for chip in CHIPS]
+    pairs = [pair for pair in pairs if pair[:2] != ("drone", "loihi2")]  # which has no refractory period
     return [save(nets[name], place / as_, name=as_, chip=chip, frozen=True) for name, chip, as_ in pairs]
 
 
@@ -131,8 +133,10 @@ def test_shipped_networks_equal_the_emulator(shipped: list[neuro.CCode], tmp_pat
 
 def test_shipped_networks_equal_the_emulator_on_a_cortex_m4(shipped: list[neuro.CCode], tmp_path: Path):
     needs("arm-none-eabi-gcc", "qemu-system-arm")
-    program = build(["arm-none-eabi-gcc", *M4], shipped, tmp_path, *board(shipped))
-    assert run(*QEMU, str(program)).count("steps equal") == len(shipped)
+    for chip in CHIPS:  # the board's flash does not hold all
+        some = [each for each in shipped if each.name.endswith(f"_{chip}")]
+        program = build(["arm-none-eabi-gcc", *M4], some, tmp_path, *board(some))
+        assert run(*QEMU, str(program)).count("steps equal") == len(some)
 
 
 def test_the_folder_tests_itself_and_counts_instructions(tmp_path: Path):
@@ -141,7 +145,7 @@ def test_the_folder_tests_itself_and_counts_instructions(tmp_path: Path):
     result = CliRunner().invoke(app, ["convert", str(digits), str(tmp_path / "out"), "--to", "c", "--ram", "1K"])
     assert result.exit_code == 0, result.output
     assert "bytes: tables 111,456, code at most" in result.output
-    assert "RAM    762 bytes" in result.output
+    assert "RAM    at most 788 bytes" in result.output
     assert "100 steps equal" in run("make", "-s", "-C", str(tmp_path / "out"), "test")
     needs("arm-none-eabi-gcc", "qemu-system-arm")
     told = run("make", "-s", "-C", str(tmp_path / "out"), "m4")
@@ -154,22 +158,25 @@ class Loaded:
 
     def __init__(self, code: neuro.CCode) -> None:
         library = code.folder / "net.so"
-        source = str(code.folder / f"{code.name}.c")
-        run("gcc", "-std=c99", "-O1", "-fPIC", "-shared", "-DNEURO_DIGEST", source, "-o", str(library))
+        source = code.folder / f"{code.name}.c"
+        run("gcc", "-std=c99", "-O1", "-fPIC", "-shared", "-DNEURO_DIGEST", str(source), "-o", str(library))
         self._library = ctypes.CDLL(str(library))
         self._library.net_digest.restype = ctypes.c_uint64
-        self._out = np.zeros((4096, 2), dtype=np.uint16)
+        neuron = np.uint16 if "typedef uint16_t net_neuron" in source.with_suffix(".h").read_text() else np.uint32
+        fields = [("neuron", neuron), ("number", np.int32 if "Loihi 2" in code.chip else np.uint16)]
+        self._event = np.dtype(fields, align=True)
+        self._out = np.zeros(4096, self._event)
         self.init()
 
     def init(self) -> None:
         self._library.net_init()
 
     def step(self, *events: tuple[int, int]) -> list[tuple[int, int]]:
-        sent = np.array(events, dtype=np.uint16).reshape(-1, 2)
+        sent = np.array(list(events), self._event)
         n = self._library.net_step(
             sent.ctypes.data_as(ctypes.c_void_p), len(sent), self._out.ctypes.data_as(ctypes.c_void_p)
         )
-        return [tuple(row) for row in self._out[:n].tolist()]
+        return self._out[:n].tolist()
 
     def trial(self) -> None:
         self._library.net_trial()
@@ -189,7 +196,7 @@ def one(chip: str, tmp_path: Path) -> Loaded:
     return Loaded(save(net, tmp_path / chip, chip=chip))
 
 
-@pytest.mark.parametrize(("chip", "times"), [("loihi", 1), ("spinnaker", 2)])
+@pytest.mark.parametrize(("chip", "times"), [("loihi", 1), ("loihi2", 2), ("spinnaker", 2)])
 def test_an_input_that_comes_twice_in_a_step_is_one_spike_where_spikes_are_bits(chip: str, times: int, tmp_path: Path):
     needs("gcc")
     net = one(chip, tmp_path)
@@ -307,14 +314,25 @@ def test_a_rule_that_is_left_out_leaves_the_weights(tmp_path: Path):
 @pytest.mark.parametrize(
     ("words", "message"),
     [
-        ({"chip": "cpu"}, "chip 'cpu' cannot be written as C: expected the arithmetic of loihi or spinnaker"),
+        ({"chip": "cpu"}, "chip 'cpu' cannot be written as C: expected the arithmetic of loihi, loihi2 or spinnaker"),
         ({"chip": "lohi"}, "lohi"),
         ({"name": "Net"}, "name = 'Net': expected small letters, digits and _, as in 'net'"),
-        ({"ram": 20}, "RAM: network 'small' takes 39 bytes: expected at most 20"),
+        ({"ram": 20}, "RAM: network 'small' takes 64 bytes: expected at most 20"),
         ({"flash": 20}, "flash: network 'small' takes "),
         ({"ram": -1}, "ram = -1"),
         ({"duration": 0.5}, "duration = 0.5 ms: expected a multiple of the resolution, 1 ms"),
         ({"given": {"inn": (np.ones(1), np.zeros(1))}}, "unknown input 'inn'\n  hint: did you mean 'in'?"),
+        ({"given": 5}, "given = 5: expected arrays of steps and neurons, by the name of an input"),
+        (
+            {"given": {"in": 5}},
+            "given['in'] = 5: expected arrays of steps, of neurons, and of payloads where it has such",
+        ),
+        ({"given": {"in": ([1],)}}, "given['in'] = ([1],): expected arrays of steps"),
+        ({"given": {"in": ([1, 2], [0])}}, "given['in'] = ([1, 2], [0]): expected arrays of steps"),
+        ({"given": {"in": ([1.5], [0])}}, "times = 1.5 ms: expected a multiple of the resolution"),
+        ({"given": {"in": ([1], [3])}}, "ids[0] = 3: expected a neuron from 0 to 2"),
+        ({"duration": 1e9}, "duration = 1e+09 ms, 1,000,000,000 steps: expected at most 100,000"),
+        ({"name": "a" * 50}, "expected small letters, digits and _, as in 'net'"),
     ],
 )
 def test_what_cannot_be_is_refused(words, message: str, tmp_path: Path):
@@ -340,7 +358,7 @@ def test_files_of_others_and_edited_ones_stay(tmp_path: Path):
         (["out", "--to", "d"], "--to d: expected c"),
         (["out.yaml", "--ram", "64K"], "--ram: has no use from net.yaml to out.yaml: expected --to c"),
         (["out", "--to", "c", "--ram", "64Q"], "'64Q': expected a number of bytes"),
-        (["out", "--to", "c", "--dt", "1"], "--dt: has no use from net.yaml to out"),
+        (["out", "--to", "c", "--resolution", "1"], "--resolution: has no use from net.yaml to out"),
         (["out"], "out: cannot be written: expected a name ending in .json, .nir, .py, .yaml, .yml"),
     ],
 )
@@ -361,7 +379,335 @@ def test_a_recording_is_the_input_of_the_test(tmp_path: Path):
     net.population("out", 1, neuro.iaf_psc_delta())
     net.connect("pixels", "out", neuro.all_to_all(), weight=30.0, delay=1.0)
     net.save(tmp_path / "net.yaml")
-    words = ["--to", "c", "--recording", str(tmp_path / "small.npz"), "--duration", "9"]
+    words = ["--to", "c", "--recording", str(tmp_path / "small.npz"), "--for", "9"]
     result = CliRunner().invoke(app, ["convert", str(tmp_path / "net.yaml"), str(tmp_path / "out"), *words])
     assert result.exit_code == 0, result.output
     assert "9 steps: 3 spikes of inputs" in result.output
+
+
+def digits(**words) -> neuro.Network:
+    net = neuro.Network("digits", resolution=1.0)
+    for name in words.pop("names", ("in", "out")):
+        net.population(name, 2, neuro.spike_generator() if not net.populations else neuro.iaf_psc_delta(t_ref=0.0))
+    first, *others = net.populations
+    for name in others:
+        net.connect(first, name, neuro.all_to_all(), weight=9.0, delay=1.0)
+    return net
+
+
+def compiles(code: neuro.CCode, *more: str, compiler: str = "gcc") -> None:
+    files = [f"{code.name}.c", f"{code.name}_test.c"]
+    run(compiler, *STRICT, *more, "-fsyntax-only", *(str(code.folder / file) for file in files))
+
+
+@pytest.mark.parametrize("name", ["loihi", "integers", "learning", "m4", "net_test", 3, ""])
+def test_names_that_files_have_already(name, tmp_path: Path):
+    with pytest.raises(neuro.ModelError, match=re.escape(f"name = {name!r}: expected ")):
+        save(digits(), tmp_path / "out", name=name)
+    assert not (tmp_path / "out").exists()
+
+
+@pytest.mark.parametrize(
+    "name", ["int", "neuro", "neuro_loihi", "neuro_integers", "neuro_digest", "class", "errno", "e"]
+)
+def test_names_that_mean_something_to_compilers(name: str, tmp_path: Path):
+    needs("gcc")
+    compiles(save(digits(), tmp_path, name=name))
+
+
+def test_names_of_populations_that_are_equal_in_capitals(tmp_path: Path):
+    needs("gcc")
+    code = save(digits(names=("in", "a_2", "a", "A", "ä", "int", "while", "a.b", "h")), tmp_path)
+    compiles(code)
+    words = re.findall(r"NET_FIRST_(\w+)", (tmp_path / "net.h").read_text())
+    assert len(set(words)) == len(words) == 9
+
+
+@pytest.mark.parametrize("chip", CHIPS)
+def test_limits_of_memory_are_those_of_the_report(chip: str, tmp_path: Path):
+    code = save(digits(), tmp_path, chip=chip)
+    flash = code.flash + code.code
+    assert save(digits(), tmp_path, chip=chip, ram=code.ram, flash=flash).ram == code.ram
+    with pytest.raises(neuro.ModelError, match="RAM: "):
+        save(digits(), tmp_path, chip=chip, ram=code.ram - 1)
+    with pytest.raises(neuro.ModelError, match="flash: "):
+        save(digits(), tmp_path, chip=chip, flash=flash - 1)
+
+
+def test_files_of_two_networks_do_not_compile(tmp_path: Path):
+    """As they lie there when writing was interrupted, or one of them was copied into firmware."""
+    needs("gcc")
+    code, other = save(digits(), tmp_path / "one"), save(small(), tmp_path / "two")
+    for file in ("net.c", "net_test.c"):
+        before = (code.folder / file).read_bytes()
+        (code.folder / file).write_bytes((other.folder / file).read_bytes())
+        with pytest.raises(AssertionError, match=r"net\.h is of another network"):
+            compiles(code)
+        (code.folder / file).write_bytes(before)
+    compiles(code)
+
+
+def test_the_length_of_a_step_is_not_rounded_to_microseconds(tmp_path: Path):
+    net = digits()
+    net.resolution = 0.0625
+    net.projections["in_out"] = dataclasses.replace(net.projections["in_out"], delay=0.125)
+    save(net, tmp_path)
+    assert "#define NET_STEP_NS 62500u" in (tmp_path / "net.h").read_text()
+
+
+def test_steps_are_counted_beyond_32_bits(tmp_path: Path):
+    needs("gcc")
+    net = neuro.Network("reset", resolution=1.0)
+    net.population("out", 1, neuro.loihi2_lif(du=4095, dv=0, bias_mant=1, reset_interval=7, reset_offset=2))
+    save(net, tmp_path, chip="loihi2")
+    steps = 2**32 + 100
+    main = f'#include "net.c"\nint main(void) {{ net_event out[1]; net_init(); now = UINT64_C({steps // 7 * 7 + 1});'
+    main += "for (int k = 0; k < 14; k++) { net_step(NULL, 0, out); if (net_voltage(0) != k % 7 + 1) return 1; }"
+    main += " return 0; }"
+    (tmp_path / "main.c").write_text(main)
+    run("gcc", "-std=c99", str(tmp_path / "main.c"), "-o", str(tmp_path / "main"))
+    run(str(tmp_path / "main"))
+
+
+@pytest.mark.parametrize("chip", CHIPS)
+def test_more_neurons_than_16_bits_count(chip: str, tmp_path: Path):
+    needs("gcc")
+    net = neuro.Network("many", resolution=1.0)
+    net.population("in", 70_000, neuro.spike_generator())
+    net.population("out", 70_000, neuro.iaf_psc_delta(E_L=0.0, V_reset=0.0, V_th=1.0, t_ref=0.0))
+    net.connect("in", "out", neuro.one_to_one(), weight=8.0, delay=1.0)
+    written = save(net, tmp_path, chip=chip, duration=3.0)
+    compiles(written)
+    code = Loaded(written)
+    code.step((69_999, 1), (0, 1), (66_000, 1), (2**32 - 1, 1))
+    assert code.step() == [(70_000, 1), (136_000, 1), (139_999, 1)]
+
+
+@pytest.mark.parametrize(("chip", "longest"), [("loihi", 63.0), ("loihi2", 64.0), ("spinnaker", 144.0)])
+def test_the_longest_delay(chip: str, longest: float, tmp_path: Path):
+    needs("gcc")
+    net = neuro.Network("late", resolution=1.0)
+    net.population("in", 1, neuro.spike_generator())
+    net.population("out", 1, neuro.iaf_psc_delta(E_L=0.0, V_reset=0.0, V_th=1.0, t_ref=0.0))
+    net.connect("in", "out", neuro.one_to_one(), weight=8.0, delay=longest)
+    code = Loaded(save(net, tmp_path, chip=chip))
+    code.step((0, 1))
+    found = [k for k in range(1, 300) if code.step()]
+    assert found == [int(longest)]
+
+
+@pytest.mark.parametrize("level", ["-O2", "-O3"])
+@pytest.mark.parametrize("choice", [neuro.lateral_reset(of="out"), neuro.winner_take_all(of="out")])
+def test_a_neuron_without_rivals(choice, level: str, tmp_path: Path):
+    needs("gcc")
+    net = digits()
+    net.population("alone", 1, neuro.iaf_psc_delta(t_ref=2.0))
+    net.connect("in", "alone", neuro.all_to_all(), weight=9.0, delay=1.0)
+    net.group("choice", dataclasses.replace(choice, of="alone"))
+    code = save(net, tmp_path)
+    assert code.output_spikes
+    files = [str(tmp_path / file) for file in ("net.c", "net_test.c")]
+    run("gcc", *STRICT[:-1], level, *files, "-o", str(tmp_path / "net"))
+    assert "steps equal" in run(str(tmp_path / "net"))
+
+
+def test_headers_and_programs_in_cpp(tmp_path: Path):
+    needs("g++")
+    save(digits(), tmp_path, chip="loihi2")
+    (tmp_path / "main.cpp").write_text('#include "net.h"\nint main() { net_init(); return (int)net_voltage(0); }\n')
+    run("g++", "-std=c++98", "-Wall", "-Wextra", "-Werror", "-fsyntax-only", str(tmp_path / "main.cpp"))
+
+
+WARNINGS = ["-Wconversion", "-Wsign-conversion", "-Wshadow", "-Wcast-qual", "-Wundef", "-Wmissing-prototypes", "-O2"]
+
+
+def test_strict_compilers_find_nothing(written: list[neuro.CCode]):
+    needs("gcc")
+    for each in written:
+        compiles(each, *WARNINGS)
+
+
+@pytest.mark.parametrize("level", ["-O0", "-O2", "-O3", "-Os"])
+def test_any_optimisation_is_equal(written: list[neuro.CCode], level: str, tmp_path: Path):
+    needs("gcc")
+    if level == "-O0" or WHOLE:
+        assert run(str(build(["gcc", level], written, tmp_path))).count("steps equal") == len(written)
+
+
+def test_a_network_that_begins_with_neurons_and_has_no_inputs(tmp_path: Path):
+    needs("gcc")
+    net = neuro.Network("driven", resolution=1.0)
+    net.population("out", 3, neuro.iaf_psc_delta(E_L=0.0, V_reset=0.0, V_th=5.0, t_ref=0.0, I_e=500.0))
+    code = save(net, tmp_path)
+    compiles(code)
+    assert code.output_spikes > 9
+
+
+@pytest.mark.parametrize("chip", CHIPS)
+def test_more_synapses_than_16_bits_count(chip: str, tmp_path: Path):
+    needs("gcc")
+    net = neuro.Network("many", resolution=1.0)
+    net.population("in", 80, neuro.spike_generator())
+    net.population("out", 900, neuro.iaf_psc_delta(E_L=0.0, V_reset=0.0, V_th=50.0, t_ref=0.0))
+    net.connect("in", "out", neuro.fixed_indegree(75), weight=8.0, delay=1.0)
+    compiles(save(net, tmp_path, chip=chip, duration=9.0), *WARNINGS)
+
+
+@pytest.fixture(scope="module")
+def lava(request: pytest.FixtureRequest) -> Path:
+    folder = request.getfixturevalue("shared") / "reference" / "loihi2"
+    if not folder.is_dir():
+        pytest.skip("the networks of lava-dl are not here")
+    return folder
+
+
+def biased(net: neuro.Network, **bias: np.ndarray) -> neuro.Network:
+    """A network of lava-dl with an input, which it takes as the bias of its first layer."""
+    first = net.populations["input"]
+    net.populations["input"] = dataclasses.replace(first, model=dataclasses.replace(first.model, **bias))
+    return net
+
+
+def test_pilotnet_sdnn_in_c_is_that_of_intels_test(lava: Path, tmp_path: Path):
+    needs("gcc")
+    if not WHOLE:
+        pytest.skip("make test-c compiles its 9 MB")
+    image = np.load(lava / "gts_pilotnet_sdnn_input.npy")[..., 0].transpose(2, 1, 0).astype(float)
+    truth = np.load(lava / "gts_pilotnet_sdnn_output.npy").ravel()
+    net = biased(neuro.from_netx(lava / "gts_pilotnet_sdnn_network.net"), bias=image)
+    code = Loaded(save(net, tmp_path, chip="loihi2", duration=float(truth.size)))
+    assert [sum(payload for _, payload in code.step()) for _ in truth] == truth.tolist()
+    assert run("make", "-s", "-C", str(tmp_path), "test").count("9 steps equal")
+
+
+def test_tinynet_in_c_is_that_of_intels_test(lava: Path, tmp_path: Path):
+    needs("gcc")
+    bias = np.load(lava / "gts_tinynet_input_bias.npy").transpose(2, 1, 0).astype(float)
+    truth = np.load(lava / "gts_tinynet_output.npy")[0, :, 0, 0, 1:]
+    net = biased(neuro.from_netx(lava / "tiny.net", reset=17), bias_mant=bias)
+    code, first = Loaded(save(net, tmp_path, chip="loihi2", duration=17.0)), 768 + 864
+    found = np.zeros((17, len(truth)), dtype=np.int64)
+    for step in range(17):
+        for neuron, payload in code.step():
+            found[step, neuron - first] = payload
+    assert np.array_equal(found[2:].T, truth)
+
+
+UART = """
+#include <avr/io.h>
+#include <avr/sleep.h>
+#include <stdio.h>
+static int put(char c, FILE *f)
+{
+    (void)f;
+    while ((UCSR0A & (1 << UDRE0)) == 0) continue;
+    UDR0 = (unsigned char)c;
+    return 0;
+}
+static FILE serial = FDEV_SETUP_STREAM(put, NULL, _FDEV_SETUP_WRITE);
+int MAIN(void);
+int main(void)
+{
+    UCSR0B = 1 << TXEN0, stdout = &serial;
+    printf("%d\\n\\n", MAIN());
+    sleep_mode();
+}
+"""
+
+
+def test_a_network_is_equal_where_an_int_has_16_bits(tmp_path: Path):
+    needs("avr-gcc", "simavr")
+    net = neuro.Network("wide", resolution=1.0)
+    net.population("in", 40, neuro.spike_generator())
+    net.population("out", 40, neuro.iaf_psc_delta(E_L=0.0, V_reset=0.0, V_th=20.0, t_ref=0.0))
+    net.connect("in", "out", neuro.fixed_indegree(20), weight=8.0, delay=1.0)
+    net.connect("out", "out", neuro.fixed_indegree(2), weight=-9.0, delay=neuro.uniform(low=1.0, high=5.0))
+    for chip in CHIPS:
+        code = save(net, tmp_path / chip, chip=chip, duration=60.0)
+        (code.folder / "main.c").write_text(UART.replace("MAIN", "net_test"))
+        files = [str(code.folder / file) for file in ("net.c", "net_test.c", "main.c")]
+        clock = ["-mmcu=atmega1284p", "-DF_CPU=16000000", "-O2"]
+        run("avr-gcc", *STRICT, *WARNINGS[:2], *clock, *files[:1], "-c", "-o", str(code.folder / "net.o"))
+        run("avr-gcc", "-std=c99", *STRICT[5:], *clock, *files, "-o", str(code.folder / "net.elf"))
+        assert "60 steps equal" in run("simavr", "-m", "atmega1284p", "-f", "16000000", str(code.folder / "net.elf"))
+
+
+def test_random_networks_equal_the_emulator_where_large_ends_come_first(written: list[neuro.CCode], tmp_path: Path):
+    needs("s390x-linux-gnu-gcc", "qemu-s390x")
+    if not WHOLE:
+        pytest.skip("make test-c runs them there")
+    told = run("qemu-s390x", str(build(["s390x-linux-gnu-gcc", "-O2", "-static"], written, tmp_path)))
+    assert told.count("steps equal") == len(written)
+
+
+FUZZ = """
+#include <stdint.h>
+#include <stdio.h>
+#include "NAME.h"
+int NAME_fuzz(void);
+int NAME_fuzz(void)
+{
+    static NAME_event events[300], out[UPPER_MOST_OUT];
+    uint64_t draw = 1;
+    NAME_init();
+    for (int step = 0; step < 50; step++) {
+        uint32_t n = (uint32_t)step * 6u;
+        for (uint32_t k = 0; k < n; k++) {
+            draw = draw * UINT64_C(6364136223846793005) + 1442695040888963407u;
+            events[k].neuron = (uint16_t)(draw >> (draw % 3 == 0 ? 33 : 61));
+            events[k].FIELD = (uint16_t)(draw >> 45);
+        }
+        if (NAME_step(n == 0 ? NULL : events, n, out) > UPPER_MOST_OUT) return 1;
+    }
+    return 0;
+}
+"""
+
+
+def test_any_events_are_taken(written: list[neuro.CCode], tmp_path: Path):
+    """Neurons of no input, several events of one, in any order, none at all."""
+    needs("gcc")
+    written = written if WHOLE else written[3:6]
+    for each in written:
+        field = "payload" if "Loihi 2" in each.chip else "times"
+        text = FUZZ.replace("NAME", each.name).replace("UPPER", each.name.upper()).replace("FIELD", field)
+        (each.folder / "fuzz.c").write_text(text)
+    calls = "".join(f"int {each.name}_fuzz(void);\n" for each in written)
+    calls += "int main(void) { return " + " + ".join(f"{each.name}_fuzz()" for each in written) + "; }\n"
+    (tmp_path / "main.c").write_text(calls)
+    files = [str(each.folder / file) for each in written for file in ("fuzz.c", f"{each.name}.c")]
+    run("gcc", *STRICT, *SANITIZERS, *files, str(tmp_path / "main.c"), "-o", str(tmp_path / "fuzz"))
+    run(str(tmp_path / "fuzz"))
+
+
+@pytest.mark.parametrize("chip", CHIPS)
+def test_the_order_of_events_makes_no_difference(chip: str, tmp_path: Path):
+    needs("gcc")
+    code = Loaded(save(random_network(0, chip), tmp_path, chip=chip, duration=9.0))
+    found = []
+    for turned in (False, True):
+        code.init()
+        draws, digests = np.random.default_rng(3), []
+        for _ in range(40):
+            events = [(int(k), 1) for k in draws.integers(0, 16, 12)]
+            code.step(*(reversed(events) if turned else events))
+            digests.append(code.digest())
+        found.append(digests)
+    assert found[0] == found[1]
+
+
+@pytest.mark.parametrize("out", [neuro.loihi2_lif(du=4095, dv=400, vth=200), neuro.sigma_decoder()])
+def test_learning_of_loihi_2_is_refused_or_left_out(out, tmp_path: Path):
+    needs("gcc")
+    net = neuro.Network("learns", resolution=1.0)
+    net.population("in", 3, neuro.spike_generator())
+    net.population("out", 2, out)
+    rule = neuro.loihi2_learning(dw="2^-2*x1*y0", x1_impulse=60, x1_tau=4, weight_exp=3)
+    net.connect("in", "out", neuro.all_to_all(), rule, weight=12.0, delay=1.0)
+    with pytest.raises(neuro.ModelError) as found:
+        save(net, tmp_path / "learns", chip="loihi2")
+    assert "projection 'in_out': loihi2_learning: the program in C has no learning of loihi2" in str(found.value)
+    code = Loaded(save(net, tmp_path, chip="loihi2", frozen=True))
+    code.step((0, 1))
+    code.step()
+    assert code.voltage(3) == (12 << 3) * (64 if "lif" in out.name else 1)

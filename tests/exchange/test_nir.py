@@ -80,11 +80,13 @@ def test_where_nothing_tells_the_tool_it_is_asked_for():
 def test_the_command_converts_both_ways(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     nir.write("a.nir", layers())
-    assert CliRunner().invoke(app, ["convert", "a.nir", "a.yaml", "--dt", "1", "--from", "norse"]).exit_code == 0
-    done = CliRunner().invoke(app, ["convert", "a.yaml", "b.nir", "--for", "norse", "--json"])
+    assert (
+        CliRunner().invoke(app, ["convert", "a.nir", "a.yaml", "--resolution", "1", "--from", "norse"]).exit_code == 0
+    )
+    done = CliRunner().invoke(app, ["convert", "a.yaml", "b.nir", "--to", "norse", "--json"])
     assert done.exit_code == 0, done.exception
     assert '"exact": true' in done.stdout
-    refused = CliRunner().invoke(app, ["convert", "a.nir", "c.yaml", "--dt", "20", "--from", "norse"])
+    refused = CliRunner().invoke(app, ["convert", "a.nir", "c.yaml", "--resolution", "20", "--from", "norse"])
     assert "lif     LIF     refused" in refused.stdout
     assert isinstance(refused.exception, neuro.ModelError)
 
@@ -105,10 +107,10 @@ def test_a_file_of_another_tool_is_not_replaced(content, tmp_path):
 @pytest.mark.parametrize(
     ("words", "ends"),
     [
-        ("a.yaml b.yaml --dt 1", "SRC to end in .nir, or DST to end in .nir"),
+        ("a.yaml b.yaml --resolution 1", "SRC to end in .nir, or DST to end in .nir"),
         ("a.yaml b.nir --from norse", "SRC to end in .nir"),
-        ("a.nir b.yaml --dt 1 --for norse", "DST to end in .nir"),
-        ("a.py b.yaml --run-script --reset subtract", "SRC to end in .nir"),
+        ("a.nir b.yaml --resolution 1 --to norse", "DST to end in .nir"),
+        ("a.py b.yaml --run-script --reset subtract", "SRC to end in .nir, or SRC to end in .net"),
         ("a.yaml b.nir --seed 1", "DST to end in .py, or --to c"),
         ("a.yaml b.py --network 2", "SRC to end in .py"),
     ],

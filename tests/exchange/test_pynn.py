@@ -203,7 +203,7 @@ def test_a_script_is_run_only_if_it_may(tmp_path):
 def test_a_written_script_is_the_same_network(tmp_path):
     net = pynn_networks.network(14)
     net.save(tmp_path / "net.yaml")
-    words = ["--seed", "14", "--duration", "200"]
+    words = ["--seed", "14", "--for", "200"]
     done = CliRunner().invoke(app, ["convert", str(tmp_path / "net.yaml"), str(tmp_path / "net_pynn.py"), *words])
     assert done.exception is None
     back = neuro.from_pynn(tmp_path / "net_pynn.py", run_script=True)

@@ -13,6 +13,8 @@ STEPS = 60
 def random_network(seed: int, chip: str) -> neuro.Network:
     """A network of a number."""
     draws = np.random.default_rng([seed, len(chip)])
+    if chip == "loihi2" and seed % 4:
+        return _graded(draws, seed)
     net = neuro.Network(f"random{seed}", resolution=1.0)
     n = int(draws.integers(1, 9))
     net.population("noise", n, neuro.poisson_generator(rate=float(draws.choice([60.0, 200.0, 900.0]))))
@@ -33,7 +35,7 @@ def random_network(seed: int, chip: str) -> neuro.Network:
     for _ in range(int(draws.integers(0, 5))):
         pre, post = str(draws.choice([*sources, *cells])), str(draws.choice(cells))
         _connect(net, draws, pre, post, _unit(net, post), chip == "loihi" and _alike(net, post))
-    if draws.random() < 0.3:
+    if chip != "loihi2" and draws.random() < 0.3:
         _native(net, draws, chip)
         cells.append("native")
     if draws.random() < 0.5:
@@ -62,14 +64,14 @@ def _neurons(draws: np.random.Generator, chip: str, n: int) -> Any:
     words: dict[str, Any] = {
         "E_L": rest,
         "V_reset": rest,
-        "t_ref": float(draws.integers(0, 4)),
+        "t_ref": 0.0 if chip == "loihi2" else float(draws.integers(0, 4)),
         "tau_m": some(5.0, 30.0),
     }
     words["V_th"] = rest + some(4.0, 15.0)
     if draws.random() < 0.4:
         words["I_e"] = some(-100.0, 250.0)
     if draws.random() < 0.5:
-        if draws.random() < 0.3:
+        if chip != "loihi2" and draws.random() < 0.3:
             words["V_min"] = rest - 8.0
         if chip == "spinnaker" and words["t_ref"] == 0.0:
             words["reset_by_subtraction"] = True
@@ -158,7 +160,9 @@ def _grid(net: neuro.Network, draws: np.random.Generator, chip: str) -> None:
     """A sheet under a shared kernel."""
     channels, height, width = (int(draws.integers(low, high)) for low, high in ((1, 3), (3, 6), (3, 6)))
     net.population("sheet", (channels, height, width), neuro.poisson_generator(rate=60.0))
-    cells = neuro.iaf_psc_delta(E_L=0.0, V_reset=0.0, V_th=6.0, tau_m=20.0, t_ref=float(draws.integers(0, 3)))
+    cells = neuro.iaf_psc_delta(
+        E_L=0.0, V_reset=0.0, V_th=6.0, tau_m=20.0, t_ref=0.0 if chip == "loihi2" else float(draws.integers(0, 3))
+    )
     depthwise = bool(draws.integers(0, 2))
     net.population("maps", (channels * int(draws.integers(1, 3)), "auto", "auto"), cells)
     size = (int(draws.integers(1, 4)), int(draws.integers(1, 4)))
@@ -166,3 +170,85 @@ def _grid(net: neuro.Network, draws: np.random.Generator, chip: str) -> None:
     rule = neuro.grid(kernel=size, stride=int(draws.integers(1, 3)), padding=padding, depthwise=depthwise)
     weight = [3.0, neuro.normal(mean=1.0, std=2.0)][int(draws.integers(0, 2))]
     net.connect("sheet", "maps", rule, weight=weight, delay=float(draws.integers(1, 9)), name="kernels")
+
+
+def _graded(draws: np.random.Generator, seed: int) -> neuro.Network:
+    """Neurons of Loihi 2 in registers, so large that they wrap and clip, and all of its connections."""
+    net = neuro.Network(f"graded{seed}", resolution=1.0)
+    n = int(draws.integers(1, 9))
+    steps, ids = np.nonzero(draws.random((STEPS, n)) < 0.2)
+    most = int(draws.choice([3, 127, 2**17, 2**30]))
+    rows = np.stack([steps + 1, ids, draws.integers(-most, most, ids.size)], axis=1)
+    net.population("graded", n, neuro.graded_spike_train(spikes=rows[rows[:, 2] != 0]))
+    net.population("noise", n, neuro.poisson_generator(rate=float(draws.choice([60.0, 200.0]))))
+    sources = ["graded", "noise"]
+    for k in range(int(draws.integers(2, 7))):
+        name, shape = f"cells{k}", int(draws.integers(1, 10))
+        net.population(name, shape, _registers(draws, shape))
+        for pre in sorted({str(draws.choice(sources)) for _ in range(3)}):
+            _wire(net, draws, pre, name)
+        sources.append(name)
+    for _ in range(int(draws.integers(0, 3))):
+        _wire(net, draws, str(draws.choice(sources)), str(draws.choice(sources[2:])))
+    if draws.random() < 0.5:
+        shape = (int(draws.integers(1, 3)), 4, 5)
+        net.population("sheet", shape, neuro.graded_spike_train() if draws.random() < 0.5 else neuro.spike_generator())
+        cells = neuro.sigma_delta(vth=int(draws.integers(0, 60)), bias=3)
+        net.population("maps", (2, "auto", "auto"), cells if draws.random() < 0.5 else neuro.graded_vector())
+        rule = neuro.grid(kernel=(3, 2), stride=int(draws.integers(1, 3)), padding=int(draws.integers(0, 2)))
+        synapse = [neuro.loihi2_convolution(), neuro.loihi2_static(weight_exp=int(draws.integers(-4, 3)))][seed % 2]
+        weight = draws.integers(-99, 99, 2 * shape[0] * 6).astype(float)
+        net.connect("sheet", "maps", rule, synapse, weight=weight, delay=float(draws.integers(1, 5)), name="kernels")
+    return net
+
+
+def _registers(draws: np.random.Generator, n: int) -> Any:
+    """A neuron of Loihi 2, whose parameters are one or each their own."""
+
+    def some(low: int, high: int) -> Any:
+        values = draws.integers(low, high, n)
+        return values if n > 1 and draws.random() < 0.4 else int(values[0])
+
+    exponents = {"spike_exp": int(draws.integers(0, 8)), "state_exp": int(draws.integers(0, 8))}
+    encoding = {**exponents, "vth": some(0, 60), "cum_error": bool(draws.integers(0, 2))}
+    relu = bool(draws.integers(0, 2))
+    decays = {"du": some(0, 4096), "dv": some(0, 4097), "bias_mant": some(-4096, 4096), "bias_exp": some(0, 8)}
+    if draws.random() < 0.5:
+        decays |= {"reset_interval": int(draws.integers(1, 20)), "reset_offset": int(draws.integers(0, 30))}
+    turning = {"cos_decay": some(-4096, 4097), "sin_decay": some(-2000, 2000), "state_exp": int(draws.integers(0, 8))}
+    kinds = [
+        lambda: neuro.loihi2_lif(**decays, vth=some(0, 2**12)),
+        lambda: neuro.loihi2_ternary_lif(**decays, vth_hi=some(0, 2**12), vth_lo=some(-(2**12), 0)),
+        lambda: neuro.sigma_delta(**encoding, bias=some(-50, 50), relu=relu),
+        lambda: neuro.delta_encoder(**encoding),
+        lambda: neuro.sigma_decoder(),
+        lambda: neuro.graded_vector(vth=some(0, 2**10), relu=relu),
+        lambda: neuro.graded_product(vth=some(0, 2**10), exp=int(draws.integers(0, 16))),
+        lambda: neuro.loihi2_rf(**turning, vth=some(0, 999)),
+        lambda: neuro.loihi2_rf_iz(**turning, vth=some(0, 999)),
+    ]
+    return kinds[int(draws.integers(0, len(kinds)))]()
+
+
+def _wire(net: neuro.Network, draws: np.random.Generator, pre: str, post: str) -> None:
+    """A projection of Loihi 2, dense or sparse, whose mantissas are clipped, cut and shifted."""
+    n_pre, n_post = (int(net.populations[name].shape[0]) for name in (pre, post))
+    sparse = np.nonzero(draws.random((n_pre, n_post)) < 0.5)
+    rules = [(neuro.all_to_all(), n_pre * n_post), (neuro.pairs(pre=sparse[0], post=sparse[1]), sparse[0].size)]
+    rules += [(neuro.one_to_one(), n_pre)] if n_pre == n_post else []
+    longest = int(draws.choice([1, 4, 64]))
+    delay: Any = neuro.uniform(low=1.0, high=float(longest)) if longest > 1 and draws.random() < 0.5 else float(longest)
+    words = {"delay": delay, "name": f"wires{len(net.projections)}"}
+    rule, synapses = rules[int(draws.integers(0, len(rules)))]
+    receptor: dict[str, str] = {}
+    if (model := net.populations[post].model).receptors == 2:
+        receptor = {"receptor": str(draws.choice(model.receptor_names))}
+    mode = str(draws.choice(["mixed", "excitatory", "inhibitory"]))
+    bits, exponent = int(draws.integers(1, 9)), int(draws.integers(-8, 8))
+    synapse = [
+        neuro.loihi2_static(weight_exp=exponent, num_weight_bits=bits, sign_mode=mode, **receptor),
+        neuro.loihi2_convolution(**receptor),
+        neuro.static(**receptor),
+    ][int(draws.integers(0, 3))]
+    weight = draws.integers(-255, 255, synapses).astype(float)
+    net.connect(pre, post, rule, synapse, weight=weight if draws.random() < 0.8 else 77.0, **words)

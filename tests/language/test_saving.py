@@ -160,7 +160,9 @@ def choices(draw, cls, names):
         said |= draw(st.sampled_from([{}, streamed]))
     if cls is neuro.encode:
         said["values"] = draw(st.floats(0.5, 1.0) | arrays(st.floats(0.5, 1.0)))
-    if cls is neuro.loihi_learning:
+    if cls is neuro.loihi2_ternary_lif:
+        said["vth_lo"], said["vth_hi"] = sorted(draw(st.tuples(*[st.integers(-131071, 131071)] * 2)))
+    if cls in (neuro.loihi_learning, neuro.loihi2_learning):
         said = {"dw": draw(st.sampled_from(["2^-2*x1*y0", "2^-2*x0*y0 - 2^-3*x0*w"])), "x1_impulse": 16, "x1_tau": 9}
     if said.get("padding") == "same":
         said.pop("column_padding", None)

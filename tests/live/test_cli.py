@@ -42,7 +42,7 @@ def test_a_page_beside_a_loop(answer, network, tmp_path):
 
 
 def test_a_stream_is_shown_without_a_network(answer, websockets):
-    stream = ("udp://127.0.0.1:0", "--format", "spif", "--sensor", "34x34", "--page", "--no-browser")
+    stream = ("udp://127.0.0.1:0", "--from", "spif", "--sensor", "34x34", "--page", "--no-browser")
     found = answer("events", "listen", *stream, "--for", 95.5)
     assert found.status == 0, found.err
     assert re.fullmatch(r"page: http://\S+\nudp://127\.0\.0\.1:\d+: 0 events in 0 datagrams, \d\.\d s\n", found.out)
@@ -61,7 +61,7 @@ def test_a_stream_is_shown_without_a_network(answer, websockets):
         (["--record", "cells"], "--record: expected --out or --page as well"),
         (["--page", "--tick", 1], "--tick: expected --input, --out or a stream as well"),
         (["--page", "--late", "skip"], "--late: expected --input, --out or a stream as well"),
-        (["--page", "--format", "spif"], "--format: expected an --input from udp:// as well"),
+        (["--page", "--from", "spif"], "--from: expected an --input from udp:// as well"),
         (["--page", "--speed", 0], "'0': expected a number > 0, or inf"),
         (["--page", "--port", 70000, "--no-browser"], "port = 70000: expected a whole number >= 0 and <= 65535"),
     ],

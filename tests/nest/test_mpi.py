@@ -138,6 +138,40 @@ def test_the_memory_of_a_process_is_its_share(folder):
         assert np.all(sum(found["own"] for found in ranks) == alone["own"])
 
 
+BY_RULES = """
+import sys, warnings
+import numpy as np
+import neuro
+from neuro.core.launch import leads
+warnings.simplefilter("ignore")
+net = neuro.Network("rules")
+for name in ("exc", "inh"):
+    net.population(name, 301, neuro.iaf_psc_exp(I_e=400.0), initial={"V_m": neuro.normal(mean=-60.0, std=4.0)})
+late = neuro.normal(mean=1.5, std=0.75)
+net.connect("exc", "exc", neuro.fixed_total_number(n=9000, draw="backend"),
+    weight=neuro.uniform(low=20, high=60), delay=late)
+net.connect("exc", "inh", neuro.fixed_outdegree(n=30, draw="backend"), weight=40.0, delay=late)
+net.connect("inh", "exc", neuro.pairwise_bernoulli(p=0.1, draw="backend"), weight=-200.0, delay=late)
+net.connect("inh", "inh", neuro.fixed_indegree(n=30), weight=-200.0, delay=late)
+sim = neuro.compile(net, "nest", seed=3, threads=int(sys.argv[2]))
+sim.set("exc", V_m=np.linspace(-65.0, -55.0, 301))
+sim.run(100.0)
+values = [*sim.spikes("exc")[0], *sim.spikes("exc")[1], *sim.get("inh", "V_m"), sim.counts().synaptic_ops]
+if leads():
+    np.save(f"rules.{sys.argv[1]}.{sys.argv[2]}.npy", values)
+"""
+
+
+def test_two_processes_and_two_threads_have_one_network_by_nests_rules(folder):
+    Path("rules.py").write_text(BY_RULES)
+    for ranks, threads in ((1, 2), (2, 1)):
+        command = mpirun(ranks, sys.executable, "rules.py", ranks, threads)
+        assert subprocess.run(command, capture_output=True, check=False, timeout=300).returncode == 0
+    one, two = np.load("rules.1.2.npy"), np.load("rules.2.1.npy")
+    assert one.size > 700
+    np.testing.assert_array_equal(one, two)
+
+
 WRONG = """
 import neuro
 net = neuro.Network("wrong")

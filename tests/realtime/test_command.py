@@ -63,7 +63,7 @@ def test_a_stream_is_an_input(live, said):
     if said == "in the file":
         words, asked = {"stream": f"stream: '{url}', format: faery8, sensor: [16, 12]", "shape": "auto"}, ()
     else:
-        words, asked = {}, ("--input", f"camera={url}", "--format", "faery8")
+        words, asked = {}, ("--input", f"camera={url}", "--from", "faery8")
     code, _, _ = live("--out", "day.h5", *asked, **words)
     pause.set()
     thread.join()
@@ -78,7 +78,7 @@ def test_what_is_refused(live):
         (("--input", "cam=a.npz"), "unknown population 'cam'"),
         (("--input", "camera=b.npz"), "b.npz: no such file"),
         (("--input", "camera=a.npz", "--input", "camera=a.npz"), "'camera=a.npz': 'camera' has an input already"),
-        (("--input", "camera=a.npz", "--format", "spif"), "--format: expected an --input from udp:// as well"),
+        (("--input", "camera=a.npz", "--from", "spif"), "--from: expected an --input from udp:// as well"),
         (("--input", "camera=udp://127.0.0.1:0"), "format is missing"),
         (("--late", "never"), "found 'never': expected one of 'catch_up', 'skip', 'stop'"),
         (("--tick", "1.5 ms"), "tick = 1.5 ms: expected a multiple of the resolution"),

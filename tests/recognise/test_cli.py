@@ -17,7 +17,7 @@ def test_list_names_all_methods_and_their_settings(neuro):
     assert code == 0
     assert "cleaner.theta" in out
     assert "thesis figure 85" in out
-    assert "--settings poker: size=[35, 35], cell=12, tau=10.0" in out
+    assert "--preset poker: size=[35, 35], cell=12, tau=10.0" in out
     code, _, err = neuro("list", "hots1")
     assert (code, err.splitlines()[0]) == (2, "error: unknown method 'hots1'")
 
@@ -56,7 +56,7 @@ def test_files_of_any_format_are_predicted(neuro, folder, model, tmp_path):
     [
         (("train", "hats", "--data", "nowhere"), "nowhere: no such folder, zip or HDF5 file"),
         (("train", "hat", "--data", "{folder}"), "unknown method 'hat'\n  hint: did you mean 'hats'?"),
-        (("train", "hats", "--data", "{folder}", "--settings", "x"), "unknown settings of method 'hats' 'x'"),
+        (("train", "hats", "--data", "{folder}", "--preset", "x"), "unknown settings of method 'hats' 'x'"),
         (("test", "nothing.h5", "--data", "{folder}"), "nothing.h5: no such file"),
         (("predict", "nothing.h5", "one.bin"), "nothing.h5: no such file"),
         (("predict", "net.yaml", "a b.bin", "c.bin"),
@@ -94,7 +94,7 @@ def test_compare_keeps_what_is_done(neuro, folder, tmp_path, monkeypatch):
         "boe:tar",
         "--out",
         "all",
-        "--jobs",
+        "--workers",
         2,
     )
     code, out, _ = neuro(*words)
@@ -122,7 +122,7 @@ def test_compare_keeps_what_is_done(neuro, folder, tmp_path, monkeypatch):
 
 def test_a_method_that_cannot_be_run_is_a_row_of_the_table(neuro, folder, monkeypatch):
     monkeypatch.setitem(__import__("sys").modules, "sklearn", None)
-    code, out, _ = neuro("compare", "--data", folder, "--folds", 2, "--method", "hats", "--out", "all", "--jobs", 1)
+    code, out, _ = neuro("compare", "--data", folder, "--folds", 2, "--method", "hats", "--out", "all", "--workers", 1)
     assert code == 0
     assert "not run" in out
     assert "- hats: this readout is trained by scikit-learn, which is not installed" in out

@@ -9,8 +9,13 @@ import pytest
 from matplotlib.image import imread
 
 from neuro.events import Events, recordings, save
-from neuro_recognise import fit
+from neuro_recognise import Recogniser, fit
+from neuro_recognise.method import Progress
 from neuro_recognise.methods import method_of
+from neuro_recognise.telling.energy import bills
+from neuro_recognise.telling.report import LearningBar
+from neuro_recognise.telling.tried import try_out
+from neuro_remus import page
 
 
 @pytest.fixture(scope="module")
@@ -54,6 +59,26 @@ def model(trained, tmp_path):
     return shutil.copy(trained, tmp_path / "model.h5")
 
 
+@pytest.mark.filterwarnings("ignore:backend")
+def test_the_page_of_the_demonstration(trained, folder, tmp_path, capsys):
+    made, unseen = Recogniser.load(trained), recordings(folder, part="Test")
+    tried = try_out(made, unseen)
+    page.write(tmp_path / "index.html", made, {"remus": (tried, bills(tried, ["loihi", "cpu"]))})
+    text = (tmp_path / "index.html").read_text("utf-8")
+    assert f'<h3>right, remus</h3><p class="big">{tried.own.accuracy:.1%}</p>' in text
+    assert text.count("<img ") == 3  # what it looks for, the curve, what it takes for what
+    assert text.index(">loihi</td>") < text.index("not in the bill: the camera")
+    assert "neuro new my-classifier --template classifier" in text
+
+
+def test_epochs_are_a_line_each_where_there_is_no_terminal(monkeypatch, capsys):
+    monkeypatch.setattr("neuro.core.progress.EVERY_S", 0.0)
+    with LearningBar() as bar:
+        for done in range(4):
+            bar.show(Progress("epoch 1 of 2", done, 3, 0.5))
+    assert capsys.readouterr().err.splitlines().count("epoch 1 of 2: 50.0% right") == 1
+
+
 def test_train_test_show(neuro, folder, tmp_path):
     code, out, err = neuro("recognise", "train", "remus", "--data", folder, *SMALL)
     assert (code, err.count("% right")) == (0, 3)
@@ -82,7 +107,7 @@ def test_energy(neuro, folder, model):
     assert (code, err, "of 8 right" in out) == (0, "", True)
     for target in ("loihi", "spinnaker", "spinnaker2", "truenorth", "cpu", "gpu"):
         assert f"\n {target} " in out
-    words = ("--target", "truenorth", "--target", "cpu", "--json")
+    words = ("--chips", "truenorth,cpu", "--json")
     code, out, _ = neuro("recognise", "energy", "model.h5", "--data", folder, *words)
     told = json.loads(out)
     assert code == 0
@@ -94,10 +119,10 @@ def test_energy(neuro, folder, model):
 def test_energy_of_a_target_that_is_none(neuro, folder, model):
     """It is refused before any recording is looked for."""
     words = ("recognise", "energy", "model.h5", "--data")
-    told = neuro(*words, "nowhere", "--target", "loihi", "--target", "lohi")
+    told = neuro(*words, "nowhere", "--chips", "loihi,lohi")
     assert told == (2, "", "error: unknown target 'lohi'\n  hint: did you mean 'loihi'?\n")
     Path("bare.yaml").write_text("limits:\n  cores_per_chip: {value: 128, source: me}\n")
-    assert neuro(*words, folder, "--target", "bare.yaml") == (
+    assert neuro(*words, folder, "--chips", "bare.yaml") == (
         2, "", "error: target 'bare' has no costs: none is published\n"
         "  hint: write a table with 'like: bare' and 'costs: ...', and name its file as the target\n",
     )  # fmt: skip
@@ -110,7 +135,7 @@ def test_train_test_and_energy_on_other_backends(neuro, folder):
     assert figures["accuracy"] == 7 / 8
     told = json.loads(neuro("recognise", "energy", "model.h5", "--data", folder, "--backend", "spinnaker", "--json")[1])
     assert (told["backend"], told["accuracy"]) == ("spinnaker", 7 / 8)
-    thesis = ("--set", "theta=40", "--set", "per_class=1", "--set", "epochs=1", "--settings", "thesis", "--out", "a.h5")
+    thesis = ("--set", "theta=40", "--set", "per_class=1", "--set", "epochs=1", "--preset", "thesis", "--out", "a.h5")
     assert neuro("recognise", "train", "remus", "--data", folder / "Test", "--backend", "reference", *thesis)[0] == 0
 
 
@@ -122,7 +147,7 @@ def test_train_test_and_energy_on_other_backends(neuro, folder):
             "{folder}/Train/lying/1.bin: is a single recording: expected recordings of at least two classes",
         ),
         (
-            "train remus --data {folder} --settings good",
+            "train remus --data {folder} --preset good",
             "unknown settings of method 'remus' 'good'\n  hint: known: best, early, poker, thesis",
         ),
         ("train remus --data {folder} --set maps=3", "'maps' cannot be set: it follows from the classes and per_class"),

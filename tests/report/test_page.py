@@ -12,7 +12,8 @@ from neuro.files import results
 from neuro.files.finished_runs import energy
 from neuro.pages.histograms import histogram
 from neuro.pages.raster import packed
-from neuro.report.curves import curves, rates, ticks
+from neuro.pages.scales import few, prefixed, ticks
+from neuro.report.curves import curves, rates
 from neuro.report.page import page
 from neuro.run.collect import collect
 from rasters import Page, unpacked
@@ -73,7 +74,7 @@ def test_its_numbers_are_those_of_the_run(run, ran):
     assert told.row("exc", "iaf_psc_exp", "4 x 5") == rest
     assert told.row("noise", "poisson_generator", "30")[3] == "-"
     weights = ran.weights("noise_exc")[2]
-    values = [f"{n:.4g}" for n in (weights.min(), weights.mean(), weights.max())]
+    values = [f"{n:.4g} pA" for n in (weights.min(), weights.mean(), weights.max())]
     carried = f"{counts.projections['noise_exc'].synaptic_ops:,}"
     assert told.row("noise_exc", "noise", "exc", "stdp") == [f"{weights.size}", *values, carried]
     for name, what in {"spikes": "spikes", "synaptic_ops": "synaptic operations"}.items():
@@ -243,16 +244,52 @@ def test_ticks_are_few_and_inside(a, b, most):
         assert len(marks) >= 2 or most == 2
 
 
+@pytest.mark.parametrize(
+    ("value", "text"),
+    [(0.0, "0"), (0.01234, "0.0123"), (16.449, "16.4"), (302179.0, "302,000"), (999.9, "1,000"), (1.5e-7, "1.50e-07")],
+)
+def test_numbers_have_three_digits(value, text):
+    assert few(value) == text
+    assert few(-value) == f"-{text}"
+
+
+def test_joules_take_a_prefix_and_other_units_none():
+    factor, unit = prefixed(7.84e-5, "J")
+    assert (round(7.84e-5 * factor, 6), unit) == (78.4, "uJ")
+    assert prefixed(5e4, "Hz") == (1.0, "Hz")
+    assert prefixed(0.0, "J") == (1.0, "J")
+
+
+def test_strips_are_as_high_as_their_populations_are_large():
+    net = neuro.Network("two", resolution=1.0)
+    for name, size in (("large", 800), ("small", 200)):
+        net.population(name, size, neuro.spike_generator(spike_times=[[5.0]] * size))
+    heights = re.findall(r'"height":(\d+)', page(simulated(net, 10.0), "run.h5"))
+    assert heights == ["140", "35"]
+
+
+def test_spikes_of_generators_are_not_those_of_neurons():
+    net = neuro.Network("driven", resolution=1.0)
+    inputs = net.population("in", 10, neuro.spike_generator(spike_times=[[5.0]] * 10))
+    cells = net.population("cells", 2, neuro.iaf_psc_exp())
+    net.connect(inputs, cells, neuro.all_to_all(), weight=2000.0)
+    results = simulated(net, 20.0)
+    spikes = results.populations["cells"].spikes
+    text = page(results, "run.h5")
+    assert f'<p class="big">{spikes}</p><p>of 2 neurons in 1 population; generators emitted 10 more</p>' in text
+    assert "2000 pA" in text
+
+
 def test_the_command(tmp_path, answer, monkeypatch, run):
     monkeypatch.chdir(tmp_path)
     (tmp_path / "net.yaml").write_text(NETWORK)
     results.write(run, "run.h5")
     assert answer("report", "run.h5") == (0, "run.html: written\n", "")
-    assert answer("report", "run.h5", "--out", "other.html", "--target", "cpu") == (0, "other.html: written\n", "")
+    assert answer("report", "run.h5", "--out", "other.html", "--chip", "cpu") == (0, "other.html: written\n", "")
     assert "energy on cpu" in (tmp_path / "other.html").read_text()
     for words, told in {
         ("net.yaml",): "net.yaml: not a file of results, as 'neuro run' writes it\n",
-        ("run.h5", "--target", "lohi"): "unknown target 'lohi'\n  hint: did you mean 'loihi'?\n",
+        ("run.h5", "--chip", "lohi"): "unknown target 'lohi'\n  hint: did you mean 'loihi'?\n",
         ("run.h5", "--out", "net.yaml"): "net.yaml: exists and is not a page of 'neuro report'",
     }.items():
         found = answer("report", *words)

@@ -46,6 +46,20 @@ def folder(tmp_path, monkeypatch, registries):
     return tmp_path
 
 
+def test_units_are_those_of_the_network(folder):
+    sweep = load_sweep(folder / "sweep.yaml")
+    assert sweep.as_dict()["units"] == {
+        "exc.V_th": "mV",
+        "rate.exc": "Hz",
+        "weight.exc_inh": "pA",
+        "weight_sd.exc_inh": "pA",
+        "energy.loihi": "J",
+        "energy_real_time.loihi": "J",
+    }
+    assert sweep.units(["for", "exc_inh.delay", "exc_inh.weight"])["exc_inh.delay"] == "ms"
+    assert sweep.units(["for", "exc_inh.weight"])["exc_inh.weight"] == "pA"
+
+
 def test_a_sweep_gives_what_single_runs_give(folder, run, capsys):
     run("sweep", "run", "sweep.yaml", "--on", "here")
     out = capsys.readouterr().out.splitlines()
@@ -88,7 +102,7 @@ def test_what_a_sweep_cannot_change_stays_as_it_is(folder):
 
 
 def test_status_and_table(folder, run, capsys):
-    run("sweep", "run", "sweep.yaml", "--on", "here", "--part", "1/4")
+    run("sweep", "run", "sweep.yaml", "--on", "here", "--share", "1/4")
     run("sweep", "status", "runs")
     assert capsys.readouterr().out.splitlines()[-1] == "sweep: 8 runs: 2 done, 0 failed, 0 under way, 6 left"
     run("sweep", "table", "runs")
@@ -158,7 +172,7 @@ def test_a_file_that_was_edited_under_way_is_told(folder, run, capsys):
     with pytest.raises(neuro.ModelError) as told:
         made.run.check_inputs()
     assert str(told.value).startswith(f"{folder}/net.yaml: was edited since the sweep began: expected the file that it")
-    run("sweep", "run", "sweep.yaml", "--on", "here", "--part", "1/8")
+    run("sweep", "run", "sweep.yaml", "--on", "here", "--share", "1/8")
     (folder / "net.yaml").write_text(NET)
     run("sweep", "run", "sweep.yaml", "--on", "here", status=2)
     assert "runs: the folder of another sweep: network is" in capsys.readouterr().err
@@ -204,10 +218,10 @@ def test_pictures_and_the_page(folder, run, capsys):
         "network: net.yaml\nfor: 5 ms\nmetrics: [rate.exc, synaptic_ops]\nparameters:\n"
         "  {w: [1.0, 2.0, 4.0, 8.0, 16.0], exc.V_th: [-55.0, -54.0, -53.0, -52.0, -51.0]}\n"
     )
-    run("sweep", "run", "sweep.yaml", "--on", "here", "--part", "1/2")
+    run("sweep", "run", "sweep.yaml", "--on", "here", "--share", "1/2")
     run("sweep", "plot", "runs")
-    run("sweep", "plot", "runs", "--metric", "synaptic_ops", "--as", "lines", "--of", "w", "--format", "svg")
-    run("sweep", "plot", "runs", "--metric", "synaptic_ops", "--as", "parallel", "--out", "pictures")
+    run("sweep", "plot", "runs", "--metric", "synaptic_ops", "--kind", "lines", "--of", "w", "--format", "svg")
+    run("sweep", "plot", "runs", "--metric", "synaptic_ops", "--kind", "parallel", "--out", "pictures")
     names = sorted(path.name for path in (folder / "runs").iterdir() if path.is_file())
     assert names == ["rate.exc-map.png", "sweep.json", "synaptic_ops-lines.svg", "synaptic_ops-map.png"]
     run("sweep", "plot", "runs", "--metric", "rat", status=2)
@@ -217,16 +231,18 @@ def test_pictures_and_the_page(folder, run, capsys):
     page = (folder / "runs" / "sweep.html").read_text()
     assert page.count("<tr>") > 25
     assert "25 runs" in page
+    assert "rate.exc (Hz)" in page
+    assert "exc.V_th (mV)" in page
     assert '<meta name="provenance"' in page
 
 
 def test_a_record_tells_all(folder, run):
-    run("sweep", "run", "sweep.yaml", "--on", "here", "--part", "1/8")
+    run("sweep", "run", "sweep.yaml", "--on", "here", "--share", "1/8")
     (outcome,) = table_of("runs").outcomes().values()
     record = outcome.provenance
     assert {"neuro", "commit", "versions", "backend", "threads", "seed", "network", "inputs", "command", "machine"} <= {
         *record
     }
-    assert record["command"] == "neuro sweep run sweep.yaml --on here --part 1/8"
+    assert record["command"] == "neuro sweep run sweep.yaml --on here --share 1/8"
     assert json.loads((folder / "runs" / "sweep.json").read_text())["provenance"]["inputs"] == record["inputs"]
     assert Folder(folder / "runs").has(outcome.key)

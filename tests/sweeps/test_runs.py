@@ -130,7 +130,7 @@ def test_what_is_no_number_is_told(tmp_path):
 
 def test_parts_make_the_whole(runs, tmp_path):
     whole = sweep(runs.add, {"a": list(range(10))}, tmp_path / "whole")
-    parts = [sweep(runs.add, {"a": list(range(10))}, tmp_path / "parts", part=f"{k}/4").counts() for k in range(1, 5)]
+    parts = [sweep(runs.add, {"a": list(range(10))}, tmp_path / "parts", share=f"{k}/4").counts() for k in range(1, 5)]
     assert [counts["done"] for counts in parts] == [3, 6, 8, 10]
     assert table_of(tmp_path / "parts").csv() == whole.csv()
 
@@ -158,7 +158,7 @@ if __name__ == "__main__":
 def test_several_work_in_one_folder_and_nothing_is_done_twice(runs, tmp_path, notes):
     places = {"folder": str(FOLDER), "out": str(tmp_path / "out"), "notes": notes.path, "ready": f"{tmp_path}/ready/"}
     (tmp_path / "ready").mkdir()
-    words = [{"on": "here", "part": "1/2"}, {"on": "here"}, {"workers": 1}]
+    words = [{"on": "here", "share": "1/2"}, {"on": "here"}, {"workers": 1}]
     scripts = [SEVERAL.format(words=each, **places) for each in words]
     running = [subprocess.Popen([sys.executable, "-c", text]) for text in scripts]
     assert [process.wait(120) for process in running] == [0] * 3
@@ -266,8 +266,8 @@ def test_a_folder_with_something_else_stays(runs, tmp_path):
 MISTAKES = [
     ({"c": [1]}, {}, "unknown parameter of add 'c'\n  hint: known: a, b, seed"),
     ({"b": [1]}, {}, "add needs 'a', which the space does not have"),
-    ({"a": [1]}, {"part": "5/4"}, "part = '5/4': expected I/N, with I from 0 to N, such as 3/100"),
-    ({"a": [1]}, {"part": "x"}, "part = 'x': expected I/N, with I from 0 to N, such as 3/100"),
+    ({"a": [1]}, {"share": "5/4"}, "share = '5/4': expected I/N, with I from 0 to N, such as 3/100"),
+    ({"a": [1]}, {"share": "x"}, "share = 'x': expected I/N, with I from 0 to N, such as 3/100"),
     ({"a": [1]}, {"memory_limit": "3"}, "memory_limit = '3': expected a size, such as 500 MB or 2 GB"),
     ({"a": [1]}, {"time_limit": "0 s"}, "time_limit = '0 s': expected a time > 0, such as 60 s"),
     ({"a": [1]}, {"workers": 0}, "workers = 0: expected a whole number >= 1"),

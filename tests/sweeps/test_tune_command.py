@@ -84,7 +84,7 @@ def test_pictures_and_the_page(folder, run, capsys):
     (folder / "tune.yaml").write_text(TUNE.replace("trials: 4", "trials: 8").replace("seeds: 2\n", ""))
     run("tune", "run", "tune.yaml", "--on", "here")
     run("tune", "plot", "tuned")
-    run("tune", "plot", "tuned", "--as", "front", "--format", "svg", "--out", "pictures")
+    run("tune", "plot", "tuned", "--kind", "front", "--format", "svg", "--out", "pictures")
     names = sorted(path.name for path in (folder / "tuned").glob("*.png"))
     assert names == ["energy.loihi-parallel.png", "front.png", "history.png", "importance.png", "rate.exc-parallel.png"]
     assert [path.name for path in (folder / "pictures").iterdir()] == ["front.svg"]

@@ -185,8 +185,8 @@ def test_what_failed_is_not_done_again_while_others_work(searches, tmp_path):
     with pytest.raises(ModelError, match="out: others work in it, on 1 runs or trials"):
         tune(searches.uneven, {"x": [1]}, out, trials=1, retry_failed=True)
     claims.give_up("trial-7")
-    with pytest.raises(ModelError, match="what failed is done again by one process for all: expected no part"):
-        tune(searches.uneven, {"x": [1]}, out, trials=1, retry_failed=True, part="1/2")
+    with pytest.raises(ModelError, match="what failed is done again by one process for all: expected no share"):
+        tune(searches.uneven, {"x": [1]}, out, trials=1, retry_failed=True, share="1/2")
 
 
 points = st.lists(st.tuples(*[st.integers(0, 6)] * 3), min_size=0, max_size=15)

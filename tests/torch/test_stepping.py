@@ -11,7 +11,7 @@ from neuro.program.program import Program
 
 torch = pytest.importorskip("torch", reason="PyTorch is not installed")
 
-from neuro_torch import stepping  # noqa: E402
+from neuro_torch import cells  # noqa: E402
 from neuro_torch.stepping import Stepper  # noqa: E402
 from neuro_torch.surrogates import ArcTan, FastSigmoid  # noqa: E402
 
@@ -104,7 +104,7 @@ def loss(part: Program, events: torch.Tensor, weights: dict, parameters: dict) -
 
 @pytest.mark.parametrize("name", MODELS)
 def test_gradients_are_finite_differences_of_smooth_neurons(name, monkeypatch):
-    monkeypatch.setattr(stepping, "Surrogated", Smooth)
+    monkeypatch.setattr(cells, "Surrogated", Smooth)
     part, events = program(*MODELS[name]), inputs()
     weights, parameters = learnt(part)
     loss(part, events, weights, parameters).backward()
@@ -145,7 +145,7 @@ def test_learnt_delays_on_the_grid_are_those_of_the_program(name):
 
 @pytest.mark.parametrize("start", [0.0, 0.3])
 def test_the_gradient_of_a_delay_is_a_finite_difference(start, monkeypatch):
-    monkeypatch.setattr(stepping, "Surrogated", Smooth)
+    monkeypatch.setattr(cells, "Surrogated", Smooth)
     part, events = program(*MODELS["exp"]), inputs()
     wires = next(p for p in part.projections if p.name == "ih")
     mixed = torch.tensor(np.where(np.arange(20) % 3, 1.0, -1.0) * wires.weight, requires_grad=True)

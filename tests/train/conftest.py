@@ -79,6 +79,6 @@ def dense(folder):
 
     def words(data=folder, **more):
         set_ = [word for name, value in (small | more).items() for word in ("--set", f"{name}={value}")]
-        return [neuro_models.path("dense"), "--data", data, "--duration", 60, "--batch", 6, *set_]
+        return [neuro_models.path("dense"), "--data", data, "--for", 60, "--batch", 6, *set_]
 
     return words

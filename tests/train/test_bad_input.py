@@ -15,7 +15,7 @@ from neuro.events import Events, save
 
 torch = pytest.importorskip("torch", reason="PyTorch is not installed")
 
-QUICK = ("--duration", 60, "--epochs", 8, "--batch", 6)
+QUICK = ("--for", 60, "--epochs", 8, "--batch", 6)
 DELTA = snn.iaf_psc_delta(tau_m=20.0, t_ref=0.0, E_L=0.0, V_reset=0.0, V_th=1.0)
 
 
@@ -80,7 +80,7 @@ def test_networks_that_cannot_learn(neuro, folder, tmp_path, net, messages):
         (["--device", "cuda:7"], "--device cuda:7: torch has no such device here: expected one of cpu"),
         (["--device", "meta"], "--device meta: torch has no such device here: expected one of cpu"),
         (["--without", "*"], "--without *: leaves none of the 24 recordings of"),
-        (["--duration", 61], "duration = 61 ms"),
+        (["--for", 61], "duration = 61 ms"),
         (["--folds", 2, "--test", "Test"], "--folds and --test: expected one of them"),
         (["--folds", 2, "--backends", "event,lohi"], "unknown backend 'lohi'"),
         (["--prune", 0.999], "prune: projection 'hidden_out': none of its 30 synapses stays: expected some"),

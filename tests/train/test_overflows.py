@@ -50,7 +50,7 @@ def wraps(err):
 def test_weights_that_wrap_with_no_room_left_are_reported_once(neuro, spread, folder, monkeypatch):
     """Of all recordings that are tested on, and of all folds, also when these are there already."""
     monkeypatch.setattr("neuro_train.room.MARGIN", 0.0)
-    words = (spread(100.0), "--data", folder, "--duration", 60, "--epochs", 0, "--backends", "loihi")
+    words = (spread(100.0), "--data", folder, "--for", 60, "--epochs", 0, "--backends", "loihi")
     status, _, err = neuro(*words, "--test", folder)
     assert (status, wraps(err)[1]) == (0, 9)
     status, _, err = neuro(*words, "--folds", 2)
@@ -60,7 +60,7 @@ def test_weights_that_wrap_with_no_room_left_are_reported_once(neuro, spread, fo
 
 def test_scales_leave_room_for_what_was_learnt_from(neuro, spread, folder):
     """The weights are small, but at the chip's own scale their sums wrap; folds keep how much room there is."""
-    words = (spread(4.0), "--data", folder, "--duration", 60, "--epochs", 1, "--bits", 8, "--backends", "loihi")
+    words = (spread(4.0), "--data", folder, "--for", 60, "--epochs", 1, "--bits", 8, "--backends", "loihi")
     status, out, err = neuro(*words, "--test", folder)
     assert (status, "input wraps" in err) == (0, False)
     net = snn.load("trained.yaml")

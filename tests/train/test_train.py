@@ -24,7 +24,7 @@ pytestmark = [
     pytest.mark.filterwarnings("ignore:backend 'spinnaker'"),  # no released binary has iaf_psc_delta
     pytest.mark.filterwarnings("ignore:backend 'loihi'"),  # what rounding loses
 ]
-QUICK = ("--duration", 60, "--epochs", 8, "--batch", 6)
+QUICK = ("--for", 60, "--epochs", 8, "--batch", 6)
 PLAN = {"input": "pixels", "output": "out", "duration": 60.0, "epochs": 8, "batch": 6}
 
 
@@ -94,7 +94,7 @@ def test_every_network_that_ships_learns_by_the_command(neuro, folder, name):
     small = ("height=12", "width=12", "classes=3", "resolution=5", "in_std=0.3", "out_std=0.3", *values)
     sets = [word for value in small for word in ("--set", value)]
     words += ("--epochs", 15, "--rate", 0.03, "--test", folder, "--backends", "event")
-    status, out, err = neuro(name, "--data", folder, "--duration", 60, "--batch", 6, *sets, *words)
+    status, out, err = neuro(name, "--data", folder, "--for", 60, "--batch", 6, *sets, *words)
     assert (status, err) == (0, "")
     rows = [line.split() for line in out.splitlines() if line.split()[:1] in (["torch"], ["event"])]
     assert len(rows) == 2
@@ -104,6 +104,25 @@ def test_every_network_that_ships_learns_by_the_command(neuro, folder, name):
     assert all(np.isfinite(listed(part.weight)).all() for part in net.projections.values())
     if name == "learnt_delays":
         assert len(np.unique(listed(net.projections["hidden_out"].delay))) > 3
+
+
+def test_sigma_delta_neurons_learn_for_loihi_2(neuro, folder):
+    small = ("height=12", "width=12", "classes=3", "maps=4", "kernel=3", "stride=2", "hidden=8", "resolution=10")
+    small += ("hidden_vth=500", "hidden_std=30", "out_std=60")
+    sets = [word for value in small for word in ("--set", value)]
+    how = ("--chip", "loihi2", "--bits", 8, "--temperature", 1e6, "--rate", 0.06, "--epochs", 12, "--batch", 6)
+    test = ("--test", folder, "--backends", "event,loihi2", "--for", 60)
+    status, out, err = neuro("sigma", "--data", folder, *sets, *how, *test)
+    assert (status, err) == (0, "")
+    rows = [line.split() for line in out.splitlines() if "9 of 9" in line]
+    assert [row[0] for row in rows] == ["torch", "event", "loihi2"]
+    assert float(rows[0][1].rstrip("%")) >= 66.0
+    sent = [line.split(":")[1] for line in out.splitlines() if "spikes in a recording" in line]
+    assert sent[0] == sent[1]
+    net, unseen = snn.load("trained.yaml"), snn.events.recordings(folder, part="Test")
+    asked = [snn.predict(net, unseen, backend=backend) for backend in ("event", "loihi2")]
+    assert asked[0].agrees(asked[1]) == 1.0
+    assert f"{np.mean(asked[0].decided == unseen.labels):.1%}" == rows[0][1]
 
 
 @pytest.mark.slow
@@ -162,7 +181,7 @@ def test_folds_are_trained_once(neuro, folder, file, tmp_path, monkeypatch):
 
 
 def test_no_epochs_test_only(neuro, folder, file):
-    words = ("--duration", 60, "--epochs", 0, "--test", folder, "--backends", "event")
+    words = ("--for", 60, "--epochs", 0, "--test", folder, "--backends", "event")
     status, out, _ = neuro(file, "--data", folder, *words)
     assert (status, "9 of 9" in out) == (0, True)
     before, after = (snn.compile(snn.load(each)).weights("in_hidden")[2] for each in (file, "trained.yaml"))

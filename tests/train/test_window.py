@@ -108,7 +108,7 @@ def test_a_network_sees_the_same_on_a_larger_sensor(folder, file, sparse):
 
 
 def test_the_command_learns_and_tests_through_the_window(neuro, file, sparse):
-    quick = ("--duration", 60, "--epochs", 8, "--batch", 6, "--window", "centred", "--augment", "shift=1")
+    quick = ("--for", 60, "--epochs", 8, "--batch", 6, "--window", "centred", "--augment", "shift=1")
     status, out, err = neuro(file, "--data", sparse, *quick, "--test", sparse, "--backends", "event")
     assert (status, err) == (0, "")
     assert "24 of 24" in out

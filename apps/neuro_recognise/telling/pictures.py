@@ -143,6 +143,7 @@ def prototypes(kernels: Floats, classes: Sequence[str], orientations: Sequence[f
     about = f"{per_class} a class; the opacity of a bar is the weight of its orientation at its place"
     down = -(-len(classes) // across) * per_class
     figure, tiles = _tiled(across, down, "What the grids have learnt", about)
+    _key(figure, orientations)
     for k, kernel in enumerate(kernels):
         label, version = divmod(k, per_class)
         axis = tiles[label // across * per_class + version, label % across]
@@ -188,6 +189,21 @@ def _tiled(across: int, down: int, title: str, about: str, between: float = 0.0)
     for axis in tiles.flat:
         axis.set_axis_off()
     return figure, tiles
+
+
+def _key(figure: Figure, orientations: Sequence[float]) -> None:
+    """Which colour is which orientation, as bars in the upper right corner."""
+    width, height = figure.get_size_inches()
+    high, each = 0.2, 0.62
+    axis = figure.add_axes((1 - (0.1 + each * len(orientations)) / width, 1 - 0.34 / height,
+                            each * len(orientations) / width, high / height))  # fmt: skip
+    axis.set(xlim=(0.0, each * len(orientations)), ylim=(high, 0.0), aspect="equal")
+    axis.set_axis_off()
+    for k, (angle, colour) in enumerate(zip(orientations, _colours(len(orientations)), strict=True)):
+        reach, middle = 0.09 * np.array([-np.sin(np.deg2rad(angle)), np.cos(np.deg2rad(angle))]), k * each + 0.12
+        axis.plot(*zip((middle - reach[0], 0.1 - reach[1]), (middle + reach[0], 0.1 + reach[1]), strict=True),
+                  color=colour, lw=2, solid_capstyle="round")  # fmt: skip
+        axis.text(middle + 0.12, 0.1, f"{angle:g}°", fontsize=8.5, color=INK, va="center")
 
 
 def _bars(axis: Axes, kernel: Floats, orientations: Sequence[float]) -> None:

@@ -36,7 +36,7 @@ class LearningBar:
         if progress.right is not None:
             text += f": {progress.right:.1%} right"
         if progress.among is None:
-            self._line.show(progress.done, progress.total, text)
+            self._line.show(progress.done, progress.total, text, line=progress.right is None)
         else:
             done, total = progress.among
             self._line.show(done, total, f"{done} of {total} done; {text}")
@@ -75,7 +75,7 @@ def show_settings(name: str) -> None:
     out.print(f"{name}: {method.title}\n{method.source}")
     out.print(table(("setting", "value", "unit", "meaning", "source"), rows))
     for preset, values in method.presets.items():
-        out.print(f"--settings {preset}: {', '.join(f'{k}={_shown(v)}' for k, v in values.items())}")
+        out.print(f"--preset {preset}: {', '.join(f'{k}={_shown(v)}' for k, v in values.items())}")
 
 
 def learnt(recogniser: Recogniser) -> str:

@@ -27,7 +27,7 @@ _COLUMNS = {
 def _write(a: Arrays, row: NDArray[np.int64], here: slice, r: Mapping[str, Ints]) -> None:
     for name, column in _COLUMNS.items():
         row[column] = int(r[name][0]) if name in r else 0
-    row[t.INPUT_EXP] = sum(int(r[name][0]) for name in ("spike_exp", "state_exp") if name in r)
+    row[t.INPUT_EXP] = sum(int(r[name][0]) for name in ("spike_exp", "state_exp", "exp") if name in r)
     if "du" in r:
         a["keep_u"][here] = 4095 - r["du"]
         a["keep_v"][here] = 4096 - r["dv"]
@@ -37,7 +37,7 @@ def _write(a: Arrays, row: NDArray[np.int64], here: slice, r: Mapping[str, Ints]
         return
     if "cos_decay" in r:
         a["keep_u"][here], a["keep_v"][here] = r["cos_decay"], r["sin_decay"]
-        a["threshold"][here] = r["vth"] << r["state_exp"]
+        a["threshold"][here] = r["vth"]
         return
     for name, array in (("vth", "threshold"), ("bias", "bias")):
         a[array][here] = r.get(name, 0)
@@ -55,6 +55,7 @@ FAMILY = ChipFamily(
         "delta_encoder": loihi2_step.delta_encoder,
         "sigma_decoder": loihi2_step.sigma_decoder,
         "graded_vector": loihi2_step.graded_vector,
+        "graded_product": loihi2_step.product,
     },
     receptors=1,
     word=np.int32,
@@ -68,6 +69,7 @@ FAMILY = ChipFamily(
         "delta_encoder": _SIGMA[1:],
         "sigma_decoder": ("sigma", "payload"),
         "graded_vector": ("payload",),
+        "graded_product": ("payload",),
     },
     write=_write,
     current=loihi.FAMILY.current,

@@ -120,7 +120,7 @@ def encode(net, row, i, y):
     # `u` is the old value, `g_inh` the residue, `hold` the sum of changes.
     delta = i32(i32(y - net.u[i]) + net.g_inh[i])
     error = i32(net.hold[i] + delta) if row[t.CUMULATIVE] else delta
-    out = delta if abs(error) >= net.threshold[i] else ZERO
+    out = delta if i32(abs(error)) >= net.threshold[i] else ZERO
     if row[t.CUMULATIVE]:
         net.hold[i] = error if out == ZERO else ZERO
     net.g_inh[i] = i32(delta - out)
@@ -177,6 +177,25 @@ def graded_vector(net, pop, row, step):
 
 
 @subkernel
+def share(value, factor):
+    """Value x factor / 4096, truncated towards 0, of factors of either sign."""
+    part = kept(value, i32(abs(factor)))
+    return part if factor >= ZERO else i32(-part)
+
+
+@subkernel
+def product(net, pop, row, step):
+    """The product of what arrives at both receptors, shifted down, where it is large enough."""
+    first, second, lo = arrivals(net, row, step), second_arrivals(net, row, step), row[t.BEGIN]
+    for i in range(lo, row[t.END]):
+        k = i - lo
+        a = i32(i32(net.ring[first + k] * net.ring[second + k]) >> i32(row[t.INPUT_EXP]))
+        net.ring[first + k] = ZERO
+        net.ring[second + k] = ZERO
+        send(net, i, a if i32(abs(a)) > net.threshold[i] else ZERO)
+
+
+@subkernel
 def resonate(net, pop, row, step):
     """Turn the states of resonators: `v` is real, `u` imaginary; `hold` keeps the old imaginary part."""
     first, second, lo = arrivals(net, row, step), second_arrivals(net, row, step), row[t.BEGIN]
@@ -184,15 +203,15 @@ def resonate(net, pop, row, step):
     clips = ZERO
     for i in range(lo, row[t.END]):
         re, im, k = net.v[i], net.u[i], i - lo
-        turned = i32(kept(re, net.keep_u[i]) - kept(im, net.keep_v[i]))
-        x = i32(turned + i32(net.ring[first + k] << exponent))
-        turned = i32(kept(re, net.keep_v[i]) + kept(im, net.keep_u[i]))
-        y = i32(turned + i32(net.ring[second + k] << exponent))
+        turned = i32(share(re, net.keep_u[i]) - share(im, net.keep_v[i]))
+        x = np.int64(turned) + np.int64(i32(net.ring[first + k] << exponent))
+        turned = i32(share(re, net.keep_v[i]) + share(im, net.keep_u[i]))
+        y = np.int64(turned) + np.int64(i32(net.ring[second + k] << exponent))
         net.ring[first + k] = ZERO
         net.ring[second + k] = ZERO
         net.hold[i] = im
-        net.v[i] = i32(min(max(x, i32(-V_LIMIT)), V_LIMIT))
-        net.u[i] = i32(min(max(y, i32(-V_LIMIT)), V_LIMIT))
+        net.v[i] = i32(min(max(x, np.int64(-V_LIMIT)), np.int64(V_LIMIT)))
+        net.u[i] = i32(min(max(y, np.int64(-V_LIMIT)), np.int64(V_LIMIT)))
         clips = i32(clips + i32(net.v[i] != x) + i32(net.u[i] != y))
     net.native[pop, t.CLIPS] += clips
 

@@ -116,6 +116,9 @@ def joined(arrays: Mapping[str, NDArray[Any]]) -> frozenset[int]:
 
 def restore(a: EventArrays, arrays: Mapping[str, NDArray[Any]]) -> None:
     """Put the arrays of a snapshot in place of those of step 0."""
+    weights = arrays["net.weights"]
+    if not np.array_equal(weights, a.net["weights"]):
+        projections.own_weights(a)
     for name, value in arrays.items():
         part, _, rest = name.partition(".")
         if name == "net.pops":

@@ -142,26 +142,21 @@ def lay_joined(
     """
     lays = steps.size > 0
     for source in range(first_source, end_source):
-        run, place, e = np.int64(-1), np.int64(0), np.uint32(0)
-        for k in range(row_ends[source], row_ends[source + 1]):
-            other = run_of(source, delays[k], targets[k], shortest, n_delays, edges)
-            # Neighbours are mostly of one run, whose place and end stay in registers.
-            if other != run:
-                if run >= 0:
-                    at[run], following[run] = place, e
-                run, place, e = other, at[other], following[other]
-            step = begin + np.int64(targets[k]) - place
-            place += step
+        for synapse in range(row_ends[source], row_ends[source + 1]):
+            # Unsigned places take less time: of others numba asks whether they count from the end.
+            k = np.uint64(synapse)
+            run = np.uint64(run_of(source, delays[k], targets[k], shortest, n_delays, edges))
+            place, e = begin + np.int64(targets[k]), following[run]
+            step = place - at[run]
+            at[run] = place
             while step >= FAR:
                 if lays:
                     steps[e], laid[e] = FAR, -0.0
                 e += np.uint32(1)
                 step -= FAR
             if lays:
-                steps[e], laid[e] = step, weights[k * stride]
-            e += np.uint32(1)
-        if run >= 0:
-            at[run], following[run] = place, e
+                steps[e], laid[e] = step, weights[k * np.uint64(stride)]
+            following[run] = e + np.uint32(1)
 
 
 @kernel

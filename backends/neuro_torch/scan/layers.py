@@ -24,7 +24,7 @@ from neuro_torch.scan import kernels as rows
 from neuro_torch.surrogates import Surrogate
 
 CELLS = ("iaf_psc_delta", "iaf_psc_exp")
-"""Models that are scanned."""
+"""Models that are scanned, beside graded ones without circles (`neuro_torch.scan.graded`)."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -107,6 +107,9 @@ def unfit(program: Program) -> list[str]:
 
 
 def _unfit_cells(part: Population) -> list[str]:
+    if part.model.graded:
+        several = isinstance(part.model, Neuron) and part.model.receptors > 1
+        return ["it has several receptors"] if several else []
     if part.model.name not in CELLS:
         return [f"scans support only {' and '.join(CELLS)}, not {part.model.name}"]
     p = part.parameters
@@ -155,6 +158,9 @@ def cells(program: Program, index: int) -> Cells:
     """The neurons of a population with the constants of their model."""
     part = program.populations[index]
     model: Any = part.model
+    if model.graded:  # these are stepped by their model
+        none = np.zeros(part.size)
+        return Cells(index, part.size, model.name, np.zeros((rows.CONSTANTS, part.size)), none, none, none, none)
     parameters = [np.broadcast_to(values, part.size) for values in part.parameters.values()]
     each = np.zeros((part.size, model.width))
     alike = all(values.size == 1 for values in part.parameters.values())
@@ -300,6 +306,8 @@ class Plan:
         return ", ".join(f"'{self.program.populations[k].name}'" for k in part.cells)
 
     def _told(self, part: Component) -> str:
+        if any(self.program.populations[k].model.graded for k in part.cells):
+            return "graded neurons step by step, their input"
         if not part.inside:
             return "one scan over all steps"
         return f"a recurrent scan, {some(part.stretch, 'step')} at once"
@@ -316,6 +324,9 @@ def plan_of(program: Program, by: str | None, learning: Iterable[str]) -> Plan:
     why = [*unfit(program), *(f"population '{name}': its parameters learn" for name in learning)]
     if by == "steps":
         why.append("it is asked for")
+    parts = () if why else tuple(components(program))
+    circles = [k for each in parts if each.inside for k in each.cells if program.populations[k].model.graded]
+    why += [f"population '{program.populations[k].name}': graded neurons in a circle" for k in circles]
     if why:
         return Plan(program, (), "steps", tuple(why))
-    return Plan(program, tuple(components(program)), by or "kernels", ())
+    return Plan(program, parts, by or "kernels", ())

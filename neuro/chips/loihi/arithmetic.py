@@ -682,6 +682,7 @@ LOIHI = Arithmetic(
     one_bit=True,
     graded=False,
     in_rows=False,
+    keeps_kernels=False,
     multicast=False,
     population=population,
     native=native,

@@ -7,11 +7,12 @@ A line is one source neuron of one projection, see `neuro.chips.placing.incoming
 from neuro.chips.placing import packing
 from neuro.kernels.jit import kernel, subkernel
 
-NEURONS, AXONS, MEMORY, EDGES, LINES = range(5)
-"""What is counted of a core while it fills: neurons, axons in, bits, axons out, lines that reach it."""
+NEURONS, AXONS, MEMORY, EDGES, LINES, KERNELS = range(6)
+"""What is counted of a core while it fills: neurons, axons in, bits, axons out, lines; bits of kernels."""
 
 _ROW_BITS = packing.ROW_WORDS * packing.WORD_BITS
 _WORD_BITS = packing.WORD_BITS
+SHARED = packing.SHARED
 block_bits = subkernel(packing.block_bits)
 index_bits = subkernel(packing.index_bits)
 
@@ -48,7 +49,7 @@ def fill(queue, begin, end, core, rows, graph, sends, limits, load, marks):
             are not looked at.
         sends: axons out of each neuron, as far as known.
         limits: most of NEURONS, AXONS, MEMORY and EDGES.
-        load: the same of this core so far, and LINES.
+        load: the same of this core so far, and LINES and KERNELS.
         marks: core and count (core << 32 | count) of each line, core of each source, longest row and its core of each
             projection, and the lines that reach this core.
     """
@@ -67,16 +68,18 @@ def fill(queue, begin, end, core, rows, graph, sends, limits, load, marks):
         load[NEURONS] += 1
         width = index_bits(load[NEURONS])
         if width != before and not rows:  # one bit more for all synapses of the core
-            memory = 0
+            memory = load[KERNELS]
             for k in range(n_lines):
-                memory += block_bits(mark[lines[k]] - empty, all_bits[projection_of[lines[k]]] + width)
-        past, to_source, bits, one, projection = 0, 0, 0, 0, 0
+                own_bits = all_bits[projection_of[lines[k]]]
+                memory += 0 if own_bits == SHARED else block_bits(mark[lines[k]] - empty, own_bits + width)
+        past, to_source, bits, one, projection, shared = 0, 0, 0, 0, 0, False
         for e in range(ends[t], ends[t + 1]):
             own = line[e]
             if own >= past:  # lines of a neuron lie by projection
                 projection = projection_of[own]
                 past = first[projection + 1]
                 to_source = source_of[own] - own
+                shared = all_bits[projection] == SHARED
                 bits = all_bits[projection] + width
                 one = block_bits(1, bits)
             count = mark[own] - empty
@@ -90,7 +93,9 @@ def fill(queue, begin, end, core, rows, graph, sends, limits, load, marks):
                     axons += 1
             count += 1
             mark[own] = empty + count
-            if not rows:
+            if shared:
+                pass
+            elif not rows:
                 memory += one if count == 1 else block_bits(count, bits) - block_bits(count - 1, bits)
             else:
                 if row_core[projection] != core:

@@ -5,6 +5,7 @@ Beside them stands how many synapses a spike of a projection travels along, and 
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -12,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from neuro.chips.placing.fill import onto, scatter
-from neuro.chips.placing.packing import synapse_bits
+from neuro.chips.placing.packing import SHARED, columns_per_core, has_kernel, kernel_bits, synapse_bits
 from neuro.program.program import Floats, Grid, Ints, Program, Projection
 
 
@@ -39,7 +40,9 @@ class Incoming:
         rows: the synapses of each projection, none without spikes.
         ends_at: the population on which each projection ends, `begins_at` the one from which it comes.
         first: the first line of each projection, and the number of all lines; a projection without spikes has none.
-        bits: of one synapse of each projection in Loihi's blocks, without its index.
+        bits: of one synapse of each projection in Loihi's blocks, without its index; SHARED where a core keeps kernels.
+        kernels: bits of the kernels onto each population that every core with some of its neurons keeps.
+        columns: of a population that is placed by columns of its maps, how many a core has at most.
         sources: source neurons of each projection.
         synapses: of each projection, a grid's spelled out.
     """
@@ -52,6 +55,8 @@ class Incoming:
     bits: Ints
     sources: Ints
     synapses: Ints
+    kernels: Ints
+    columns: Mapping[int, int]
 
     @cached_property
     def ends(self) -> Ints:
@@ -85,11 +90,28 @@ class Incoming:
         return np.repeat(np.arange(len(self.sources), dtype=np.int32), self.sources)
 
 
-def incoming(program: Program) -> Incoming:
-    """Look at all synapses of a program that carry spikes."""
+def incoming(program: Program, keeps_kernels: bool = False) -> Incoming:
+    """Look at all synapses of a program that carry spikes.
+
+    Args:
+        program: has them.
+        keeps_kernels: whether a core keeps a kernel once.
+    """
     sizes = [part.size for part in program.populations]
     parts, carries = program.projections, set(spiking(program))
     rows = tuple(rows_of(program, index) if index in carries else None for index in range(len(parts)))
+    bits = np.array([synapse_bits(program, index) for index in range(len(parts))], dtype=np.int64)
+    kernels, columns = np.zeros(len(sizes), dtype=np.int64), {}
+    for index in carries if keeps_kernels else ():
+        part, own = parts[index], rows[index]
+        if own is None or not has_kernel(program, index):
+            continue
+        most = int(np.bincount(own.targets).max(initial=0)) if part.grid is None else 0
+        bits[index] = SHARED
+        kernels[part.target] += kernel_bits(program, index, most)
+        for k in (part.source, part.target):
+            if len(program.populations[k].shape) == 3:
+                columns[k] = columns_per_core(program.populations[k].shape)
     lines = np.array([sizes[p.source] if i in carries else 0 for i, p in enumerate(parts)], dtype=np.int64)
     return Incoming(
         start=np.concatenate([[0], np.cumsum(sizes)]).astype(np.int64),
@@ -97,9 +119,11 @@ def incoming(program: Program) -> Incoming:
         begins_at=tuple(part.source for part in parts),
         ends_at=tuple(part.target for part in parts),
         first=np.concatenate([[0], np.cumsum(lines)]).astype(np.int64),
-        bits=np.array([synapse_bits(program, index) for index in range(len(parts))], dtype=np.int64),
+        bits=bits,
         sources=lines,
         synapses=np.array([0 if each is None else each.size for each in rows], dtype=np.int64),
+        kernels=kernels,
+        columns=columns,
     )
 
 

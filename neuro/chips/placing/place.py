@@ -67,7 +67,7 @@ def place(program: Program, chip: Chip, *, order: str = "connected", neurons_per
         raise unknown("order", order, ORDERS)
     if neurons_per_core is not None:
         _check_neurons(neurons_per_core, chip)
-    into = incoming(program)
+    into = incoming(program, placed_as(chip).keeps_kernels)
     declared = neurons_of(program)
     if order == "connected" and fewest_cores(program, chip, into) > LARGEST:
         tied = _tied(program, into, declared)

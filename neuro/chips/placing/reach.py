@@ -20,6 +20,7 @@ from neuro.program.program import Ints
 
 # mypy: ignore-errors
 
+SHARED = packing.SHARED
 block_bits = subkernel(packing.block_bits)
 
 
@@ -69,7 +70,9 @@ def weigh(rows, core_of, room, bits, index, sends, axons_in, blocks, longest):
             core = cores[k]
             n = count[core]
             count[core] = 0
-            if index.size:
+            if bits == SHARED:
+                pass  # the core keeps a kernel once, which is counted apart
+            elif index.size:
                 blocks[core] += block_bits(n, bits + index[core])
             else:
                 longest[core] = max(longest[core], n)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
@@ -109,6 +110,10 @@ def _queue(program: Program, into: Incoming, by_place: bool) -> Ints:
         if part.grid is not None:
             own = queue[into.start[part.target] : into.start[part.target + 1]]
             own[:] = into.start[part.target] + np.arange(own.size).reshape(part.grid.maps, -1).T.reshape(-1)
+    for population in into.columns:
+        own = queue[into.start[population] : into.start[population + 1]]
+        shape = program.populations[population].shape
+        own[:] = into.start[population] + np.arange(own.size).reshape(shape).transpose(2, 1, 0).reshape(-1)
     return queue
 
 
@@ -136,12 +141,15 @@ class _Room:
         shapes = (sources, projections, projections, len(mark))
         self.marks = (mark, *(np.full(shape, -1, dtype=np.int32) for shape in shapes))
         self.core = -1
-        self.open()
+        self.kernels, self.columns, self.most = into.kernels, into.columns, int(self.limits[fill.NEURONS])
+        self.open(-1)
 
-    def open(self) -> None:
-        """Begin a new core."""
+    def open(self, population: int) -> None:
+        """Begin a new core for a population; -1: for none yet."""
         self.core += 1
-        self.load = np.zeros(5, dtype=np.int64)
+        self.load = np.zeros(6, dtype=np.int64)
+        if population >= 0:
+            self.load[[fill.MEMORY, fill.KERNELS]] = self.kernels[population]
 
     def fill(self, population: int, first: int, last: int) -> int:
         """Add neurons first <= i < last of a population's queue; returns the first that does not fit, or last."""
@@ -157,11 +165,13 @@ def _fill(program: Program, chip: Chip, room: _Room, order: Sequence[int]) -> li
     for population in order:
         part = program.populations[population]
         first = 0
+        slab = room.columns.get(population, 0) * math.prod(part.shape[:-1])
+        room.limits[fill.NEURONS] = min(room.most, slab or room.most)
         if cores and (most is None or len(cores[-1]) < most) and room.fill(population, 0, part.size) == part.size:
             cores[-1].append((population, 0, part.size))
             continue
         while first < part.size:
-            room.open()
+            room.open(population)
             last = max(room.fill(population, first, part.size), first + 1)
             cores.append([(population, first, last)])
             first = last
@@ -186,10 +196,12 @@ def _weighed(cores: list[list[Part]], chip: Chip, into: Incoming, queue: Ints) -
     """Count what reaches each core."""
     count, total = len(cores), int(into.start[-1])
     core_of = np.full(total, -1, dtype=np.int64)
+    kernels = np.zeros(count, dtype=np.int64)
     for number, held in enumerate(cores):
         for population, first, last in held:
             base = into.start[population]
             core_of[queue[base + first : base + last]] = number
+            kernels[number] += into.kernels[population]
     on_core = core_of >= 0
     neurons = np.bincount(core_of[on_core], minlength=count)
     rows = placed_as(chip).in_rows
@@ -206,7 +218,7 @@ def _weighed(cores: list[list[Part]], chip: Chip, into: Incoming, queue: Ints) -
         core_of=core_of,
         sends=sends,
         neurons=neurons,
-        memory=(in_rows if rows else blocks) // 8,
+        memory=(in_rows if rows else blocks + kernels) // 8,
         axons_in=axons_in,
         axons_out=np.bincount(core_of[on_core], weights=sends[on_core], minlength=count).astype(np.int64),
     )
@@ -216,7 +228,7 @@ def fewest_cores(program: Program, chip: Chip, into: Incoming) -> int:
     """Cores that a program needs at least, by its neurons and by the bits of its synapses."""
     most, memory = chip.limit("neurons_per_core"), chip.limit("synapse_bytes_per_core")
     neurons = sum(program.populations[index].size for index in neurons_of(program))
-    bits = int(into.synapses @ into.bits)
+    bits = int(into.synapses @ np.maximum(into.bits, 0))
     return max(0 if most is None else -(-neurons // most), 0 if memory is None else bits // (8 * memory))
 
 

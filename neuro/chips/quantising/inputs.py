@@ -298,7 +298,7 @@ def foreign(program: Program, chip: Chip, index: int) -> Problem | None:
 def refuse_rules(
     program: Program, chip: Chip, wires: dict[int, FixedProjection], options: Options
 ) -> Iterator[Problem]:
-    """Rules for a family whose learning is not emulated: every projection that learns on the chip is refused."""
+    """Rules for a family that has none but those in its own registers: other projections that learn are refused."""
     for index, part in enumerate(program.projections):
         if (problem := foreign(program, chip, index)) is not None:
             yield problem
@@ -309,7 +309,7 @@ def refuse_rules(
                 f"delays do not change while {chip.name} runs",
                 LEARN_ELSEWHERE,
             )
-        elif part.synapse.learns in ("pairs", "chip"):
+        elif part.synapse.learns in ("pairs", "chip") and (index not in wires or wires[index].rule is None):
             yield refused(
                 part,
                 part.synapse.name,

@@ -204,13 +204,13 @@ def formats() -> None:
 
 
 Fps = Annotated[float, typer.Option("--fps", metavar="N", help="Frames per second, 0.1 to 50.")]
-GifWindow = Annotated[
+FrameTime = Annotated[
     Any,
     typer.Option(
-        "--window", metavar="MS", parser=milliseconds, help="Of a frame; 40 ms, or less for 25 frames at least."
+        "--frame", metavar="MS", parser=milliseconds, help="Of a frame; 40 ms, or less for 25 frames at least."
     ),
 ]
-Scale = Annotated[Any, typer.Option("--scale", metavar="N", parser=count, help="Size of a pixel; else 240 px or more.")]
+Zoom = Annotated[Any, typer.Option("--zoom", metavar="N", parser=count, help="Size of a pixel; else 240 px or more.")]
 Colours = Annotated[
     str, typer.Option("--colours", metavar="ON,OFF,BACK", help="Of ON, OFF and the background: names or #rrggbb.")
 ]
@@ -220,22 +220,22 @@ def gif(
     source: In,
     out: Annotated[str | None, typer.Argument(metavar="OUT", help="The GIF; IN.gif in the current folder.")] = None,
     fps: Fps = 25.0,
-    window: GifWindow = None,
+    frame: FrameTime = None,
     colours: Colours = "#0072B2,#D55E00,#FFFFFF",
-    scale: Scale = None,
+    zoom: Zoom = None,
     from_format: From = None,
     sensor: Sensor = None,
     lenient: Lenient = False,
     force: Force = False,
 ) -> None:
-    """Draw a recording as a GIF; with --window 40 and --fps 25 time runs as it did, save long pauses, left out."""
+    """Draw a recording as a GIF; with --frame 40 and --fps 25 time runs as it did, save long pauses, left out."""
     from neuro.events.convert import read
     from neuro.events.pictures import GIF, gif as draw
 
     names = colours.split(",")
     if len(names) != 3:
         raise typer.BadParameter(f"'{colours}': expected three colours, ON,OFF,BACK", param_hint="'--colours'")
-    window_us = None if window is None else microseconds(window, "'--window'")
+    window_us = None if frame is None else microseconds(frame, "'--frame'")
     target = f"{named(source)}.gif" if out is None else out
     if not target.lower().endswith(".gif"):
         raise typer.BadParameter(f"'{target}': expected a name that ends in .gif", param_hint="OUT")
@@ -248,7 +248,7 @@ def gif(
             fps=fps,
             window_us=window_us,
             colours=(names[0], names[1], names[2]),
-            scale=scale,
+            scale=zoom,
             name=source,
             replace=force,
         )

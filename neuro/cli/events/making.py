@@ -128,7 +128,9 @@ def _list_filters(given: bool) -> None:
 Every = Annotated[Any, typer.Option("--every", metavar="MS", parser=milliseconds, help="Cut after so many ms.")]
 Count = Annotated[Any, typer.Option("--count", metavar="N", parser=count, help="Cut after so many events.")]
 Folder = Annotated[Path, typer.Option("--out", metavar="FOLDER", help="Where to; the current folder.")]
-As = Annotated[str | None, typer.Option("--as", metavar="ENDING", help="Such as .h5; that of IN if not given.")]
+Ending = Annotated[
+    str | None, typer.Option("--to", metavar="FORMAT", help="An ending such as .h5; that of IN if not given.")
+]
 
 
 def split(
@@ -136,7 +138,7 @@ def split(
     every: Every = None,
     count: Count = None,
     out: Folder = Path(),
-    ending: As = None,
+    to_ending: Ending = None,
     from_format: From = None,
     sensor: Sensor = None,
     lenient: Lenient = False,
@@ -153,7 +155,7 @@ def split(
         raise typer.BadParameter("expected one of the two", param_hint="'--every' / '--count'")
     window = None if every is None else microseconds(every, "'--every'")
     name = Path(named(source))
-    suffix = name.suffix.lower() if ending is None else f".{ending.lstrip('.')}"
+    suffix = name.suffix.lower() if to_ending is None else f".{to_ending.lstrip('.')}"
     _room(out, name.stem, suffix, force)
     file, called = given(source)
     parts = stream(
@@ -185,7 +187,7 @@ def _room(out: Path, stem: str, suffix: str, force: bool) -> None:
 
     written = list(dict.fromkeys(ending for f in formats() for ending in f.suffixes))
     if suffix not in written:
-        raise typer.BadParameter(f"'{suffix}': cannot be written, expected {', '.join(written)}", param_hint="'--as'")
+        raise typer.BadParameter(f"'{suffix}': cannot be written, expected {', '.join(written)}", param_hint="'--to'")
     for there in sorted(out.iterdir()) if out.is_dir() else ():
         number = there.name.removeprefix(f"{stem}-").removesuffix(suffix)
         if there.name == f"{stem}-{number}{suffix}" and number.isdecimal():
@@ -253,24 +255,24 @@ def _list_arrays(given: bool) -> None:
         list_parts(representation=REPRESENTATIONS, segmenter=SEGMENTERS)
 
 
-DataFolder = Annotated[Path, typer.Option("--folder", "-f", metavar="FOLDER", help="Recordings, a folder or zip.")]
-Ending = Annotated[str | None, typer.Option("--ending", "-e", metavar="ENDING", help="Only such files, as bin.")]
+DataFolder = Annotated[Path, typer.Option("--data", "-f", metavar="FOLDER", help="Recordings, a folder or zip.")]
+OnlyEnding = Annotated[str | None, typer.Option("--ending", "-e", metavar="ENDING", help="Only such files, as bin.")]
 StoreOut = Annotated[Path, typer.Option("--out", "-o", metavar="FILE", help="The HDF5 file to write.")]
 Part = Annotated[str | None, typer.Option("--part", metavar="NAME", help="Only this part, such as Train.")]
 LayoutName = Annotated[str | None, typer.Option("--layout", metavar="NAME", help="Such as nmnist, instead of looking.")]
-Jobs = Annotated[Any, typer.Option("--jobs", metavar="N", parser=count, help="Processes; one for each core.")]
+Workers = Annotated[Any, typer.Option("--workers", metavar="N", parser=count, help="Processes; one for each core.")]
 Strict = Annotated[bool, typer.Option("--strict", help="Stop at a damaged file instead of leaving it out.")]
 Mend = Annotated[bool, typer.Option("--lenient", help="Take what is whole of damaged files.")]
 
 
 def tohdf5(
-    folder: DataFolder,
+    data: DataFolder,
     out: StoreOut,
-    ending: Ending = None,
+    ending: OnlyEnding = None,
     part: Part = None,
     layout: LayoutName = None,
     sensor: Sensor = None,
-    jobs: Jobs = None,
+    workers: Workers = None,
     strict: Strict = False,
     lenient: Mend = False,
 ) -> None:
@@ -283,14 +285,14 @@ def tohdf5(
     if strict and lenient:
         raise typer.BadParameter("expected one of the two", param_hint="'--strict' / '--lenient'")
     choice = "stop" if strict else "mend" if lenient else "skip"
-    data = Dataset(folder, part=part, layout=layout, ending=ending, sensor_size=sensor)
+    found = Dataset(data, part=part, layout=layout, ending=ending, sensor_size=sensor)
     with going("the same command goes on where it was") as bar:
 
         def report(what: str, done: int, total: int) -> None:
             bar.show(done, total, f"{what}: {done:,} of {total:,}")
 
-        done = data.to_hdf5(out, jobs=jobs, damaged=choice, report=report)
-    typer.echo(f"{out}: {done.samples:,} recordings of {len(data.classes)} classes")
+        done = found.to_hdf5(out, jobs=workers, damaged=choice, report=report)
+    typer.echo(f"{out}: {done.samples:,} recordings of {len(found.classes)} classes")
     if done.damaged:
         files = f"{len(done.damaged):,} damaged file{'s' if len(done.damaged) > 1 else ''}"
         typer.echo(f"{files}, {_FATE[choice]}:", err=True)

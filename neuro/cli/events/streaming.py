@@ -20,10 +20,9 @@ if TYPE_CHECKING:
     from neuro.core.progress import Bar
     from neuro.events import Events, Listener
 
-Coding = Annotated[
-    str | None,
-    typer.Option("--format", metavar="FORMAT", help="spif, spif-timed, faery13, faery8, raw-evt3; by tcp:// aedat4."),
-]
+_STREAMED = "spif, spif-timed, faery13, faery8, raw-evt3; by tcp:// aedat4."
+Received = Annotated[str | None, typer.Option("--from", metavar="FORMAT", help=f"What comes: {_STREAMED}")]
+Sent = Annotated[str | None, typer.Option("--to", metavar="FORMAT", help=f"What is sent: {_STREAMED}")]
 ListenAt = Annotated[
     str,
     typer.Argument(metavar="URL", help="udp://HOST:PORT of this machine, or tcp://HOST:PORT of a sender of AEDAT 4."),
@@ -51,7 +50,7 @@ def listen(
     context: typer.Context,
     url: ListenAt,
     target: OutFile = None,
-    format: Coding = None,
+    from_format: Received = None,
     sensor: Sensor = None,
     until_silent: Silent = None,
     first_within: First = None,
@@ -78,7 +77,7 @@ def listen(
     else:
         refuse_unused(context, "OUT", "to_format", "force")
     with (
-        open_stream(url, format=format, sensor=sensor, **seconds) as stream,
+        open_stream(url, format=from_format, sensor=sensor, **seconds) as stream,
         going("nothing is written") as bar,
     ):
         if stream.url != url:
@@ -120,7 +119,7 @@ def _tell(stream: Listener, seconds: float, err: bool) -> None:
 
 
 Speed = Annotated[
-    float, typer.Option("--speed", metavar="N", help="Times as fast as it was recorded; inf: as fast as it goes.")
+    float, typer.Option("--speed", metavar="X", help="Times as fast as it was recorded; inf: as fast as it goes.")
 ]
 Bytes = Annotated[
     Any,
@@ -131,7 +130,7 @@ Bytes = Annotated[
 def send(
     source: In,
     url: SendTo,
-    format: Coding = None,
+    to_format: Sent = None,
     speed: Speed = 1.0,
     datagram: Bytes = None,
     from_format: From = None,
@@ -144,6 +143,6 @@ def send(
 
     with going("the rest is not sent") as bar:
         parts = read(source, from_format, sensor, not lenient)
-        sent = send_events(url, parts, format=format, speed=speed, datagram=datagram, report=events_so_far(bar))
+        sent = send_events(url, parts, format=to_format, speed=speed, datagram=datagram, report=events_so_far(bar))
     late = f", at most {sent.latest_ms:.1f} ms late" if sent.latest_ms else ""
     typer.echo(f"{url}: {sent.events:,} events in {sent.datagrams:,} datagrams, {sent.seconds:.1f} s{late}")

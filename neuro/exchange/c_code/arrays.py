@@ -70,7 +70,7 @@ class Memory:
     """Arrays of a network as declarations, and what they take.
 
     Attributes:
-        flash, ram: bytes of constant and of other arrays.
+        flash, ram: bytes of constant arrays, and of others with the gaps between them, at most.
         lines: the declarations.
     """
 
@@ -78,9 +78,10 @@ class Memory:
     ram: int = 0
     lines: list[str] = field(default_factory=list)
 
-    def table(self, name: str, values: NDArray[np.integer], about: str) -> str:
+    def table(self, name: str, values: NDArray[np.integer], about: str, unsigned: bool = False) -> str:
         """Declare constants; returns the name."""
-        values = values.astype(narrowest(int(values.min(initial=0)), int(values.max(initial=0))))
+        kind = narrowest(int(values.min(initial=0)), int(values.max(initial=0)))
+        values = values.astype(np.dtype(np.uint32) if unsigned and kind == np.int32 else kind)
         self.flash += values.nbytes
         self.lines.append(f"/* {comment(about)} */")
         self.constants(name, TYPES[values.dtype], [number(value) for value in values.ravel().tolist()])
@@ -92,15 +93,21 @@ class Memory:
 
     def state(self, name: str, kind: str, size: int, about: str) -> str:
         """Declare what a network changes; returns the name."""
-        self.ram += size * bytes_of(kind)
+        self.ram += room_of(kind, size)
         self.lines.append(f"static {kind} {name}[{size}]; /* {comment(about)} */")
         return name
 
     def variable(self, name: str, kind: str, about: str) -> str:
         """Declare one number that a network changes; returns the name."""
-        self.ram += bytes_of(kind)
+        self.ram += room_of(kind)
         self.lines.append(f"static {kind} {name}; /* {comment(about)} */")
         return name
+
+
+def room_of(kind: str, size: int = 0) -> int:
+    """Bytes of an array of a C type, or of one number, at most: compilers let arrays and long numbers begin at 8 n."""
+    gap = 4 if size or bytes_of(kind) == 8 else 0
+    return -(-max(1, size) * bytes_of(kind) // 4) * 4 + gap
 
 
 def bytes_of(kind: str) -> int:

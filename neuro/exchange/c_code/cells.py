@@ -6,7 +6,7 @@ of a current that keeps nothing no array is left.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -29,6 +29,7 @@ class Cells:
         first: the first of them among all of the network.
         slots: of its ring: one more than the longest lag of what it receives.
         receptors: rings that it has; 2 where a word may go to the second receptor.
+        slot: type of what a neuron receives in a step.
         out: whether its spikes are output.
         group: whether its neurons compete.
         onto: numbers of the projections that it sends along.
@@ -41,6 +42,7 @@ class Cells:
     first: int
     slots: int
     receptors: int
+    slot: str
     out: bool
     group: bool
     onto: tuple[int, ...]
@@ -86,7 +88,10 @@ class Registers:
 
     def state(self, register: str) -> str:
         """A state register of 32 bits."""
-        at = self._array(register, "int32_t")
+        at = f"{register}_{self._cells.number}[i]"
+        if register in self._states:
+            return at
+        self._array(register, "int32_t")
         begins = self.text(f"{register}_begin", self._cells.fixed.initial.get(register, _NOTHING))
         self._init[register] = _all(self._cells.size, f"{at} = {begins};")
         return at
@@ -110,11 +115,11 @@ class Registers:
             here = f"{v} = {by} == 0 ? {to} : {v} - {by};"
         self._reset.insert(0, here)
 
-    def stepped(self, names: str, threshold: str, body: Sequence[str]) -> Stepped:
+    def stepped(self, before: Sequence[str], threshold: str, body: Sequence[str]) -> Stepped:
         """The population, when all of its registers have a text.
 
         Args:
-            names: declarations before the loop over neurons.
+            before: statements before the loop over neurons.
             threshold: of neuron i.
             body: what a neuron does; it calls `fire(i)` at threshold.
         """
@@ -126,11 +131,23 @@ class Registers:
         if self._cells.group:
             fired = self._memory.state(f"fired_{k}", "uint8_t", size, f"{self._cells.fixed.name}: above threshold")
             begins, reached = [f"{fired}[i] = 0;"], f"{fired}[i] = 1;"
-        loop = [f"for (uint32_t i = 0; i < {size}u; i++) {{", *indented([*begins, *body]), "}"]
-        text = [line.replace("fire(i);", reached) for line in loop]
-        return Stepped(
-            self._states, [*lines, *function(f"static void step_{k}(void)", [names, *text])], self._init, threshold
-        )
+        text = [line.replace("fire(i);", reached) for line in _loop(size, [*begins, *body])]
+        lines += function(f"static void step_{k}(void)", [*before, *text])
+        return Stepped(self._states, lines, self._init, threshold)
+
+    def sending(self, before: Sequence[str], body: Sequence[str], payload: str) -> Stepped:
+        """A population whose neurons send numbers, and reset themselves in their step.
+
+        Args:
+            before: statements before the loop over neurons.
+            body: what a neuron does.
+            payload: what it then sends, as an unsigned number; nothing where that is 0.
+        """
+        k = self._cells.number
+        lines = function(f"static void fire_{k}(uint32_t i, uint32_t times)", sent(self._cells, "times"))
+        body = [*body, f"uint32_t payload = {payload};", f"if (payload != 0) fire_{k}(i, payload);"]
+        lines += function(f"static void step_{k}(void)", [*before, *_loop(self._cells.size, body)])
+        return Stepped(self._states, lines, self._init)
 
     def _array(self, register: str, kind: str) -> str:
         name = f"{register}_{self._cells.number}"
@@ -147,14 +164,14 @@ def loihi_lif(cells: Cells, memory: Memory) -> Stepped:
     u = own.state("u") if keep.any() else ""
     hold = own.hold(r["refractory"] - 1)
     own.falls(v, "0")
-    lowest = number(int(r["v_min"][0]) if "v_min" in r else -(2**23) + 1)
+    lowest = number(shared(r, "v_min") if "v_min" in r else -(2**23) + 1)
     bias, leak = own.text("bias", r["bias_mant"] << r["bias_exp"]), own.text("keep_v", 4096 - r["dv"])
     body = [f"int32_t u = next_u({u or '0'}, {own.text('keep_u', keep)}, in[i]);", *([f"{u} = u;"] if u else [])]
     body += ["in[i] = 0;"]
     free = [f"{v} = next_v({v}, {leak}, u, {bias}, {lowest});"]
     threshold = own.text("threshold", r["vth"] * 64)
     free += [f"if ({v} > {threshold}) {{", "    fire(i);", "}"]
-    return own.stepped(arriving(cells), threshold, body + _unless(hold, free, [f"{v} = 0;"]))
+    return own.stepped([arriving(cells)], threshold, body + _unless(hold, free, [f"{v} = 0;"]))
 
 
 def spinnaker_lif(cells: Cells, memory: Memory) -> Stepped:
@@ -174,7 +191,7 @@ def spinnaker_lif(cells: Cells, memory: Memory) -> Stepped:
     # A refractory neuron is compared as well, as in the machine's code.
     threshold = own.text("threshold", r["v_thresh"])
     body += [f"if ({v} >= {threshold}) {{", "    fire(i);", "}"]
-    return own.stepped(arriving(cells), threshold, body)
+    return own.stepped([arriving(cells)], threshold, body)
 
 
 def spinnaker_delta(cells: Cells, memory: Memory) -> Stepped:
@@ -186,7 +203,7 @@ def spinnaker_delta(cells: Cells, memory: Memory) -> Stepped:
     inputs = [
         f"((int64_t){slot} << {r[f'{word}_shift'][0]})" for slot, word in zip(slots, ("exc", "inh"), strict=False)
     ]
-    lowest = number(int(r["v_min"][0]) if "v_min" in r else -(2**31) + 1)
+    lowest = number(shared(r, "v_min") if "v_min" in r else -(2**31) + 1)
     words = (
         own.text(word, r[name]) for word, name in (("bias", "i_offset"), ("v_rest", "v_rest"), ("keep_v", "exp_tc"))
     )
@@ -194,22 +211,19 @@ def spinnaker_delta(cells: Cells, memory: Memory) -> Stepped:
     free = [f"{v} = next_v_delta({v}, input, {', '.join(words)}, {lowest});"]
     threshold = own.text("threshold", r["v_thresh"])
     free += [f"if ({v} >= {threshold}) {{", "    fire(i);", "}"]
-    return own.stepped(arriving(cells), threshold, body + _unless(hold, free, []))
+    return own.stepped([arriving(cells)], threshold, body + _unless(hold, free, []))
 
 
 def relay(cells: Cells, memory: Memory) -> Stepped:
     """Parrots: as many spikes as arrived; on a chip whose spikes are one bit one of them."""
-    k, size = cells.number, cells.size
-    lines = function(f"static void fire_{k}(uint32_t i, uint32_t times)", sent(cells, "times"))
-    body = ["uint16_t times = in[i];", "in[i] = 0;", "if (times != 0) {", f"    fire_{k}(i, spikes(times));", "}"]
-    loop = [f"for (uint32_t i = 0; i < {size}u; i++) {{", *indented(body), "}"]
-    return Stepped({}, [*lines, *function(f"static void step_{k}(void)", [arriving(cells), *loop])], {})
+    body = ["uint16_t times = in[i];", "in[i] = 0;"]
+    return Registers(cells, memory).sending([arriving(cells)], body, "spikes(times)")
 
 
 def arriving(cells: Cells) -> str:
     """The declaration of what arrives in this step."""
     k, plane = cells.number, cells.slots * cells.size
-    here = f"uint16_t *in = ring_{k} + at_{k} * {cells.size}u"
+    here = f"{cells.slot} *in = ring_{k} + at_{k} * {cells.size}u"
     return f"{here}, *below = in + {plane};" if cells.receptors == 2 else f"{here};"
 
 
@@ -224,6 +238,15 @@ def _unless(hold: str, free: Sequence[str], held: Iterable[str]) -> list[str]:
     if not hold:
         return list(free)
     return [f"if ({hold} != 0) {{", *indented([f"{hold}--;", *held]), "} else {", *indented(free), "}"]
+
+
+def shared(registers: Mapping[str, Ints], name: str) -> int:
+    """A register that all neurons share; 0 where there is none."""
+    return int(registers[name][0]) if name in registers else 0
+
+
+def _loop(size: int, body: Iterable[str]) -> list[str]:
+    return [f"for (uint32_t i = 0; i < {size}u; i++) {{", *indented(body), "}"]
 
 
 def _all(size: int, statement: str) -> str:

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from neuro.chips.quantising.fixed import FixedProjection
 from neuro.exchange.c_code.arrays import Memory, number, scaled
-from neuro.exchange.c_code.cells import Cells
+from neuro.exchange.c_code.cells import Cells, function
 from neuro.program.program import Projection
 
 
@@ -22,9 +22,21 @@ class Delivery:
         wires: its words and lags.
         target: what it sends to.
         memory: takes its tables.
+        by_sign: whether words below 0 go to a receptor of their own.
+        sums: where the sums of a step begin, if they are shifted or wrapped before they are added to those of others.
     """
 
-    def __init__(self, index: int, part: Projection, wires: FixedProjection, target: Cells, memory: Memory) -> None:
+    def __init__(
+        self,
+        index: int,
+        part: Projection,
+        wires: FixedProjection,
+        target: Cells,
+        memory: Memory,
+        by_sign: bool,
+        sums: int | None,
+    ) -> None:
+        self._by_sign, self._sums = by_sign, sums
         self._index, self._part, self._wires, self._to, self._memory = index, part, wires, target, memory
         self._lags = self._shared("lag", wires.lag, "lags", "steps to the update that sees a spike")
 
@@ -37,7 +49,7 @@ class Delivery:
         self._word = word or self._words()
         body = {"dense": self._dense, "csr": self._csr, "one_to_one": self._one_to_one, "grid": self._grid}
         head = f"static void send_{self._index}(uint32_t i, uint32_t times)"
-        return [head, "{", *(f"    {line}" for line in body[self._part.layout]()), "}", ""]
+        return [*function(head, body[self._part.layout]()), *self._pour()]
 
     def _words(self) -> str:
         """The word of synapse e: a number that all share, or an entry of a table."""
@@ -58,13 +70,34 @@ class Delivery:
 
     def _slot(self) -> str:
         """Where a spike that synapse e sends now is added, of the first target."""
+        if self._sums is None:
+            return self._ring(self._lags)
+        first, last = lags_of(self._wires)
+        lag = f" + ({self._lags} - {first}u) * {self._to.size}u" if last > first else ""
+        return f"sums + {self._sums}u{lag}"
+
+    def _ring(self, lag: str) -> str:
+        """The slot of the ring that is read some steps from now."""
         to = self._to
-        return f"ring_{to.number} + later(at_{to.number}, {self._lags}, {to.slots}u) * {to.size}u"
+        second = f" + {to.slots * to.size}u" if self._wires.receptor else ""
+        return f"ring_{to.number}{second} + later(at_{to.number}, {lag}, {to.slots}u) * {to.size}u"
+
+    def _pour(self) -> list[str]:
+        """The function that adds the sums of a step to the ring, if there are such."""
+        if self._sums is None:
+            return []
+        q, n, (first, last) = self._index, self._to.size, lags_of(self._wires)
+        words = f"{n}u, {int(self._wires.wraps)}, {self._wires.shift}u"
+        body = [f"if (full_{q} == 0) return;", f"full_{q} = 0;"]
+        body += [f"for (uint32_t lag = {first}u; lag <= {last}u; lag++) {{"]
+        body += [f"    pour({self._ring('lag')}, sums + {self._sums}u + (lag - {first}u) * {n}u, {words});", "}"]
+        return function(f"static void pour_{q}(void)", body)
 
     def _add(self, place: str) -> str:
         if self._to.fixed.kind == "relay":
             return f"count({place}, times);"
-        return f"add({place}, {self._to.slots * self._to.size}u, {self._word}, times);"
+        below = f"{self._to.slots * self._to.size}u, " if self._by_sign else ""
+        return f"add({place}, {below}{self._word}, times);"
 
     def _into(self, lines: Sequence[str], place: str) -> list[str]:
         """Add to a place of the target; the slot is found once where all synapses have one lag."""
@@ -73,7 +106,8 @@ class Delivery:
         return [*lines, self._add(f"into + {place}")]
 
     def _begin(self) -> list[str]:
-        return [] if self._own_lags else [f"uint16_t *into = {self._slot()};"]
+        full = [] if self._sums is None else [f"full_{self._index} = 1;"]
+        return full if self._own_lags else [*full, f"{self._to.slot} *into = {self._slot()};"]
 
     def _dense(self) -> list[str]:
         n = self._to.size
@@ -82,8 +116,8 @@ class Delivery:
 
     def _csr(self) -> list[str]:
         index, name = self._index, self._part.name
-        ends = self._memory.table(f"ends_{index}", self._part.row_ends, f"{name}: ends of the rows of its sources")
-        targets = self._memory.table(f"targets_{index}", self._part.targets.astype(np.int64), f"{name}: targets")
+        ends = self._memory.table(f"ends_{index}", self._part.row_ends, f"{name}: ends of rows of its sources", True)
+        targets = self._memory.table(f"targets_{index}", self._part.targets.astype(np.int64), f"{name}: targets", True)
         loop = _loop("e", f"{ends}[i]", f"{ends}[i + 1]", self._into([], f"{targets}[e]"))
         return [*self._begin(), *loop]
 
@@ -115,6 +149,11 @@ class Delivery:
 
     def _unused_i(self, body: Sequence[str]) -> bool:
         return not body
+
+
+def lags_of(wires: FixedProjection) -> tuple[int, int]:
+    """The shortest and the longest lag of a projection."""
+    return (int(wires.lag.min()), int(wires.lag.max())) if wires.lag.size else (1, 1)
 
 
 def _loop(name: str, begin: str, end: str, body: Sequence[str], without_i: bool = False) -> list[str]:

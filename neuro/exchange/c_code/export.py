@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from importlib.resources import files
 from os import PathLike
@@ -18,9 +18,9 @@ from neuro.core.errors import ModelError, unknown
 from neuro.core.outputs import check_output, make_folder, sealed, write_text
 from neuro.core.paths import file_path
 from neuro.core.quantities import Quantity
-from neuro.exchange.c_code.arrays import Memory
+from neuro.exchange.c_code.arrays import Memory, number
 from neuro.exchange.c_code.recorded import Given, Recorded, record, watched, without_learning
-from neuro.exchange.c_code.source import INPUTS, MARK, Source, source_of
+from neuro.exchange.c_code.source import FAMILIES, INPUTS, MARK, Source, source_of
 from neuro.exchange.c_code.unsupported import check_chip, refuse
 from neuro.model.network import Network
 from neuro.program.program import Program
@@ -33,8 +33,9 @@ KIND = sealed("a file of C of neuro, as it was written", MARK, "; digest {}")
 _BYTES = Quantity(unit="bytes", doc="of a memory", kind="integer", at_least=0, optional=True)
 _DURATION = Quantity(unit="ms", doc="of the recorded run", above=0, optional=True)
 _FLAG = Quantity(kind="boolean")
-_WORD = re.compile(r"[a-z][a-z0-9_]*")
-_SHORTEST, _LONGEST, _AFTER = 100, 1000, 20
+_WORD = re.compile(r"[a-z][a-z0-9_]{0,39}")
+_TEMPLATES = files("neuro.exchange.c_code").joinpath("templates")
+_SHORTEST, _LONGEST, _AFTER, _MOST = 100, 1000, 20, 100_000
 _DRAWN = 0.05
 
 
@@ -47,7 +48,7 @@ class CCode:
         name: with which its public names begin.
         chip: whose integers it computes in.
         flash: bytes of constant tables; `code` those of machine code on a Cortex-M4, at most.
-        ram: bytes of states.
+        ram: bytes of states and of the gaps between them, at most.
         steps: of the recorded run.
         drawn: whether its input was drawn, since the network's own inputs send nothing.
         input_spikes, output_spikes: of the recorded run.
@@ -70,7 +71,7 @@ class CCode:
             [
                 f"{self.folder}: {self.name}.c and {self.name}.h, in the integers of {self.chip}",
                 f"  flash  {self.flash + self.code:,} bytes: tables {self.flash:,}, code at most {self.code:,}",
-                f"  RAM    {self.ram:,} bytes, beside the stack and the caller's events",
+                f"  RAM    at most {self.ram:,} bytes, beside the stack and the caller's events",
                 f"  test   {self.steps:,} steps: {self.input_spikes:,} spikes of inputs{drawn}, "
                 f"{self.output_spikes:,} of outputs",
                 f"  make -C {self.folder} test compares every spike and state with the emulator",
@@ -105,8 +106,8 @@ def save_c(
         ram: bytes that its states may take.
         flash: bytes that its tables and its code may take.
         duration: of the recorded run in ms; some steps longer than the network's listed spikes if not given.
-        given: spikes of inputs in the recorded run: steps, from 1, and neurons, by the input's name. Otherwise those of
-            the network; drawn ones if it has none.
+        given: spikes of inputs in the recorded run: steps, from 1, neurons, and payloads where they have such, by the
+            input's name. Otherwise those of the network; drawn ones if it has none.
         frozen: whether what learns is left out; weights stay as they are in the network.
         seed: of everything random.
 
@@ -116,8 +117,10 @@ def save_c(
     if not isinstance(net, Network):
         raise ModelError(f"save_c: found {net!r:.60}: expected a Network", hint="neuro.load reads one from YAML")
     limits = {"flash": check(_BYTES, flash, "flash"), "RAM": check(_BYTES, ram, "ram")}
-    if not _WORD.fullmatch(name):
-        raise ModelError(f"name = {name!r:.60}: expected small letters, digits and _, as in 'net'")
+    taken = {Path(each.name).stem for each in _TEMPLATES.iterdir()}
+    if not (isinstance(name, str) and _WORD.fullmatch(name)) or name in taken or name.endswith("_test"):
+        hint = f"files that lie beside it are {', '.join(sorted(taken))}, and those that end in _test"
+        raise ModelError(f"name = {name!r:.60}: expected small letters, digits and _, as in 'net'", hint=hint)
     target = check_chip(chip)
     sim = compile(watched(without_learning(net) if check(_FLAG, frozen, "frozen") else net), backend=chip, seed=seed)
     program = sim.program
@@ -132,16 +135,18 @@ def save_c(
             raise ModelError(
                 f"{what}: network '{net.name}' takes {size:,} bytes: expected at most {limit:,}", hint=hint
             )
-    steps = _steps(program, check(_DURATION, duration, "duration"), given)
-    run, drawn = _run(sim, source, outputs, steps, given)
+    shown = _check_given(given)
+    steps = _steps(program, check(_DURATION, duration, "duration"), shown)
+    run, drawn = _run(sim, source, outputs, steps, shown)
     place = file_path(folder, "folder")
     words = {"name": name, "NAME": name.upper(), "chip": target.arithmetic, "mark": f"{MARK}.", "steps": str(steps)}
-    words["data"] = _data(run, name)
+    words |= {"data": _data(run, name), "id": source.id, "field": FAMILIES[target.arithmetic].field}
     texts = {f"{name}.h": source.header, f"{name}.c": source.code, f"{name}_test.c": _template("test.c", words)}
     shared = ["integers.h", f"{target.arithmetic}.h", "Makefile", "m4.c", "m4.ld"]
     shared += ["learning.h"] if '"learning.h"' in source.code else []
     _write(place, texts | {file: _template(file, words) for file in shared})
-    spikes = (int(each[2].sum()) for each in (run.sent, run.told))
+    graded = words["field"] == "payload"
+    spikes = (each.shape[1] if graded else int(each[2].sum()) for each in (run.sent, run.told))
     return CCode(place, name, fixed.chip.title, source.flash, code, source.ram, steps, drawn, *spikes)
 
 
@@ -159,25 +164,38 @@ def _code(source: Source) -> int:
     return 400 + 16 * source.code.count(";")
 
 
-def _steps(program: Program, duration: float | None, given: Given | None) -> int:
+def _check_given(given: Given | None) -> Given:
+    if not isinstance(given or {}, Mapping):
+        raise ModelError(f"given = {given!r:.60}: expected arrays of steps and neurons, by the name of an input")
+    found = {}
+    for name, spikes in (given or {}).items():
+        found[name] = arrays = [np.asarray(each) for each in spikes] if isinstance(spikes, Sequence) else []
+        if not 2 <= len(arrays) <= 3 or any(each.shape != (arrays[0].size,) for each in arrays):
+            wish = "expected arrays of steps, of neurons, and of payloads where it has such"
+            raise ModelError(f"given[{name!r}] = {spikes!r:.60}: {wish}")
+    return found
+
+
+def _steps(program: Program, duration: float | None, given: Given) -> int:
     if duration is not None:
-        return max(1, Clock(program.resolution).step(duration, "duration"))
+        steps = Clock(program.resolution).step(duration, "duration")
+        if steps > _MOST:
+            raise ModelError(f"duration = {duration:g} ms, {steps:,} steps: expected at most {_MOST:,}")
+        return max(1, steps)
     listed = [part.spike_steps for part in program.populations if part.kind == "listed"]
-    listed += [steps for steps, _ in (given or {}).values()]
+    listed += [spikes[0] for spikes in given.values()]
     last = max((int(steps.max()) for steps in listed if steps.size), default=0)
     return min(max(last + _AFTER, _SHORTEST), _LONGEST)
 
 
-def _run(
-    sim: Simulation, source: Source, outputs: tuple[str, ...], steps: int, given: Given | None
-) -> tuple[Recorded, bool]:
+def _run(sim: Simulation, source: Source, outputs: tuple[str, ...], steps: int, given: Given) -> tuple[Recorded, bool]:
     """The recorded run, and whether its input was drawn."""
     inputs = [part for part in sim.program.populations if part.kind in INPUTS]
     listed = [part.name for part in inputs if part.kind == "listed"]
-    for name, (when, neurons) in (given or {}).items():
+    for name, (when, *rest) in given.items():
         if name not in listed:
             raise unknown("input", name, listed)
-        sim.inject(name, when * sim.program.resolution, neurons)
+        sim.inject(name, when * sim.program.resolution, *rest)
     found = record(sim, source, outputs, steps)
     if found.sent.size or given or not inputs:
         return found, False
@@ -188,7 +206,8 @@ def _run(
             sim.set(part.name, rate=1000.0 * _DRAWN / sim.program.resolution)
         else:
             when, neurons = np.nonzero(draws.random((steps, part.size)) < _DRAWN)
-            sim.inject(part.name, (when + 1) * sim.program.resolution, neurons)
+            payloads = [draws.integers(1, 128, neurons.size)] if part.model.graded else []
+            sim.inject(part.name, (when + 1) * sim.program.resolution, neurons, *payloads)
     return record(sim, source, outputs, steps), True
 
 
@@ -197,8 +216,8 @@ def _data(run: Recorded, name: str) -> str:
     memory = Memory()
     for word, spikes in (("in", run.sent), ("out", run.told)):
         ends = np.searchsorted(spikes[0], np.arange(run.steps + 1), side="right")
-        memory.table(f"{word}_ends", ends, f"where the {word}put events of each step end")
-        events = [f"{{{neuron}, {times}}}" for neuron, times in spikes[1:].T.tolist()]
+        memory.table(f"{word}_ends", ends, f"where the {word}put events of each step end", True)
+        events = [f"{{{neuron}, {number(times)}}}" for neuron, times in spikes[1:].T.tolist()]
         memory.constants(f"{word}_events", f"{name}_event", [*events, "{0, 0}"])
     for word, digests in (("spike", run.spikes), ("state", run.states)):
         memory.constants(f"{word}_digests", "uint64_t", [f"UINT64_C({digest})" for digest in digests.tolist()])
@@ -216,7 +235,7 @@ def _write(folder: Path, texts: Mapping[str, str]) -> None:
 
 def _template(file: str, words: Mapping[str, str]) -> str:
     """A file that is the same for all networks, but for some words."""
-    text = files("neuro.exchange.c_code").joinpath("templates", file).read_text("utf-8")
+    text = _TEMPLATES.joinpath(file).read_text("utf-8")
     for word, value in words.items():
         text = text.replace(f"@{word}@", value)
     return text

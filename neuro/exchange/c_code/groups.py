@@ -27,12 +27,13 @@ def decide(program: Program, index: int, cells: Cells, threshold: str, memory: M
         memory: takes its state.
     """
     group, k = program.groups[index], cells.number
-    lines = _choose(cells, key(program.seed, "tie", group.name), threshold)
-    choice, opened = group.choice, list[str]()
+    choice, opened, shape = group.choice, list[str](), program.populations[group.population].shape
+    alone = isinstance(choice, lateral_reset) and shape[choice.axis] == 1
+    lines = [] if alone else _choose(cells, key(program.seed, "tie", group.name), threshold)
     lines += [f"static void decide_{k}(void)", "{"]
     if isinstance(choice, lateral_reset):
-        shape = program.populations[group.population].shape
-        lines += _rivals(cells, shape[choice.axis], math.prod(shape[choice.axis + 1 :]))
+        # Compilers take the loop over rivals of one neuron for one that leaves its array.
+        lines += [] if alone else _rivals(cells, shape[choice.axis], math.prod(shape[choice.axis + 1 :]))
     else:
         once = isinstance(choice, winner_take_all) and choice.first_to_fire
         if once:

@@ -125,7 +125,7 @@ class Learning:
     def _learn(self) -> list[str]:
         """Traces decay, then spikes add their impulses; at the end of an epoch the rule is applied."""
         q, epoch = self._q, self.rule.epoch
-        body = [f"uint32_t slot = (now - 1u) % {epoch}u, before = (slot + {epoch - 1}u) % {epoch}u;"]
+        body = [f"uint32_t slot = (uint32_t)((now - 1u) % {epoch}u), before = (slot + {epoch - 1}u) % {epoch}u;"]
         body += ["(void)before;"]
         for name, trace in self.rule.traces.items():
             n, word = self._count(name), f"{name}_{q}"
@@ -149,7 +149,8 @@ class Learning:
         q, epoch = self._q, self.rule.epoch
         swept = [term for term in (*self.rule.dw, *self.rule.dt) if term.gate == "u"]
         due = " || ".join(f"(number & {(1 << term.every) - 1}u) == 0" for term in swept)
-        lines = [f"uint32_t number = now / {epoch}u;", f"for (uint32_t i = 0; i < {self._sources}u; i++) {{"]
+        lines = [f"uint32_t number = (uint32_t)(now / {epoch}u);"]
+        lines += [f"for (uint32_t i = 0; i < {self._sources}u; i++) {{"]
         test = f"if ({due + ' || ' if due else ''}x_last_{q}[i] != 0 || y_last_{q}[j] != 0) apply_{q}(i, j, e, number);"
         if self._part.layout == "one_to_one":
             lines += indented(["uint32_t j = i, e = i;", test])

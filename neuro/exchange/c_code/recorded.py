@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import copy
 import warnings
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -21,12 +21,12 @@ from neuro.core.keyed_random import mix
 from neuro.exchange.c_code.source import INPUTS, Source
 from neuro.model.network import Network
 from neuro.model.parts import Projection
-from neuro.model.synapses import loihi_static, static
+from neuro.model.synapses import Synapse, loihi2_static, loihi_static, static
 from neuro.program.backend import OverflowWarning
 from neuro.program.program import Ints
 
-Given = Mapping[str, tuple[Ints, Ints]]
-"""Steps, from 1, and neurons of the spikes that a program gives to an input, by its name."""
+Given = Mapping[str, Sequence[Ints]]
+"""Steps, from 1, neurons, and payloads where it has such, of the spikes that are given to an input, by its name."""
 
 Words = NDArray[np.uint64]
 
@@ -37,7 +37,7 @@ class Recorded:
 
     Attributes:
         steps: of it.
-        sent: steps, neurons (of the network) and multiplicities of what inputs send, by step.
+        sent: steps, neurons (of the network) and numbers, multiplicities or payloads, of the spikes of inputs, by step.
         told: the same of outputs.
         spikes, states: the digest of each step, of all spikes of neurons and of all states after it.
     """
@@ -67,7 +67,7 @@ def record(sim: neuro.run.simulation.Simulation, source: Source, outputs: tuple[
     inputs = [part.name for part in sim.program.populations if part.kind in INPUTS]
     neurons = [part.name for part in sim.program.populations if part.kind == "neuron"]
     every = _spikes(sim, source, neurons)
-    words = mix(every[1].astype(np.uint64) << np.uint64(32) | every[2].astype(np.uint64))
+    words = mix(every[1].astype(np.uint64) << np.uint64(32) | (every[2] & 0xFFFFFFFF).astype(np.uint64))
     spikes = np.zeros(steps, dtype=np.uint64)
     np.add.at(spikes, every[0] - 1, words)
     return Recorded(steps, _spikes(sim, source, inputs), _spikes(sim, source, outputs), spikes, digests)
@@ -83,10 +83,11 @@ def without_learning(net: Network) -> Network:
 def _frozen(part: Projection, net: Network) -> Projection:
     if not part.synapse.learns:
         return part
-    if net.populations[part.target].model.chip == "loihi":
-        known = part.synapse.parameters()
-        return replace(part, synapse=loihi_static(**{word: known[word] for word in loihi_static.quantities()}))
-    return replace(part, synapse=static())
+    target = net.populations[part.target].model
+    models: dict[str, type[Synapse]] = {"loihi": loihi_static, "loihi2": loihi2_static}
+    model = models.get(part.synapse.chip or target.chip, static)
+    known = part.synapse.parameters()
+    return replace(part, synapse=model(**{word: known[word] for word in model.quantities() if word in known}))
 
 
 def watched(net: Network) -> Network:
@@ -108,13 +109,14 @@ def _digest(sim: neuro.run.simulation.Simulation, source: Source) -> np.uint64:
 
 
 def _spikes(sim: neuro.run.simulation.Simulation, source: Source, names: Any) -> Ints:
-    """Steps, neurons and multiplicities of the spikes of some populations, by step, then neuron, shape (3, spikes)."""
+    """Steps, neurons and numbers of the spikes of some populations, by step, then neuron, shape (3, spikes)."""
     found = [np.zeros((3, 0), dtype=np.int64)]
     for part, first in zip(sim.program.populations, source.firsts, strict=False):
         if part.name in names:
-            times, ids = sim.spikes(part.name)
+            graded = part.model.graded
+            times, ids, numbers = sim.payloads(part.name) if graded else (*sim.spikes(part.name), np.zeros(0))
             steps = np.rint(times / sim.program.resolution).astype(np.int64)
             pairs, counts = np.unique(np.stack([steps, ids + first]), axis=1, return_counts=True)
-            found.append(np.vstack([pairs, counts]))
+            found.append(np.vstack([steps, ids + first, numbers] if graded else [pairs, counts]))
     joined = np.concatenate(found, axis=1).astype(np.int64)
     return joined[:, np.lexsort((joined[1], joined[0]))]

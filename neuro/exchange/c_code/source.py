@@ -9,6 +9,8 @@ from __future__ import annotations
 import re
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
+from typing import NamedTuple
+from zlib import crc32
 
 import numpy as np
 
@@ -17,6 +19,7 @@ from neuro.chips.arrival_rule import longest_lag
 from neuro.chips.quantising.fixed import FixedProjection
 from neuro.chips.quantising.fixed_program import FixedProgram
 from neuro.chips.quantising.quantise import names_of
+from neuro.exchange.c_code import loihi2_cells
 from neuro.exchange.c_code.arrays import TYPES, Memory, comment, narrowest
 from neuro.exchange.c_code.cells import (
     Cells,
@@ -25,10 +28,11 @@ from neuro.exchange.c_code.cells import (
     indented,
     loihi_lif,
     relay,
+    shared,
     spinnaker_delta,
     spinnaker_lif,
 )
-from neuro.exchange.c_code.delivery import Delivery
+from neuro.exchange.c_code.delivery import Delivery, lags_of
 from neuro.exchange.c_code.groups import decide
 from neuro.exchange.c_code.learning import Learning
 from neuro.program.program import Population
@@ -38,11 +42,44 @@ STEPS: dict[str, Callable[[Cells, Memory], Stepped]] = {
     "loihi_lif": loihi_lif,
     "spinnaker_lif": spinnaker_lif,
     "spinnaker_delta": spinnaker_delta,
+    "loihi2_lif": loihi2_cells.loihi2_lif,
+    "loihi2_ternary_lif": loihi2_cells.loihi2_ternary_lif,
+    "loihi2_rf": loihi2_cells.loihi2_rf,
+    "loihi2_rf_iz": loihi2_cells.loihi2_rf_iz,
+    "sigma_delta": loihi2_cells.sigma_delta,
+    "delta_encoder": loihi2_cells.delta_encoder,
+    "sigma_decoder": loihi2_cells.sigma_decoder,
+    "graded_vector": loihi2_cells.graded_vector,
+    "graded_product": loihi2_cells.graded_product,
 }
 """The neurons that are written as C, by `FixedPopulation.kind`."""
 
-RECEPTORS = {"loihi": 1, "spinnaker": 2}
-"""Families of chips that are written as C, each with a header of its name, and the slots of a neuron."""
+
+class Family(NamedTuple):
+    """What differs between families of chips, beside their headers.
+
+    Attributes:
+        slot: type of what a neuron receives in a step.
+        field: of an event, beside its neuron.
+        kind: type of the field.
+        about: what an event is.
+        by_sign: whether words below 0 go to a receptor of their own.
+    """
+
+    slot: str = "uint16_t"
+    field: str = "times"
+    kind: str = "uint16_t"
+    about: str = "A neuron that sends `times` spikes in a step"
+    by_sign: bool = False
+
+
+_GRADED = "A neuron that sends a spike with a payload; one whose spikes have none sends as many in a step"
+FAMILIES = {
+    "loihi": Family(),
+    "loihi2": Family("uint32_t", "payload", "int32_t", _GRADED),
+    "spinnaker": Family(by_sign=True),
+}
+"""Families of chips that are written as C, by the name of their header."""
 
 INPUTS = ("listed", "poisson")
 """Kinds of populations whose spikes a program gives."""
@@ -53,6 +90,7 @@ REGISTERS = {"V_m": ("v", "hold"), "I_syn_ex": ("u", "g_exc"), "I_syn_in": ("u",
 MARK = "Written by neuro for a microcontroller"
 
 _POINTER = 4
+_TOGETHER = -1
 _STEP = "uint32_t NAME_step(const NAME_event *events, uint32_t n, NAME_event *out)"
 
 _EMIT = """static NAME_event *out_at;
@@ -68,7 +106,7 @@ static void emit(uint32_t neuron, uint32_t times, int out)
 #endif
     if (out) {
         out_at->neuron = (NAME_neuron)neuron;
-        out_at->times = (uint16_t)times;
+        out_at->FIELD = VALUE;
         out_at++;
     }
 }
@@ -76,10 +114,10 @@ static void emit(uint32_t neuron, uint32_t times, int out)
 
 _PUBLIC = """typedef NEURON NAME_neuron;
 
-/* A neuron that sends `times` spikes in a step. */
+/* ABOUT. */
 typedef struct {
     NAME_neuron neuron;
-    uint16_t times;
+    KIND FIELD;
 } NAME_event;
 
 /* Begin at step 0. Call it first. */
@@ -89,7 +127,7 @@ void NAME_init(void);
  * neurons; returns their number. Events of neurons that are no input are passed over. */
 uint32_t NAME_step(const NAME_event *events, uint32_t n, NAME_event *out);
 
-/* The voltage register of a neuron after the last step; 0 of what has none. */
+/* The first state register of a neuron after the last step, its voltage where it has one; 0 of what has no state. */
 int32_t NAME_voltage(uint32_t neuron);
 """
 _TRIAL = "/* Begin a trial: drop all that is under way, and put the output back where a trial begins. */"
@@ -101,6 +139,7 @@ class Source:
 
     Attributes:
         header, code: of its two files.
+        id: a number of both that other networks do not have.
         flash: bytes of its constant tables.
         ram: bytes of its states.
         firsts: the first neuron of each population among all, and the number of all.
@@ -109,6 +148,7 @@ class Source:
 
     header: str
     code: str
+    id: str
     flash: int
     ram: int
     firsts: list[int]
@@ -131,7 +171,7 @@ class _Writer:
 
     def __init__(self, fixed: FixedProgram, name: str, outputs: tuple[str, ...]) -> None:
         self._fixed, self._program, self._name, self._outputs = fixed, fixed.program, name, outputs
-        self._memory = Memory()
+        self._memory, self._family = Memory(), FAMILIES[fixed.chip.arithmetic]
         sizes = [part.size for part in self._program.populations]
         self._firsts = np.concatenate(([0], np.cumsum(sizes))).astype(int).tolist()
         self._spiking = [
@@ -145,12 +185,17 @@ class _Writer:
         part, cells, wires = self._program.populations[k], self._fixed.populations[k], self._fixed.projections
         into = [q for q in self._spiking if self._program.projections[q].target == k]
         lag = max((int(longest_lag(self._program, q).max(initial=1)) for q in into), default=0)
-        below = any(np.any(wire.words < 0) for q in into if (wire := wires[q]) is not None)
-        receptors = RECEPTORS[self._fixed.chip.arithmetic] if below and cells.kind != "relay" else 1
+        second = any(
+            wire.receptor or (self._family.by_sign and np.any(wire.words < 0))
+            for q in into
+            if (wire := wires[q]) is not None
+        )
+        relays = cells.kind == "relay"
+        receptors, slot = 1 + (second and not relays), Family().slot if relays else self._family.slot
         group = any(group.population == k for group in self._program.groups)
         out = part.name in self._outputs
         onto, noted = self._along(k), self._noted(k)
-        return Cells(k, cells, part.size, self._firsts[k], lag + 1, receptors, out, group, onto, noted)
+        return Cells(k, cells, part.size, self._firsts[k], lag + 1, receptors, slot, out, group, onto, noted)
 
     def _along(self, k: int) -> tuple[int, ...]:
         """The projections that a population sends along."""
@@ -167,12 +212,13 @@ class _Writer:
     def source(self) -> Source:
         """Both files."""
         memory = self._memory
-        if self._draws:
-            memory.variable("now", "uint32_t", "the step, for draws")
+        if self._counts:
+            memory.variable("now", "uint64_t", "the step")
         for k, cells in self._cells.items():
             size, name = cells.slots * cells.size * cells.receptors, cells.fixed.name
-            memory.state(f"ring_{k}", "uint16_t", size, f"{name}: input to come, {cells.slots} slots")
+            memory.state(f"ring_{k}", cells.slot, size, f"{name}: input to come, {cells.slots} slots")
             memory.variable(f"at_{k}", TYPES[narrowest(0, cells.slots)], f"{name}: the slot of this step")
+        self._sums = self._summed()
         self._learning = {q: Learning(self._program, q, self._wires(q), memory) for q in self._learns}
         sending = [line for q in self._spiking for line in self._delivery(q)]
         learning = [line for part in self._learning.values() for line in part.lines()]
@@ -184,14 +230,19 @@ class _Writer:
             deciding, opened = deciding + lines, opened + begin
         functions = [line for part in stepped.values() for line in part.lines]
         inputs, step = self._input(), self._step()
-        parts = [self._top(), memory.lines, [_EMIT], sending, functions, deciding, learning, inputs]
-        parts += [self._init(stepped, opened), step, self._voltage(), self._digest(stepped)]
-        code = "\n".join(line for part in parts for line in [*part, ""])
+        emit = _EMIT.replace("FIELD", self._family.field).replace("VALUE", self._value)
+        parts = [self._top(), memory.lines, [emit], sending, functions, deciding, learning, inputs]
+        parts += [self._init(stepped, opened), step, self._voltage(stepped), self._digest(stepped)]
+        code = re.sub(r"\n{3,}", "\n\n", "\n".join(line for part in parts for line in [*part, ""]))
         states = {self._cells[k].fixed.name: _digested(part) for k, part in stepped.items()}
         states |= {self._program.projections[q].name: list(part.states) for q, part in self._learning.items()}
+        code = code.replace("NAME_", f"{self._name}_").rstrip() + "\n"
+        header = self._header()
+        number = f"0x{crc32((header + code).encode()):08X}u"
         return Source(
-            self._header(),
-            code.replace("NAME_", f"{self._name}_").replace("\n\n\n", "\n\n").rstrip() + "\n",
+            header.replace("@id@", number),
+            code.replace("@id@", number),
+            number,
             memory.flash,
             memory.ram + _POINTER,
             self._firsts,
@@ -205,13 +256,39 @@ class _Writer:
 
     def _delivery(self, q: int) -> list[str]:
         part = self._program.projections[q]
-        delivery = Delivery(q, part, self._wires(q), self._cells[part.target], self._memory)
+        to, by_sign, sums = self._cells[part.target], self._family.by_sign, self._sums.get(q)
+        delivery = Delivery(q, part, self._wires(q), to, self._memory, by_sign, sums)
         return delivery.lines(self._learning[q].word if q in self._learning else "")
 
+    def _summed(self) -> dict[int, int]:
+        """Where the sums of projections begin that are shifted or wrapped; sources use one place in turn."""
+        found, sizes = dict[int, int](), dict[int, int]()
+        for q in self._spiking:
+            part, wires = self._program.projections[q], self._wires(q)
+            if wires.shift or wires.wraps:
+                source = _TOGETHER if part.source in self._inputs else part.source
+                first, last = lags_of(wires)
+                found[q] = sizes.get(source, 0)
+                sizes[source] = found[q] + (last - first + 1) * self._cells[part.target].size
+                self._memory.variable(f"full_{q}", "uint8_t", f"{part.name}: whether it has sums")
+        if sizes:
+            self._memory.state("sums", "uint32_t", max(sizes.values()), "sums of a step, of one source after the other")
+        return found
+
+    def _poured(self, *sources: int) -> list[str]:
+        """Calls that add the sums of what sources have sent to rings."""
+        return [f"pour_{q}();" for k in sources for q in self._along(k) if q in self._sums]
+
     @property
-    def _draws(self) -> bool:
-        """Whether anything is drawn, by the number of the step."""
-        return bool(self._program.groups or self._learns)
+    def _counts(self) -> bool:
+        """Whether the number of the step is needed: by draws, and by resets in an interval."""
+        resets = any(shared(cells.fixed.registers, "reset_interval") for cells in self._cells.values())
+        return bool(self._program.groups or self._learns or resets)
+
+    @property
+    def _value(self) -> str:
+        """What is sent as the field of an event."""
+        return "wrap32(times)" if self._family.kind == "int32_t" else f"({self._family.kind})times"
 
     @property
     def _about(self) -> str:
@@ -221,8 +298,8 @@ class _Writer:
         populations, upper = self._program.populations, self._name.upper()
         lines = [
             f"/* {self._about}. {MARK}. */",
-            f"#ifndef {upper}_H",
-            f"#define {upper}_H",
+            f"#ifndef {upper}_H_INCLUDED",
+            f"#define {upper}_H_INCLUDED",
             "",
             "#include <stdint.h>",
             "",
@@ -237,12 +314,14 @@ class _Writer:
         most = sum(part.size for part in populations if part.name in self._outputs)
         lines += [f"#define {upper}_MOST_OUT {most}u /* events that a step may give */"]
         lines += [
-            f"#define {upper}_STEP_US {round(self._program.resolution * 1000)}u /* a step, in microseconds */",
+            f"#define {upper}_STEP_NS {round(self._program.resolution * 1e6)}u /* a step, in nanoseconds */",
+            f"#define {upper}_ID @id@ /* that of {self._name}.c */",
             "",
         ]
-        neuron = TYPES[narrowest(0, self._firsts[-1])]
-        kind = {"uint8_t": "uint16_t"}.get(neuron, neuron)
-        text = _PUBLIC.replace("NAME_", f"{self._name}_").replace("NEURON", kind)
+        neuron = "uint16_t" if self._firsts[-1] <= 65536 else "uint32_t"
+        text = _PUBLIC.replace("NAME_", f"{self._name}_").replace("NEURON", neuron)
+        for word, value in (("ABOUT", self._family.about), ("KIND", self._family.kind), ("FIELD", self._family.field)):
+            text = text.replace(word, value)
         open_c, close_c = (f"#ifdef __cplusplus\n{each}\n#endif\n" for each in ('extern "C" {', "}"))
         trial = [f"{_TRIAL}\nvoid {self._name}_trial(void);\n"] if self._program.trials is not None else []
         return "\n".join([*lines, open_c, text, *trial, close_c, "#endif", ""])
@@ -250,7 +329,8 @@ class _Writer:
     def _top(self) -> list[str]:
         chip = self._fixed.chip.arithmetic
         headers = [self._name, chip, *(["learning"] if self._learns else [])]
-        return [f"/* {self._about}. {MARK}. */", *(f'#include "{header}.h"' for header in headers)]
+        same = [f"#if {self._name.upper()}_ID != @id@", f'#error "{self._name}.h is of another network"', "#endif"]
+        return [f"/* {self._about}. {MARK}. */", *(f'#include "{header}.h"' for header in headers), "", *same]
 
     def _input(self) -> list[str]:
         """Where the spikes of each input go; what is no neuron of an input is passed over."""
@@ -260,16 +340,16 @@ class _Writer:
             sent = [f"        send_{q}(i, times);" for q in self._along(k)]
             sent = [f"        uint32_t i = neuron - {first}u;", "        (void)i;", *sent]
             sent += [f"        {each}" for each in self._noted(k)]
-            test = f"neuron < {last}u" if first == 0 else f"neuron >= {first}u && neuron < {last}u"
-            lines += [f"    if ({test}) {{ /* {comment(self._program.populations[k].name)} */", *sent, "    }"]
+            about = comment(self._program.populations[k].name)
+            lines += [f"    if ({_inside(first, last)}) {{ /* {about} */", *sent, "    }"]
         if not self._inputs:
             lines.append("    (void)neuron;")
         return [*lines, "}"]
 
     def _init(self, stepped: dict[int, Stepped], opened: list[str]) -> list[str]:
         """The functions that begin a run, and a trial."""
-        clear = [f"clear(ring_{k}, {c.slots * c.size * c.receptors}u);" for k, c in self._cells.items()]
-        lines = [*(["now = 0;"] if self._draws else []), *(f"at_{k} = 0;" for k in self._cells), *clear]
+        clear = [f"memset(ring_{k}, 0, sizeof ring_{k});" for k in self._cells]
+        lines = [*(["now = 0;"] if self._counts else []), *(f"at_{k} = 0;" for k in self._cells), *clear]
         lines += [line for part in stepped.values() for line in part.init.values()]
         lines += [line for part in self._learning.values() for line in part.init]
         found = function("void NAME_init(void)", [*lines, *opened])
@@ -283,32 +363,32 @@ class _Writer:
     def _step(self) -> list[str]:
         merge = arithmetic_of(self._fixed.chip).one_bit and bool(self._inputs)
         each = ["uint32_t neuron = events[e].neuron;"]
-        once = "if (events[e].times != 0) input(neuron, spikes(events[e].times));"
-        lines = [*(["now++;"] if self._draws else []), "out_at = out;"]
+        times = f"events[e].{self._family.field}"
+        once = f"if ({times} != 0) input(neuron, spikes((uint32_t){times}));"
+        lines = [*(["now++;"] if self._counts else []), "out_at = out;"]
         if merge:
             most = max(self._firsts[k + 1] for k in self._inputs)
             seen = self._memory.state("seen", "uint32_t", -(-most // 32), "inputs that have sent a spike in this step")
             each += [f"if (neuron >= {most}u || ({seen}[neuron / 32u] >> neuron % 32u & 1u) != 0) continue;"]
-            once = f"if (events[e].times != 0) {seen}[neuron / 32u] |= 1u << neuron % 32u, input(neuron, 1u);"
-        lines += ["for (uint32_t e = 0; e < n; e++) {", *indented([*each, once]), "}"]
+            once = f"if ({times} != 0) {seen}[neuron / 32u] |= UINT32_C(1) << neuron % 32u, input(neuron, 1u);"
+        lines += ["for (uint32_t e = 0; e < n; e++) {", *indented([*each, once]), "}", *self._poured(*self._inputs)]
         if merge:
             clear = f"if (events[e].neuron < {most}u) {seen}[events[e].neuron / 32u] = 0;"
             lines += [f"for (uint32_t e = 0; e < n; e++) {{ {clear} }}"]
         for k, cells in self._cells.items():
-            lines += [f"step_{k}();", *([f"decide_{k}();"] if cells.group else [])]
+            lines += [f"step_{k}();", *([f"decide_{k}();"] if cells.group else []), *self._poured(k)]
         lines += [f"learn_{q}();" for q in self._learns]
         for k, cells in self._cells.items():
             kind = TYPES[narrowest(0, cells.slots)]
             lines += [f"at_{k} = ({kind})later(at_{k}, 1u, {cells.slots}u);"] if cells.slots > 1 else []
         return function(_STEP, [*lines, "return (uint32_t)(out_at - out);"])
 
-    def _voltage(self) -> list[str]:
+    def _voltage(self, stepped: dict[int, Stepped]) -> list[str]:
         lines = []
-        for k, cells in self._cells.items():
-            if cells.fixed.kind != "relay":
-                last = cells.first + cells.size
-                test = f"neuron >= {cells.first}u && neuron < {last}u"
-                lines += [f"if ({test}) return v_{k}[neuron - {cells.first}u];"]
+        for k, part in stepped.items():
+            first, size = self._firsts[k], self._cells[k].size
+            for state in list(part.states.values())[:1]:
+                lines += [f"if ({_inside(first, first + size)}) return {state}[neuron - {first}u];"]
         return function("int32_t NAME_voltage(uint32_t neuron)", [*lines, "(void)neuron;", "return 0;"])
 
     def _digest(self, stepped: dict[int, Stepped]) -> list[str]:
@@ -327,6 +407,11 @@ class _Writer:
         return ["#ifdef NEURO_DIGEST", f"{head};", *function(head, lines)[:-1], "#endif"]
 
 
+def _inside(first: int, last: int) -> str:
+    """The test whether `neuron` lies before the last and not before the first of some."""
+    return f"neuron < {last}u" if first == 0 else f"neuron >= {first}u && neuron < {last}u"
+
+
 def _digested(part: Stepped) -> list[str]:
     """The registers that the emulator shows."""
     return [register for register in part.states if register != "hold"]
@@ -337,5 +422,7 @@ def _macros(populations: Iterable[Population]) -> Iterator[str]:
     taken = set[str]()
     for k, part in enumerate(populations):
         word = re.sub(r"[^A-Z0-9]", "_", part.name.upper())
-        taken.add(word := word if word not in taken else f"{word}_{k}")
+        while word in taken:
+            word += f"_{k}"
+        taken.add(word)
         yield word

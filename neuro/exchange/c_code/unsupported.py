@@ -4,18 +4,19 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
+from neuro.chips.arithmetics import arithmetic_of
 from neuro.chips.description import Chip
 from neuro.chips.known import chip
 from neuro.chips.quantising.fixed_program import FixedProgram
 from neuro.chips.quantising.inputs import refused
 from neuro.core.errors import ModelError
 from neuro.exchange.c_code.groups import supports
-from neuro.exchange.c_code.source import INPUTS, RECEPTORS, STEPS
+from neuro.exchange.c_code.source import FAMILIES, INPUTS, STEPS
 from neuro.model.neurons import CurrentGenerator
 from neuro.program.backend import Problem
 
 _FROZEN = "--frozen (frozen=True) leaves the rule out: weights stay as they are in the network"
-_READABLE = ("spikes", "V_m", "v")
+_READABLE = ("spikes", "V_m", "v", "sigma", "real")
 
 
 def check_chip(name: str) -> Chip:
@@ -25,8 +26,8 @@ def check_chip(name: str) -> Chip:
         ModelError: there is no such chip, or it has another arithmetic.
     """
     found = chip(name)
-    if found.arithmetic not in RECEPTORS:
-        known = " or ".join(RECEPTORS)
+    if found.arithmetic not in FAMILIES:
+        known = " or ".join(FAMILIES).replace(" or ", ", ", 1)
         raise ModelError(f"chip '{name}' cannot be written as C: expected the arithmetic of {known}")
     return found
 
@@ -50,7 +51,8 @@ def _populations(fixed: FixedProgram) -> Iterator[Problem]:
             why = "the host writes its current into registers while the network runs"
             yield refused(part, part.said, why, "give the neurons a constant current, I_e, or spikes")
         elif cells.kind not in STEPS and part.kind not in INPUTS:
-            known = "iaf_psc_exp, iaf_psc_delta and parrot_neuron"
+            known = ", ".join(model.__name__ for model in arithmetic_of(fixed.chip).models)
+            known += " or parrot_neuron"
             yield refused(part, part.said, f"it is no neuron of {fixed.chip.name}", f"use {known}")
     if not any(cells.kind in STEPS for cells in fixed.populations):
         yield Problem(True, f"network '{fixed.program.name}'", "it has no neurons", "add a population of iaf_psc_exp")
@@ -60,8 +62,10 @@ def _projections(fixed: FixedProgram) -> Iterator[Problem]:
     for part, wires in zip(fixed.program.projections, fixed.projections, strict=True):
         if part.signal >= 0 or part.dopamine >= 0:
             yield refused(part, part.synapse.name, "the program in C has no dopamine", _FROZEN)
-        elif part.synapse.learns and (wires is None or wires.rule is None):
+        elif part.synapse.learns and (wires is None or wires.rule is None or fixed.chip.arithmetic != "loihi"):
             why = "the host applies the rule, and the program in C has none"
+            if wires is not None and wires.rule is not None:
+                why = f"the program in C has no learning of {fixed.chip.name}"
             yield refused(part, part.synapse.name, why, _FROZEN)
 
 

@@ -22,6 +22,7 @@ from neuro.core.errors import ModelError, Where
 from neuro.core.extras import needed
 from neuro.core.paths import existing
 from neuro.core.quantities import Quantity
+from neuro.core.system import only_on_linux
 from neuro.exchange.verdict import APPROXIMATE, Verdict, Verdicts
 from neuro.model.language import load
 from neuro.model.network import Network
@@ -176,6 +177,7 @@ def _mirror(source: Path, target: Path) -> None:
 
 def _run(run: _Run, folder: Path) -> dict[str, Any]:
     """Run a script to its end, or end it; nothing that it has started stays."""
+    only_on_linux("running a script of PyNN")
     mark = uuid4().hex
     with (folder / "output").open("wb") as output:
         process = subprocess.Popen(

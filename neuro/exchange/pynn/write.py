@@ -271,7 +271,7 @@ class _Script:
                 words["duration"] = repr((part.stop - part.start) * self.step)
             return "SpikeSourcePoisson", words
         raise ModelError(
-            f"{part.said} is no standard cell of PyNN", hint="with a duration (--duration) its trains are written"
+            f"{part.said} is no standard cell of PyNN", hint="with a duration (--for) its trains are written"
         )
 
     def _listed(self, part: Population, steps: Any, ids: Any) -> tuple[str, dict[str, str]]:

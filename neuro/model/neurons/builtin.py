@@ -28,6 +28,7 @@ from neuro.model.neurons.generators import (
     spike_generator as spike_generator,
     spike_train as spike_train,
 )
+from neuro.model.neurons.graded_product import graded_product as graded_product
 from neuro.model.neurons.graded_vector import graded_vector as graded_vector
 from neuro.model.neurons.hh_psc_alpha import hh_psc_alpha as hh_psc_alpha
 from neuro.model.neurons.iaf_cond_alpha import iaf_cond_alpha as iaf_cond_alpha

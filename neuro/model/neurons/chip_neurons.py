@@ -6,6 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any, ClassVar
 
+from neuro.core.errors import ModelError, here
 from neuro.core.quantities import Value, quantity
 from neuro.model.neurons.base import Neuron, State
 
@@ -62,7 +63,7 @@ class Loihi2Neuron(Neuron):
     )
     chip: ClassVar[str] = "loihi2"
 
-    du: Value = quantity(409, "", "decay of the current", whole=True, at_least=0, at_most=4095, arrays=True)
+    du: Value = quantity(409, "", "decay of the current", whole=True, at_least=-1, at_most=4095, arrays=True)
     dv: Value = quantity(409, "", "decay of the voltage", whole=True, at_least=0, at_most=4096, arrays=True)
     bias_mant: Value = quantity(0, "", "bias mantissa", whole=True, at_least=-4096, at_most=4095, arrays=True)
     bias_exp: Value = quantity(0, "", "bias exponent", whole=True, at_least=0, at_most=7, arrays=True)
@@ -105,6 +106,13 @@ class loihi2_ternary_lif(Loihi2Neuron):
         -100, "", "lower threshold mantissa", whole=True, at_least=-131071, at_most=131071, arrays=True
     )
 
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        low, high = self.vth_lo, self.vth_hi
+        if isinstance(low, (int, float)) and isinstance(high, (int, float)) and low > high:
+            message = f"{self.name}: vth_lo = {low:g} above vth_hi = {high:g}"
+            raise ModelError(message, hint="lower it", path=("vth_lo",), where=here())
+
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Loihi2Resonator(Neuron):
@@ -122,9 +130,9 @@ class Loihi2Resonator(Neuron):
     resets_in_step: ClassVar[bool] = True
     chip: ClassVar[str] = "loihi2"
 
-    cos_decay: Value = quantity(3900, "", "decay times cosine", whole=True, at_least=0, at_most=4096, arrays=True)
-    sin_decay: Value = quantity(1000, "", "decay times sine", whole=True, at_least=0, at_most=4096, arrays=True)
-    vth: Value = quantity(100, "", "threshold, times 2^state_exp", whole=True, at_least=0, at_most=131071, arrays=True)
+    cos_decay: Value = quantity(3900, "", "decay times cosine", whole=True, at_least=-4096, at_most=4096, arrays=True)
+    sin_decay: Value = quantity(1000, "", "decay times sine", whole=True, at_least=-4096, at_most=4096, arrays=True)
+    vth: Value = quantity(100, "", "threshold, times 2^state_exp", at_least=0, at_most=131071, arrays=True)
     state_exp: int = quantity(6, "", "exponent of the states", kind="integer", at_least=0, at_most=7)
 
 

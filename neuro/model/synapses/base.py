@@ -90,6 +90,7 @@ class Synapse(Choice):
     Class attributes:
         learns: "" (static), "pairs" (spike pairs), "trials" (at the end of a trial) or "chip" (by a chip's own engine).
         chip: the chip whose registers the parameters are, "" for a model of all backends.
+        takes_graded: whether one that learns takes spikes with payloads.
         pre, post: the traces that a pairwise rule reads.
         modulated: whether a dopamine concentration acts on it.
         draws: whether `on_pre` takes a random number, another for each synapse and pre spike.
@@ -107,6 +108,7 @@ class Synapse(Choice):
     source: ClassVar[str] = ""
     learns: ClassVar[str] = ""
     chip: ClassVar[str] = ""
+    takes_graded: ClassVar[bool] = False
     pre: ClassVar[tuple[Trace, ...]] = (K_PLUS,)
     post: ClassVar[tuple[Trace, ...]] = (K_MINUS,)
     modulated: ClassVar[bool] = False

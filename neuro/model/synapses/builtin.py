@@ -5,6 +5,7 @@ from neuro.model.synapses.first_spike_stdp import first_spike_stdp as first_spik
 from neuro.model.synapses.hedonistic import hedonistic as hedonistic
 from neuro.model.synapses.loihi_learning import (
     loihi2_convolution as loihi2_convolution,
+    loihi2_learning as loihi2_learning,
     loihi2_static as loihi2_static,
     loihi_learning as loihi_learning,
     loihi_static as loihi_static,

@@ -13,8 +13,11 @@ from neuro.model.neurons.base import State
 from neuro.model.synapses.base import Synapse
 from neuro.model.synapses.loihi_rule import (
     FACTORS,
+    FRACTION_BITS,
     KEEP,
     LARGEST_CONSTANT,
+    LARGEST_EXPONENT,
+    LARGEST_MANTISSA,
     LARGEST_U,
     LONGEST_EPOCH,
     POST,
@@ -30,6 +33,8 @@ from neuro.model.synapses.loihi_rule import (
 SIGN_MODES = ("mixed", "excitatory", "inhibitory")
 SHAPES = ("first_order", "exponential")
 ROUNDINGS = ("stochastic", "away")
+GRADED_TRACES = ("impulse", "overwrite", "add_with_saturation", "add_without_saturation")
+_RECEPTOR = "the receptor of the target, of those that have two"
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -70,18 +75,23 @@ class loihi2_static(Synapse):
     weight_exp: int = quantity(0, "", "weight exponent", kind="integer", at_least=-8, at_most=7)
     num_weight_bits: int = quantity(8, "", "bits of a weight", kind="integer", at_least=1, at_most=8)
     sign_mode: str = quantity("mixed", "", "which signs the weights have", kind="word", words=SIGN_MODES)
+    receptor: str | None = quantity(None, "", _RECEPTOR, kind="receptor")
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class loihi2_convolution(Synapse):
-    """Adds the sum of w p over the spikes of a step as 24 bits; weights are whole numbers of 8 bits, none is dropped.
+    """Adds the sum of w p over the spikes of a step; weights are whole numbers of 8 bits and a sign, none is dropped.
 
-    lava: Conv, which ignores the weight exponent and the number of bits.
+    With `wraps` the sum of a step and delay is a two's complement of 24 bits. lava: Conv, which ignores the weight
+    exponent and the number of bits; ConvInTime, whose sums do not wrap.
     """
 
-    equation: ClassVar[str] = "adds sum w p, a two's complement of 24 bits"
-    source: ClassVar[str] = "lava 0.10 Conv, fixed point"
+    equation: ClassVar[str] = "adds sum w p"
+    source: ClassVar[str] = "lava 0.10 Conv, ConvInTime, fixed point"
     chip: ClassVar[str] = "loihi2"
+
+    wraps: bool = quantity(True, "", "keep 24 bits of the sum", kind="boolean")
+    receptor: str | None = quantity(None, "", _RECEPTOR, kind="receptor")
 
 
 def _impulse(trace: str) -> Any:
@@ -93,21 +103,10 @@ def _tau(trace: str) -> Any:
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class loihi_learning(Synapse):
-    """Changes its mantissa by `dw` and its tag by `dt`, sums of products, at the end of each epoch.
+class RegisterLearning(Synapse):
+    """Base of the rules in registers: weights, traces and sums of products, applied at the end of each epoch."""
 
-    A product is whole numbers, powers 2^n and factors joined by "*": x0 and y0 (a pre, a post spike in this epoch),
-    x1, x2, y1, y2, y3 (traces), w, t, (factor + constant), u_k (1 in every 2^k-th epoch). Traces rise by their impulse
-    at a spike, up to 127, and keep 1 - 1/tau of themselves per step (`trace_decay: exponential`: exp(-1/tau)).
-
-    Source: Davies et al., IEEE Micro 38(1):82, 2018; Michaelis et al., Front. Neuroinform. 16:1015624, 2022.
-    """
-
-    equation: ClassVar[str] = "w += sum of products dw; t += sum of products dt; sends 64 floor(w 2^weight_exp)"
-    source: ClassVar[str] = "Davies et al., IEEE Micro 38(1):82, 2018; Michaelis et al., Front. Neuroinform. 16, 2022"
     learns: ClassVar[str] = "chip"
-    chip: ClassVar[str] = "loihi"
-    states: ClassVar[tuple[State, ...]] = (State("t", "", "tag"),)
 
     weight_exp: int = quantity(0, "", "weight exponent", kind="integer", at_least=-8, at_most=7)
     num_weight_bits: int = quantity(8, "", "bits of a weight", kind="integer", at_least=1, at_most=8)
@@ -125,8 +124,6 @@ class loihi_learning(Synapse):
     y3_impulse: int = _impulse("y3")
     y3_tau: int = _tau("y3")
     epoch: int = quantity(1, "steps", "length of an epoch", kind="integer", at_least=1, at_most=LONGEST_EPOCH)
-    trace_decay: str = quantity("first_order", "", "what a trace keeps per step", kind="word", words=SHAPES)
-    rounding: str = quantity("stochastic", "", "how a change becomes whole mantissas", kind="word", words=ROUNDINGS)
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -135,17 +132,50 @@ class loihi_learning(Synapse):
                 object.__setattr__(self, word, text(self._terms(word)))
             self.rule()
         except ModelError as error:
-            raise error.at(here(), "loihi_learning") from None
+            raise error.at(here(), self.name) from None
 
     def _terms(self, word: str) -> tuple[Term, ...]:
         said = getattr(self, word)
-        terms = parse(said if isinstance(said, str) else " + ".join(said), word)
+        terms = self.parsed(said if isinstance(said, str) else " + ".join(said), word)
         for term in terms:
             for factor in term.factors:
                 if factor.name in ("r1", "r2"):
                     message = f"{word} reads {factor.name}, which nothing sets here"
                     raise ModelError(message, hint="stdp_dopa has a signal or dopamine", path=(word,))
         return terms
+
+    @staticmethod
+    def parsed(rule: str, what: str) -> tuple[Term, ...]:
+        """The products of `dw` or `dt`."""
+        return parse(rule, what)
+
+    def rule(self) -> LearningRule:
+        """The rule with its traces.
+
+        Raises:
+            ModelError: a trace that is read never rises.
+        """
+        raise NotImplementedError
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class loihi_learning(RegisterLearning):
+    """Changes its mantissa by `dw` and its tag by `dt`, sums of products, at the end of each epoch.
+
+    A product is whole numbers, powers 2^n and factors joined by "*": x0 and y0 (a pre, a post spike in this epoch),
+    x1, x2, y1, y2, y3 (traces), w, t, (factor + constant), u_k (1 in every 2^k-th epoch). Traces rise by their impulse
+    at a spike, up to 127, and keep 1 - 1/tau of themselves per step (`trace_decay: exponential`: exp(-1/tau)).
+
+    Source: Davies et al., IEEE Micro 38(1):82, 2018; Michaelis et al., Front. Neuroinform. 16:1015624, 2022.
+    """
+
+    equation: ClassVar[str] = "w += sum of products dw; t += sum of products dt; sends 64 floor(w 2^weight_exp)"
+    source: ClassVar[str] = "Davies et al., IEEE Micro 38(1):82, 2018; Michaelis et al., Front. Neuroinform. 16, 2022"
+    chip: ClassVar[str] = "loihi"
+    states: ClassVar[tuple[State, ...]] = (State("t", "", "tag"),)
+
+    trace_decay: str = quantity("first_order", "", "what a trace keeps per step", kind="word", words=SHAPES)
+    rounding: str = quantity("stochastic", "", "how a change becomes whole mantissas", kind="word", words=ROUNDINGS)
 
     def rule(self) -> LearningRule:
         """The rule with its traces.
@@ -159,6 +189,65 @@ class loihi_learning(Synapse):
         return LearningRule(parse(self.dw), parse(self.dt, "dt"), traces, self.epoch, self.rounding)
 
 
+@dataclass(frozen=True, kw_only=True, eq=False)
+class loihi2_learning(RegisterLearning):
+    """Changes its mantissa by `dw` and its tag by `dt` at the end of each epoch, as lava's "bit approximate" models do.
+
+    `dw` and `dt` are written as of `loihi_learning`; lava drops the low bits of products of more than 15 bits, so that
+    they are smaller than written. A trace keeps exp(-1/tau) of itself per step (0 at tau 0), rounded by one random
+    number for all sources and one for all targets in an epoch; one number rounds all weights. Of several spikes of a
+    neuron in an epoch the last counts at its step, the others at the beginning.
+
+    Payloads may raise x1 (`graded`, lava's graded_spike_cfg), by p/2 rounded to even, mod 256: `overwrite` sets it;
+    `add_with_saturation` adds up to 127; `add_without_saturation` adds, keeps what is above 127, and only then counts
+    as a spike, which raises x2. Random numbers follow from the network's seed; with `rng_seed` they are lava's own.
+    lava: LearningDense with Loihi2FLearningRule. Source: lava 0.10, magma/core/model/py/connection.py.
+    """
+
+    equation: ClassVar[str] = "w += sum of products dw; t += sum of products dt; adds 2^weight_exp sum w p"
+    source: ClassVar[str] = "lava 0.10 LearningDense, fixed point (bit approximate)"
+    chip: ClassVar[str] = "loihi2"
+    takes_graded: ClassVar[bool] = True
+    states: ClassVar[tuple[State, ...]] = (
+        State("t", "", "tag"),
+        *(State(name, "", f"trace {name} of its neuron") for name in (*PRE, *POST)),
+    )
+
+    graded: str = quantity("impulse", "", "how payloads raise x1", kind="word", words=GRADED_TRACES)
+    rng_seed: int = quantity(
+        -1, "", "of lava's random numbers; -1: the network's seed", kind="integer", at_least=-1, at_most=2**31 - 1
+    )
+
+    @staticmethod
+    def parsed(rule: str, what: str) -> tuple[Term, ...]:
+        """The products of `dw` or `dt`, with their scales as lava reads them."""
+        terms = parse(rule, what, as_lava=True)
+        for term in terms:
+            if not -FRACTION_BITS <= term.exponent <= LARGEST_EXPONENT - 1:
+                found = f"'{term}': exponent {term.exponent}"
+                raise ModelError(f"{found}: expected {-FRACTION_BITS} to {LARGEST_EXPONENT - 1}", path=(what,))
+        return terms
+
+    def rule(self) -> LearningRule:
+        """The rule with its traces.
+
+        Raises:
+            ModelError: a trace that is read has no impulse and no payload raises it, or x1 has both.
+        """
+        if self.graded != "impulse" and self.x1_impulse:
+            message = f"x1_impulse = {self.x1_impulse} with graded: {self.graded}: payloads raise x1"
+            raise ModelError(message, hint="leave it out", path=("x1_impulse",))
+        said = {name: (getattr(self, f"{name}_impulse"), getattr(self, f"{name}_tau")) for name in (*PRE, *POST)}
+        raised = {name for name, (impulse, _) in said.items() if impulse}
+        raised |= {"x1"} if self.graded != "impulse" else set()
+        traces = {
+            name: Trace.exponential(impulse, tau) if tau else Trace(impulse, 0, 1)
+            for name, (impulse, tau) in said.items()
+            if name in raised
+        }
+        return LearningRule(self.parsed(self.dw, "dw"), self.parsed(self.dt, "dt"), traces, self.epoch)
+
+
 _TOKEN = re.compile(r"\s*(?:(\d+\.\d*|\.\d+)|(2\s*\^\s*[+-]?\d+)|(\d+)|([A-Za-z_]\w*)|(.))")
 _DECIMAL, _POWER, _INTEGER, _NAME, _MARK = range(1, 6)
 _REFUSED = {
@@ -168,23 +257,24 @@ _REFUSED = {
 }
 
 
-def parse(rule: str, what: str = "dw") -> tuple[Term, ...]:
+def parse(rule: str, what: str = "dw", as_lava: bool = False) -> tuple[Term, ...]:
     """Read a sum of products; "" is the empty one.
 
     Args:
         rule: the text. A product is factors joined by "*": whole numbers, powers 2^n, x0 .. y3, r1, r2, w, t, u0 .. u9
             or (factor + constant). One without x0, y0 and u_k acts in every epoch, as if it had u0.
         what: how messages call it.
+        as_lava: whether a scale stays as it is written, as far as it fits, in place of an odd mantissa.
 
     Raises:
         ModelError: something in it is unknown, misplaced or does not fit the chip.
     """
-    return _Reader(rule, what).terms()
+    return _Reader(rule, what, as_lava).terms()
 
 
 class _Reader:
-    def __init__(self, rule: str, what: str) -> None:
-        self.rule, self.what = rule, what
+    def __init__(self, rule: str, what: str, as_lava: bool) -> None:
+        self.rule, self.what, self.as_lava = rule, what, as_lava
         self.tokens = [(m.lastindex or 0, m.group(m.lastindex or 0)) for m in _TOKEN.finditer(rule.rstrip())]
         self.at = 0
 
@@ -222,8 +312,10 @@ class _Reader:
             elif kind == _POWER:
                 exponent += int(token.partition("^")[2].replace(" ", ""))
             elif kind == _NAME and re.fullmatch(r"u\d+", token):
+                if self.as_lava and gate:
+                    raise self.wrong(f"'{token}' after '{gate}' in one product", f"write {token} first")
                 every = self.period(token, every)
-            elif kind == _NAME and token in ("x0", "y0") and not gate:
+            elif kind == _NAME and token in ("x0", "y0") and not gate and not (self.as_lava and every >= 0):
                 gate = token
             elif kind == _NAME:
                 factors.append(Factor(self.name(token)))
@@ -239,7 +331,8 @@ class _Reader:
         if scale == 0:
             said = "".join(token for _, token in self.tokens[begin : self.at])
             raise self.wrong(f"'{said}' is always 0", "leave it out")
-        while scale % 2 == 0:
+        # Where a product loses bits, 4 and 2^2 are not the same.
+        while scale % 2 == 0 and not (self.as_lava and (abs(scale) <= LARGEST_MANTISSA or exponent == 8)):
             scale, exponent = scale // 2, exponent + 1
         try:
             return Term(scale, exponent, gate or "u", max(0, every), tuple(factors))

@@ -26,6 +26,7 @@ PRODUCT_BITS = 15
 """Bits of a product, beside its sign, that fit the accumulator."""
 MANTISSA_BITS = 4
 """Bits of a scale's mantissa: -8..7."""
+LARGEST_MANTISSA = 7
 LARGEST_EXPONENT = 9
 LARGEST_CONSTANT = 255
 LONGEST_EPOCH = 63
@@ -58,7 +59,7 @@ class Term:
     """One product.
 
     Attributes:
-        mantissa, exponent: the scale, mantissa 2^exponent; the mantissa is odd.
+        mantissa, exponent: the scale, mantissa 2^exponent; the mantissa is odd, except of Loihi 2.
         gate: its dependency, "x0", "y0" or "u": when it acts, and the spike at whose step traces are read.
         every: k of u_k, 0 where it acts in every epoch.
         factors: the others.
@@ -74,7 +75,7 @@ class Term:
     factors: tuple[Factor, ...]
 
     def __post_init__(self) -> None:
-        if not -8 <= self.mantissa <= 7:
+        if not -8 <= self.mantissa <= LARGEST_MANTISSA:
             message = f"'{self}': scale {self.mantissa} x 2^{self.exponent}: expected -8 to 7 times a power of 2"
             raise ModelError(message, hint="write it as two products")
         lowest = -FRACTION_BITS - max(0, self.bits - PRODUCT_BITS)

@@ -118,7 +118,7 @@ def test_split(run, recording, tmp_path):
     parts = [load(path, sensor_size=(34, 34)) for path in sorted((tmp_path / "parts").iterdir())]
     assert [len(part) for part in parts] == [30, 30, 30, 10]
     assert np.concatenate([part.records() for part in parts]).tolist() == recording.records().tolist()
-    words = "split", tmp_path / "parts/in-00000.bin", "--count", "12", "--as", "h5"
+    words = "split", tmp_path / "parts/in-00000.bin", "--count", "12", "--to", "h5"
     assert run(*words)[1] == "in-00000-*.h5: 3 files\n"  # in the current folder
     assert len(load(tmp_path / "in-00000-00002.h5")) == 6
     (tmp_path / "in-00000-00000.h5").unlink()
@@ -132,7 +132,7 @@ def test_what_split_cannot_do(run, recording, tmp_path):
     assert run("split", "in.bin")[2].startswith(start)
     assert "'0.0005': expected a whole number of us" in run("split", "in.bin", "--every", "0.0005")[2]
     assert (
-        "'.xyz': cannot be written, expected .h5, .hdf5, " in run("split", "in.bin", "--count", "1", "--as", "xyz")[2]
+        "'.xyz': cannot be written, expected .h5, .hdf5, " in run("split", "in.bin", "--count", "1", "--to", "xyz")[2]
     )
     (tmp_path / "none.bin").write_bytes(b"")
     expected = "error: none.bin: the recording has no events: nothing to cut\n"
@@ -147,10 +147,10 @@ def test_split_leaves_out_windows_without_events(run, tmp_path):
 
 
 def test_gif(run, recording, tmp_path):
-    assert run("gif", "in.bin", "out.gif", "--window", "40") == (
+    assert run("gif", "in.bin", "out.gif", "--frame", "40") == (
         0, "out.gif: 3 frames of 272x272 px, 25 a second, as fast as it was\n", "",
     )  # fmt: skip
-    _, out, _ = run("gif", "in.bin", "slow.gif", "--fps", "30", "--scale", "1")
+    _, out, _ = run("gif", "in.bin", "slow.gif", "--fps", "30", "--zoom", "1")
     assert out == "slow.gif: 25 frames of 34x34 px, 33.33 a second, 0.132 times as fast as it was\n"
     assert (
         "'red,blue': expected three colours, ON,OFF,BACK" in run("gif", "in.bin", "x.gif", "--colours", "red,blue")[2]
@@ -199,7 +199,7 @@ def test_interrupted(run, recording, monkeypatch, tmp_path):
 
 
 def test_tohdf5_as_in_the_thesis(run, data):
-    words = ("tohdf5", "-f", "set/Train", "-e", "bin", "-o", "NMNIST_TRAIN.h5", "--jobs", "1")
+    words = ("tohdf5", "-f", "set/Train", "-e", "bin", "-o", "NMNIST_TRAIN.h5", "--workers", "1")
     assert run(*words) == (0, "NMNIST_TRAIN.h5: 5 recordings of 2 classes\n", "")
     assert run(*words) == (0, "NMNIST_TRAIN.h5: 5 recordings of 2 classes\n", "")
     other = run("tohdf5", "-f", "set", "--part", "Test", "-o", "NMNIST_TRAIN.h5")
@@ -208,7 +208,7 @@ def test_tohdf5_as_in_the_thesis(run, data):
 
 def test_tohdf5_tells_damaged_files(run, data):
     (data / "Train/7/2.bin").write_bytes(b"abcdefg")
-    words = ("tohdf5", "-f", "set", "--jobs", "1", "-o")
+    words = ("tohdf5", "-f", "set", "--workers", "1", "-o")
     path, what = "set/Train/7/2.bin", "byte 5: 2 bytes left over after 1 events of 5 bytes"
     told = f"1 damaged file, left out:\n  {path}: {what}\n"
     assert run(*words, "a.h5") == (1, "a.h5: 5 recordings of 2 classes\n", told)

@@ -98,7 +98,7 @@ def test_info_of_a_data_set(run, data, tmp_path):
 
 
 def test_info_of_a_data_set_in_hdf5(run, data, recording):
-    assert run("tohdf5", "-f", "set", "-o", "all.h5", "--jobs", "1")[0] == 0
+    assert run("tohdf5", "-f", "set", "-o", "all.h5", "--workers", "1")[0] == 0
     assert run("info", "all.h5")[1].splitlines() == [
         "data set    all.h5", "layout      HDF5, /class/sample", "recordings  6", "class 3     4", "class 7     2",
     ]  # fmt: skip

@@ -26,12 +26,12 @@ def walk(tmp_path):
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])
 def test_a_recording_is_sent_heard_and_written(run, walk, tmp_path, number):
     """Ctrl-C, a kill and a terminal that closes end it, and the file is kept."""
-    command = [*NEURO, "listen", "udp://127.0.0.1:0", "heard.es", "--format", "faery8", "--sensor", "34x34"]
+    command = [*NEURO, "listen", "udp://127.0.0.1:0", "heard.es", "--from", "faery8", "--sensor", "34x34"]
     words = {"cwd": tmp_path, "stdout": subprocess.PIPE, "stderr": subprocess.PIPE, "text": True}
     # What starts the tests may ignore a signal (nohup), and a command keeps that.
     with subprocess.Popen(command, **words, preexec_fn=lambda: signal.signal(number, signal.SIG_DFL)) as heard:
         url = heard.stderr.readline().split()[-1]
-        _, sent, _ = run("send", tmp_path / "walk.es", url, "--format", "faery8", "--speed", "2")
+        _, sent, _ = run("send", tmp_path / "walk.es", url, "--to", "faery8", "--speed", "2")
         assert re.fullmatch(rf"{url}: 500 events in \d+ datagrams, \d\.\d s(, at most [\d.]+ ms late)?\n", sent)
         heard.send_signal(number)
         try:
@@ -43,7 +43,7 @@ def test_a_recording_is_sent_heard_and_written(run, walk, tmp_path, number):
     assert load(tmp_path / "heard.es") == walk
 
 
-HERE = ("udp://127.0.0.1:0", "--format", "spif", "--sensor", "34x34")
+HERE = ("udp://127.0.0.1:0", "--from", "spif", "--sensor", "34x34")
 
 
 @pytest.mark.parametrize("end", [("--for", "50"), ("--first-within", "50 ms")])
@@ -57,15 +57,15 @@ def test_counts_alone_until_an_end(run, end):
 @pytest.mark.parametrize(
     ("words", "message"),
     [
-        (("listen", HERE[0], "--format", "spiff", "--sensor", "34x34"), "unknown format of a stream 'spiff'"),
+        (("listen", HERE[0], "--from", "spiff", "--sensor", "34x34"), "unknown format of a stream 'spiff'"),
         (("listen", *HERE[:3]), "sensor is missing"),
         (("listen", HERE[0], "walk.es", *HERE[1:]), "--force"),
         (("listen", *HERE, "--no-browser"), "--no-browser: expected --page as well"),
         (("listen", *HERE, "--to", "es"), "--to: expected OUT as well"),
         (("listen", *HERE, "--force"), "--force: expected OUT as well"),
-        (("send", "walk.es", "udp://127.0.0.1", "--format", "spif"), "expected udp://HOST:PORT"),
-        (("send", "walk.es", "udp://127.0.0.1:9", "--format", "spif", "--speed", "0"), "speed = 0"),
-        (("send", "none.es", "udp://127.0.0.1:9", "--format", "spif"), "no such file"),
+        (("send", "walk.es", "udp://127.0.0.1", "--to", "spif"), "expected udp://HOST:PORT"),
+        (("send", "walk.es", "udp://127.0.0.1:9", "--to", "spif", "--speed", "0"), "speed = 0"),
+        (("send", "none.es", "udp://127.0.0.1:9", "--to", "spif"), "no such file"),
     ],
 )
 def test_mistakes(run, walk, tmp_path, monkeypatch, words, message):

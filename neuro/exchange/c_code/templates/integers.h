@@ -5,6 +5,7 @@
 #define NEURO_INTEGERS_H
 
 #include <stdint.h>
+#include <string.h>
 
 /* x / 2^n, rounded down. */
 static inline int64_t floor_shift(int64_t x, unsigned n)
@@ -20,9 +21,9 @@ static inline int32_t wrap32(int64_t x)
 }
 
 /* The low 24 bits. */
-static inline int32_t wrap24(int32_t x)
+static inline int32_t wrap24(uint32_t x)
 {
-    return (int32_t)(((uint32_t)x & 0xFFFFFFu) ^ 0x800000u) - 0x800000;
+    return (int32_t)((x & 0xFFFFFFu) ^ 0x800000u) - 0x800000;
 }
 
 /* A register of 16 bits. */
@@ -50,9 +51,12 @@ static inline uint32_t later(uint32_t now, uint32_t lag, uint32_t slots)
     return at < slots ? at : at - slots;
 }
 
-static inline void clear(uint16_t *slots, uint32_t n)
+/* value x share / 4096, rounded towards 0. */
+static inline int32_t kept(int32_t value, int32_t share)
 {
-    for (uint32_t i = 0; i < n; i++) slots[i] = 0;
+    int32_t size = value < 0 ? -value : value;
+    int32_t result = (size >> 12) * share + (((size & 4095) * share) >> 12);
+    return value < 0 ? -result : result;
 }
 
 /* The finaliser of SplitMix64 (Steele, Lea & Flood, OOPSLA 2014): keyed draws, and digests of states. */

@@ -13,29 +13,20 @@ static inline uint32_t spikes(uint32_t times)
 }
 
 /* A spike adds a word to what a neuron receives in a step, 16 bits in units of 64. */
-static inline void add(uint16_t *slot, uint32_t below, int32_t word, uint32_t times)
+static inline void add(uint16_t *slot, int32_t word, uint32_t times)
 {
-    (void)below;
     (void)times;
     *slot = (uint16_t)(*slot + (uint32_t)word);
 }
 
-/* value x share / 4096, rounded towards 0. */
-static inline int32_t kept(int32_t value, int32_t share)
-{
-    int32_t size = value < 0 ? -value : value;
-    int32_t result = (size >> 12) * share + (((size & 4095) * share) >> 12);
-    return value < 0 ? -result : result;
-}
-
 static inline int32_t next_u(int32_t u, int32_t keep, uint16_t input)
 {
-    return wrap24(kept(u, keep) + wrap16(input) * 64);
+    return wrap24((uint32_t)(kept(u, keep) + wrap16(input) * 64));
 }
 
 static inline int32_t next_v(int32_t v, int32_t keep, int32_t u, int32_t bias, int32_t lowest)
 {
-    int32_t clip = clipped(kept(v, keep) + wrap24(u + bias), -V_LIMIT, V_LIMIT);
+    int32_t clip = clipped(kept(v, keep) + wrap24((uint32_t)(u + bias)), -V_LIMIT, V_LIMIT);
     return clip < lowest ? lowest : clip;
 }
 

@@ -3,6 +3,10 @@
 
 #include <stdio.h>
 
+#if @NAME@_ID != @id@
+#error "@name@.h is of another network"
+#endif
+
 uint64_t @name@_digest(uint64_t *spikes);
 
 #define STEPS @steps@u
@@ -17,8 +21,8 @@ static @name@_event out[@NAME@_MOST_OUT + 1u];
 #define CURRENT (*(volatile uint32_t *)0xE000E018u)
 #define INSTRUCTIONS 40u
 
-/* Joules an instruction: 28 to 79 uA/MHz at 3.3 V (data sheet of the STM32L412, a Cortex-M4: by SMPS, by LDO) are 92 to
- * 261 pJ a cycle; an instruction takes 1 to 2 cycles, which QEMU does not count. */
+/* Joules an instruction: 28 to 79 uA/MHz at 3.3 V (STM32L412, a Cortex-M4, ST DS12469: by SMPS, by LDO) are 92 to 261 pJ
+ * a cycle; an instruction takes 1 to 2 cycles, which is assumed: QEMU does not count them. */
 #define LEAST_PJ 92u
 #define MOST_PJ 521u
 
@@ -67,7 +71,7 @@ int @name@_test(void)
         count_instructions();
         if (n != out_ends[step + 1u] - at) return differs(step, "numbers of output spikes");
         for (uint32_t k = 0; k < n; k++) {
-            if (out[k].neuron != out_events[at + k].neuron || out[k].times != out_events[at + k].times) {
+            if (out[k].neuron != out_events[at + k].neuron || out[k].@field@ != out_events[at + k].@field@) {
                 return differs(step, "output spikes");
             }
         }

@@ -1,0 +1,126 @@
+"""Synapses that a backend draws by rules of its own: what a program has of them is what was described."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from typing import Any, NoReturn
+
+import numpy as np
+
+from neuro.compiler.check import refuse
+from neuro.compiler.connect import Connections, check_degree, connect, expected_synapses
+from neuro.compiler.drawn import check_number
+from neuro.compiler.synapses import Synapses
+from neuro.compiler.values import LONGEST_DELAY, check_distribution, one_delay, too_late
+from neuro.core.clock import Clock
+from neuro.core.values import plain
+from neuro.model.distributions import Distribution, lognormal, normal, uniform
+from neuro.model.parts import Projection
+from neuro.model.rules import (
+    BACKEND,
+    NamedRule,
+    fixed_indegree,
+    fixed_outdegree,
+    fixed_total_number,
+    one_to_one,
+)
+from neuro.model.synapses import static
+from neuro.program.program import Undrawn
+
+_FAR = 9.0
+"""Standard deviations from the mean beyond which no normal number made of 53 random bits lies."""
+
+_WAY_OUT = "draw: neuro, or leave it out"
+
+
+def is_left(part: Projection) -> bool:
+    """Whether the description leaves its synapses to backends with rules of their own."""
+    return isinstance(part.rule, NamedRule) and part.rule.draw == BACKEND
+
+
+def drawn_here(parts: Mapping[str, Projection], backend_draws: bool) -> dict[str, Projection]:
+    """The projections whose synapses the compiler draws, by name."""
+    return {name: part for name, part in parts.items() if not (backend_draws and is_left(part))}
+
+
+def undrawn(part: Projection, n_pre: int, n_post: int, clock: Clock) -> tuple[Undrawn, Synapses]:
+    """A projection as described, and in place of its synapses their number and the bounds of weights and delays.
+
+    Raises:
+        ModelError: the rules of simulators do not have it: a view, a synapse that is not static, a value for each
+            synapse.
+    """
+    if part.source_view is not None or part.target_view is not None:
+        _refuse(part, "a view", "whole populations")
+    if not isinstance(part.synapse, static):
+        _refuse(part, part.synapse.name, "static synapses")
+    weight, delay = (_described(part, word) for word in ("weight", "delay"))
+    if isinstance(delay, Distribution):
+        check_distribution(delay, clock, "delay")
+        steps = np.maximum(np.rint(np.array(bounds(delay)) / clock.resolution), 1.0)
+        if steps.max() > LONGEST_DELAY:
+            hint = f"{delay.name}.high bounds it: backends must know it before they draw"
+            raise too_late("the longest delay that may be drawn", int(steps.max()), clock).but(hint=hint)
+        late = steps.astype(np.int32)
+    else:
+        late = one_delay(delay, clock, "delay").astype(np.int32)
+    assert isinstance(part.rule, NamedRule)
+    _check_sizes(part.rule, n_pre, n_post, part.source == part.target)
+    number = part.rule.synapses(n_pre, n_post, part.source == part.target)
+    found = Connections(
+        "undrawn",
+        expected_synapses(part.rule, n_pre, n_post) if number is None else number,
+        np.zeros(n_pre + 1, dtype=np.int64),
+    )
+    extremes = np.array(bounds(weight)) if isinstance(weight, Distribution) else np.array([weight])
+    described = Undrawn(part.rule, weight, delay)
+    return described, Synapses(found, late, extremes, part.synapse, False, found.layout)
+
+
+def _check_sizes(rule: NamedRule, n_pre: int, n_post: int, same: bool) -> None:
+    """Refuse a rule that does not fit the sizes of its populations, as where synapses are drawn here."""
+    own = int(same and not getattr(rule, "autapses", True))
+    match rule:
+        case one_to_one():
+            connect(rule, (n_pre,), (n_post,), None, None, (0, "", ""), lambda: _no_distance())
+        case fixed_indegree():
+            check_degree(rule.n, n_pre - own, rule.multapses, "sources")
+        case fixed_outdegree():
+            check_degree(rule.n, n_post - own, rule.multapses, "targets")
+        case fixed_total_number():
+            check_number(rule.n, n_pre * n_post - own * n_pre, rule.multapses)
+
+
+def _no_distance() -> NoReturn:
+    raise NotImplementedError
+
+
+def bounds(value: Distribution) -> tuple[float, float]:
+    """The least and the largest value that may be drawn."""
+    match value:
+        case uniform():
+            return value.low, value.high
+        case normal():
+            least, most = value.mean - _FAR * value.std, value.mean + _FAR * value.std
+        case lognormal():
+            least, most = (math.exp(min(value.mean + side * _FAR * value.std, 700.0)) for side in (-1, 1))
+        case _:
+            raise NotImplementedError(value)
+    return max(least, value.low), min(most, value.high)
+
+
+def _described(part: Projection, word: str) -> float | Distribution:
+    """The weight or the delay: a number or a distribution of this language."""
+    value: Any = plain(getattr(part, word))
+    if type(value) in (uniform, normal, lognormal):
+        value.drawn(np.random.default_rng(0), 1)  # refuses bounds between which hardly any value lies
+        return value  # type: ignore[no-any-return]
+    if isinstance(value, Distribution) or not np.isscalar(value):
+        found = f"the distribution {value.name}" if isinstance(value, Distribution) else f"a {word} for each synapse"
+        _refuse(part, found, f"as {word} a number, uniform, normal or lognormal")
+    return float(value)
+
+
+def _refuse(part: Projection, found: str, expected: str) -> None:
+    refuse(part, f"draw = {BACKEND}: found {found}: expected {expected}", _WAY_OUT, "draw")

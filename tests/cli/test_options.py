@@ -1,0 +1,80 @@
+"""One name for an option everywhere: the table of the page on options against what the commands take."""
+
+from __future__ import annotations
+
+import re
+from collections import defaultdict
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+import typer
+
+from neuro.cli import commands
+
+PAGE = Path(__file__).parents[2] / "docs/reference/options.md"
+ROW = re.compile(r"^\| `(--[^`]+)` \| (.+) \| (.+) \|$", re.MULTILINE)
+KINDS = ({"FILE", "FOLDER", "PATH", "SCENES"}, {"FORMAT", "TOOL"}, {"NAME", "NAME=FROM"})
+"""Values of one kind that help calls by several words."""
+
+
+def leaves(command: Any, path: str = "") -> Iterator[tuple[str, Any]]:
+    """All commands that do something, by their names."""
+    for name, inner in getattr(command, "commands", {}).items():
+        yield from leaves(inner, f"{path} {name}".strip())
+    if not hasattr(command, "commands"):
+        yield path, command
+
+
+@pytest.fixture(scope="module")
+def taken() -> dict[str, tuple[set[str], set[str]]]:
+    """The values of each option, and the commands that take it."""
+    root: Any = typer.main.get_command(commands.app)
+    root.commands.update({name: commands.load(entry) for name, entry in commands.apps().items()})
+    found: dict[str, tuple[set[str], set[str]]] = defaultdict(lambda: (set(), set()))
+    for path, command in leaves(root):
+        for one in command.params:
+            if one.opts[0].startswith("-") and one.opts[0] != "--with":
+                values, paths = found[one.opts[0]]
+                values.add("" if getattr(one, "is_flag", False) else one.metavar or "no metavar")
+                paths.add(path)
+    return found
+
+
+def test_the_page_lists_all_options_with_their_values_and_commands(taken):
+    listed = {option: set(re.findall("`([^`]+)`", where)) for option, _, where in ROW.findall(PAGE.read_text("utf-8"))}
+    expected = {
+        f"{name} {' or '.join(sorted(values))}".strip().replace("|", "\\|"): paths
+        for name, (values, paths) in taken.items()
+    }
+    assert listed == expected
+
+
+def test_an_option_takes_one_kind_of_value(taken):
+    mixed = {name: values for name, (values, _) in taken.items() if len(values) > 1}
+    assert {name for name, values in mixed.items() if not any(values <= kind for kind in KINDS)} == set()
+
+
+def test_an_option_has_no_second_name(taken):
+    root: Any = typer.main.get_command(commands.app)
+    second = {word for _, command in leaves(root) for one in command.params for word in one.opts[1:]}
+    assert second == {"-f", "-e", "-o"}  # of `neuro events tohdf5`, as in the thesis
+
+
+@pytest.mark.parametrize(
+    ("words", "hint"),
+    [
+        (("run", "--duration", "1"), "did you mean '--for'?"),
+        (("energy", "--target", "loihi"), "did you mean '--chips'?"),
+        (("predict", "--backend", "event"), "did you mean '--backends'?"),
+        (("run", "--backends", "event"), "did you mean '--backend'?"),
+        (("convert", "--dt", "1"), "did you mean '--resolution'?"),
+        (("compare", "--page", "a"), "did you mean '--html'?"),
+        (("events", "tohdf5", "--jobs", "2"), "did you mean '--workers'?"),
+        (("sweep", "run", "--zzz"), "see 'neuro sweep run --help'"),
+    ],
+)
+def test_the_word_of_another_tool_is_answered_with_ours(neuro, words, hint):
+    word = next(word for word in words if word.startswith("--"))
+    assert neuro(*words) == (2, "", f"error: unknown option '{word}'\n  hint: {hint}\n")

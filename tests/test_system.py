@@ -1,0 +1,32 @@
+"""Other systems than Linux: what they lack is refused by one message, and the rest does not ask for it."""
+
+import subprocess
+import sys
+
+import pytest
+
+from neuro import ModelError
+from neuro.core.system import only_on_linux, usable_cores
+
+
+def test_other_systems_use_all_cores(monkeypatch):
+    monkeypatch.setattr(sys, "platform", "darwin")
+    monkeypatch.delattr("os.sched_getaffinity")
+    monkeypatch.setattr("os.cpu_count", lambda: 7)
+    assert usable_cores() == 7
+
+
+def test_parts_that_need_linux_say_so(monkeypatch):
+    only_on_linux("a sweep")
+    monkeypatch.setattr(sys, "platform", "darwin")
+    with pytest.raises(ModelError, match="a sweep needs Linux: found the system 'darwin'"):
+        only_on_linux("a sweep")
+
+
+def test_windows_is_refused_with_the_way_out():
+    code = "import sys; sys.platform = 'win32'; import neuro"
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)
+    assert done.returncode == 1
+    assert done.stderr.splitlines()[-1].startswith(
+        "ImportError: neuro runs on Linux and macOS: on Windows install it in WSL 2"
+    )
