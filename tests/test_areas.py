@@ -105,7 +105,11 @@ def test_three_simulators_give_the_same_spikes():
         ({"density": 1.5}, "areas: density = 1.5: expected a number from 0 to 1"),
         ({"between": "half"}, "areas: between = 'half': expected a number from 0 to 1"),
         ({"speed": 0.0}, "areas: speed = 0.0: expected a number > 0, in mm/ms"),
-        ({"radius": np.nan}, "areas: radius = nan: expected a number > 0, in mm"),
+        ({"radius": np.nan}, "areas: radius = nan: expected a number > 0 and at most 1000, in mm"),
+        ({"radius": 1e9}, "areas: radius = 1000000000.0: expected a number > 0 and at most 1000, in mm"),
+        ({"scale": 0}, "areas: scale = 0: expected a number > 0"),
+        ({"scale": np.nan}, "areas: scale = nan: expected a number > 0"),
+        ({"indegree": 0.0}, "areas: indegree = 0.0: expected a number > 0"),
         ({"seed": -1}, "areas: seed = -1: expected a whole number >= 0"),
     ],
 )

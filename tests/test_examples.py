@@ -10,10 +10,10 @@ from matplotlib import pyplot
 import neuro
 
 ROOT = Path(__file__).parents[1]
-NEEDS_PACKAGE = {"drone_ppo": "stable_baselines3"}
+NEEDS_PACKAGE = {"drone_ppo": "stable_baselines3", "masquelier_thorpe_2007": "sklearn"}
 NMNIST = ROOT.parent / "shared" / "data" / "nmnist" / "nmnist_train1000_bin.zip"
 LARVA = ROOT.parent / "shared" / "data" / "connectome" / "larva_winding2023.zip"
-NEEDS_DATA = {"diehl_cook_2015": NMNIST, "larva": LARVA}
+NEEDS_DATA = {"diehl_cook_2015": NMNIST, "larva": LARVA, "masquelier_thorpe_2007": NMNIST}
 ARGUMENTS = {
     "brunel_2000": ["--scale", "0.1", "--ms", "100"],
     "conditioning": ["--seconds", "30"],
@@ -23,6 +23,7 @@ ARGUMENTS = {
     "hedonists": ["--trials", "60"],
     "larva": [str(LARVA), "--seeds", "2", "--ms", "100"],
     "linear_track": ["--runs", "2"],
+    "masquelier_thorpe_2007": [str(NMNIST), "--each", "5"],
     "potjans_diesmann_2014": ["--scale", "0.02", "--ms", "50"],
     "vogels_abbott_2005": ["--neurons", "1000", "--ms", "100"],
     "song_2000": ["--seconds", "2"],

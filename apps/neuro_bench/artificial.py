@@ -37,7 +37,7 @@ class CNN(Method):
 
     called_by = "cnn"
     title = "convolutional network, float32 (torch)"
-    settings = {"maps": 12, "epochs": 20, "rate": 0.004, "decay": 0.01, "dropout": 0.3, "shift": 2}
+    settings = {"maps": 12, "epochs": 20, "rate": 0.004, "decay": 0.01, "dropout": 0.3, "shift": 2, "warp": 0.0}
     space = {
         "maps": (8, 12),
         "epochs": (20, 30),
@@ -106,7 +106,7 @@ class GRU(Method):
 
 
 def learnt(make: Any, train: Examples, settings: Mapping[str, Any], seed: int) -> nn.Module:
-    """A module that has learnt: cross-entropy, AdamW, one cycle, batches of 32, frames shifted at random.
+    """A module that has learnt: cross-entropy, AdamW, one cycle, batches of 32, frames shifted and warped at random.
 
     An epoch shows each recording once, in one version after the other.
     """
@@ -125,13 +125,30 @@ def learnt(make: Any, train: Examples, settings: Mapping[str, Any], seed: int) -
             order = rng.permutation(train.recordings) + epoch % train.versions * train.recordings
             for k in range(batches):
                 chosen = order[k * 32 : (k + 1) * 32]
-                frames = torch.from_numpy(shifted(train.frames[chosen], settings["shift"], rng))
+                frames = warped(train.frames[chosen], settings["shift"], settings.get("warp", 0.0), rng)
                 loss = torch.nn.functional.cross_entropy(module(frames), torch.from_numpy(train.labels[chosen]))
                 optimiser.zero_grad()
                 loss.backward()  # type: ignore[no-untyped-call]
                 optimiser.step()
                 cycle.step()
     return module.eval()
+
+
+def warped(frames: Any, most: int, warp: float, rng: np.random.Generator) -> Tensor:
+    """Frames that are also turned (rad), made larger and sheared (shares) at random by up to `warp`; nearest pixels."""
+    import torch
+
+    if not warp:
+        return torch.from_numpy(shifted(frames, most, rng))
+    n, _, rows, columns = frames.shape
+    turn, larger, shear = rng.uniform(-warp, warp, (3, n))
+    moves = rng.uniform(-2.0 * most, 2.0 * most, (n, 2)) / (columns, rows)
+    cos, sin, larger = np.cos(turn), np.sin(turn), 1.0 + larger
+    rule = np.stack([cos * larger, shear - sin, moves[:, 0], sin, cos * larger, moves[:, 1]], axis=1)
+    grid = torch.nn.functional.affine_grid(
+        torch.from_numpy(rule.reshape(n, 2, 3).astype(np.float32)), list(frames.shape), align_corners=False
+    )
+    return torch.nn.functional.grid_sample(torch.from_numpy(frames), grid, mode="nearest", align_corners=False)
 
 
 def shifted(frames: Any, most: int, rng: np.random.Generator) -> Any:
@@ -198,7 +215,7 @@ class Network:
             activation_sparsity=counted["zeros"] / counted["activations"] if counted["activations"] else 0.0,
             effective_macs=macs,
             dense=counted["dense"] / len(shown),
-            joules=arithmetic(self._kind, macs),
+            joules=arithmetic(self._kind, macs, counted["dense"] / len(shown)),
         )
 
 

@@ -1,24 +1,37 @@
-"""What a model takes for one example: counts in NeuroBench's words, and joules.
+"""What a model takes for one example: counts in NeuroBench's words, and joules with the source of each row.
 
-Joules of multiply-accumulates are those of the arithmetic alone, so a lower bound of what any processor takes:
+Joules of multiply-accumulates are a lower bound where only the arithmetic is counted; those of processors are measured:
 
-| type | pJ a product and a sum, 45 nm, 0.9 V |
-| --- | --- |
-| int8 | 0.2 + 0.03 |
-| float32 | 3.7 + 0.9 |
+| row | of a multiply-accumulate | source |
+| --- | --- | --- |
+| int8 arithmetic | 0.2 + 0.03 pJ, those whose factors are not 0 | Horowitz, ISSCC 2014, figure 1.1.9: 45 nm, 0.9 V |
+| float32 arithmetic | 3.7 + 0.9 pJ, likewise; a sum alone 0.9 | the same |
+| microcontroller, int8 | 0.33 nJ, all of them | MLPerf Tiny 0.7, closed, STMicroelectronics, see below |
+| CPU core, float32 | 8.6 nJ, all of them | Degnan et al., IEEE Trans. VLSI Syst. 24:58, 2015, as in `cpu.yaml` |
 
-Source: Horowitz, ISSCC 2014, figure 1.1.9. By the same figure 64 bits of an 8 kB cache take 10 pJ and of DRAM 1,300 pJ
-or more. A bill of a chip has all of that, so the two are compared only with these words beside them.
+The microcontroller is a Cortex-M33 (NUCLEO-U575ZI-Q), on which 4.151 mJ were measured for ResNet-8, which has 12.5 M of
+them; on a Cortex-M4 (NUCLEO-L4R5ZI) it was 12.298 mJ, so 0.98 nJ.
+
+By Horowitz 64 bits of an 8 kB cache take 10 pJ more and of DRAM 1,300 pJ or more. Loihi and SpiNNaker are bills by
+`neuro.chips`, whose tables cite a source for each figure, with routing and static power.
 """
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
-PICOJOULES = {"int8": 0.23, "float32": 4.6}
-"""Of a multiply-accumulate."""
+if TYPE_CHECKING:
+    import neuro
+
+PICOJOULES = {"int8": 0.23, "float32": 4.6, "float32 sum": 0.9}
+"""Of the arithmetic of a multiply-accumulate, or of a sum."""
+PROCESSORS = {"int8": ("microcontroller, int8", 330.0), "float32": ("CPU core, float32", 8600.0)}
+"""By type what computes it, and pJ of a multiply-accumulate there."""
+BY_SPIKES = ("synaptic_op", "spike_in_tile", "hop_east_west", "hop_north_south", "packet")
+"""Costs of a chip that grow with the spikes."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -34,6 +47,7 @@ class Costs:
         effective_acs: accumulates of weights that are not 0, by spikes.
         dense: operations if nothing were 0.
         joules: of one example, by what it is computed on.
+        joules_of_spikes: the part of these that grows with the spikes.
     """
 
     parameters: int
@@ -44,12 +58,53 @@ class Costs:
     effective_acs: float = 0.0
     dense: float = 0.0
     joules: Mapping[str, float] = field(default_factory=dict)
+    joules_of_spikes: Mapping[str, float] = field(default_factory=dict)
 
     def as_words(self) -> dict[str, Any]:
         """All of it as plain data."""
         return asdict(self)
 
 
-def arithmetic(kind: str, macs: float) -> dict[str, float]:
-    """Joules of so many multiply-accumulates of a type of `PICOJOULES`, under the name of what they are of."""
-    return {f"{kind} arithmetic, 45 nm": PICOJOULES[kind] * 1e-12 * macs}
+def arithmetic(kind: str, macs: float, dense: float) -> dict[str, float]:
+    """Joules of multiply-accumulates of a type of `PICOJOULES`, under the names of what they are of.
+
+    Args:
+        kind: the type.
+        macs: those whose factors are both not 0, which the arithmetic alone is counted for.
+        dense: all, which a processor does.
+    """
+    name, each = PROCESSORS[kind]
+    return {f"{kind} arithmetic, 45 nm": PICOJOULES[kind] * 1e-12 * macs, name: each * 1e-12 * dense}
+
+
+def on_chips(sim: neuro.Simulation, taken: Any, examples: int, clock: bool = True) -> dict[str, dict[str, float]]:
+    """The words `joules` and `joules_of_spikes` of a spiking network on Loihi and SpiNNaker.
+
+    Args:
+        sim: the network.
+        taken: what so many examples took.
+        examples: how many.
+        clock: whether real time has a meaning, which it lacks where a step has no time of its own.
+    """
+    joules, moved = {}, {}
+    for target, title in (("loihi", "Loihi"), ("spinnaker", "SpiNNaker")):
+        bill = sim.energy(target, of=taken).per(examples, "example")
+        for name, one in (("as fast as it can", bill), ("in real time", bill.real_time))[: 2 if clock else 1]:
+            joules[f"{title}, {name}"] = one.total_j
+            moved[f"{title}, {name}"] = sum(value for what, value in one.by_cost().items() if what in BY_SPIKES)
+    return {"joules": joules, "joules_of_spikes": moved}
+
+
+def break_even(joules: float, of_spikes: float, opponent: float) -> float:
+    """By which factor the spikes may change until a spiking network takes as much as its opponent; 0: even silent more.
+
+    Times and updates stay as they are, so it is an estimate: with more spikes a chip also takes longer.
+
+    Args:
+        joules: of an example.
+        of_spikes: the part that grows with the spikes.
+        opponent: joules of an example of the other.
+    """
+    if not of_spikes:
+        return math.inf if joules <= opponent else 0.0
+    return max(0.0, (opponent - (joules - of_spikes)) / of_spikes)

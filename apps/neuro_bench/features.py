@@ -100,5 +100,5 @@ class _Classifier:
         effective = float(((_rows(shown, self._pooled) != 0) * used).sum() / len(shown))
         zeros = 1.0 - np.count_nonzero(self._weights) / self._weights.size
         words: Any = {"connection_sparsity": zeros, "effective_macs": effective, "dense": float(self._weights.size)}
-        words |= {"joules": arithmetic("float32", effective)}
+        words |= {"joules": arithmetic("float32", effective, float(self._weights.size))}
         return Costs(parameters=self._weights.size + len(self._weights), footprint_bytes=size, **words)

@@ -6,10 +6,12 @@ from typing import Any
 
 from neuro.apps import Registry
 from neuro_bench.artificial import CNN, GRU, QuantisedCNN
+from neuro_bench.converted import Converted
+from neuro_bench.event_cameras import NMNIST, DVSGesture, PokerDVS
 from neuro_bench.features import GradientBoosting, LogisticRegression
 from neuro_bench.mackey_glass import MackeyGlass
 from neuro_bench.method import Method
-from neuro_bench.nmnist import NMNIST
+from neuro_bench.population_code import PopulationCode
 from neuro_bench.reservoir import EchoState, SeriesMean
 from neuro_bench.shd import SHD
 from neuro_bench.sounds import Sounds
@@ -39,7 +41,7 @@ def _takes(base: type[Any]) -> Any:
 
 TASKS: Registry[type[Task]] = Registry(
     "bench task",
-    (SpokenDigits, Sounds, SpeechCommands, SHD, NMNIST, MackeyGlass),
+    (SpokenDigits, Sounds, SpeechCommands, SHD, NMNIST, PokerDVS, DVSGesture, MackeyGlass),
     takes=_takes(Task),
     group="neuro.bench_tasks",
     complete=_whole(Task, "folds", ("called_by", "title", "licence", "source")),
@@ -48,7 +50,20 @@ TASKS: Registry[type[Task]] = Registry(
 
 METHODS: Registry[type[Method]] = Registry(
     "bench method",
-    (Recurrent, Delays, Dense, CNN, QuantisedCNN, GRU, LogisticRegression, GradientBoosting, EchoState, SeriesMean),
+    (
+        Converted,
+        Recurrent,
+        Delays,
+        Dense,
+        CNN,
+        QuantisedCNN,
+        GRU,
+        LogisticRegression,
+        GradientBoosting,
+        PopulationCode,
+        EchoState,
+        SeriesMean,
+    ),
     takes=_takes(Method),
     group="neuro.bench_methods",
     complete=_whole(Method, "fit", ("called_by", "title")),

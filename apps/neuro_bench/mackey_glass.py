@@ -19,8 +19,10 @@ PARAMETERS = {
 """By tau the Lyapunov time and the constant past, as NeuroBench lists them (datasets/mackey_glass_parameters.csv)."""
 POINTS = 75
 """Of a Lyapunov time."""
-TRAIN, TEST, VALIDATION = 10, 10, 2
-"""Lyapunov times to learn from, of which the last choose settings, and to go on for, as NeuroBench splits."""
+TRAIN, TEST = 10, 10
+"""Lyapunov times to learn from, and to go on for, as NeuroBench splits."""
+TUNING, APART = 3, 24
+"""Further series of the same tau that settings are chosen by, and the Lyapunov time from which they begin."""
 REPEATS = 5
 """Series a tau, each half a Lyapunov time later than the one before, as NeuroBench's, which has 30."""
 SUBSTEPS = 20
@@ -45,18 +47,18 @@ class MackeyGlass(Task):
     splits = (*(f"tau{tau}" for tau in PARAMETERS), "all")
 
     def folds(self) -> Sequence[Fold]:
-        """Five series for each tau.
+        """Five series for each tau, with the same further series to choose settings by.
 
         Raises:
             ModelError: a file of the data is missing or too short.
         """
         taus = list(PARAMETERS) if self.split == "all" else [int(self.split.removeprefix("tau"))]
-        return [_fold(tau, repeat, self._series(tau)) for tau in taus for repeat in range(REPEATS)]
+        return [each for tau in taus for each in _folds(tau, self._series(tau))]
 
     def _series(self, tau: int) -> Series:
-        wanted = _points()
+        wanted = (TRAIN + TEST) * POINTS + (REPEATS - 1) * POINTS // 2 + 1
         if self.data is None:
-            return solution(tau, wanted)
+            return solution(tau, _points())[:wanted]
         file = self.data / f"mg_{tau}.npy"
         try:
             values: Series = np.asarray(np.load(file, allow_pickle=False), dtype=np.float64).reshape(-1)
@@ -75,15 +77,18 @@ class MackeyGlass(Task):
 
 
 def _points() -> int:
-    return (TRAIN + TEST) * POINTS + (REPEATS - 1) * POINTS // 2 + 1
+    return (APART + TRAIN * TUNING + TEST) * POINTS
 
 
-def _fold(tau: int, repeat: int, values: Series) -> Fold:
-    first = repeat * POINTS // 2
-    both = values[first : first + TRAIN * POINTS]
-    chosen = len(both) - VALIDATION * POINTS
-    test = values[first + len(both) : first + len(both) + TEST * POINTS]
-    return Fold(f"tau {tau} series {repeat + 1}", both[:chosen], both[chosen:], both, test)
+def _folds(tau: int, values: Series) -> list[Fold]:
+    own, train, test = solution(tau, _points())[APART * POINTS :], TRAIN * POINTS, TEST * POINTS
+    tuned = [own[k * train : (k + 1) * train] for k in range(TUNING)]
+    asked = [own[k * train :][:test] for k in range(1, TUNING + 1)]
+    folds = []
+    for repeat in range(REPEATS):
+        seen = values[repeat * POINTS // 2 :]
+        folds.append(Fold(f"tau {tau} series {repeat + 1}", tuned, asked, seen[:train], seen[train : train + test]))
+    return folds
 
 
 @cache

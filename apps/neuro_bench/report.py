@@ -10,6 +10,7 @@ from typing import Any
 
 from neuro import ModelError
 from neuro.apps import console, number, sealed, table, write_text
+from neuro_bench.costs import break_even
 from neuro_bench.running import FORMAT
 
 RESULT = sealed("a result of 'neuro bench run'", f'"format": "{FORMAT}"', ', "digest": "{}"')
@@ -114,9 +115,29 @@ def show(results: Sequence[Mapping[str, Any]]) -> None:
     tried = f"{asked['tries']} {'try' if asked['tries'] == 1 else 'tries'} each"
     folds = f"{len(first['folds'])} trainings tested"
     console().print(table(head, rows, title=f"{task['title']}; {task['split']} folds; {folds}; {tried}"))
-    notes = {name for one in ordered for name in one["costs"]["joules"]}
+    for line in sensitivity(ordered):
+        console().print(line, soft_wrap=True)
+    notes = dict.fromkeys(name for one in ordered for name in one["costs"]["joules"])
     if notes:
-        console().print(f"uJ of an example: {'; '.join(sorted(notes))}, the first of each row", soft_wrap=True)
+        console().print(f"uJ of an example: {'; '.join(notes)}, the first of each row", soft_wrap=True)
+
+
+def sensitivity(results: Sequence[Mapping[str, Any]]) -> list[str]:
+    """For the best spiking network, beside the best other, up to which rate of spikes it takes fewer joules."""
+    spiking = next((one for one in results if one["method"]["spiking"]), None)
+    other = next((one for one in results if not one["method"]["spiking"] and one["costs"]["joules"]), None)
+    if spiking is None or other is None:
+        return []
+    lines, costs, against = [], spiking["costs"], other["costs"]["joules"]
+    for chip, of_spikes in costs.get("joules_of_spikes", {}).items():
+        for name, joules in against.items():
+            times = break_even(costs["joules"][chip], of_spikes, joules)
+            what = f"{spiking['method']['name']} on {chip} against {other['method']['name']} on {name}"
+            till = (
+                f"fewer joules up to {times:.3g} times its spikes" if times else "more joules, even if it were silent"
+            )
+            lines.append(f"{what}: {till}")
+    return lines
 
 
 def row(result: Mapping[str, Any]) -> tuple[str, ...]:

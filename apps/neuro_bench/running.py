@@ -105,8 +105,8 @@ def run(
     for seed, k in each[len(found) :]:
         fold = folds[k]
         report(f"{fold.name}, seed {seed}", len(found), len(each))
-        first = len(found) < len(folds)
-        tried = tries(method, asked["changes"], request.tries, seed) if first else [found[k]["settings"]]
+        known = _settings(found, folds, k, task.kind)
+        tried = tries(method, asked["changes"], request.tries, seed) if known is None else [known]
         found.append(_fold(task, method, fold, tried, seed))
         if kept is not None:
             write_text(kept, json.dumps({"format": KEPT_FORMAT, "of": of, "folds": found}), KEPT)
@@ -132,6 +132,14 @@ def run(
     }
 
 
+def _settings(found: Sequence[Mapping[str, Any]], folds: Sequence[Fold], k: int, kind: str) -> Any:
+    """Settings that were chosen before for this fold, or for one with the same series to choose by; else None."""
+    if len(found) >= len(folds):
+        return found[k]["settings"]
+    shared = (j for j in range(len(found)) if kind == "series" and folds[j].validation is folds[k].validation)
+    return next((found[j]["settings"] for j in shared), None)
+
+
 def _fold(task: Task, method: Method, fold: Fold, tried: Sequence[dict[str, Any]], seed: int) -> dict[str, Any]:
     began = time.process_time()
     told: list[dict[str, Any]] = []
@@ -139,11 +147,13 @@ def _fold(task: Task, method: Method, fold: Fold, tried: Sequence[dict[str, Any]
     def size(part: Any) -> Any:
         return part if task.kind == "classes" else len(part)
 
+    parts = [(fold.train, fold.validation)]
+    if task.kind == "series":
+        parts = list(zip(fold.train, fold.validation, strict=True))
     if len(tried) > 1:
         for settings in tried:
-            model = method.fit(fold.train, settings, seed)
-            judged = task.score(model.predict(size(fold.validation)), fold.validation)
-            told.append({"settings": settings, "validation": judged})
+            each = [task.score(method.fit(seen, settings, seed).predict(size(next)), next) for seen, next in parts]
+            told.append({"settings": settings, "validation": float(np.mean(each))})
         sign = 1.0 if task.higher else -1.0
         best: dict[str, Any] = max(told, key=lambda one: sign * float(one["validation"]))["settings"]
     else:

@@ -9,9 +9,9 @@ import numpy as np
 
 import neuro
 from neuro.apps import Showing
-from neuro.chips import chip, neurobench, place, price
+from neuro.chips import neurobench
 from neuro_bench.artificial import check_torch
-from neuro_bench.costs import Costs
+from neuro_bench.costs import Costs, on_chips
 from neuro_bench.method import Method
 from neuro_bench.task import Examples
 
@@ -114,12 +114,8 @@ class _Trained:
             train = events.trains[INPUT].of([k])
             showing.show(train.step, train.neuron, events.steps)
         taken: Any = showing.taken
-        counts, target = taken.raw_counts, chip(CHIP)
-        placed = place(sim.program, target)
-        bill = price(sim.program, counts, placed, target).per(len(some), "example")
-        found = neurobench(sim.program, counts, samples=len(some))
+        found = neurobench(sim.program, taken.raw_counts, samples=len(some))
         ops = found["synaptic_operations"]
-        joules = {"Loihi, as fast as it can": bill.total_j, "Loihi, in real time": bill.real_time.total_j}
         return Costs(
             parameters=found["parameter_count"],
             footprint_bytes=found["footprint_bytes"],
@@ -128,7 +124,7 @@ class _Trained:
             effective_macs=ops["effective_macs"],
             effective_acs=ops["effective_acs"],
             dense=ops["dense"],
-            joules=joules,
+            **on_chips(sim, taken, len(some)),
         )
 
 

@@ -106,13 +106,14 @@ class Examples:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Fold:
-    """Data to learn from, to choose settings by, and to be judged by; `Examples`, or `Series` that follow each other.
+    """Data to learn from, to choose settings by, and to be judged by: `Examples`, or `Series`.
 
     Attributes:
         name: in the results.
-        train: to learn from while settings are chosen.
-        validation: to choose them by.
-        both: the two together, to learn from when they are chosen.
+        train: to learn from while settings are chosen; of a task of series a list of these.
+        validation: to choose them by; of a task of series for each of `train` how it goes on. Folds that share this
+            list share the settings.
+        both: to learn from when they are chosen: `train` and `validation` of classes, the series that `test` continues.
         test: is asked once.
     """
 

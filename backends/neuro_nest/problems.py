@@ -163,7 +163,7 @@ def _of_rules(program: Program) -> Iterator[Problem]:
     if parts:
         names = ", ".join(f"'{part.name}'" for part in parts[:3])
         what = f"the synapses of {some(len(parts), 'projection')} ({names}{', ...' * (len(parts) > 3)})"
-        why = "drawn by NEST: the same in distribution, others than of this language"
+        why = "drawn by NEST: equal in distribution, but not the synapses that neuro draws"
         yield Problem(False, what, why, f"if they are to be equal, {HERE}", parts[0].origin)
 
 

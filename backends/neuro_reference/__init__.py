@@ -1,6 +1,6 @@
 """The reference backend: what a `Program` means, written to be read.
 
-It is `docs/design.md`, section "What a program means", as plain Python and NumPy, with the models' own
+It is `docs/explanation/programs.md`, section "What a program means", as plain Python and NumPy, with the models' own
 functions. It is slow, runs everything, and every float backend is tested against it.
 """
 

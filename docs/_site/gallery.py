@@ -67,6 +67,15 @@ def lay_copies() -> None:
         (COPIES / part / f"{name}.py").write_text(copied(name, words), "utf-8")
         for network in networks(name):
             shutil.copy(EXAMPLES / network, COPIES / part)
+    forget_pages()
+
+
+def forget_pages() -> None:
+    """Remove what an earlier build has made of examples that are gone, or are in another part now."""
+    listed = {(part, name) for part, name, _ in examples()} | {(part, "index") for part in PARTS}
+    for page in (SITE.parent / "gallery").glob("*/*.rst"):
+        if (page.parent.name, page.stem) not in listed and page.stem != "sg_execution_times":
+            page.unlink()
 
 
 def networks(name: str) -> list[str]:

@@ -73,7 +73,7 @@ def wiring(areas: int = 32, density: float = 0.66, radius: float = 20.0, seed: i
     Args:
         areas: how many, at least 2.
         density: connected pairs over all pairs, from 0 to 1.
-        radius: of the sphere, mm.
+        radius: of the sphere, mm; at most 1000.
         seed: of the draws; it is not that of a simulation.
 
     Raises:
@@ -81,7 +81,9 @@ def wiring(areas: int = 32, density: float = 0.66, radius: float = 20.0, seed: i
     """
     _check("areas", areas, isinstance(areas, int) and 2 <= areas <= 99, "a whole number from 2 to 99")
     _check("density", density, _is_number(density) and 0.0 <= density <= 1.0, "a number from 0 to 1")
-    _check("radius", radius, _is_number(radius) and 0.0 < radius < np.inf, "a number > 0, in mm")
+    # Strengths over longer distances are too small for a number.
+    fits = _is_number(radius) and 0.0 < radius <= 1000.0
+    _check("radius", radius, fits, "a number > 0 and at most 1000, in mm")
     _check("seed", seed, isinstance(seed, int) and seed >= 0, "a whole number >= 0")
     rng = np.random.default_rng(seed)
     centres = rng.normal(size=(areas, 3))
@@ -122,6 +124,8 @@ def network(
     Raises:
         ModelError: a number cannot be used; it says which.
     """
+    for word, share in (("scale", scale), ("indegree", indegree)):
+        _check(word, share, _is_number(share) and 0.0 < share < np.inf, "a number > 0")
     _check("between", between, _is_number(between) and 0.0 <= between <= 1.0, "a number from 0 to 1")
     _check("speed", speed, _is_number(speed) and 0.0 < speed < np.inf, "a number > 0, in mm/ms")
     wired = wiring(areas, density, radius, seed)

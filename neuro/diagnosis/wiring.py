@@ -213,7 +213,9 @@ class Wiring:
                 return None
             sides = self.receptors(q)
             _, post, place = self.program.synapses(q)
-            w = np.broadcast_to(p.weight, max(p.weight.size, 1 + int(place.max(initial=0))))[place]
+            if not place.size:
+                continue
+            w = np.broadcast_to(p.weight, max(p.weight.size, 1 + int(place.max())))[place]
             for chosen, (receptor, factor) in zip((w >= 0.0, w < 0.0), sides, strict=True):
                 arriving = w[chosen] * factor
                 helps = arriving * cell.slope(receptor) > 0.0

@@ -6,6 +6,7 @@ import os
 import shlex
 from collections.abc import Iterator, Mapping
 from pathlib import Path
+from typing import TypeAlias
 
 import numpy as np
 
@@ -41,6 +42,9 @@ POPULATIONS = ("population", "model", "shape", ">neurons", ">spikes", ">rate Hz"
 PROJECTIONS = (
     "projection", "from", "to", "synapse", ">synapses", ">least weight", ">mean", ">largest", ">operations",
 )  # fmt: skip
+Described: TypeAlias = Mapping[str, Population]
+"""The populations as the network says them."""
+
 TOTALS = {
     "spikes": "spikes",
     "synaptic_ops": "synaptic operations",
@@ -59,13 +63,14 @@ def page(results: Results, file: Path, target: str = "loihi") -> str:
         target: what its bill is of.
     """
     bill, reason = _bill(results, target)
+    said = _described(results)
     parts = (
         _head(results),
-        tag("div", *_cards(results, bill, target), class_="cards"),
-        *_spikes(results),
+        tag("div", *_cards(results, said, bill, target), class_="cards"),
+        *_spikes(results, said),
         *_traces(results),
-        *_weights(results),
-        *_network(results),
+        *_weights(results, said),
+        *_network(results, said),
         *_energy(results, bill, reason, target),
         *_next(results, file),
         tag("footer", f"Written by neuro {VERSION} (neuro report)."),
@@ -90,9 +95,9 @@ def _head(results: Results) -> Html:
     return tag("header", tag("h1", about["network"]), tag("p", line + rest, class_="lead"), early)
 
 
-def _cards(results: Results, bill: Energy | None, target: str) -> Iterator[Html]:
+def _cards(results: Results, said: Described, bill: Energy | None, target: str) -> Iterator[Html]:
     populations, projections = results.populations, results.projections
-    inputs = _generators(results)
+    inputs = _generators(said)
     cells = [train for name, train in populations.items() if name not in inputs]
     about = f"of {some(sum(each.size for each in cells), 'neuron')} in {some(len(cells), 'population')}"
     emitted = sum(populations[name].counts["spikes"] for name in inputs)
@@ -107,7 +112,7 @@ def _cards(results: Results, bill: Energy | None, target: str) -> Iterator[Html]
         yield html.card(f"energy on {target}", joules, bill.totals().removeprefix(f"{joules} "))
 
 
-def _spikes(results: Results) -> Iterator[Html]:
+def _spikes(results: Results, said: Described) -> Iterator[Html]:
     yield tag("h2", "Spikes")
     shown = [name for name, train in results.populations.items() if train.steps.size]
     if shown:
@@ -121,7 +126,7 @@ def _spikes(results: Results) -> Iterator[Html]:
         yield tag("p", f"Silent: {', '.join(silent)}.")
     if left_out:
         yield tag("p", f"Not kept: {', '.join(left_out)}; neuro run --record NAME keeps them.")
-    models = _models(results)
+    models = _models(results, said)
     rows = (_population(name, models[name], train, results) for name, train in results.populations.items())
     yield table(POPULATIONS, rows)
     if shown:
@@ -150,12 +155,12 @@ def _hz(train: Train, results: Results) -> str:
     return f"{train.counts['spikes'] / train.size / (end_ms(results) / 1000.0):.2f}"
 
 
-def _generators(results: Results) -> set[str]:
+def _generators(said: Described) -> set[str]:
     """The populations that emit spikes which no neuron fires."""
-    return {name for name, part in _described(results).items() if isinstance(part.model, Generator)}
+    return {name for name, part in said.items() if isinstance(part.model, Generator)}
 
 
-def _described(results: Results) -> Mapping[str, Population]:
+def _described(results: Results) -> Described:
     """The populations as the network says them: a recording is compiled to another model; none if it says nothing."""
     try:
         return results.network().populations
@@ -163,17 +168,15 @@ def _described(results: Results) -> Mapping[str, Population]:
         return {}
 
 
-def _weight_unit(results: Results, part: Weights) -> str:
+def _weight_unit(said: Described, part: Weights) -> str:
     """The unit of a projection's weights, "" of currents and where it is not known."""
-    said = _described(results)
     if part.target not in said or isinstance(said[part.source].model, CurrentGenerator):
         return ""
     return str(getattr(said[part.target].model, "weight_unit", ""))
 
 
-def _models(results: Results) -> dict[str, str]:
+def _models(results: Results, said: Described) -> dict[str, str]:
     """The model of each population, as the network says it if it does."""
-    said = _described(results)
     return {name: said[name].model.name if name in said else train.model for name, train in results.populations.items()}
 
 
@@ -198,8 +201,8 @@ def _traces(results: Results) -> Iterator[Html]:
         yield traces(results, "population")
 
 
-def _weights(results: Results) -> Iterator[Html]:
-    found = [_histogram(results, name, part) for name, part in results.projections.items() if part.weight is not None]
+def _weights(results: Results, said: Described) -> Iterator[Html]:
+    found = [_histogram(said, name, part) for name, part in results.projections.items() if part.weight is not None]
     found = [part for part in found if part.synapses]
     probed = any(trace.projection for trace in results.traces.values())
     if found or probed:
@@ -212,25 +215,25 @@ def _weights(results: Results) -> Iterator[Html]:
         yield drawings(found, {"end": "at the end"})
 
 
-def _histogram(results: Results, name: str, part: Weights) -> Histogram:
+def _histogram(said: Described, name: str, part: Weights) -> Histogram:
     assert part.weight is not None
-    return histogram(name, _weight_unit(results, part), {"end": part.weight.ravel()})
+    return histogram(name, _weight_unit(said, part), {"end": part.weight.ravel()})
 
 
-def _network(results: Results) -> Iterator[Html]:
+def _network(results: Results, said: Described) -> Iterator[Html]:
     yield tag("h2", "Network")
     if results.projections:
-        yield table(PROJECTIONS, (_projection(results, name, part) for name, part in results.projections.items()))
+        yield table(PROJECTIONS, (_projection(said, name, part) for name, part in results.projections.items()))
     else:
         yield tag("p", "Nothing is connected.")
     yield tag("h3", "Counts")
     yield table(("what", ">count"), [(label, f"{int(results.about[f'counts.{n}']):,}") for n, label in TOTALS.items()])
 
 
-def _projection(results: Results, name: str, part: Weights) -> tuple[object, ...]:
+def _projection(said: Described, name: str, part: Weights) -> tuple[object, ...]:
     w = part.weight
     there = w is not None and w.size > 0
-    unit = _weight_unit(results, part)
+    unit = _weight_unit(said, part)
     weights = (
         [f"{n:.4g} {unit}".rstrip() for n in (w.min(), w.mean(), w.max())] if there and w is not None else ["-"] * 3
     )

@@ -8,6 +8,7 @@ import pytest
 
 import neuro
 from neuro_bench import METHODS, TASKS, Costs, Examples, Fold, Method, Request, Spikes, Task, report, run
+from neuro_bench.costs import break_even
 from neuro_bench.method import tries
 from neuro_bench.running import interval
 from neuro_bench.spoken_digits import SpokenDigits
@@ -222,3 +223,38 @@ def test_results_of_other_tries_are_not_compared(bench):
 
 def test_a_fold_has_named_parts():
     assert Fold.__slots__ == ("name", "train", "validation", "both", "test")
+
+
+def test_a_spiking_network_stops_winning_at_a_rate():
+    assert break_even(10.0, 4.0, 14.0) == 2.0  # 6 whatever it says, and 8 for twice the spikes
+    assert break_even(10.0, 4.0, 5.0) == 0.0
+    costs = {"joules": {"a chip": 10.0}, "joules_of_spikes": {"a chip": 4.0}}
+    spiking = {"method": {"name": "one", "spiking": True}, "costs": costs}
+    other = {"method": {"name": "two", "spiking": False}, "costs": {"joules": {"a core": 14.0, "arithmetic": 1.0}}}
+    assert report.sensitivity([other, spiking]) == [
+        "one on a chip against two on a core: fewer joules up to 2 times its spikes",
+        "one on a chip against two on arithmetic: more joules, even if it were silent",
+    ]
+    assert report.sensitivity([spiking]) == []
+
+
+def test_the_task_of_the_page_is_trained_compared_and_priced(tmp_path, capsys):
+    """Thirty lines from outside: no line of the package knows them."""
+    page = (Path(__file__).parents[2] / "docs/how-to/benchmarks.md").read_text("utf-8")
+    code = page.split("# tones.py\n")[1].split("```")[0]
+    assert len([line for line in code.splitlines() if line.strip()]) <= 30
+    file = tmp_path / "tones.py"
+    file.write_text(code)
+    exec(compile(code, str(file), "exec"), {"__name__": "tones"})
+    pytest.importorskip("torch", reason="the extra torch is not installed")
+    changes = {"hidden": 8, "epochs": 2}
+    with np.errstate(all="ignore"):
+        results = [
+            run(Request(task="rows", method="dense", folds=1, changes=changes)),
+            run(Request(task="rows", method="logistic", folds=1)),
+        ]
+    report.show(results)
+    printed = capsys.readouterr().out
+    assert printed.startswith("logistic wins, a non-spiking network or method")
+    assert "dense on Loihi, as fast as it can against logistic on CPU core, float32: " in printed
+    assert all(result["costs"]["joules"] for result in results)

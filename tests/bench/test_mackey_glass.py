@@ -21,11 +21,21 @@ def test_the_error_falls_with_the_fourth_power_of_the_step():
 
 
 def test_folds_are_ten_lyapunov_times_and_ten_more():
-    first, second, *_ = MackeyGlass().folds()
-    assert [len(each) for each in (first.train, first.validation, first.both, first.test)] == [600, 150, 750, 750]
-    assert np.array_equal(np.concatenate((first.train, first.validation)), first.both)
+    first, second, *rest = MackeyGlass().folds()
+    assert (len(first.both), len(first.test), len(rest)) == (750, 750, 3)
     assert second.both[0] == first.both[37]
     assert len(MackeyGlass(split="all").splits) == 15
+
+
+def test_settings_are_chosen_by_further_series_that_all_folds_share():
+    first, *_, last = MackeyGlass().folds()
+    assert first.validation is last.validation
+    assert [len(each) for each in (*first.train, *first.validation)] == [750] * 6
+    whole = solution(17, 64 * 75)
+    for k in range(3):
+        begin = (24 + 10 * k) * 75
+        assert np.array_equal(np.concatenate((first.train[k], first.validation[k])), whole[begin : begin + 1500])
+    assert not np.isin(last.test, np.concatenate((*first.train, *first.validation))).any()
 
 
 def test_files_of_neurobench_take_the_place_of_the_own_series(tmp_path):

@@ -53,6 +53,17 @@ def test_no_false_alarm_on_files_that_ship(file, tmp_path):
     check(neuro.doctor(net, ms=300.0))
 
 
+def test_a_projection_without_a_synapse_whose_weights_are_drawn():
+    net = Network("few")
+    cells, others = (net.population(name, 10, neuro.iaf_psc_exp()) for name in ("cells", "others"))
+    net.connect(cells, others, neuro.one_to_one(), weight=10.0, delay=1.0)
+    net.connect(
+        cells, others, neuro.fixed_total_number(n=0), weight=neuro.normal(mean=1.0, std=0.1), delay=1.0, name="none"
+    )
+    found = {(each.name, each.what) for each in neuro.doctor(net, ms=10.0)}
+    assert ("no-synapses", "projection 'none'") in found
+
+
 BUILT = {
     "areas": lambda: areas.network(areas=2, density=1.0),
     "delays": lambda: delays.gathering(delays.drawn_onsets(0, 4), 3),

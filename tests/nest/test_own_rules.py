@@ -178,8 +178,8 @@ def test_what_is_said(tmp_path):
         str(told[0].message)
         .split(": ", 2)[2]
         .startswith(
-            "the synapses of 6 projections ('exc_in_exc', 'inh_in_inh', 'exc_exc', ...): drawn by NEST: the same in "
-            "distribution, others than of this language\n  hint: if they are to be equal, leave 'draw' out"
+            "the synapses of 6 projections ('exc_in_exc', 'inh_in_inh', 'exc_exc', ...): drawn by NEST: equal in "
+            "distribution, but not the synapses that neuro draws\n  hint: if they are to be equal, leave 'draw' out"
         )
     )
     assert str(sim).count("static, drawn by nest") == 6

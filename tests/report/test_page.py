@@ -181,6 +181,18 @@ def test_of_very_many_spikes_an_even_choice_is_shown():
     assert re.search(r"250\.00 Hz, 144 of 4,000 neurons, evenly chosen", text)
 
 
+@pytest.mark.parametrize("projections", [1, 30])
+def test_the_network_is_read_as_often_with_many_projections_as_with_few(monkeypatch, projections):
+    net = neuro.Network("wide")
+    cells = net.population("cells", 5, neuro.iaf_psc_exp())
+    for k in range(projections):
+        net.connect(cells, cells, neuro.one_to_one(), weight=1.0, delay=1.0, name=f"wires{k}")
+    run, read, network = simulated(net, 1.0), [], results.Results.network
+    monkeypatch.setattr(results.Results, "network", lambda *words, **named: read.append(1) or network(*words, **named))
+    shown(run)
+    assert len(read) == 2, "once for the bill, which needs no recordings"
+
+
 def test_two_hundred_populations_have_a_strip_each():
     net = neuro.Network("wide", resolution=1.0)
     for k in range(200):

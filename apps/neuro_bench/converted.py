@@ -1,0 +1,158 @@
+"""A convolutional network that learns on counts of spikes and then runs on integrate-and-fire neurons.
+
+A layer adds up all its input before it says how much that was. A clock's spike holds its neurons far below the
+threshold from the beginning on; another lets go when the layer before has said all. Then each neuron fires as often
+as its potential contains the threshold, or not at all, which is the rectified sum in whole numbers. Without the clock
+a neuron fires while what inhibits it is still to come, and no spike can be taken back: that is what converted
+networks lose (Rueckauer et al., Front. Neurosci. 11:682, 2017). Weights are scaled so that nearly all activations lie
+within the spikes that a layer may fire (Diehl et al., IJCNN 2015).
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+
+import neuro
+from neuro import ModelError
+from neuro.apps import Showing
+from neuro.chips import neurobench
+from neuro_bench.artificial import check_torch, learnt
+from neuro_bench.costs import Costs, on_chips
+from neuro_bench.method import Method
+from neuro_bench.spiking import INPUT, OUTPUT, PRICED
+from neuro_bench.task import Examples, Floats, Spikes
+
+HELD = 4096.0
+"""Thresholds by which a layer is held."""
+COMMON = 0.99
+"""Share of the positive activations of a layer that lie within its levels."""
+
+
+class Converted(Method):
+    """Three convolutions of strides, without biases, and a layer of classes, converted to spikes."""
+
+    called_by = "converted-cnn"
+    title = "convolutional network on integrate-and-fire neurons, converted"
+    spiking = True
+    settings = {
+        "maps": 16, "epochs": 40, "rate": 0.004, "decay": 0.01, "dropout": 0.5, "shift": 2, "warp": 0.15, "levels": 8,
+        "members": 1,
+    }  # fmt: skip
+    space = {
+        "maps": (12, 16, 24),
+        "epochs": (30, 40, 60),
+        "rate": (0.002, 0.004, 0.008),
+        "dropout": (0.3, 0.5),
+        "shift": (1, 2, 3),
+        "warp": (0.1, 0.15, 0.2),
+    }
+
+    def fit(self, train: Examples, settings: Mapping[str, Any], seed: int) -> _Converted:
+        """Learn on the counts by gradients, then convert; see `Method`."""
+        check_torch(self)
+        from torch import nn
+
+        counts = replace(train, frames=counted(train.spikes, len(train)))
+        maps, (channels, *sides) = settings["maps"], counts.frames.shape[1:]
+        for _ in range(3):
+            sides = [-(-side // 2) for side in sides]
+
+        def make() -> Any:
+            layers: list[Any] = []
+            for source, target, size in ((channels, maps, 5), (maps, 2 * maps, 5), (2 * maps, 4 * maps, 3)):
+                layers += [nn.Conv2d(source, target, size, 2, size // 2, bias=False), nn.ReLU()]
+            last = nn.Linear(4 * maps * sides[0] * sides[1], len(train.classes), bias=False)
+            return nn.Sequential(*layers, nn.Flatten(), nn.Dropout(settings["dropout"]), last)
+
+        modules = [learnt(make, counts, settings, seed + 1000 * k) for k in range(settings["members"])]
+        members = [scaled(module, counts.frames, settings["levels"]) for module in modules]
+        return _Converted(members, train.spikes, settings["levels"])
+
+
+def counted(spikes: Spikes, examples: int) -> Floats:
+    """How often each neuron fires in each example, (examples, sheets, rows, columns)."""
+    size = int(np.prod(spikes.shape))
+    counts = np.bincount(spikes.example * size + spikes.neuron, minlength=examples * size)
+    return counts.reshape(examples, *spikes.shape).astype(np.float32)
+
+
+def scaled(module: Any, frames: Floats, levels: int) -> list[Floats]:
+    """Weights of each layer, by which nearly all activations are 0 to `levels` if those of the layer before are.
+
+    Potentials of the classes are those of the module.
+    """
+    import torch
+
+    found, before, x = [], 1.0, torch.from_numpy(frames)
+    with torch.no_grad():
+        for layer in module:
+            x = layer(x)
+            if hasattr(layer, "weight"):
+                positive = np.asarray(x[x > 0])
+                last = layer is module[-1]
+                now = levels / float(np.quantile(positive, COMMON)) if len(positive) and not last else 1.0
+                found.append(layer.weight.numpy() * (now / before))
+                before = now
+    return found
+
+
+class _Converted:
+    """Its members lie side by side between the input and the classes, whose potentials are the sums of theirs."""
+
+    def __init__(self, members: list[list[Floats]], like: Spikes, levels: int) -> None:
+        if like.step < 1.0:
+            raise ModelError(f"method 'converted-cnn': steps of {like.step} ms: expected 1 ms or more")
+        words: Any = {"tau_m": float("inf"), "t_ref": 0.0, "E_L": 0.0, "V_reset": 0.0}
+        cell = neuro.iaf_psc_delta(V_th=1.0, reset_by_subtraction=True, **words)
+        layers, first = len(members[0]) - 1, math.ceil(like.steps * like.step) + 2
+        opened = [float(first + k * (levels + 2)) for k in range(layers)]
+        net = neuro.Network("converted-cnn", resolution=1.0)
+        net.population(INPUT, like.shape, neuro.spike_generator())
+        times = [[1.0], *([each] for each in opened)]
+        clock = net.population("clock", layers + 1, neuro.spike_generator(spike_times=times))
+        net.population(OUTPUT, len(members[0][-1]), neuro.iaf_psc_delta(V_th=1e6, **words))
+        for m, weights in enumerate(members):
+            before = INPUT
+            for k, weight in enumerate(weights[:-1]):
+                name, size = f"maps_{m}_{k}", weight.shape[2]
+                net.population(name, (len(weight), "auto", "auto"), cell)
+                rule = neuro.grid(kernel=(size, size), stride=2, padding=size // 2)
+                net.connect(before, name, rule, weight=weight.astype(np.float64), delay=1.0)
+                for word, source, held in (
+                    ("held", clock[0], -HELD),
+                    ("open", clock[k + 1], HELD + 0.5),
+                ):  # half rounds
+                    net.connect(source, name, neuro.all_to_all(), weight=held, delay=1.0, name=f"{name}_{word}")
+                before = name
+            net.connect(before, OUTPUT, neuro.all_to_all(), weight=weights[-1].T.astype(np.float64), delay=1.0)
+        self.net, self._steps = net, int(opened[-1]) + levels + 4
+
+    def _show(self, sim: Any, shown: Examples) -> tuple[Any, Any]:
+        """The class of each, that of the highest potential, and what that took."""
+        showing, spikes = Showing(sim, INPUT, OUTPUT), shown.spikes
+        ends, said = np.searchsorted(spikes.example, np.arange(len(shown) + 1)), []
+        for k in range(len(shown)):
+            own = slice(ends[k], ends[k + 1])
+            showing.show((spikes.at[own] * spikes.step).astype(np.int64), spikes.neuron[own], self._steps)
+            said.append(int(np.argmax(sim.get(OUTPUT, "V_m"))))
+        return np.array(said), showing.taken
+
+    def predict(self, shown: Examples) -> Any:
+        """The class of each."""
+        return self._show(neuro.compile(self.net), shown)[0]
+
+    def costs(self, shown: Examples) -> Costs:
+        """By NeuroBench's counts, and the bill of Loihi, of the first examples."""
+        n = min(PRICED, len(shown))
+        sim = neuro.compile(self.net)
+        _, taken = self._show(sim, shown.take(np.arange(n)))
+        found = neurobench(sim.program, taken.raw_counts, samples=n)
+        ops, words = found["synaptic_operations"], ("footprint_bytes", "connection_sparsity", "activation_sparsity")
+        each: Any = {word: found[word] for word in words} | on_chips(sim, taken, n)
+        each |= {word: ops[word] for word in ("effective_macs", "effective_acs", "dense")}
+        return Costs(parameters=found["parameter_count"], **each)

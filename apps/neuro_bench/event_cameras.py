@@ -1,0 +1,99 @@
+"""Recordings of event cameras: digits of N-MNIST, cards of POKER-DVS, gestures of DVS Gesture."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import ClassVar
+
+import numpy as np
+
+from neuro import ModelError
+from neuro.events import recordings
+from neuro_bench.task import Examples, Fold, Spikes, Task, random_folds
+
+
+class Recorded(Task):
+    """Base of these: which class a recording shows.
+
+    Artificial networks see frames of counts for each polarity, log(1 + count); spiking ones the events of the same time
+    in steps, several of a pixel in a step as one.
+
+    Class attributes:
+        step: ms.
+        steps: of a recording, from its first event on; what comes later is left out, what is missing is silent.
+        frames: that artificial networks see, each of as many steps.
+        side: of the square that is seen, from the first pixel on, in neurons.
+        scale: px in a row and in a column that are one neuron.
+        part: folder of the recordings, where there are several, such as Train and Test.
+    """
+
+    step: ClassVar[float] = 5.0
+    steps: ClassVar[int] = 21
+    frames: ClassVar[int] = 3
+    side: ClassVar[int] = 34
+    scale: ClassVar[int] = 1
+    part: ClassVar[str | None] = None
+
+    def folds(self) -> Sequence[Fold]:
+        """Five random ones.
+
+        Raises:
+            EventFileError: a recording is damaged.
+            ModelError: there are too few, one has no class, or no event within the square.
+        """
+        found = recordings(str(self.data), part=self.part)
+        labels = np.asarray(found.labels)
+        if (labels < 0).any():
+            nameless = found[int(np.flatnonzero(labels < 0)[0])].name
+            raise ModelError(f"{self.data}: {nameless} has no class: expected folders of classes", hint=self.source)
+        counts = np.zeros((len(found), self.steps, 2, self.side, self.side), dtype=np.uint16)
+        for k in range(len(found)):
+            events = found[k].load()
+            x, y, t = (
+                events.x // self.scale,
+                events.y // self.scale,
+                (events.t - events.t[:1]) // round(1e3 * self.step),
+            )
+            seen = (t < self.steps) & (x < self.side) & (y < self.side)
+            if not seen.any():
+                message = f"{self.data}: {found[k].name} has no event in the first {self.side * self.scale} px"
+                raise ModelError(f"{message}: expected recordings of '{self.called_by}'", hint=self.source)
+            np.add.at(counts[k], (t[seen], events.p[seen], y[seen], x[seen]), 1)
+        frames = counts.reshape(len(found), self.frames, -1, 2, self.side, self.side).sum(axis=2, dtype=np.float32)
+        frames = np.log1p(frames.reshape(len(found), -1, self.side, self.side))
+        examples = Examples(frames, labels, found.classes, Spikes.of_dense(counts, self.step))
+        return random_folds(examples, 5, self.seed)
+
+
+class NMNIST(Recorded):
+    """Which digit was seen, from the first of three saccades."""
+
+    called_by = "n-mnist"
+    title = "N-MNIST, the first 105 ms"
+    licence = "CC BY-SA 4.0"
+    source = "Orchard et al., Front. Neurosci. 9:437, 2015: a folder or zip of Train/DIGIT/INDEX.bin"
+    part = "Train"
+
+
+class PokerDVS(Recorded):
+    """Which of four symbols a card shows that is moved by fast."""
+
+    called_by = "poker-dvs"
+    title = "POKER-DVS, 20 ms"
+    licence = "free to use with citation"
+    source = (
+        "Serrano-Gotarredona and Linares-Barranco, Front. Neurosci. 9:481, 2015: a folder or zip of its AEDAT files"
+    )
+    step, steps, frames, side = 1.0, 20, 4, 35
+
+
+class DVSGesture(Recorded):
+    """Which gesture of the arms was made, from its first 1.5 s."""
+
+    called_by = "dvs-gesture"
+    title = "DVS Gesture, the first 1.5 s, 4 x 4 px as one"
+    licence = "CC BY 4.0"
+    source = (
+        "Amir et al., CVPR 2017: a folder or zip of GESTURE/RECORDING in any format of neuro.events, cut by its labels"
+    )
+    step, steps, frames, side, scale = 25.0, 60, 5, 32, 4

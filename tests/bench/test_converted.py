@@ -1,0 +1,58 @@
+"""What a converted network says is what its layers say in whole numbers."""
+
+import numpy as np
+import pytest
+
+import neuro
+from neuro_bench import Examples, Spikes
+from neuro_bench.converted import OUTPUT, _Converted, counted
+
+LEVELS = 8
+
+
+def drawn(rng, n=5):
+    spikes = Spikes.of_dense(rng.random((n, 7, 2, 9, 9)) < 0.15, 2.5)
+    shapes = ((3, 2, 5, 5), (4, 3, 5, 5), (5, 4, 3, 3), (3, 20))
+    weights = [rng.normal(0.0, 0.4 if len(shape) == 4 else 1.0, shape).astype(np.float32) for shape in shapes]
+    weights[0], weights[1] = weights[0] * 0.6, weights[1] * 0.3
+    return Examples(np.zeros((n, 1, 1, 1), np.float32), np.zeros(n, np.int64), ("a", "b", "c"), spikes), weights
+
+
+def in_whole_numbers(counts, weights):
+    """Rectified sums, rounded, layer by layer; and the potentials of the classes."""
+    torch = pytest.importorskip("torch", reason="the extra torch is not installed")
+    x, said = torch.from_numpy(counts).double(), []
+    for weight in weights[:-1]:
+        w = torch.from_numpy(weight).double()
+        x = torch.floor(torch.nn.functional.conv2d(x, w, stride=2, padding=w.shape[2] // 2) + 0.5).clamp_min(0.0)
+        said.append(x.numpy())
+    return said, (x.flatten(1) @ torch.from_numpy(weights[-1]).double().T).numpy()
+
+
+def test_each_layer_fires_its_rectified_sum_in_whole_numbers():
+    rng = np.random.default_rng(3)
+    (shown, weights), (_, second) = drawn(rng), drawn(rng)
+    said, potentials = in_whole_numbers(counted(shown.spikes, 5), weights)
+    assert 0 < max(each.max() for each in said) <= LEVELS
+    potentials = potentials + in_whole_numbers(counted(shown.spikes, 5), second)[1]
+    made = _Converted([weights, second], shown.spikes, LEVELS)
+    sim = neuro.compile(made.net)
+    for k in range(5):
+        classes, _ = made._show(sim, shown.take(np.array([k])))
+        for layer in range(3):
+            _, ids = sim.spikes(f"maps_0_{layer}")
+            assert np.array_equal(np.bincount(ids, minlength=said[layer][k].size), said[layer][k].ravel())
+        assert sim.get(OUTPUT, "V_m") == pytest.approx(potentials[k], abs=1e-9)
+        assert classes[0] == potentials[k].argmax()
+
+
+def test_counts_are_those_of_the_spikes():
+    shown, _ = drawn(np.random.default_rng(4))
+    assert counted(shown.spikes, 5).sum() == len(shown.spikes.at)
+    assert counted(shown.spikes.take(np.array([2]), 5), 1)[0].sum() == (shown.spikes.example == 2).sum()
+
+
+def test_steps_below_a_millisecond_are_refused():
+    _, weights = drawn(np.random.default_rng(4))
+    with pytest.raises(neuro.ModelError, match=r"steps of 0\.5 ms: expected 1 ms or more"):
+        _Converted([weights], Spikes.of_dense(np.zeros((1, 2, 2, 9, 9)), 0.5), LEVELS)
