@@ -30,7 +30,7 @@ def alone(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -
         capsys.readouterr()
         try:
             with telling():
-                status = app(standalone_mode=False) or 0
+                status = app(standalone_mode=False, prog_name=command.__name__) or 0
         except SystemExit as leaving:
             status = leaving.code
         return status, *capsys.readouterr()

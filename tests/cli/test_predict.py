@@ -240,7 +240,7 @@ MISTAKES = {
     "net.yaml data --backends evnt": "unknown backend 'evnt'\n  hint: did you mean 'event'?",
     "net.yaml data --backends event,event": (
         "Invalid value for '--backends': 'event,event': expected names with commas between them, each once\n"
-        "  hint: see 'python -m pytest.predict --help'"
+        "  hint: see 'predict --help'"
     ),
     "net.yaml nope": "nope: no such folder, zip or HDF5 file",
     "net.yaml empty": (
