@@ -41,7 +41,15 @@ SCRIPTS = [path for path in sorted((ROOT / "examples").glob("*.py")) if path.ste
 """All but that of `test_first_hour.py`."""
 
 
-@pytest.mark.parametrize("path", SCRIPTS, ids=lambda path: path.stem)
+SLOW = ("diehl_cook_2015", "masquelier_thorpe_2007", "vogels_abbott_2005")
+"""Their kernels take seconds to compile, and other tests run what they show."""
+
+
+@pytest.mark.parametrize(
+    "path",
+    [pytest.param(path, marks=pytest.mark.slow) if path.stem in SLOW else path for path in SCRIPTS],
+    ids=lambda path: path.stem,
+)
 def test_example(path, folder, capsys, monkeypatch):
     if path.stem in NEEDS_PACKAGE:
         pytest.importorskip(NEEDS_PACKAGE[path.stem], reason=f"the example needs {NEEDS_PACKAGE[path.stem]}")
