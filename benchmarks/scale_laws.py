@@ -27,7 +27,6 @@ from networks import brunel
 from numba import njit
 
 import neuro
-from neuro.program.program import Program
 
 LINE = 64
 WARM_MS, STRETCH_MS, STRETCHES = 200.0, 100.0, 5
@@ -60,7 +59,7 @@ def point(case: str, size: float, indegree: float) -> dict[str, Any]:
     best = min(stretches, key=lambda told: told["cpu_ns_per_event"])
     neurons = sum(p.size for p in sim.program.populations if p.kind == "neuron")
     synapses = sum(p.size for p in sim.program.projections if p.layout == "csr")
-    memory, peak, line_bytes = sim.memory(), peak_gb(), bytes_of_event(sim.program)
+    memory, peak = sim.memory(), peak_gb()
     del sim
     alone = neurons_alone(net)
     return {
@@ -75,7 +74,6 @@ def point(case: str, size: float, indegree: float) -> dict[str, Any]:
         "ns_per_event": best["cpu_ns_per_event"],
         "neurons_cpu_s_per_bio_s": alone,
         "ns_per_event_alone": (best["cpu_s_per_bio_s"] - alone) / best["events_per_bio_s"] * 1e9,
-        "bytes_per_event": line_bytes,
         "bytes_per_synapse": memory["synapses"] / synapses,
         "engine_gb": sum(memory.values()) / 2**30,
         "peak_gb": peak,
@@ -90,28 +88,6 @@ def neurons_alone(net: neuro.Network) -> float:
     sim = neuro.compile(net, seed=1)
     sim.run(WARM_MS)
     return min(timed(sim, STRETCH_MS)["cpu_s_per_bio_s"] for _ in range(STRETCHES))
-
-
-def bytes_of_event(program: Program, rows: int = 500) -> float:
-    """Bytes that memory sends for a synaptic event: the lines of the synapses that one spike reaches at one time.
-
-    Targets of 4 bytes and, where each synapse has its own, weights of 8; the synapses of a source lie by delay, and a
-    stretch of n items of b bytes is in 1 + (n - 1) b / 64 lines. Some sources of each projection are looked at. Inputs
-    of neurons stay in the cache and are not counted.
-    """
-    lines = events = 0.0
-    for part in program.projections:
-        if part.layout != "csr" or not part.targets.size:
-            continue
-        sources = part.row_ends.size - 1
-        chosen = np.linspace(0, sources - 1, min(rows, sources), dtype=np.int64)
-        delays = np.broadcast_to(part.delay, part.targets.shape)
-        each = [np.unique(delays[part.row_ends[i] : part.row_ends[i + 1]], return_counts=True)[1] for i in chosen]
-        length, share = np.concatenate(each), sources / chosen.size
-        items = (4, 8) if part.weight.size > 1 else (4,)
-        lines += share * sum(float((1 + (length - 1) * size / LINE).sum()) for size in items)
-        events += share * float(length.sum())
-    return lines * LINE / events
 
 
 @njit
@@ -190,14 +166,14 @@ def table(told: dict[str, Any]) -> str:
     """The points as a table, and by how much the time of an event differs along each line."""
     lines = [
         "| network | neurons | synapses | ns an event | without drive and neurons | million events/s | "
-        "bytes an event | peak GB | bytes a synapse |",
-        "| --- |" + " --- |" * 8,
+        "peak GB | bytes a synapse |",
+        "| --- |" + " --- |" * 7,
     ]
     spread = []
     for name, points in series(told["points"]).items():
         lines += [
             f"| {name} | {p['neurons']:,} | {p['synapses'] / 1e6:.3g} M | {p['ns_per_event']:.3g} | "
-            f"{p['ns_per_event_alone']:.3g} | {1e3 / p['ns_per_event']:.0f} | {p['bytes_per_event']:.3g} | "
+            f"{p['ns_per_event_alone']:.3g} | {1e3 / p['ns_per_event']:.0f} | "
             f"{p['peak_gb']:.2f} | {p['peak_gb'] * 2**30 / p['synapses']:.1f} |"
             for p in points
         ]
@@ -208,31 +184,21 @@ def table(told: dict[str, Any]) -> str:
 
 
 def draw(told: dict[str, Any], path: str) -> None:
-    """Time of an event, memory, and what memory sends while synapses are read, beside what it can."""
+    """Time of an event, and memory."""
     from matplotlib.figure import Figure
 
-    figure = Figure(figsize=(12.0, 4.6), layout="constrained", dpi=130)
-    time_axis, memory_axis, bytes_axis = figure.subplots(1, 3)
+    figure = Figure(figsize=(9.0, 4.6), layout="constrained", dpi=130)
+    time_axis, memory_axis = figure.subplots(1, 2)
     colours = ("#0072B2", "#56B4E9", "#D55E00")
     for (name, points), colour in zip(series(told["points"]).items(), colours, strict=False):
         neurons = [p["neurons"] for p in points]
         time_axis.plot(neurons, [p["ns_per_event"] for p in points], "o-", color=colour, label=name)
         time_axis.plot(neurons, [p["ns_per_event_alone"] for p in points], "o--", color=colour, mfc="w", lw=1)
         memory_axis.plot([p["synapses"] / 1e6 for p in points], [p["peak_gb"] for p in points], "o-", color=colour)
-        sent = [p["bytes_per_event"] / p["ns_per_event_alone"] for p in points]
-        bytes_axis.plot(neurons, sent, "o--", color=colour, mfc="w", lw=1)
     time_axis.plot([], [], "o--", color="k", mfc="w", lw=1, label="without drive and neurons")
-    for word, style in (("read", "-"), ("random_lines", ":")):
-        pace = told["memory"][f"{word}_gb_per_s"]
-        bytes_axis.axhline(pace, color="#999999", ls=style)
-        bytes_axis.annotate(
-            word.replace("_", " "), (1.0, pace), xycoords=("axes fraction", "data"), ha="right", va="bottom"
-        )
     time_axis.set(xlabel="neurons", ylabel="ns of the processor", title="a synaptic event, one thread", yscale="log")
     memory_axis.set(xlabel="million synapses", ylabel="GB", title="peak of building and running", ylim=(0, None))
-    bytes_axis.set(xlabel="neurons", ylabel="GB/s", title="synapses read, and memory's pace", ylim=(0, None))
-    for axis in (time_axis, bytes_axis):
-        axis.set_xscale("log")
+    time_axis.set_xscale("log")
     for axis in figure.axes:
         axis.spines[["top", "right"]].set_visible(False)
     figure.legend(*time_axis.get_legend_handles_labels(), loc="outside lower center", ncols=4, frameon=False)
