@@ -123,10 +123,9 @@ class _Converted:
                 net.population(name, (len(weight), "auto", "auto"), cell)
                 rule = neuro.grid(kernel=(size, size), stride=2, padding=size // 2)
                 net.connect(before, name, rule, weight=weight.astype(np.float64), delay=1.0)
-                for word, source, held in (
-                    ("held", clock[0], -HELD),
-                    ("open", clock[k + 1], HELD + 0.5),
-                ):  # half rounds
+                # Half a threshold more than was held rounds to the nearest whole number of spikes.
+                ways = (("held", clock[0], -HELD), ("open", clock[k + 1], HELD + 0.5))
+                for word, source, held in ways:
                     net.connect(source, name, neuro.all_to_all(), weight=held, delay=1.0, name=f"{name}_{word}")
                 before = name
             net.connect(before, OUTPUT, neuro.all_to_all(), weight=weights[-1].T.astype(np.float64), delay=1.0)

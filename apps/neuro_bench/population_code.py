@@ -2,10 +2,10 @@
 
 The value is a current into all neurons of a population, whose gains and offsets differ, so each fires from another
 value on, up or down, once. It stays for some steps, after the value halfway from the one before; a clock's spikes
-empty the neurons in between, so who fires depends on nothing but the current. A smooth function of the current is the
-sum of its changes where neurons begin or cease to fire, and ridge regression says the next value from such functions
-of the last so many values (as in Eliasmith and Anderson, Neural Engineering, MIT Press 2003). Both are linear, so the
-readout is one weight for each neuron and delay, added at each spike.
+empty the neurons in between, so which neurons fire depends on the current alone. A smooth function of the current is
+the sum of its changes where neurons begin or cease to fire, and ridge regression says the next value from such
+functions of the last so many values (as in Eliasmith and Anderson, Neural Engineering, MIT Press 2003). Both are
+linear, so the readout is one weight for each neuron and delay, added at each spike.
 """
 
 from __future__ import annotations

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from itertools import accumulate
 from typing import Any
 
 import numpy as np
@@ -67,9 +68,10 @@ class NestNetwork:
                 )
                 for k, (part, own) in enumerate(zip(program.populations, parameters, strict=True))
             ]
+            left = accumulate((p.size if p.undrawn is not None else 0 for p in program.projections), initial=0)
             self.wires = [
-                NestProjection(program, i, w) if part.undrawn is None else RuleProjection(program, i, w)
-                for i, (part, w) in enumerate(zip(program.projections, weights, strict=True))
+                NestProjection(program, i, w) if part.undrawn is None else RuleProjection(program, i, w, before)
+                for i, (part, w, before) in enumerate(zip(program.projections, weights, left, strict=False))
             ]
             for wires in self.wires:
                 self._connect(wires)

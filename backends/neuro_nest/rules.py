@@ -32,11 +32,11 @@ class RuleProjection:
         program: the network.
         index: which projection.
         weights: the least and the largest that may be drawn.
+        before: how many synapses NEST draws for earlier projections.
     """
 
-    def __init__(self, program: Program, index: int, weights: Floats) -> None:
+    def __init__(self, program: Program, index: int, weights: Floats, before: int) -> None:
         self.part, self.index, self.weights = program.projections[index], index, weights
-        before = sum(part.size for part in program.projections[:index] if part.undrawn is not None)
         self._model = f"neuro_static_{before // OF_A_MODEL}"
 
     def connect(self, nest: Any, source: Any, target: Any, clock: Clock) -> None:

@@ -10,6 +10,7 @@ from typing import ClassVar
 from neuro.core.quantities import Value, quantity
 from neuro.model.neurons.base import State
 from neuro.model.neurons.graded import PAYLOAD_STATE, Graded
+from neuro.model.neurons.graded_vector import SENT, fire as fire, quiet as quiet
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -31,7 +32,6 @@ class graded_product(Graded):
     exp: int = quantity(0, "", "exponent of the divisor", kind="integer", at_least=0, at_most=31)
 
 
-SENT = 0
 VTH, DIVISOR = range(2)
 
 
@@ -46,15 +46,3 @@ def step(s, c, x, i_0, lo, hi, fired):
         a = math.floor(x[0, i] * x[1, i] / c[DIVISOR])
         s[SENT, i] = a if abs(a) > c[VTH] else 0
         fired[i] = s[SENT, i] != 0.0
-
-
-def fire(s, c, i):
-    """Nothing: `step` has sent."""
-
-
-def quiet(s, c, i_0, lo, hi):
-    """Without input nothing is sent."""
-    sent = 0
-    for i in range(lo, hi):
-        sent += s[SENT, i] != 0.0
-    return sent == 0
