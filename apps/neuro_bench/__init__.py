@@ -9,7 +9,7 @@ from neuro_bench.costs import Costs
 from neuro_bench.known import METHODS, TASKS
 from neuro_bench.method import Method, Model
 from neuro_bench.running import Request, run
-from neuro_bench.task import Examples, Fold, Series, Spikes, Task
+from neuro_bench.task import Examples, Fold, Recording, Series, Spikes, Task
 
 __all__ = [
     "METHODS",
@@ -19,6 +19,7 @@ __all__ = [
     "Fold",
     "Method",
     "Model",
+    "Recording",
     "Request",
     "Series",
     "Spikes",

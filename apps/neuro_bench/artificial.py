@@ -106,29 +106,47 @@ class GRU(Method):
 
 
 def learnt(make: Any, train: Examples, settings: Mapping[str, Any], seed: int) -> nn.Module:
-    """A module that has learnt: cross-entropy, AdamW, one cycle, batches of 32, frames shifted and warped at random.
+    """A module that has learnt: cross-entropy, batches of 32, frames shifted and warped at random.
 
     An epoch shows each recording once, in one version after the other.
+    """
+    import torch
+
+    def loss(module: Any, chosen: Any, epoch: int, rng: np.random.Generator) -> Tensor:
+        version = chosen + epoch % train.versions * train.recordings
+        frames = warped(train.frames[version], settings["shift"], settings.get("warp", 0.0), rng)
+        return torch.nn.functional.cross_entropy(module(frames), torch.from_numpy(train.labels[version]))
+
+    return optimised(make, loss, train.recordings, 32, settings, seed)
+
+
+def optimised(make: Any, loss: Any, count: int, batch: int, settings: Mapping[str, Any], seed: int) -> nn.Module:
+    """A module that has learnt by AdamW, in one cycle of the learning rate.
+
+    Args:
+        make: makes the module.
+        loss: of the module, the indices of a batch, the epoch, and a generator of random numbers.
+        count: of what is learnt from, each once in an epoch.
+        batch: how many at once.
+        settings: `rate`, `decay` and `epochs`.
+        seed: of all that is random.
     """
     import torch
 
     with torch.random.fork_rng(devices=[]):
         torch.manual_seed(seed)
         module: nn.Module = make()
-        batches = -(-train.recordings // 32)
+        batches = -(-count // batch)
         steps = batches * settings["epochs"]
         optimiser = torch.optim.AdamW(module.parameters(), lr=settings["rate"], weight_decay=settings["decay"])
         cycle = torch.optim.lr_scheduler.OneCycleLR(optimiser, settings["rate"], total_steps=steps)
         rng = np.random.default_rng((seed, 3))
         module.train()
         for epoch in range(settings["epochs"]):
-            order = rng.permutation(train.recordings) + epoch % train.versions * train.recordings
+            order = rng.permutation(count)
             for k in range(batches):
-                chosen = order[k * 32 : (k + 1) * 32]
-                frames = warped(train.frames[chosen], settings["shift"], settings.get("warp", 0.0), rng)
-                loss = torch.nn.functional.cross_entropy(module(frames), torch.from_numpy(train.labels[chosen]))
                 optimiser.zero_grad()
-                loss.backward()  # type: ignore[no-untyped-call]
+                loss(module, order[k * batch : (k + 1) * batch], epoch, rng).backward()
                 optimiser.step()
                 cycle.step()
     return module.eval()
@@ -172,15 +190,15 @@ class Network:
     def __init__(self, module: nn.Module, kind: str) -> None:
         self.module, self._kind = module, kind
 
-    def predict(self, shown: Examples) -> Any:
-        """The class of each."""
+    def predict(self, shown: Any) -> Any:
+        """The class of each of `Examples`."""
         import torch
 
         with torch.no_grad():
             parts = torch.split(torch.from_numpy(shown.frames), AT_ONCE)
             return torch.cat([self.module(part).argmax(dim=1) for part in parts]).numpy()
 
-    def costs(self, shown: Examples) -> Costs:
+    def costs(self, shown: Any) -> Costs:
         """Counted layer by layer, where neither the weight nor what comes in is 0, as NeuroBench does."""
         from torch import nn
 

@@ -36,7 +36,9 @@ BY_SPIKES = ("synaptic_op", "spike_in_tile", "hop_east_west", "hop_north_south",
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Costs:
-    """What a model takes for one example, in NeuroBench's words; a value of a series is one, too.
+    """What a model takes for one example, in NeuroBench's words.
+
+    A value of a series is an example, and so is a step of a regression.
 
     Attributes:
         parameters: numbers that were learnt.

@@ -12,6 +12,8 @@ from neuro_bench.features import GradientBoosting, LogisticRegression
 from neuro_bench.mackey_glass import MackeyGlass
 from neuro_bench.method import Method
 from neuro_bench.population_code import PopulationCode
+from neuro_bench.primate_reaching import PrimateReaching
+from neuro_bench.regression import LIFReadout, Perceptron, Wiener
 from neuro_bench.reservoir import EchoState, SeriesMean
 from neuro_bench.shd import SHD
 from neuro_bench.sounds import Sounds
@@ -41,7 +43,7 @@ def _takes(base: type[Any]) -> Any:
 
 TASKS: Registry[type[Task]] = Registry(
     "bench task",
-    (SpokenDigits, Sounds, SpeechCommands, SHD, NMNIST, PokerDVS, DVSGesture, MackeyGlass),
+    (SpokenDigits, Sounds, SpeechCommands, SHD, NMNIST, PokerDVS, DVSGesture, MackeyGlass, PrimateReaching),
     takes=_takes(Task),
     group="neuro.bench_tasks",
     complete=_whole(Task, "folds", ("called_by", "title", "licence", "source")),
@@ -63,6 +65,9 @@ METHODS: Registry[type[Method]] = Registry(
         PopulationCode,
         EchoState,
         SeriesMean,
+        LIFReadout,
+        Wiener,
+        Perceptron,
     ),
     takes=_takes(Method),
     group="neuro.bench_methods",

@@ -3,18 +3,19 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import Any, ClassVar, Literal, Protocol
+from typing import Any, ClassVar, Protocol
 
 import numpy as np
 
 from neuro_bench.costs import Costs
+from neuro_bench.task import Kind
 
 
 class Model(Protocol):
     """What was learnt."""
 
     def predict(self, shown: Any) -> Any:
-        """The class of each of `Examples`, (examples,); or so many next values of a series."""
+        """The class of each of `Examples`, so many next values of a series, or the values of each step."""
 
     def costs(self, shown: Any) -> Costs:
         """What an example of these takes."""
@@ -24,7 +25,7 @@ class Method:
     """Base of the methods.
 
     Class attributes:
-        kind: of the tasks that it suits, "classes" or "series".
+        kind: of the tasks that it suits.
         called_by: the name on the command line.
         title: in one line.
         spiking: whether it is a spiking network.
@@ -32,7 +33,7 @@ class Method:
         space: of some settings the values that further tries are drawn from.
     """
 
-    kind: ClassVar[Literal["classes", "series"]] = "classes"
+    kind: ClassVar[Kind] = "classes"
     called_by: ClassVar[str] = ""
     title: ClassVar[str] = ""
     spiking: ClassVar[bool] = False
@@ -45,7 +46,7 @@ class Method:
         return cls.called_by
 
     def fit(self, train: Any, settings: Mapping[str, Any], seed: int) -> Model:
-        """Learn from `Examples` or a `Series`.
+        """Learn from `Examples`, a `Series` or a `Recording`.
 
         Args:
             train: what to learn from.

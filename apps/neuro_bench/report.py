@@ -81,7 +81,7 @@ def verdict(results: Sequence[Mapping[str, Any]]) -> str:
     gap = abs(best["mean"] - other["mean"])
     sure = _apart(best, other)
     also = "" if sure else "; their intervals overlap"
-    return f"{line}; the best {_kind(not spiking)} is {other['method']['name']}, {gap:.2f} behind{also}"
+    return f"{line}; the best {_kind(not spiking)} is {other['method']['name']}, {_number(gap, best)} behind{also}"
 
 
 def _kind(spiking: bool) -> str:
@@ -99,8 +99,13 @@ def _interval(result: Mapping[str, Any]) -> tuple[float, float]:
 
 
 def _score(result: Mapping[str, Any]) -> str:
-    low, high = _interval(result)
-    return f"{result['mean']:.2f}" + ("" if math.isnan(low) else f" [{low:.2f}, {high:.2f}]")
+    mean, low, high = (_number(value, result) for value in (result["mean"], *_interval(result)))
+    return mean if low == "nan" else f"{mean} [{low}, {high}]"
+
+
+def _number(value: float, result: Mapping[str, Any]) -> str:
+    """With two decimals, three where the best possible is 1."""
+    return f"{value:.{3 if result['task']['metric'].startswith('R2') else 2}f}"
 
 
 def show(results: Sequence[Mapping[str, Any]]) -> None:

@@ -145,7 +145,7 @@ def _fold(task: Task, method: Method, fold: Fold, tried: Sequence[dict[str, Any]
     told: list[dict[str, Any]] = []
 
     def size(part: Any) -> Any:
-        return part if task.kind == "classes" else len(part)
+        return len(part) if task.kind == "series" else part
 
     parts = [(fold.train, fold.validation)]
     if task.kind == "series":

@@ -16,6 +16,8 @@ Floats = npt.NDArray[np.float32]
 Series = npt.NDArray[np.float64]
 """Values of a series at even times, shape (values,)."""
 Ints = npt.NDArray[np.int64]
+Kind = Literal["classes", "series", "regression"]
+"""Of a task, and of the methods that suit it."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -105,15 +107,42 @@ class Examples:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
+class Recording:
+    """Spikes, and values that they say step by step.
+
+    Attributes:
+        spikes: which channel spikes in which step, bool, (steps, channels).
+        targets: the values wanted after each step, (steps, values).
+        step: length of one, ms.
+    """
+
+    spikes: npt.NDArray[np.bool_]
+    targets: Floats
+    step: float
+
+    def __post_init__(self) -> None:
+        if self.spikes.ndim != 2 or self.targets.ndim != 2 or len(self.spikes) != len(self.targets):
+            message = f"spikes of the shape {self.spikes.shape} and targets of the shape {self.targets.shape}"
+            raise ModelError(f"{message}: expected (steps, channels) and (steps, values), as many steps")
+
+    def __len__(self) -> int:
+        return len(self.spikes)
+
+    def take(self, steps: Any) -> Recording:
+        """Some of the steps, as an index of arrays."""
+        return Recording(self.spikes[steps], self.targets[steps], self.step)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
 class Fold:
-    """Data to learn from, to choose settings by, and to be judged by: `Examples`, or `Series`.
+    """Data to learn from, to choose settings by, and to be judged by: `Examples`, `Series` or `Recording`.
 
     Attributes:
         name: in the results.
         train: to learn from while settings are chosen; of a task of series a list of these.
         validation: to choose them by; of a task of series for each of `train` how it goes on. Folds that share this
             list share the settings.
-        both: to learn from when they are chosen: `train` and `validation` of classes, the series that `test` continues.
+        both: to learn from when they are chosen: `train` and `validation`; of series the one that `test` continues.
         test: is asked once.
     """
 
@@ -128,7 +157,7 @@ class Task:
     """Base of the tasks.
 
     Class attributes:
-        kind: "classes" or "series".
+        kind: "classes", "series", or "regression": values of each step by the spikes until then.
         called_by: the name on the command line.
         title: in one line.
         licence: of the data.
@@ -146,7 +175,7 @@ class Task:
         ModelError: there are no such data, or no such split.
     """
 
-    kind: ClassVar[Literal["classes", "series"]] = "classes"
+    kind: ClassVar[Kind] = "classes"
     called_by: ClassVar[str] = ""
     title: ClassVar[str] = ""
     licence: ClassVar[str] = ""
@@ -177,6 +206,17 @@ class Task:
     def score(self, predicted: Any, wanted: Any) -> float:
         """The metric of what was predicted for a test part: the share of right classes in %."""
         return 100.0 * float(np.mean(np.asarray(predicted) == wanted.labels))
+
+
+def r_squared(predicted: Any, wanted: Any) -> float:
+    """The share of the variance that is predicted, the mean over the values; 1 is all, the mean itself has 0.
+
+    Args:
+        predicted: (steps, values).
+        wanted: likewise.
+    """
+    wanted = np.asarray(wanted, dtype=np.float64)
+    return float(np.mean(1.0 - np.square(predicted - wanted).mean(axis=0) / wanted.var(axis=0)))
 
 
 class Folds(Sequence[Fold]):

@@ -1,4 +1,4 @@
-"""Recordings as batches of spikes, with the neuron that stands for the class of each."""
+"""Recordings as batches of spikes, with the neuron that stands for the class of each, or with targets of each step."""
 
 from __future__ import annotations
 
@@ -31,18 +31,19 @@ Report = Callable[[str, int, int], None]
 
 @dataclass(frozen=True, slots=True, eq=False)
 class BatchData:
-    """Labelled recordings as a network sees them.
+    """Recordings as a network sees them, with what is wanted of it.
 
     Attributes:
         events: one batch of all.
-        labels: (recordings,), the neuron of the output for each.
-        classes: names.
+        labels: (recordings,), the neuron of the output for each; or targets, the potentials of the output in mV at the
+            end of each step, (recordings, steps, neurons), NaN where nothing is asked.
+        classes: names; of targets none.
         shape: of the population of the pixels.
         digest: differs for other recordings.
     """
 
     events: Events
-    labels: Ints
+    labels: npt.NDArray[Any]
     classes: tuple[str, ...]
     shape: tuple[int, ...]
     digest: str
@@ -53,6 +54,11 @@ class BatchData:
     def take(self, chosen: Ints) -> BatchData:
         """Some of them."""
         return BatchData(self.events[chosen.tolist()], self.labels[chosen], self.classes, self.shape, self.digest)
+
+    @property
+    def variance(self) -> float:
+        """Of targets about their means, mV^2: the error of who knows the means alone."""
+        return float(np.nanmean((self.labels - np.nanmean(self.labels, axis=(0, 1))) ** 2))
 
 
 def but(found: Recordings, patterns: Sequence[str]) -> Recordings:

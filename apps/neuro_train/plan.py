@@ -10,7 +10,7 @@ from typing import Any
 from neuro import ModelError
 from neuro.apps import unknown
 
-LOSSES = ("count", "potential", "first_spike")
+LOSSES = ("count", "potential", "first_spike", "mse")
 SHARE = "a share, 0 to less than 1"
 AUGMENTATIONS = {"shift": "a whole number of px >= 0", "warp": SHARE, "mirror": SHARE}
 CENTRED = "centred"
@@ -23,7 +23,7 @@ class TrainingPlan:
 
     Attributes:
         input: the population of the pixels.
-        output: the population of which each neuron stands for a class.
+        output: the population of which each neuron stands for a class, or follows a target.
         trainable: projections whose weights learn, or NAME=weight,delay, or POPULATION=tau_m,V_th; the weights of all
             that carry spikes if there are none.
         epochs: how often each recording is shown; 0 trains nothing.
@@ -36,7 +36,7 @@ class TrainingPlan:
         rate: the largest learning rate of the cycle, for weights of about 0.1 in their unit; ten times as much for
             those ten times as large, and so on. For delays and parameters of neurons as it is, in their unit.
         decay: of weights, a share of themselves x this rate in each step; nothing else decays.
-        loss: a name of `LOSSES`.
+        loss: a name of `LOSSES`; "mse" of the output's potentials, for targets in place of labels.
         temperature: by how many spikes, mV or steps more one class is likelier by a factor of e.
         surrogate, slope: see `neuro_torch.surrogates`.
         shift: px by which recordings are moved at random on each axis.

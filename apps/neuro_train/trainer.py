@@ -38,7 +38,10 @@ WAYS = {
 """Hints for what a training knows by a hash alone, where that is not the same."""
 
 CURVES = ("loss", "right", "joules", "rate")
-"""What is noted of each epoch: mean loss, share of right decisions, joules of a recording, learning rate."""
+"""What is noted of each epoch: mean loss, share of right decisions, joules of a recording, learning rate.
+
+With targets "right" is the share of their variance that is said.
+"""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -134,8 +137,8 @@ def learn(
         report: called with the epochs that are done, and what was noted of the last.
 
     Raises:
-        ModelError: the network cannot be trained so, the loss or what learns has become NaN or infinite, or the
-            checkpoint is of another training.
+        ModelError: the network cannot be trained so, the loss does not suit what is wanted, the loss or what learns has
+            become NaN or infinite, or the checkpoint is of another training.
     """
     training = _Training(net, shown, plan, "" if checkpoint is None else f" in {checkpoint.path}")
     kept = {} if checkpoint is None else checkpoint.resume()
@@ -167,6 +170,7 @@ class _Training:
         self._stay: dict[str, Array] = {}
         self._noted: dict[str, list[float]] = {name: [] for name in CURVES}
         self._labels = torch.from_numpy(shown.labels)
+        self._variance = _variance(shown, plan)
         module = module_of(net, plan)
         self._sizes = sizes(module)
         self._take(module)
@@ -223,7 +227,7 @@ class _Training:
 
     def _batch(self, chosen: npt.NDArray[np.int64], k: int, rng: np.random.Generator) -> dict[str, float]:
         """One step of learning; gives what is noted of it."""
-        plan, labels = self._plan, self._labels[torch.from_numpy(chosen)].to(self._plan.device)
+        plan, wanted = self._plan, self._labels[torch.from_numpy(chosen)].to(self._plan.device)
         events = self._shown.events[chosen.tolist()]
         if plan.shift or plan.warp or plan.mirror:
             events = moved(events, plan.input, self._shown.shape, plan.shift, plan.warp, rng, plan.mirror)
@@ -231,7 +235,8 @@ class _Training:
         for group in self._optimiser.param_groups:
             group["lr"] = rate * group["size"]
         found = self._module(events)
-        loss = _loss(plan, found, labels)
+        loss = _loss(plan, found, wanted)
+        right = self._right(loss.detach(), found, wanted)
         joules = {chip: bill(found) for chip, bill in self._bills.items()}
         for chip, taken in joules.items():
             loss = loss + plan.cost[chip] * 1e6 * taken.to(loss.dtype)
@@ -240,10 +245,16 @@ class _Training:
         loss.backward()  # type: ignore[no-untyped-call]
         self._optimiser.step()
         self._hold(k)
-        right = neuro_torch.losses.decisions(found.spikes[plan.output].detach()) == labels
         spent = next(iter(joules.values()), torch.zeros(()))
-        noted = (float(loss.detach()), float(right.double().mean()), float(spent.detach()), rate)
+        noted = (float(loss.detach()), right, float(spent.detach()), rate)
         return dict(zip(CURVES, noted, strict=True))
+
+    def _right(self, loss: Tensor, found: neuro_torch.Outcome, wanted: Tensor) -> float:
+        """The share of right decisions, or of the variance of targets that is said."""
+        if self._variance is not None:
+            return 1.0 - float(loss) / self._variance
+        decided = neuro_torch.losses.decisions(found.spikes[self._plan.output].detach())
+        return float((decided == wanted).double().mean())
 
     def _rate(self, step: int) -> float:
         """One cycle: up in the first three tenths, then down to nothing, along cosines (Smith, arXiv:1803.09820)."""
@@ -318,8 +329,23 @@ class _Training:
         curves = {name: np.array(values) for name, values in self._noted.items()}
         rates = {name: self._plan.rate * size for name, size in self._sizes.items()}
         net = module.network()
-        net.readout(**self._plan.readout(self._shown.classes))
+        if self._variance is None:
+            net.readout(**self._plan.readout(self._shown.classes))
         return Trained(net, module, curves, self._spent, rates)
+
+
+def _variance(shown: BatchData, plan: TrainingPlan) -> float | None:
+    """That of targets; None of labels.
+
+    Raises:
+        ModelError: the loss is for the other kind.
+    """
+    targets = shown.labels.ndim != 1
+    if targets != (plan.loss == "mse"):
+        expected = "labels of classes" if targets else "targets, (recordings, steps, neurons)"
+        kind = "targets" if targets else "labels of classes"
+        raise ModelError(f"loss {plan.loss}: found {kind}: expected {expected}", hint="the loss mse is for targets")
+    return shown.variance if targets else None
 
 
 def _loss(plan: TrainingPlan, found: neuro_torch.Outcome, labels: Tensor) -> Tensor:
@@ -329,6 +355,8 @@ def _loss(plan: TrainingPlan, found: neuro_torch.Outcome, labels: Tensor) -> Ten
         return losses.count_cross_entropy(spikes, labels, scale=1.0 / plan.temperature)
     if plan.loss == "potential":
         return losses.potential_cross_entropy(found.V_m[plan.output], labels, scale=1.0 / plan.temperature)
+    if plan.loss == "mse":
+        return losses.potential_mse(found.V_m[plan.output], labels)
     return losses.first_spike(spikes, labels, tau=plan.temperature * found.step, resolution=found.step)
 
 

@@ -7,6 +7,7 @@ Spikes have the shape (batch, steps, neurons), labels the shape (batch,): the ne
 | `count_cross_entropy` | the labelled neuron fires most often | Eshraghian et al., Proc. IEEE 111(9):1016, 2023 |
 | `potential_cross_entropy` | it has the highest potential | Cramer et al., IEEE TNNLS 33(7):2744, 2022 |
 | `first_spike` | it fires first | Mostafa, IEEE TNNLS 29(7):3227, 2018; the gradient is our own |
+| `potential_mse` | potentials follow given values | as of a leaky readout: Bellec et al., NeurIPS 2018 |
 | `van_rossum` | spike trains are near to given ones | van Rossum, Neural Comput. 13(4):751, 2001 |
 
 **The time of a first spike** is a polynomial of the spikes, the sum over steps t of the product of 1 - s(u) for all
@@ -34,6 +35,7 @@ __all__ = [
     "first_spike",
     "first_spike_steps",
     "potential_cross_entropy",
+    "potential_mse",
     "van_rossum",
 ]
 
@@ -76,6 +78,23 @@ def potential_cross_entropy(V_m: Tensor, labels: Tensor, *, over: Over = "mean",
     if over not in potential:
         raise unknown("way to read potentials", over, potential)
     return cross_entropy(scale * potential[over](), labels)
+
+
+def potential_mse(V_m: Tensor, wanted: Tensor) -> Tensor:
+    """Mean square of the distance between potentials and given values, mV^2.
+
+    Args:
+        V_m: (batch, steps, neurons), mV.
+        wanted: the same shape; NaN where nothing is asked.
+
+    Raises:
+        ModelError: shapes differ, or nothing is asked.
+    """
+    _check_shapes(V_m, wanted, "potentials")
+    asked = ~wanted.isnan()
+    if not asked.any():
+        raise ModelError("wanted potentials are NaN: expected some numbers")
+    return (V_m - wanted)[asked].square().mean()
 
 
 def first_spike(spikes: Tensor, labels: Tensor, *, tau: float = 10.0, resolution: float = 1.0) -> Tensor:
@@ -145,9 +164,7 @@ def van_rossum(spikes: Tensor, wanted: Tensor, *, tau: float = 10.0, resolution:
     Raises:
         ModelError: shapes or times cannot be.
     """
-    if spikes.shape != wanted.shape or spikes.dim() != 3:
-        message = f"spikes of shape {tuple(spikes.shape)} and wanted ones of shape {tuple(wanted.shape)}"
-        raise ModelError(f"{message}: expected the same shape, (batch, steps, neurons)")
+    _check_shapes(spikes, wanted, "spikes")
     _check_times(tau=tau, resolution=resolution)
     kept = math.exp(-resolution / tau)
     apart, trace = torch.zeros_like(spikes[:, 0]), torch.zeros_like(spikes[:, 0])
@@ -191,6 +208,13 @@ def _check(values: Tensor, labels: Tensor) -> None:
     wrong = labels[(labels < 0) | (labels >= neurons)]
     if wrong.numel():
         raise ModelError(f"label {int(wrong[0])}: expected a neuron from 0 to {neurons - 1}")
+
+
+def _check_shapes(values: Tensor, wanted: Tensor, what: str) -> None:
+    """Refuse wanted values of another shape."""
+    if values.shape != wanted.shape or values.dim() != 3:
+        message = f"{what} of shape {tuple(values.shape)} and wanted ones of shape {tuple(wanted.shape)}"
+        raise ModelError(f"{message}: expected the same shape, (batch, steps, neurons)")
 
 
 def _check_times(**times: float) -> None:

@@ -59,6 +59,7 @@ def test_a_silent_neuron_learns_from_the_time_of_its_first_spike():
         losses.potential_cross_entropy,
         lambda v, y: losses.potential_cross_entropy(v, y, over="max"),
         lambda v, y: losses.potential_cross_entropy(v, y, over="last", scale=2.0),
+        lambda v, y: losses.potential_mse(v, torch.where(v.detach() > 0.0, 0.4, torch.nan)),
         lambda v, y: losses.van_rossum(v, torch.full_like(v, 0.4), tau=3.0),
     ],
 )
@@ -81,6 +82,11 @@ def test_first_spike_in_closed_form():
     spikes[0, 2, 0] = spikes[0, 6, 1] = 1.0
     loss = losses.first_spike(spikes, torch.tensor([0]), tau=8.0, resolution=5.0)
     assert float(loss) == pytest.approx(math.log1p(math.exp(-(6 - 2) * 5.0 / 8.0)), rel=1e-14)
+
+
+def test_potential_mse_where_something_is_asked():
+    wanted = torch.tensor([[[1.0, torch.nan], [4.0, 0.0]]])
+    assert float(losses.potential_mse(torch.ones(1, 2, 2), wanted)) == pytest.approx((0.0 + 9.0 + 1.0) / 3.0)
 
 
 def test_van_rossum_in_closed_form():
@@ -122,6 +128,11 @@ zeros, tensor = torch.zeros, torch.tensor
             lambda: losses.van_rossum(zeros(1, 3, 4), zeros(1, 3, 5)),
             "spikes of shape (1, 3, 4) and wanted ones of shape ",
         ),
+        (
+            lambda: losses.potential_mse(zeros(2, 3, 4), zeros(2, 4)),
+            "potentials of shape (2, 3, 4) and wanted ones of shape (2, 4): expected the same shape",
+        ),
+        (lambda: losses.potential_mse(zeros(1, 3, 4), torch.full((1, 3, 4), torch.nan)), "wanted potentials are NaN"),
     ],
 )
 def test_mistakes(call, message):

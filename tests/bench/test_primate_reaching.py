@@ -1,0 +1,114 @@
+"""Files of the data set's format, made here: a cursor, and spikes of units that prefer directions of its velocity."""
+
+from pathlib import Path
+
+import h5py
+import numpy as np
+import pytest
+
+import neuro
+from neuro_bench import report
+from neuro_bench.primate_reaching import PrimateReaching, read
+
+
+def test_a_channel_spikes_in_a_step_if_any_of_its_units_does(tmp_path, write_reaching):
+    file = write_reaching(tmp_path / "indy_3.mat", steps=200, targets=4)
+    with h5py.File(file, "r+") as opened:
+        for unit, times in enumerate(([100.0005, 100.0015, 100.0205], [99.997, 100.0210, 100.9])):
+            opened[f"#refs#/own{unit}"] = np.array(times)[:, None]
+            opened["spikes"][unit, 0] = opened[f"#refs#/own{unit}"].ref
+    recording, _ = read(file)
+    # step k hears the 4 ms that end as step k - 1 begins; what is after the last is dropped
+    assert np.flatnonzero(recording.spikes[:, 0]).tolist() == [1, 2, 7]
+    assert not recording.spikes[:, 3].all()
+
+
+def test_velocity_is_the_difference_and_a_segment_lasts_until_the_target_moves(tmp_path, write_reaching):
+    x = np.array([0.0, 1.0, 4.0, 9.0, 9.0, 9.0, 9.0, 9.0])
+    target = np.stack((np.repeat([1.0, 1.0, 2.0, 2.0], 2), np.repeat([0.0, 3.0, 3.0, 5.0], 2)))
+    file = write_reaching(tmp_path / "indy_3.mat", steps=8, cursor_pos=np.stack((x, -x)), target_pos=target)
+    recording, segments = read(file)
+    assert recording.targets[:, 0].tolist() == [1.0, 2.0, 4.0, 2.5, 0.0, 0.0, 0.0, 0.0]
+    assert np.array_equal(recording.targets[:, 1], -recording.targets[:, 0])
+    assert segments.tolist() == [[0, 1], [1, 3], [3, 5], [5, 8]]
+    fold = PrimateReaching(file).folds()[0]
+    assert [len(part) for part in (fold.train, fold.validation, fold.both, fold.test)] == [3, 2, 5, 3]
+
+
+def test_active_leaves_out_long_segments(tmp_path, write_reaching):
+    lengths = [100, 2000, 1999, 50, 2500, 60]
+    target = np.repeat(np.arange(6.0), lengths)
+    write_reaching(tmp_path / "a.mat", steps=sum(lengths), target_pos=np.stack((target, target)))
+    whole, active = (PrimateReaching(tmp_path, split).folds()[0] for split in ("official", "active"))
+    sizes = [[len(part) for part in (fold.train, fold.validation, fold.test)] for fold in (whole, active)]
+    assert sizes[0] == [4098, 50, 2561]  # a target moves one step after the last of its segment
+    assert sizes[1] == [2098, 50, 61]
+    assert np.array_equal(active.test.targets, whole.test.targets[-61:])
+
+
+def test_r2_is_the_mean_of_both(reaching):
+    task = PrimateReaching(reaching)
+    fold = task.folds()[1]
+    assert fold.name == "loco_2"
+    wanted = fold.test.targets.astype(np.float64)
+    assert task.score(wanted, fold.test) == 1.0
+    half = np.stack((wanted[:, 0], np.full(len(wanted), wanted[:, 1].mean())), axis=1)
+    assert task.score(half, fold.test) == pytest.approx(0.5)
+
+
+@pytest.mark.filterwarnings("ignore:backend 'loihi':")
+def test_the_spiking_network_and_its_opponents_say_where_the_cursor_goes(bench, reaching):
+    """They see 16 s of two sessions; each is tested on the last quarter of both, of which it has seen nothing."""
+    pytest.importorskip("torch", reason="the extra torch is not installed")
+    changes = {"wiener": (), "mlp": ("epochs=3",), "lif-readout": ("epochs=20", "batch=4", "hidden=32")}
+    files = []
+    for method, words in changes.items():
+        sets = [word for one in words for word in ("--set", one)]
+        status, _, err = bench("run", "primate-reaching", "--method", method, "--data", reaching, *sets)
+        assert status == 0, err
+        files.append(f"primate-reaching-official-{method}.json")
+    found = {file: report.read(Path(file)) for file in files}
+    means = [one["mean"] for one in found.values()]
+    assert all(mean > 0.3 for mean in means), means
+    spiking = found[files[2]]["costs"]
+    assert spiking["effective_macs"] == 0.0
+    assert 0.0 < spiking["effective_acs"] < spiking["dense"] == 24 * 32 + 32 * 2
+    assert found[files[0]]["costs"]["dense"] == 24 * 10 * 2
+    status, out, err = bench("compare", *files)
+    assert (status, err) == (0, "")
+    assert f"{max(means):.3f} [" in out
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        ({"leave": ("target_pos",)}, "expected the variables t, cursor_pos, target_pos, spikes"),
+        ({"step": 0.005}, "t has steps of 5 ms: expected 4"),
+        ({"cursor_pos": np.zeros((3, 5000))}, "cursor_pos: found the shape (3, 5000): expected (2, 5000)"),
+        ({"target_pos": np.full((2, 5000), np.nan)}, "target_pos: expected numbers below 1e+09"),
+        ({"target_pos": np.zeros((2, 5000))}, "target_pos moves 0 times: expected at least 2"),
+    ],
+)
+def test_another_file_is_refused(tmp_path, write_reaching, changes, message):
+    file = write_reaching(tmp_path / "indy_3.mat", **changes)
+    with pytest.raises(neuro.ModelError) as refused:
+        PrimateReaching(file).folds()
+    assert str(file) in str(refused.value)
+    assert message in str(refused.value)
+
+
+def test_a_damaged_file_is_refused_or_read(tmp_path, reaching):
+    whole, rng = (reaching / "indy_1.mat").read_bytes(), np.random.default_rng(3)
+    file, refused = tmp_path / "indy_1.mat", 0
+    for k in range(30):
+        data = bytearray(whole)
+        for at in rng.integers(0, len(data), 200):
+            data[at] = rng.integers(256)
+        file.write_bytes(data if k % 3 else data[: int(rng.integers(len(data)))])
+        try:
+            PrimateReaching(file).folds()
+        except neuro.ModelError as error:
+            refused += str(file) in str(error)
+    assert refused >= 15
+    with pytest.raises(neuro.ModelError, match=r"has no \.mat: expected files of the data set"):
+        PrimateReaching(tmp_path / "..").folds()
