@@ -16,6 +16,7 @@ from neuro_bench.costs import Costs, arithmetic
 from neuro_bench.method import Method
 from neuro_bench.spiking import CHIP, INPUT, OUTPUT, on_loihi
 from neuro_bench.task import Floats, Recording
+from neuro_train.targets import probe
 
 AT_ONCE = 10_000
 """Steps."""
@@ -23,8 +24,6 @@ PRICED = 1_000
 """Steps that the bill is the mean of."""
 SILENT = 100.0
 """Threshold of the readout in standard deviations of its target, which nothing reaches."""
-VALUES = "values"
-"""The probe of the readout."""
 FORGOTTEN = 5.0
 """Time constants until a network does not know how it began."""
 
@@ -193,7 +192,6 @@ class LIFReadout(Method):
         net.population("hidden", settings["hidden"], neuro.iaf_psc_delta(tau_m=settings["tau"], V_th=1.0, **cell))
         leaky = neuro.iaf_psc_delta(tau_m=settings["tau_out"], V_th=SILENT, **cell)
         net.population(OUTPUT, train.targets.shape[1], leaky)
-        net.probe(VALUES, OUTPUT, "V_m", every=h)
         a_step = max(0.1, float(train.spikes.sum()) / len(train))
         for name, source, target, std in (
             ("in_hidden", INPUT, "hidden", (a_step * settings["tau"] / (2.0 * h)) ** -0.5),
@@ -248,7 +246,7 @@ class _Readout:
 
     def predict(self, shown: Recording) -> Any:
         """The values of each step."""
-        return self._middle + self._size * self._run("event", shown).trace(VALUES)[1]
+        return self._middle + self._size * self._run("event", shown).trace(probe(OUTPUT))[1]
 
     def costs(self, shown: Recording) -> Costs:
         """By NeuroBench's counts, and the bill of Loihi, of the first steps."""

@@ -208,17 +208,6 @@ class Task:
         return 100.0 * float(np.mean(np.asarray(predicted) == wanted.labels))
 
 
-def r_squared(predicted: Any, wanted: Any) -> float:
-    """The share of the variance that is predicted, the mean over the values; 1 is all, the mean itself has 0.
-
-    Args:
-        predicted: (steps, values).
-        wanted: likewise.
-    """
-    wanted = np.asarray(wanted, dtype=np.float64)
-    return float(np.mean(1.0 - np.square(predicted - wanted).mean(axis=0) / wanted.var(axis=0)))
-
-
 class Folds(Sequence[Fold]):
     """Folds of examples, each made when it is asked for: all at once may need more memory than there is.
 

@@ -1,8 +1,9 @@
-"""Train a network by gradients on event-camera recordings, and test it on simulators and emulated chips."""
+"""Train a network by gradients on recordings of classes or targets; test it on simulators and emulated chips."""
 
 from __future__ import annotations
 
 import warnings
+from dataclasses import replace
 from importlib.util import find_spec
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -46,7 +47,14 @@ def folds(text: str) -> int:
 
 
 # recordings
-Data = Annotated[Path, Option("--data", metavar="FOLDER", help="Recordings: a folder, zip or HDF5 data set.")]
+Data = Annotated[
+    Path,
+    Option(
+        "--data",
+        metavar="PATH",
+        help="Recordings: a folder, zip or HDF5 data set; for the loss mse a .npz.",
+    ),
+]
 Part = Annotated[str, Option("--part", metavar="NAME", help="Of recordings in parts, such as Train.")]
 Without = Annotated[list[str], Option(metavar="PATTERN", help="Leave out names like '*i.aedat'; repeatable.")]
 Test = Annotated[Path | None, Option("--test", metavar="FOLDER", help="Recordings to test on.")]
@@ -167,6 +175,11 @@ def train(
     )  # fmt: skip
     net = neuro.load(file, params=assignments(set))
     torch.set_num_threads(threads)
+    if loss == "mse":
+        classes: Any = {"folds": folds, "search": search, "without": without, "augment": augment, "window": window}
+        classes |= {"for": duration != 100.0, "start": start, "scale": scale > 1}
+        _follow(net, data, test, plan, classes, backends, out, html or out.with_suffix(".html"))
+        return
     if folds and test is not None:
         raise ModelError("--folds and --test: expected one of them", hint="folds test on what they leave out")
     _check_before(net, plan, backends if folds or test else [], out, html)
@@ -179,13 +192,43 @@ def train(
             _validate(net, learnt_from, folds, plan, backends, out)
         else:
             unseen = None if test is None else _recordings(test, "Test", learnt_from.classes)
-            _train(net, learnt_from, unseen, plan, backends, out, html or out.with_suffix(".html"))
+            with Bar() as bar:
+                shown, other = _shown(net, learnt_from, plan, bar), None
+                if unseen is not None:
+                    other = _shown(net, unseen, plan, bar, "test on recordings of the sensor of --data")
+            _train(net, shown, other, plan, backends, out, html or out.with_suffix(".html"))
+
+
+def _follow(
+    net: neuro.Network,
+    data: Path,
+    test: Path | None,
+    plan: TrainingPlan,
+    classes: Mapping[str, Any],
+    backends: list[str],
+    out: Path,
+    page: Path,
+) -> None:
+    """One training on targets; `classes` are the options that are for classes alone."""
+    from neuro import ModelError
+    from neuro_train.data import check_network
+    from neuro_train.targets import read
+
+    if wrong := [name for name, value in classes.items() if value]:
+        raise ModelError(f"--{wrong[0]}: is for recordings of classes: expected none with --loss mse")
+    check_network(net, plan)
+    shown, other = (None if path is None else read(path, net, plan) for path in (data, test))
+    assert shown is not None
+    plan = replace(plan, duration=shown.events.steps * net.resolution)
+    _check_before(net, plan, backends if other else [], out, page)
+    with resumable():
+        _train(net, shown, other, plan, backends, out, page)
 
 
 def _train(
     net: neuro.Network,
-    data: Recordings,
-    unseen: Recordings | None,
+    shown: BatchData,
+    other: BatchData | None,
     plan: TrainingPlan,
     backends: list[str],
     out: Path,
@@ -198,8 +241,6 @@ def _train(
     from neuro_train.trainer import begun, learn
 
     with Bar() as bar:
-        shown = _shown(net, data, plan, bar)
-        other = None if unseen is None else _shown(net, unseen, plan, bar, "test on recordings of the sensor of --data")
         checkpoint = begun(net, out, shown, plan)
         trained = learn(net, shown, plan, checkpoint, lambda epoch, noted: _tell(bar, plan, epoch, noted))
         trained.net.save(out)
@@ -217,7 +258,9 @@ def _train(
     telling.show(tried, room)
     noted = trained.curves
     if plan.epochs:
-        message = f"loss {noted['loss'][-1]:.4g}, {noted['right'][-1]:.1%} of {len(shown)} right"
+        share = noted["right"][-1]
+        grade = f"R2 {share:.3f} on {len(shown)}" if plan.loss == "mse" else f"{share:.1%} of {len(shown)} right"
+        message = f"loss {noted['loss'][-1]:.4g}, {grade}"
         typer.echo(f"{plan.epochs} epoch{'s' * (plan.epochs > 1)}: {message}")
     for written in (out, page):
         typer.echo(f"{written}: written")
@@ -274,8 +317,13 @@ def _shown(net: neuro.Network, data: Recordings, plan: TrainingPlan, bar: Bar, *
 
 def _tell(bar: Bar, plan: TrainingPlan, epoch: int, noted: Mapping[str, float]) -> None:
     spent = f", {1e6 * noted['joules']:.3g} uJ as fast as the chip can" if noted.get("joules") else ""
-    message = f"epoch {epoch}: loss {noted['loss']:.4g}, {noted['right']:.1%} right{spent}"
+    message = f"epoch {epoch}: loss {noted['loss']:.4g}, {_grade(plan, noted['right'])}{spent}"
     bar.show(epoch, plan.epochs, message)
+
+
+def _grade(plan: TrainingPlan, share: float) -> str:
+    """The share of an epoch."""
+    return f"R2 {share:.3f}" if plan.loss == "mse" else f"{share:.1%} right"
 
 
 def _check_before(net: neuro.Network, plan: TrainingPlan, backends: list[str], out: Path, page: Path | None) -> None:

@@ -88,6 +88,8 @@ def check_network(net: neuro.Network, plan: TrainingPlan) -> None:
         )
         raise ModelError(message)
     shape = pixels.shape
+    if plan.loss == "mse":
+        return
     if len(shape) not in (2, 3) or (len(shape) == 3 and shape[0] != 2):
         message = f"--input {plan.input}: shape {list(shape)}"
         raise ModelError(f"{message}: expected [2, rows, columns], OFF then ON, or [rows, columns]")

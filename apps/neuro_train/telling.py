@@ -23,13 +23,23 @@ if TYPE_CHECKING:
 
 PAGE = sealed("a page of 'neuro train'", '<meta name="generator" content="neuro train">', "<!-- digest {} -->")
 HEAD = ("runs on", ">accuracy", ">95 % interval", ">equal decisions", ">equal spikes", ">first spike")
+TARGETS = ("runs on", ">R2", ">largest difference")
+SHARE = "right", "R2"
+"""What an epoch has of labels, and of targets."""
 BILLS = ("runs on", *COLUMNS)
+JOULES = (
+    "Joules and chip time are those of a recording, the mean: counts times published figures, in brackets the range of "
+    "these; the chip is on while it works, or in real time as long as the recording lasts. The host that sends the "
+    "events is not in the bill."
+)
 ABOUT = (
     "Accuracy is that of the recordings to test on, with Wilson's interval; silence is wrong. Equal are decisions, and "
-    "recordings whose output spikes are all equal, to those of the first row. Joules and chip time are those of a "
-    "recording, the mean: counts times published figures, in brackets the range of these; the chip is on while it "
-    "works, or in real time as long as the recording lasts. The host that sends the events is not in the bill. The "
-    "first spike of the output is given in the network's time."
+    f"recordings whose output spikes are all equal, to those of the first row. {JOULES} The first spike of the output "
+    "is given in the network's time."
+)
+ABOUT_TARGETS = (
+    "R2 is the share of the variance of the targets that the potentials of the output say, the mean over its neurons. "
+    f"The largest difference is that of a potential in any step from the first row. {JOULES}"
 )
 ROOM = (
     "The largest input of any neuron in a step, of the recordings learnt from, as a share of its register; 100 % "
@@ -39,7 +49,10 @@ ROOM = (
 
 
 def rows(tried: Sequence[TestedNetwork]) -> list[tuple[str, ...]]:
-    """A row for each backend."""
+    """A row for each backend, under `HEAD` or `TARGETS`."""
+    if (torch := tried[0].V_m) is not None:
+        every = ((one, np.abs(np.asarray(one.V_m) - torch).max()) for one in tried)
+        return [(one.backend, f"{one.r_squared:.3f}", f"{apart:.3g} mV") for one, apart in every]
     found: list[tuple[str, ...]] = []
     for one in tried:
         low, high = one.own.interval
@@ -48,6 +61,11 @@ def rows(tried: Sequence[TestedNetwork]) -> list[tuple[str, ...]]:
         accuracy = f"{one.own.accuracy:.1%}", f"{low:.1%} - {high:.1%}"
         found.append((one.backend, *accuracy, *equal, first))
     return found
+
+
+def head(tried: Sequence[TestedNetwork]) -> tuple[str, ...]:
+    """Of the columns of `rows`."""
+    return HEAD if tried[0].V_m is None else TARGETS
 
 
 def bills(tried: Sequence[TestedNetwork]) -> list[tuple[str, ...]]:
@@ -63,7 +81,7 @@ def show(tried: Sequence[TestedNetwork], room: Sequence[MemoryRoom] = ()) -> Non
         return
     for one in tried:
         warn_of_overflows(one.backend, one.overflows, len(one.labels))
-    console().print(table(HEAD, rows(tried), title=f"{len(tried[0].labels)} recordings"))
+    console().print(table(head(tried), rows(tried), title=f"{len(tried[0].labels)} recordings"))
     if billed := bills(tried):
         console().print(table(BILLS, billed, title="a recording"))
     for line in footnotes([one.bill for one in tried if one.bill], False):
@@ -123,14 +141,15 @@ def _parts(
     yield tag("h1", f"{trained.net.name}: trained by gradients")
     lead = f"{recordings} recordings, {plan.epochs} epochs, {trained.cpu_s:.1f} s of one core."
     yield tag("p", lead, class_="lead")
-    if cards := list(_cards(trained, tried)):
+    share = SHARE[plan.loss == "mse"]
+    if cards := list(_cards(trained, tried, share)):
         yield tag("div", *cards, class_="cards")
     if tried:
         yield tag("h2", f"On {len(tried[0].labels)} recordings that it has not seen")
-        yield html.table(HEAD, rows(tried))
+        yield html.table(head(tried), rows(tried))
         if billed := bills(tried):
             yield html.table(BILLS, billed)
-        yield tag("p", ABOUT)
+        yield tag("p", ABOUT if tried[0].V_m is None else ABOUT_TARGETS)
     if room:
         yield tag("h2", "Room in registers")
         cells = ((one.chip, one.population, f"{one.share:.1%}", f"{one.scale:.6g}", _own(one)) for one in room)
@@ -138,7 +157,7 @@ def _parts(
         yield tag("p", ROOM)
     if len(trained.curves["loss"]):
         yield tag("h2", "While it learnt")
-        drawn = (html.picture(drawing, f"{label} by epoch") for label, drawing in curves(trained.curves).items())
+        drawn = (html.picture(drawing, f"{label} by epoch") for label, drawing in curves(trained.curves, share).items())
         yield tag("div", *drawn, class_="grid")
     yield tag("h2", "How it was trained")
     words = ((name, _word(value)) for name, value in plan.as_words().items() if value not in (None, [], {}, 0.0, ""))
@@ -150,18 +169,20 @@ def _parts(
         yield tag("ul", *(tag("li", line) for line in sources))
 
 
-def _cards(trained: Trained, tried: Sequence[TestedNetwork]) -> Iterator[Any]:
+def _cards(trained: Trained, tried: Sequence[TestedNetwork], share: str) -> Iterator[Any]:
     """The accuracy on recordings that were not learnt from, or on those that were, and joules on each chip."""
-    if tried:
+    if tried and tried[0].V_m is not None:
+        yield html.card("R2", f"{tried[0].r_squared:.3f}", f"on {len(tried[0].labels)} unseen recordings")
+    elif tried:
         first = tried[0].own
         low, high = first.interval
         yield html.card("accuracy", f"{first.accuracy:.1%}", f"of {first.n} unseen recordings; {low:.1%} to {high:.1%}")
     elif len(trained.curves["right"]):
-        yield html.card("right", f"{trained.curves['right'][-1]:.1%}", "of the recordings that it learnt from")
+        yield html.card(share, f"{trained.curves['right'][-1]:.1%}", "of the recordings that it learnt from")
     for one in tried:
         if one.bill:
             slow = quantity(one.bill.real_time.total_j, "J", 3)
-            below = f"a recording, as fast as the chip can; {slow} in real time; {one.own.accuracy:.1%} right"
+            below = f"a recording, as fast as the chip can; {slow} in real time; {one.grade}"
             yield html.card(f"energy on {one.backend}", quantity(one.bill.total_j, "J", 3), below)
 
 
@@ -178,12 +199,12 @@ def _word(value: Any) -> str:
     return f"{value:g}" if isinstance(value, float) else str(value)
 
 
-def curves(noted: Mapping[str, npt.NDArray[np.float64]]) -> dict[str, Figure]:
+def curves(noted: Mapping[str, npt.NDArray[np.float64]], share: str) -> dict[str, Figure]:
     """Loss and accuracy on what is learnt from, epoch by epoch; joules where they were asked for: drawings by label."""
     from matplotlib.figure import Figure
     from matplotlib.ticker import MaxNLocator
 
-    shown = [("loss", "loss", 1.0), ("right", "right, %", 100.0)]
+    shown = [("loss", "loss", 1.0), ("right", f"{share}, %", 100.0)]
     if noted["joules"].any():
         shown.append(("joules", "as fast as the chip can, uJ", 1e6))
     drawn = {}

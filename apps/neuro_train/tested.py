@@ -18,6 +18,7 @@ from neuro.chips import place, price
 from neuro_train.data import BatchData
 from neuro_train.plan import TrainingPlan
 from neuro_train.room import AT_ONCE, MemoryRoom, chip_of, scales
+from neuro_train.targets import probe, r_squared
 
 if TYPE_CHECKING:
     from neuro.chips import Energy
@@ -43,11 +44,12 @@ class TestedNetwork:
         backend: that ran them; "torch" is the module that learnt.
         spikes: of the output, of a graded one its payloads, (recordings, steps, neurons).
         decided: the class of each, -1 for silence.
-        labels: the right ones.
+        labels: the right ones, or targets.
         classes: names.
         first_ms: the first spike of the output, the mean of the recordings that have one.
         bill: of a recording, where the backend is a chip that has costs.
         overflows: of the registers of a chip, in how many recordings.
+        V_m: of the output where there are targets, mV, (recordings, steps, neurons).
         sent: spikes or messages of a recording, the mean, by population; none of "torch".
     """
 
@@ -60,11 +62,22 @@ class TestedNetwork:
     bill: Energy | None = None
     overflows: Overflows = field(default_factory=dict)
     sent: Mapping[str, float] = field(default_factory=dict)
+    V_m: npt.NDArray[np.floating] | None = None
 
     @property
     def own(self) -> Evaluation:
         """How good the decisions are."""
         return evaluate(self.decided, self.labels, self.classes)
+
+    @property
+    def r_squared(self) -> float:
+        """How much of the variance of targets is said."""
+        return r_squared(np.asarray(self.V_m), self.labels)
+
+    @property
+    def grade(self) -> str:
+        """How good it is, in words."""
+        return f"{self.own.accuracy:.1%} right" if self.V_m is None else f"R2 {self.r_squared:.3f}"
 
     def agrees(self, other: TestedNetwork) -> float:
         """The share of decisions that are equal."""
@@ -77,12 +90,16 @@ class TestedNetwork:
 
 def by_module(module: neuro_torch.Module, shown: BatchData, plan: TrainingPlan) -> TestedNetwork:
     """By what learnt, on its device."""
-    parts = []
+    parts, potentials = [], []
     with torch.no_grad():
         for first in range(0, len(shown), AT_ONCE):
             chosen = list(range(first, min(first + AT_ONCE, len(shown))))
-            parts.append(module.eval()(shown.events[chosen]).spikes[plan.output].cpu())
-    return _tried("torch", torch.cat(parts), shown, module.program.resolution)
+            found = module.eval()(shown.events[chosen])
+            parts.append(found.spikes[plan.output].cpu())
+            if plan.loss == "mse":
+                potentials.append(found.V_m[plan.output].cpu())
+    tried = _tried("torch", torch.cat(parts), shown, module.program.resolution)
+    return replace(tried, V_m=torch.cat(potentials).numpy()) if potentials else tried
 
 
 def on_backend(
@@ -111,18 +128,21 @@ def on_backend(
     events, h = shown.events, net.resolution
     neurons = math.prod(int(side) for side in net.populations[plan.output].shape)
     spikes = torch.zeros(len(shown), events.steps, neurons, dtype=torch.float64)  # they hold payloads of 32 bits
-    showing = Showing(sim, plan.input, plan.output)
+    showing, potentials = Showing(sim, plan.input, plan.output), []
     for k in range(len(shown)):
         train = events.trains[plan.input].of([k])
         times, ids, payloads = showing.show(train.step, train.neuron, events.steps)
         at = np.rint(times / h).astype(np.int64) - 1, ids
         np.add.at(spikes[k].numpy(), at, 1.0 if payloads is None else payloads)
+        if plan.loss == "mse":
+            potentials.append(sim.trace(probe(plan.output))[1])
         report(f"{backend}: testing", k + 1, len(shown))
     bill = _bill(sim, showing.taken, backend, len(shown), plan.neurons_per_core)
     events_of = () if showing.taken is None else showing.taken.raw_counts.events
     counts = zip(sim.program.populations, events_of, strict=False)
     sent = {part.name: float(each.sum()) / len(shown) for part, each in counts}
-    return replace(_tried(backend, spikes, shown, h, bill, showing.overflows), sent=sent)
+    said = np.stack(potentials) if potentials else None
+    return replace(_tried(backend, spikes, shown, h, bill, showing.overflows), sent=sent, V_m=said)
 
 
 def _bill(

@@ -24,6 +24,7 @@ from neuro import ModelError
 from neuro.apps import Checkpoint, fingerprint
 from neuro_train.data import BatchData, moved
 from neuro_train.plan import TrainingPlan
+from neuro_train.targets import probe
 
 Array = npt.NDArray[Any]
 
@@ -328,9 +329,11 @@ class _Training:
             module(self._shown.events[[0]])
         curves = {name: np.array(values) for name, values in self._noted.items()}
         rates = {name: self._plan.rate * size for name, size in self._sizes.items()}
-        net = module.network()
+        net, output = module.network(), self._plan.output
         if self._variance is None:
             net.readout(**self._plan.readout(self._shown.classes))
+        elif probe(output) not in net.probes:
+            net.probe(probe(output), output, "V_m", every=net.resolution)
         return Trained(net, module, curves, self._spent, rates)
 
 

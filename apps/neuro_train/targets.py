@@ -1,0 +1,68 @@
+"""Regression: recordings with targets, which the potentials of the output follow step by step."""
+
+from __future__ import annotations
+
+import hashlib
+from pathlib import Path
+from typing import Any
+from zipfile import BadZipFile
+
+import numpy as np
+import numpy.typing as npt
+
+import neuro
+from neuro import ModelError
+from neuro.apps import record_input
+from neuro_train.data import BatchData
+from neuro_train.plan import TrainingPlan
+
+Array = npt.NDArray[Any]
+HINT = "np.savez(path, spikes=..., targets=...)"
+
+
+def read(path: Path, net: neuro.Network, plan: TrainingPlan) -> BatchData:
+    """Recordings with targets of a ``.npz``.
+
+    Its `spikes` are 0 or 1, (recordings, steps, neurons of the input), also with the axes of its shape; its `targets`
+    are the potentials wanted of the output at the end of each step in mV, (recordings, steps, neurons), NaN where
+    nothing is asked.
+
+    Raises:
+        ModelError: the file cannot be read, lacks one of these, or they do not fit the network.
+    """
+    from neuro_torch import Events
+
+    record_input(path)
+    try:
+        with np.load(path, allow_pickle=False) as file:
+            spikes, targets = file["spikes"], np.asarray(file["targets"], dtype=np.float32)
+    except (OSError, ValueError, TypeError, AttributeError, EOFError, BadZipFile) as error:
+        raise ModelError(f"{path}: cannot be read: {error}: expected spikes and targets in a .npz", hint=HINT) from None
+    except KeyError as error:
+        raise ModelError(f"{path}: {error.args[0]}: expected spikes and targets", hint=HINT) from None
+    inward, outward = (tuple(int(side) for side in net.populations[name].shape) for name in (plan.input, plan.output))
+    sizes = int(np.prod(inward)), int(np.prod(outward))
+    for name, found, size in (("spikes", spikes, sizes[0]), ("targets", targets, sizes[1])):
+        if found.ndim < 3 or found[0, 0].size != size or found.shape[:2] != spikes.shape[:2]:
+            expected = f"(recordings, steps, {size}), as many of both"
+            raise ModelError(f"{path}: {name}: found the shape {found.shape}: expected {expected}", hint=HINT)
+    events = Events.of_dense({plan.input: spikes.reshape(*spikes.shape[:2], -1)})
+    digest = hashlib.sha256(path.read_bytes()).hexdigest()[:32]
+    return BatchData(events, targets.reshape(*targets.shape[:2], -1), (), inward, digest)
+
+
+def probe(output: str) -> str:
+    """The name of the probe of what a trained network says."""
+    return f"{output}_V_m"
+
+
+def r_squared(said: Array, wanted: Array) -> float:
+    """The share of the variance of targets that is said, the mean over neurons; 1 is all, their mean alone has 0.
+
+    Args:
+        said: (..., neurons).
+        wanted: likewise; NaN where nothing is asked.
+    """
+    wanted = np.asarray(wanted, dtype=np.float64)
+    but = tuple(range(wanted.ndim - 1))
+    return float(np.mean(1.0 - np.nanmean((said - wanted) ** 2, axis=but) / np.nanvar(wanted, axis=but)))

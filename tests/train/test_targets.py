@@ -1,0 +1,123 @@
+"""neuro train: potentials of an output that never fires follow targets, the same on every backend."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+pytest.importorskip("torch", reason="PyTorch is not installed")
+
+import neuro as snn
+from neuro_torch import Events
+from neuro_train import trainer
+from neuro_train.data import BatchData
+from neuro_train.plan import TrainingPlan
+from neuro_train.targets import r_squared, read
+from neuro_train.tested import by_module, on_backend
+
+pytestmark = pytest.mark.filterwarnings("ignore:backend '(loihi|spinnaker)'")
+STEPS, CHANNELS, ASKED = 60, 8, 20
+
+
+@pytest.fixture(scope="module")
+def net():
+    net = snn.Network("decoder", resolution=4.0)
+    cell = {"t_ref": 0.0, "E_L": 0.0, "V_reset": 0.0}
+    net.population("channels", CHANNELS, snn.spike_generator())
+    net.population("hidden", 24, snn.iaf_psc_delta(tau_m=20.0, V_th=1.0, **cell))
+    net.population("out", 2, snn.iaf_psc_delta(tau_m=30.0, V_th=100.0, **cell))
+    for name, source, target, std in (("up", "channels", "hidden", 0.5), ("read", "hidden", "out", 0.1)):
+        net.connect(source, target, snn.all_to_all(), weight=snn.normal(mean=0.0, std=std), delay=4.0, name=name)
+    return net
+
+
+def made(recordings, seed):
+    """Spikes of channels that prefer directions, and the direction: a circle at the speed of the recording."""
+    rng = np.random.default_rng(seed)
+    angle = rng.uniform(0.0, 6.0, recordings)[:, None] + rng.uniform(0.1, 0.2, recordings)[:, None] * np.arange(STEPS)
+    own = 2.0 * np.pi * np.arange(CHANNELS) / CHANNELS
+    spikes = rng.random((recordings, STEPS, CHANNELS)) < 0.4 * np.maximum(0.0, np.cos(angle[..., None] - own))
+    targets = np.stack((np.cos(angle - 0.6), np.sin(angle - 0.6)), axis=2)
+    targets[:, :ASKED] = np.nan
+    return {"spikes": spikes, "targets": targets}
+
+
+@pytest.fixture
+def files(net, tmp_path):
+    net.save(tmp_path / "decoder.yaml")
+    for name, recordings in (("learn", 40), ("unseen", 10)):
+        np.savez(tmp_path / f"{name}.npz", **made(recordings, recordings))
+    return tmp_path
+
+
+def test_potentials_follow_targets_on_every_backend(net, files):
+    words = {"epochs": 30, "batch": 4, "rate": 0.02, "slope": 2.0}
+    plan = TrainingPlan(input="channels", output="out", loss="mse", duration=STEPS * 4.0, **words)
+    shown, unseen = (read(files / name, net, plan) for name in ("learn.npz", "unseen.npz"))
+    trained = trainer.learn(net, shown, plan)
+    first = by_module(trained.module, unseen, plan)
+    assert first.r_squared > 0.7
+    assert trained.curves["right"][-1] == pytest.approx(1.0 - trained.curves["loss"][-1] / shown.variance)
+    for backend, most in (("event", 1e-4), ("reference", 1e-4), ("loihi", 0.3)):
+        tried = on_backend(trained.net, backend, unseen, plan)
+        assert np.abs(tried.V_m - first.V_m).max() < most
+        assert (tried.bill is not None) == (backend == "loihi")
+        assert not tried.spikes.any()
+
+
+def test_the_command_learns_and_tests_targets(neuro, files, interrupted):
+    words = ("--data", files / "learn.npz", "--loss", "mse", "--input", "channels", "--epochs", 4, "--batch", 8)
+    command = (files / "decoder.yaml", *words, "--test", files / "unseen.npz", "--backends", "event,loihi")
+    interrupted(2, *command)
+    status, out, err = neuro(*command)
+    assert (status, err) == (0, "")
+    assert "R2 " in out
+    assert all(word in out for word in ("largest difference", "event", "loihi", "10 recordings", "uJ"))
+    assert "unseen recordings" in Path("trained.html").read_text()
+    assert list(snn.load("trained.yaml").probes) == ["out_V_m"]
+
+
+def test_r2_of_what_is_asked():
+    wanted = np.array([[[0.0, 1.0], [2.0, np.nan], [4.0, 3.0]]])
+    assert r_squared(np.nan_to_num(wanted), wanted) == 1.0
+    assert r_squared(np.array([2.0, 2.0]), wanted) == 0.0
+
+
+@pytest.mark.parametrize(
+    ("changes", "options", "message"),
+    [
+        ({"targets": None}, (), "targets is not a file in the archive: expected spikes and targets"),
+        (
+            {"targets": np.zeros((40, STEPS, 3))},
+            (),
+            "targets: found the shape (40, 60, 3): expected (recordings, steps",
+        ),
+        (
+            {"targets": np.zeros((40, 50, 2))},
+            (),
+            "targets: found the shape (40, 50, 2): expected (recordings, steps, 2)",
+        ),
+        ({"spikes": np.full((40, STEPS, CHANNELS), 2)}, (), "'channels': found values other than 0 and 1"),
+        ({}, ("--folds", 3), "--folds: is for recordings of classes: expected none with --loss mse"),
+        ({}, ("--output", "outt"), "unknown population for --output 'outt'"),
+    ],
+)
+def test_what_cannot_be_learnt_is_refused(neuro, files, changes, options, message):
+    held = {name: value for name, value in (made(40, 0) | changes).items() if value is not None}
+    np.savez(files / "learn.npz", **held)
+    words = ("--data", files / "learn.npz", "--loss", "mse", "--input", "channels", "--epochs", 1, *options)
+    status, _, err = neuro(files / "decoder.yaml", *words)
+    assert status
+    assert message in err
+
+
+def test_losses_and_what_is_wanted_belong_together(net):
+    events = Events(3, STEPS, {"channels": ([0], [0], [0])})
+    labels, targets = np.zeros(3, np.int64), np.zeros((3, STEPS, 2), np.float32)
+    for loss, wanted, message in (
+        ("mse", labels, "loss mse: found labels of classes: expected targets"),
+        ("count", targets, "loss count: found targets: expected labels of classes"),
+    ):
+        plan = TrainingPlan(input="channels", output="out", loss=loss, duration=STEPS * 4.0, epochs=1)
+        with pytest.raises(snn.ModelError, match=message):
+            trainer.learn(net, BatchData(events, wanted, ("a", "b"), (CHANNELS,), ""), plan)
