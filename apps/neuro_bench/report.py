@@ -79,8 +79,7 @@ def verdict(results: Sequence[Mapping[str, Any]]) -> str:
     if other is None:
         return f"{line}; nothing {_kind(not spiking)} was compared"
     gap = abs(best["mean"] - other["mean"])
-    sure = _apart(best, other)
-    also = "" if sure else "; their intervals overlap"
+    also = "; their intervals overlap" if _overlap(best, other) else ""
     return f"{line}; the best {_kind(not spiking)} is {other['method']['name']}, {_number(gap, best)} behind{also}"
 
 
@@ -88,9 +87,10 @@ def _kind(spiking: bool) -> str:
     return "spiking" if spiking else "non-spiking"
 
 
-def _apart(one: Mapping[str, Any], other: Mapping[str, Any]) -> bool:
+def _overlap(one: Mapping[str, Any], other: Mapping[str, Any]) -> bool:
+    """Whether both have intervals, which a single score lacks, and these overlap."""
     (a, b), (c, d) = _interval(one), _interval(other)
-    return b < c or d < a
+    return a <= d and c <= b
 
 
 def _interval(result: Mapping[str, Any]) -> tuple[float, float]:

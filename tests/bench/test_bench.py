@@ -213,6 +213,21 @@ def test_what_cannot_be_is_refused(bench, words, message):
     assert message in err
 
 
+def test_a_single_score_has_no_interval_that_could_overlap():
+    kinds = ({"name": "one", "spiking": True}, 0.7), ({"name": "two", "spiking": False}, 0.69)
+    task = {"metric": "R2, mean of x and y", "higher": True}
+
+    def results(half):
+        return [{"method": kind, "task": task, "mean": m, "interval": [m - half, m + half]} for kind, m in kinds]
+
+    assert report.verdict(results(0.02)).endswith(
+        "0.700 [0.680, 0.720] (R2, mean of x and y); the best non-spiking is two, 0.010 behind; their intervals overlap"
+    )
+    assert report.verdict(results(0.001)).endswith("two, 0.010 behind")
+    single = report.verdict(results(float("nan")))
+    assert single.endswith("0.700 (R2, mean of x and y); the best non-spiking is two, 0.010 behind")
+
+
 def test_results_of_other_tries_are_not_compared(bench):
     bench("run", "bars", "--method", "majority", "--first-folds", 1)
     bench("run", "bars", "--method", "logistic", "--first-folds", 1, "--tries", 2)
