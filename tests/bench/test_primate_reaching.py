@@ -7,20 +7,23 @@ import numpy as np
 import pytest
 
 import neuro
-from neuro_bench import report
+from neuro_bench import Recording, report
 from neuro_bench.primate_reaching import PrimateReaching, read
+from neuro_bench.regression import Windows, stretches
 
 
 def test_a_channel_spikes_in_a_step_if_any_of_its_units_does(tmp_path, write_reaching):
     file = write_reaching(tmp_path / "indy_3.mat", steps=200, targets=4)
     with h5py.File(file, "r+") as opened:
+        opened["#refs#/edge"] = np.array([[100.0]])
         for unit, times in enumerate(([100.0005, 100.0015, 100.0205], [99.997, 100.0210, 100.9])):
             opened[f"#refs#/own{unit}"] = np.array(times)[:, None]
             opened["spikes"][unit, 0] = opened[f"#refs#/own{unit}"].ref
+            opened["spikes"][unit, 1] = opened["#refs#/edge"].ref
     recording, _ = read(file)
     # step k hears the 4 ms that end as step k - 1 begins; what is after the last is dropped
     assert np.flatnonzero(recording.spikes[:, 0]).tolist() == [1, 2, 7]
-    assert not recording.spikes[:, 3].all()
+    assert np.flatnonzero(recording.spikes[:, 1]).tolist() == [2]
 
 
 def test_velocity_is_the_difference_and_a_segment_lasts_until_the_target_moves(tmp_path, write_reaching):
@@ -56,9 +59,27 @@ def test_r2_is_the_mean_of_both(reaching):
     assert task.score(half, fold.test) == pytest.approx(0.5)
 
 
+def test_windows_count_until_the_step():
+    spikes = np.random.default_rng(0).random((30, 3)) < 0.5
+    found = Windows(Recording(spikes, np.zeros((30, 2), np.float32), 4.0), width=4, lags=2).at(np.array([2, 9, 29]))
+    parts = (spikes[max(end - 4, 0) : max(end, 0)] for k in (2, 9, 29) for end in (k + 1, k - 3))
+    assert np.array_equal(found, np.reshape([part.sum(axis=0) for part in parts], (3, 6)))
+
+
+def test_stretches_ask_each_step_once_and_hear_what_was_before():
+    pytest.importorskip("torch", reason="the extra torch is not installed")
+    spikes, targets = np.eye(10, dtype=bool), np.arange(10, dtype=np.float32)[:, None]
+    found = stretches(Recording(spikes, targets, 4.0), steps=4, before=3)
+    asked = ~np.isnan(found.labels)
+    assert found.labels[asked].tolist() == list(range(10))
+    assert asked[:, :, 0].tolist() == [[False] * 3 + [True] * 4] * 2 + [[False] * 3 + [True] * 2 + [False] * 2]
+    train = found.events.trains["input"].of([1])
+    assert (train.neuron - train.step).tolist() == [1] * 7  # channel k spikes in step k: 1 to 7 are heard
+
+
 @pytest.mark.filterwarnings("ignore:backend 'loihi':")
 def test_the_spiking_network_and_its_opponents_say_where_the_cursor_goes(bench, reaching):
-    """They see 16 s of two sessions; each is tested on the last quarter of both, of which it has seen nothing."""
+    """They learn from three quarters of two sessions of 20 s, and are tested on the rest."""
     pytest.importorskip("torch", reason="the extra torch is not installed")
     changes = {"wiener": (), "mlp": ("epochs=3",), "lif-readout": ("epochs=20", "batch=4", "hidden=32")}
     files = []
