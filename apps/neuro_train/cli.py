@@ -47,14 +47,7 @@ def folds(text: str) -> int:
 
 
 # recordings
-Data = Annotated[
-    Path,
-    Option(
-        "--data",
-        metavar="PATH",
-        help="Recordings: a folder, zip or HDF5 data set; for the loss mse a .npz.",
-    ),
-]
+Data = Annotated[Path, Option("--data", metavar="PATH", help="Recordings: a folder, zip or HDF5; for mse a .npz.")]
 Part = Annotated[str, Option("--part", metavar="NAME", help="Of recordings in parts, such as Train.")]
 Without = Annotated[list[str], Option(metavar="PATTERN", help="Leave out names like '*i.aedat'; repeatable.")]
 Test = Annotated[Path | None, Option("--test", metavar="FOLDER", help="Recordings to test on.")]

@@ -92,7 +92,8 @@ def check_network(net: neuro.Network, plan: TrainingPlan) -> None:
         return
     if len(shape) not in (2, 3) or (len(shape) == 3 and shape[0] != 2):
         message = f"--input {plan.input}: shape {list(shape)}"
-        raise ModelError(f"{message}: expected [2, rows, columns], OFF then ON, or [rows, columns]")
+        hint = "of any shape with --loss mse, which learns targets"
+        raise ModelError(f"{message}: expected [2, rows, columns], OFF then ON, or [rows, columns]", hint=hint)
 
 
 def show(

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+import io
 from pathlib import Path
 from typing import Any
 from zipfile import BadZipFile
@@ -34,10 +35,13 @@ def read(path: Path, net: neuro.Network, plan: TrainingPlan) -> BatchData:
 
     record_input(path)
     try:
-        with np.load(path, allow_pickle=False) as file:
+        content = path.read_bytes()
+        with np.load(io.BytesIO(content), allow_pickle=False) as file:
             spikes, targets = file["spikes"], np.asarray(file["targets"], dtype=np.float32)
-    except (OSError, ValueError, TypeError, AttributeError, EOFError, BadZipFile) as error:
-        raise ModelError(f"{path}: cannot be read: {error}: expected spikes and targets in a .npz", hint=HINT) from None
+    except OSError as error:
+        raise ModelError(f"{path}: cannot be read: {error.strerror or error}", hint=HINT) from None
+    except (ValueError, TypeError, AttributeError, EOFError, BadZipFile):
+        raise ModelError(f"{path}: is no .npz: expected one of spikes and targets", hint=HINT) from None
     except KeyError as error:
         raise ModelError(f"{path}: {error.args[0]}: expected spikes and targets", hint=HINT) from None
     inward, outward = (tuple(int(side) for side in net.populations[name].shape) for name in (plan.input, plan.output))
@@ -47,7 +51,7 @@ def read(path: Path, net: neuro.Network, plan: TrainingPlan) -> BatchData:
             expected = f"(recordings, steps, {size}), as many of both"
             raise ModelError(f"{path}: {name}: found the shape {found.shape}: expected {expected}", hint=HINT)
     events = Events.of_dense({plan.input: spikes.reshape(*spikes.shape[:2], -1)})
-    digest = hashlib.sha256(path.read_bytes()).hexdigest()[:32]
+    digest = hashlib.sha256(content).hexdigest()[:32]
     return BatchData(events, targets.reshape(*targets.shape[:2], -1), (), inward, digest)
 
 

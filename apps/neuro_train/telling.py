@@ -178,7 +178,7 @@ def _cards(trained: Trained, tried: Sequence[TestedNetwork], share: str) -> Iter
         low, high = first.interval
         yield html.card("accuracy", f"{first.accuracy:.1%}", f"of {first.n} unseen recordings; {low:.1%} to {high:.1%}")
     elif len(trained.curves["right"]):
-        yield html.card(share, f"{trained.curves['right'][-1]:.1%}", "of the recordings that it learnt from")
+        yield html.card(share, f"{trained.curves['right'][-1]:.1%}", "on the recordings that it learnt from")
     for one in tried:
         if one.bill:
             slow = quantity(one.bill.real_time.total_j, "J", 3)

@@ -49,8 +49,8 @@ class TestedNetwork:
         first_ms: the first spike of the output, the mean of the recordings that have one.
         bill: of a recording, where the backend is a chip that has costs.
         overflows: of the registers of a chip, in how many recordings.
-        V_m: of the output where there are targets, mV, (recordings, steps, neurons).
         sent: spikes or messages of a recording, the mean, by population; none of "torch".
+        V_m: of the output where there are targets, mV, (recordings, steps, neurons).
     """
 
     backend: str

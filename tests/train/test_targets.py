@@ -111,6 +111,20 @@ def test_what_cannot_be_learnt_is_refused(neuro, files, changes, options, messag
     assert message in err
 
 
+def test_another_file_is_refused(neuro, files):
+    words = ("--loss", "mse", "--input", "channels", "--data")
+    whole = (files / "learn.npz").read_bytes()
+    (files / "cut.npz").write_bytes(whole[: len(whole) // 2])
+    for name, message in (
+        ("decoder.yaml", "decoder.yaml: is no .npz: expected one of spikes and targets"),
+        ("cut.npz", "cut.npz: is no .npz: expected one of spikes and targets"),
+        ("none.npz", "none.npz: cannot be read: No such file or directory"),
+    ):
+        status, _, err = neuro(files / "decoder.yaml", *words, files / name)
+        assert status
+        assert message in err
+
+
 def test_losses_and_what_is_wanted_belong_together(net):
     events = Events(3, STEPS, {"channels": ([0], [0], [0])})
     labels, targets = np.zeros(3, np.int64), np.zeros((3, STEPS, 2), np.float32)
