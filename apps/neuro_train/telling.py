@@ -199,7 +199,7 @@ def _word(value: Any) -> str:
     return f"{value:g}" if isinstance(value, float) else str(value)
 
 
-def curves(noted: Mapping[str, npt.NDArray[np.float64]], share: str) -> dict[str, Figure]:
+def curves(noted: Mapping[str, npt.NDArray[np.float64]], share: str = SHARE[0]) -> dict[str, Figure]:
     """Loss and accuracy on what is learnt from, epoch by epoch; joules where they were asked for: drawings by label."""
     from matplotlib.figure import Figure
     from matplotlib.ticker import MaxNLocator
