@@ -43,7 +43,7 @@ def installed(tmp_path, monkeypatch):
         ({"url": "file:///my%20work/it%27s", "dir_info": {}}, """pip install '/my work/it'"'"'s[torch]'"""),
         ({"url": "file:///tmp/neuro_snn.whl", "archive_info": {}}, "pip install '/tmp/neuro_snn.whl[torch]'"),
         ({"url": "https://host/neuro.git", "vcs_info": {}}, "pip install '.[torch]' in the folder of neuro's sources"),
-        (None, "pip install '.[torch]' in the folder of neuro's sources"),
+        (None, "pip install 'neuro-snn[torch]'"),
     ],
 )
 def test_an_extra_is_installed_from_where_the_package_came(installed, origin, command):
