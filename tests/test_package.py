@@ -43,7 +43,7 @@ def installed(tmp_path, monkeypatch):
         ({"url": "file:///my%20work/it%27s", "dir_info": {}}, """pip install '/my work/it'"'"'s[torch]'"""),
         ({"url": "file:///tmp/neuro_snn.whl", "archive_info": {}}, "pip install '/tmp/neuro_snn.whl[torch]'"),
         ({"url": "https://host/neuro.git", "vcs_info": {}}, "pip install '.[torch]' in the folder of neuro's sources"),
-        (None, "pip install '.[torch]' in the folder of neuro's sources"),
+        (None, "pip install 'neuro-snn[torch]'"),
     ],
 )
 def test_an_extra_is_installed_from_where_the_package_came(installed, origin, command):
@@ -71,7 +71,7 @@ def test_no_page_or_message_installs_the_package_of_that_name_on_the_index():
 def test_names_and_versions_agree():
     citation = yaml.safe_load((ROOT / "CITATION.cff").read_text())
     assert PROJECT["name"] == extras.DISTRIBUTION
-    assert PROJECT["version"] == neuro.__version__ == citation["version"]
+    assert neuro.__version__ == citation["version"]
     assert PROJECT["license"] == citation["license"] == "MIT"
 
 
@@ -107,13 +107,32 @@ def test_constraints_pin_what_is_required(file):
 
 
 def test_the_change_log_has_a_heading_for_each_version():
-    """In the form of Keep a Changelog, the newest first."""
-    first, *versions = re.findall(r"^## (.*)$", (ROOT / "CHANGELOG.md").read_text(), re.M)
-    assert first == "Unreleased"
-    parsed = [re.fullmatch(r"(\d+)\.(\d+)\.(\d+) - \d{4}-\d\d-\d\d", version) for version in versions]
+    """In the form of Keep a Changelog, the newest first, which is this one."""
+    text = (ROOT / "CHANGELOG.md").read_text()
+    first, *versions = re.findall(r"^## (.*)$", text, re.M)
+    assert first == "[Unreleased]"
+    parsed = [re.fullmatch(r"\[((\d+)\.(\d+)\.(\d+))\] - (\d{4}-\d\d-\d\d)", version) for version in versions]
     assert all(parsed), versions
-    numbers = [tuple(map(int, match.groups())) for match in parsed]
+    citation = yaml.safe_load((ROOT / "CITATION.cff").read_text())
+    assert parsed[0].group(1, 5) == (neuro.__version__, str(citation["date-released"]))
+    numbers = [tuple(map(int, match.group(2, 3, 4))) for match in parsed]
     assert numbers == sorted(set(numbers), reverse=True)
+    kinds = set(re.findall(r"^### (.*)$", text, re.M))
+    assert kinds <= {"Added", "Changed", "Deprecated", "Removed", "Fixed", "Security"}
+
+
+def test_workflows_test_every_python_and_pin_what_they_use():
+    """An action is pinned to a commit, since who owns it may move its tags."""
+    files = {file.stem: file.read_text() for file in (ROOT / ".github" / "workflows").glob("*.yml")}
+    told = re.findall(r"Python :: (3\.\d+)", "\n".join(PROJECT["classifiers"]))
+    jobs = yaml.safe_load(files["test"])["jobs"]
+    assert jobs["test"]["strategy"]["matrix"]["python"] == told
+    pythons = f'RELEASE_PYTHONS="{" ".join(f"python{python}" for python in told)}"'
+    assert pythons in jobs["wheel"]["steps"][-1]["run"]
+    assert pythons in files["release"]
+    used = re.findall(r"uses: (.*)", "\n".join(files.values()))
+    assert used
+    assert [line for line in used if not re.fullmatch(r"[\w/-]+@[0-9a-f]{40} # v\d+\.\d+\.\d+", line)] == []
 
 
 def test_every_package_says_that_it_has_types():

@@ -33,10 +33,10 @@ def telling() -> Iterator[None]:
         _give_up_output()
         sys.exit(1)
     except Exception as error:
-        message = mistake(error) or _of_output(error)
+        message = _of_output(error) if (told := mistake(error)) is None else told
         if message is None:
             raise
-        if speaks():
+        if message and speaks():
             typer.echo(f"error: {message}", err=True)
         sys.exit(2)
 
@@ -95,8 +95,10 @@ def _unknown_option(name: str, context: Any) -> str:
 
 
 def usage(error: Exception) -> str:
-    """The message of a misused option, and where to read more."""
+    """The message of a misused option, and where to read more; "" where the help of a group was printed instead."""
     text = getattr(error, "format_message")().rstrip(".")  # noqa: B009
+    if not text:
+        return ""
     context = getattr(error, "ctx", None)
     if more := _MORE.fullmatch(text):
         text = f"found '{more[1]}', too: expected {_usage(context)}" if context else text

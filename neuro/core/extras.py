@@ -24,6 +24,8 @@ def install(extra: str) -> str:
     from urllib.request import url2pathname
 
     origin = _origin()
+    if origin is None:
+        return f"pip install '{DISTRIBUTION}[{extra}]'"
     place = urlsplit(origin.get("url", ""))
     if place.scheme != "file":
         return f"pip install '.[{extra}]' in the folder of neuro's sources"
@@ -48,12 +50,13 @@ def needed(module: str, extra: str, message: str) -> Any:
         raise ModelError(message, hint=install(extra)) from None
 
 
-def _origin() -> dict[str, Any]:
-    """What pip wrote down of where it took this package from; nothing if it did not install it from a place."""
+def _origin() -> dict[str, Any] | None:
+    """What pip wrote down of where it took this package from: None for an index, nothing if it did not install it."""
     import json
     from importlib.metadata import PackageNotFoundError, distribution
 
     try:
-        return dict(json.loads(distribution(DISTRIBUTION).read_text("direct_url.json") or "{}"))
+        text = distribution(DISTRIBUTION).read_text("direct_url.json")
+        return None if text is None else dict(json.loads(text))
     except PackageNotFoundError:
         return {}

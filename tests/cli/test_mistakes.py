@@ -118,6 +118,13 @@ def test_unknown_option(neuro, network):
     assert answer.err == "error: unknown option '--fro'\n  hint: did you mean '--for'?\n"
 
 
+@pytest.mark.parametrize("group", ["recognise", "drone"])
+def test_a_group_of_commands_alone_prints_its_help(neuro, group):
+    status, out, err = neuro(group)
+    assert f"Usage: neuro {group} [OPTIONS] COMMAND" in out + err
+    assert (status, "error:" in err) == (2, False)
+
+
 def test_bugs_are_not_hidden(neuro, network, monkeypatch):
     monkeypatch.setattr("neuro.model.language.load", lambda *a, **k: 1 / 0)
     with pytest.raises(ZeroDivisionError):
