@@ -13,6 +13,7 @@ from neuro.apps import (
     NETWORK,
     Backends,
     Bar,
+    Clock,
     NetworkFile,
     Seed,
     Set,
@@ -107,7 +108,7 @@ Out = Annotated[Path, Option("--out", metavar="FILE", help="The network to write
 Html = Annotated[Path | None, Option(metavar="FILE", help="The page to write; --out with .html if not given.")]
 Search = Annotated[
     str | None,
-    Option("--search", metavar="A,B=1:2,...", help="Vary step, duration, hidden, prune, ...: accuracy by joules."),
+    Option("--search", metavar="A,B=1:2,...", help="Vary step, for, hidden, prune, ...: accuracy by joules."),
 ]
 Budget = Annotated[int, Option(metavar="N", min=1, help="Networks that a search trains.")]
 
@@ -167,6 +168,8 @@ def train(
     )  # fmt: skip
     net = neuro.load(file, params=assignments(set))
     torch.set_num_threads(threads)
+    if search is None:
+        Clock(net.resolution).step(duration, "--for")
     if folds and test is not None:
         raise ModelError("--folds and --test: expected one of them", hint="folds test on what they leave out")
     _check_before(net, plan, backends if folds or test else [], out, html)
