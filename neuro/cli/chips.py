@@ -213,7 +213,7 @@ def energy(
     sources: Sources = False,
     as_json: BillJson = False,
 ) -> None:
-    """Run a network and print what that would take on chips: counts, joules, sums, and what they assume; then all sums."""
+    """Run a network and print what that would take on chips: counts, joules, sums, assumptions; then all sums."""
     from neuro.chips.pricing.price import price
     from neuro.cli.run import silent_inputs, tell_silence
     from neuro.core.clock import Clock
