@@ -52,6 +52,7 @@ sphinx_gallery_conf = {
     "show_signature": False,
     "min_reported_time": 1e9,
     "plot_gallery": "True",
+    "thumbnail_size": (480, 300),
     "nested_sections": True,
 }
 

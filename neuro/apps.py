@@ -27,6 +27,7 @@ if TYPE_CHECKING:
     )
     from neuro.core import hdf5 as hdf5, html as html
     from neuro.core.checks import check as check, check_fields as check_fields
+    from neuro.core.clock import Clock as Clock
     from neuro.core.errors import Where as Where, unknown as unknown
     from neuro.core.extension import extensions as extensions, run_extensions as run_extensions
     from neuro.core.extras import install as install

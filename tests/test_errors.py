@@ -27,6 +27,7 @@ INSIDE = {
     ("PermissionError", "neuro/core/outputs.py"): "as of the system; _telling tells it as Unwritable",
     ("OSError", "neuro/core/outputs.py"): "as of the system; _telling tells it as Unwritable",
     ("AttributeError", "neuro/model/parts.py"): "of an attribute that a part does not have, to Python",
+    ("AttributeError", "neuro/model/network.py"): "of an attribute that a network does not have, to Python",
     ("FrozenInstanceError", "neuro/model/parts.py"): "of a part that is frozen, as of any dataclass",
     ("ImportError", "neuro/__init__.py"): "of a system that has no interfaces of POSIX",
     ("AttributeError", "neuro/core/lazy.py"): "asked for by Python of a module",

@@ -179,7 +179,7 @@ def _in_time(share: float | None) -> bool | None:
 
 
 def show(bills: Bills, sources: bool = False) -> None:
-    """Print what was counted, what is assumed, the sources if asked for, and last a row for each target."""
+    """Print what was counted, a row for each chip, and what that assumes, with the sources if asked for."""
     model, step = bills.model, bills.model.scenario.step
     rows: list[tuple[str, ...]] = []
     for bill in bills.spiking:
@@ -191,7 +191,7 @@ def show(bills: Bills, sources: bool = False) -> None:
         rows.append(
             (f"{one.target}, {one.what.partition(':')[0]}", quantity(one.joules, "J"), joules, joules, "-", "-", "-")
         )
-    columns = ("target", *COLUMNS, "in time")
+    columns = ("chip", *COLUMNS, "in time")
     title = (
         f"energy per control step of {step:g} ms; {model.controller} in {model.scenario.name}, "
         f"{bills.error_px:.2f} px, mean of {bills.steps:,} steps"
@@ -202,7 +202,6 @@ def show(bills: Bills, sources: bool = False) -> None:
     dense = dict.fromkeys(
         f"{one.target}: {one.what}, {one.macs:,} mac" + (f": {one.source}" if sources else "") for one in bills.dense
     )
+    console().print(table(columns, rows, title=title))
     for line in (*footnotes(bills.spiking, sources), *dense, *notes(bills)):
         typer.echo(f"- {line}")
-    typer.echo()
-    console().print(table(columns, rows, title=title))

@@ -53,15 +53,17 @@ def _parts(path: Path, recogniser: Recogniser, found: Mapping[str, tuple[Tried, 
     yield html.picture(confusion(tried.own), f"confusion of {name}")
     yield tag("h2", "What a recording takes")
     rows = ((target, *bill.cells()) for target, bill in priced.bills.items())
-    yield html.table(("target", *COLUMNS), rows, f"{name} on chips, and as dense layers on cpu and gpu")
+    yield html.table(("chip", *COLUMNS), rows, f"{name} on chips, and as dense layers on cpu and gpu")
     yield tag("ul", *(tag("li", line) for line in (*footnotes(priced.bills.values(), False), *notes(priced))))
     yield tag("h2", "What next")
     folder = path.parent
-    yield tag("pre", "\n".join([
-        f"neuro recognise watch {folder / 'model.h5'} RECORDING --out watch.html   # it decides while events arrive",
-        f"neuro recognise energy {folder / 'model.h5'} --data FOLDER --sources     # where each figure is published",
-        "neuro new my-classifier --template classifier                       # a folder to start from",
-    ]))  # fmt: skip
+    commands = {
+        f"neuro recognise watch {folder / 'model.h5'} RECORDING --out watch.html": "it decides while events arrive",
+        f"neuro recognise energy {folder / 'model.h5'} --data FOLDER --sources": "where each figure is published",
+        "neuro new my-classifier --template classifier": "a folder to start from",
+    }
+    wide = max(map(len, commands))
+    yield tag("pre", "\n".join(f"{command:{wide}}   # {why}" for command, why in commands.items()))
 
 
 def _cards(found: Mapping[str, tuple[Tried, Priced]]) -> Iterator[Any]:

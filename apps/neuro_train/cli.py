@@ -14,6 +14,7 @@ from neuro.apps import (
     NETWORK,
     Backends,
     Bar,
+    Clock,
     NetworkFile,
     Seed,
     Set,
@@ -108,7 +109,7 @@ Out = Annotated[Path, Option("--out", metavar="FILE", help="The network to write
 Html = Annotated[Path | None, Option(metavar="FILE", help="The page to write; --out with .html if not given.")]
 Search = Annotated[
     str | None,
-    Option("--search", metavar="A,B=1:2,...", help="Vary step, duration, hidden, prune, ...: accuracy by joules."),
+    Option("--search", metavar="A,B=1:2,...", help="Vary step, for, hidden, prune, ...: accuracy by joules."),
 ]
 Budget = Annotated[int, Option(metavar="N", min=1, help="Networks that a search trains.")]
 
@@ -173,6 +174,8 @@ def train(
         classes |= {"for": duration != 100.0, "start": start, "scale": scale > 1}
         _follow(net, data, test, plan, classes, backends, out, html or out.with_suffix(".html"))
         return
+    if search is None:
+        Clock(net.resolution).step(duration, "--for")
     if folds and test is not None:
         raise ModelError("--folds and --test: expected one of them", hint="folds test on what they leave out")
     _check_before(net, plan, backends if folds or test else [], out, html)

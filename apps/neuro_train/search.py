@@ -2,7 +2,7 @@
 
 Recordings are divided in parts. The last is held out: only what the front has found is tested on it, once, after it has
 learnt from all the others. A trial learns from all but this one and one more, on which it is judged. What varies is a
-text such as "step,duration,hidden=16:64,prune".
+text such as "step,for,hidden=16:64,prune".
 
 FOLDER/tune.json, journal.log, runs    of `neuro.tune`
 FOLDER/points/NAME.yaml                each trial's network
@@ -51,13 +51,13 @@ OF_PLAN = (
     "bits",
     "neurons_per_core",
 )
-"""Words of a plan that may vary, beside the duration."""
+"""Words of a plan that may vary, beside `for`, its duration."""
 
 STEPS = (1, 2, 4)
 SHARES = (0.25, 0.5, 0.75, 1.0)
 HIDDEN = (0.125, 0.25, 0.5, 1.0)
 PRUNE = (0.0, 0.25, 0.5, 0.75)
-EXAMPLE = "--search step,duration,hidden=16:64,prune"
+EXAMPLE = "--search step,for,hidden=16:64,prune"
 
 
 def space(text: str, net: neuro.Network, plan: TrainingPlan, given: Mapping[str, Any]) -> Space:
@@ -65,7 +65,7 @@ def space(text: str, net: neuro.Network, plan: TrainingPlan, given: Mapping[str,
 
     Args:
         text: names with commas between them, each with its values after "=" and ":" between these: `step` (ms),
-            `duration` (ms), words of a plan, and parameters of the network's file. `step`, `duration`, `hidden` and
+            `for` (ms), words of a plan, and parameters of the network's file. `step`, `for`, `hidden` and
             `prune` have values if none are given: the network's step and 2 and 4 times it, quarters of the plan's
             duration in whole steps of all, 1/8 to the whole of the hidden layer, and nothing to three quarters pruned.
         net: the network.
@@ -76,7 +76,7 @@ def space(text: str, net: neuro.Network, plan: TrainingPlan, given: Mapping[str,
         ModelError: a name is unknown, a value is NaN, or a duration is not a whole number of steps.
     """
     said = dict(_named(part) for part in text.split(","))
-    known = ["step", "duration", *OF_PLAN, *(name for name in given if name != "resolution")]
+    known = ["step", "for", *OF_PLAN, *(name for name in given if name != "resolution")]
     for name in said:
         if name not in known:
             raise unknown("parameter of --search", name, known)
@@ -87,18 +87,18 @@ def space(text: str, net: neuro.Network, plan: TrainingPlan, given: Mapping[str,
     found: Space = {}
     for name, values in said.items():
         found[name] = values or _usual(name, steps, plan, given)
-    for duration in found.get("duration", [plan.duration]):
+    for duration in found.get("for", [plan.duration]):
         for step in steps:
             if abs(duration / step - round(duration / step)) > 1e-9:
                 message = f"--search: a duration of {duration:g} ms is no whole number of steps of {step:g} ms"
-                raise ModelError(f"{message}: expected multiples of all steps", hint="duration=50:100,step=5:10")
+                raise ModelError(f"{message}: expected multiples of all steps", hint="for=50:100,step=5:10")
     return {name: list(dict.fromkeys(values)) for name, values in found.items()}
 
 
 def parted(point: Mapping[str, Any]) -> tuple[dict[str, Any], dict[str, Any]]:
     """What of a point is a parameter of the network's file, and what of the plan."""
-    words = {field.name for field in fields(TrainingPlan)}
-    of_plan = {name: value for name, value in point.items() if name in words}
+    words = {"for", *(field.name for field in fields(TrainingPlan))}
+    of_plan = {"duration" if name == "for" else name: value for name, value in point.items() if name in words}
     of_file = {"resolution" if name == "step" else name: value for name, value in point.items() if name not in words}
     return of_file, of_plan
 
@@ -125,7 +125,7 @@ def _usual(name: str, steps: list[Any], plan: TrainingPlan, given: Mapping[str, 
     """The values of a parameter for which none are given."""
     if name == "step":
         return steps
-    if name == "duration":
+    if name == "for":
         coarse = max(steps)
         whole = [max(1, int(plan.duration * share / coarse + 1e-9)) for share in SHARES]
         return [k * coarse for k in whole]

@@ -160,7 +160,8 @@ def _parts(
         drawn = (html.picture(drawing, f"{label} by epoch") for label, drawing in curves(trained.curves, share).items())
         yield tag("div", *drawn, class_="grid")
     yield tag("h2", "How it was trained")
-    words = ((name, _word(value)) for name, value in plan.as_words().items() if value not in (None, [], {}, 0.0, ""))
+    said = {"for (ms)" if name == "duration" else name: value for name, value in plan.as_words().items()}
+    words = ((name, _word(value)) for name, value in said.items() if value not in (None, [], {}, 0.0, ""))
     rates = ((f"rate of {name}", f"{rate:g}") for name, rate in trained.rates.items() if rate != plan.rate)
     yield html.table(("what", "value"), [*words, *rates])
     yield tag("pre", str(trained.module.plan))

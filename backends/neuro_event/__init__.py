@@ -10,7 +10,7 @@ import os
 from collections.abc import Sequence
 from typing import Any
 
-from neuro.core.errors import ModelError
+from neuro.core.errors import ModelError, nearest
 from neuro.program.backend import Engine, Problem, floats_only
 from neuro.program.program import Program
 
@@ -38,7 +38,9 @@ class EventBackend:
             ModelError: an option is unknown, `threads` is not a whole number >= 1, or numba must not compile.
         """
         for name in options.keys() - {"strict"}:
-            raise ModelError(f"backend 'event' has no option '{name}'", hint="known: strict, threads")
+            raise ModelError(
+                f"backend 'event' has no option '{name}'", hint=nearest(name, ["backend", "strict", "threads"])
+            )
         if isinstance(threads, bool) or not isinstance(threads, int) or threads < 1:
             raise ModelError(f"threads = {threads!r}: expected a whole number >= 1, e.g. {os.cpu_count()}")
         from neuro.kernels.jit import must_compile

@@ -213,7 +213,7 @@ def chip(name: str | PathLike[str]) -> Chip:
     if is_table(text):
         return read_chip(Path(text))
     if text not in CHIPS:
-        raise unknown("target", text, chips())
+        raise unknown("chip", text, chips())
     return CHIPS[text]
 
 
@@ -237,7 +237,7 @@ def read_chip(path: Path) -> Chip:
     if is_table(base.value):
         return parse(root, path, _of_file(path, base))
     if base.value not in CHIPS:
-        raise unknown("target", base.value, chips(), base.where)
+        raise unknown("chip", base.value, chips(), base.where)
     return parse(root, path, CHIPS[base.value])
 
 

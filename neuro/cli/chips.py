@@ -145,7 +145,7 @@ def _target(name: str) -> Chip:
     target = chip(name)
     if target.mesh is None and not target.limits:
         raise ModelError(
-            f"target '{target.name}' has no cores or limits to fit",
+            f"chip '{target.name}' has no cores or limits to fit",
             hint=f"expected one of {', '.join(limited)}, or a table with limits",
         )
     return target
@@ -213,7 +213,7 @@ def energy(
     sources: Sources = False,
     as_json: BillJson = False,
 ) -> None:
-    """Run a network and print what that would take on chips: counts, joules, and the sums last."""
+    """Run a network and print what that would take on chips: counts, joules, sums, assumptions; then all sums."""
     from neuro.chips.pricing.price import price
     from neuro.cli.run import silent_inputs, tell_silence
     from neuro.core.clock import Clock
@@ -251,7 +251,7 @@ def priceable(name: str) -> Chip:
     from neuro.core.errors import unknown
 
     if name not in CHIPS and not is_table(name):
-        raise unknown("target", name, sorted(known for known, found in CHIPS.items() if found.costs))
+        raise unknown("chip", name, sorted(known for known, found in CHIPS.items() if found.costs))
     found = chip(name)
     check_costs(found)
     return found
@@ -289,5 +289,5 @@ def print_bills(bills: list[Energy], sources: bool) -> None:
         typer.echo(f"{priced.told(sources)}\n")
     if len(bills) > 1:
         rows = [(e.target, *e.cells()) for e in bills]
-        columns = ("target", *(name.replace(FASTEST, bills[0].clock) for name in COLUMNS))
+        columns = ("chip", *(name.replace(FASTEST, bills[0].clock) for name in COLUMNS))
         console().print(table(columns, rows, title=f"energy per {bills[0].of}"))

@@ -154,22 +154,22 @@ WRITING = {
     ".py": ("--seed", "--for"),
     "c": ("--chip", "--name", "--ram", "--flash", "--frozen", "--recording", "--seed", "--for"),
 }
-"""By the ending of SRC, and of DST or the word of --to, the options that are for it alone."""
+"""By the ending of IN, and of OUT or the word of --to, the options that are for it alone."""
 
-Source = Annotated[Path, typer.Argument(metavar="SRC", help="The network to read.")]
-Destination = Annotated[Path, typer.Argument(metavar="DST", help="The file to write.")]
+Source = Annotated[Path, typer.Argument(metavar="IN", help="The network to read.")]
+Destination = Annotated[Path, typer.Argument(metavar="OUT", help="The file to write.")]
 Resolution = Annotated[
     float | None, typer.Option("--resolution", metavar="MS", parser=milliseconds, help="Length of a step, in ms.")
 ]
 From = Annotated[
-    str | None, typer.Option("--from", metavar="TOOL", help="The tool that wrote SRC: norse, snntorch, sinabs, ...")
+    str | None, typer.Option("--from", metavar="TOOL", help="The tool that wrote IN: norse, snntorch, sinabs, ...")
 ]
 To = Annotated[
     str | None,
     typer.Option(
         "--to",
         metavar="TOOL",
-        help="The tool that reads DST: norse, snntorch, sinabs, spikingjelly or nir; or c: DST is a folder for C99.",
+        help="The tool that reads OUT: norse, snntorch, sinabs, spikingjelly or nir; or c: OUT is a folder for C99.",
     ),
 ]
 Reset = Annotated[
@@ -177,28 +177,28 @@ Reset = Annotated[
     typer.Option(
         "--reset",
         metavar="WORD",
-        help="What a spike does in SRC: to_value, to_value_next, subtract or subtract_next; "
+        help="What a spike does in IN: to_value, to_value_next, subtract or subtract_next; "
         "of lava-dl's networks the steps between two resets.",
     ),
 ]
 RunScript = Annotated[
-    bool, typer.Option("--run-script", help="Run SRC, a script of PyNN, in a confined process that simulates nothing.")
+    bool, typer.Option("--run-script", help="Run IN, a script of PyNN, in a confined process that simulates nothing.")
 ]
 Arguments = Annotated[
-    str | None, typer.Option("--arguments", metavar="TEXT", help="What SRC reads from its command line.")
+    str | None, typer.Option("--arguments", metavar="TEXT", help="What IN reads from its command line.")
 ]
 Which = Annotated[
-    int | None, typer.Option("--network", metavar="N", help="Which network of SRC, from 1; else the last.")
+    int | None, typer.Option("--network", metavar="N", help="Which network of IN, from 1; else the last.")
 ]
-Seconds = Annotated[float, typer.Option("--seconds", metavar="S", help="How long SRC may take.")]
-Memory = Annotated[float, typer.Option("--memory", metavar="GIB", help="How much memory SRC may use.")]
+Seconds = Annotated[float, typer.Option("--seconds", metavar="S", help="How long IN may take.")]
+Memory = Annotated[float, typer.Option("--memory", metavar="GIB", help="How much memory IN may use.")]
 Seed = Annotated[
     int | None,
-    typer.Option("--seed", metavar="N", help="Of what is drawn and written into the file beside DST; else 0."),
+    typer.Option("--seed", metavar="N", help="Of what is drawn and written into the file beside OUT; else 0."),
 ]
 Duration = Annotated[
     float | None,
-    typer.Option("--for", metavar="MS", parser=milliseconds, help="How long DST runs; random trains are then written."),
+    typer.Option("--for", metavar="MS", parser=milliseconds, help="How long OUT runs; random trains are then written."),
 ]
 OfChip = Annotated[
     str | None,
@@ -211,7 +211,7 @@ Ram = Annotated[
 Flash = Annotated[
     int | None, typer.Option("--flash", metavar="SIZE", parser=memory_size, help="Flash that C may take, such as 1M.")
 ]
-Frozen = Annotated[bool, typer.Option("--frozen", help="Leave out in C what learns: weights stay as they are in SRC.")]
+Frozen = Annotated[bool, typer.Option("--frozen", help="Leave out in C what learns: weights stay as they are in IN.")]
 Recorded = Annotated[
     Path | None, typer.Option("--recording", metavar="REC", help="Of an event camera, that the test in C shows.")
 ]
@@ -281,7 +281,7 @@ def _form(destination: Path, to: str | None) -> str:
         return to
     ends = {end: write for end, write in WRITERS.items() if end not in words}
     if to is not None and destination.suffix not in ends:
-        raise ModelError(f"--to {to}: expected {' or '.join(words)}", hint="other formats are chosen by DST's ending")
+        raise ModelError(f"--to {to}: expected {' or '.join(words)}", hint="other formats are chosen by OUT's ending")
     _of(ends, destination, "written", "--to c writes C into a folder of that name")
     return destination.suffix
 
@@ -293,7 +293,7 @@ def _check_options(given: list[str], source: Path, destination: Path, form: str)
     used = (*READING.get(source.suffix, ()), *WRITING.get(form, ()))
     for word in given:
         if word not in used:
-            sides = (("SRC", READING), ("DST", WRITING))
+            sides = (("IN", READING), ("OUT", WRITING))
             ends = [_wish(side, end) for side, table in sides for end in table if word in table[end]]
             raise ModelError(f"{word}: has no use from {source} to {destination}: expected {', or '.join(ends)}")
 

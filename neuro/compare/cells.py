@@ -16,7 +16,7 @@ COUNTS = (">spikes", ">synaptic ops", ">active updates", ">learning")
 SUMMARY = ("backend", *COUNTS, ">distance", "first difference")
 POPULATIONS = ("population", "backend", ">neurons", ">spikes", ">rate Hz", "first difference", ">distance")
 PROJECTIONS = ("projection", "backend", ">largest", ">rms", ">relative rms", ">by rounding")
-ENERGY = ("target", "counts of", *COLUMNS)
+ENERGY = ("chip", "counts of", *COLUMNS)
 NATIVE = ("backend", "counted on it only", ">count")
 
 

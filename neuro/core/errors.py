@@ -10,15 +10,18 @@ from __future__ import annotations
 
 import re
 import sys
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
+from functools import wraps
 from pathlib import Path
 from types import FrameType
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, ParamSpec, TypeVar
 
 from neuro.core.hints import alike, nearest
 
 __all__ = ["ModelError", "Where", "here", "nearest", "unknown", "words_of"]
 
+P = ParamSpec("P")
+R = TypeVar("R")
 _BACKENDS = ("neuro_chip", "neuro_event", "neuro_nest", "neuro_reference", "neuro_torch")
 _PACKAGES = ("neuro", *_BACKENDS, "dataclasses", "contextlib")
 
@@ -119,6 +122,20 @@ def unknown(
 def words_of(what: str) -> tuple[str, ...]:
     """The words of a full name in errors: `("iaf_psc_exp", "tau_m")` of "iaf_psc_exp.tau_m[3]"."""
     return tuple(re.findall(r"[^\W\d]\w*", what))
+
+
+def naming_words(function: Callable[P, R]) -> Callable[P, R]:
+    """The function, whose error about an argument that it does not have names the nearest that it has."""
+    known = function.__annotations__.keys() - {"return"}
+
+    @wraps(function)
+    def call(*args: P.args, **given: P.kwargs) -> R:
+        for word in given:
+            if word not in known:
+                raise unknown(f"word of {function.__qualname__}", word, known, here())
+        return function(*args, **given)
+
+    return call
 
 
 def here() -> Where | None:

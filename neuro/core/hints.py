@@ -9,14 +9,16 @@ from collections.abc import Iterable, Sequence
 # Words of other simulators, papers and habits, by ours; only those that are known at the place are suggested.
 _OTHERS = {
     "from": "source src pre",
+    "source": "pre src from",
     "to": "post dst target",
+    "target": "post dst to",
     "of": "target population",
     "model": "neuron cell cellclass type",
     "rule": "conn_spec connectivity connector type",
-    "synapse": "syn_spec synapse_model synapse_type plasticity learning_rule type",
+    "synapse": "syn_spec synapse_model synapse_type plasticity learning_rule type syn_model",
     "weight": "w",
-    "shape": "size n count",
-    "record": "variable",
+    "shape": "size n count num_neurons n_neurons num number",
+    "record": "variable variables record_from",
     "resolution": "dt timestep",
     "every": "interval dt",
     "periodic": "edge_wrap wrap",
@@ -25,7 +27,8 @@ _OTHERS = {
     "name": "title",
     "populations": "neurons nodes layers",
     "projections": "connections synapses edges synapse connect",
-    "probes": "recorders monitors detectors spike_recorder multimeter voltmeter spikemonitor statemonitor monitor",
+    "probes": "recorders monitors detectors spike_recorder multimeter voltmeter weight_recorder spikemonitor "
+    "statemonitor monitor devices",
     "parameters": "params variables",
     "include": "imports",
     "tau_m": "tau tau_mem taum tau_mem_inv tc_decay beta dv",
@@ -44,7 +47,7 @@ _OTHERS = {
     "ex": "exc excitatory",
     "in": "inh inhibitory",
     "receptor": "receptor_type",
-    "rate": "frequency freq",
+    "rate": "frequency freq firing_rate rates",
     "spike_times": "times",
     "lambda": "learning_rate eta nu a_pre apre a_plus",
     "mean": "mu",
@@ -57,17 +60,17 @@ _OTHERS = {
     "high": "max",
     "Wmax": "max w_max wmax gmax",
     "n": "indegree outdegree k fan_in fan_out",
-    "p": "probability connection_probability epsilon",
+    "p": "probability connection_probability epsilon prob",
     "kernel": "size_kernel",
     "autapses": "allow_autapses",
     "multapses": "allow_multapses",
-    "iaf_psc_delta": "lif iaf if_curr_delta leaky lapicque lifnodes ifnodes lifcell lifboxcell",
-    "iaf_psc_exp": "lif iaf if_curr_exp synaptic currentlifnodes lifcell",
-    "iaf_psc_alpha": "lif iaf if_curr_alpha",
+    "iaf_psc_delta": "lif iaf if_curr_delta leaky lapicque lifnodes ifnodes lifcell lifboxcell rleaky",
+    "iaf_psc_exp": "lif iaf if_curr_exp synaptic currentlifnodes lifcell rsynaptic",
+    "iaf_psc_alpha": "lif iaf if_curr_alpha iaf_neuron alpha",
     "parrot_neuron": "parrot",
     "poisson_generator": "poisson spikesourcepoisson poissongroup poissoninput poissonencoder",
     "spike_generator": "spikesourcearray spikegeneratorgroup ringbuffer",
-    "dc_generator": "dcsource",
+    "dc_generator": "dcsource dc",
     "ac_generator": "acsource",
     "noise_generator": "noisycurrentsource",
     "step_current_generator": "stepcurrentsource",
@@ -90,7 +93,7 @@ _OTHERS = {
     "winner_take_all": "wta",
     "alpha": "a_minus a_post apost",
     "tsodyks2": "tsodyksmarkramsynapse",
-    "stdp": "postpre stdpmechanism spikepairrule hebbian stdploihi",
+    "stdp": "postpre stdpmechanism spikepairrule hebbian stdploihi stdp_synapse",
     "static": "static_synapse staticsynapse",
     "distance_dependent": "distancedependentprobabilityconnector",
     "from_file": "fromfileconnector",
@@ -106,6 +109,7 @@ _OTHERS = {
     "iaf_cond_alpha": "if_cond_alpha",
     "iaf_cond_exp": "if_cond_exp",
     "cuba_lif": "synaptic",
+    "hh_psc_alpha": "hh_cond_exp hh_cond_exp_traub hodgkin_huxley hh",
     "A_minus": "a_post apost",
     "A_plus": "a_pre apre",
     "reset_by_subtraction": "reset_mechanism",
@@ -114,9 +118,14 @@ _OTHERS = {
     "V_reset": "reset vr",
     "tau_minus": "taupost tc_post tau_post",
     "for": "duration time simtime run_time",
-    "chip": "target",
+    "chip": "target backend",
     "chips": "target targets",
     "html": "page",
+    "backend": "simulator engine",
+    "backends": "backend simulator target",
+    "run": "simulate",
+    "set": "param params parameter",
+    "threads": "n_threads num_threads local_num_threads",
     "workers": "jobs n_jobs processes",
     "share": "part",
     "preset": "settings",
@@ -127,6 +136,28 @@ ELSEWHERE: dict[str, tuple[str, ...]] = {}
 for _ours, _words in _OTHERS.items():
     for _word in _words.split():
         ELSEWHERE[_word] = (*ELSEWHERE.get(_word, ()), _ours)
+
+# Words of others without a counterpart, by what takes their place.
+_WITHOUT = {
+    "spikes are recorded without a device; 'probes' (YAML) or net.probe (Python) records the rest": "spike_recorder "
+    "spike_detector multimeter voltmeter weight_recorder correlation_detector spin_detector spikemonitor statemonitor "
+    "populationratemonitor record",
+    "dopamine is a signal, or the spikes of a population: neuro models stdp_dopa": "volume_transmitter",
+    "write sim = neuro.compile(net), then sim.run(100.0)": "run simulate",
+    "write net.population(name, shape, model)": "create population neurongroup ensemble",
+    "write net.connect(source, target, rule)": "connect projection connection synapses",
+    "it is said when it runs: neuro run FILE --for 100, or sim.run(100.0)": "duration simtime run_time",
+    "it is said when it runs: neuro run FILE --seed 1, or neuro.compile(net, seed=1)": "seed rng_seed",
+    "it is said when it runs: neuro run FILE --threads 2, or neuro.compile(net, threads=2)": "threads",
+    "the resistance is tau_m / C_m": "r r_m r_in",
+    "the leak conductance is C_m / tau_m": "g_l gl g_leak",
+    "a state at the start is a word of 'initial', beside the model": "v_m v_init v0",
+    "write {name: {parameter: value}}": "params parameters cellparams",
+    "weight and delay are words of a projection, beside its synapse": "weight delay",
+    "write synapse: {static: {receptor: ex}}": "receptor receptor_type",
+}
+INSTEAD = {word: hint for hint, words in _WITHOUT.items() for word in words.split()}
+"""A hint by a word of others; it is given where none of `ELSEWHERE` is known."""
 
 _NUMBER = re.compile(r"[-+]?(\d+\.?\d*|\.\d+)([eE][-+]?\d+)?")
 _MAX_LISTED = 12
@@ -140,6 +171,8 @@ def nearest(name: str, known: Iterable[str]) -> str:
         return "none is defined"
     if close := alike(name, names):
         return "did you mean " + " or ".join(f"'{word}'" for word in close) + "?"
+    if name.lower() in INSTEAD:
+        return INSTEAD[name.lower()]
     more = ", ..." if len(names) > _MAX_LISTED else ""
     return "known: " + ", ".join(names[:_MAX_LISTED]) + more
 
@@ -147,12 +180,14 @@ def nearest(name: str, known: Iterable[str]) -> str:
 def near(name: str, known: Iterable[str]) -> str:
     """A hint that names the nearest of `known`, "" when none is near."""
     names = sorted(known)
-    return nearest(name, names) if alike(name, names) else ""
+    return nearest(name, names) if alike(name, names) or name.lower() in INSTEAD else ""
 
 
 def alike(name: str, names: Sequence[str]) -> list[str]:
     """The nearest of some names, in the order of the alphabet; none if none is near."""
-    return [word for word in ELSEWHERE.get(name.lower(), ()) if word in names] or _similar(name, list(names))
+    lower = name.lower()
+    close = [word for word in ELSEWHERE.get(lower, ()) if word in names] or [w for w in names if w.lower() == lower]
+    return close if close or lower in INSTEAD else _similar(name, list(names))
 
 
 def _similar(name: str, names: list[str]) -> list[str]:
@@ -195,6 +230,8 @@ def notation(text: str) -> str:
     rest = word[number.end() :].strip()
     if rest[:1] in _MICRO and rest[1:].isalpha() and rest[1:].isascii():
         return f"write {number[0]} u{rest[1:]}"
+    if unit := re.fullmatch(r"\*\s*([A-Za-z]+)", rest):
+        return f"write {number[0]} {unit[1]}"
     if rest == "%":
         return f"write {float(number[0]) / 100!r}"
     if re.search(r"[-+*/()\d]", rest.lstrip("* ")):

@@ -5,12 +5,13 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping
 from dataclasses import replace
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import TYPE_CHECKING, Any, TypeVar
 
 import numpy as np
 
 from neuro.core.checks import check, is_number
-from neuro.core.errors import ModelError, Where, here, unknown
+from neuro.core.errors import ModelError, Where, here, naming_words, unknown
+from neuro.core.hints import near
 from neuro.core.quantities import Quantity
 from neuro.core.values import same, shown
 from neuro.model.distributions import Distribution
@@ -66,6 +67,7 @@ class Network(Description):
     inputs: tuple[str, ...] = ()
     verdicts: Any = None
 
+    @naming_words
     def __init__(self, name: str = "network", *, resolution: float = 0.1) -> None:
         self.name = check_name(name, "network", here())
         self.place: Where | None = None
@@ -76,6 +78,13 @@ class Network(Description):
         self.trials_origin: Where | None = None
         self.latest: Part | Trials | None = None
 
+    if not TYPE_CHECKING:
+
+        def __getattr__(self, name: str) -> Any:
+            hint = "" if name.startswith("_") else near(name, dir(type(self)))
+            raise AttributeError(f"'Network' object has no attribute '{name}'{hint and f': {hint}'}")
+
+    @naming_words
     def population(
         self,
         name: str,
@@ -134,6 +143,7 @@ class Network(Description):
         )
         return self._add(self.populations, part)
 
+    @naming_words
     def connect(
         self,
         source: Population | View | str,
@@ -232,6 +242,7 @@ class Network(Description):
         self._expect(choice, Competition, f"group '{name}'", "a group such as neuro.winner_take_all(of='out')")
         return self._add(self.groups, Group(name, choice, self._where()))
 
+    @naming_words
     def probe(
         self,
         name: str,
@@ -444,9 +455,9 @@ class Network(Description):
         raise ModelError(f"{what}: {message}: expected {expected}", where=self._where(), hint=hint)
 
 
-def _called(end: Population | View | str) -> str:
+def _called(end: Any) -> str:
     population = end.population if isinstance(end, View) else end
-    return population if isinstance(population, str) else population.name
+    return population.name if isinstance(population, Population) else str(population)
 
 
 def check_name(name: Any, what: str, where: Where | None) -> str:

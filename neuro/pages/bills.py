@@ -1,4 +1,4 @@
-"""Joules: each target on one scale, and what they are spent on."""
+"""Joules: each chip on one scale, and what they are spent on."""
 
 from __future__ import annotations
 
@@ -12,7 +12,8 @@ from neuro.core.html import Html, tag
 
 MOST_LINES = 300
 COLOURS = 8
-FIGURE_COLUMNS = ("target", "what", ">each", "source")
+MOST_DECADES = 5
+FIGURE_COLUMNS = ("chip", "what", ">each", "source")
 ITEM_COLUMNS = ("what", "of", ">count", ">each", ">energy", ">source")
 
 _SPENT = {
@@ -44,12 +45,15 @@ def _totals(bills: Bills) -> Html:
     values = [j for _, e in bills for j in _spent(e).values()] or [1.0]
     low, high = math.floor(math.log10(min(values))), math.ceil(math.log10(max(values)) + 1e-9)
     high = max(high, low + 1)
+    decades = range(low, high + 1, -(-(high - low) // MOST_DECADES))
+    places = [f"left:{100.0 * (n - low) / (high - low):.1f}%" for n in decades]
     rows = []
     for about, e in bills:
         dots = (_dot(kind, j, 100.0 * (math.log10(j) - low) / (high - low)) for kind, j in _spent(e).items())
-        rows.append(_row(about, e, tag("div", *dots, class_="track"), tag("small", e.totals())))
-    ends = tag("div", *(tag("span", quantity(10.0**n, "J")) for n in (low, high)), class_="ends")
-    scale = tag("div", tag("p"), ends, class_="bill")
+        marks = (tag("u", style=place) for place in places)
+        rows.append(_row(about, e, tag("div", *marks, *dots, class_="track"), tag("small", e.totals())))
+    named = (tag("span", quantity(10.0**n, "J"), style=place) for n, place in zip(decades, places, strict=True))
+    scale = tag("div", tag("p"), tag("div", *named, class_="decades"), class_="bill")
     key = html.legend(*_SPENT.items())
     return html.figure(html.join([key, *rows, scale]), "Joules of the whole run on a logarithmic scale.")
 

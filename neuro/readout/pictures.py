@@ -79,4 +79,4 @@ def _name_classes(axis: Any, found: Predictions, k: int) -> None:
     for neuron in range(len(classes)):
         if scores[neuron] > 0.0:  # no NaN
             colour = DECIDED if neuron == decided else OTHER
-            axis.text(1.01, neuron, number(float(scores[neuron])), color=colour, **place)
+            axis.text(1.03, neuron, number(float(scores[neuron])), color=colour, **place)

@@ -117,7 +117,7 @@ def _sweep_cards(counts: Mapping[str, int], outcomes: Mapping[str, RunOutcome]) 
     yield from _cards(counts, some(total, "run"), counts["under way"])
     if seconds:
         took = quantity(float(np.median(seconds)), "s", 3)
-        yield html.card("a run took", took, f"in the middle; {sum(seconds):,.3g} s all together")
+        yield html.card("a run took", took, f"the median; {sum(seconds):,.3g} s all together")
 
 
 def _search_cards(found: TuneTable, trials: Sequence[FoundTrial]) -> Iterator[Html]:
@@ -230,7 +230,7 @@ def _parallel(data: PlotData) -> Html:
         style = f"fill:none;stroke:var(--accent);stroke-width:1.2;stroke-opacity:{0.2 + 0.7 * share:.2f}"
         title = ", ".join(f"{name} = {told(column[n])}" for name, column in zip(names, columns, strict=True))
         lines.append(tag("path", tag("title", title), d=d, style=style))
-    caption = f"a line for each point; the darker, the larger {data.metric}, from {few(low)} to {few(high)}"
+    caption = f"a line for each point; the stronger, the larger {data.metric}, from {few(low)} to {few(high)}"
     label = f"{data.metric} over {', '.join(data.names)}"
     return html.figure(html.svg(wide, TOP + TALL + BELOW, *lines, *parts, label=label), caption, data.metric)
 

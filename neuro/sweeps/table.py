@@ -169,6 +169,8 @@ def text(value: Any, name: str = "") -> str:
         return "-"
     if name == "run":
         return str(value)[:10]
+    if isinstance(value, bool):
+        return "yes" if value else "no"
     return f"{value:.6g}" if isinstance(value, float) else str(value)
 
 

@@ -117,7 +117,7 @@ def test_a_registered_chip_is_known_by_name(late, registered):
     sim.run(200.0)
     assert (sim.backend, sim.spikes("out")[0].tolist()) == ("board", [151.0])
     assert refusal(lambda: find_backend("boart")) == "unknown backend 'boart'\n  hint: did you mean 'board'?"
-    assert refusal(lambda: chip("boart")) == "unknown target 'boart'\n  hint: did you mean 'board'?"
+    assert refusal(lambda: chip("boart")) == "unknown chip 'boart'\n  hint: did you mean 'board'?"
     Path("mine.yaml").write_text("like: board\n")
     assert chip("mine.yaml").limit("delay_max") == 200
 

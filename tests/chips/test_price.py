@@ -164,7 +164,7 @@ def test_what_does_not_fit_has_no_price(run):
     with pytest.raises(ModelError) as caught:
         price(*run, placed(problems=problems), chip("loihi"))
     assert str(caught.value) == (
-        "network 'pair' does not fit on target 'loihi'\n"
+        "network 'pair' does not fit on chip 'loihi'\n"
         "net.yaml:4: population 'a': neuron 1: it is too large\n"
         "  hint: a smaller one would fit\n"
         "population 'b': 3 neurons: a core holds 2"
@@ -235,12 +235,12 @@ def test_mistakes(run, tmp_path):
     with pytest.raises(ModelError) as caught:
         price(*run, None, chip(tmp_path / "bare.yaml"))
     assert str(caught.value) == (
-        "target 'bare' has no costs: none is published\n"
-        "  hint: write a table with 'like: bare' and 'costs: ...', and name its file as the target"
+        "chip 'bare' has no costs: none is published\n"
+        "  hint: write a table with 'like: bare' and 'costs: ...', and name its file as the chip"
     )
     with pytest.raises(ModelError) as caught:
         price(*run, None, chip("loihi"))
-    assert str(caught.value) == "target 'loihi' needs a placement\n  hint: neuro.chips.place(program, chip)"
+    assert str(caught.value) == "chip 'loihi' needs a placement\n  hint: neuro.chips.place(program, chip)"
 
 
 @settings(max_examples=25, deadline=None)

@@ -63,23 +63,24 @@ SUMS = """
 chip time                        5 ms                        5 ms
 dynamic                       71.1 nJ                     71.1 nJ
 static                     not priced                  not priced
-total      > 71.1 nJ (71.1 to 284 nJ)  > 71.1 nJ (71.1 to 284 nJ)"""
+total      > 71.1 nJ (71.1 to 284 nJ)  > 71.1 nJ (71.1 to 284 nJ)
+"""
 
 
 def test_the_text(run):
-    assert str(price(*run, None, chip("spinnaker2")).per(2, "half")) == HEAD + ROWS + "\n" + NOTES + SUMS
+    assert str(price(*run, None, chip("spinnaker2")).per(2, "half")) == HEAD + ROWS + SUMS + "\n" + NOTES.rstrip()
 
 
 def test_the_text_with_sources(run):
     text = price(*run, None, chip("spinnaker2")).per(2, "half").told(sources=True)
     rows = ROWS.splitlines()
     marks = ["  source", *4 * ["  [1]"], *2 * ["  [2]"], ""]
-    cited = "\n".join(row + mark for row, mark in zip(rows, marks, strict=True)) + "\n\n"
-    assert text.startswith(HEAD + cited)
+    cited = "\n".join(row + mark for row, mark in zip(rows, marks, strict=True)) + "\n"
+    assert text.startswith(HEAD + cited + SUMS)
     spread = "high: without that scaling the cores take four times as much: Höppner et al., abstract"
-    ranges = f"- range of neuron_update_active, neuron_update_inactive, synaptic_op: {spread}\n"
-    assert text.endswith(NOTES + ranges + SUMS)
-    foot = text.removeprefix(HEAD + cited).removesuffix(NOTES + ranges + SUMS).splitlines()
+    ranges = f"\n- range of neuron_update_active, neuron_update_inactive, synaptic_op: {spread}"
+    assert text.endswith(NOTES.rstrip() + ranges)
+    foot = text.removeprefix(HEAD + cited + SUMS + "\n").removesuffix(NOTES.rstrip() + ranges).splitlines()
     assert foot[0].startswith("[1] Höppner et al., IEEE Trans. Circuits Syst. I 66:2973, 2019, as quoted by")
     assert foot[0].endswith("(prototype, 28 nm; every neuron is stepped alike)")
     assert foot[1].startswith("[2] Höppner")

@@ -105,7 +105,7 @@ def test_mistakes(write, text, message):
 
 
 def test_targets_that_are_not_there(write):
-    assert refusal("loihii") == "unknown target 'loihii'\n  hint: did you mean 'loihi'?"
+    assert refusal("loihii") == "unknown chip 'loihii'\n  hint: did you mean 'loihi'?"
     write("name: x")
     assert refusal("mine.yaml") == "mine.yaml: no such file\n  hint: did you mean 'my.yaml'?"
 

@@ -57,7 +57,7 @@ def test_tables(run):
     assert ["population", "backend", "neurons", "spikes", "rate Hz", "first difference", "distance"] in rows
     assert ["projection", "backend", "largest", "rms", "relative rms", "by rounding"] in rows
     clocks = ["as fast as the chip can", "in real time"]
-    assert ["target", "counts of", "dynamic", *clocks, "chip time", "chips"] in rows
+    assert ["chip", "counts of", "dynamic", *clocks, "chip time", "chips"] in rows
     dense = [row for row in rows if row[0] in ("cpu", "gpu")]
     assert [row[:2] for row in dense] == [["cpu", "event"], ["gpu", "event"]]
     assert [row[3:] for row in dense] == [[row[3], row[3], "-", "-"] for row in dense]

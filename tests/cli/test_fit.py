@@ -122,7 +122,7 @@ def test_a_target_without_cores_or_limits(neuro, file, target):
     answer = neuro("fit", file(FITS), "--chip", target)
     assert (answer.status, answer.out) == (2, "")
     assert answer.err == (
-        f"error: target '{target}' has no cores or limits to fit\n"
+        f"error: chip '{target}' has no cores or limits to fit\n"
         "  hint: expected one of loihi, loihi2, spinnaker, truenorth, or a table with limits\n"
     )
 

@@ -42,6 +42,7 @@ def test_run(neuro, network, words):
 
 OTHERS = {
     "rnu": "unknown command 'rnu'\n  hint: did you mean 'run'?",
+    "simulate net.yaml": "unknown command 'simulate'\n  hint: did you mean 'run'?",
     "run": "Missing argument 'FILE'\n  hint: see 'neuro run --help'",
     "run nope.yaml": "nope.yaml: no such file\n  hint: did you mean 'net.yaml'?",
     "run microcirciut": (

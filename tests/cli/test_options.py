@@ -67,6 +67,10 @@ def test_an_option_has_no_second_name(taken):
     [
         (("run", "--duration", "1"), "did you mean '--for'?"),
         (("energy", "--target", "loihi"), "did you mean '--chips'?"),
+        (("fit", "--backend", "loihi"), "did you mean '--chip'?"),
+        (("predict", "--target", "loihi"), "did you mean '--backends'?"),
+        (("run", "--engine", "nest"), "did you mean '--backend'?"),
+        (("run", "--param", "w=3"), "did you mean '--set'?"),
         (("predict", "--backend", "event"), "did you mean '--backends'?"),
         (("run", "--backends", "event"), "did you mean '--backend'?"),
         (("convert", "--dt", "1"), "did you mean '--resolution'?"),

@@ -73,5 +73,5 @@ def test_a_dense_agent_is_priced_by_its_own_layers():
 def test_mistakes():
     told = "controller 'centroid' has no network: expected a spiking one, dqn, ddpg or ppo"
     assert refused(lambda: priced(train(SHORT, "centroid"), ("loihi",))) == told
-    told = "unknown target 'lohi'\n  hint: did you mean 'loihi'?"
+    told = "unknown chip 'lohi'\n  hint: did you mean 'loihi'?"
     assert refused(lambda: priced(train(SHORT, "static"), ("lohi",))) == told

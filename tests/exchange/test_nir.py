@@ -107,12 +107,12 @@ def test_a_file_of_another_tool_is_not_replaced(content, tmp_path):
 @pytest.mark.parametrize(
     ("words", "ends"),
     [
-        ("a.yaml b.yaml --resolution 1", "SRC to end in .nir, or DST to end in .nir"),
-        ("a.yaml b.nir --from norse", "SRC to end in .nir"),
-        ("a.nir b.yaml --resolution 1 --to norse", "DST to end in .nir"),
-        ("a.py b.yaml --run-script --reset subtract", "SRC to end in .nir, or SRC to end in .net"),
-        ("a.yaml b.nir --seed 1", "DST to end in .py, or --to c"),
-        ("a.yaml b.py --network 2", "SRC to end in .py"),
+        ("a.yaml b.yaml --resolution 1", "IN to end in .nir, or OUT to end in .nir"),
+        ("a.yaml b.nir --from norse", "IN to end in .nir"),
+        ("a.nir b.yaml --resolution 1 --to norse", "OUT to end in .nir"),
+        ("a.py b.yaml --run-script --reset subtract", "IN to end in .nir, or IN to end in .net"),
+        ("a.yaml b.nir --seed 1", "OUT to end in .py, or --to c"),
+        ("a.yaml b.py --network 2", "IN to end in .py"),
     ],
 )
 def test_an_option_that_neither_file_uses_is_refused(words, ends):

@@ -106,7 +106,7 @@ def test_table(model, tried, capsys):
     low, high = own.interval
     assert (
         f"energy per recording; {own.accuracy:.1%} of 26 right (95 % interval {low:.1%} - {high:.1%}) "
-        "by remus on event target dynamic as fast as the chip can in real time "
+        "by remus on event chip dynamic as fast as the chip can in real time "
     ) in " ".join(text.split())
     rows = {line.split()[0]: line for line in text.splitlines() if line.strip().startswith(TARGETS)}
     assert tuple(rows) == TARGETS

@@ -120,11 +120,11 @@ def test_energy_of_a_target_that_is_none(neuro, folder, model):
     """It is refused before any recording is looked for."""
     words = ("recognise", "energy", "model.h5", "--data")
     told = neuro(*words, "nowhere", "--chips", "loihi,lohi")
-    assert told == (2, "", "error: unknown target 'lohi'\n  hint: did you mean 'loihi'?\n")
+    assert told == (2, "", "error: unknown chip 'lohi'\n  hint: did you mean 'loihi'?\n")
     Path("bare.yaml").write_text("limits:\n  cores_per_chip: {value: 128, source: me}\n")
     assert neuro(*words, folder, "--chips", "bare.yaml") == (
-        2, "", "error: target 'bare' has no costs: none is published\n"
-        "  hint: write a table with 'like: bare' and 'costs: ...', and name its file as the target\n",
+        2, "", "error: chip 'bare' has no costs: none is published\n"
+        "  hint: write a table with 'like: bare' and 'costs: ...', and name its file as the chip\n",
     )  # fmt: skip
 
 

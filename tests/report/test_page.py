@@ -104,10 +104,19 @@ def test_its_bill_is_that_of_the_simulation(run, ran, network):
     assert [(name, *told.row(name)) for name, *_ in rows] == rows
 
 
+def test_each_decade_of_joules_is_named(run):
+    scale = re.search(r'class="decades">(.*?)</div>', page(run, "run.h5"))[1]
+    places, names = zip(*re.findall(r'left:([\d.]+)%">(.*?)<', scale), strict=True)
+    joules = [float(name.split()[0]) * {"nJ": 1e-9, "uJ": 1e-6, "mJ": 1e-3}[name.split()[1]] for name in names]
+    assert len(joules) > 2
+    assert np.allclose(np.diff(np.log10(joules)), 1.0)
+    assert np.allclose(np.array(places, float), np.linspace(0.0, 100.0, len(joules)), atol=0.1)
+
+
 def test_why_there_is_no_bill(run, ran, network, tmp_path):
     (tmp_path / "bare.yaml").write_text("limits:\n  cores_per_chip: {value: 128, source: me}\n")
     told = shown(run, target=str(tmp_path / "bare.yaml")).text
-    assert "target 'bare' has no costs: none is published" in told
+    assert "chip 'bare' has no costs: none is published" in told
     left_out = collect(ran, network, record=["quiet"])
     assert energy(left_out, network, "loihi") == ran.energy("loihi")
 
@@ -301,7 +310,7 @@ def test_the_command(tmp_path, answer, monkeypatch, run):
     assert "energy on cpu" in (tmp_path / "other.html").read_text()
     for words, told in {
         ("net.yaml",): "net.yaml: not a file of results, as 'neuro run' writes it\n",
-        ("run.h5", "--chip", "lohi"): "unknown target 'lohi'\n  hint: did you mean 'loihi'?\n",
+        ("run.h5", "--chip", "lohi"): "unknown chip 'lohi'\n  hint: did you mean 'loihi'?\n",
         ("run.h5", "--out", "net.yaml"): "net.yaml: exists and is not a page of 'neuro report'",
     }.items():
         found = answer("report", *words)

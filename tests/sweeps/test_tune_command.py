@@ -1,5 +1,6 @@
 """`neuro tune` on networks and functions from YAML files."""
 
+import re
 import subprocess
 import sys
 from pathlib import Path
@@ -91,6 +92,8 @@ def test_pictures_and_the_page(folder, run, capsys):
     page = (folder / "tuned" / "tune.html").read_text()
     assert "rate.exc maximised, energy.loihi minimised" in page
     assert page.count("<circle") == 24
+    assert set(re.findall(r">(yes|no|True|False)<", page)) <= {"yes", "no"}
+    assert ">yes<" in page
     assert '<meta name="provenance"' in page
     run("tune", "page", "tuned", "--out", "other.html")
     assert (folder / "other.html").exists()

@@ -118,7 +118,7 @@ def test_joules_train_a_network_to_spend_less(ran):
 @pytest.mark.parametrize(
     ("target", "message"),
     [
-        ("loih", "unknown target 'loih'"),
+        ("loih", "unknown chip 'loih'"),
         ("gpu", "target 'gpu' prices every synapse in every step, whatever spikes there are: expected one"),
     ],
 )

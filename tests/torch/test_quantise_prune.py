@@ -204,7 +204,7 @@ def test_a_state_dict_brings_back_the_grid():
     [
         (0, "loihi", "bits = 0: expected a whole number >= 1"),
         (9, "loihi", "bits = 9: weights of loihi have 8: expected 1 to 8"),
-        (4, "lohi", "unknown target 'lohi'"),
+        (4, "lohi", "unknown chip 'lohi'"),
         (4, "truenorth", "chip 'truenorth' has no arithmetic here: expected one of loihi, loihi2, spinnaker"),
     ],
 )

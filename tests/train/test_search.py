@@ -40,7 +40,7 @@ def table(path):
 
 
 def test_every_point_is_a_network_that_runs_and_the_front_is_tested_on_what_is_held_out(neuro, words, folder, tmp_path):
-    words += ["--search", "step=5:10,duration=30:60,hidden,prune=0:0.5"]
+    words += ["--search", "step=5:10,for=30:60,hidden,prune=0:0.5"]
     status, out, err = neuro(*words)
     assert status == 0, err
     assert out.splitlines()[-2:] == ["trained/front.csv: written", "trained/front.png: written"]
@@ -54,7 +54,7 @@ def test_every_point_is_a_network_that_runs_and_the_front_is_tested_on_what_is_h
         ends = [[float(row[f"held_out_{clock}microjoules{end}"]) for end in ("_low", "", "_high")]
                 for clock in ("", "real_time_")]  # fmt: skip
         assert ends == [sorted(each) for each in ends]
-        assert ends[1][1] - ends[0][1] == pytest.approx(float(row["duration"]) * 104.0, rel=0.01)
+        assert ends[1][1] - ends[0][1] == pytest.approx(float(row["for"]) * 104.0, rel=0.01)
     accuracy = [float(row["accuracy"]) for row in front]
     assert accuracy == sorted(accuracy)
     assert all(any(float(best["accuracy"]) >= float(row["accuracy"]) for best in front) for row in rows)
@@ -63,7 +63,7 @@ def test_every_point_is_a_network_that_runs_and_the_front_is_tested_on_what_is_h
         assert net.resolution == float(row["step"])
         assert net.populations["hidden"].shape == (int(row["hidden"]),)
         sim = snn.compile(net, backend="loihi")
-        sim.run(float(row["duration"]))
+        sim.run(float(row["for"]))
         kept = len(snn.compile(net).weights("in_hidden")[2]) / (288 * int(row["hidden"]))
         assert kept == 1.0 if row["prune"] == "0" else kept < 0.6
         assert row["network"].startswith("front/" if row["held_out"] else "points/")
@@ -132,20 +132,21 @@ def test_folds_are_means_and_what_is_held_out_is_in_none(neuro, words, folder):
 def test_what_varies_if_no_values_are_given():
     net = snn.load(neuro_models.path("dense"))
     plan = TrainingPlan(input="pixels", output="out", duration=310.0)
-    found = space("step,duration,hidden,prune", net, plan, {"hidden": 128, "resolution": 5.0})
+    found = space("step,for,hidden,prune", net, plan, {"hidden": 128, "resolution": 5.0})
     assert found == {
         "step": [5.0, 10.0, 20.0],
-        "duration": [60.0, 140.0, 220.0, 300.0],
+        "for": [60.0, 140.0, 220.0, 300.0],
         "hidden": [16, 32, 64, 128],
         "prune": [0.0, 0.25, 0.5, 0.75],
     }
-    assert parted({"step": 5.0, "duration": 50, "tau": 3.0}) == ({"resolution": 5.0, "tau": 3.0}, {"duration": 50})
+    assert parted({"step": 5.0, "for": 50, "tau": 3.0}) == ({"resolution": 5.0, "tau": 3.0}, {"duration": 50})
 
 
 @pytest.mark.parametrize(
     ("text", "given", "message"),
     [
         ("hiden", STEP, "unknown parameter of --search 'hiden'"),
+        ("duration=30", STEP, "unknown parameter of --search 'duration'\n  hint: did you mean 'for'?"),
         ("hidden=", STEP, "--search hidden=: expected NAME or NAME=VALUE:VALUE"),
         ("hidden=4:many", STEP, "--search hidden=many: expected numbers with ':' between them"),
         ("tau", STEP, "--search tau: expected its values"),

@@ -26,7 +26,7 @@ ABOUT = (
     "between seeds. The interval is Wilson's, of one seed's recordings. Times are of one core: to look at a recording, "
     "to learn from the other folds, to decide on a recording that was looked at."
 )
-BILLS = ("method", "target", *COLUMNS)
+BILLS = ("method", "chip", *COLUMNS)
 BILL = (
     "Joules of a recording: what the network does, and what the chip takes while it does; the host that turns events "
     "into its input is not in the bill. Counts times published figures, in brackets the range of these. The chip is on "

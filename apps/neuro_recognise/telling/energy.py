@@ -92,7 +92,7 @@ def words(recogniser: Recogniser, tried: Tried, priced: Priced) -> str:
 
 
 def show(recogniser: Recogniser, tried: Tried, priced: Priced, sources: bool = False) -> None:
-    """Print what was counted, a row for each target, and what that assumes, with the sources if asked for."""
+    """Print what was counted, a row for each chip, and what that assumes, with the sources if asked for."""
     own = tried.own
     low, high = own.interval
     right = f"{own.accuracy:.1%} of {own.n} right (95 % interval {low:.1%} - {high:.1%})"
@@ -101,7 +101,7 @@ def show(recogniser: Recogniser, tried: Tried, priced: Priced, sources: bool = F
     rows += [(name, "refused", *["-"] * (len(COLUMNS) - 1)) for name in priced.refused]
     text = ", ".join(f"{number(count)} {name.replace('_', ' ')}" for name, count in counted(priced).items())
     typer.echo(f"a recording: {text}\n")
-    console().print(table(("target", *COLUMNS), rows, title=title))
+    console().print(table(("chip", *COLUMNS), rows, title=title))
     refused = (f"{name} refuses the network: {why}" for name, why in priced.refused.items())
     for line in (*refused, *footnotes(priced.bills.values(), sources), *notes(priced)):
         typer.echo(f"- {line}")

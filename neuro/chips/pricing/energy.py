@@ -242,7 +242,7 @@ class Energy:
         return self.told()
 
     def told(self, sources: bool = False) -> str:
-        """The bill as text: its lines, what is assumed, and the sums last.
+        """The bill as text: its lines, the sums, and what they assume.
 
         Args:
             sources: whether to tell of each figure where it comes from.
@@ -254,9 +254,9 @@ class Energy:
         parts = (
             [self._head()],
             rows,
+            aligned(self.sums(), (False, True, True)),
             listed,
             [f"- {note}" for note in self.noted(sources)],
-            aligned(self.sums(), (False, True, True)),
         )
         return "\n\n".join("\n".join(part) for part in parts if part)
 

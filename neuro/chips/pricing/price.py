@@ -259,7 +259,7 @@ def price(
     if "mac" in chip.costs:
         return bill.dense()
     if chip.mesh is not None and placement is None:
-        raise ModelError(f"target '{chip.name}' needs a placement", hint="neuro.chips.place(program, chip)")
+        raise ModelError(f"chip '{chip.name}' needs a placement", hint="neuro.chips.place(program, chip)")
     if placement is not None:
         check_fits(program, placement, chip)
     return bill.spiking(counts)
@@ -276,11 +276,11 @@ def _check_machine(chip: Chip, placement: Placement | None, step_s: float | None
 
 
 def check_costs(chip: Chip) -> None:
-    """Refuse a target of which nothing can be priced."""
+    """Refuse a chip of which nothing can be priced."""
     if not chip.costs:
         raise ModelError(
-            f"target '{chip.name}' has no costs: none is published",
-            hint=f"write a table with 'like: {chip.name}' and 'costs: ...', and name its file as the target",
+            f"chip '{chip.name}' has no costs: none is published",
+            hint=f"write a table with 'like: {chip.name}' and 'costs: ...', and name its file as the chip",
         )
 
 
@@ -289,7 +289,7 @@ def check_fits(program: Program, placement: Placement, chip: Chip) -> None:
     problems = dict.fromkeys((*placement.problems, *too_late(program, chip)))
     refused = tuple(problem.error() for problem in problems if problem.refused)
     if refused:
-        raise ModelError(f"network '{program.name}' does not fit on target '{chip.name}'", others=refused)
+        raise ModelError(f"network '{program.name}' does not fit on chip '{chip.name}'", others=refused)
 
 
 def unrunnable(program: Program, chip: Chip, placed: bool) -> Iterator[str]:

@@ -9,6 +9,7 @@ from typing import Any, TypeVar
 from neuro.coding.codes import CHOICES
 from neuro.core.choice import Choice
 from neuro.core.errors import unknown
+from neuro.core.hints import ELSEWHERE
 from neuro.core.quantities import Quantity
 from neuro.core.values import shown
 from neuro.model.distributions import DISTRIBUTIONS
@@ -158,9 +159,15 @@ def _home(node: Node, word: str) -> str:
         name = chosen if chosen is None else chosen.value
         if isinstance(name, dict):
             name = next(iter(name), None)
-        if isinstance(name, str) and name in table and word in table[name].quantities():
-            return f"{kind}: {{{name}: {{{word}: {shown(plain(node.value[word]))}}}}}"
+        if isinstance(name, str) and name in table and (ours := _ours(word, table[name])):
+            return f"{kind}: {{{name}: {{{ours}: {shown(plain(node.value[word]))}}}}}"
     return ""
+
+
+def _ours(word: str, cls: type[Choice]) -> str:
+    """The parameter of a choice that a word, of ours or of another tool, stands for; "" if there is none."""
+    known = cls.quantities()
+    return next((one for one in (word, *ELSEWHERE.get(word.lower(), ())) if one in known), "")
 
 
 def _named(name: str, node: Node, kind: str, own: Mapping[str, type[Choice]]) -> type[Choice]:
@@ -170,8 +177,11 @@ def _named(name: str, node: Node, kind: str, own: Mapping[str, type[Choice]]) ->
     if name in table:
         return table[name]
     error = unknown(kind, name, [*own, *table])
-    others = [f"'{name}' is a {other}, not a {kind}" for other, names in TABLES.items() if name in names]
+    words = (name,) if error.suggestion else (name, *ELSEWHERE.get(name.lower(), ()))
+    others = [f"'{w}' is a {other}, not a {kind}" for w in words for other, names in TABLES.items() if w in names]
     hint = others[0] if others else error.hint
+    if hint.endswith(", ..."):
+        hint = "'neuro models' lists those there are"
     if kind == "distribution" and name in PROFILES:
         hint = f"'{name}' is a profile, write {{of_distance: {{{name}: ...}}}}"
     call = _CALL.fullmatch(name)
@@ -193,7 +203,9 @@ def _regroup(node: Node, kind: str) -> str:
     names += [n.value for n in node.value.values() if isinstance(n.value, str) and n.value in table]
     if len(names) != 1:
         return ""
-    rest = {w: plain(n) for w, n in node.value.items() if w != names[0] and n.value != names[0]}
+    rest = {
+        _ours(w, table[names[0]]) or w: plain(n) for w, n in node.value.items() if w != names[0] and n.value != names[0]
+    }
     return f"write {shown({names[0]: rest})}"
 
 

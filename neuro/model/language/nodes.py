@@ -72,6 +72,8 @@ def _unknown_word(word: str, value: Node, names: list[str], kind: str) -> ModelE
     before, colon, after = word.partition(":")
     if colon and before in names and value.value is None:
         return error.but(hint=f"write '{before}: {after}', with a space after ':'", suggestion="")
+    if word.endswith(")"):
+        return error.but(hint="',' ends a value; a choice is no call: write {name: {word: value}}", suggestion="")
     return error
 
 
