@@ -37,7 +37,10 @@ class CNN(Method):
 
     called_by = "cnn"
     title = "convolutional network, float32 (torch)"
-    settings = {"maps": 12, "epochs": 20, "rate": 0.004, "decay": 0.01, "dropout": 0.3, "shift": 2, "warp": 0.0}
+    settings = {
+        "maps": 12, "epochs": 20, "rate": 0.004, "decay": 0.01, "dropout": 0.3, "shift": 2, "warp": 0.0, "norm": False,
+        "members": 1,
+    }  # fmt: skip
     space = {
         "maps": (8, 12),
         "epochs": (20, 30),
@@ -48,6 +51,9 @@ class CNN(Method):
 
     def fit(self, train: Examples, settings: Mapping[str, Any], seed: int) -> Network:
         """Learn from examples; see `Method`."""
+        return Network(summed(self._members(train, settings, seed)), "float32")
+
+    def _members(self, train: Examples, settings: Mapping[str, Any], seed: int) -> list[Any]:
         check_torch(self)
         from torch import nn
 
@@ -55,7 +61,8 @@ class CNN(Method):
         maps = settings["maps"]
 
         def block(inward: int, outward: int) -> list[Any]:
-            return [nn.Conv2d(inward, outward, 3, padding=1), nn.ReLU(), nn.MaxPool2d(2, ceil_mode=True)]
+            norm = [nn.BatchNorm2d(outward)] if settings["norm"] else []
+            return [nn.Conv2d(inward, outward, 3, padding=1), *norm, nn.ReLU(), nn.MaxPool2d(2, ceil_mode=True)]
 
         sides = [-(-side // 8) for side in (rows, columns)]
 
@@ -64,7 +71,7 @@ class CNN(Method):
             last = nn.Linear(4 * maps * sides[0] * sides[1], len(train.classes))
             return nn.Sequential(*blocks, nn.Flatten(), nn.Dropout(settings["dropout"]), last)
 
-        return Network(learnt(make, train, settings, seed), "float32")
+        return members(make, train, settings, seed)
 
 
 class QuantisedCNN(CNN):
@@ -75,8 +82,8 @@ class QuantisedCNN(CNN):
 
     def fit(self, train: Examples, settings: Mapping[str, Any], seed: int) -> Network:
         """Learn from examples, then quantise by their largest values; see `Method`."""
-        network = super().fit(train, settings, seed)
-        return Network(quantised(network.module, train.take(np.arange(min(train.recordings, AT_ONCE)), 1)), "int8")
+        shown = train.take(np.arange(min(train.recordings, AT_ONCE)), 1)
+        return Network(summed([quantised(one, shown) for one in self._members(train, settings, seed)]), "int8")
 
 
 class GRU(Method):
@@ -105,7 +112,35 @@ class GRU(Method):
         return Network(learnt(Recurrent, train, settings, seed), "float32")
 
 
-def learnt(make: Any, train: Examples, settings: Mapping[str, Any], seed: int) -> nn.Module:
+def members(make: Any, train: Examples, settings: Mapping[str, Any], seed: int) -> list[Any]:
+    """Sequences that have learnt, from other first weights each; batch normalisation is made part of convolutions."""
+    from torch import nn
+    from torch.nn.utils.fusion import fuse_conv_bn_eval
+
+    found = []
+    for k in range(settings["members"]):
+        layers: list[Any] = []
+        for layer in learnt(make, train, settings, seed + 1000 * k):
+            if isinstance(layer, nn.BatchNorm2d):
+                layers[-1] = fuse_conv_bn_eval(layers[-1], layer)
+            else:
+                layers.append(layer)
+        found.append(nn.Sequential(*layers).eval())
+    return found
+
+
+def summed(modules: list[Any]) -> Any:
+    """A module that says the sum of what others say."""
+    from torch import nn
+
+    class Sum(nn.ModuleList):
+        def forward(self, x: Tensor) -> Any:
+            return sum(one(x) for one in self)
+
+    return Sum(modules)
+
+
+def learnt(make: Any, train: Examples, settings: Mapping[str, Any], seed: int) -> Any:
     """A module that has learnt: cross-entropy, batches of 32, frames shifted and warped at random.
 
     An epoch shows each recording once, in one version after the other.

@@ -5,7 +5,8 @@ threshold from the beginning on; another lets go when the layer before has said 
 as its potential contains the threshold, or not at all, which is the rectified sum in whole numbers. Without the clock
 a neuron fires while what inhibits it is still to come, and no spike can be taken back: that is what converted
 networks lose (Rueckauer et al., Front. Neurosci. 11:682, 2017). Weights are scaled so that nearly all activations lie
-within the spikes that a layer may fire (Diehl et al., IJCNN 2015).
+within the spikes that a layer may fire (Diehl et al., IJCNN 2015). Batch normalisation becomes weights and biases; the
+spike that lets go carries the bias.
 """
 
 from __future__ import annotations
@@ -21,7 +22,7 @@ import neuro
 from neuro import ModelError
 from neuro.apps import Showing
 from neuro.chips import neurobench
-from neuro_bench.artificial import check_torch, learnt
+from neuro_bench.artificial import check_torch, members
 from neuro_bench.costs import Costs, on_chips
 from neuro_bench.method import Method
 from neuro_bench.spiking import INPUT, OUTPUT, PRICED
@@ -29,18 +30,20 @@ from neuro_bench.task import Examples, Floats, Spikes
 
 HELD = 4096.0
 """Thresholds by which a layer is held."""
+Layer = tuple[Floats, Floats]
+"""Weights, (to, from, ...), and a bias for each map, (to,)."""
 COMMON = 0.99
 """Share of the positive activations of a layer that lie within its levels."""
 
 
 class Converted(Method):
-    """Three convolutions of strides, without biases, and a layer of classes, converted to spikes."""
+    """Three convolutions of strides, with batch normalisation, and a layer of classes, converted to spikes."""
 
     called_by = "converted-cnn"
     title = "convolutional network on integrate-and-fire neurons, converted"
     spiking = True
     settings = {
-        "maps": 16, "epochs": 40, "rate": 0.004, "decay": 0.01, "dropout": 0.5, "shift": 2, "warp": 0.15, "levels": 8,
+        "maps": 16, "epochs": 40, "rate": 0.004, "decay": 0.01, "dropout": 0.5, "shift": 2, "warp": 0.15, "levels": 16,
         "members": 1,
     }  # fmt: skip
     space = {
@@ -65,13 +68,13 @@ class Converted(Method):
         def make() -> Any:
             layers: list[Any] = []
             for source, target, size in ((channels, maps, 5), (maps, 2 * maps, 5), (2 * maps, 4 * maps, 3)):
-                layers += [nn.Conv2d(source, target, size, 2, size // 2, bias=False), nn.ReLU()]
+                layers += [nn.Conv2d(source, target, size, 2, size // 2), nn.BatchNorm2d(target), nn.ReLU()]
             last = nn.Linear(4 * maps * sides[0] * sides[1], len(train.classes), bias=False)
             return nn.Sequential(*layers, nn.Flatten(), nn.Dropout(settings["dropout"]), last)
 
-        modules = [learnt(make, counts, settings, seed + 1000 * k) for k in range(settings["members"])]
-        members = [scaled(module, counts.frames, settings["levels"]) for module in modules]
-        return _Converted(members, train.spikes, settings["levels"])
+        modules = members(make, counts, settings, seed)
+        each = [scaled(module, counts.frames, settings["levels"]) for module in modules]
+        return _Converted(each, train.spikes, settings["levels"])
 
 
 def counted(spikes: Spikes, examples: int) -> Floats:
@@ -81,8 +84,8 @@ def counted(spikes: Spikes, examples: int) -> Floats:
     return counts.reshape(examples, *spikes.shape).astype(np.float32)
 
 
-def scaled(module: Any, frames: Floats, levels: int) -> list[Floats]:
-    """Weights of each layer, by which nearly all activations are 0 to `levels` if those of the layer before are.
+def scaled(module: Any, frames: Floats, levels: int) -> list[Layer]:
+    """Weights and biases, by which nearly all activations of a layer are 0 to `levels` if those before are.
 
     Potentials of the classes are those of the module.
     """
@@ -96,7 +99,8 @@ def scaled(module: Any, frames: Floats, levels: int) -> list[Floats]:
                 positive = np.asarray(x[x > 0])
                 last = layer is module[-1]
                 now = levels / float(np.quantile(positive, COMMON)) if len(positive) and not last else 1.0
-                found.append(layer.weight.numpy() * (now / before))
+                bias = np.zeros(len(layer.weight), np.float32) if layer.bias is None else layer.bias.numpy() * now
+                found.append((layer.weight.numpy() * (now / before), bias))
                 before = now
     return found
 
@@ -104,7 +108,7 @@ def scaled(module: Any, frames: Floats, levels: int) -> list[Floats]:
 class _Converted:
     """Its members lie side by side between the input and the classes, whose potentials are the sums of theirs."""
 
-    def __init__(self, members: list[list[Floats]], like: Spikes, levels: int) -> None:
+    def __init__(self, members: list[list[Layer]], like: Spikes, levels: int) -> None:
         if like.step < 1.0:
             raise ModelError(f"method 'converted-cnn': steps of {like.step} ms: expected 1 ms or more")
         words: Any = {"tau_m": float("inf"), "t_ref": 0.0, "E_L": 0.0, "V_reset": 0.0}
@@ -115,20 +119,20 @@ class _Converted:
         net.population(INPUT, like.shape, neuro.spike_generator())
         times = [[1.0], *([each] for each in opened)]
         clock = net.population("clock", layers + 1, neuro.spike_generator(spike_times=times))
-        net.population(OUTPUT, len(members[0][-1]), neuro.iaf_psc_delta(V_th=1e6, **words))
-        for m, weights in enumerate(members):
-            before = INPUT
-            for k, weight in enumerate(weights[:-1]):
-                name, size = f"maps_{m}_{k}", weight.shape[2]
-                net.population(name, (len(weight), "auto", "auto"), cell)
+        net.population(OUTPUT, len(members[0][-1][0]), neuro.iaf_psc_delta(V_th=1e6, **words))
+        for m, (*maps, (weight_of_classes, _)) in enumerate(members):
+            before, (_, rows, columns) = INPUT, like.shape
+            for k, (weight, bias) in enumerate(maps):
+                name, size, rows, columns = f"maps_{m}_{k}", weight.shape[2], -(-rows // 2), -(-columns // 2)
+                net.population(name, (len(weight), rows, columns), cell)
                 rule = neuro.grid(kernel=(size, size), stride=2, padding=size // 2)
                 net.connect(before, name, rule, weight=weight.astype(np.float64), delay=1.0)
                 # Half a threshold more than was held rounds to the nearest whole number of spikes.
-                ways = (("held", clock[0], -HELD), ("open", clock[k + 1], HELD + 0.5))
-                for word, source, held in ways:
-                    net.connect(source, name, neuro.all_to_all(), weight=held, delay=1.0, name=f"{name}_{word}")
+                lets_go = np.repeat(HELD + 0.5 + bias.astype(np.float64), rows * columns)[None]
+                for word, source, each in (("held", clock[0], -HELD), ("open", clock[k + 1], lets_go)):
+                    net.connect(source, name, neuro.all_to_all(), weight=each, delay=1.0, name=f"{name}_{word}")
                 before = name
-            net.connect(before, OUTPUT, neuro.all_to_all(), weight=weights[-1].T.astype(np.float64), delay=1.0)
+            net.connect(before, OUTPUT, neuro.all_to_all(), weight=weight_of_classes.T.astype(np.float64), delay=1.0)
         self.net, self._steps = net, int(opened[-1]) + levels + 4
 
     def _show(self, sim: Any, shown: Examples) -> tuple[Any, Any]:

@@ -4,12 +4,15 @@ from __future__ import annotations
 
 import pickle
 from collections.abc import Mapping
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
 
 from neuro import ModelError
 from neuro.apps import install
+from neuro.events import Events
+from neuro.events.representations import hats
 from neuro_bench.costs import Costs, arithmetic
 from neuro_bench.method import Method
 from neuro_bench.task import Examples
@@ -81,6 +84,63 @@ class GradientBoosting(Method):
         learner = Boosting(max_leaf_nodes=settings["leaves"], random_state=seed, **words)
         learner.fit(_rows(train, settings["pooled"]), train.labels)
         return _Classifier(learner, settings["pooled"])
+
+
+class HATS(Method):
+    """Averages of what the surroundings of each spike were, over cells of neurons, and a linear machine.
+
+    As `neuro recognise --method hats`; a sheet of the input is a polarity.
+    """
+
+    called_by = "hats"
+    title = "histograms of averaged time surfaces, linear support vector machine (scikit-learn)"
+    settings = {"C": 100.0, "cell": 7, "radius": 3, "tau": 100.0}
+    space = {"C": (10.0, 30.0, 100.0), "cell": (5, 7, 9), "radius": (2, 3, 4), "tau": (30.0, 100.0)}
+
+    def fit(self, train: Examples, settings: Mapping[str, Any], seed: int) -> _HATS:
+        """Learn from examples; see `Method`."""
+        _sklearn(self)
+        from sklearn.pipeline import make_pipeline
+        from sklearn.preprocessing import Normalizer
+        from sklearn.svm import LinearSVC
+
+        if train.spikes.shape[0] > 2:
+            found = f"method 'hats': the input has {train.spikes.shape[0]} sheets"
+            raise ModelError(f"{found}: expected the two polarities of an event camera, or one sheet")
+        learner = make_pipeline(Normalizer(), LinearSVC(C=settings["C"], max_iter=10_000, random_state=seed))
+        return _HATS(learner.fit(surfaces(train, settings), train.labels), settings)
+
+
+def surfaces(shown: Examples, settings: Mapping[str, Any]) -> Any:
+    """The histograms of each example's spikes in a row."""
+    spikes, tau = shown.spikes, round(1e3 * settings["tau"])
+    words: Any = {"cell": settings["cell"], "radius": settings["radius"], "window_us": tau, "tau_us": tau}
+    p, y, x = (each.astype(np.uint16) for each in np.unravel_index(spikes.neuron, spikes.shape))
+    t, size = (1e3 * spikes.step * spikes.at).astype(np.int64), spikes.shape[:0:-1]
+    ends, found = np.searchsorted(spikes.example, np.arange(len(shown) + 1)).tolist(), []
+    for own in (slice(*each) for each in pairwise(ends)):
+        events = Events(t=t[own], x=x[own], y=y[own], p=p[own].astype(np.uint8), sensor_size=size)
+        found.append(hats(events, **words).ravel())
+    return np.stack(found)
+
+
+class _HATS:
+    def __init__(self, learner: Any, settings: Mapping[str, Any]) -> None:
+        self.settings, self._learner = settings, learner
+
+    def predict(self, shown: Examples) -> Any:
+        """The class of each."""
+        return self._learner.predict(surfaces(shown, self.settings))
+
+    def costs(self, shown: Examples) -> Costs:
+        """Products of the machine, and one for each neuron of a spike's surroundings, whose age weighs it."""
+        weights = self._learner[-1].coef_
+        seen = len(shown.spikes.at) / len(shown) * (2 * self.settings["radius"] + 1) ** 2
+        effective = seen + float((surfaces(shown, self.settings) != 0).sum() / len(shown)) * len(weights)
+        dense = seen + weights.size
+        size = weights.size + len(weights)
+        words: Any = {"effective_macs": effective, "dense": dense, "joules": arithmetic("float32", effective, dense)}
+        return Costs(parameters=size, footprint_bytes=8 * size, **words)
 
 
 class _Classifier:

@@ -8,7 +8,7 @@ from neuro.apps import Registry
 from neuro_bench.artificial import CNN, GRU, QuantisedCNN
 from neuro_bench.converted import Converted
 from neuro_bench.event_cameras import NMNIST, DVSGesture, PokerDVS
-from neuro_bench.features import GradientBoosting, LogisticRegression
+from neuro_bench.features import HATS, GradientBoosting, LogisticRegression
 from neuro_bench.mackey_glass import MackeyGlass
 from neuro_bench.method import Method
 from neuro_bench.population_code import PopulationCode
@@ -62,6 +62,7 @@ METHODS: Registry[type[Method]] = Registry(
         GRU,
         LogisticRegression,
         GradientBoosting,
+        HATS,
         PopulationCode,
         EchoState,
         SeriesMean,

@@ -1,14 +1,18 @@
 """Tasks, methods and results from end to end, also of a newcomer."""
 
 import json
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 import neuro
+from neuro.events.representations import hats
 from neuro_bench import METHODS, TASKS, Costs, Examples, Fold, Method, Request, Spikes, Task, report, run
+from neuro_bench.artificial import learnt, members, summed
 from neuro_bench.costs import break_even
+from neuro_bench.features import surfaces
 from neuro_bench.method import tries
 from neuro_bench.running import interval
 from neuro_bench.spoken_digits import SpokenDigits
@@ -98,9 +102,11 @@ def test_recordings_are_taken_in_all_their_versions():
     assert method.plan(twice, {**method.settings, "epochs": 5}, 0).epochs == 3  # each shows all versions once
 
 
-@pytest.mark.parametrize("method", ["logistic", "majority", "cnn", "cnn-int8", "gru", "recurrent", "delays"])
+@pytest.mark.parametrize(
+    "method", ["logistic", "majority", "hats", "cnn", "cnn-int8", "gru", "recurrent", "delays", "converted-cnn"]
+)
 def test_a_newcomers_task_is_learnt_by_every_method(method):
-    needs_torch = method not in ("logistic", "majority")
+    needs_torch = method not in ("logistic", "majority", "hats")
     if needs_torch:
         pytest.importorskip("torch", reason="the extra torch is not installed")
     changes = {"epochs": 4, "shift": 0} if needs_torch else {}
@@ -108,10 +114,46 @@ def test_a_newcomers_task_is_learnt_by_every_method(method):
         found = run(Request(task="bars", method=method, folds=1, changes=changes))
     assert len(found["folds"]) == 1
     assert found["costs"]["parameters"] > 0
-    assert found["method"]["spiking"] == (method in ("recurrent", "delays"))
+    assert found["method"]["spiking"] == (method in ("recurrent", "delays", "converted-cnn"))
     json.dumps(found)
     if method == "logistic":
         assert found["mean"] == 100.0
+
+
+def test_members_say_together_what_normalised_networks_say():
+    torch = pytest.importorskip("torch", reason="the extra torch is not installed")
+    shown, rng = examples(), np.random.default_rng(0)
+    settings = {**METHODS["cnn"].settings, "epochs": 2, "members": 2}
+
+    def make():
+        layers = torch.nn.Conv2d(2, 3, 3), torch.nn.BatchNorm2d(3), torch.nn.ReLU()
+        return torch.nn.Sequential(*layers, torch.nn.Flatten(), torch.nn.Linear(24, 3))
+
+    frames = torch.from_numpy(rng.random((5, 2, 4, 6), np.float32))
+    wanted = [learnt(make, shown, settings, seed) for seed in (4, 1004)]
+    found = summed(members(make, shown, settings, 4))
+    assert torch.allclose(found(frames), wanted[0](frames) + wanted[1](frames), atol=1e-5)
+    assert not torch.allclose(wanted[0](frames), wanted[1](frames), atol=1e-2)
+    sizes = []
+    for norm, count in ((False, 1), (True, 2)):
+        of = METHODS["cnn-int8"]().fit(shown, {**settings, "norm": norm, "members": count}, 0)
+        sizes.append(of.costs(shown).parameters)
+    assert sizes[1] == 2 * sizes[0]
+
+
+def test_surfaces_are_of_the_spikes():
+    shown = examples(4)
+    method = METHODS["hats"]()
+    made = method.fit(shown, {**method.settings, "cell": 3, "radius": 1}, 0)
+    own = np.flatnonzero(shown.spikes.example == 2)
+    polarity, y, x = np.unravel_index(shown.spikes.neuron[own], (2, 4, 6))
+    events = neuro.events.Events(t=5000 * shown.spikes.at[own], x=x, y=y, p=polarity, sensor_size=(6, 4))
+    wanted = hats(events, cell=3, radius=1, window_us=100_000, tau_us=1e5).ravel()
+    assert np.array_equal(surfaces(shown, made.settings)[2], wanted)
+    seen = np.count_nonzero(surfaces(shown, made.settings))
+    assert made.costs(shown).effective_macs == pytest.approx(len(shown.spikes.at) * 9 / 4 + 3 * seen / 4)
+    with pytest.raises(neuro.ModelError, match="method 'hats': the input has 3 sheets: expected the two polarities"):
+        method.fit(replace(shown, spikes=Spikes.of_dense(np.ones((4, 1, 3, 2, 2)), 5.0)), method.settings, 0)
 
 
 def _nothing():

@@ -15,6 +15,7 @@ def drawn(rng, n=5):
     shapes = ((3, 2, 5, 5), (4, 3, 5, 5), (5, 4, 3, 3), (3, 20))
     weights = [rng.normal(0.0, 0.4 if len(shape) == 4 else 1.0, shape).astype(np.float32) for shape in shapes]
     weights[0], weights[1] = weights[0] * 0.6, weights[1] * 0.3
+    weights = [(weight, rng.normal(0.0, 0.4, len(weight))) for weight in weights]
     return Examples(np.zeros((n, 1, 1, 1), np.float32), np.zeros(n, np.int64), ("a", "b", "c"), spikes), weights
 
 
@@ -22,11 +23,11 @@ def in_whole_numbers(counts, weights):
     """Rectified sums, rounded, layer by layer; and the potentials of the classes."""
     torch = pytest.importorskip("torch", reason="the extra torch is not installed")
     x, said = torch.from_numpy(counts).double(), []
-    for weight in weights[:-1]:
-        w = torch.from_numpy(weight).double()
-        x = torch.floor(torch.nn.functional.conv2d(x, w, stride=2, padding=w.shape[2] // 2) + 0.5).clamp_min(0.0)
+    for weight, bias in weights[:-1]:
+        w, b = torch.from_numpy(weight).double(), torch.from_numpy(bias)
+        x = torch.floor(torch.nn.functional.conv2d(x, w, b, stride=2, padding=w.shape[2] // 2) + 0.5).clamp_min(0.0)
         said.append(x.numpy())
-    return said, (x.flatten(1) @ torch.from_numpy(weights[-1]).double().T).numpy()
+    return said, (x.flatten(1) @ torch.from_numpy(weights[-1][0]).double().T).numpy()
 
 
 def test_each_layer_fires_its_rectified_sum_in_whole_numbers():
