@@ -1,9 +1,12 @@
 """A spiking network for series: populations of LIF neurons that say each value in spikes, and a readout of the last.
 
-The value is a current into all neurons of a population, whose gains and offsets differ, so each fires from another
-value on, up or down, once. It stays for some steps, after the value halfway from the one before; a clock's spikes
-empty the neurons in between, so which neurons fire depends on the current alone. A smooth function of the current is
-the sum of its changes where neurons begin or cease to fire, and ridge regression says the next value from such
+The value is a current into all neurons of a population, whose offsets differ, so each fires from another value on, and
+the sooner the more the value is above that. Who fires and when tells as many values apart as there are neurons times
+steps (time to first spike: Thorpe, Delorme and Van Rullen, Neural Networks 14:715, 2001). Who has fired is silent until
+a clock's spikes empty all neurons for the next value, so the spikes follow from the value alone.
+
+A spike counts for the steps that are left, as by a synaptic current that flows until then, so each neuron adds a
+staircase of the value. A smooth function is a sum of these, and ridge regression says the next value from such
 functions of the last so many values (as in Eliasmith and Anderson, Neural Engineering, MIT Press 2003). Both are
 linear, so the readout is one weight for each neuron and delay, added at each spike.
 """
@@ -22,17 +25,23 @@ import neuro
 from neuro.chips import neurobench
 from neuro_bench.costs import PICOJOULES, Costs, on_chips
 from neuro_bench.method import Method
-from neuro_bench.reservoir import REACH
 from neuro_bench.task import Series
 
-SHOWN, EMPTYING = 3, 2
-"""Steps that a current is shown, and steps before until the neurons are empty and the current has come."""
-STEPS = SHOWN + EMPTYING
+EMPTYING, SHOWN = 2, 16
+"""Steps until the neurons are empty and the current has come, and steps that neurons may fire in."""
+STEPS = EMPTYING + SHOWN
 TAU = 4.0
 """ms, of the membrane; a step is 1 ms."""
-LEAST = 1.0 / -math.expm1(-SHOWN / TAU)
-"""Of a threshold: the least current with which a neuron fires in the steps that it is shown."""
+DEEP = 1e4
+"""Thresholds below 0 that a neuron is left at by its spike, from where no current brings it back in time."""
+MARGIN = 1.15
+"""What can be said reaches this much further from the middle of the values that were seen than these."""
+PRICED = 75
+"""Values that costs are the mean of, at most."""
 Floats = npt.NDArray[np.float64]
+LEAST: Floats = -1.0 / np.expm1(-np.arange(1.0, SHOWN + 1.0) / TAU)
+"""Of a threshold: the least current for a spike in the first step, in the second, and so on."""
+NONE = np.zeros(0, dtype=np.int64)
 
 
 class PopulationCode(Method):
@@ -42,12 +51,12 @@ class PopulationCode(Method):
     called_by = "population-code"
     title = "spiking populations with delays and a readout by least squares"
     spiking = True
-    settings = {"cells": 2000, "functions": 30, "steep": 1.0, "delays": 20, "ridge": 1e-9, "members": 3}
+    settings = {"cells": 2000, "functions": 45, "steep": 4.5, "delays": 20, "ridge": 1e-12, "members": 3}
     space = {
-        "functions": (20, 30, 45),
-        "steep": (0.8, 1.0, 1.3),
-        "delays": (9, 12, 16, 20),
-        "ridge": (1e-10, 3e-10, 1e-9, 3e-9),
+        "functions": (30, 45, 60),
+        "steep": (3.0, 4.5, 6.0),
+        "delays": (16, 20, 24),
+        "ridge": (1e-13, 1e-12, 1e-11),
     }
 
     def fit(self, train: Series, settings: Mapping[str, Any], seed: int) -> _Coded:
@@ -56,67 +65,70 @@ class PopulationCode(Method):
 
 
 class _Cells:
-    """Populations of a seed, one for each member; the same for all series."""
+    """Populations of a seed, one for each member, for values from -1 to 1; the same for all series."""
 
     def __init__(self, count: int, members: int, seed: int) -> None:
-        words: Any = {
-            "tau_m": TAU,
-            "C_m": TAU,
-            "t_ref": SHOWN - 1.0,
-            "E_L": 0.0,
-            "V_reset": 0.0,
-            "V_th": 1.0,
-            "V_min": 0.0,
-        }
+        words: Any = {"tau_m": TAU, "C_m": TAU, "t_ref": 0.0, "E_L": 0.0, "V_th": 1.0, "V_reset": -DEEP, "V_min": -DEEP}
+        first = [np.random.default_rng((seed, k, 5)).random() for k in range(members)]
+        self.at = 2.0 * (np.arange(count) + np.array(first)[:, None]) / count - 1.0
+        self._seed, gain, size = seed, _gain(count), members * count
+        emptying = np.array([[-2.0 * DEEP], [DEEP * math.exp(-1.0 / TAU)]])  # first all to V_min, then all to 0
         net = neuro.Network("population-code", resolution=1.0)
-        value = net.population("value", members, neuro.dc_generator(amplitude=0.0))
-        net.population("clock", 1, neuro.spike_generator())
-        self._ways: list[tuple[Floats, Floats]] = []
-        names = [f"cells_{k}" for k in range(members)]
-        for k, name in enumerate(names):
-            rng = np.random.default_rng((seed, k, 5))
-            at = REACH * (2.0 * (np.arange(count) + rng.random(count)) / count - 1.0)
-            gain = rng.uniform(1.0, 3.0, count) * rng.choice((-1.0, 1.0), count)
-            self._ways.append((at, np.sign(gain)))
-            net.population(name, count, neuro.iaf_psc_delta(I_e=LEAST - gain * at, **words))
-            net.connect(value[k], name, neuro.all_to_all(), weight=gain[None, :], delay=1.0)
-            net.connect("clock", name, neuro.all_to_all(), weight=-100.0, delay=1.0)
-        self.sim, self.members, self._seed = neuro.compile(net), members, seed
+        value = net.population("value", size, neuro.dc_generator(amplitude=0.0))
+        clock = net.population("clock", EMPTYING, neuro.spike_generator())
+        cells = net.population("cells", size, neuro.iaf_psc_delta(I_e=LEAST[-1] - gain * self.at.ravel(), **words))
+        net.connect(value, cells, neuro.one_to_one(), weight=gain, delay=1.0)
+        net.connect(clock, cells, neuro.all_to_all(), weight=np.tile(emptying, size), delay=1.0)
+        self.sim = neuro.compile(net)
         self._amplitude = self.sim.port("value", "amplitude")
-        self._stepper = self.sim.stepper(float(STEPS), ["clock"], names)
-        self._ticks = np.array([1, STEPS]), np.zeros(2, dtype=np.int64)
-        self.begin()
+        self._stepper = self.sim.stepper(1.0, ["clock"], ["cells"])
 
-    def begin(self) -> None:
-        """Go back to time 0; what the first steps say, before any spike of the clock, is dropped."""
-        self.sim.reset()
-        self.count(np.zeros(self.members))
-
-    def count(self, values: Floats) -> Floats:
-        """How often each neuron fires at a value for each member, in standard deviations, (members, neurons)."""
-        self._amplitude.set(np.clip(values, -REACH, REACH))
-        return np.stack([each[0] for each in self._stepper.step(self._ticks)]).astype(np.float64)
-
-    def counts(self, values: Floats) -> Floats:
-        """The same of many, (members, values), as (members, values, neurons)."""
-        return np.stack([self.count(each) for each in values.T], axis=1)
+    def left(self, values: Floats) -> Floats:
+        """The share of the steps that are left from each neuron's spike on, or 0, (members, neurons), at its value."""
+        self._amplitude.set(np.repeat(values, self.at.shape[1]))
+        for step in range(EMPTYING):
+            self._stepper.step((np.array([1]), np.array([step])))
+        fired, said = np.zeros(self.at.size), np.zeros(self.at.shape)
+        for _ in range(SHOWN):
+            fired += self._stepper.step((NONE, NONE))[0][0]
+            said += fired.reshape(said.shape)
+        return said / SHOWN
 
     def decoders(self, functions: int, steep: float) -> list[Floats]:
-        """For each member weights of the counts that make hyperbolic tangents of the value, (neurons, functions).
+        """For each member weights that make smooth functions of the value from what is left, (neurons, functions).
 
-        They make them but for a constant: the weight of a neuron is the change of the function from the middle
-        between it and the neuron before to that between it and the next, the sign is that of its gain.
+        They make hyperbolic tangents but for a constant, blurred by the little that a staircase extends over: the
+        weight of a neuron is the change of the function from the middle between it and the neuron before to that
+        between it and the next.
         """
         found = []
-        for k, (at, sign) in enumerate(self._ways):
+        for k, at in enumerate(self.at):
             rng = np.random.default_rng((self._seed, k, 6))
-            centre, slope = rng.uniform(-REACH, REACH, functions), steep * rng.uniform(0.5, 1.4, functions)
-            middles = np.concatenate(([-REACH], (at[1:] + at[:-1]) / 2.0, [REACH]))
-            found.append(sign[:, None] * np.diff(np.tanh((middles[:, None] - centre) * slope), axis=0))
+            centre, slope = rng.uniform(-1.0, 1.0, functions), steep * rng.uniform(0.5, 1.4, functions)
+            middles = np.concatenate(([-1.0], (at[1:] + at[:-1]) / 2.0, [1.0]))
+            found.append(np.diff(np.tanh((middles[:, None] - centre) * slope), axis=0))
         return found
 
 
+def _gain(count: int) -> float:
+    """Current of a value, for which the steps of all neurons' staircases divide the values most evenly.
+
+    A neuron fires in a step from its own value on and LEAST / gain further. Taken modulo the distance of two neurons
+    these are the steps that values are told apart by; the error grows with the sum of the cubes of their distances.
+    """
+    gains, apart = np.linspace(5.0, 20.0, 4001), 2.0 / count
+    steps = np.sort(np.mod(LEAST / gains[:, None], apart), axis=1)
+    gaps = np.diff(steps, append=steps[:, :1] + apart)
+    return float(gains[np.argmin((gaps**3).sum(axis=1))])
+
+
 _cells = lru_cache(maxsize=4)(_Cells)
+
+
+@lru_cache(maxsize=4)
+def _left(cells: _Cells, values: bytes) -> Floats:
+    """What is left at each of many values, which all members are shown, (members, values, neurons)."""
+    return np.stack([cells.left(np.full(len(cells.at), each)) for each in np.frombuffer(values)], axis=1)
 
 
 class _Coded:
@@ -124,52 +136,45 @@ class _Coded:
 
     def __init__(self, train: Series, settings: Mapping[str, Any], seed: int) -> None:
         cells = self._cells = _cells(settings["cells"], settings["members"], seed)
-        self._mean, self._std = float(train.mean()), float(train.std())
-        seen = (train - self._mean) / self._std
-        halfway = (seen + np.concatenate((seen[:1], seen[:-1]))) / 2.0
-        both = np.stack((halfway, seen), axis=1).ravel()
-        counts = cells.counts(np.tile(both, (cells.members, 1)))
-        delays, self._last = settings["delays"], both[-1]
-        self._weights = np.empty((2, cells.members, delays, settings["cells"]))
-        self._offsets = np.empty((cells.members, 1))
+        low, high = float(train.min()), float(train.max())
+        self._middle, self._reach = (low + high) / 2.0, MARGIN * (high - low) / 2.0
+        seen = (train - self._middle) / self._reach
+        left, delays = _left(cells, seen.tobytes()), settings["delays"]
+        self._weights = np.empty((len(left), delays, settings["cells"]))
+        self._offsets = np.empty((len(left), 1))
         for k, decoders in enumerate(cells.decoders(settings["functions"], settings["steep"])):
-            weights, self._offsets[k] = _ridge(counts[k] @ decoders, seen, delays, settings["ridge"])
-            self._weights[:, k] = weights @ decoders.T
+            weights, self._offsets[k] = _ridge(left[k] @ decoders, seen, delays, settings["ridge"])
+            self._weights[k] = weights @ decoders.T
         self._coming = np.tile(self._offsets, delays)
-        for k in range(len(both) - 2 * delays, len(both)):
-            self._coming = self._heard(self._coming, counts[:, k], k % 2)
+        for k in range(len(seen) - delays, len(seen)):
+            self._coming = self._heard(self._coming, left[:, k])
 
-    def _heard(self, coming: Floats, counts: Floats, which: int) -> Floats:
-        """The sums of the next predictions, (members, delays), after each spike has added its weight to all of them.
+    def _heard(self, coming: Floats, left: Floats) -> Floats:
+        """The sums of the next predictions, (members, delays), after a value; the first of them is over.
 
-        With the first current of a value the first of them is over.
+        Each spike adds its weight, for the steps that are left, to all of them.
         """
-        if which == 0:
-            coming = np.concatenate((coming[:, 1:], self._offsets), axis=1)
-        added: Floats = (self._weights[which] @ counts[:, :, None])[:, :, 0]
-        return coming + added
+        added: Floats = (self._weights @ left[:, :, None])[:, :, 0]
+        return np.concatenate((coming[:, 1:], self._offsets), axis=1) + added
 
     def predict(self, shown: int) -> Series:
         """The next values, each of a member from its spikes that say those before it."""
-        coming, last = self._coming, np.full(len(self._offsets), self._last)
-        said = np.empty((shown, len(self._offsets)))
+        coming, said = self._coming, np.empty((shown, len(self._offsets)))
         for k in range(shown):
-            said[k] = value = np.clip(coming[:, 0], -REACH, REACH)
-            for which, current in enumerate(((last + value) / 2.0, value)):
-                coming = self._heard(coming, self._cells.count(current), which)
-            last = value
-        mean: Series = self._mean + self._std * said.mean(axis=1)
+            said[k] = np.clip(coming[:, 0], -1.0, 1.0)
+            coming = self._heard(coming, self._cells.left(said[k]))
+        mean: Series = self._middle + self._reach * said.mean(axis=1)
         return mean
 
     def costs(self, shown: int) -> Costs:
-        """The bill of Loihi for the neurons, and the sums of the readout, by the values that are said."""
-        sim = self._cells.sim
-        self._cells.begin()
+        """The bill of Loihi for the neurons, and the sums of the readout, by the first values that are said."""
+        sim, shown = self._cells.sim, min(shown, PRICED)
+        sim.reset()
         self.predict(shown)
         taken: Any = sim.taken()
-        found = neurobench(sim.program, taken.raw_counts, samples=shown, steps=2 * STEPS)
-        _, members, delays, cells = self._weights.shape
-        readout = delays * found["spikes"]["out"]
+        found = neurobench(sim.program, taken.raw_counts, samples=shown, steps=STEPS)
+        members, delays, cells = self._weights.shape
+        readout = delays * (found["spikes"]["out"] + members * SHOWN)  # a spike's weights, and the currents' flow
         sums, bills = PICOJOULES["float32 sum"] * 1e-12 * readout, on_chips(sim, taken, shown, clock=False)
         bills = {
             word: {f"{k}, and the readout's sums": v + sums for k, v in each.items()} for word, each in bills.items()
@@ -180,21 +185,22 @@ class _Coded:
             footprint_bytes=found["footprint_bytes"] + self._weights.nbytes,
             connection_sparsity=found["connection_sparsity"],
             activation_sparsity=found["activation_sparsity"],
-            effective_macs=2.0 * members * cells,  # both currents into each neuron
+            effective_macs=float(members * cells),  # the current into each neuron
             effective_acs=ops["effective_acs"] + readout,
-            dense=ops["dense"] + 2.0 * members * cells + self._weights.size,
+            dense=ops["dense"] + members * cells + self._weights.size,
             **bills,
         )
 
 
 def _ridge(features: Floats, seen: Series, delays: int, strength: float) -> tuple[Floats, float]:
-    """Weights of the features of the last values that say the next, (currents, delays, features), and an offset."""
+    """Weights of the features of the last values that say the next, (delays, features), and an offset."""
     rows = np.arange(delays - 1, len(seen) - 1)
-    x = np.stack([features[2 * (rows - j) + h] for h in range(2) for j in range(delays)], axis=1).reshape(len(rows), -1)
+    x = np.stack([features[rows - j] for j in range(delays)], axis=1).reshape(len(rows), -1)
     middle, size = x.mean(axis=0), x.std(axis=0) + 1e-9
-    z, y = (x - middle) / size, seen[rows + 1]
+    mean = float(seen[rows + 1].mean())
+    z, y = (x - middle) / size, seen[rows + 1] - mean
     wide = z.shape[1] > len(rows)
     gram = z @ z.T if wide else z.T @ z
     gram += strength * z.size * np.eye(len(gram))
     weights = (z.T @ np.linalg.solve(gram, y) if wide else np.linalg.solve(gram, z.T @ y)) / size
-    return weights.reshape(2, delays, -1), -float(middle @ weights)
+    return weights.reshape(delays, -1), mean - float(middle @ weights)

@@ -1,35 +1,33 @@
 """The spikes of a value follow from the value alone, and a series goes on."""
 
 import numpy as np
+import pytest
 
 from neuro_bench import METHODS
-from neuro_bench.population_code import _Cells
+from neuro_bench.mackey_glass import MackeyGlass, solution
+from neuro_bench.population_code import LEAST, SHOWN, _Cells, _gain, _ridge
 
-SMALL = {"cells": 400, "functions": 8, "delays": 6, "ridge": 1e-6, "members": 2}
+SMALL = {"cells": 200, "functions": 8, "delays": 6, "ridge": 1e-6, "steep": 2.0, "members": 2}
 
 
-def test_who_fires_depends_on_the_value_alone():
+def test_when_a_neuron_fires_follows_from_the_value_alone():
     cells = _Cells(100, 2, 0)
-    values = np.array([[-1.0, 0.3, 2.0, 0.3, -2.9, 0.3], [0.5] * 6])
-    counts = cells.counts(values)
-    assert np.array_equal(counts[0, 1], counts[0, 3])
-    assert np.array_equal(counts[0, 1], counts[0, 5])
-    assert (counts[1] == counts[1, 0]).all()
-    assert set(np.unique(counts)) == {0.0, 1.0}
-    ordered = cells.counts(np.tile(np.linspace(-2.9, 2.9, 40), (2, 1)))
-    up = np.diff(ordered, axis=1)
-    assert ((up >= 0).all(axis=1) | (up <= 0).all(axis=1)).all()  # from some value on, up or down
+    values = np.stack((np.random.default_rng(0).uniform(-1.0, 1.0, 20), np.full(20, 0.2)))
+    left = np.stack([cells.left(each) for each in values.T], axis=1)
+    current = LEAST[-1] + _gain(100) * (values[:, :, None] - cells.at[:, None, :])
+    assert np.array_equal(left, (current[..., None] >= LEAST).sum(axis=-1) / SHOWN)
+    assert len(np.unique(left[0])) >= SHOWN
 
 
-def test_neurons_say_functions_of_the_value():
-    cells = _Cells(400, 1, 1)
-    values = np.linspace(-2.8, 2.8, 57)
-    made = cells.counts(values[None, :])[0] @ cells.decoders(5, 1.0)[0]
+def test_steps_tell_more_values_apart_than_neurons():
+    cells, late = _Cells(100, 1, 1), (LEAST - LEAST[-1]) / _gain(100)
+    values = np.linspace(late.max() - 1.0, 1.0, 300)
+    made = np.stack([cells.left(np.array([each]))[0] for each in values]) @ cells.decoders(20, 4.5)[0]
     rng = np.random.default_rng((1, 0, 6))
-    centre, slope = rng.uniform(-3.0, 3.0, 5), rng.uniform(0.5, 1.4, 5)
-    wanted = np.tanh((values[:, None] - centre) * slope)
-    off = made - wanted
-    assert np.abs(off - off.mean(axis=0)).max() < 1.4 * 6.0 / 400  # a neuron's change of the steepest function
+    centre, slope = rng.uniform(-1.0, 1.0, 20), 4.5 * rng.uniform(0.5, 1.4, 20)
+    blurred = np.tanh((values[:, None] - late[:, None, None] - centre) * slope).mean(axis=0)
+    off = np.std(made - blurred, axis=0) / slope  # of the value; 100 neurons that fire or not have 2 / 100 / sqrt(12)
+    assert off.max() < 0.1 * 2.0 / 100 / 12**0.5
 
 
 def test_a_series_goes_on():
@@ -38,10 +36,26 @@ def test_a_series_goes_on():
     model = method.fit(series[:160], {**method.settings, **SMALL}, 0)
     assert np.abs(model.predict(20) - series[160:180]).max() < 0.1
     costs = model.costs(10)
-    assert costs.effective_macs == 2 * 2 * 400
+    assert costs.effective_macs == 2 * 200
     assert costs.effective_acs > 0.0
-    assert costs.parameters == 2 * 2 * 6 * 400
+    assert costs.parameters == 2 * 6 * 200
     assert 0.0 < next(iter(costs.joules.values())) < 1e-3
+
+
+@pytest.mark.parametrize("functions", [10, 60])
+def test_a_readout_says_the_mean_of_a_series(functions):
+    rng = np.random.default_rng(2)
+    features, seen = rng.normal(size=(40, functions)), 5.0 + rng.normal(size=40)
+    weights, offset = _ridge(features, seen, 1, 1.0)
+    assert (features[:-1] @ weights[0] + offset).mean() == pytest.approx(seen[1:].mean())
+
+
+def test_a_chaotic_series_goes_on_better_than_its_mean():
+    series, method = solution(17, 600), METHODS["population-code"]()
+    model = method.fit(series[:500], {**method.settings, "cells": 300, "members": 1}, 0)
+    score = MackeyGlass(None, "tau17").score
+    assert score(model.predict(100), series[500:]) < 2.0
+    assert score(np.full(100, series[:500].mean()), series[500:]) > 20.0
 
 
 def test_members_of_a_reservoir_are_averaged():
