@@ -25,6 +25,7 @@ extensions = [
     "gallery",
     "sphinx_gallery.gen_gallery",
     "links",
+    "mathml",
 ]
 root_doc = "index"
 exclude_patterns = ["_site", "gallery/**/*.py", "gallery/**/*.ipynb"]
@@ -36,6 +37,7 @@ nb_execution_mode = "force"
 nb_execution_raise_on_error = True
 nb_execution_timeout = 120
 nb_output_stderr = "remove"
+html_math_renderer = "mathml"
 myst_heading_anchors = 4
 
 sphinx_gallery_conf = {

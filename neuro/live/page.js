@@ -440,11 +440,26 @@ function showRates() {
 function nice(most) { const ten = 10 ** Math.floor(Math.log10(most)); return [1, 2, 2.5, 5, 10].map(n => n * ten).find(n => n >= most * 0.999); }
 function grid(pen, left, top, room, tall, low, high) {
   pen.strokeStyle = colours.faint; pen.fillStyle = colours.soft; pen.lineWidth = 1; pen.textAlign = "right";
-  for (const part of [0, 0.5, 1]) {
-    const y = Math.round(top + tall * (1 - part)) + 0.5;
+  for (const mark of rounds(low, high, 3)) {
+    const part = (mark - low) / (high - low), y = Math.round(top + tall * (1 - part)) + 0.5;
     pen.beginPath(); pen.moveTo(left, y); pen.lineTo(left + room, y); pen.stroke();
-    pen.fillText(short(low + (high - low) * part), left - 6, y + (part === 1 ? 8 : part ? 4 : 0));
+    pen.fillText(short(mark), left - 6, y + (part > 0.9 ? 8 : part > 0.1 ? 4 : 0));
   }
+}
+function rounds(low, high, most) {  // at most so many round numbers from low to high, evenly apart
+  const ten = 10 ** Math.floor(Math.log10((high - low) / most)), slack = 1e-9;
+  const first = step => Math.ceil(low / step - slack), last = step => Math.floor(high / step + slack);
+  const step = [1, 2, 5, 10, 20].map(n => n * ten).find(step => last(step) - first(step) < most);
+  return Array.from({length: last(step) - first(step) + 1}, (_, k) => (first(step) + k) * step);
+}
+function along(pen, left, room, y, low, high, unit) {  // the axis below a picture, with its unit at the last number
+  pen.fillStyle = colours.soft; pen.strokeStyle = colours.rule; pen.lineWidth = 1;
+  rounds(low, high, 5).forEach((mark, k, marks) => {
+    const x = left + room * (mark - low) / (high - low), text = short(mark) + (k === marks.length - 1 ? " " + unit : "");
+    pen.beginPath(); pen.moveTo(x, y); pen.lineTo(x, y + 4); pen.stroke();
+    const beyond = x + pen.measureText(text).width / 2 > left + room + SIDE;
+    pen.textAlign = beyond ? "right" : "center"; pen.fillText(text, beyond ? left + room + SIDE : x, y + 14);
+  });
 }
 let lines = [];
 function layTraces() {
@@ -552,9 +567,8 @@ function showWeights(message) {
   grid(pen, LEFT, 8, room, foot - 8, 0, most);
   pen.fillStyle = colours[p.negative ? "off" : "on"];
   message.bins.forEach((count, k) => { const tall = Math.max(1, count / most * (foot - 8)); if (count) pen.fillRect(left + k * each, foot - tall, Math.max(1, each - 1), tall); });
-  pen.fillStyle = colours.soft;
-  pen.textAlign = same ? "center" : "left"; pen.fillText(short(message.low) + (same ? " " + p.unit : ""), same ? LEFT + room / 2 : LEFT, height - 4);
-  if (!same) { pen.textAlign = "right"; pen.fillText(`${short(message.high)} ${p.unit}`, width - SIDE, height - 4); }
+  if (!same) along(pen, LEFT, room, foot, message.low, message.high, p.unit);
+  else { pen.fillStyle = colours.soft; pen.textAlign = "center"; pen.fillText(`${short(message.low)} ${p.unit}`, LEFT + room / 2, height - 4); }
   const rows = message.matrix.length, columns = message.matrix[0].length, element = get("matrix"), field = rgb(colours.field), plus = rgb(colours.on), minus = rgb(colours.off);
   element.width = columns; element.height = rows;
   const screen = element.getContext("2d"), image = screen.createImageData(columns, rows), reach = Math.max(Math.abs(message.low), Math.abs(message.high)) || 1;
@@ -566,7 +580,7 @@ function showWeights(message) {
   }));
   screen.putImageData(image, 0, 0);
   element.style.aspectRatio = `${columns} / ${rows}`;
-  told.textContent = `${named(message.size, message.kernels ? "weight" : "synapse")}, mean ${short(message.mean)} ${p.unit}. ` + (message.kernels ? "Kernels of maps side by side." : `Rows: ${p.from}, columns: ${p.to}.`);
+  told.textContent = `${named(message.size, message.kernels ? "weight" : "synapse")}, mean ${short(message.mean)} ${p.unit}. ` + (message.kernels ? "Kernels of maps side by side." : `Rows: ${p.from}, columns: ${p.to}; the stronger the colour, the larger.`);
 }
 function showCurve(message) {
   get("curve-here").hidden = false;
@@ -577,8 +591,7 @@ function showCurve(message) {
   if (!message.currents || !message.currents.length) return;
   const foot = height - 18, room = width - LEFT - SIDE, top = Math.max(...message.currents), most = nice(Math.max(1, ...message.rates));
   grid(pen, LEFT, 8, room, foot - 8, 0, most);
-  pen.fillStyle = colours.soft; pen.textAlign = "left"; pen.fillText("0", LEFT, height - 4);
-  pen.textAlign = "right"; pen.fillText(`${short(top)} pA`, width - SIDE, height - 4);
+  along(pen, LEFT, room, foot, 0, top, "pA");
   const place = k => [LEFT + message.currents[k] / top * room, foot - message.rates[k] / most * (foot - 8)];
   pen.strokeStyle = pen.fillStyle = colours[hue(about.populations.indexOf(p))]; pen.lineWidth = 1.8;
   pen.beginPath(); message.currents.forEach((_, k) => pen.lineTo(...place(k))); pen.stroke();

@@ -359,9 +359,10 @@ def _next(found: SweepTable | TuneTable, commands: Iterable[str]) -> Iterator[Ht
 
 
 def _headed(names: Iterable[str], units: Units) -> list[str]:
-    """Heads of columns with their units; joules have theirs in the cells."""
+    """Heads of columns with their units, the first at the left; joules have theirs in the cells."""
     of = {name: unit for name, unit in units.items() if unit != "J"}
-    return [named(name, of.get(name.lstrip(">"), "")) for name in names]
+    first, *rest = [named(name, of.get(name.lstrip(">"), "")) for name in names]
+    return [first.lstrip(">"), *rest]
 
 
 def _cell(value: Any, name: str, units: Units) -> str:

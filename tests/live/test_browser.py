@@ -260,3 +260,10 @@ def test_which_populations_are_shown_is_chosen_by_the_keyboard_and_kept(large, d
     driver.execute_script("document.querySelectorAll('#choices input').forEach(box => box.click())")
     assert len(listed()) == min(len(names) - 1, 24)
     driver.execute_script("sessionStorage.clear()")
+
+
+def test_axes_have_round_numbers(shown):
+    marks = [(0.1466, 0.3426, 5), (6.1, 20.0, 3), (0.0, 948.7, 5), (-70.0, -55.0, 3), (0.0, 25.0, 3)]
+    found = [shown.execute_script("return rounds(...arguments)", *each) for each in marks]
+    assert found[0] == pytest.approx([0.15, 0.2, 0.25, 0.3])
+    assert found[1:] == [[10, 15, 20], [0, 200, 400, 600, 800], [-70, -60], [0, 10, 20]]
