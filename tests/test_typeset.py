@@ -95,3 +95,8 @@ def test_lines_break_between_clauses_and_before_operators_and_words_stand_outsid
 def test_what_cannot_be_read_is_refused(equation):
     with pytest.raises(ValueError, match=r"stands where|ends with|can't be read"):
         site.typeset(equation)
+
+
+def test_signs_and_greek_letters():
+    plain = "x <= y >= z != u ~ v -> w *= - tau; w -= +-lambda * Delta_plus, w += floor(eps)"
+    assert re.sub(r"\s", "", text(plain)) == "x≤y≥z≠u∼v→w×=−τw−=±λ∗Δ+,w+=⌊ε⌋"
