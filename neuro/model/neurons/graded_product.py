@@ -21,7 +21,7 @@ class graded_product(Graded):
     lava: Prod. Source: lava 0.10, proc/prodneuron.
     """
 
-    equation: ClassVar[str] = "a = floor(sum w p of first x sum w p of second / 2^exp); sends a at |a| > vth"
+    equation: ClassVar[str] = "a = floor((sum w p of first) (sum w p of second) / 2^exp); sends a at |a| > vth"
     source: ClassVar[str] = "lava 0.10 ProdNeuron"
     states: ClassVar[tuple[State, ...]] = (PAYLOAD_STATE,)
     receptors: ClassVar[int] = 2
