@@ -119,6 +119,9 @@ OF_OTHERS = {
     "rule: {rule: fixed_indegree, indegree: 5}": "write {fixed_indegree: {n: 5}}",
     "rule: {pairwise_bernoulli: {prob: 0.1}}": "did you mean 'p'?",
     "rule: all_to_all, synapse: {weight: 10.0}": "weight and delay are words of a projection, beside its synapse",
+    "rule: all_to_all, synapses: stdp": "in YAML {from: source, to: target, rule: all_to_all} in 'projections'",
+    "connect: all_to_all": "did you mean 'rule'?",
+    "population: {}": "in YAML name: {shape: 3, model: iaf_psc_exp} in 'populations'",
     "rule: all_to_all, syn_model: stdp": "did you mean 'synapse'?",
     "rule: all_to_all, receptor_type: ex": "write synapse: {static: {receptor: ex}}",
     "rule: all_to_all, weight: normal(10, 2)": "write {name: {word: value}}",
@@ -137,6 +140,7 @@ PLACES = {
     "projections: {{p: {{from: cells, rule: all_to_all, {}}}}}",
     "record_from": "populations: {{cells: {{shape: 3, model: iaf_psc_exp}}}}\nprobes: {{v: {{of: cells, {}}}}}",
 }
+PLACES["connect"] = PLACES["rule"]
 PLACES["variables"] = PLACES["record_from"]
 
 

@@ -2,6 +2,8 @@
 
 import json
 import re
+import shutil
+import subprocess
 import tomllib
 from pathlib import Path
 
@@ -110,8 +112,8 @@ def test_the_change_log_has_a_heading_for_each_version():
     """In the form of Keep a Changelog, the newest first, which is this one."""
     text = (ROOT / "CHANGELOG.md").read_text()
     first, *versions = re.findall(r"^## (.*)$", text, re.M)
-    assert first == "[Unreleased]"
-    parsed = [re.fullmatch(r"\[((\d+)\.(\d+)\.(\d+))\] - (\d{4}-\d\d-\d\d)", version) for version in versions]
+    assert first == "Unreleased"
+    parsed = [re.fullmatch(r"((\d+)\.(\d+)\.(\d+)) - (\d{4}-\d\d-\d\d)", version) for version in versions]
     assert all(parsed), versions
     citation = yaml.safe_load((ROOT / "CITATION.cff").read_text())
     assert parsed[0].group(1, 5) == (neuro.__version__, str(citation["date-released"]))
@@ -133,6 +135,20 @@ def test_workflows_test_every_python_and_pin_what_they_use():
     used = re.findall(r"uses: (.*)", "\n".join(files.values()))
     assert used
     assert [line for line in used if not re.fullmatch(r"[\w/-]+@[0-9a-f]{40} # v\d+\.\d+\.\d+", line)] == []
+
+
+def test_no_link_of_the_readme_is_dead_on_the_index(tmp_path):
+    for name in ("README.md", "pyproject.toml"):
+        shutil.copy(ROOT / name, tmp_path)
+    address = "https://host/me/neuro"
+    subprocess.run([ROOT / ".ci" / "name-sources", address, "v1.2.3"], cwd=tmp_path, check=True)
+    text = (tmp_path / "README.md").read_text()
+    links = re.findall(r"\]\(([^)]*)\)", text)
+    assert len(links) > 10
+    assert [link for link in links if not link.startswith("https://")] == []
+    assert f"]({address}/raw/v1.2.3/docs/how-to/watch_page.png)" in text
+    assert f"]({address}/blob/v1.2.3/docs/tutorial.md)" in text
+    assert tomllib.loads((tmp_path / "pyproject.toml").read_text())["project"]["urls"]["Source"] == address
 
 
 def test_every_package_says_that_it_has_types():

@@ -98,7 +98,7 @@ def copied(name: str, words: dict[str, str]) -> str:
     to_rst(None, "module", name, None, None, lines)  # type: ignore[arg-type]
     code = "\n".join(source.splitlines()[docstring.end_lineno :])
     code = code.replace("Path(__file__).with_name(", "Path(")  # sphinx-gallery runs no file, and in its folder
-    lead = "\n".join(lines)
+    lead = "\n".join([*lines, "", words.get("paper", "")])
     text = f'r"""\n{underlined(words["title"], "=")}\n{lead}\n"""\n{code}\n'
     shown = "".join(SHOWN.format(file=file) for file in networks(name))
     return text + (left(name) if "stored" in words else "") + shown

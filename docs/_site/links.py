@@ -12,18 +12,23 @@ from sphinx.application import Sphinx
 PAGES = {
     "CHANGELOG": "project/changes",
     "CONTRIBUTING": "project/contributing",
+    "examples": "gallery/index",
     "LICENSE": "project/license",
     "SECURITY": "project/security",
     **{name: f"gallery/{part}/{name}" for part, name, _ in examples()},
 }
-"""The pages that show a file of the repository outside of `docs`, by its name."""
+"""The pages that show a file or folder of the repository outside of `docs`, by its name."""
 
 
 def on_the_site(app: Sphinx, doctree: nodes.document) -> None:
     """Make a link to a file that the site shows as a page a link to this page."""
     for node in [*doctree.findall(addnodes.download_reference), *doctree.findall(addnodes.pending_xref)]:
         target = PurePosixPath(node["reftarget"])
-        page = PAGES.get(target.stem) if target.stem.isupper() or target.suffix == ".py" else None
+        page = (
+            PAGES.get(target.stem)
+            if target.stem.isupper() or target.suffix == ".py" or target.name == "examples"
+            else None
+        )
         if page is not None and node.get("refdomain") != "py" and not app.env.docname.startswith("gallery/"):
             words = {"refdomain": "std", "reftype": "doc", "reftarget": f"/{page}", "refexplicit": True}
             node.replace_self(addnodes.pending_xref("", *node.children, refdoc=app.env.docname, **words))

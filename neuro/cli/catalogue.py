@@ -15,32 +15,51 @@ if TYPE_CHECKING:
     from neuro.core.quantities import Quantity
 
 
-Name = Annotated[str, typer.Argument(metavar="[NAME]", help="Describe this one.")]
+KINDS = {
+    "generators": "Generators",
+    "neurons": "Neurons",
+    "chip-neurons": "Neurons in a chip's registers",
+    "synapses": "Synapses",
+    "rules": "Connection rules",
+    "profiles": "Functions of distance",
+    "masks": "Masks",
+    "distributions": "Distributions",
+    "codes": "Codes",
+    "groups": "Groups and trials",
+}
+"""The title of each section of the catalogue, by the word that lists it."""
+
+Name = Annotated[
+    str, typer.Argument(metavar="[NAME]", help="Describe this one, or list a kind: neurons, synapses, rules, ...")
+]
 Long = Annotated[bool, typer.Option("--long", help="Describe all: parameters, units, bounds, equation, source.")]
 
 
 def models(name: Name = "", long: Long = False) -> None:
-    """List every model, synapse, rule and distribution, a line each; or describe one, or all."""
+    """List the names of all models, synapses, rules and distributions, or a kind, a line each; describe one, or all."""
     from neuro.core.errors import unknown
     from neuro.core.tables import console, table
 
     sections = catalogue()
     known = {word: choice for section in sections.values() for word, choice in section.items()}
     out = console()
-    if name:
-        if name not in known:
-            raise unknown("model", name, known)
+    if name and name not in known.keys() | KINDS.keys():
+        raise unknown("model", name, known.keys() | KINDS.keys())
+    if name in known:
         describe(known[name], out)
-        return
-    for title, section in sections.items():
-        if not long:
-            out.print(table((title, "is"), [(word, sentence(choice)) for word, choice in section.items()]))
-            continue
-        out.rule(f"[bold]{title}")
-        for choice in section.values():
-            describe(choice, out)
-    if not long:
-        out.print("neuro models NAME describes one of them, neuro models --long all")
+    elif long:
+        for title in [KINDS[name]] if name else sections:
+            out.rule(f"[bold]{title}")
+            for choice in sections[title].values():
+                describe(choice, out)
+    elif name:
+        rows = [(word, sentence(choice)) for word, choice in sections[KINDS[name]].items()]
+        out.print(table((KINDS[name], "is"), rows))
+    else:
+        out.print(table(("kind", "names"), [(kind, ", ".join(sections[title])) for kind, title in KINDS.items()]))
+        out.print(
+            "neuro models KIND lists a kind, a line each; neuro models NAME describes one, neuro models --long all"
+        )
 
 
 def catalogue() -> dict[str, Mapping[str, type[Choice]]]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import difflib
 import os
 import re
 import shlex
@@ -137,6 +138,7 @@ def new(name: Folder = None, template: Template = None, list_all: ListTemplates 
         return
     if name is None:
         raise ModelError("which folder? expected the name of one to make", hint="neuro new my-network, or --list")
+    close = [] if template or name.name in known else difflib.get_close_matches(name.name, known, n=1)
     template = template or (name.name if name.name in known else _FIRST)
     if template not in known:
         raise unknown("template", template, known)
@@ -147,7 +149,9 @@ def new(name: Folder = None, template: Template = None, list_all: ListTemplates 
     with filled(name) as part:
         for file, content in contents.items():
             (part / file).write_bytes(content.read_bytes())
-    typer.echo(f"{name}: {', '.join(contents)}")
+    meant = f"; did you mean 'neuro new {close[0]}'?" if close else ""
+    typer.echo(f"{name}: made from {template}{meant}")
+    typer.echo(f"files: {', '.join(contents)}")
     typer.echo(NEXT[_head(known[template])].format(shlex.quote(str(name))), nl=False)
 
 

@@ -14,7 +14,7 @@ _OTHERS = {
     "target": "post dst to",
     "of": "target population",
     "model": "neuron cell cellclass type",
-    "rule": "conn_spec connectivity connector type",
+    "rule": "conn_spec connectivity connector type connect",
     "synapse": "syn_spec synapse_model synapse_type plasticity learning_rule type syn_model",
     "weight": "w",
     "shape": "size n count num_neurons n_neurons num number",
@@ -143,9 +143,13 @@ _WITHOUT = {
     "spike_detector multimeter voltmeter weight_recorder correlation_detector spin_detector spikemonitor statemonitor "
     "populationratemonitor record",
     "dopamine is a signal, or the spikes of a population: neuro models stdp_dopa": "volume_transmitter",
-    "write sim = neuro.compile(net), then sim.run(100.0)": "run simulate",
-    "write net.population(name, shape, model)": "create population neurongroup ensemble",
-    "write net.connect(source, target, rule)": "connect projection connection synapses",
+    "write sim = neuro.compile(net), then sim.run(100.0); of a file neuro run FILE --for 100": "run simulate",
+    "write net.population(name, shape, model), in YAML name: {shape: 3, model: iaf_psc_exp} in 'populations'": (
+        "create population neurongroup ensemble"
+    ),
+    "write net.connect(source, target, rule), in YAML {from: source, to: target, rule: all_to_all} in 'projections'": (
+        "connect projection connection synapses"
+    ),
     "it is said when it runs: neuro run FILE --for 100, or sim.run(100.0)": "duration simtime run_time",
     "it is said when it runs: neuro run FILE --seed 1, or neuro.compile(net, seed=1)": "seed rng_seed",
     "it is said when it runs: neuro run FILE --threads 2, or neuro.compile(net, threads=2)": "threads",

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from neuro import load
-from neuro.cli.catalogue import catalogue
+from neuro.cli.catalogue import KINDS, catalogue
 from neuro.compiler import compile_network
 from neuro.compiler.show import program_text
 from neuro.program.backend import Problem
@@ -52,10 +52,23 @@ def test_schema(neuro):
 
 
 def test_models_lists_all_in_few_lines(neuro):
-    rows = [line.split() for line in neuro("models").out.splitlines() if line.split() and line[1] != " "]
-    names = [name for choices in catalogue().values() for name in choices]
-    assert [row[0] for row in rows if row[0] in names and len(row) > 1] == names
-    assert " ".join(rows[-1]) == "neuro models NAME describes one of them, neuro models --long all"
+    answer = neuro("models").out
+    assert len(answer.splitlines()) <= 30
+    words = answer.replace(",", " ").split()
+    names = [name for kind, title in KINDS.items() for name in (kind, *catalogue()[title])]
+    assert [word for word in words if word in names] == names
+    assert answer.endswith("neuro models NAME describes one, neuro models --long all\n")
+
+
+def test_models_lists_a_kind(neuro):
+    assert list(KINDS.values()) == list(catalogue())
+    assert not KINDS.keys() & {name for choices in catalogue().values() for name in choices}
+    for kind, title in KINDS.items():
+        rows = [line.split() for line in neuro("models", kind).out.splitlines() if line.split() and line[1] != " "]
+        assert [row[0] for row in rows if row[0] in catalogue()[title] and len(row) > 1] == list(catalogue()[title])
+    assert neuro("models", "neurns").err == "error: unknown model 'neurns'\n  hint: did you mean 'neurons'?\n"
+    assert "alpha" not in neuro("models", "rules", "--long").out
+    assert "fixed_indegree" in neuro("models", "rules", "--long").out
 
 
 def test_models_tells_everything(neuro):

@@ -63,7 +63,7 @@ def test_a_folder_runs_and_passes_as_written(neuro, inside, template):
 def test_a_classifier_learns_to_recognise(neuro, inside):
     written = neuro("new", "classifier")
     assert written.out == (
-        "classifier: learn.py, test_classifier.py, shapes.zip\n"
+        "classifier: made from classifier\nfiles: learn.py, test_classifier.py, shapes.zip\n"
         "next:\n  cd classifier\n  python learn.py\n  python -m pytest     # needs pytest: pip install pytest\n"
         "  neuro recognise watch model.h5 RECORDING     # a page on which it decides while events arrive\n"
     )
@@ -79,15 +79,22 @@ def test_a_classifier_learns_to_recognise(neuro, inside):
 
 
 def test_a_name_that_is_no_template_is_a_balanced_network(neuro, empty):
-    assert neuro("new", "mine").out.startswith("mine: network.yaml, run.py, test_network.py\n")
-    assert neuro("new", "closed-loop").out.startswith("closed-loop: network.yaml, run.py, test_network.py\n")
+    files = "files: network.yaml, run.py, test_network.py\n"
+    assert neuro("new", "mine").out.startswith(f"mine: made from balanced-network\n{files}")
+    assert neuro("new", "closed-loop").out.startswith(f"closed-loop: made from closed-loop\n{files}")
     assert "env.step" not in Path("mine/run.py").read_text()
+
+
+def test_a_name_that_is_nearly_a_template_is_pointed_out(neuro, empty):
+    first = neuro("new", "clasifier").out.partition("\n")[0]
+    assert first == "clasifier: made from balanced-network; did you mean 'neuro new classifier'?"
+    assert "did you mean" not in neuro("new", "clasifierr", "--template", "closed-loop").out
 
 
 def test_what_is_told_next_works_in_a_shell(neuro, empty):
     answer = neuro("new", "mine")
     assert answer.out == (
-        "mine: network.yaml, run.py, test_network.py\n"
+        "mine: made from balanced-network\nfiles: network.yaml, run.py, test_network.py\n"
         "next:\n  cd mine\n  python run.py\n  python -m pytest     # needs pytest: pip install pytest\n"
         "  neuro run network.yaml --out out.h5\n"
     )
