@@ -33,8 +33,8 @@ def tasks() -> None:
 
     rows = [(name, one.title, ", ".join(one.splits), one.metric) for name, one in TASKS.items()]
     console().print(table(("task", "is", "splits", "metric"), rows))
-    data = [(name, one.licence, one.source) for name, one in TASKS.items()]
-    console().print(table(("task", "licence of the data", "source"), data))
+    for name, one in TASKS.items():
+        typer.echo(f"{name}: {one.source}; licence: {one.licence}")  # addresses stay whole
     listed = [(name, one.title, one.kind, "yes" if one.spiking else "no") for name, one in METHODS.items()]
     console().print(table(("method", "is", "for", "spikes"), listed))
 
