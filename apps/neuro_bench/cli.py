@@ -31,8 +31,10 @@ def tasks() -> None:
     from neuro.apps import console, table
     from neuro_bench.known import METHODS, TASKS
 
-    rows = [(name, one.title, ", ".join(one.splits[:3]), one.metric, one.licence) for name, one in TASKS.items()]
-    console().print(table(("task", "is", "splits", "metric", "licence"), rows))
+    rows = [(name, one.title, ", ".join(one.splits), one.metric) for name, one in TASKS.items()]
+    console().print(table(("task", "is", "splits", "metric"), rows))
+    for name, one in TASKS.items():
+        typer.echo(f"{name}: {one.source}; licence: {one.licence}")  # addresses stay whole
     listed = [(name, one.title, one.kind, "yes" if one.spiking else "no") for name, one in METHODS.items()]
     console().print(table(("method", "is", "for", "spikes"), listed))
 
@@ -77,7 +79,7 @@ def run_method(
     )
     made, _ = asked.made()
     file = out or Path(f"{task}-{made.split}-{method}.json")
-    kept = file.with_suffix(".folds.json")
+    kept = file.with_suffix(".folds")
     check_output(file, report.RESULT)
     check_output(kept, KEPT)
     if find_spec("torch") is not None:

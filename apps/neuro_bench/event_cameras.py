@@ -71,7 +71,10 @@ class NMNIST(Recorded):
     called_by = "n-mnist"
     title = "N-MNIST, the first 105 ms"
     licence = "CC BY-SA 4.0"
-    source = "Orchard et al., Front. Neurosci. 9:437, 2015: a folder or zip of Train/DIGIT/INDEX.bin"
+    source = (
+        "https://www.garrickorchard.com/datasets/n-mnist (Orchard et al., Front. Neurosci. 9:437, 2015):"
+        " a folder or zip of Train/DIGIT/INDEX.bin"
+    )
     part = "Train"
 
 
@@ -82,7 +85,8 @@ class PokerDVS(Recorded):
     title = "POKER-DVS, 20 ms"
     licence = "free to use with citation"
     source = (
-        "Serrano-Gotarredona and Linares-Barranco, Front. Neurosci. 9:481, 2015: a folder or zip of its AEDAT files"
+        "http://www2.imse-cnm.csic.es/caviar/POKERDVS.html (Serrano-Gotarredona and Linares-Barranco, Front. Neurosci."
+        " 9:481, 2015): a folder or zip of its AEDAT files"
     )
     step, steps, frames, side = 1.0, 20, 4, 35
 
@@ -94,6 +98,7 @@ class DVSGesture(Recorded):
     title = "DVS Gesture, the first 1.5 s, 4 x 4 px as one"
     licence = "CC BY 4.0"
     source = (
-        "Amir et al., CVPR 2017: a folder or zip of GESTURE/RECORDING in any format of neuro.events, cut by its labels"
+        "https://research.ibm.com/interactive/dvsgesture/ (Amir et al., CVPR 2017): a folder or zip of"
+        " GESTURE/RECORDING in any format of neuro.events, cut by its labels"
     )
     step, steps, frames, side, scale = 25.0, 60, 5, 32, 4

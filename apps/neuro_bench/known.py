@@ -14,7 +14,7 @@ from neuro_bench.method import Method
 from neuro_bench.population_code import PopulationCode
 from neuro_bench.primate_reaching import PrimateReaching
 from neuro_bench.regression import LIFReadout, Perceptron, Wiener
-from neuro_bench.reservoir import EchoState, SeriesMean
+from neuro_bench.reservoir import EchoState, SeriesMean, TanhRidge
 from neuro_bench.shd import SHD
 from neuro_bench.sounds import Sounds
 from neuro_bench.speech_commands import SpeechCommands
@@ -64,6 +64,7 @@ METHODS: Registry[type[Method]] = Registry(
         GradientBoosting,
         HATS,
         PopulationCode,
+        TanhRidge,
         EchoState,
         SeriesMean,
         LIFReadout,

@@ -103,11 +103,17 @@ class _Cells:
         """
         found = []
         for k, at in enumerate(self.at):
-            rng = np.random.default_rng((self._seed, k, 6))
-            centre, slope = rng.uniform(-1.0, 1.0, functions), steep * rng.uniform(0.5, 1.4, functions)
             middles = np.concatenate(([-1.0], (at[1:] + at[:-1]) / 2.0, [1.0]))
-            found.append(np.diff(np.tanh((middles[:, None] - centre) * slope), axis=0))
+            found.append(np.diff(tangents(middles, functions, steep, (self._seed, k)), axis=0))
         return found
+
+
+def tangents(values: Floats, functions: int, steep: float, drawn: tuple[int, int]) -> Floats:
+    """Hyperbolic tangents of values from -1 to 1, (values, functions), which a seed and a member draw."""
+    rng = np.random.default_rng((*drawn, 6))
+    centre, slope = rng.uniform(-1.0, 1.0, functions), steep * rng.uniform(0.5, 1.4, functions)
+    found: Floats = np.tanh((values[:, None] - centre) * slope)
+    return found
 
 
 def _gain(count: int) -> float:
@@ -136,14 +142,12 @@ class _Coded:
 
     def __init__(self, train: Series, settings: Mapping[str, Any], seed: int) -> None:
         cells = self._cells = _cells(settings["cells"], settings["members"], seed)
-        low, high = float(train.min()), float(train.max())
-        self._middle, self._reach = (low + high) / 2.0, MARGIN * (high - low) / 2.0
-        seen = (train - self._middle) / self._reach
+        seen, self._middle, self._reach = scaled(train)
         left, delays = _left(cells, seen.tobytes()), settings["delays"]
         self._weights = np.empty((len(left), delays, settings["cells"]))
         self._offsets = np.empty((len(left), 1))
         for k, decoders in enumerate(cells.decoders(settings["functions"], settings["steep"])):
-            weights, self._offsets[k] = _ridge(left[k] @ decoders, seen, delays, settings["ridge"])
+            weights, self._offsets[k] = ridge(left[k] @ decoders, seen, delays, settings["ridge"])
             self._weights[k] = weights @ decoders.T
         self._coming = np.tile(self._offsets, delays)
         for k in range(len(seen) - delays, len(seen)):
@@ -192,7 +196,14 @@ class _Coded:
         )
 
 
-def _ridge(features: Floats, seen: Series, delays: int, strength: float) -> tuple[Floats, float]:
+def scaled(train: Series) -> tuple[Series, float, float]:
+    """A series from -1 to 1 with a margin, and the value that is 0 and how far 1 is from it."""
+    low, high = float(train.min()), float(train.max())
+    middle, reach = (low + high) / 2.0, MARGIN * (high - low) / 2.0
+    return (train - middle) / reach, middle, reach
+
+
+def ridge(features: Floats, seen: Series, delays: int, strength: float) -> tuple[Floats, float]:
     """Weights of the features of the last values that say the next, (delays, features), and an offset."""
     rows = np.arange(delays - 1, len(seen) - 1)
     x = np.stack([features[rows - j] for j in range(delays)], axis=1).reshape(len(rows), -1)

@@ -1,4 +1,7 @@
-"""Opponents for series: an echo state network, and the mean; and the mean of several models of a series."""
+"""Opponents for series: an echo state network, the spiking populations without spikes, and the mean of the series.
+
+Also the mean of several models of a series.
+"""
 
 from __future__ import annotations
 
@@ -10,6 +13,7 @@ import numpy as np
 
 from neuro_bench.costs import Costs, arithmetic
 from neuro_bench.method import Method
+from neuro_bench.population_code import PopulationCode, ridge, scaled, tangents
 from neuro_bench.task import Series
 
 WARM_UP = 45
@@ -112,6 +116,44 @@ class _Reservoir:
         words: Any = {"connection_sparsity": 1.0 - macs / size, "joules": arithmetic("float32", macs, float(size))}
         sizes: Any = {"parameters": self._out.size, "footprint_bytes": 8 * size}
         return Costs(effective_macs=macs, dense=float(size), **sizes, **words)
+
+
+class TanhRidge(Method):
+    """The functions, delays, members and settings of `PopulationCode`, computed exactly in place of by spikes."""
+
+    kind = "series"
+    called_by = "tanh-ridge"
+    title = "the same functions of the last values without spikes, and ridge regression"
+    settings = {name: value for name, value in PopulationCode.settings.items() if name != "cells"}
+    space = PopulationCode.space
+
+    def fit(self, train: Series, settings: Mapping[str, Any], seed: int) -> Members:
+        """Learn to say the next value; see `Method`."""
+        return Members([_Tangents(train, settings, (seed, k)) for k in range(settings["members"])])
+
+
+class _Tangents:
+    def __init__(self, train: Series, settings: Mapping[str, Any], drawn: tuple[int, int]) -> None:
+        self._functions = (settings["functions"], settings["steep"], drawn)
+        seen, self._middle, self._reach = scaled(train)
+        delays, made = settings["delays"], tangents(seen, *self._functions)
+        self._weights, self._offset = ridge(made, seen, delays, settings["ridge"])
+        self._made = made[: -delays - 1 : -1]  # the last value first, as the weights
+
+    def predict(self, shown: int) -> Series:
+        """The next values, each from those that it said before."""
+        made, said = self._made, np.empty(shown)
+        for k in range(shown):
+            said[k] = np.clip(self._offset + np.sum(self._weights * made), -1.0, 1.0)
+            made = np.concatenate((tangents(said[k : k + 1], *self._functions), made[:-1]))
+        return self._middle + self._reach * said
+
+    def costs(self, shown: int) -> Costs:
+        """Products of the readout and of the functions' slopes, for a value; tangents are not counted."""
+        macs = float(self._weights.size + self._weights.shape[1])
+        words: Any = {"effective_macs": macs, "dense": macs, "joules": arithmetic("float32", macs, macs)}
+        size = self._weights.size
+        return Costs(parameters=size, footprint_bytes=8 * (size + 2 * self._weights.shape[1] + 1), **words)
 
 
 class SeriesMean(Method):

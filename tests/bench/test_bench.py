@@ -216,6 +216,39 @@ def test_folds_that_are_done_are_kept(tmp_path):
     assert fitted[2:] == [1, 1, 1]
 
 
+def test_an_unfinished_run_is_no_result_to_compare(bench, tmp_path, monkeypatch):
+    """What it leaves is not among `bars-random-*.json`, and the same command goes on behind it."""
+    fitted = []
+
+    class Failing(Method):
+        called_by, title = "failing", "fails once"
+
+        def fit(self, train, settings, seed):
+            fitted.append(seed)
+            if len(fitted) == 2:
+                raise neuro.ModelError("it fails")
+            return Majority().fit(train, settings, seed)
+
+    neuro.register(Failing)
+    monkeypatch.chdir(tmp_path)
+    bench("run", "bars", "--method", "majority")
+    assert bench("run", "bars", "--method", "failing")[0]
+    assert [file.name for file in Path().glob("bars-random-*.json")] == ["bars-random-majority.json"]
+    assert bench("run", "bars", "--method", "failing")[::2] == (0, "")
+    assert len(fitted) == 4
+    assert sorted(file.name for file in Path().iterdir()) == ["bars-random-failing.json", "bars-random-majority.json"]
+
+
+def test_tasks_are_listed_with_all_splits_and_sources(bench):
+    status, out, _ = bench("tasks")
+    assert status == 0
+    for task in TASKS.values():
+        assert f"{task.called_by}: {task.source}; licence: {task.licence}\n" in out
+    assert "tau30, all" in out
+    for address in ("garrickorchard.com/datasets/n-mnist", "/POKERDVS.html", "/dvsgesture/"):
+        assert address in out
+
+
 def test_interval():
     mean, low, high = interval([1.0, 2.0, 3.0])
     assert (mean, high - mean) == (2.0, pytest.approx(4.303 / 3**0.5, abs=1e-3))

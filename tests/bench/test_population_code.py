@@ -5,7 +5,7 @@ import pytest
 
 from neuro_bench import METHODS
 from neuro_bench.mackey_glass import MackeyGlass, solution
-from neuro_bench.population_code import LEAST, SHOWN, _Cells, _gain, _ridge
+from neuro_bench.population_code import LEAST, SHOWN, _Cells, _gain, ridge
 
 SMALL = {"cells": 200, "functions": 8, "delays": 6, "ridge": 1e-6, "steep": 2.0, "members": 2}
 
@@ -46,7 +46,7 @@ def test_a_series_goes_on():
 def test_a_readout_says_the_mean_of_a_series(functions):
     rng = np.random.default_rng(2)
     features, seen = rng.normal(size=(40, functions)), 5.0 + rng.normal(size=40)
-    weights, offset = _ridge(features, seen, 1, 1.0)
+    weights, offset = ridge(features, seen, 1, 1.0)
     assert (features[:-1] @ weights[0] + offset).mean() == pytest.approx(seen[1:].mean())
 
 
@@ -56,6 +56,16 @@ def test_a_chaotic_series_goes_on_better_than_its_mean():
     score = MackeyGlass(None, "tau17").score
     assert score(model.predict(100), series[500:]) < 2.0
     assert score(np.full(100, series[:500].mean()), series[500:]) > 20.0
+
+
+def test_the_functions_without_spikes_are_what_many_neurons_say():
+    series, words = solution(17, 600), {"members": 1, "ridge": 1e-7}
+    spiking, exact = (METHODS[name]() for name in ("population-code", "tanh-ridge"))
+    coded = spiking.fit(series[:500], {**spiking.settings, **words, "cells": 1000}, 0).predict(10)
+    model = exact.fit(series[:500], {**exact.settings, **words}, 0)
+    assert np.abs(model.predict(10) - coded).max() < 0.02
+    assert MackeyGlass().score(model.predict(100), series[500:]) < 2.0
+    assert model.costs(1).parameters == 20 * 45
 
 
 def test_members_of_a_reservoir_are_averaged():
