@@ -6,7 +6,7 @@ as its potential contains the threshold, or not at all, which is the rectified s
 a neuron fires while what inhibits it is still to come, and no spike can be taken back: that is what converted
 networks lose (Rueckauer et al., Front. Neurosci. 11:682, 2017). Weights are scaled so that nearly all activations lie
 within the spikes that a layer may fire (Diehl et al., IJCNN 2015). Batch normalisation becomes weights and biases; the
-spike that lets go carries the bias.
+clock says the bias as well.
 """
 
 from __future__ import annotations
@@ -21,15 +21,14 @@ import numpy as np
 import neuro
 from neuro import ModelError
 from neuro.apps import Showing
-from neuro.chips import neurobench
 from neuro_bench.artificial import check_torch, members
-from neuro_bench.costs import Costs, on_chips
+from neuro_bench.costs import Costs, spiking_costs
 from neuro_bench.method import Method
 from neuro_bench.spiking import INPUT, OUTPUT, PRICED
 from neuro_bench.task import Examples, Floats, Spikes
 
-HELD = 4096.0
-"""Thresholds by which a layer is held."""
+HELD = 8.0
+"""Times the levels, the thresholds by which a layer is held: more would leave a chip's weights fewer bits."""
 Layer = tuple[Floats, Floats]
 """Weights, (to, from, ...), and a bias for each map, (to,)."""
 COMMON = 0.99
@@ -44,7 +43,7 @@ class Converted(Method):
     spiking = True
     settings = {
         "maps": 16, "epochs": 40, "rate": 0.004, "decay": 0.01, "dropout": 0.5, "shift": 2, "warp": 0.15, "levels": 16,
-        "members": 1,
+        "members": 1, "backend": "event",
     }  # fmt: skip
     space = {
         "maps": (12, 16, 24),
@@ -74,7 +73,7 @@ class Converted(Method):
 
         modules = members(make, counts, settings, seed)
         each = [scaled(module, counts.frames, settings["levels"]) for module in modules]
-        return _Converted(each, train.spikes, settings["levels"])
+        return _Converted(each, train.spikes, settings["levels"], settings["backend"])
 
 
 def counted(spikes: Spikes, examples: int) -> Floats:
@@ -108,18 +107,21 @@ def scaled(module: Any, frames: Floats, levels: int) -> list[Layer]:
 class _Converted:
     """Its members lie side by side between the input and the classes, whose potentials are the sums of theirs."""
 
-    def __init__(self, members: list[list[Layer]], like: Spikes, levels: int) -> None:
+    def __init__(self, members: list[list[Layer]], like: Spikes, levels: int, backend: str = "event") -> None:
         if like.step < 1.0:
             raise ModelError(f"method 'converted-cnn': steps of {like.step} ms: expected 1 ms or more")
         words: Any = {"tau_m": float("inf"), "t_ref": 0.0, "E_L": 0.0, "V_reset": 0.0}
         cell = neuro.iaf_psc_delta(V_th=1.0, reset_by_subtraction=True, **words)
-        layers, first = len(members[0]) - 1, math.ceil(like.steps * like.step) + 2
+        layers, first = len(members[0]) - 1, math.ceil(like.steps * like.step) + 3
         opened = [float(first + k * (levels + 2)) for k in range(layers)]
         net = neuro.Network("converted-cnn", resolution=1.0)
         net.population(INPUT, like.shape, neuro.spike_generator())
-        times = [[1.0], *([each] for each in opened)]
-        clock = net.population("clock", layers + 1, neuro.spike_generator(spike_times=times))
-        net.population(OUTPUT, len(members[0][-1][0]), neuro.iaf_psc_delta(V_th=1e6, **words))
+        times = [[1.0], [2.0], *([each - 1.0, each] for each in opened)]
+        clock = net.population("clock", layers + 2, neuro.spike_generator(spike_times=times))
+        of_classes = np.concatenate([each[-1][0] for each in members], axis=1)
+        # Out of reach even if all that speaks for a class fires at the highest level.
+        never = max(1.0, levels * float(of_classes.clip(min=0.0).sum(axis=1).max()))
+        net.population(OUTPUT, len(of_classes), neuro.iaf_psc_delta(V_th=never, **words))
         for m, (*maps, (weight_of_classes, _)) in enumerate(members):
             before, (_, rows, columns) = INPUT, like.shape
             for k, (weight, bias) in enumerate(maps):
@@ -127,13 +129,15 @@ class _Converted:
                 net.population(name, (len(weight), rows, columns), cell)
                 rule = neuro.grid(kernel=(size, size), stride=2, padding=size // 2)
                 net.connect(before, name, rule, weight=weight.astype(np.float64), delay=1.0)
-                # Half a threshold more than was held rounds to the nearest whole number of spikes.
-                lets_go = np.repeat(HELD + 0.5 + bias.astype(np.float64), rows * columns)[None]
-                for word, source, each in (("held", clock[0], -HELD), ("open", clock[k + 1], lets_go)):
-                    net.connect(source, name, neuro.all_to_all(), weight=each, delay=1.0, name=f"{name}_{word}")
+                # Half a threshold more than was held rounds to the nearest whole number of spikes. The largest weight
+                # of a chip nearly fills the register of a step's input: it comes alone, and goes in two halves.
+                rest = np.repeat(0.5 + bias.astype(np.float64), rows * columns)[None]
+                told = ("held", 0, -HELD * levels), ("bias", 1, rest), ("open", k + 2, HELD * levels / 2.0)
+                for word, at, each in told:
+                    net.connect(clock[at], name, neuro.all_to_all(), weight=each, delay=1.0, name=f"{name}_{word}")
                 before = name
             net.connect(before, OUTPUT, neuro.all_to_all(), weight=weight_of_classes.T.astype(np.float64), delay=1.0)
-        self.net, self._steps = net, int(opened[-1]) + levels + 4
+        self.net, self._steps, self._backend = net, int(opened[-1]) + levels + 4, backend
 
     def _show(self, sim: Any, shown: Examples) -> tuple[Any, Any]:
         """The class of each, that of the highest potential, and what that took."""
@@ -141,21 +145,17 @@ class _Converted:
         ends, said = np.searchsorted(spikes.example, np.arange(len(shown) + 1)), []
         for k in range(len(shown)):
             own = slice(ends[k], ends[k + 1])
-            showing.show((spikes.at[own] * spikes.step).astype(np.int64), spikes.neuron[own], self._steps)
+            showing.show(1 + (spikes.at[own] * spikes.step).astype(np.int64), spikes.neuron[own], self._steps)
             said.append(int(np.argmax(sim.get(OUTPUT, "V_m"))))
         return np.array(said), showing.taken
 
     def predict(self, shown: Examples) -> Any:
         """The class of each."""
-        return self._show(neuro.compile(self.net), shown)[0]
+        return self._show(neuro.compile(self.net, backend=self._backend), shown)[0]
 
     def costs(self, shown: Examples) -> Costs:
-        """By NeuroBench's counts, and the bill of Loihi, of the first examples."""
+        """By NeuroBench's counts, and the bills of chips, of the first examples."""
         n = min(PRICED, len(shown))
-        sim = neuro.compile(self.net)
+        sim = neuro.compile(self.net, backend=self._backend)
         _, taken = self._show(sim, shown.take(np.arange(n)))
-        found = neurobench(sim.program, taken.raw_counts, samples=n)
-        ops, words = found["synaptic_operations"], ("footprint_bytes", "connection_sparsity", "activation_sparsity")
-        each: Any = {word: found[word] for word in words} | on_chips(sim, taken, n)
-        each |= {word: ops[word] for word in ("effective_macs", "effective_acs", "dense")}
-        return Costs(parameters=found["parameter_count"], **each)
+        return spiking_costs(sim, taken, n)

@@ -23,11 +23,15 @@ from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field
 from typing import TYPE_CHECKING, Any
 
+from neuro.chips import chip, neurobench, quantise
+
 if TYPE_CHECKING:
     import neuro
 
 PICOJOULES = {"int8": 0.23, "float32": 4.6, "float32 sum": 0.9}
 """Of the arithmetic of a multiply-accumulate, or of a sum."""
+CHIPS = {"loihi": "Loihi", "spinnaker": "SpiNNaker"}
+"""What spiking networks are priced on."""
 PROCESSORS = {"int8": ("microcontroller, int8", 330.0), "float32": ("CPU core, float32", 8600.0)}
 """By type what computes it, and pJ of a multiply-accumulate there."""
 BY_SPIKES = ("synaptic_op", "spike_in_tile", "hop_east_west", "hop_north_south", "packet")
@@ -38,11 +42,11 @@ BY_SPIKES = ("synaptic_op", "spike_in_tile", "hop_east_west", "hop_north_south",
 class Costs:
     """What a model takes for one example, in NeuroBench's words.
 
-    A value of a series is an example, and so is a step of a regression.
+    A value of a series is an example, and so is a step of a regression. None: not known.
 
     Attributes:
         parameters: numbers that were learnt.
-        footprint_bytes: of all that describes the model.
+        footprint_bytes: of the weights, of a spiking network also of what describes the neurons.
         connection_sparsity: share of the weights that are 0.
         activation_sparsity: share of the activations that are 0.
         effective_macs: multiply-accumulates whose factors are both not 0.
@@ -50,21 +54,30 @@ class Costs:
         dense: operations if nothing were 0.
         joules: of one example, by what it is computed on.
         joules_of_spikes: the part of these that grows with the spikes.
+        refused: why a chip cannot run it, by the chip; it is in no bill.
     """
 
-    parameters: int
-    footprint_bytes: int
-    connection_sparsity: float = 0.0
-    activation_sparsity: float = 0.0
-    effective_macs: float = 0.0
-    effective_acs: float = 0.0
-    dense: float = 0.0
+    parameters: int | None
+    footprint_bytes: int | None
+    connection_sparsity: float | None = 0.0
+    activation_sparsity: float | None = 0.0
+    effective_macs: float | None = 0.0
+    effective_acs: float | None = 0.0
+    dense: float | None = 0.0
     joules: Mapping[str, float] = field(default_factory=dict)
     joules_of_spikes: Mapping[str, float] = field(default_factory=dict)
+    refused: Mapping[str, str] = field(default_factory=dict)
 
     def as_words(self) -> dict[str, Any]:
         """All of it as plain data."""
         return asdict(self)
+
+
+UNKNOWN = Costs(
+    parameters=None, footprint_bytes=None, connection_sparsity=None, activation_sparsity=None, effective_macs=None,
+    effective_acs=None, dense=None,
+)  # fmt: skip
+"""Of what nobody counted."""
 
 
 def arithmetic(kind: str, macs: float, dense: float) -> dict[str, float]:
@@ -79,22 +92,41 @@ def arithmetic(kind: str, macs: float, dense: float) -> dict[str, float]:
     return {f"{kind} arithmetic, 45 nm": PICOJOULES[kind] * 1e-12 * macs, name: each * 1e-12 * dense}
 
 
-def on_chips(sim: neuro.Simulation, taken: Any, examples: int, clock: bool = True) -> dict[str, dict[str, float]]:
-    """The words `joules` and `joules_of_spikes` of a spiking network on Loihi and SpiNNaker.
+def spiking_costs(
+    sim: neuro.Simulation, taken: Any, examples: int, *, steps: int | None = None, clock: bool = True
+) -> Costs:
+    """By NeuroBench's counts, and the bills of the chips that can run the network.
 
     Args:
         sim: the network.
         taken: what so many examples took.
         examples: how many.
+        steps: of one; all that were run, divided by the examples, if not given.
         clock: whether real time has a meaning, which it lacks where a step has no time of its own.
     """
-    joules, moved = {}, {}
-    for target, title in (("loihi", "Loihi"), ("spinnaker", "SpiNNaker")):
+    found = neurobench(sim.program, taken.raw_counts, samples=examples, steps=steps)
+    ops = found["synaptic_operations"]
+    return Costs(
+        parameters=found["parameter_count"],
+        **{word: found[word] for word in ("footprint_bytes", "connection_sparsity", "activation_sparsity")},
+        **{word: ops[word] for word in ("effective_macs", "effective_acs", "dense")},
+        **on_chips(sim, taken, examples, clock),
+    )
+
+
+def on_chips(sim: neuro.Simulation, taken: Any, examples: int, clock: bool = True) -> dict[str, Any]:
+    """The words `joules`, `joules_of_spikes` and `refused` of a spiking network; see `spiking_costs`."""
+    joules, moved, refused = {}, {}, {}
+    for target, title in CHIPS.items():
+        why = [f"{each.what}: {each.why}" for each in quantise(sim.program, chip(target)).problems if each.refused]
+        if why:
+            refused[title] = why[0]
+            continue
         bill = sim.energy(target, of=taken).per(examples, "example")
         for name, one in (("as fast as it can", bill), ("in real time", bill.real_time))[: 2 if clock else 1]:
             joules[f"{title}, {name}"] = one.total_j
             moved[f"{title}, {name}"] = sum(value for what, value in one.by_cost().items() if what in BY_SPIKES)
-    return {"joules": joules, "joules_of_spikes": moved}
+    return {"joules": joules, "joules_of_spikes": moved, "refused": refused}
 
 
 def break_even(joules: float, of_spikes: float, opponent: float) -> float:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import pickle
 from collections.abc import Mapping
 from itertools import pairwise
 from typing import Any
@@ -13,7 +12,7 @@ from neuro import ModelError
 from neuro.apps import install
 from neuro.events import Events
 from neuro.events.representations import hats
-from neuro_bench.costs import Costs, arithmetic
+from neuro_bench.costs import UNKNOWN, Costs, arithmetic
 from neuro_bench.method import Method
 from neuro_bench.task import Examples
 
@@ -152,13 +151,13 @@ class _Classifier:
         return self._learner.predict(_rows(shown, self._pooled))
 
     def costs(self, shown: Examples) -> Costs:
-        """Of a linear one its products; of trees only the bytes are known."""
-        size = len(pickle.dumps(self._learner))
+        """Of a linear one its products; what trees take is not counted."""
         if self._weights is None:
-            return Costs(parameters=0, footprint_bytes=size)
+            return UNKNOWN
+        size = self._weights.size + len(self._weights)
         used = (self._weights != 0).sum(axis=0)
         effective = float(((_rows(shown, self._pooled) != 0) * used).sum() / len(shown))
         zeros = 1.0 - np.count_nonzero(self._weights) / self._weights.size
         words: Any = {"connection_sparsity": zeros, "effective_macs": effective, "dense": float(self._weights.size)}
         words |= {"joules": arithmetic("float32", effective, float(self._weights.size))}
-        return Costs(parameters=self._weights.size + len(self._weights), footprint_bytes=size, **words)
+        return Costs(parameters=size, footprint_bytes=self._weights.itemsize * size, **words)

@@ -15,6 +15,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
+from dataclasses import replace
 from functools import lru_cache
 from typing import Any
 
@@ -22,8 +23,7 @@ import numpy as np
 import numpy.typing as npt
 
 import neuro
-from neuro.chips import neurobench
-from neuro_bench.costs import PICOJOULES, Costs, on_chips
+from neuro_bench.costs import PICOJOULES, Costs, spiking_costs
 from neuro_bench.method import Method
 from neuro_bench.task import Series
 
@@ -36,7 +36,7 @@ DEEP = 1e4
 """Thresholds below 0 that a neuron is left at by its spike, from where no current brings it back in time."""
 MARGIN = 1.15
 """What can be said reaches this much further from the middle of the values that were seen than these."""
-PRICED = 75
+PRICED_VALUES = 75
 """Values that costs are the mean of, at most."""
 Floats = npt.NDArray[np.float64]
 LEAST: Floats = -1.0 / np.expm1(-np.arange(1.0, SHOWN + 1.0) / TAU)
@@ -171,29 +171,27 @@ class _Coded:
         return mean
 
     def costs(self, shown: int) -> Costs:
-        """The bill of Loihi for the neurons, and the sums of the readout, by the first values that are said."""
-        sim, shown = self._cells.sim, min(shown, PRICED)
+        """The bills of chips for the neurons, and the sums of the readout, by the first values that are said."""
+        sim, shown = self._cells.sim, min(shown, PRICED_VALUES)
         sim.reset()
         self.predict(shown)
         taken: Any = sim.taken()
-        found = neurobench(sim.program, taken.raw_counts, samples=shown, steps=STEPS)
+        costs: Any = spiking_costs(sim, taken, shown, steps=STEPS, clock=False)
         members, delays, cells = self._weights.shape
-        readout = delays * (found["spikes"]["out"] + members * SHOWN)  # a spike's weights, and the currents' flow
-        sums, bills = PICOJOULES["float32 sum"] * 1e-12 * readout, on_chips(sim, taken, shown, clock=False)
-        bills = {
-            word: {f"{k}, and the readout's sums": v + sums for k, v in each.items()} for word, each in bills.items()
-        }
-        ops = found["synaptic_operations"]
-        return Costs(
+        fired = taken.counts.populations["cells"].spikes / shown
+        readout = delays * (fired + members * SHOWN)  # a spike's weights, and the currents' flow
+        sums, named = PICOJOULES["float32 sum"] * 1e-12 * readout, "{}, and the readout's sums".format
+        made: Costs = replace(
+            costs,
             parameters=self._weights.size,
-            footprint_bytes=found["footprint_bytes"] + self._weights.nbytes,
-            connection_sparsity=found["connection_sparsity"],
-            activation_sparsity=found["activation_sparsity"],
+            footprint_bytes=costs.footprint_bytes + self._weights.nbytes,
             effective_macs=float(members * cells),  # the current into each neuron
-            effective_acs=ops["effective_acs"] + readout,
-            dense=ops["dense"] + members * cells + self._weights.size,
-            **bills,
+            effective_acs=costs.effective_acs + readout,
+            dense=costs.dense + members * cells + self._weights.size,
+            joules={named(k): v + sums for k, v in costs.joules.items()},
+            joules_of_spikes={named(k): v + sums for k, v in costs.joules_of_spikes.items()},
         )
+        return made
 
 
 def scaled(train: Series) -> tuple[Series, float, float]:

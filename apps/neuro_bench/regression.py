@@ -12,15 +12,15 @@ import numpy as np
 
 import neuro
 from neuro_bench.artificial import Network, check_torch, optimised
-from neuro_bench.costs import Costs, arithmetic
+from neuro_bench.costs import Costs, arithmetic, spiking_costs
 from neuro_bench.method import Method
-from neuro_bench.spiking import CHIP, INPUT, OUTPUT, on_loihi
+from neuro_bench.spiking import CHIP, INPUT, OUTPUT
 from neuro_bench.task import Floats, Recording
 from neuro_train.targets import probe
 
 AT_ONCE = 10_000
 """Steps."""
-PRICED = 1_000
+PRICED_STEPS = 1_000
 """Steps that the bill is the mean of."""
 SILENT = 100.0
 """Threshold of the readout in standard deviations of its target, which nothing reaches."""
@@ -250,6 +250,6 @@ class _Readout:
 
     def costs(self, shown: Recording) -> Costs:
         """By NeuroBench's counts, and the bill of Loihi, of the first steps."""
-        n = min(PRICED, len(shown))
+        n = min(PRICED_STEPS, len(shown))
         sim = self._run(CHIP, shown.take(slice(n)))
-        return on_loihi(sim, sim.taken(), n)
+        return spiking_costs(sim, sim.taken(), n)

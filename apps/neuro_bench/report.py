@@ -16,6 +16,11 @@ from neuro_bench.running import FORMAT
 RESULT = sealed("a result of 'neuro bench run'", f'"format": "{FORMAT}"', ', "digest": "{}"')
 SAME = ("tries", "seeds", "folds", "split_seed")
 """What results of one table have in common, beside task, split and data."""
+COUNTS = {
+    "parameters": "weights", "footprint_bytes": "bytes", "connection_sparsity": "0 w.", "activation_sparsity": "0 act.",
+    "effective_macs": "MACs", "effective_acs": "ACs",
+}  # fmt: skip
+"""Costs in the table, and their titles there."""
 
 
 def write(found: Mapping[str, Any], path: Path) -> None:
@@ -52,16 +57,9 @@ def compared(results: Sequence[Mapping[str, Any]]) -> list[Mapping[str, Any]]:
             _same(f"task {what}", first["task"][what], other["task"][what])
         for word in SAME:
             _same(word, first["asked"][word], other["asked"][word])
-        _same("data", _data(first), _data(other))
+        _same("data", first.get("data"), other.get("data"))
     sign = -1.0 if first["task"]["higher"] else 1.0
     return sorted(results, key=lambda one: sign * one["mean"])
-
-
-def _data(result: Mapping[str, Any]) -> Any:
-    """The digest of the data, wherever they lie."""
-    path = result["asked"]["data"]
-    inputs = result["provenance"]["inputs"]
-    return sorted(digest for name, digest in inputs.items() if path and Path(path).name in name)
 
 
 def _same(what: str, one: Any, other: Any) -> None:
@@ -116,15 +114,21 @@ def show(results: Sequence[Mapping[str, Any]]) -> None:
     if len(ordered) > 1:
         console().print(verdict(ordered), soft_wrap=True)
     rows = [row(one) for one in ordered]
-    head = ("method", "spikes", f">{task['metric']}", ">weights", ">bytes", ">0 act.", ">MACs", ">ACs", ">uJ", ">cpu s")
+    head = ("method", "spikes", f">{task['metric']}", *(f">{word}" for word in (*COUNTS.values(), "ms", "cpu s")))
     tried = f"{asked['tries']} {'try' if asked['tries'] == 1 else 'tries'} each"
     folds = f"{len(first['folds'])} trainings tested"
     console().print(table(head, rows, title=f"{task['title']}; {task['split']} folds; {folds}; {tried}"))
     for line in sensitivity(ordered):
         console().print(line, soft_wrap=True)
-    notes = dict.fromkeys(name for one in ordered for name in one["costs"]["joules"])
-    if notes:
-        console().print(f"uJ of an example: {'; '.join(notes)}, the first of each row", soft_wrap=True)
+    machines = list(dict.fromkeys(name for one in ordered for name in one["costs"]["joules"]))
+    if machines:
+        bills = [
+            [one["method"]["name"], *(_uj(one["costs"]["joules"].get(each)) for each in machines)] for one in ordered
+        ]
+        console().print(table(("method", *(f">{each}" for each in machines)), bills, title="uJ of an example"))
+    for one in ordered:
+        for chip, why in one["costs"].get("refused", {}).items():
+            console().print(f"{one['method']['name']}: {chip} refuses it: {why}", soft_wrap=True)
 
 
 def sensitivity(results: Sequence[Mapping[str, Any]]) -> list[str]:
@@ -147,20 +151,19 @@ def sensitivity(results: Sequence[Mapping[str, Any]]) -> list[str]:
 
 def row(result: Mapping[str, Any]) -> tuple[str, ...]:
     """A line of the table."""
-    costs = result["costs"]
-    joules = next(iter(costs["joules"].values()), None)
+    costs, each = result["costs"], [one["ms_an_example"] for one in result["folds"]]
     return (
         result["method"]["name"],
         "yes" if result["method"]["spiking"] else "no",
         _score(result),
-        number(costs["parameters"]),
-        number(costs["footprint_bytes"]),
-        f"{costs['activation_sparsity']:.3f}",
-        number(costs["effective_macs"]),
-        number(costs["effective_acs"]),
-        "" if joules is None else f"{1e6 * joules:.3g}",
+        *("-" if costs[word] is None else number(costs[word]) for word in COUNTS),
+        f"{sum(each) / len(each):.3g}",
         f"{result['cpu_s']:.0f}",
     )
+
+
+def _uj(joules: float | None) -> str:
+    return "-" if joules is None else f"{1e6 * joules:.3g}"
 
 
 def _finite(value: Any) -> Any:

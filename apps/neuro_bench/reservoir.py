@@ -41,12 +41,10 @@ class Members:
         """Those of the first, as often as there are members."""
         one: Costs = self._models[0].costs(shown)
         n = len(self._models)
-        words = ("effective_macs", "effective_acs", "dense")
+        words = ("parameters", "footprint_bytes", "effective_macs", "effective_acs", "dense")
         joules = {name: n * value for name, value in one.joules.items()}
         counts: Any = {word: n * getattr(one, word) for word in words}
-        return replace(
-            one, parameters=n * one.parameters, footprint_bytes=n * one.footprint_bytes, joules=joules, **counts
-        )
+        return replace(one, joules=joules, **counts)
 
 
 class EchoState(Method):

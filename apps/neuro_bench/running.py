@@ -112,6 +112,7 @@ def run(
             write_text(kept, json.dumps({"format": KEPT_FORMAT, "of": of, "folds": found}), KEPT)
     scores = [each["score"] for each in found]
     mean, low, high = interval(scores)
+    data = None if request.data is None else Path(request.data).absolute()
     return {
         "format": FORMAT,
         "task": {
@@ -123,6 +124,7 @@ def run(
         },
         "method": {"name": request.method, "title": method.title, "spiking": method.spiking},
         "asked": asked,
+        "data": sorted(made["inputs"][name] for name in made["inputs"] if data and Path(name).is_relative_to(data)),
         "mean": mean,
         "interval": [low, high],
         "folds": found,
@@ -190,8 +192,11 @@ def _mean_costs(each: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
     found: dict[str, Any] = {}
     for name in each[0]:
         values = [one[name] for one in each]
-        if isinstance(values[0], Mapping):
-            found[name] = {key: float(np.mean([one[key] for one in values])) for key in values[0]}
+        if name == "refused":  # by a chip in one fold, so there is no bill of all
+            found[name] = {key: why for one in values for key, why in one.items()}
+        elif isinstance(values[0], Mapping):
+            shared = (key for key in values[0] if all(key in one for one in values))
+            found[name] = {key: float(np.mean([one[key] for one in values])) for key in shared}
         else:
-            found[name] = float(np.mean(values))
+            found[name] = None if None in values else float(np.mean(values))
     return found

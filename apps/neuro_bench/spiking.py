@@ -9,9 +9,8 @@ import numpy as np
 
 import neuro
 from neuro.apps import Showing
-from neuro.chips import neurobench
 from neuro_bench.artificial import check_torch
-from neuro_bench.costs import Costs, on_chips
+from neuro_bench.costs import Costs, spiking_costs
 from neuro_bench.method import Method
 from neuro_bench.task import Examples
 
@@ -113,29 +112,7 @@ class _Trained:
         for k in range(len(some)):
             train = events.trains[INPUT].of([k])
             showing.show(train.step, train.neuron, events.steps)
-        return on_loihi(sim, showing.taken, len(some))
-
-
-def on_loihi(sim: neuro.Simulation, taken: Any, examples: int) -> Costs:
-    """By NeuroBench's counts, and the bills of chips, of a network that the emulated chip ran.
-
-    Args:
-        sim: the network.
-        taken: what so many examples took.
-        examples: how many.
-    """
-    found = neurobench(sim.program, taken.raw_counts, samples=examples)
-    ops = found["synaptic_operations"]
-    return Costs(
-        parameters=found["parameter_count"],
-        footprint_bytes=found["footprint_bytes"],
-        connection_sparsity=found["connection_sparsity"],
-        activation_sparsity=found["activation_sparsity"],
-        effective_macs=ops["effective_macs"],
-        effective_acs=ops["effective_acs"],
-        dense=ops["dense"],
-        **on_chips(sim, taken, examples),
-    )
+        return spiking_costs(sim, showing.taken, len(some))
 
 
 class Recurrent(Spiking):

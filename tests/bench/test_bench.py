@@ -311,6 +311,37 @@ def test_results_of_other_tries_are_not_compared(bench):
     assert "results differ in tries: 1 and 2: expected the same in one table" in err
 
 
+def test_results_of_other_data_are_not_compared(bench, sounds, tmp_path):
+    words = "run", "spoken-digits", "--method", "majority", "--first-folds", 1
+    for name, left_out in (("same", 0), ("fewer", 1)):
+        folder = tmp_path / name / sounds.name
+        folder.mkdir(parents=True)
+        for file in sorted(sounds.iterdir())[left_out:]:
+            (folder / file.name).write_bytes(file.read_bytes())
+        bench(*words, "--data", folder, "--out", f"{name}.json")
+    bench(*words, "--data", sounds, "--out", "first.json")
+    assert bench("compare", "first.json", "same.json")[0] == 0
+    status, _, err = bench("compare", "first.json", "fewer.json")
+    assert status
+    assert "results differ in data" in err
+
+
+def test_what_nobody_counted_is_not_printed_as_free(capsys):
+    found = run(Request(task="bars", method="boosting", folds=1, changes={"trees": 2}))
+    report.show([found])
+    assert found["costs"]["parameters"] is found["costs"]["effective_macs"] is None
+    assert [line.split()[3:9] for line in capsys.readouterr().out.splitlines() if " boosting" in line] == [["-"] * 6]
+
+
+def test_a_row_for_each_machine(capsys):
+    results = [run(Request(task="bars", method=name, folds=1)) for name in ("logistic", "majority")]
+    report.show(results)
+    printed = capsys.readouterr().out
+    bills = printed[printed.index("uJ of an example") :]
+    assert "CPU core, float32" in bills
+    assert [line.split()[-2:] for line in bills.splitlines() if "majority" in line] == [["-", "-"]]
+
+
 def test_a_fold_has_named_parts():
     assert Fold.__slots__ == ("name", "train", "validation", "both", "test")
 

@@ -47,6 +47,26 @@ def test_each_layer_fires_its_rectified_sum_in_whole_numbers():
         assert classes[0] == potentials[k].argmax()
 
 
+@pytest.mark.parametrize("backend", ["loihi", "spinnaker"])
+@pytest.mark.filterwarnings("ignore::neuro.ApproximationWarning")
+def test_chips_run_it_and_say_nearly_as_much(backend):
+    shown, weights = drawn(np.random.default_rng(3))
+    weights[1] = weights[1][0], np.array([3.0, -3.0, 3.0, -3.0])  # without room beside what holds the layer
+    made = _Converted([weights], shown.spikes, LEVELS, backend)
+    exact, sim = neuro.compile(made.net), neuro.compile(made.net, backend=backend)
+    for k in range(5):
+        one = shown.take(np.array([k]))
+        made._show(exact, one)
+        made._show(sim, one)
+        for part in exact.program.populations:
+            if part.name.startswith("maps"):
+                said, wanted = (np.bincount(each.spikes(part.name)[1], minlength=part.size) for each in (sim, exact))
+                assert np.abs(said - wanted).mean() < 0.3 * wanted.mean() + 0.05
+    costs = made.costs(shown)
+    assert not costs.refused
+    assert [name.split(",")[0] for name in costs.joules] == ["Loihi", "Loihi", "SpiNNaker", "SpiNNaker"]
+
+
 def test_counts_are_those_of_the_spikes():
     shown, _ = drawn(np.random.default_rng(4))
     assert counted(shown.spikes, 5).sum() == len(shown.spikes.at)
