@@ -129,8 +129,8 @@ OF_OTHERS = {
     "record_from: V_m": "did you mean 'record'?",
     "variables: V_m": "did you mean 'record'?",
     "weight_recorder: {}": "did you mean 'probes'?",
-    "duration: 100.0": "it is said when it runs: neuro run FILE --for 100, or sim.run(100.0)",
-    "seed: 3": "it is said when it runs: neuro run FILE --seed 1, or neuro.compile(net, seed=1)",
+    "duration: 100.0": "it is given when the network runs: neuro run FILE --for 100, or sim.run(100.0)",
+    "seed: 3": "it is given when the network runs: neuro run FILE --seed 1, or neuro.compile(net, seed=1)",
 }
 PLACES = {
     "model": "populations: {{cells: {{shape: 3, {}}}}}",

@@ -18,7 +18,7 @@ from neuro_train.data import BatchData
 from neuro_train.plan import TrainingPlan
 
 Array = npt.NDArray[Any]
-HINT = "np.savez(path, spikes=..., targets=...)"
+HINT = "numpy.savez(path, spikes=..., targets=...)"
 
 
 def read(path: Path, net: neuro.Network, plan: TrainingPlan) -> BatchData:

@@ -150,9 +150,9 @@ _WITHOUT = {
     "write net.connect(source, target, rule), in YAML {from: source, to: target, rule: all_to_all} in 'projections'": (
         "connect projection connection synapses"
     ),
-    "it is said when it runs: neuro run FILE --for 100, or sim.run(100.0)": "duration simtime run_time",
-    "it is said when it runs: neuro run FILE --seed 1, or neuro.compile(net, seed=1)": "seed rng_seed",
-    "it is said when it runs: neuro run FILE --threads 2, or neuro.compile(net, threads=2)": "threads",
+    "it is given when the network runs: neuro run FILE --for 100, or sim.run(100.0)": "duration simtime run_time",
+    "it is given when the network runs: neuro run FILE --seed 1, or neuro.compile(net, seed=1)": "seed rng_seed",
+    "it is given when the network runs: neuro run FILE --threads 2, or neuro.compile(net, threads=2)": "threads",
     "the resistance is tau_m / C_m": "r r_m r_in",
     "the leak conductance is C_m / tau_m": "g_l gl g_leak",
     "a state at the start is a word of 'initial', beside the model": "v_m v_init v0",
