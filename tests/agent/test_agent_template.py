@@ -18,7 +18,7 @@ def folder(answer, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     written = answer("new", "mine", "--template", "agent")
     assert written.out == (
-        "mine: test_world.py, train.py, world.py\n"
+        "mine: made from agent\nfiles: test_world.py, train.py, world.py\n"
         "next:\n  cd mine\n  python train.py\n  python -m pytest     # needs pytest: pip install pytest\n"
         "  neuro agent watch agent.h5 world:Room --out episode.html\n"
     )
