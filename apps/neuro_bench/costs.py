@@ -13,7 +13,8 @@ The microcontroller is a Cortex-M33 (NUCLEO-U575ZI-Q), on which 4.151 mJ were me
 them; on a Cortex-M4 (NUCLEO-L4R5ZI) it was 12.298 mJ, so 0.98 nJ.
 
 By Horowitz 64 bits of an 8 kB cache take 10 pJ more and of DRAM 1,300 pJ or more. Loihi and SpiNNaker are bills by
-`neuro.chips`, whose tables cite a source for each figure, with routing and static power.
+`neuro.chips`, whose tables cite a source for each figure, with routing and static power; a chip that refuses the
+network has none.
 """
 
 from __future__ import annotations
@@ -23,7 +24,7 @@ from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field
 from typing import TYPE_CHECKING, Any
 
-from neuro.chips import chip, neurobench, quantise
+from neuro.chips import chip, neurobench, place, quantise
 
 if TYPE_CHECKING:
     import neuro
@@ -118,8 +119,8 @@ def on_chips(sim: neuro.Simulation, taken: Any, examples: int, clock: bool = Tru
     """The words `joules`, `joules_of_spikes` and `refused` of a spiking network; see `spiking_costs`."""
     joules, moved, refused = {}, {}, {}
     for target, title in CHIPS.items():
-        why = [f"{each.what}: {each.why}" for each in quantise(sim.program, chip(target)).problems if each.refused]
-        if why:
+        problems = (*quantise(sim.program, chip(target)).problems, *place(sim.program, chip(target)).problems)
+        if why := [f"{each.what}: {each.why}" for each in problems if each.refused]:
             refused[title] = why[0]
             continue
         bill = sim.energy(target, of=taken).per(examples, "example")

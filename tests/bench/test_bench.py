@@ -11,7 +11,7 @@ import neuro
 from neuro.events.representations import hats
 from neuro_bench import METHODS, TASKS, Costs, Examples, Fold, Method, Request, Spikes, Task, report, run
 from neuro_bench.artificial import learnt, members, summed
-from neuro_bench.costs import break_even
+from neuro_bench.costs import break_even, on_chips
 from neuro_bench.features import surfaces
 from neuro_bench.method import tries
 from neuro_bench.running import interval
@@ -331,6 +331,18 @@ def test_what_nobody_counted_is_not_printed_as_free(capsys):
     report.show([found])
     assert found["costs"]["parameters"] is found["costs"]["effective_macs"] is None
     assert [line.split()[3:9] for line in capsys.readouterr().out.splitlines() if " boosting" in line] == [["-"] * 6]
+
+
+def test_a_chip_without_room_has_no_bill():
+    net = neuro.Network("wide", resolution=1.0)
+    net.population("a", 5000, neuro.spike_generator())
+    net.population("b", 1, neuro.iaf_psc_delta(V_th=1.0, E_L=0.0, V_reset=0.0))
+    net.connect("a", "b", neuro.all_to_all(), weight=1.0, delay=1.0)
+    sim = neuro.compile(net)
+    sim.run(5.0)
+    found = on_chips(sim, sim.taken(), 1)
+    assert [name.split(",")[0] for name in found["joules"]] == ["SpiNNaker", "SpiNNaker"]
+    assert "the spikes of 5,000 neurons reach it" in found["refused"]["Loihi"]
 
 
 def test_a_row_for_each_machine(capsys):
