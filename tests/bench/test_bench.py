@@ -391,3 +391,10 @@ def test_the_task_of_the_page_is_trained_compared_and_priced(tmp_path, capsys):
     assert printed.startswith("logistic wins, a non-spiking network or method")
     assert "dense on Loihi, as fast as it can against logistic on CPU core, float32: " in printed
     assert all(result["costs"]["joules"] for result in results)
+
+
+def test_the_figures_of_the_page_are_json():
+    folder = Path(__file__).parents[2] / "benchmarks/measured"
+    found = json.loads((folder / "bench.json").read_text("utf-8"))
+    assert all(row["interval"][0] <= row["mean"] <= row["interval"][1] for row in found.values())
+    assert all(row["mean"] == pytest.approx(np.mean(row["scores"]), abs=0.011) for row in found.values())
