@@ -65,11 +65,10 @@ class _Recognises:
     def costs(self, shown: Examples) -> Costs:
         """By NeuroBench's counts, and the bills of chips, of the first examples; what cuts and filters is not counted.
 
-        Examples differ in length; that of the counts is the mean. Ticks of a code are no time of the camera's, so no
-        bill is in real time.
+        Examples differ in length; that of the counts is the mean. Real time is the network's own, 64 ms a pseudo-frame.
         """
         n = min(PRICED, len(shown))
         answer = self.recogniser.answer(recordings(shown.take(np.arange(n))))
         assert answer.run is not None
         sim, taken = answer.run()
-        return spiking_costs(sim, taken, n, steps=taken.raw_counts.steps // n, clock=False)
+        return spiking_costs(sim, taken, n, steps=taken.raw_counts.steps // n)

@@ -26,7 +26,7 @@ def test_bars_are_told_apart_by_a_local_rule():
     made = method.fit(fold.both, {**method.settings, "epochs": 2}, 0)
     assert made.predict(fold.test).tolist() == fold.test.labels.tolist()
     costs = made.costs(fold.test)
-    assert costs.parameters == 4 * 16 * 11 * 11  # two maps a class that see 16 channels
+    assert costs.parameters == 2 * 8 * 4 * 11 * 11  # of each class eight maps, which see four orientations
     assert costs.effective_acs > 0.0
     assert 0.0 < costs.joules["Loihi, as fast as it can"] < 0.01
 
