@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from itertools import pairwise
 from typing import Any
 
@@ -110,17 +110,21 @@ class HATS(Method):
         return _HATS(learner.fit(surfaces(train, settings), train.labels), settings)
 
 
-def surfaces(shown: Examples, settings: Mapping[str, Any]) -> Any:
-    """The histograms of each example's spikes in a row."""
-    spikes, tau = shown.spikes, round(1e3 * settings["tau"])
-    words: Any = {"cell": settings["cell"], "radius": settings["radius"], "window_us": tau, "tau_us": tau}
+def recordings(shown: Examples) -> Iterator[Events]:
+    """The spikes of each example as events of a camera: a sheet is a polarity, and a step has one time."""
+    spikes = shown.spikes
     p, y, x = (each.astype(np.uint16) for each in np.unravel_index(spikes.neuron, spikes.shape))
     t, size = (1e3 * spikes.step * spikes.at).astype(np.int64), spikes.shape[:0:-1]
-    ends, found = np.searchsorted(spikes.example, np.arange(len(shown) + 1)).tolist(), []
+    ends = np.searchsorted(spikes.example, np.arange(len(shown) + 1)).tolist()
     for own in (slice(*each) for each in pairwise(ends)):
-        events = Events(t=t[own], x=x[own], y=y[own], p=p[own].astype(np.uint8), sensor_size=size)
-        found.append(hats(events, **words).ravel())
-    return np.stack(found)
+        yield Events(t=t[own], x=x[own], y=y[own], p=p[own].astype(np.uint8), sensor_size=size)
+
+
+def surfaces(shown: Examples, settings: Mapping[str, Any]) -> Any:
+    """The histograms of each example's spikes in a row."""
+    tau = round(1e3 * settings["tau"])
+    words: Any = {"cell": settings["cell"], "radius": settings["radius"], "window_us": tau, "tau_us": tau}
+    return np.stack([hats(events, **words).ravel() for events in recordings(shown)])
 
 
 class _HATS:

@@ -9,6 +9,7 @@ from neuro_bench.artificial import CNN, GRU, QuantisedCNN
 from neuro_bench.converted import Converted
 from neuro_bench.event_cameras import NMNIST, DVSGesture, PokerDVS
 from neuro_bench.features import HATS, GradientBoosting, LogisticRegression
+from neuro_bench.local import ReMuS
 from neuro_bench.mackey_glass import MackeyGlass
 from neuro_bench.method import Method
 from neuro_bench.population_code import PopulationCode
@@ -63,6 +64,7 @@ METHODS: Registry[type[Method]] = Registry(
         LogisticRegression,
         GradientBoosting,
         HATS,
+        ReMuS,
         PopulationCode,
         TanhRidge,
         EchoState,
