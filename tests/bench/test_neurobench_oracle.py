@@ -16,7 +16,7 @@ from neuro_bench import Examples, Spikes  # noqa: E402
 from neuro_bench.artificial import CNN, Network, QuantisedCNN  # noqa: E402
 from neuro_bench.primate_reaching import PrimateReaching  # noqa: E402
 
-SHORT = {"maps": 4, "epochs": 1, "rate": 0.01, "decay": 0.0, "dropout": 0.0, "shift": 0}
+SHORT = {**CNN.settings, "maps": 4, "epochs": 1, "rate": 0.01, "decay": 0.0, "dropout": 0.0, "shift": 0}
 
 
 def examples(n=24, binary=False):
@@ -40,6 +40,7 @@ def pruned():
 
 NETWORKS = {
     "cnn": lambda: CNN().fit(examples(), SHORT, 0).module,
+    "normalised": lambda: CNN().fit(examples(), {**SHORT, "norm": True, "members": 2}, 0).module,
     "int8": lambda: QuantisedCNN().fit(examples(), SHORT, 0).module,
     "linear": linear,
     "pruned": pruned,

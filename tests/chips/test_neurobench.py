@@ -119,6 +119,45 @@ def test_the_harness_definitions_in_numpy(run, report):
     assert report["neuron_ops"] == {"effective": 4 * updates / SAMPLES, "dense": 4.0 * TICKS * 20, "left_out": []}
 
 
+@pytest.mark.filterwarnings("ignore")
+def test_operations_and_sparsity_of_connections_are_those_of_the_package(run, report):
+    pytest.importorskip("neurobench", reason="neurobench is not installed: make test-oracles")
+    torch = pytest.importorskip("torch", reason="the extra torch is not installed")
+    from neurobench.benchmarks import Benchmark
+    from neurobench.metrics.static import ConnectionSparsity
+    from neurobench.metrics.workload import SynapticOperations
+    from neurobench.models import TorchModel
+
+    w, x, _, _ = run
+    shown = [torch.as_tensor(np.asarray(s), dtype=torch.float32) for s in by_hand(w, x)[0][:-1]]
+
+    class Layers(torch.nn.Module):
+        """Each layer sees, tick by tick, the spikes of the layer before."""
+
+        def __init__(self):
+            super().__init__()
+            each = [torch.nn.Linear(*weight.shape, bias=False) for weight in w]
+            for layer, weight in zip(each, w, strict=True):
+                layer.weight.data = torch.as_tensor(weight.T.copy(), dtype=torch.float32)
+            self.layers = torch.nn.ModuleList(each)
+
+        def forward(self, _):
+            for tick in range(TICKS):
+                out = [layer(spikes[:, tick]) for layer, spikes in zip(self.layers, shown, strict=True)]
+            return out[-1]
+
+    data = torch.utils.data.TensorDataset(shown[0], torch.zeros(SAMPLES))
+    loader = torch.utils.data.DataLoader(data, batch_size=SAMPLES)
+    theirs = Benchmark(TorchModel(Layers()), loader, [], [], [[ConnectionSparsity], [SynapticOperations]]).run(
+        quiet=True
+    )
+    ops = theirs["SynapticOperations"]
+    ours = report["synaptic_operations"]
+    assert ours["effective_acs"] == pytest.approx(ops["Effective_ACs"], rel=1e-6)
+    assert (ours["effective_macs"], ours["dense"]) == (ops["Effective_MACs"], pytest.approx(ops["Dense"], rel=1e-6))
+    assert report["connection_sparsity"] == pytest.approx(theirs["ConnectionSparsity"], abs=1e-3)
+
+
 def test_what_stands_beside(run, report):
     _, x, sim, _ = run
     counts = sim.counts()
