@@ -4,32 +4,18 @@ from __future__ import annotations
 
 import copy
 from collections.abc import Mapping
-from importlib.util import find_spec
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from neuro import ModelError
-from neuro.apps import install
 from neuro_bench.costs import Costs, arithmetic
-from neuro_bench.method import Method
+from neuro_bench.method import Method, check_installed
 from neuro_bench.task import Examples
 
 if TYPE_CHECKING:
     from torch import Tensor, nn
 
 AT_ONCE = 256
-
-
-def check_torch(method: Method) -> None:
-    """Refuse a method that learns by torch where it is not installed.
-
-    Raises:
-        ModelError: it is not.
-    """
-    if find_spec("torch") is None:
-        message = f"method '{method.called_by}' learns by PyTorch, which is not installed"
-        raise ModelError(message, hint=install("torch"))
 
 
 class CNN(Method):
@@ -54,7 +40,7 @@ class CNN(Method):
         return Network(summed(self._members(train, settings, seed)), "float32")
 
     def _members(self, train: Examples, settings: Mapping[str, Any], seed: int) -> list[Any]:
-        check_torch(self)
+        check_installed(self, "torch")
         from torch import nn
 
         channels, rows, columns = train.frames.shape[1:]
@@ -96,7 +82,7 @@ class GRU(Method):
 
     def fit(self, train: Examples, settings: Mapping[str, Any], seed: int) -> Network:
         """Learn from examples; see `Method`."""
-        check_torch(self)
+        check_installed(self, "torch")
         from torch import nn
 
         class Recurrent(nn.Module):

@@ -21,9 +21,9 @@ import numpy as np
 import neuro
 from neuro import ModelError
 from neuro.apps import Showing
-from neuro_bench.artificial import check_torch, members
+from neuro_bench.artificial import members
 from neuro_bench.costs import Costs, spiking_costs
-from neuro_bench.method import Method
+from neuro_bench.method import Method, check_installed
 from neuro_bench.spiking import INPUT, OUTPUT, PRICED
 from neuro_bench.task import Examples, Floats, Spikes
 
@@ -56,7 +56,7 @@ class Converted(Method):
 
     def fit(self, train: Examples, settings: Mapping[str, Any], seed: int) -> _Converted:
         """Learn on the counts by gradients, then convert; see `Method`."""
-        check_torch(self)
+        check_installed(self, "torch")
         from torch import nn
 
         counts = replace(train, frames=counted(train.spikes, len(train)))

@@ -24,8 +24,6 @@ from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field
 from typing import TYPE_CHECKING, Any
 
-from neuro.chips import chip, neurobench, place, quantise
-
 if TYPE_CHECKING:
     import neuro
 
@@ -105,6 +103,8 @@ def spiking_costs(
         steps: of one; all that were run, divided by the examples, if not given.
         clock: whether real time has a meaning, which it lacks where a step has no time of its own.
     """
+    from neuro.chips import neurobench
+
     found = neurobench(sim.program, taken.raw_counts, samples=examples, steps=steps)
     ops = found["synaptic_operations"]
     return Costs(
@@ -117,6 +117,8 @@ def spiking_costs(
 
 def on_chips(sim: neuro.Simulation, taken: Any, examples: int, clock: bool = True) -> dict[str, Any]:
     """The words `joules`, `joules_of_spikes` and `refused` of a spiking network; see `spiking_costs`."""
+    from neuro.chips import chip, place, quantise
+
     joules, moved, refused = {}, {}, {}
     for target, title in CHIPS.items():
         problems = (*quantise(sim.program, chip(target)).problems, *place(sim.program, chip(target)).problems)

@@ -9,20 +9,11 @@ from typing import Any
 import numpy as np
 
 from neuro import ModelError
-from neuro.apps import install
 from neuro.events import Events
 from neuro.events.representations import hats
 from neuro_bench.costs import UNKNOWN, Costs, arithmetic
-from neuro_bench.method import Method
+from neuro_bench.method import Method, check_installed
 from neuro_bench.task import Examples
-
-
-def _sklearn(method: Method) -> None:
-    try:
-        import sklearn  # noqa: F401
-    except ImportError:
-        message = f"method '{method.called_by}' needs scikit-learn, which is not installed"
-        raise ModelError(message, hint=install("bench")) from None
 
 
 def _versions(train: Examples, count: int) -> Examples:
@@ -48,7 +39,7 @@ class LogisticRegression(Method):
 
     def fit(self, train: Examples, settings: Mapping[str, Any], seed: int) -> _Classifier:
         """Learn from examples; see `Method`."""
-        _sklearn(self)
+        check_installed(self, "sklearn")
         from sklearn.linear_model import LogisticRegression as Logistic
         from sklearn.pipeline import make_pipeline
         from sklearn.preprocessing import StandardScaler
@@ -75,7 +66,7 @@ class GradientBoosting(Method):
 
     def fit(self, train: Examples, settings: Mapping[str, Any], seed: int) -> _Classifier:
         """Learn from examples; see `Method`."""
-        _sklearn(self)
+        check_installed(self, "sklearn")
         from sklearn.ensemble import HistGradientBoostingClassifier as Boosting
 
         train = _versions(train, settings["versions"])
@@ -98,7 +89,7 @@ class HATS(Method):
 
     def fit(self, train: Examples, settings: Mapping[str, Any], seed: int) -> _HATS:
         """Learn from examples; see `Method`."""
-        _sklearn(self)
+        check_installed(self, "sklearn")
         from sklearn.pipeline import make_pipeline
         from sklearn.preprocessing import Normalizer
         from sklearn.svm import LinearSVC

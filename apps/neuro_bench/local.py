@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import replace
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -14,10 +14,9 @@ from neuro_bench.features import recordings
 from neuro_bench.method import Method
 from neuro_bench.spiking import PRICED
 from neuro_bench.task import Examples
-from neuro_recognise.method import choose
-from neuro_recognise.methods import method_of
-from neuro_recognise.observations import observed
-from neuro_recognise.recogniser import Recogniser, learn
+
+if TYPE_CHECKING:
+    from neuro_recognise.recogniser import Recogniser
 
 LEAST = 22
 """px of a side: a kernel has 11 cells of 2 px."""
@@ -42,6 +41,10 @@ class ReMuS(Method):
         Raises:
             ModelError: the input is no event camera's, no example has a pseudo-frame, or there is no such preset.
         """
+        from neuro_recognise.methods import method_of
+        from neuro_recognise.observations import observed
+        from neuro_recognise.recogniser import learn
+
         sheets, rows, columns = train.spikes.shape
         if sheets != 2 or min(rows, columns) < LEAST:
             found = f"method '{self.called_by}': the input has the shape {train.spikes.shape}"
@@ -60,6 +63,8 @@ class _Recognises:
 
     def predict(self, shown: Examples) -> Any:
         """The class of each, -1 where nothing speaks for any."""
+        from neuro_recognise.method import choose
+
         return choose(self.recogniser.scores(recordings(shown)))
 
     def costs(self, shown: Examples) -> Costs:

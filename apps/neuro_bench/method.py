@@ -3,10 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from importlib.util import find_spec
 from typing import Any, ClassVar, Protocol
 
 import numpy as np
 
+from neuro import ModelError
+from neuro.apps import install
 from neuro_bench.costs import Costs
 from neuro_bench.task import Kind
 
@@ -54,6 +57,25 @@ class Method:
             seed: of all that is random.
         """
         raise NotImplementedError
+
+
+NEEDED = {"torch": ("PyTorch", "torch"), "sklearn": ("scikit-learn", "bench")}
+"""By module what it is called, and the extra that has it."""
+
+
+def check_installed(method: Method, module: str) -> None:
+    """Refuse a method where a module that it learns by is not installed.
+
+    Args:
+        method: the method.
+        module: a name of `NEEDED`.
+
+    Raises:
+        ModelError: it is not.
+    """
+    if find_spec(module) is None:
+        title, extra = NEEDED[module]
+        raise ModelError(f"method '{method.called_by}' learns by {title}, which is not installed", hint=install(extra))
 
 
 def tries(method: Method, changes: Mapping[str, Any], count: int, seed: int) -> list[dict[str, Any]]:

@@ -1,9 +1,10 @@
 """A spiking network for series: populations of LIF neurons that say each value in spikes, and a readout of the last.
 
 The value is a current into all neurons of a population, whose offsets differ, so each fires from another value on, and
-the sooner the more the value is above that. Who fires and when tells as many values apart as there are neurons times
-steps (time to first spike: Thorpe, Delorme and Van Rullen, Neural Networks 14:715, 2001). Who has fired is silent until
-a clock's spikes empty all neurons for the next value, so the spikes follow from the value alone.
+the further the value is above that, the sooner. Which neurons fire, and when, distinguishes as many values as there are
+neurons times steps (time to first spike: Thorpe, Delorme and Van Rullen, Neural Networks 14:715, 2001). A neuron that
+has fired is silent until a clock's spikes empty all neurons for the next value, so the spikes follow from the value
+alone.
 
 A spike counts for the steps that are left, as by a synaptic current that flows until then, so each neuron adds a
 staircase of the value. A smooth function is a sum of these, and ridge regression says the next value from such
@@ -14,7 +15,7 @@ linear, so the readout is one weight for each neuron and delay, added at each sp
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import replace
 from functools import lru_cache
 from typing import Any
@@ -104,23 +105,22 @@ class _Cells:
         found = []
         for k, at in enumerate(self.at):
             middles = np.concatenate(([-1.0], (at[1:] + at[:-1]) / 2.0, [1.0]))
-            found.append(np.diff(tangents(middles, functions, steep, (self._seed, k)), axis=0))
+            found.append(np.diff(tangents(functions, steep, (self._seed, k))(middles), axis=0))
         return found
 
 
-def tangents(values: Floats, functions: int, steep: float, drawn: tuple[int, int]) -> Floats:
+def tangents(functions: int, steep: float, drawn: tuple[int, int]) -> Callable[[Floats], Floats]:
     """Hyperbolic tangents of values from -1 to 1, (values, functions), which a seed and a member draw."""
     rng = np.random.default_rng((*drawn, 6))
     centre, slope = rng.uniform(-1.0, 1.0, functions), steep * rng.uniform(0.5, 1.4, functions)
-    found: Floats = np.tanh((values[:, None] - centre) * slope)
-    return found
+    return lambda values: np.tanh((values[:, None] - centre) * slope)
 
 
 def _gain(count: int) -> float:
     """Current of a value, for which the steps of all neurons' staircases divide the values most evenly.
 
     A neuron fires in a step from its own value on and LEAST / gain further. Taken modulo the distance of two neurons
-    these are the steps that values are told apart by; the error grows with the sum of the cubes of their distances.
+    these are the steps at which the spikes change; the error grows with the sum of the cubes of their distances.
     """
     gains, apart = np.linspace(5.0, 20.0, 4001), 2.0 / count
     steps = np.sort(np.mod(LEAST / gains[:, None], apart), axis=1)

@@ -128,7 +128,7 @@ def read(path: Path) -> tuple[Recording, npt.NDArray[np.int64]]:
 
 
 def _check(path: Path, name: str, values: Any, shape: tuple[int, int]) -> None:
-    """Refuse a variable of another shape, or with what is no number."""
+    """Refuse a variable of another shape, or with NaN or numbers out of range."""
     if values.shape != shape or shape[1] < 2:
         raise ModelError(f"{path}: {name}: found the shape {values.shape}: expected {shape}", hint=SOURCE)
     if values.dtype.kind not in "iuf" or not (np.abs(values) < LARGEST).all():

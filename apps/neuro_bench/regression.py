@@ -11,9 +11,9 @@ from typing import Any, ClassVar
 import numpy as np
 
 import neuro
-from neuro_bench.artificial import Network, check_torch, optimised
+from neuro_bench.artificial import Network, optimised
 from neuro_bench.costs import Costs, arithmetic, spiking_costs
-from neuro_bench.method import Method
+from neuro_bench.method import Method, check_installed
 from neuro_bench.spiking import CHIP, INPUT, OUTPUT
 from neuro_bench.task import Floats, Recording
 from neuro_train.targets import probe
@@ -120,7 +120,7 @@ class Perceptron(Method):
 
     def fit(self, train: Recording, settings: Mapping[str, Any], seed: int) -> _Decoder:
         """Learn by gradients; see `Method`."""
-        check_torch(self)
+        check_installed(self, "torch")
         import torch
         from torch import nn
 
@@ -203,7 +203,7 @@ class LIFReadout(Method):
 
     def fit(self, train: Recording, settings: Mapping[str, Any], seed: int) -> _Readout:
         """Learn by surrogate gradients; see `Method`."""
-        check_torch(self)
+        check_installed(self, "torch")
         from neuro_train.plan import TrainingPlan
         from neuro_train.trainer import learn
 
@@ -249,7 +249,7 @@ class _Readout:
         return self._middle + self._size * self._run("event", shown).trace(probe(OUTPUT))[1]
 
     def costs(self, shown: Recording) -> Costs:
-        """By NeuroBench's counts, and the bill of Loihi, of the first steps."""
+        """By NeuroBench's counts, and the bills of chips, of the first steps."""
         n = min(PRICED_STEPS, len(shown))
         sim = self._run(CHIP, shown.take(slice(n)))
         return spiking_costs(sim, sim.taken(), n)

@@ -132,9 +132,9 @@ class TanhRidge(Method):
 
 class _Tangents:
     def __init__(self, train: Series, settings: Mapping[str, Any], drawn: tuple[int, int]) -> None:
-        self._functions = (settings["functions"], settings["steep"], drawn)
+        self._functions = tangents(settings["functions"], settings["steep"], drawn)
         seen, self._middle, self._reach = scaled(train)
-        delays, made = settings["delays"], tangents(seen, *self._functions)
+        delays, made = settings["delays"], self._functions(seen)
         self._weights, self._offset = ridge(made, seen, delays, settings["ridge"])
         self._made = made[: -delays - 1 : -1]  # the last value first, as the weights
 
@@ -143,7 +143,7 @@ class _Tangents:
         made, said = self._made, np.empty(shown)
         for k in range(shown):
             said[k] = np.clip(self._offset + np.sum(self._weights * made), -1.0, 1.0)
-            made = np.concatenate((tangents(said[k : k + 1], *self._functions), made[:-1]))
+            made = np.concatenate((self._functions(said[k : k + 1]), made[:-1]))
         return self._middle + self._reach * said
 
     def costs(self, shown: int) -> Costs:

@@ -1,4 +1,4 @@
-"""Spiking networks for classes, trained by the parts of `neuro train`, tested and priced on emulated Loihi."""
+"""Spiking networks for classes, trained by the parts of `neuro train`; tested as trained or on a backend."""
 
 from __future__ import annotations
 
@@ -9,9 +9,8 @@ import numpy as np
 
 import neuro
 from neuro.apps import Showing
-from neuro_bench.artificial import check_torch
 from neuro_bench.costs import Costs, spiking_costs
-from neuro_bench.method import Method
+from neuro_bench.method import Method, check_installed
 from neuro_bench.task import Examples
 
 PRICED = 50
@@ -30,7 +29,7 @@ class Spiking(Method):
     delayed: ClassVar[bool] = False
     settings = {
         "hidden": 128, "tau": 20.0, "epochs": 40, "rate": 0.01, "decay": 0.05, "temperature": 2.0, "slope": 1.0,
-        "batch": 20, "shift": 1,
+        "batch": 20, "shift": 1, "backend": "torch",
     }  # fmt: skip
     space: ClassVar[Mapping[str, Any]] = {
         "hidden": (128, 256),
@@ -66,11 +65,12 @@ class Spiking(Method):
 
     def fit(self, train: Examples, settings: Mapping[str, Any], seed: int) -> Any:
         """Learn by surrogate gradients; see `Method`."""
-        check_torch(self)
+        check_installed(self, "torch")
         from neuro_train.trainer import learn
 
         plan = self.plan(train, settings, seed)
-        return _Trained(learn(self.network(train, settings, seed), batch_data(train), plan), plan)
+        trained = learn(self.network(train, settings, seed), batch_data(train), plan)
+        return _Trained(trained, plan, settings["backend"])
 
     def plan(self, train: Examples, settings: Mapping[str, Any], seed: int) -> Any:
         """The settings as `neuro train` has them."""
@@ -94,17 +94,22 @@ def batch_data(shown: Examples) -> Any:
 
 
 class _Trained:
-    def __init__(self, trained: Any, plan: Any) -> None:
-        self.net, self._module, self._plan = trained.net, trained.module, plan
+    """What learnt; it is asked itself, on "torch", or its network on a backend."""
+
+    def __init__(self, trained: Any, plan: Any, backend: str) -> None:
+        self.net, self._module, self._plan, self._backend = trained.net, trained.module, plan, backend
 
     def predict(self, shown: Examples) -> Any:
         """The class of each, -1 for silence."""
-        from neuro_train.tested import by_module
+        from neuro_train.tested import by_module, on_backend
 
-        return by_module(self._module, batch_data(shown), self._plan).decided
+        data = batch_data(shown)
+        if self._backend == "torch":
+            return by_module(self._module, data, self._plan).decided
+        return on_backend(self.net, self._backend, data, self._plan).decided
 
     def costs(self, shown: Examples) -> Costs:
-        """By NeuroBench's counts, and the bill of Loihi, of the first examples."""
+        """By NeuroBench's counts, and the bills of chips, of the first examples."""
         some = shown.take(np.arange(min(PRICED, len(shown))))
         events = batch_data(some).events
         sim = neuro.compile(self.net, backend=CHIP, seed=self._plan.seed)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import difflib
 import os
 import re
 import shlex
@@ -129,6 +128,7 @@ def new(name: Folder = None, template: Template = None, list_all: ListTemplates 
     A folder that is called as a template, as by 'neuro new classifier', is made from it, others from balanced-network.
     """
     from neuro.core.errors import ModelError, unknown
+    from neuro.core.hints import alike
     from neuro.core.tables import console, table
 
     known = shipped("templates")
@@ -138,7 +138,7 @@ def new(name: Folder = None, template: Template = None, list_all: ListTemplates 
         return
     if name is None:
         raise ModelError("which folder? expected the name of one to make", hint="neuro new my-network, or --list")
-    close = [] if template or name.name in known else difflib.get_close_matches(name.name, known, n=1)
+    close = [] if template or name.name in known else alike(name.name, list(known))
     template = template or (name.name if name.name in known else _FIRST)
     if template not in known:
         raise unknown("template", template, known)
