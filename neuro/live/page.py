@@ -9,7 +9,7 @@ import socket
 import subprocess
 import sys
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from typing import Any
 
 from neuro.core.checks import check
@@ -32,6 +32,8 @@ POLL_S = 5e-3
 """How often messages are looked for."""
 SAMPLE_S = 1e-3
 STRETCH_S, LONGEST_MS = 2e-3, 20.0
+WATCH_MS = 0.5
+"""Time between two samples of the watched state: a window of 1 s on 1,000 pixels shows each spike and its reset."""
 KEPT_MS = 500.0
 BESIDE_S = 0.05
 SEEN_S = 1.0
@@ -184,7 +186,10 @@ class Page:
     def _advance(self, ms: float, pace: Pace) -> None:
         before = self.sim.time
         try:
-            self.sim.run(ms)
+            for number, part in enumerate(self._parts(ms)):
+                if number:
+                    self.frames.sample()  # `tick` samples at the end of the stretch
+                self.sim.run(part)
         except ModelError as error:
             if self.sim.time == before:
                 raise
@@ -193,6 +198,15 @@ class Page:
             self.tell_state()
         if self.sim.time - self.sim.held > 2 * KEPT_MS:
             self.sim.forget(self.sim.time - KEPT_MS)
+
+    def _parts(self, ms: float) -> Iterator[float]:
+        """Divide a stretch, in ms, so that the watched state is sampled every `WATCH_MS` where the run has time to wait."""
+        clock = Clock(self.sim.program.resolution)
+        steps = clock.step(ms, "run")
+        is_watched = bool(self.frames.watched) and self._ahead and time.perf_counter() < self._seen_until
+        part = max(1, int(WATCH_MS / clock.resolution)) if is_watched else steps
+        for begin in range(0, steps, part):
+            yield clock.ms(min(part, steps - begin))
 
     @property
     def _stretch_ms(self) -> float:
