@@ -59,7 +59,7 @@ def load(
     """
     size = None if sensor_size is None else checked_size(sensor_size)
     sort, strict = argument("sort", sort, kind="boolean"), argument("strict", strict, kind="boolean")
-    with opened(source, format, name) as file:
+    with opened(source, format, name, size) as file:
         checked = Checked(file.name, size or file.sensor_size, strict, sort)
         pieces = [checked.piece(piece) for piece in file.pieces(WHOLE, strict)]
         if not strict:
@@ -137,7 +137,7 @@ def stream(
     number = argument("count", count, whole=True, at_least=1, optional=True)
 
     def cut() -> Iterator[Events]:
-        with opened(source, format, name) as file:
+        with opened(source, format, name, size) as file:
             parts = between(_parts(file, size, start, strict), start, stop)
             if window is not None:
                 yield from windows(parts, window, start, file.name)

@@ -113,6 +113,18 @@ class Seeker(Reader, Protocol):
         """
 
 
+@runtime_checkable
+class Sized(Protocol):
+    """A reader of files that do not tell which of several sensors they are of."""
+
+    def use_sensor(self, size: Size) -> None:
+        """Read the file as one of this sensor; called before all else, where the user gives a size.
+
+        Raises:
+            Damage: no sensor of the format has this size.
+        """
+
+
 @dataclass(frozen=True, slots=True)
 class Format:
     """A file format.
