@@ -13,6 +13,7 @@ import numpy.typing as npt
 
 from neuro.core.hints import near
 from neuro.core.inputs import record_input
+from neuro.core.outputs import PART
 from neuro.events._events import Columns, empty_columns, joined_columns
 from neuro.events.errors import EventFileError, EventFileWarning, let_go
 from neuro.events.formats import FORMATS, HEAD, Damage, Format, Piece, Reader, Seeker, Sized, called
@@ -266,7 +267,7 @@ def find(source: Source, format: str | None = None) -> Format:
             if f.guesses == guesses and f.knows(head):
                 return f
     for f in FORMATS.values():
-        if source.name.lower().endswith(f.suffixes):
+        if source.name.lower().removesuffix(PART).endswith(f.suffixes):
             return f
     titles = ", ".join(f"{f.title} ({' '.join(f.suffixes)})" for f in FORMATS.values())
     raise EventFileError(source.name, f"unknown kind of event file, expected one of: {titles}")

@@ -17,6 +17,7 @@ from neuro.events.formats._format import (
     Unsavable,
     called,
     complete,
+    held,
     in_order,
     refuse,
 )
@@ -64,6 +65,7 @@ __all__ = [
     "Sized",
     "Unsavable",
     "called",
+    "held",
     "in_order",
     "refuse",
     "written",

@@ -12,7 +12,7 @@ import numpy as np
 import numpy.typing as npt
 
 from neuro.events._events import Events, empty_columns
-from neuro.events.formats._format import Damage, Format, Piece, Size, refuse
+from neuro.events.formats._format import Damage, Format, Piece, Size, outside, refuse, within
 from neuro.events.formats._reading import Begin, begin, decoded, write_words
 from neuro.events.source import Bytes, Source, step
 
@@ -257,9 +257,9 @@ def _smallest(size: Size) -> _Chip:
 def _words(done: int, events: Events) -> bytes:
     chip = _smallest(events.sensor_size)
     columns, rows = chip.size
-    outside = (events.x >= columns) | (events.y >= rows)
+    off = outside(events, columns, rows)
     limits = f"t 0 to {T_LIMIT - 1} us, x 0 to {columns - 1}, y 0 to {rows - 1}"
-    refuse(events, (events.t < 0) | (events.t >= T_LIMIT) | outside, done, limits, outside)
+    refuse(events, ~within(events, T_LIMIT) | off, done, limits, off)
     words = np.empty((len(events), 2), ">u4")
     address = (events.p == chip.on).astype(np.uint32) << chip.polarity
     column, row = events.x.astype(np.uint32), events.y.astype(np.uint32)
@@ -283,7 +283,14 @@ def _new_header(sensor: Size | None) -> bytes:
     return text.encode("ascii")
 
 
-AEDAT2 = Format("aedat2", "AEDAT 2.0", (".aedat", ".aedat2"), lambda head: head.startswith(MAGIC_2), Aedat2, write)
+def _holds(events: Events, last: int | None) -> npt.NDArray[np.bool_]:
+    return within(events, T_LIMIT) & ~outside(events, *_smallest(events.sensor_size).size)
+
+
+AEDAT2 = Format(
+    "aedat2", "AEDAT 2.0", (".aedat", ".aedat2"), lambda head: head.startswith(MAGIC_2), Aedat2, write,
+    holds=_holds, grows=True,
+)  # fmt: skip
 """Read and written."""
 
 

@@ -33,6 +33,7 @@ import numpy as np
 from neuro.events._events import Events, empty_columns
 from neuro.events.formats._columns import SECONDS, UNITS, US, Ambiguous, find_names, order_of, unit_of
 from neuro.events.formats._format import Damage, Format, Piece, Size
+from neuro.events.formats._reading import growing
 from neuro.events.source import Bytes, Source
 
 SHORT_UNITS = ("s", "ms", "us", "ns")
@@ -301,17 +302,17 @@ def write_txt(parts: Iterator[Events], path: Path) -> None:
 def _write(parts: Iterator[Events], path: Path, head: str, between: str) -> None:
     from neuro.events.formats._table_kernel import form
 
-    with path.open("wb") as file:
+    with growing(path) as append:
         for k, events in enumerate(parts):
             if not k:
-                file.write((head % events.sensor_size).encode("ascii"))
+                append((head % events.sensor_size).encode("ascii"))
             for begin in range(0, len(events), 1 << 18):
                 part = events[begin : begin + (1 << 18)]
                 out = np.empty(ROW_LIMIT * len(part), np.uint8)
-                file.write(out[: form(part.t, part.x, part.y, part.p, ord(between), out)].data)
+                append(out[: form(part.t, part.x, part.y, part.p, ord(between), out)].data)
 
 
-TABLE = Format("csv", "CSV", (".csv",), _knows, Table, write, inside=Table, guesses=True)
+TABLE = Format("csv", "CSV", (".csv",), _knows, Table, write, grows=True, inside=Table, guesses=True)
 """Read and written; TXT that is known by its lines is read as this."""
-TXT = Format("txt", "TXT", (".txt",), lambda head: False, Table, write_txt, inside=Table)
+TXT = Format("txt", "TXT", (".txt",), lambda head: False, Table, write_txt, grows=True, inside=Table)
 """Read and written."""
