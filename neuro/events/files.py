@@ -202,7 +202,7 @@ def save(
 
     Raises:
         EventFileError: no format has this ending, there is not one part, the format cannot hold an event, which
-            is named, or the file cannot be written.
+            is named, or the file cannot be written; with `keep` a note says where the events up to then are.
         ModelError: `path` is no name of a file, a flag neither True nor False, or `events` something else.
     """
     path = file_path(path, "path")

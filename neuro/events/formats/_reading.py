@@ -7,7 +7,7 @@ from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any, BinaryIO, TypeVar
 
 import numpy as np
 import numpy.typing as npt
@@ -45,7 +45,7 @@ def write_words(
         header: of a sensor's width and height, None where there is no part.
         words: of a part, and the number of events before it; raises `Unsavable`.
     """
-    with growing(path) as append:
+    with growing(path.open("wb")) as append:
         begun = False
         for done, events in in_order(parts):
             if not begun:
@@ -57,15 +57,15 @@ def write_words(
 
 
 @contextmanager
-def growing(path: Path) -> Iterator[Callable[[Any], None]]:
-    """Open a file that grows piece by piece. Gives the function that appends one.
+def growing(opened: BinaryIO) -> Iterator[Callable[[Any], None]]:
+    """Let a new file grow piece by piece, and close it. Gives the function that appends a piece.
 
     A piece is with the system when the next one begins, so a killed process leaves it. If one cannot be written, as on
     a full disk, the file is cut where that piece began.
     """
-    size = 0
+    size, name = 0, getattr(opened, "name", None)
     try:
-        with path.open("wb") as file:
+        with opened as file:
 
             def append(data: Any) -> None:
                 nonlocal size
@@ -75,9 +75,9 @@ def growing(path: Path) -> Iterator[Callable[[Any], None]]:
 
             yield append
     except BaseException:
-        if isinstance(path, Path):
+        if name is not None:  # none is of standard output
             with suppress(OSError):
-                os.truncate(path, size)
+                os.truncate(name, size)
         raise
 
 

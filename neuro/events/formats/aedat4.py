@@ -262,7 +262,7 @@ def write(parts: Iterator[Events], path: Path) -> None:
     number, pack = _packer()
     rows: list[tuple[int, int, int, int, int]] = []
     place = 0
-    with growing(path) as append:
+    with growing(path.open("wb")) as append:
         for done, events in in_order(parts):
             if not place:
                 append(head := MAGIC + new_header(number, *events.sensor_size))

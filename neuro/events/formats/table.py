@@ -302,7 +302,7 @@ def write_txt(parts: Iterator[Events], path: Path) -> None:
 def _write(parts: Iterator[Events], path: Path, head: str, between: str) -> None:
     from neuro.events.formats._table_kernel import form
 
-    with growing(path) as append:
+    with growing(path.open("wb")) as append:
         for k, events in enumerate(parts):
             if not k:
                 append((head % events.sensor_size).encode("ascii"))
