@@ -53,11 +53,7 @@ class _Chip:
     def layout(self) -> tuple[int, ...]:
         (x, x_bits), (y, y_bits) = self.x, self.y
         fields = (x, (1 << x_bits) - 1, y, (1 << y_bits) - 1, self.polarity, self.on)
-        return (*fields, self.sample, self.external, self.unused, *self.corner())
-
-    def corner(self) -> tuple[int, int]:
-        """Column and row of address 0 where the addresses count down from them, (-1, -1) where they count up."""
-        return (self.size[0] - 1, self.size[1] - 1) if self.turned else (-1, -1)
+        return (*fields, self.sample, self.external, self.unused, *((-1, *self.size) if self.turned else (0, 0, 0)))
 
 
 def _davis(name: str, title: str, named: str, size: Size) -> _Chip:
