@@ -2,7 +2,8 @@
 
 The rule for every file that this package and its apps write:
 
-- A new name is taken when the file is whole. If the work fails or is interrupted nothing is left.
+- A new name is taken when the file is whole. If the work fails or is interrupted nothing is left. Only
+  of what cannot be made again, such as events from the network, `FILE.part` is left; nothing removes or replaces that.
 - A file that stands there is replaced, at the end and at once, where it is of the same kind and was written here, which
   its mark tells (see `Kind`), or where the user asks for it. Any other stays as it is, and so does a text that was
   edited since.
@@ -51,6 +52,8 @@ __all__ = [
     "write_text",
 ]
 
+PART = ".part"
+"""The end of the name of a file that is not complete."""
 HEAD = 4096
 """Bytes at the beginning of a file among which its mark is."""
 
@@ -148,7 +151,7 @@ _PICTURES: dict[str, tuple[Kind, dict[str, str | None]]] = {
 
 
 @contextmanager
-def output(path: str | os.PathLike[str], kind: Kind, replace: bool = False) -> Iterator[Path]:
+def output(path: str | os.PathLike[str], kind: Kind, replace: bool = False, keep: bool = False) -> Iterator[Path]:
     """A new empty file to write into, which takes the name `path` when the block ends well.
 
     That it can be written shows at once, before the work of the block begins.
@@ -157,20 +160,24 @@ def output(path: str | os.PathLike[str], kind: Kind, replace: bool = False) -> I
         path: of the file.
         kind: what is written.
         replace: whether the user asks for the place of any other file.
+        keep: write into `path` with ".part" at its end, and leave it there, unless it is empty, if the block fails or
+            the process is killed; if such a file exists the new one gets a number, as walk.2.dat.part.
 
     Raises:
         Unwritable: see `check_output`; or the disk is full.
     """
     path = file_path(path, "path")
     check_output(path, kind, replace)
-    part = _part(path)
+    keep = keep and not _is_special(path)
+    part = _free_part(path) if keep else _part(path)
     try:
         with _telling(path, part):
             part.touch(exist_ok=False)
             yield part
             _take_place(part, path)
     finally:
-        part.unlink(missing_ok=True)
+        if not keep or (part.exists() and not part.stat().st_size):
+            part.unlink(missing_ok=True)
 
 
 def check_output(path: Path, kind: Kind, replace: bool = False) -> None:
@@ -311,6 +318,13 @@ def _part(path: Path) -> Path:
     """A new name beside the file that a name leads to; for what is no file a new name among temporary files."""
     folder = Path(tempfile.gettempdir()) if _is_special(path) else _leads_to(path).parent
     return folder / f".{path.name[:50]}.{_HOST}.{os.getpid()}.{next(_number)}.part"
+
+
+def _free_part(path: Path) -> Path:
+    """A name that no file has: FILE.part, or one with a number where earlier work left such files."""
+    target = _leads_to(path)
+    names = itertools.chain([target.name], (f"{target.stem}.{k}{target.suffix}" for k in itertools.count(2)))
+    return next(part for name in names if not os.path.lexists(part := target.with_name(name + PART)))
 
 
 def _leads_to(path: Path) -> Path:
