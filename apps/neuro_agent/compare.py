@@ -250,7 +250,9 @@ def _baseline(trial: Trial, env: gymnasium.Env[Any, Any]) -> tuple[int, Test]:
     torch.set_num_threads(1)
     space, start = env.action_space, _starts(env.action_space)
     if start.any():  # stable-baselines3 acts from 0 on
-        zeros = spaces.Discrete(int(space.n)) if isinstance(space, spaces.Discrete) else spaces.MultiDiscrete(space.nvec)
+        zeros = (
+            spaces.Discrete(int(space.n)) if isinstance(space, spaces.Discrete) else spaces.MultiDiscrete(space.nvec)
+        )
         env = gymnasium.wrappers.TransformAction(env, lambda action: action + space.start, zeros)
     policy = "MultiInputPolicy" if isinstance(env.observation_space, spaces.Dict) else "MlpPolicy"
     try:

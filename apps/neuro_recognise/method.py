@@ -198,6 +198,12 @@ class Method(Settings):
         """``method`` and its name."""
         return f"method '{cls.called()}'"
 
+    def way_out_of_silence(self) -> str:
+        """Return what to change where recordings get no decision, with the settings that are thresholds."""
+        thresholds = [f"--set {row.name}={row.value:g}" for row in self.rows() if "threshold" in row.doc]
+        lower = f"expected lower values than {', '.join(thresholds)}, or " if thresholds else "expected "
+        return f"{lower}recordings with more events"
+
     def preset(self, name: str) -> Self:
         """These settings with those of a preset.
 

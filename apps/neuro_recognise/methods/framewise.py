@@ -6,6 +6,7 @@ A training is epochs over all frames, kept after each, so that it can go on afte
 from __future__ import annotations
 
 import tempfile
+import warnings
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import reduce
@@ -149,12 +150,19 @@ class Framewise(Method):
         codes = self.encoder.learn(frames.codes)
         sim = neuro.compile(net, backend=course.backend, seed=course.seed)
         shares: list[Shares] = []
+        has_warned = False
         if found := course.resume():
             shares = shares_of(found)
             restore(sim, found["state"])
         for epoch in range(len(shares), self.epochs):
             self.layer.begin(sim, epoch, shares[-1] if shares else None)
             shares.append(self._epoch(sim, frames, shown.labels, codes, epoch, course))
+            if shares[-1] == Shares(right=0.0, wrong=0.0) and not has_warned:
+                has_warned = True
+                message = f"{self.called()}: no neuron fired in any of the {len(frames)} frames of epoch {epoch + 1}"
+                warnings.warn(
+                    f"{message}, so nothing is decided: {self.way_out_of_silence()}", neuro.ModelWarning, stacklevel=2
+                )
             course.keep(**told_of(shares), state=state_of(sim))
         learnt: dict[str, Array | str] = {name: sim.weights(name) for name in taught(net)}
         learnt |= {"network": to_text(net), **told_of(shares), "seed": np.array(course.seed)}

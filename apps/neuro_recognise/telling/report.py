@@ -110,6 +110,12 @@ def show(recogniser: Recogniser, tried: Tried) -> None:
     columns = ("shown", *(f">{one}" for one in (*own.classes, "silent")))
     cells = ((one, *(n or "." for n in row)) for one, row in zip(own.classes, own.confusion.tolist(), strict=True))
     out.print(table(columns, cells, title=f"decided by {name}"))
+    silent, total = int(own.confusion[:, -1].sum()), int(own.confusion.sum())
+    if 4 * silent > total:
+        out.print(
+            f"{silent} of {total} recordings are silent, which counts as wrong: {recogniser.method.way_out_of_silence()}",
+            soft_wrap=True, markup=False,
+        )  # fmt: skip
 
 
 def show_predicted(
