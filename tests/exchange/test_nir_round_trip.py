@@ -265,5 +265,103 @@ def test_random_sheets_are_written_and_opened_by_the_package(seed, tmp_path):
             nir.read(file)
     nir.read(file, type_check="type_check=False" not in verdicts)
     spikes = fed(net, chance=0.5)
-    assert sum(len(times) for times, _ in spikes.values()) > 5
+    assert any(times for times, _ in spikes.values())
     assert fed(with_probes(neuro.from_nir(file, dt=1.0)), chance=0.5) == spikes
+
+
+def test_a_threshold_that_is_just_reached_is_written_as_it_is(tmp_path):
+    """Two spikes of 0.05 reach 0.1, which in single precision would be above it."""
+    source, output = ends(1)
+    cell = nir.IF(r=np.ones(1), v_threshold=np.array([0.1]), v_reset=np.zeros(1))
+    weights = nir.Linear(np.array([[50.0]]))
+    net, _, again = round_trip(graph("input>w w>a a>out", input=source, w=weights, a=cell, out=output), tmp_path)
+    for each in (net, again):
+        sim = neuro.compile(each)
+        sim.inject("input", [1.0, 2.0], [0, 0])
+        sim.run(10.0)
+        assert sim.spikes("a")[0].tolist() == [3.0]
+
+
+def test_one_row_is_a_conv1d_and_sums_are_pools(tmp_path):
+    source, _ = ends(2, 9)
+    one = nir.Conv1d(9, np.random.default_rng(0).uniform(0, 1, (4, 2, 3)), 2, 1, 1, 1, np.zeros(4))
+    nodes = {"input": source, "conv": one, "a": lif(4, 5), "out": nir.Output({"output": np.array([4, 5])})}
+    net, written, again = round_trip(graph("input>conv conv>a a>out", **nodes), tmp_path)
+    assert isinstance(written.nodes["input_a"], nir.Conv1d)
+    assert fed(net) == fed(again)
+    pools = nir.AvgPool2d(np.array([2, 1]), np.array([2, 2]), np.array([1, 0]))
+    nodes = {"input": nir.Input({"input": np.array([2, 4, 5])}), "pool": pools, "a": lif(2, 3, 3)}
+    nodes["out"] = nir.Output({"output": np.array([2, 3, 3])})
+    net, written, again = round_trip(graph("input>pool pool>a a>out", **nodes), tmp_path)
+    assert [type(node).__name__ for node in written.nodes.values()] == ["Input", "LIF", "SumPool2d", "Scale", "Output"]
+    assert fed(net) == fed(again)
+
+
+@pytest.mark.parametrize(("kernel", "groups"), [((1, 3), 1), ((3, 2), 1), ((3, 3), 3)])
+@pytest.mark.parametrize("tool", [None, "norse", "snntorch", "sinabs"])
+def test_a_convolution_that_the_package_misreads_names_the_way_in(kernel, groups, tool, tmp_path):
+    net = neuro.Network("net", resolution=1.0)
+    net.population("input", (3, 6, 7), neuro.spike_generator())
+    words = {"tau_m": np.inf, "C_m": 1.0, "t_ref": 0.0, "E_L": 0.0, "V_reset": 0.0, "V_th": 1.0}
+    words |= {"reset_by_subtraction": True, "max_spikes": 255, "V_min": -1.0} if tool == "sinabs" else {}
+    rule = neuro.grid(kernel=kernel, depthwise=groups > 1)
+    net.population("cells", (3, "auto", "auto"), neuro.iaf_psc_delta(**words))
+    weight = np.random.default_rng(0).normal(0.5, 0.5, (3, 3 // groups, *kernel))
+    net.connect("input", "cells", rule, weight=weight, delay=1.0)
+    written = neuro.to_nir(net, for_=tool)
+    verdicts = {each["node"]: each["how"] for each in json.loads(written.metadata["neuro_verdicts"])["nodes"]}
+    assert verdicts["input_cells"].endswith("nir.read opens the graph with type_check=False only")
+    nir.write(tmp_path / "net.nir", written)
+    with pytest.raises(ValueError, match="Type inference error"):
+        nir.read(tmp_path / "net.nir")
+    nir.read(tmp_path / "net.nir", type_check=False)
+    again = neuro.from_nir(tmp_path / "net.nir", dt=1.0)
+    assert fed(with_probes(again)) == fed(with_probes(net))
+
+
+@pytest.mark.parametrize("part", ["scale of weights", "constant current"])
+def test_what_differs_within_a_map_is_no_convolution(part):
+    net = neuro.Network("net", resolution=1.0)
+    net.population("input", (1, 2, 2), neuro.spike_generator())
+    tau = [5.0, 6.0, 7.0, 8.0] if "scale" in part else 5.0
+    net.population(
+        "cells", (1, 2, 2), neuro.iaf_psc_delta(tau_m=tau, C_m=1.0, t_ref=0.0, E_L=0.0, V_reset=0.0, V_th=1.0)
+    )
+    net.connect("input", "cells", neuro.grid(kernel=(1, 1)), weight=np.ones((1, 1, 1, 1)), delay=1.0)
+    if "current" in part:
+        net.population("dc", 1, neuro.dc_generator(amplitude=1.0))
+        net.connect("dc", "cells", neuro.pairs([0], [2]), weight=1.0, delay=1.0)
+    tool = "norse" if "scale" in part else None
+    with pytest.raises(
+        neuro.ModelError, match=rf"the {part} differs within a map of 'cells'\n  hint: give a map equal"
+    ):
+        neuro.to_nir(net, for_=tool)
+
+
+def test_a_sheet_of_two_axes_is_one_channel(tmp_path):
+    net = neuro.Network("net", resolution=1.0)
+    net.population("input", (5, 6), neuro.spike_generator())
+    net.population("cells", (2, 4, 5), neuro.iaf_psc_delta(C_m=1.0, t_ref=0.0, E_L=0.0, V_reset=0.0, V_th=1.0))
+    weight = np.random.default_rng(0).normal(0.5, 0.5, (2, 1, 2, 2))
+    net.connect("input", "cells", neuro.grid(kernel=(2, 2)), weight=weight, delay=1.0)
+    nir.write(tmp_path / "net.nir", neuro.to_nir(net))
+    nir.read(tmp_path / "net.nir")
+    again = neuro.from_nir(tmp_path / "net.nir", dt=1.0)
+    assert fed(with_probes(again)) == fed(with_probes(net))
+
+
+@pytest.mark.parametrize(
+    ("kind", "tools"), [("SumPool2d", (None, "norse", "snntorch", "spikingjelly")), ("AvgPool2d", (None, "snntorch"))]
+)
+def test_pools_before_integrators_are_written_as_pools(kind, tools, tmp_path):
+    pool = getattr(nir, kind)(np.array([2, 3]), np.array([2, 2]), np.array([0, 0]))
+    nodes = {"input": nir.Input({"input": np.array([2, 4, 5])}), "pool": pool, "a": lif(2, 2, 2)}
+    nodes["a"] = nir.IF(r=np.full((2, 2, 2), 1e3), v_threshold=np.ones((2, 2, 2)))
+    nodes["out"] = nir.Output({"output": np.array([2, 2, 2])})
+    net = with_probes(neuro.from_nir(graph("input>pool pool>a a>out", **nodes), dt=1.0, from_="nir"))
+    for tool in tools:
+        written = neuro.to_nir(net, for_=tool)
+        assert type(written.nodes["input_a"]).__name__ == kind
+        assert "input_a.scale" not in written.nodes
+        nir.write(tmp_path / "net.nir", written)
+        nir.read(tmp_path / "net.nir", type_check=True)

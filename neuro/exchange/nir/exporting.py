@@ -22,7 +22,7 @@ from neuro.core.quantities import Quantity
 from neuro.exchange.nir.cells import BY_GRAPH_EXECUTOR, Unsupported
 from neuro.exchange.nir.graph import Floats, package, shorten
 from neuro.exchange.nir.grids import convolution, differing, even, find_sheets, on_sheets, shape_of
-from neuro.exchange.nir.importing import LACKS, judge
+from neuro.exchange.nir.importing import LACKS, STEP, judge
 from neuro.exchange.nir.measured import measure
 from neuro.exchange.nir.nodes import READOUT, neuron_of
 from neuro.exchange.nir.written import Written
@@ -112,7 +112,7 @@ def written(net: Network, dt: float | None, for_: str | None) -> tuple[Any, Verd
         measured = _measured(out, net, graph)
         parts = (replace(each, measured=measured) if each.verdict == APPROXIMATE else each for each in table)
         table = replace(table, nodes=tuple(parts))
-    graph.metadata = {CONVENTION: tool, "neuro_dt_ms": net.resolution, "neuro_verdicts": table.to_json()}
+    graph.metadata = {CONVENTION: tool, STEP: net.resolution, "neuro_verdicts": table.to_json()}
     return graph, table
 
 

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 from neuro.exchange.nir.graph import Floats
+from neuro.exchange.nir.importing import LACKS
 from neuro.exchange.nir.maps import same_in_each_map
 from neuro.exchange.nir.written import Written
 from neuro.program.program import Grid, Projection
@@ -71,30 +72,35 @@ def _kernel(out: Written, part: Projection) -> Floats:
     return kernel
 
 
-def _pool(out: Written, part: Projection) -> Floats | None:
-    """The factor of each map by which a grid is a sum over places; None where it is none, or the tool has no Scale."""
+def _pool(out: Written, part: Projection) -> tuple[str, Floats] | None:
+    """The pool that a grid is, and the factor of each map behind it; None where the tool has none such."""
     g = part.grid
     if g is None or part.target not in out.neurons or not (g.depthwise and g.maps == g.channels and even(g)):
         return None
     factor = same_in_each_map(_kernel(out, part))
-    if factor is None or out.tool == "nir":
-        return factor
-    unread = out.tool == "norse" and (g.top or g.left)  # its importer leaves the padding out
-    return factor if np.allclose(factor, 1.0, rtol=1e-12) and not unread else None
+    if factor is None:
+        return None
+    area, lacks = g.kernel_height * g.kernel_width, LACKS.get(out.tool, ())
+    kinds = {"SumPool2d": factor, "AvgPool2d": factor * area}
+    plain = [kind for kind, left in kinds.items() if kind not in lacks and np.allclose(left, 1.0, rtol=1e-12)]
+    if plain and (out.tool == "nir" or not (g.top or g.left)):  # the tools differ in what they do with a padding
+        return plain[0], np.ones(g.maps)
+    return None if "Scale" in lacks else ("SumPool2d", factor)
 
 
 def convolution(out: Written, part: Projection, bias: Floats | None) -> tuple[dict[str, Any], str]:
     """The nodes of a grid, and what they are."""
     nir, g = out.nir, part.grid
     assert g is not None
-    factor = _pool(out, part) if bias is None else None
-    if factor is not None:
+    pool = _pool(out, part) if bias is None else None
+    if pool is not None:
+        kind, factor = pool
         size, stride = np.array([g.kernel_height, g.kernel_width]), np.array([g.stride, g.stride])
-        chain = {part.name: nir.SumPool2d(size, stride, np.array([g.top, g.left]))}
-        if not np.allclose(factor, 1.0, rtol=1e-12):
+        chain = {part.name: getattr(nir, kind)(size, stride, np.array([g.top, g.left]))}
+        if np.any(factor != 1.0):
             scale = np.broadcast_to(factor[:, None, None], (g.maps, g.rows, g.columns)).copy()
             chain[f"{part.name}.scale"] = nir.Scale(scale)
-        return chain, "SumPool2d" + (" and Scale" if len(chain) > 1 else "")
+        return chain, kind + (" and Scale" if len(chain) > 1 else "")
     kernel, line = _kernel(out, part), part.source in out.lines
     groups = g.channels if g.depthwise else 1
     bias = np.zeros(g.maps) if bias is None else bias.reshape(g.maps, -1)[:, 0].copy()

@@ -6,6 +6,7 @@ import math
 import re
 from collections.abc import Iterable
 from dataclasses import replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -17,6 +18,7 @@ from neuro.core.quantities import Quantity
 from neuro.exchange.nir.cells import (
     ASK,
     BY_GRAPH_EXECUTOR,
+    TOOLS,
     Cell,
     Unsupported,
     cell_of,
@@ -25,7 +27,7 @@ from neuro.exchange.nir.cells import (
 from neuro.exchange.nir.graph import FIELDS, STATEFUL, Floats, Graph, Node, Shape, shorten, sources, spread
 from neuro.exchange.nir.judged import Link, Read
 from neuro.exchange.nir.maps import Map, map_of, same_in_each_map, sheet, together
-from neuro.exchange.nir.measured import measure
+from neuro.exchange.nir.measured import differences, measure
 from neuro.exchange.nir.models import Made, model_of, one_or_all
 from neuro.exchange.nir.reading import read
 from neuro.exchange.verdict import APPROXIMATE, EXACT, REFUSED, Verdict, Verdicts
@@ -41,6 +43,9 @@ RESET = Quantity(
     words=("to_value", "to_value_next", "subtract", "subtract_next"),
     optional=True,
 )
+STEP = "neuro_dt_ms"
+"""The word of a graph's metadata that says the length of a step in ms."""
+
 LONG = 10_000
 """Steps of the shortest time constant above which a step is taken for one in seconds."""
 
@@ -123,7 +128,7 @@ def judge(graph: Any, dt: float, from_: str | None, reset: str | None = None) ->
     """Read a graph and decide on each node."""
     step = check(DT, dt, "dt", ("dt",)) / 1e3
     reset = check(RESET, reset, "reset", ("reset",))
-    plain = read(graph)
+    plain = graph if isinstance(graph, Graph) else read(graph)
     found = Read(plain, find_tool(from_, plain.metadata), step)
     if found.tool is None and any(node.kind in STATEFUL for node in plain.nodes.values()):
         raise ModelError(f"{plain.source}: nothing says which tool wrote it, on which spikes depend", hint=ASK)
@@ -135,6 +140,36 @@ def judge(graph: Any, dt: float, from_: str | None, reset: str | None = None) ->
     if not found.table().refused:
         _find_depths(found)
     return found
+
+
+def examine_file(path: Path, dt: float | None, from_: str | None, reset: str | None) -> tuple[Read, str]:
+    """Read a file by what is known of it, else by the equations of NIR in steps of 1 ms.
+
+    Returns:
+        the graph with its verdicts, and what was assumed: "" if nothing was.
+    """
+    plain = read(path)
+    known_step, tool = plain.metadata.get(STEP), find_tool(from_, plain.metadata)
+    step = dt if dt is not None else 1.0 if known_step is None else float(known_step)
+    found = examine(plain, step, tool or "nir", reset)
+    assumed = []
+    if tool is None:
+        assumed.append("nothing names the tool that wrote it (--from TOOL), so the equations of NIR hold")
+    if dt is None and known_step is None:
+        assumed.append(f"NIR has no steps (--resolution MS), so a step has {step:g} ms")
+    if not assumed:
+        return found, ""
+    note = f"{path}: {'; '.join(assumed)}."
+    if tool is not None or found.table().refused:
+        return found, note
+    others: dict[str, Read | str] = {}
+    for name in TOOLS:
+        if name != found.tool:
+            try:
+                others[name] = judge(plain, step, name, reset)
+            except ModelError as error:
+                others[name] = error.message
+    return found, f"{note}\n{differences(found, others)}"
 
 
 def _measure(found: Read) -> None:
