@@ -286,10 +286,10 @@ ARGUMENTS = {
 """The options that take the place of arguments in Python."""
 
 _WORDS = "|".join(ARGUMENTS)
-_IN_PYTHON = re.compile(r" \((?:in Python )?\w+=True\)")
+_IN_PYTHON = re.compile(r" \(\w+=True\)")
 _CALL = re.compile(r"^(?:from|to|save)_(?:nir|pynn|netx|sonata|c): ")
-_FLAG = re.compile(rf"\b({_WORDS})=True\b")
-_VALUE = re.compile(rf"(?<![\w'])({_WORDS}) ?= ?(?:'([\w-]+)'|(?=\S))")
+_FLAG = re.compile(rf"(?<!in Python )\b({_WORDS})=True\b")
+_VALUE = re.compile(rf"(?<![\w'])(?<!in Python )({_WORDS}) ?= ?(?:'([\w-]+)'|(?=\S))")
 _BARE = re.compile(r"\b(dt|from_|for_)(?= is\b|$|:|,)")
 
 
