@@ -365,3 +365,42 @@ def test_pools_before_integrators_are_written_as_pools(kind, tools, tmp_path):
         assert "input_a.scale" not in written.nodes
         nir.write(tmp_path / "net.nir", written)
         nir.read(tmp_path / "net.nir", type_check=True)
+
+
+@pytest.mark.parametrize("tool", ["nir", "norse"])
+def test_cuba_lif_has_the_difference_equation_of_the_tool_also_after_silence(tool):
+    """Bursts with 150 silent steps between them, beside NumPy."""
+    rng = np.random.default_rng(4)
+    words = {
+        "tau_syn": [0.004, 0.03],
+        "tau_mem": [0.02, 0.006],
+        "r": [1.5, 0.7],
+        "v_leak": [0.0, 0.1],
+        "w_in": [2.0, 0.8],
+    }
+    words = {word: np.array(values) for word, values in words.items()} | {"v_threshold": np.array([0.2, 0.3])}
+    counts = np.where((np.arange(400) % 160 < 10)[:, None], rng.random((400, 2)) < 0.6, False)
+    weights = np.array([[3.0, 1.5], [2.0, 2.5]])
+    cell = nir.CubaLIF(**words, v_reset=np.zeros(2))
+    net = neuro.from_nir(nir.NIRGraph.from_list(ends(2)[0], nir.Linear(weights), cell), dt=1.0, from_=tool)
+    assert net.verdicts.exact
+    keep, i_keep = (np.exp(-0.001 / words[word]) for word in ("tau_mem", "tau_syn"))
+    if tool == "norse":
+        keep, i_keep = (1.0 - 0.001 / words[word] for word in ("tau_mem", "tau_syn"))
+    i, v, expected = np.zeros(2), words["v_leak"].copy(), []
+    for step, x in enumerate(counts):
+        i = i_keep * i + (1.0 - i_keep) * words["w_in"] * (weights @ x)
+        drive = words["r"] * i if tool == "nir" else words["r"] * (i + words["v_leak"])
+        v = words["v_leak"] + keep * (v - words["v_leak"]) + (1.0 - keep) * drive
+        fires = v > words["v_threshold"] if tool == "norse" else v >= words["v_threshold"]
+        v[fires] = 0.0
+        expected += [(step + 1, neuron) for neuron in np.flatnonzero(fires)]
+    depth = int(net.verdicts["cubalif"].how.rpartition("; ")[2].split()[0])
+    sim = neuro.compile(net, backend="reference")
+    steps, ids = np.nonzero(counts)
+    sim.inject("input", steps + 1.0, ids)
+    sim.run(410.0)
+    times, ids = sim.spikes("cubalif")
+    found = sorted(zip((times - depth).tolist(), ids.tolist(), strict=True))
+    assert len(expected) > 20
+    assert found == [each for each in sorted(expected) if each[0] <= 410 - depth]
