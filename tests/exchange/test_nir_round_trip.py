@@ -404,3 +404,11 @@ def test_cuba_lif_has_the_difference_equation_of_the_tool_also_after_silence(too
     found = sorted(zip((times - depth).tolist(), ids.tolist(), strict=True))
     assert len(expected) > 20
     assert found == [each for each in sorted(expected) if each[0] <= 410 - depth]
+
+
+def test_a_bias_before_a_delay_is_not_exact():
+    nodes = two_layers() | {"w": nir.Affine(np.eye(2), np.full(2, 0.1)), "d": delay(3, 2)}
+    before = neuro.check_nir(graph("input>w w>d d>a a>v v>b b>out", **nodes), dt=1.0, from_="nir")
+    assert [each.node for each in before if each.verdict != "exact"] == ["d"]
+    assert "the bias of 'w' acts from the first step on" in before["d"].how
+    assert neuro.check_nir(graph("input>d d>w w>a a>v v>b b>out", **nodes), dt=1.0, from_="nir").exact

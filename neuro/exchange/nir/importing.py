@@ -6,7 +6,6 @@ import math
 import re
 from collections.abc import Iterable
 from dataclasses import replace
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -18,7 +17,6 @@ from neuro.core.quantities import Quantity
 from neuro.exchange.nir.cells import (
     ASK,
     BY_GRAPH_EXECUTOR,
-    TOOLS,
     Cell,
     Unsupported,
     cell_of,
@@ -27,7 +25,7 @@ from neuro.exchange.nir.cells import (
 from neuro.exchange.nir.graph import FIELDS, STATEFUL, Floats, Graph, Node, Shape, shorten, sources, spread
 from neuro.exchange.nir.judged import Link, Read
 from neuro.exchange.nir.maps import Map, map_of, same_in_each_map, sheet, together
-from neuro.exchange.nir.measured import differences, measure
+from neuro.exchange.nir.measured import measure
 from neuro.exchange.nir.models import Made, model_of, one_or_all
 from neuro.exchange.nir.reading import read
 from neuro.exchange.verdict import APPROXIMATE, EXACT, REFUSED, Verdict, Verdicts
@@ -56,6 +54,7 @@ LACKS = {
 """Types of nodes that a tool's own importer does not read."""
 
 NO_RUN = "not measured: the tool runs no such network"
+FIRST_STEPS = "not measured: only the steps before that differ"
 LONGEST = 200
 """Letters of a name; YAML has none of more than 1024."""
 
@@ -140,36 +139,6 @@ def judge(graph: Any, dt: float, from_: str | None, reset: str | None = None) ->
     if not found.table().refused:
         _find_depths(found)
     return found
-
-
-def examine_file(path: Path, dt: float | None, from_: str | None, reset: str | None) -> tuple[Read, str]:
-    """Read a file by what is known of it, else by the equations of NIR in steps of 1 ms.
-
-    Returns:
-        the graph with its verdicts, and what was assumed: "" if nothing was.
-    """
-    plain = read(path)
-    known_step, tool = plain.metadata.get(STEP), find_tool(from_, plain.metadata)
-    step = dt if dt is not None else 1.0 if known_step is None else float(known_step)
-    found = examine(plain, step, tool or "nir", reset)
-    assumed = []
-    if tool is None:
-        assumed.append("nothing names the tool that wrote it (--from TOOL), so the equations of NIR hold")
-    if dt is None and known_step is None:
-        assumed.append(f"NIR has no steps (--resolution MS), so a step has {step:g} ms")
-    if not assumed:
-        return found, ""
-    note = f"{path}: {'; '.join(assumed)}."
-    if tool is not None or found.table().refused:
-        return found, note
-    others: dict[str, Read | str] = {}
-    for name in TOOLS:
-        if name != found.tool:
-            try:
-                others[name] = judge(plain, step, name, reset)
-            except ModelError as error:
-                others[name] = error.message
-    return found, f"{note}\n{differences(found, others)}"
 
 
 def _measure(found: Read) -> None:
@@ -344,6 +313,10 @@ def _add_link(found: Read, path: list[str], known: set[tuple[str, ...]]) -> None
         values = spread(bias, target[:1] if convolves else target[-1:], f"node '{node.name}': bias")
         values = values.reshape(-1, *[1] * (len(target) - 1)) if convolves else values
         full = np.broadcast_to(values, target).astype(np.float64)
+        for later in nodes[k + 2 : -1]:
+            if later.kind == "Delay" and later.array("delay").any() and full.any():
+                how = f"{_HOW['Delay']}; the bias of '{node.name}' acts from the first step on, there later"
+                found.verdicts[later.name] = Verdict(later.name, "Delay", APPROXIMATE, how, measured=FIRST_STEPS)
         # What comes back to a layer is of the step before, and the first step has none, in these also no bias.
         late = path[0] == path[-1] and found.tool in BY_GRAPH_EXECUTOR
         (found.late if late else found.bias)[path[-1]] += together([*maps[k + 1 :], identity])(full)
