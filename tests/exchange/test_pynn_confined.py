@@ -95,7 +95,7 @@ REPORTS = {
 
 
 @pytest.mark.parametrize(
-    "code", [pytest.param(c, marks=[pytest.mark.slow] if k > 1 else []) for k, c in enumerate(REPORTS)]
+    "code", [pytest.param(c, marks=[pytest.mark.slow] if k != 1 else []) for k, c in enumerate(REPORTS)]
 )
 def test_a_forged_report_is_refused(failure, outside, code):
     file = repr(str(outside / "secret.yaml"))
@@ -125,13 +125,6 @@ def test_a_report_that_is_a_pipe_or_without_end_is_not_read(failure):
     link = "os.symlink('../../../dev/zero', '../../../../../../../outcome.json')\nos._exit(0)"
     assert failure(deep + link, 10).endswith("its process ends with 0 before its network is complete")
     assert "Operation not permitted" in failure("import os; os.mkfifo('../outcome.json'); os._exit(0)", 10)
-
-
-def test_folders_deeper_than_any_recursion_are_removed(failure, tmp_path, monkeypatch):
-    monkeypatch.setenv("TMPDIR", str(tmp_path))
-    monkeypatch.setattr("tempfile.tempdir", None)
-    assert not failure("import os\nfor k in range(1100):\n    os.mkdir('d')\n    os.chdir('d')\nos.mkdir('closed', 0)")
-    assert not list(tmp_path.glob("neuro-script-*"))
 
 
 def reread(tmp_path, content):
@@ -259,7 +252,7 @@ CALLS = {
     "process_vm_readv": "310, VICTIM, bytes(16), 1, bytes(16), 1, 0",
     "kill": "62, VICTIM, 9",
     "kill of all": "62, -1, 0",
-    "kill of the one that asked": "62, os.getppid(), 9",
+    "kill of the one that asked": "62, os.getppid(), 0",
     "tkill": "200, VICTIM, 9",
     "tgkill": "234, VICTIM, VICTIM, 9",
     "rt_sigqueueinfo": "129, VICTIM, 9, bytes(128)",
@@ -295,8 +288,8 @@ CALLS = {
     "open_by_handle_at": "304, 0, bytes(16), 0",
     "fanotify_init": "300, 0, 0",
     "setuid": "105, 0",
-    "sethostname": "170, b'a', 1",
-    "clock_settime": "227, 0, bytes(16)",
+    "sethostname": "170, 0, 1",
+    "clock_settime": "227, 0, 0",
     "splice": "275, 0, 0, 1, 0, 1, 0",
     "reboot": "169, 0, 0, 0, 0",
 }
@@ -396,7 +389,8 @@ ctypes.CFUNCTYPE(ctypes.c_int)(ctypes.addressof(ctypes.c_char.from_buffer(page))
 
 
 @needs_filter
-@pytest.mark.parametrize("code", ["call(0x40000000 + 39)", pytest.param(INT_80, marks=pytest.mark.slow)])
+@pytest.mark.slow
+@pytest.mark.parametrize("code", ["call(0x40000000 + 39)", INT_80])
 def test_calls_of_other_architectures_end_the_script(failure, code):
     message = failure(through_libc(code))
     assert message.endswith("the script fails: its process is ended by SIGSYS before its network is complete")
@@ -411,6 +405,17 @@ def test_a_script_can_abort_itself(failure):
     )
 
 
+@needs_filter
+@pytest.mark.slow
+def test_folders_deeper_than_any_recursion_are_removed(failure, tmp_path, monkeypatch):
+    monkeypatch.setenv("TMPDIR", str(tmp_path))
+    monkeypatch.setattr("tempfile.tempdir", None)
+    code = "for k in range(3000):\n    call(83, b'd', 0o700)\n    call(80, b'd')\n"  # mkdir and chdir
+    assert failure(through_libc(code + "assert call(83, b'closed', 0) == 'done'")) == ""
+    assert not list(tmp_path.glob("neuro-script-*"))
+
+
+@pytest.mark.slow
 def test_a_mode_is_not_changed_by_an_open_file(failure, outside):
     code = f"import os\nos.fchmod(os.open({str(outside / 'secret.yaml')!r}, os.O_RDONLY), 0o777)"
     mode = (outside / "secret.yaml").stat().st_mode
@@ -454,10 +459,11 @@ def test_what_scripts_do_beside_networks_still_works(failure):
 
 def test_what_the_kernel_does_not_hold_is_said(tmp_path, monkeypatch):
     path = tmp_path / "script.py"
-    path.write_text("def f(:")
+    path.write_text("")
 
     def warnings():
-        done = CliRunner().invoke(app, ["convert", str(path), str(tmp_path / "out.yaml"), "--run-script"])
+        words = ["convert", str(path), str(tmp_path / "out.yaml"), "--run-script", "--network", "0"]
+        done = CliRunner().invoke(app, words)
         return [line for line in done.output.splitlines() if line.startswith("warning: ")]
 
     monkeypatch.setattr(kernel, "_landlock", lambda: 3)
