@@ -65,8 +65,11 @@ def _read_nir(file: Path, options: Options) -> tuple[Network | None, Verdicts | 
 
 
 def _read_pynn(file: Path, options: Options) -> tuple[Network | None, Verdicts | None]:
+    from neuro.exchange.pynn.kernel import not_held
     from neuro.exchange.pynn.read import from_pynn
 
+    for sentence in not_held() if options.pynn["run_script"] else ():
+        typer.echo(f"warning: {sentence}", err=True)
     net = from_pynn(file, **options.pynn)
     return net, net.verdicts
 
