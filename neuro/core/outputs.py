@@ -73,9 +73,9 @@ class Unwritable(ModelError):
         what: the message without the name of the file.
     """
 
-    def __init__(self, path: Path, what: str) -> None:
+    def __init__(self, path: Path, what: str, hint: str = "") -> None:
         self.what = what
-        super().__init__(f"{path}: {what}")
+        super().__init__(f"{path}: {what}", hint=hint)
 
 
 @dataclass(frozen=True, slots=True)

@@ -21,7 +21,7 @@ from typing import Any
 
 from neuro.core.errors import ModelError
 from neuro.core.outputs import Unwritable
-from neuro.files.results import Results, read
+from neuro.files.results import Results, read, recorded_in
 from neuro.run.results_file import Arrays, ResultsFile
 
 _LENGTH = struct.Struct("<Q")
@@ -161,7 +161,8 @@ class RemoteFile:
                 what += block
         self._here.setblocking(False)
         what = what.removeprefix(b"-")
-        return Unwritable(self._part, what.decode("utf-8", "replace") or "the process that writes it has ended")
+        said = what.decode("utf-8", "replace") or "the process that writes it has ended"
+        return Unwritable(self._part, said, recorded_in(self._part))
 
 
 def main(number: str, part: str) -> None:
