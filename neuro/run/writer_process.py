@@ -161,8 +161,10 @@ class RemoteFile:
                 what += block
         self._here.setblocking(False)
         what = what.removeprefix(b"-")
-        said = what.decode("utf-8", "replace") or "the process that writes it has ended"
-        return Unwritable(self._part, said, recorded_in(self._part))
+        reason, _, hint = what.decode("utf-8", "replace").partition("\0")
+        if not reason:
+            reason, hint = "the process that writes it has ended", recorded_in(self._part)
+        return Unwritable(self._part, reason, hint)
 
 
 def main(number: str, part: str) -> None:
@@ -183,7 +185,7 @@ def main(number: str, part: str) -> None:
                     pipe.sendall(b"+")
         except Unwritable as error:
             with suppress(OSError):
-                pipe.sendall(b"-" + error.what.encode())
+                pipe.sendall(f"-{error.what}\0{error.hint}".encode())
         finally:
             if file is not None:
                 file.close()
