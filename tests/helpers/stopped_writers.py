@@ -1,13 +1,14 @@
 """Writers of files that are killed, and writers without room: the file that they replace stays complete.
 
-`python tests/helpers/stopped_writers.py 1000 0` stops writers 1,000 times with seed 0 and prints the table. Each attempt is
+`python tests/helpers/stopped_writers.py 1000 0` stops writers 1,000 times with seed 0 and prints a table. An attempt is
 a fork of a process that has all modules. It writes in the place of a complete file and is stopped in one of four ways:
-SIGKILL or SIGTERM at a drawn moment, a drawn limit of the size of files, or a drawn number of free bytes on a file system
-(as root). Afterwards the file is the one before or the one that was written, bit for bit where its content has no time.
+SIGKILL or SIGTERM at a drawn moment, a drawn limit of the size of files, or a drawn number of free bytes on a disk (as
+root). Afterwards the file is the one before or the one that was written, bit for bit where its content has no time.
 The process has not ended by another signal, without a traceback, and what has no room says so once, with status 2.
 """
 
 import contextlib
+import ctypes
 import os
 import random
 import resource
@@ -17,6 +18,7 @@ import subprocess
 import sys
 import tempfile
 import time
+import traceback
 from collections import Counter
 from importlib.util import find_spec
 from pathlib import Path
@@ -27,14 +29,13 @@ import neuro
 from neuro import events
 
 WAYS = ("kill", "term", "size", "full")
-LINES = ("error:", "  hint:", "warning:", "interrupted:")
 
 
 def network(seed):
     """A network whose arrays differ with the seed; too large for its YAML."""
     net = neuro.Network("n", resolution=1.0)
-    thresholds = np.random.default_rng(seed).uniform(5.0, 9.0, 3000)
-    net.population("a", 3000, neuro.iaf_psc_delta(E_L=0.0, V_reset=0.0, V_th=thresholds))
+    thresholds = np.random.default_rng(seed).uniform(5.0, 9.0, 200)
+    net.population("a", 200, neuro.iaf_psc_delta(E_L=0.0, V_reset=0.0, V_th=thresholds))
     net.population("noise", 20, neuro.poisson_generator(rate=900.0))
     net.connect("noise", "a", neuro.fixed_indegree(3), weight=3.0, name="na")
     net.probe("v", "a", "V_m", every=1.0)
@@ -43,7 +44,7 @@ def network(seed):
 
 def recording(seed):
     """Events that differ with the seed."""
-    draw, n = np.random.default_rng(seed), 20_000
+    draw, n = np.random.default_rng(seed), 5_000
     x, y, p = draw.integers(0, (34, 34, 2), (n, 3)).T
     return events.Events(np.sort(draw.integers(0, 10**6, n)), x, y, p, (34, 34))
 
@@ -113,7 +114,7 @@ def sonata(path):
 
 def writers():
     """By name: the ending of the file, what writes it, and what reads it; what needs other packages where they are."""
-    run = ("run", "net{seed}.yaml", "--for", "40", "--backend", "reference", "--out", "{out}")
+    run = ("run", "net{seed}.yaml", "--for", "10", "--backend", "reference", "--out", "{out}")
     table = {
         "run": (".h5", command(*run), results),
         "report": (".html", command("report", "run{seed}.h5", "--out", "{out}"), None),
@@ -123,7 +124,14 @@ def writers():
         "checkpoint": (".training", checkpoint, None),
         "model": (".h5", model, None),
         "picture": (".png", picture, None),
-        "cut": (".npz", command("events", "cut", "rec{seed}.npz", "{out}", "--from", "0", "--to", "500", "--force"), None),
+        "filter": (
+            ".npz",
+            command("events", "filter", "rec{seed}.npz", "{out}", "crop: {{x: [0, 30]}}", "--force"),
+            None,
+        ),
+        "frames": (".npz", command("events", "frames", "rec{seed}.npz", "{out}", "--force"), None),
+        "gif": (".gif", command("events", "gif", "rec{seed}.npz", "{out}", "--force"), None),
+        "view": (".html", command("events", "view", "rec{seed}.npz", "--out", "{out}"), None),
     }
     if find_spec("nir"):
         table["nir"] = (".nir", command("convert", "lif{seed}.yaml", "{out}"), None)
@@ -140,10 +148,10 @@ def prepare(folder):
     for seed in (0, 1):
         network(seed).save(folder / f"net{seed}.yaml")
         events.save(recording(seed), folder / f"rec{seed}.npz")
-        neuro.compile(network(seed), "reference").run(40.0, out=folder / f"run{seed}.h5")
+        neuro.compile(network(seed), "reference").run(10.0, out=folder / f"run{seed}.h5")
         net = neuro.Network("l", resolution=1.0)
-        net.population("in", 40, neuro.spike_train())
-        net.population("l", 40, neuro.iaf_psc_delta(C_m=1.0, tau_m=10.0, t_ref=0.0))
+        net.population("in", 40, neuro.spike_generator())
+        net.population("l", 40, neuro.iaf_psc_delta(tau_m=20.0, C_m=1.0, t_ref=0.0, E_L=0.0, V_reset=0.0, V_th=15.0))
         weight = np.random.default_rng(seed).random(1600)
         net.connect("in", "l", neuro.all_to_all(), weight=weight, delay=1.0, name="il")
         net.save(folder / f"lif{seed}.yaml")
@@ -160,13 +168,19 @@ def attempt(call, path, seed, before, after=lambda pid: None):
         pid = os.fork()
         if not pid:
             os.dup2(said.fileno(), 1), os.dup2(said.fileno(), 2)
-            before()
+            code = 0
             try:
+                before()
                 call(path, seed)
+            except SystemExit as error:
+                code = error.code or 0
             except neuro.ModelError as error:
                 print(f"error: {error}", file=sys.stderr)
-                sys.exit(2)
-            sys.exit(0)
+                code = 2
+            except BaseException:
+                traceback.print_exc()
+                code = 1
+            ctypes.pythonapi.Py_Exit(code)  # Python ends as ever, and the blocks that this process has entered do not
         after(pid)
         _, status = os.waitpid(pid, 0)
         said.seek(0)
@@ -195,16 +209,18 @@ class Writer:
         self.file = f"out{ending}"
         place.mkdir()
         self.taken, self.contents = 0.0, []
+        with contextlib.suppress(SystemExit), contextlib.redirect_stdout(None), contextlib.redirect_stderr(None):
+            call(place / self.file, 1)  # here, so that forks find all modules
         for seed in (1, 0):  # the file that the attempts find has seed 0
             began = time.perf_counter()
             code, said = attempt(call, place / self.file, seed, lambda: None)
-            assert code == 0, f"{name}: {code}\n{said}"
+            assert not code, f"{name}: {code}\n{said}"
             self.taken = max(self.taken, time.perf_counter() - began)
             self.contents.append(content(place / self.file, read))
         self.size = sum(each.stat().st_size for each in place.iterdir())
 
     def stopped(self, way, draw, disk):
-        """Write in the place of the file and be stopped; what is wrong, "" if nothing is, and whether it was stopped."""
+        """Write in the place of the file and be stopped: the fault, "" if nothing is, and whether it was stopped."""
         folder = self.place.with_name("attempt") if way != "full" else disk
         if way != "full":
             folder.mkdir()
@@ -260,9 +276,9 @@ class Writer:
 def main(count, seed):
     """Stop writers so many times, in turn, and print how often each was stopped in each way."""
     draw, table, wrong = random.Random(seed), Counter(), []
-    with tempfile.TemporaryDirectory(prefix="neuro-stopped-") as folder:
-        folder = Path(folder)
-        os.chdir(folder)
+    folder = Path(tempfile.mkdtemp(prefix="neuro-stopped-"))  # TemporaryDirectory would be removed by each fork
+    os.chdir(folder)
+    try:
         prepare(folder)
         every = [Writer(name, *rest, folder / f"w{k}") for k, (name, rest) in enumerate(writers().items())]
         with small_disk(folder / "disk", 64 << 20) as disk:
@@ -275,6 +291,9 @@ def main(count, seed):
                 table[writer.name, way, "stopped" if stopped else "ended"] += 1
                 if problem:
                     wrong.append(f"attempt {k}, {writer.name}, {way}: {problem}")
+    finally:
+        os.chdir("/")
+        shutil.rmtree(folder)
     print(f"{'writer':16}" + "".join(f"{way:>14}" for way in ways) + "   (stopped of attempts)")
     for writer in every:
         cells = [(table[writer.name, way, "stopped"], table[writer.name, way, "ended"]) for way in ways]
