@@ -135,6 +135,12 @@ def test_the_files_of_sonata_are_replaced_together(tmp_path):
     assert {path.name: path.read_bytes() for path in tmp_path.iterdir()} == complete
 
 
+def test_a_pipe_that_nobody_reads_is_refused(tmp_path):
+    os.mkfifo(tmp_path / "a")
+    with pytest.raises(Unwritable, match=r"a: is a pipe that nobody reads: expected a reader, or the name of a file$"):
+        check_output(tmp_path / "a", OURS)
+
+
 def test_other_errors_of_hdf5_stay(tmp_path):
     with pytest.raises(FileNotFoundError, match=r"name = '.*/b'"), new_file(tmp_path / "a"):
         h5py.File(tmp_path / "b", "r")
