@@ -169,6 +169,7 @@ def attempt(call, path, seed, before, after=lambda pid: None):
         if not pid:
             os.dup2(said.fileno(), 1), os.dup2(said.fileno(), 2)
             code = 0
+            signal.alarm(60)  # a writer that hangs is a fault
             try:
                 before()
                 call(path, seed)
@@ -289,6 +290,8 @@ def main(count, seed):
                 writer, way = pairs[k % len(pairs)]
                 problem, stopped = writer.stopped(way, draw, disk)
                 table[writer.name, way, "stopped" if stopped else "ended"] += 1
+                if os.environ.get("NEURO_STOPS_SAID"):
+                    print(k, writer.name, way, stopped, problem, flush=True)
                 if problem:
                     wrong.append(f"attempt {k}, {writer.name}, {way}: {problem}")
     finally:
