@@ -17,6 +17,7 @@ from neuro.core.checks import check
 from neuro.core.clock import NEVER
 from neuro.core.english import some
 from neuro.core.errors import ModelError
+from neuro.core.hdf5 import disk
 from neuro.core.outputs import Kind, output
 from neuro.core.quantities import Quantity
 from neuro.exchange.nir.cells import BY_GRAPH_EXECUTOR, Unsupported
@@ -147,8 +148,8 @@ def save_nir(net: Network, path: str | PathLike[str], dt: float | None = None, f
     """
     graph, table = written(net, dt, for_)
     table.check()
-    with output(path, KIND) as part:
-        package("to_nir").write(part, graph)
+    with output(path, KIND) as part, disk(part) as file:
+        package("to_nir").write(file, graph)
     return table
 
 
