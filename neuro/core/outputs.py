@@ -26,6 +26,7 @@ import shutil
 import stat
 import sys
 import tempfile
+import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
@@ -67,6 +68,9 @@ _DIGITS = 32
 _PICTURE = "a picture of neuro"
 _number = itertools.count()
 _swept: set[Path] = set()
+_pipes: dict[tuple[int, int], int] = {}
+_READER_S = 2.0
+"""Seconds in which the reader of a pipe must come."""
 
 
 class Unwritable(ModelError):
@@ -76,9 +80,9 @@ class Unwritable(ModelError):
         what: the message without the name of the file.
     """
 
-    def __init__(self, path: Path, what: str) -> None:
+    def __init__(self, path: Path, what: str, hint: str = "") -> None:
         self.what = what
-        super().__init__(f"{path}: {what}")
+        super().__init__(f"{path}: {what}", hint=hint)
 
 
 @dataclass(frozen=True, slots=True)
@@ -216,8 +220,27 @@ def _check_there(path: Path, mode: int) -> None:
         raise Unwritable(path, "is a folder, expected the name of a file")
     if stat.S_ISBLK(mode) or stat.S_ISSOCK(mode):
         raise Unwritable(path, f"is a {'disk' if stat.S_ISBLK(mode) else 'socket'}, expected the name of a file")
+    if stat.S_ISFIFO(mode):
+        _open_pipe(path)
     if not os.access(path, os.W_OK):
         raise PermissionError(errno.EACCES, os.strerror(errno.EACCES))
+
+
+def _open_pipe(path: Path) -> None:
+    """Open a pipe if somebody reads it; it stays open until it is written, or its reader would see its end."""
+    state = path.stat()
+    until = time.monotonic() + _READER_S
+    while (state.st_dev, state.st_ino) not in _pipes:
+        try:
+            _pipes[state.st_dev, state.st_ino] = os.open(path, os.O_WRONLY | os.O_NONBLOCK)
+        except OSError as error:
+            if error.errno != errno.ENXIO:
+                raise
+            if time.monotonic() > until:
+                raise Unwritable(
+                    path, "is a pipe that nobody reads: expected a reader, or the name of a file"
+                ) from None
+            time.sleep(0.01)
 
 
 def _descriptor(path: Path) -> int | None:
@@ -349,7 +372,12 @@ def _opened(path: Path) -> IO[bytes]:
     """A pipe, device or descriptor to write into; a descriptor goes on where it is, as others may write there, too."""
     number = _descriptor(path)
     if number is None:
-        return path.open("wb")
+        state = path.stat()
+        pipe = _pipes.pop((state.st_dev, state.st_ino), None)
+        if pipe is None:
+            return path.open("wb")
+        os.set_blocking(pipe, True)
+        return os.fdopen(pipe, "wb")
     for stream in (sys.stdout, sys.stderr):
         if stream is not None:
             stream.flush()
