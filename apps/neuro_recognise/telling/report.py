@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from neuro.apps import Bar as Line, Evaluation, console, install, number, table, write_picture
+from neuro.apps import Bar as Line, Evaluation, console, echo, install, number, table, write_picture
 from neuro_recognise.deciding.stopping import ASSUMES, ASSURANCE, Outcome, least_allowed, outcome
 from neuro_recognise.method import METHODS, SILENT, Progress
 from neuro_recognise.methods import method_of
@@ -112,10 +112,8 @@ def show(recogniser: Recogniser, tried: Tried) -> None:
     out.print(table(columns, cells, title=f"decided by {name}"))
     silent, total = int(own.confusion[:, -1].sum()), int(own.confusion.sum())
     if 4 * silent > total:
-        out.print(
-            f"{silent} of {total} recordings are silent, which counts as wrong: {recogniser.method.way_out_of_silence()}",
-            soft_wrap=True, markup=False,
-        )  # fmt: skip
+        way_out = recogniser.method.way_out_of_silence()
+        echo(f"{silent} of {total} recordings are silent, which counts as wrong: {way_out}")
 
 
 def show_predicted(
