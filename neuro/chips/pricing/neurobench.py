@@ -215,7 +215,9 @@ def _joules(energy: Energy, samples: int) -> dict[str, Any]:
     for what, joules in energy.by_cost().items():
         sums[_COSTS[what]] += joules / samples
     one, real = ({"total": e.total_j, "low": e.low_j, "high": e.high_j} for e in (energy, energy.real_time))
-    one, real = ({name: joules / samples for name, joules in each.items()} for each in (one, real))
+    one, real = (
+        {name: None if energy.refused else joules / samples for name, joules in each.items()} for each in (one, real)
+    )
     return {"model": energy.target, "clock": energy.clock, **one, **sums, "real_time": real}
 
 
