@@ -207,7 +207,7 @@ def test_a_chip_that_refuses_the_network_has_no_total(run):
     refused = price(*run, placed(), chip("spinnaker")).refused
     assert refused == "projection 'ab': stdp: pairwise learning is not emulated on spinnaker"
     late = pair()
-    late.projections["ab"] = replace(late.projections["ab"], delay=16.0)
+    late.projections["ab"] = replace(late.projections["ab"], delay=40.0)
     sim = neuro.compile(late, "reference")
     sim.run(5.0)
     assert sim.energy("truenorth").total() == "refused"
