@@ -22,12 +22,9 @@ from lava.proc.dense.process import DelayDense, Dense, LearningDense
 from lava.proc.io.sink import RingBuffer as Sink
 from lava.proc.io.source import RingBuffer as Source
 from lava.proc.lif.process import LIF, TernaryLIF
-from lava.proc.rf.process import RF
-from lava.proc.rf_iz.process import RF_IZ
 from lava.utils.weightutils import SignMode
 
 Array = np.ndarray
-V_LIMIT, U_TURN = 2**23 - 1, 2**23
 
 facts: dict[str, dict[str, Any]] = {}
 arrays: dict[str, Array] = {}
@@ -84,10 +81,11 @@ def convolutions() -> None:
         weight = rng.integers(-255, 256, (maps, width, height, shape[2] // case["groups"]))
         x = rng.integers(-100, 100, (4, *shape)) * (rng.random((4, *shape)) < 0.3)
         convolve(f"conv_{name}", weight, x, case)
-    # 255 x 32896 is 2^23 - 128, the largest sum of such weights that has 24 bits.
+    # 255 x 32896 + 127 is 2^23 - 1, the largest sum of 24 bits.
     x = np.zeros((7, 3, 2, 1))
-    x[1:6, 1, 1, 0] = (32896, 32897, -32896, -32897, 65793)
-    weight = np.array([255, -255]).reshape(2, 1, 1, 1)
+    x[1:6, 0, 1, 0] = (32896, 32896, -32896, -32896, 65793)
+    x[1:6, 1, 1, 0] = (127, 128, -128, -129, 0)
+    weight = np.array([[1, 255], [-1, -255]]).reshape(2, 2, 1, 1)
     convolve("conv_wraps", weight, x, {word: plain[word] for word in ("stride", "padding", "dilation", "groups")})
 
 
@@ -96,7 +94,13 @@ def convolve(name: str, weight: Array, x: Array, case: dict[str, Any]) -> None:
     bits = 24 if np.abs(x).max() > 127 else 8
     process = Conv(weight=weight, input_shape=x.shape[1:], num_message_bits=bits, **case)
     words = {word: list(value) if isinstance(value, tuple) else value for word, value in case.items()}
-    keep(name, words | {"num_message_bits": bits, "weight_exp": 0}, W=weight, x=x, a=ran(process, {"s_in": x}, "a_out")["sent"])
+    keep(
+        name,
+        words | {"num_message_bits": bits, "weight_exp": 0},
+        W=weight,
+        x=x,
+        a=ran(process, {"s_in": x}, "a_out")["sent"],
+    )
 
 
 def connections() -> None:
@@ -151,41 +155,30 @@ def neurons() -> None:
         keep(f"ternary_ends_{high}", words | {"bias_exp": 0}, a_in=a, u=found["u"], v=found["v"], s=found["sent"])
 
 
-def resonators() -> None:
-    """Real and imaginary parts that are clipped at both ends."""
-    rows = np.array([131071, 131071, -131072, -131072, -131072, 131071, 0, 0, 1, -1])
-    real, imag = np.stack([rows, -rows, 0 * rows], axis=1), np.stack([-rows, 0 * rows, rows], axis=1)
-    for kind, name in ((RF, "rf_ends"), (RF_IZ, "rf_iz_ends")):
-        process = kind(shape=(3,), period=12.0, alpha=0.05, state_exp=6, vth=4)
-        found_words = {word: int(np.ravel(getattr(process, word).init)[0]) for word in ("sin_decay", "cos_decay", "vth")}
-        found = ran(process, {"a_real_in": real, "a_imag_in": imag}, "s_out", ("real", "imag"))
-        case = {"state_exp": 6, "decay_bits": 12, "vth_eff": found_words.pop("vth")} | found_words
-        keep(name, case, a_real_in=real, a_imag_in=imag, real=found["real"], imag=found["imag"], s=found["sent"])
-
-
 def learning() -> None:
-    """Weights that learn up to both bounds of each sign mode, and tags and traces up to both of theirs."""
-    rng = np.random.default_rng(2)
-    steps = 48
-    x = rng.random((steps, 3)) < 0.5
-    post = rng.random((steps, 2)) < 0.5
+    """Weights that learn up to both bounds of each sign mode, and tags and traces up to theirs."""
     rules = {"up": {"dw": "2^1*x1*y0", "dt": "2^2*x1*y0"}, "down": {"dw": "-2^1*x1*y0", "dt": "-2^2*x1*y0"}}
     starts = {"MIXED": [[100, -100, 0], [250, -250, 2]], "EXCITATORY": [[100, 3, 0], [250, 128, 2]]}
     starts["INHIBITORY"] = [[-100, -3, 0], [-250, -128, -2]]
-    for way, words in rules.items():
+    for way, rule in rules.items():
         for mode, start in starts.items():
-            case = words | {"x1_impulse": 120, "x1_tau": 40, "x2_impulse": 0, "x2_tau": 0, "y1_impulse": 120, "y1_tau": 40}
-            rule = Loihi2FLearningRule(**case, t_epoch=4, rng_seed=3)
-            process = LearningDense(weights=np.array(start), learning_rule=rule, sign_mode=SignMode[mode])
-            source = Source(data=post.T.astype(int))
-            source.s_out.connect(process.s_in_bap)
-            found = ran(process, {"s_in": x.astype(int)}, "a_out", ("weights", "tag_1", "x1", "y1"))
-            keep(
-                f"learning_ends_{mode.lower()}_{way}",
-                case | {"t_epoch": 4, "graded": "USE_REGULAR_IMPULSE", "num_message_bits": 0, "rng_seed": 3, "sign_mode": mode},
-                W0=np.array(start), x=x, post=post, a=found["sent"],
-                **{word: found[word] for word in ("weights", "tag_1", "x1", "y1")},
-            )  # fmt: skip
+            learn(f"learning_ends_{mode.lower()}_{way}", rule, mode, np.array(start), 48, 4)
+
+
+def learn(name: str, rule: dict[str, str], mode: str, start: Array, steps: int, epoch: int) -> None:
+    """Add a case of learning."""
+    rng = np.random.default_rng(2)
+    x, post = (rng.random((steps, n)) < 0.5 for n in start.shape[::-1])
+    post[0] = False  # nothing can make a neuron of ours fire in its first step
+    case = rule | {"x1_impulse": 120, "x1_tau": 40, "x2_impulse": 0, "x2_tau": 0, "y1_impulse": 120, "y1_tau": 40}
+    learnt = Loihi2FLearningRule(**case, t_epoch=epoch, rng_seed=3)
+    process = LearningDense(weights=start, learning_rule=learnt, sign_mode=SignMode[mode])
+    source = Source(data=post.T.astype(int))
+    source.s_out.connect(process.s_in_bap)
+    found = ran(process, {"s_in": x.astype(int)}, "a_out", ("weights", "tag_1", "x1", "y1"))
+    case |= {"t_epoch": epoch, "graded": "USE_REGULAR_IMPULSE", "num_message_bits": 0, "rng_seed": 3, "sign_mode": mode}
+    recorded = {word: found[word] for word in ("weights", "tag_1", "x1", "y1")}
+    keep(name, case, W0=start, x=x, post=post, a=found["sent"], **recorded)
 
 
 def main() -> None:
@@ -194,7 +187,6 @@ def main() -> None:
     convolutions()
     connections()
     neurons()
-    resonators()
     learning()
     folder.mkdir(parents=True, exist_ok=True)
     (folder / "lava_0_10_0.json").write_text(json.dumps(facts, indent=1) + "\n")
