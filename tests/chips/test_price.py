@@ -12,6 +12,7 @@ import neuro
 from bills import AB_OPS, ACTIVE, IN_OPS, INACTIVE, LEARNT, STEPS, Moves, Placed, counted, ints, lines, pair, placed
 from neuro.chips import chip, neurobench, place, price
 from neuro.chips.pricing.energy import quantity
+from neuro.chips.pricing.price import RULES_APPLIED
 from neuro.core.errors import ModelError, Where
 from neuro.program.backend import EngineCounts, Problem
 from neuro.program.counts import Tally
@@ -226,6 +227,22 @@ def test_a_total_without_a_price_for_learning_or_static_power_says_so(run, targe
     assert bill.as_dict()["missing"] == bill.as_dict()["real_time"]["missing"] == list(expected)
     (total,) = (line for line in str(bill).splitlines() if line.startswith("total"))
     assert total.count(">") == 2 * bool(expected)
+
+
+def test_loihis_own_count_of_learning_is_told_apart_from_the_priced_one():
+    """u0 visits all of a rule's synapses in every step; a bill prices those of each spike."""
+    net = neuro.Network("learning", resolution=1.0)
+    net.population("in", 2, neuro.spike_generator(spike_times=[[1.0, 4.0], [2.0]]))
+    net.population("out", 3, neuro.loihi_lif(vth=1000))
+    rule = neuro.loihi_learning(dw="2^-2*x1*y0", dt="- 2^-4*t*u0", x1_impulse=10, x1_tau=5)
+    net.connect("in", "out", neuro.all_to_all(), rule, weight=10.0, delay=1.0, name="rule")
+    sim = neuro.compile(net, "loihi")
+    sim.run(10.0)
+    assert sim.counts().learning_updates == 3 * 3
+    assert sim.counts().native["rules applied in rule"] == 10 * 6
+    assert RULES_APPLIED in sim.energy("loihi").notes
+    assert RULES_APPLIED in str(sim.energy("loihi"))
+    assert RULES_APPLIED not in price(*counted(), placed(), chip("loihi")).notes
 
 
 def test_a_run_may_last_as_long_as_its_recordings_and_not_as_its_steps(run):

@@ -2,31 +2,34 @@
 
 | register | range | driven to both ends by |
 | --- | --- | --- |
-| Loihi: mantissas, fewer bits | mixed -256..254, excitatory 0..255, inhibitory -255..0 | `test_what_a_spike_adds_on_loihi`, test_twins |
+| Loihi: mantissas | mixed -256..254, else 0..255, -255..0 | `test_what_a_spike_adds_on_loihi`, test_twins |
 | Loihi: what a spike adds | +-(2^21 - 64) | `test_what_a_spike_adds_on_loihi` |
 | Loihi: weights that learn | as mantissas | `test_what_is_learnt_stops_at_both_ends` |
 | Loihi: tags | -256..255 | `test_what_is_learnt_stops_at_both_ends` |
 | Loihi: traces | 0..127 | `test_traces_stop_at_127`; r1, r2: test_learning_kernel |
 | Loihi: accumulator | -32768..32767 | `test_the_accumulator_holds_16_bits` |
-| Loihi: input, u and drive of a step | 22, 24, 24 bits, wrap | test_overflows |
-| Loihi: v | +-(2^23 - 1), clipped | `test_voltages_of_loihi`: upwards only a spike shows it, as no threshold is higher |
-| Loihi: thresholds, biases, decays | 0..131071; -4096..4095 x 2^0..7; 0..4095 | `test_voltages_of_loihi`, test_twins |
+| Loihi: input, u, drive | 22, 24, 24 bits, wrap | test_overflows |
+| Loihi: v | +-(2^23 - 1) | `test_voltages_of_loihi`; upwards a spike comes first, as no vth is as high |
+| Loihi: vth, bias | 0..131071, -4096..4095 x 2^0..7 | `test_voltages_of_loihi`, test_twins |
+| Loihi: du, dv | 0..4095 | `test_voltages_of_loihi`, test_twins |
 | Loihi: delays, refractory | 0..62, 1..64 | test_twins |
-| Loihi 2: mantissas, exponents, bits | -256..255, 0..255, -255..0; -8..7; 1..8 | golden `dense_ends_*` |
+| Loihi 2: mantissas | mixed -256..255, else as Loihi | golden `dense_ends_*` |
+| Loihi 2: exponents, bits | -8..7, 1..8 | golden `dense_ends_*` |
 | Loihi 2: delays | 0..62 in lava | golden `delaydense_ends` |
 | Loihi 2: sums of a convolution | 24 bits, wrap | golden `conv_wraps` |
-| Loihi 2: u, v, vth, biases | (-2^23, 2^23], wraps; +-(2^23 - 1); 0..131071; as Loihi | golden `lif_*`, `ternary_ends_*` |
-| Loihi 2: resonators | +-(2^23 - 1), clipped | `test_resonators_are_clipped_at_both_ends` |
-| Loihi 2: weights that learn, tags, traces | as mantissas; -257..255, of which -257 takes one draw in 128; 0..127 | golden `learning_ends_*` |
+| Loihi 2: u | (-2^23, 2^23], wraps | golden `lif_*`, `ternary_ends_*` |
+| Loihi 2: v, vth, bias | as Loihi | golden `lif_*`, `ternary_ends_*` |
+| Loihi 2: resonators | +-(2^23 - 1) | `test_resonators_are_clipped_at_both_ends` |
+| Loihi 2: weights that learn, traces | as mantissas; 0..127 | golden `learning_ends_*` |
+| Loihi 2: tags | -257..255 as in lava; -257 takes one draw in 128 | golden `learning_ends_*` |
 | SpiNNaker: slots | 0..65535 | test_twins |
-| SpiNNaker: v and conductances | s16.15, wraps | `test_states_of_spinnaker_wrap_at_both_ends` |
+| SpiNNaker: drive and v | s16.15, wrap | `test_states_of_spinnaker_wrap_at_both_ends` |
 | SpiNNaker: delays | 1..144 ticks | test_twins |
 
-Golden cases are outputs of lava-nc 0.10.0: `tests/helpers/make_loihi2_golden.py` makes them. Spikes are 0 or 1; those that
-merge are counted by `test_overflows`.
+Golden cases are outputs of lava-nc 0.10.0: `tests/helpers/make_loihi2_golden.py` makes them. A spike of Loihi is 0 or
+1, several of a neuron in one step are one: test_twins.
 """
 
-import warnings
 from pathlib import Path
 
 import numpy as np
@@ -141,7 +144,7 @@ def test_the_accumulator_holds_16_bits(rule, tag, overflows):
 
 @pytest.mark.filterwarnings("ignore::neuro.OverflowWarning")
 def test_voltages_of_loihi():
-    """By an own sum: v' = v + bias, cut at -(2^23 - 1); a threshold of 131071 is passed by one unit of v and no less."""
+    """By an own sum: v + bias, cut at -(2^23 - 1); a threshold of 131071 is passed by one unit of v and no less."""
     net = neuro.Network("ends", resolution=1.0)
     rows = {
         "falls": {"bias_mant": -4096, "bias_exp": 7, "dv": 0},

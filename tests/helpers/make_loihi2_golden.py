@@ -14,10 +14,10 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from lava.magma.core.learning.learning_rule import Loihi2FLearningRule
 from lava.magma.core.run_conditions import RunSteps
 from lava.magma.core.run_configs import Loihi2SimCfg
 from lava.proc.conv.process import Conv
-from lava.magma.core.learning.learning_rule import Loihi2FLearningRule
 from lava.proc.dense.process import DelayDense, Dense, LearningDense
 from lava.proc.io.sink import RingBuffer as Sink
 from lava.proc.io.source import RingBuffer as Source
@@ -56,7 +56,7 @@ def ran(process: Any, inputs: dict[str, Array], output: str, states: tuple[str, 
 
 
 def convolutions() -> None:
-    """Kernels whose height and width, stride, padding, dilation, groups and channels differ, each alone and together."""
+    """Kernels, strides, paddings, dilations, groups and channels that differ down and across: each alone, and all."""
     rng = np.random.default_rng(1)
     plain = {"kernel": (3, 2), "stride": (1, 1), "padding": (0, 0), "dilation": (1, 1), "groups": 1, "maps": 4}
     cases = {
