@@ -5,6 +5,7 @@ import pytest
 from hypothesis import given, settings, strategies as st
 
 import neuro
+from neuro.chips.pricing.price import RULES_APPLIED
 from neuro.compare import compare, spikes
 from neuro.compare.cells import bills
 from neuro.compare.runs import _against, _gather, _recording
@@ -149,6 +150,15 @@ def test_a_bill_of_a_chip_that_cannot_run_the_network_has_no_total():
     ]
     assert [row[3:5] for row in bills(found)][:2] == [("refused", "refused")] * 2
     assert [bill.as_dict()["total_j"] is None for bill in found.bills] == [True, True, False, False]
+
+
+def test_why_loihis_own_count_of_learning_differs_is_said_once():
+    net = neuro.Network("learning", resolution=1.0)
+    net.population("in", 2, neuro.spike_generator(spike_times=[[1.0, 4.0], [2.0]]))
+    net.population("out", 3, neuro.iaf_psc_delta(t_ref=1.0))
+    net.connect("in", "out", neuro.all_to_all(), neuro.stdp(Wmax=20.0), weight=10.0, delay=1.0, name="learns")
+    assert list(compare(net, ["event", "loihi"], 10.0).notes).count(RULES_APPLIED) == 1
+    assert RULES_APPLIED not in compare(net, ["event", "reference"], 10.0).notes
 
 
 def test_where_the_first_refuses_others_are_compared_with_the_next():
