@@ -103,12 +103,15 @@ class Answer:
         run: gives the run of the network on the same recordings, for bills; None without a network. A method that
             answers by less than its whole network runs that only when asked.
         neurons_per_core: of a chip, for bills, fewer than it allows; None for as many.
+        duration_s: how long the recordings last together, s, for bills in real time, where the network runs in a time
+            of its own, e.g. so many steps a frame; None where a step of the network is as long as on the recording.
     """
 
     scores: Floats
     votes: Mapping[str, Floats] = field(default_factory=dict)
     run: Callable[[], Run] | None = None
     neurons_per_core: int | None = None
+    duration_s: float | None = None
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -114,7 +114,7 @@ class Framewise(Method):
 
         Returns:
             ``codes`` and ``ids`` (spikes,); ``lengths`` (frames,) their number; ``ends`` (frames,) when a frame is
-            known to be complete, us after the first event.
+            known to be complete, us after the first event; ``lasts`` (1,) us from the first event to the last.
         """
         first = int(events.t[0]) if len(events) else 0
         seen = self.inside(events)
@@ -123,7 +123,8 @@ class Framewise(Method):
         codes, ids, lengths = self.encoder.encode(self.pool.passed(responses, self.bank.sizes))
         ends = self.segmenter.complete_at(seen.t, bounds) - first
         fitting = np.min_scalar_type(int(np.prod(self.inputs.shape)))
-        return {"codes": codes, "ids": ids.astype(fitting), "lengths": lengths, "ends": ends}
+        lasts = events.t[-1:] - events.t[:1]
+        return {"codes": codes, "ids": ids.astype(fitting), "lengths": lengths, "ends": ends, "lasts": lasts}
 
     def observe_until(self, events: Events, times_us: Sequence[int]) -> list[Evidence]:
         """The frames that were complete by then; where the last may end elsewhere later, each beginning by itself."""
@@ -240,7 +241,7 @@ class Framewise(Method):
                     found.setdefault(name, []).append(scores)
                 taken.append(results.taken)
             votes = {name: np.concatenate(scores) for name, scores in found.items()}
-            return Answer(votes[self.vote], votes, lambda: (sim, reduce(add, taken)))
+            return Answer(votes[self.vote], votes, lambda: (sim, reduce(add, taken)), duration_s=shown.duration_s())
 
         return ask
 
