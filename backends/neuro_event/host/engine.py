@@ -16,7 +16,7 @@ from neuro.program.backend import EngineCounts, Outcome, Sent, Spikes, Trial, Wi
 from neuro.program.currents import Currents
 from neuro.program.drives import Rates
 from neuro.program.program import Floats, Ints, Program, Trials
-from neuro.program.spikes import ListedSpikes, RecordedSpikes, carrying
+from neuro.program.spikes import ListedSpikes, RecordedSpikes, carrying, too_many
 from neuro.program.together import Engines
 from neuro_event.building import (
     build,
@@ -85,7 +85,7 @@ class EventEngine:
         build.link(self._a)
         self._table = table_of(net, self._a.plastic)
         self._view = self._table.ctypes.data
-        self._overrun = net["clock"][:, t.OVERRUN]
+        self._overrun, self._uncounted = net["clock"][:, t.OVERRUN], net["clock"][:, t.UNCOUNTED]
         self._copy, self._cells = reading.SynapseReader(self._a, self._table), reading.NeuronReader(self._a)
 
     @property
@@ -132,7 +132,7 @@ class EventEngine:
                 self._samples.read(self._view, last)
             first = int(reached)
         self._step = end
-        self._check_histories()
+        self._check_flags()
 
     def _next_stop(self, first: int, end: int) -> int:
         """The last step that may be run at once: with notes one by one, for these must have room before."""
@@ -142,8 +142,14 @@ class EventEngine:
             end = first
         return min(end, self._samples.next_due(first))
 
-    def _check_histories(self) -> None:
-        """Histories are as long as refractoriness lets them grow: a model that fires earlier has lost spikes."""
+    def _check_flags(self) -> None:
+        """Refuse what kernels could not do.
+
+        They count spikes with 64 bits. Histories are as long as refractoriness lets them grow: a model that fires
+        earlier has lost spikes.
+        """
+        if uncounted := int(self._uncounted.max()):
+            raise too_many(self._program.populations[uncounted - 1])
         overrun = max(self._overrun.tolist())
         if overrun:
             part = self._program.populations[overrun - 1]
@@ -157,7 +163,7 @@ class EventEngine:
         net = self._a.net
         old = net["log_ids"].shape[1]
         for name in ("log_ids", "log_counts"):
-            bigger = np.zeros((net[name].shape[0], 2 * old), dtype=np.int32)
+            bigger = np.zeros((net[name].shape[0], 2 * old), dtype=net[name].dtype)
             for thread in range(bigger.shape[0]):
                 places = np.arange(max(0, int(net["log_at"][thread, 0]) - old), int(net["log_at"][thread, 0]))
                 bigger[thread, places & (2 * old - 1)] = net[name][thread, places & (old - 1)]
