@@ -4,6 +4,7 @@ import math
 from dataclasses import dataclass
 from typing import ClassVar
 
+import numpy as np
 import pytest
 
 import neuro
@@ -50,14 +51,17 @@ class Arithmetic:
 
     @staticmethod
     def quiet(s, c, i_0, lo, hi):
-        for i in range(lo, hi):
-            if max(s[0, i], 0.0) + 0.2 * max(s[1, i], 0.0) >= c[0]:
-                return False
-        return True
+        return all(max(s[0, i], 0.0) + 0.2 * max(s[1, i], 0.0) < c[0] for i in range(lo, hi))
 
 
 class Restless(Arithmetic):
-    """The same, but it sleeps where its current can still make it fire."""
+    """The same with an exact `catch_up`, but it sleeps where its current can still make it fire."""
+
+    @staticmethod
+    def catch_up(s, p, c, i_0, lo, hi, h, n):
+        Arithmetic.constants(p, h, c)
+        for _ in range(n):
+            Arithmetic.step(s, c, np.zeros((1, s.shape[1])), i_0, lo, hi, np.zeros(s.shape[1]))
 
     @staticmethod
     def quiet(s, c, i_0, lo, hi):
@@ -81,7 +85,7 @@ def test_a_silence_at_once_that_is_no_silence_step_by_step_is_refused():
 
 def test_a_neuron_that_changes_while_it_sleeps_is_refused():
     model = type("late", (late_lif,), {"arithmetic": Arithmetic, "linear": False})
-    with pytest.raises(TypeError, match="V_m to .*, none of them to .*: expected the same, as `quiet` is true$"):
+    with pytest.raises(TypeError, match=r"V_m to .*, none of them to .*: expected the same, as `quiet` is true$"):
         check_sleep(model, numbers(model))
 
 

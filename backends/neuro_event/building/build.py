@@ -180,6 +180,8 @@ def _logs(a: EventArrays) -> None:
         "found": np.zeros((threads, n), dtype=np.int64),
         "found_arrived": np.zeros((threads, n), dtype=np.uint8),
         "clock": np.zeros((threads, LINE), dtype=np.int64),
+        "stop": np.zeros(1, dtype=np.int64),
+        "reached": np.zeros(1, dtype=np.int64),
         "scratch": np.zeros((threads, layout.width(a.program))),
         "words": aligned_zeros(threads * layout.WORD, np.uint64).reshape(threads, layout.WORD),
     }

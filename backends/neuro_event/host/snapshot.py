@@ -31,6 +31,8 @@ _EMPTY = {
     "tally",
     "none",
     "spots",
+    "stop",
+    "reached",
 }
 _LISTS = {"incoming", "in_synapse", "in_source"}
 _NOTES = {"note_this", "note_at", "note_steps", "note_synapses", "note_y"}

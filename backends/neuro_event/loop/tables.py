@@ -274,6 +274,8 @@ standing i8 2      how many of each of these may still win, and have won in this
 map_wins i8 2      (groups, maps) how often each of their maps has won
 won i8 2           (neurons of the trials' output, 2) winners of this trial, in order, and the step
 clock i8 2         (threads, columns of `tables`)
+stop i8 1          whether to end, see `neuro.core.interrupts`
+reached i8 1       the step before which a run ended
 map_of i8 1        map of each neuron of the trials' output
 potential f8 1     largest V_m of each map
 best i8 1          the neuron that has it
