@@ -85,13 +85,13 @@ def test_a_handler_of_the_program_may_let_a_run_go_on():
     try:
         sims = [neuro.compile(long(), "event", threads=1, seed=3) for _ in range(2)]
         sims[0].run(0.1)
-        timer = threading.Timer(0.2, os.kill, (os.getpid(), signal.SIGINT))
+        timer = threading.Timer(0.05, os.kill, (os.getpid(), signal.SIGINT))
         timer.start()
-        sims[0].run(5000.0)
+        sims[0].run(500.0)
         timer.join()
     finally:
         signal.signal(signal.SIGINT, before)
-    sims[1].run(5000.1)
+    sims[1].run(500.1)
     assert calls == [1]
     assert sims[0].counts() == sims[1].counts()
 
