@@ -489,6 +489,18 @@ class Simulation:
         return self._records.spikes(self.handles.neurons(of), since, until)
 
     @alone
+    def train(self, of: Population | View | str) -> tuple[Ints, Ints, Ints]:
+        """Recorded spikes as `spikes` gives them, but several of one neuron in one step as one entry.
+
+        Returns:
+            steps, neurons, and how many spikes each entry has, sorted by step, then neuron.
+
+        Raises:
+            ModelError: as `spikes`.
+        """
+        return self._records.train(self.handles.neurons(of))[:3]
+
+    @alone
     def payloads(
         self, of: Population | View | str, since: float | None = None, until: float | None = None
     ) -> tuple[Floats, Ints, Ints]:
