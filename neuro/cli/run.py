@@ -351,12 +351,13 @@ def rerun(
     against: Against = None,
 ) -> None:
     """Make a file again from what it holds; report whether it has the same bits, or what differs and what changed."""
+    from neuro.cli.recorded import repeated
     from neuro.core.progress import Bar
     from neuro.rerun.again import rerun as again
 
     with Bar() as bar:
         bar.say("running again")
-        verdict = again(file, backend=backend, inputs=moved_to, against=against, bar=bar)
+        verdict = again(file, backend=backend, inputs=moved_to, against=against, bar=bar, repeat=repeated)
     typer.echo(f"{file}: " + ("the same bits" if verdict.same else f"not the same: {verdict.difference}"))
     for line in verdict.changed:
         typer.echo(f"changed: {line}")
