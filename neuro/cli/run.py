@@ -353,13 +353,14 @@ def rerun(
     """Make a file again from what it holds; report whether it has the same bits, or what differs and what changed."""
     from neuro.cli.recorded import repeated
     from neuro.core.progress import Bar
+    from neuro.core.values import printable
     from neuro.rerun.again import rerun as again
 
     with Bar() as bar:
         bar.say("running again")
         verdict = again(file, backend=backend, inputs=moved_to, against=against, bar=bar, repeat=repeated)
-    typer.echo(f"{file}: " + ("the same bits" if verdict.same else f"not the same: {verdict.difference}"))
+    typer.echo(printable(f"{file}: " + ("the same bits" if verdict.same else f"not the same: {verdict.difference}")))
     for line in verdict.changed:
-        typer.echo(f"changed: {line}")
+        typer.echo(printable(f"changed: {line}"))
     if not verdict.same:
         raise typer.Exit(1)

@@ -27,7 +27,7 @@ from neuro.core.inputs import digest_of
 from neuro.core.paths import file_path
 from neuro.core.progress import Bar
 from neuro.core.provenance import ATTRIBUTE, differences, provenance
-from neuro.core.values import literal, shown
+from neuro.core.values import shown
 from neuro.events.streams._address import CLOSED
 from neuro.files.parts import Weights
 from neuro.files.results import KIND, RECORDING, YAML, Results, read, write
@@ -263,7 +263,7 @@ def _of_command(path: Path, record: Mapping[str, Any], inputs: Sequence[Path], r
         # A verdict is written, too: `neuro doctor` ends with 1 where it finds a fault, as it did the first time.
         if done.returncode and not (done.returncode == 1 and words[1:2] == ["doctor"]):
             last = (done.stderr.strip() or "no word").splitlines()[-1]
-            raise ModelError(f"{literal(shlex.join(words))}: ended with {done.returncode}: {last}")
+            raise ModelError(f"{shlex.join(words)}: ended with {done.returncode}: {last}")
         made = next(iter(folder.made(path.name)), None)
         if made is None:
             raise ModelError(f"{path}: its command writes no file of that name now")
@@ -290,7 +290,7 @@ def _counts(line: str) -> bool:
 
 
 def _by(record: Mapping[str, Any]) -> str:
-    return literal(f"it was made by: {record['command'] or 'a program'}, in {record['folder'] or 'a folder'}; {_WAYS}")
+    return f"it was made by: {record['command'] or 'a program'}, in {record['folder'] or 'a folder'}; {_WAYS}"
 
 
 _ON_PAGE = re.compile(rf'<meta name="{ATTRIBUTE}" content="([^"]*)">')
