@@ -34,9 +34,9 @@ ALLOWED = {
     "recognise watch": "model recording out several boxes allow assurance backend set",
     "recognise compare": "data out method part without folds repeats chips backend workers",
     "remus demo": "data out seed",
-    "train": "file data input output out part without test backends folds epochs duration start scale window batch rate "
-    "decay loss temperature surrogate slope learn augment cost bits chip prune neurons_per_core search budget device html "
-    "seed threads set",
+    "train": "file data input output out part without test backends folds epochs duration start scale window batch "
+    "rate decay loss temperature surrogate slope learn augment cost bits chip prune neurons_per_core search budget "
+    "device html seed threads set",
 }
 """Parameters by command: those that read inputs, choose numbers, or name a file that is written into the new folder.
 
@@ -67,11 +67,12 @@ def repeated(words: Sequence[str], place: Callable[[str], str]) -> list[str]:
         raise _refusal(f"'neuro {' '.join(words[:2])}'", f"expected one of {', '.join(ALLOWED)}")
     path, rest = name.split(), list(words[len(name.split()) :])
     command = _command(path)
-    options, superfluous, _ = command.make_parser(command.context_class(command, info_name=name)).parse_args(rest)
+    context = command.context_class(command, info_name=name)
+    options, superfluous, _ = command.make_parser(context).parse_args(rest)
     if superfluous:
         raise _refusal(f"'{superfluous[0]}' of 'neuro {name}'", "expected its options and arguments only")
     arguments = list[str]()
-    for option, value in _values(command, options):
+    for option, value in _values(command.get_params(context), options):
         if "--with" in option.opts:
             for file in value:
                 named_by_user(file)
@@ -96,9 +97,9 @@ def _command(path: Sequence[str]) -> Any:
     return command if len(path) == 1 else command.commands[path[1]]
 
 
-def _values(command: Any, options: dict[str, Any]) -> Iterator[tuple[Any, Sequence[Any]]]:
+def _values(params: Sequence[Any], options: dict[str, Any]) -> Iterator[tuple[Any, Sequence[Any]]]:
     """Yield the parameters that the text gives, each with its values; a flag has `True`."""
-    for option in command.params:
+    for option in params:
         value = options.get(option.name)
         values = value if isinstance(value, list | tuple) else [value]
         if values and all(isinstance(each, str) or each is True for each in values):

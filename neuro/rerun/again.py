@@ -18,7 +18,6 @@ from typing import Any
 
 import h5py
 import numpy as np
-import yaml
 
 from neuro.core.clock import Clock
 from neuro.core.errors import ModelError
@@ -33,6 +32,8 @@ from neuro.files.parts import Weights
 from neuro.files.results import KIND, RECORDING, YAML, Results, read, write
 from neuro.files.state import FORMAT as STATE
 from neuro.model.language import load
+from neuro.model.language.nodes import plain
+from neuro.model.language.reader import read as read_yaml
 from neuro.model.network import Network
 from neuro.model.neurons import event_camera
 from neuro.rerun.new_folder import NewFolder, copy_input
@@ -168,7 +169,7 @@ def _network(results: Results, record: Mapping[str, Any], elsewhere: Mapping[str
     """
     for name, content in results.files.items():
         (folder / name).write_bytes(content)
-    for name in {file for file in _files_of(yaml.safe_load(results.files[YAML])) if not (folder / file).exists()}:
+    for name in {file for file in _files_of(plain(read_yaml(folder / YAML))) if not (folder / file).exists()}:
         if os.path.isabs(name) or ".." in Path(name).parts:
             raise ModelError(f"plays {shown(name)}: expected a file beside the network")
         was = next((each for each in record.get("inputs", {}) if each.endswith(f"{os.sep}{name}")), name)
@@ -324,15 +325,15 @@ def _checked(path: Path, record: Any) -> dict[str, Any]:
     if not isinstance(record, dict) or not record:
         hint = "files that neuro wrote since it records where they come from have it; runs of sweeps are folders"
         raise ModelError(f"{path}: does not say where it comes from", hint=hint)
-    record = {"inputs": {}, "command": "", "folder": ""} | record
-    names = record["inputs"]
+    whole: dict[str, Any] = {"inputs": {}, "command": "", "folder": "", **record}
+    names, texts = whole["inputs"], (whole["command"], whole["folder"])
     if (
         not isinstance(names, dict)
-        or not all(isinstance(each, str) for each in (*names, *names.values(), record["command"], record["folder"]))
-        or "\0" in "".join((*names, record["command"], record["folder"]))
+        or not all(isinstance(each, str) for each in (*names, *names.values(), *texts))
+        or "\0" in "".join((*names, *texts))
     ):
         raise ModelError(f"{path}: where it comes from is damaged: expected a command, its folder and inputs by name")
-    return record
+    return whole
 
 
 def moved(inputs: Mapping[str, str], folders: Iterable[Path]) -> dict[str, str]:

@@ -135,6 +135,9 @@ class Folder:
         Raises:
             ModelError: it is the folder of another sweep, or of something else, or cannot be written.
         """
+        for link in (self.path / name for name in ("runs", "claims", "journal.log", self.holding.file)):
+            if link.is_symlink():  # others may have made it, and what is written there would leave the folder
+                raise ModelError(f"{link}: is a link: expected a folder that holds its own runs")
         foreign = self._foreign()  # first: what another process makes meanwhile is not foreign
         file = self.path / self.holding.file
         if file.exists():

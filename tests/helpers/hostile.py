@@ -41,7 +41,7 @@ neuro: 1
 name: streamed
 resolution: 1.0
 populations:
-  eye: {model: {event_camera: {stream: "tcp://127.0.0.1:9"}}, shape: [2, 7, 9]}
+  eye: {model: {event_camera: {stream: "tcp://127.0.0.1:9", sensor: [9, 7]}}, shape: auto}
 probes: {seen: {of: eye}}
 """
 TUNE = """\
@@ -240,7 +240,7 @@ def _described(text: str, files: dict[str, str] | None = None, **record: Any) ->
 
 def _results(w: Writer) -> None:
     reads = ("rerun a.h5", "plot a.h5", "report a.h5 --out new.html")
-    plays = STREAMED.replace('stream: "tcp://127.0.0.1:9"', "file: FILE")
+    plays = STREAMED.replace('stream: "tcp://127.0.0.1:9", sensor: [9, 7]', "file: FILE")
     outside = os.path.relpath(w.outside, "/")
     w.edited("results tag", "results", "a.h5", _described("!!python/object/apply:os.system [ls]"), *reads)
     w.edited("results stream", "results", "a.h5", _described(STREAMED), *reads)
@@ -253,16 +253,7 @@ def _results(w: Writer) -> None:
         "results copies outside", "results", "a.h5", _described(plays.replace("FILE", upward), inputs=source), *reads
     )
     w.edited("results names a table", "results", "a.h5", lambda f: f.attrs.modify("backend", "evil.yaml"), *reads)
-    w.edited("results module as backend", "results", "a.h5", lambda f: f.attrs.modify("backend", "evil:backend"), *reads)
-
-    def file_upward(opened: Any) -> None:
-        opened["network_files"].create_dataset("..\\x", data=np.zeros(3, np.uint8))
-        group = opened["network_files"].create_group("..") if ".." not in opened["network_files"] else None
-        assert group is not None
-
-    def named(opened: Any) -> None:
-        opened["network"]
-        opened.create_group("network_files/evil.py")
+    w.edited("results backend", "results", "a.h5", lambda f: f.attrs.modify("backend", "evil:backend"), *reads)
 
     w.edited("results file is a group", "results", "a.h5", lambda f: f.require_group("network_files/x.py"), *reads)
     w.edited(
@@ -287,10 +278,14 @@ def _results(w: Writer) -> None:
 
 def _states(w: Writer) -> None:
     restore = ("RESTORE net.yaml state.h5", "rerun state.h5")
-    w.edited("state command", "state", "state.h5", lambda f: _command(f, "neuro check net.yaml --with=evil.py"), *restore)
-    w.edited("state network", "state", "state.h5", lambda f: _network_of(f, "!!python/name:os.system"), *restore)
-    w.edited("state huge", "state", "state.h5", lambda f: f.create_dataset("more", (2**50,), "i8", chunks=(64,)), *restore)
-    w.edited("state pickled", "state", "state.h5", lambda f: f.attrs.modify("format", _pickled(w)), *restore)
+
+    def state(name: str, edit: Callable[[Any], object]) -> None:
+        w.edited(name, "state", "state.h5", edit, *restore)
+
+    state("state command", lambda f: _command(f, "neuro check net.yaml --with=evil.py"))
+    state("state network", lambda f: _network_of(f, "!!python/name:os.system"))
+    state("state huge", lambda f: f.create_dataset("more", (2**50,), "i8", chunks=(64,)))
+    state("state pickled", lambda f: f.attrs.modify("format", _pickled(w)))
 
 
 def _command(opened: Any, command: str, **words: Any) -> None:
@@ -318,7 +313,7 @@ def _models(w: Writer) -> None:
     w.edited("agent command", "model", "agent.h5", lambda f: _command(f, trains), *agent)
     outside = f"neuro agent train CartPole-v1 --steps 10 --out {w.outside}/new.h5"
     w.edited("agent outside", "model", "agent.h5", lambda f: _command(f, outside), "rerun agent.h5")
-    drone = ("drone test fly.h5 --starts 1", "drone watch fly.h5 --out new.html", "drone energy fly.h5", "rerun fly.h5")
+    drone = ("drone energy fly.h5", "rerun fly.h5")
     w.edited("drone with", "model", "fly.h5", lambda f: _command(f, "neuro drone train --with evil.py"), *drone)
     w.edited(
         "drone outside",
@@ -330,7 +325,8 @@ def _models(w: Writer) -> None:
     w.edited("drone controller", "model", "fly.h5", lambda f: f.attrs.modify("controller", "evil:Controller"), *drone)
     ppo = w.folder("model of pickles")
     (ppo / "fly.h5").write_bytes(_pickled(w).encode())
-    w.add("model of pickles", "model", ppo, *drone, "recognise test fly.h5 --data .", "agent test fly.h5")
+    more = ("drone test fly.h5", "drone watch fly.h5", "recognise test fly.h5 --data .", "agent test fly.h5")
+    w.add("model of pickles", "model", ppo, *drone, *more)
 
 
 def _function(w: Writer, name: str, module: str, file: str = "") -> Callable[[dict[str, Any]], None]:
@@ -378,8 +374,18 @@ def _sweeps(w: Writer) -> None:
     (here / "tuned" / "journal.log").unlink()
     w.add("tuning forgotten", "sweep", here, "tune run tune.yaml --out tuned --workers 1")
     here = w.swept("sweep page of a link", "runs", lambda c: None)
+    (here / "runs" / "sweep.html").unlink()
     (here / "runs" / "sweep.html").symlink_to(w.outside / "victim.txt")
     w.add("sweep page of a link", "sweep", here, "sweep page runs")
+    for name in ("runs", "claims"):
+        here = w.swept(f"sweep link of {name}", "runs", lambda c: None)
+        shutil.rmtree(here / "runs" / name)
+        (here / "runs" / name).symlink_to(w.outside)
+        w.add(f"sweep link of {name}", "sweep", here, "sweep run sweep.yaml --out runs --workers 1")
+    here = w.swept("tuning link of its journal", "tuned", lambda c: None)
+    (here / "tuned" / "journal.log").unlink()
+    (here / "tuned" / "journal.log").symlink_to(w.outside / "empty.txt")
+    w.add("tuning link of its journal", "journal", here, "tune run tune.yaml --out tuned --workers 1")
     here = w.swept("sweep study", "runs", lambda c: None)
     (here / "sweep.yaml").write_text("study: evil:f\nparameters: {command: [ls]}\n")
     w.add("sweep study", "sweep", here, "sweep run sweep.yaml --out new")
@@ -410,11 +416,11 @@ def _journals(w: Writer) -> None:
 
     pickled = _pickled(w)
     distribution = json.dumps({"name": "__import__('os').system", "attributes": {"choices": [pickled]}})
-    journal("journal distribution", lambda log: log.update(distribution=distribution) if "distribution" in log else None)
-    journal("journal attribute", lambda log: log.update(user_attr={"x": pickled}) if "user_attr" in log else None)
+    words = {"distribution": distribution, "user_attr": {"x": pickled}, "values": [pickled]}
+    words["study_name"] = f"../../{w.outside}/x"
+    for word, value in words.items():
+        journal(f"journal {word}", lambda log, word=word, value=value: log.update({word: value} if word in log else {}))
     journal("journal operation", lambda log: log.update(op_code=99))
-    journal("journal values", lambda log: log.update(values=[pickled]) if "values" in log else None)
-    journal("journal name", lambda log: log.update(study_name=f"../../{w.outside}/x") if "study_name" in log else None)
     here = w.folder("journal pickle")
     (here / "tuned" / "journal.log").write_bytes(pickled.encode())
     w.add("journal pickle", "journal", here, *reads)
@@ -462,11 +468,12 @@ WATCH = '''\
 import os
 import sys
 
-LOG, ROOTS, STRANGER = os.environ["HOSTILE_LOG"], os.environ["HOSTILE_ROOTS"].split(os.pathsep), os.environ["HOSTILE_CASES"]
+LOG, STRANGER = os.environ["HOSTILE_LOG"], os.environ["HOSTILE_CASES"]
+ROOTS = os.environ["HOSTILE_ROOTS"].split(os.pathsep)
 WRITES = {"os.rename": (0, 1), "os.remove": (0,), "os.mkdir": (0,), "os.rmdir": (0,), "os.symlink": (1,),
           "os.link": (1,), "os.truncate": (0,), "os.chmod": (0,), "os.utime": (0,)}
 CONNECTS = ("socket.connect", "socket.bind", "socket.sendto", "socket.sendmsg", "socket.getaddrinfo")
-PROGRAMS = ("git", os.path.basename(sys.executable), "python", "python3")
+PROGRAMS = ("git", "fc-list", "uname", os.path.basename(sys.executable), "python", "python3")
 
 def outside(path):
     if not isinstance(path, (str, bytes)):
@@ -493,7 +500,8 @@ def watch(event, arguments):
                 tell("writes", arguments[0])
         elif event in WRITES:
             for k in WRITES[event]:
-                if outside(arguments[k]):
+                beside = isinstance(arguments[-1], int) and arguments[-1] > 2 and event in ("os.rmdir", "os.remove")
+                if not beside and outside(arguments[k]):  # shutil.rmtree names what it removes by an open folder
                     tell(event, arguments[k])
         elif event in CONNECTS:
             tell(event, arguments[1:])
@@ -503,8 +511,9 @@ def watch(event, arguments):
             if os.path.basename(os.fsdecode(arguments[0])) not in PROGRAMS:
                 tell(event, arguments[:2])
         elif event == "exec" and hasattr(arguments[0], "co_filename"):
-            if os.path.abspath(arguments[0].co_filename).startswith(STRANGER + os.sep):
-                tell("runs", arguments[0].co_filename)
+            name = os.path.abspath(arguments[0].co_filename)
+            if name.startswith(STRANGER + os.sep) and os.path.isfile(name):
+                tell("runs", name)
         elif event == "import" and arguments[0] in ("evil", "antigravity"):
             tell("imports", arguments[0])
     finally:
