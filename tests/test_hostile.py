@@ -127,12 +127,13 @@ def test_descriptions_recordings_and_networks_of_other_tools(written):
 def test_optimisers_hold_no_code(torch, tmp_path):
     """Of a checkpoint of `dqn`."""
     from neuro_drone.controllers import make
+    from neuro_drone.scenario import load
 
     class Runs:
         def __reduce__(self):
             return exec, (f"open({str(tmp_path / 'CODE_RAN')!r}, 'w')",)
 
-    controller = make("dqn", BALL, 0, {})
+    controller = make("dqn", load("B60"), 0, {})
     state = controller.state()
     state["optimizers"] = np.frombuffer(pickle.dumps([Runs()]), np.uint8)
     with pytest.raises(pickle.UnpicklingError):
