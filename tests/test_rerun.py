@@ -12,9 +12,11 @@ from types import SimpleNamespace
 import h5py
 import numpy as np
 import pytest
+import typer
 
 import neuro
-from neuro.cli.recorded import ALLOWED
+from neuro.cli.commands import app
+from neuro.cli.recorded import ALLOWED, command_of
 from neuro.cli.start import shipped
 from neuro.core import provenance as provenances
 from neuro.core.hdf5 import seal
@@ -364,10 +366,9 @@ def test_a_record_asks_for_nothing_that_is_not_on_the_list(folder, run, capsys, 
 
 
 def test_the_list_has_parameters_of_commands_that_are_there():
-    from neuro.cli.recorded import _command
-
+    commands = typer.main.get_command(app)
     for name, allowed in ALLOWED.items():
-        options = {each.name: each for each in _command(name.split()).params}
+        options = {each.name: each for each in command_of(commands, name.split()).params}
         assert set(allowed.split()) <= options.keys(), name
         assert not {"run_script", "page", "on", "host"} & set(allowed.split())
 

@@ -14,7 +14,6 @@ from typing import Any
 import typer
 
 from neuro.core.launch import speaks
-from neuro.core.values import printable
 
 _MORE = re.compile(r"Got unexpected extra argument\(?s?\)? \((.*)\)")
 _CHOICE = re.compile(r"Invalid value for ('[^']*'): Value error, (.*) is not one of (.*)")
@@ -38,6 +37,8 @@ def telling() -> Iterator[None]:
         if message is None:
             raise
         if message and speaks():
+            from neuro.core.values import printable
+
             typer.echo(f"error: {printable(message)}", err=True)
         sys.exit(2)
 
@@ -59,6 +60,8 @@ def _of_output(error: Exception) -> str | None:
 def _tell(message: Warning | str, category: type[Warning], filename: str, *more: object, **named: object) -> None:
     """Print a warning for the user, without the place in our sources that raised it."""
     if speaks():
+        from neuro.core.values import printable
+
         typer.echo(f"warning: {printable(str(message))}", err=True)
 
 

@@ -10,12 +10,10 @@ import os
 from collections.abc import Callable, Iterator, Sequence
 from typing import Any
 
-import typer
-
 from neuro.core.errors import ModelError
 from neuro.core.extension import extensions, named_by_user
 
-__all__ = ["ALLOWED", "DROPPED", "repeated"]
+__all__ = ["ALLOWED", "DROPPED", "command_of", "repeated"]
 
 ALLOWED = {
     "report": "file out chip",
@@ -51,10 +49,11 @@ _MODULES = "environment"
 """The parameter that may name a module, as "module:Class"."""
 
 
-def repeated(words: Sequence[str], place: Callable[[str], str]) -> list[str]:
+def repeated(commands: Any, words: Sequence[str], place: Callable[[str], str]) -> list[str]:
     """Return the arguments by which a recorded command is run again in a new folder.
 
     Args:
+        commands: the group of all commands.
         words: of the command, without "neuro".
         place: gives a path of the command as a path in the new folder.
 
@@ -66,7 +65,7 @@ def repeated(words: Sequence[str], place: Callable[[str], str]) -> list[str]:
     if name is None:
         raise _refusal(f"'neuro {' '.join(words[:2])}'", f"expected one of {', '.join(ALLOWED)}")
     path, rest = name.split(), list(words[len(name.split()) :])
-    command = _command(path)
+    command = command_of(commands, path)
     context = command.context_class(command, info_name=name)
     options, superfluous, _ = command.make_parser(context).parse_args(rest)
     if superfluous:
@@ -88,12 +87,9 @@ def repeated(words: Sequence[str], place: Callable[[str], str]) -> list[str]:
     return [*path, "--", *arguments]
 
 
-def _command(path: Sequence[str]) -> Any:
+def command_of(commands: Any, path: Sequence[str]) -> Any:
     """Return the command of a name in the list, which is ours or that of an app."""
-    from neuro.cli.commands import app
-
-    group: Any = typer.main.get_command(app)
-    _, command, _ = group.resolve_command(group.context_class(group), [path[0]])
+    _, command, _ = commands.resolve_command(commands.context_class(commands), [path[0]])
     return command if len(path) == 1 else command.commands[path[1]]
 
 

@@ -7,6 +7,7 @@ import sys
 import time
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from enum import StrEnum
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -345,6 +346,7 @@ Against = Annotated[Path | None, typer.Option(metavar="OTHER", help="Compare wit
 
 
 def rerun(
+    context: typer.Context,
     file: Made,
     backend: OtherBackend = "",
     moved_to: MovedTo = [],  # noqa: B006
@@ -356,9 +358,10 @@ def rerun(
     from neuro.core.values import printable
     from neuro.rerun.again import rerun as again
 
+    repeat = partial(repeated, context.find_root().command)
     with Bar() as bar:
         bar.say("running again")
-        verdict = again(file, backend=backend, inputs=moved_to, against=against, bar=bar, repeat=repeated)
+        verdict = again(file, backend=backend, inputs=moved_to, against=against, bar=bar, repeat=repeat)
     typer.echo(printable(f"{file}: " + ("the same bits" if verdict.same else f"not the same: {verdict.difference}")))
     for line in verdict.changed:
         typer.echo(printable(f"changed: {line}"))
