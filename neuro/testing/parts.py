@@ -191,7 +191,7 @@ def check_silences(model: Neuron, backend: str | Backend = "event", ms: float = 
         sim = compile(net, each, seed=1)
         run_on(sim, float(times[-1]))
         runs.append(observe(sim))
-    apart = differences(*runs, exact=False)
+    apart = differences(runs[0], runs[1], exact=False)
     assert not apart, f"{model.name} in '{net.name}'\n  " + "\n  ".join(apart)
 
 

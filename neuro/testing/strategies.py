@@ -357,7 +357,7 @@ def _connect_quietly(draw: st.DrawFn, net: Network, pre: str, post: str) -> None
     names = model.named_receptors() if model.receptors > 2 or not model.signed else ("",)
     for name in names:
         weight = draw(st.sampled_from([1.0, 15.0, 80.0, 400.0, -30.0, uniform(low=0.0, high=300.0)]))
-        if name in model.conductances and not isinstance(weight, Distribution):
+        if name in model.conductances and isinstance(weight, float):
             weight = abs(weight)
         synapse = static(receptor=name) if name else static()
         delay = draw(st.integers(1, 20)) * net.resolution
