@@ -87,3 +87,18 @@ def test_a_limit_of_addresses_is_room():
     code += "from neuro.core.memory import free_memory; print(free_memory())"
     free = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout
     assert 0 < int(free) < 8 << 30
+
+
+def test_check_names_it_also_when_the_free_bytes_change(monkeypatch, tmp_path, answer):
+    """The search for all mistakes looks twice; each time other bytes are free."""
+    free = iter(range(16_000_000_000, 17_000_000_000, 4096))
+    monkeypatch.setattr(memory, "free_memory", lambda: next(free))
+    file = tmp_path / "vast.yaml"
+    file.write_text(
+        "neuro: 1\npopulations:\n  a: {model: iaf_psc_exp, shape: 100000}\nprojections:\n"
+        "  aa: {from: a, to: a, rule: {fixed_indegree: {n: 100000}}, weight: {normal: {mean: 1.0, std: 0.1}}}\n"
+    )
+    status, out, err = answer("check", file)
+    assert (status, out) == (2, "")
+    assert f"{file}:5:7: network 'vast' needs about " in err
+    assert "most are for projection 'aa', 10,000,000,000 synapses" in err

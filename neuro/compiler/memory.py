@@ -46,6 +46,9 @@ LEAST = 1 << 28
 NEURON, STATE = 64, 12
 """Least bytes of a neuron, and of each of its states, measured: 72 of a parrot, 128 of iaf_psc_exp with four states."""
 
+ROOM_ERROR = "room"
+"""Kind of the errors whose text has the bytes that are free now."""
+
 ROOM = 1.2
 """What is needed beside the synapses, over what these need: tables, neurons, and what is being drawn."""
 
@@ -121,6 +124,7 @@ def check_room(network: str, needs: Sequence[Need], file: Path | None = None) ->
         f"network '{network}' needs about {_told(needed)} {of}: expected at most what is free, {_told(free)}",
         where=largest.where,
         hint=f"most are for {largest.what}: {_told(largest.bytes)}",
+        kind=ROOM_ERROR,
     )
 
 
