@@ -100,5 +100,5 @@ def test_check_names_it_also_when_the_free_bytes_change(monkeypatch, tmp_path, a
     )
     status, out, err = answer("check", file)
     assert (status, out) == (2, "")
-    assert f"{file}:5:7: network 'vast' needs about " in err
+    assert f"{file}:5:3: network 'network' needs about " in err
     assert "most are for projection 'aa', 10,000,000,000 synapses" in err
