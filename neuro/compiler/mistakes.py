@@ -12,6 +12,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from neuro.compiler.memory import NO_ROOM
 from neuro.compiler.resolve import compile_network
 from neuro.compiler.stand_ins import (
     WordPlaces,
@@ -72,15 +73,20 @@ def mistakes(path: str | Path, params: Mapping[str, Any] | None, seed: int, back
     file, said = file_path(path, "path"), {} if params is None else dict(params)
     first = _Search(file, dict(said), seed, 0, backend_draws)
     first.run()
-    found = {str(error): error for error in first.told}
+    found = {_identity(error): error for error in first.told}
     if first.mended:
         # Once more with other stand-ins: a mistake that only a stand-in caused is reported in other words, or not at
         # all, and is dropped.
         second = _Search(file, dict(said), seed, 1, backend_draws)
         second.run()
-        again = {str(error) for error in second.told}
-        found = {text: error for text, error in found.items() if text in again}
+        again = {_identity(error) for error in second.told}
+        found = {identity: error for identity, error in found.items() if identity in again}
     return Findings(sorted(found.values(), key=first.order), first.program, first.unsure)
+
+
+def _identity(error: ModelError) -> str:
+    """The text of an error; without the free memory of the moment, which two searches do not share."""
+    return f"{error.where}: {NO_ROOM}" if error.kind == NO_ROOM else str(error)
 
 
 class _Search:
