@@ -6,7 +6,8 @@ writes in the place of complete files and is stopped in one of four ways: SIGKIL
 time, half right before a drawn file is opened for writing, renamed or removed; a drawn limit of the size of files; or a
 drawn number of free bytes on a disk (as root). Afterwards
 
-- each file is the old or the new one, and every file is new if the process succeeded;
+- each file is the old or the new one, all are new if the process succeeded, and files that belong together are old if
+  it reported an error;
 - a kept part can be read by its reader and begins as the whole does;
 - the process has ended by no other signal and without a traceback; a lack of room is reported once, with status 2;
 - nothing else is left, except hidden parts of a process that was killed, which the next writer removes.
@@ -42,6 +43,8 @@ WAYS = ("kill", "term", "size", "full")
 SIGNALS = {"kill": signal.SIGKILL, "term": signal.SIGTERM}
 WRITES = ("os.rename", "os.remove", "os.mkdir", "os.rmdir", "os.truncate")
 HIDDEN = re.compile(r"\..*\.part", re.DOTALL)
+SEPARATE = ("plot", "split")
+"""Writers of files that do not belong together."""
 HANGS_S = 120
 """Seconds after which a writer hangs, on a machine with much else to do."""
 
@@ -168,7 +171,8 @@ def doctor(path, seed):
 def results(path):
     """Read a file of results to its end."""
     run = neuro.results.read(path)
-    return run.finished, run.time, run.spikes("a"), [part.tolist() for part in run.trace("v")]
+    arrays = [*run.spikes("a"), *run.trace("v")]
+    return run.finished, run.time, [array.tolist() for array in arrays]
 
 
 def part_of_results(path, seed):
@@ -281,7 +285,7 @@ def writers():
     return {name: (*row, Path.read_bytes)[:3] + tuple(row[3:]) for name, row in table.items()}
 
 
-def prepare(folder):
+def prepare(folder, sweeps=True):
     """Write the inputs of the commands into the present folder."""
     for seed in (0, 1):
         place = folder / str(seed)
@@ -298,7 +302,8 @@ def prepare(folder):
         weight = np.random.default_rng(seed).random(1600)
         net.connect("in", "l", neuro.all_to_all(), weight=weight, delay=1.0, name="il")
         net.save(place / "lif.yaml")
-        sweep(place, seed)
+        if sweeps:
+            sweep(place, seed)
 
 
 def sweep(folder, seed):
@@ -482,6 +487,8 @@ class Writer:
             if content == self.new.get(name) or (content == self.old.get(name) and (code or way in SIGNALS)):
                 continue
             return f"{name} is neither the one before nor the new one"
+        if code == 2 and self.name not in SEPARATE and contents != self.old:
+            return "some files are new, others are not"
         left = {each.name for each in folder.iterdir()} - contents.keys() - {"filler"}
         if self.read_part and f"{self.file}.part" in left:
             left.remove(f"{self.file}.part")
@@ -494,6 +501,19 @@ class Writer:
         return f"left behind: {left}" if left else ""
 
 
+def until_interrupted(count):
+    """Numbers up to `count`; Ctrl-C ends them."""
+    ended = []
+    before = signal.signal(signal.SIGINT, lambda *_: ended.append(True))
+    try:
+        for k in range(count):
+            if ended:
+                return
+            yield k
+    finally:
+        signal.signal(signal.SIGINT, before)
+
+
 def main(count, seed, *names):
     """Stop writers so many times, in turn, and print how often each was stopped in each way."""
     count, seed = int(count), int(seed)
@@ -501,7 +521,7 @@ def main(count, seed, *names):
     folder = Path(tempfile.mkdtemp(prefix="neuro-stopped-"))  # TemporaryDirectory would be removed by each fork
     os.chdir(folder)
     try:
-        prepare(folder)
+        prepare(folder, sweeps=not names)
         rows = {name: row for name, row in writers().items() if not names or name in names}
         every = [Writer(name, *row, place=folder / f"w{k}") for k, (name, row) in enumerate(rows.items())]
         print(f"{len(every)} writers, ready after {time.perf_counter() - began:.0f} s", flush=True)
@@ -509,7 +529,7 @@ def main(count, seed, *names):
             ways = [way for way in WAYS if way != "full" or disk]
             pairs = [(writer, way) for way in ways for writer in every]
             draw.shuffle(pairs)
-            for k in range(count):
+            for k in until_interrupted(count):
                 writer, way = pairs[k % len(pairs)]
                 problem, stopped = writer.stopped(way, draw, disk)
                 table[writer.name, way, "stopped" if stopped else "ended"] += 1
@@ -526,7 +546,7 @@ def main(count, seed, *names):
         cells = [(table[writer.name, way, "stopped"], table[writer.name, way, "ended"]) for way in ways]
         print(f"{writer.name:16}" + "".join(f"{f'{a} of {a + b}':>14}" for a, b in cells))
     stopped = sum(number for (_, _, how), number in table.items() if how == "stopped")
-    print(f"{count} attempts, {stopped} stopped, {len(wrong)} wrong")
+    print(f"{table.total()} attempts, {stopped} stopped, {len(wrong)} wrong")
     print("\n".join(wrong))
     return bool(wrong)
 
