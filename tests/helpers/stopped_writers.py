@@ -267,7 +267,7 @@ def writers():
         ),
         "tohdf5": (
             ".h5",
-            command("events", "tohdf5", "-f", "{seed}/set", "-o", "{out}", "--workers", "1"),
+            command("events", "tohdf5", "-f", "{seed}/set", "-o", "{folder}/new{seed}.h5", "--workers", "1"),
             hdf5_content,
         ),
         "frames": (".npz", command("events", "frames", "{seed}/rec.npz", "{out}", "--force")),
@@ -486,7 +486,9 @@ class Writer:
         except Exception as error:
             return f"a file cannot be read: {error}"
         for name, content in contents.items():
-            if content == self.new.get(name) or (content == self.old.get(name) and (code or way in SIGNALS)):
+            if content == self.new.get(name) or (
+                content == self.old.get(name) and (code or way in SIGNALS or name not in self.new)
+            ):
                 continue
             return f"{name} is neither the one before nor the new one"
         if code == 2 and self.name not in SEPARATE and contents != self.old:
@@ -498,6 +500,7 @@ class Writer:
                 self.read_part(folder / f"{self.file}.part", 1)
             except Exception as error:
                 return f"the part cannot be read: {type(error).__name__}: {error}"
+        left = {name for name in left if not name.endswith(".parts")}  # the same call of `tohdf5` goes on with them
         if way in SIGNALS:
             left = {name for name in left if not (HIDDEN.fullmatch(name) and (folder / name).is_file())}
         return f"left behind: {left}" if left else ""
