@@ -31,9 +31,11 @@ the counts of each neuron, so a report prices what the simulation would.
 
 from __future__ import annotations
 
+import fcntl
 import tempfile
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field, fields
+from itertools import takewhile
 from os import PathLike
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
@@ -48,7 +50,7 @@ from neuro.core.errors import ModelError, unknown
 from neuro.core.growing import JournalReader
 from neuro.core.hdf5 import has_format, new_file
 from neuro.core.inputs import record_input
-from neuro.core.outputs import Kind
+from neuro.core.outputs import Kind, kept_parts
 from neuro.core.paths import existing
 from neuro.core.tables import Table, as_html, as_text
 from neuro.files.finished_runs import Sought, one_each, weights
@@ -385,6 +387,11 @@ def read(path: str | PathLike[str]) -> Results:
         raise ModelError(f"{path}: there is no such file", hint=hint)
     path = existing(path)
     record_input(path)
+    return _opened(path)
+
+
+def _opened(path: Path) -> Results:
+    """The results in a file; errors as of `read`."""
     try:
         held = JournalReader(path, "a file of results, as 'neuro run' writes it", FORMAT)
         with held.reading() as file:
@@ -396,8 +403,19 @@ def read(path: str | PathLike[str]) -> Results:
 
 
 def unfinished(path: Path) -> Path:
-    """Where a run is recorded that is to have the name `path` when it ends."""
-    return path.with_name(path.name + ".part")
+    """The part that the last run left which was to have the name `path`; a name that no file has if there is none."""
+    parts = list(takewhile(Path.exists, kept_parts(path)))
+    return max(parts, key=lambda part: part.stat().st_mtime_ns, default=next(kept_parts(path)))
+
+
+def is_kept(part: Path) -> bool:
+    """Return whether an earlier run left a recording in a part; a run that still writes it has left none."""
+    try:
+        with part.open("rb") as file:
+            fcntl.flock(file, fcntl.LOCK_SH | fcntl.LOCK_NB)
+            return _opened(part).duration_ms > 0.0
+    except (ModelError, OSError):
+        return False
 
 
 def recorded_in(part: Path) -> str:
