@@ -384,7 +384,7 @@ def reading(path: Path, format: str, hint: str = "", what: str = "") -> Iterator
             yield file
     except ModelError:
         raise
-    except (OSError, KeyError, TypeError, AttributeError, ValueError, RuntimeError, MemoryError) as error:
+    except (OSError, LookupError, TypeError, AttributeError, ValueError, RuntimeError, MemoryError) as error:
         raise ModelError(f"{path}: damaged {format}: {error}", hint=hint) from None  # h5py has all of these
 
 

@@ -395,7 +395,7 @@ def read(path: str | PathLike[str]) -> Results:
             return read_file(file, held.reading, path)
     except ModelError:
         raise
-    except (OSError, KeyError, TypeError, ValueError, AttributeError, RuntimeError) as error:
+    except (OSError, LookupError, TypeError, ValueError, AttributeError, RuntimeError) as error:
         raise ModelError(f"{path}: damaged: {error}") from None
 
 
