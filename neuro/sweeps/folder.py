@@ -196,7 +196,8 @@ class Folder:
             wrote = f"expected what 'neuro {self.holding.command} run' wrote"
             raise ModelError(f"{path}: {lack}: {wrote}", hint=hint)
         run = content.get("what")
-        named = _NAMED.get(run.get("kind"), ()) if isinstance(run, dict) else ()
+        run = run if isinstance(run, dict) else {}
+        named = _NAMED.get(str(run.get("kind")), ())
         if not named or not all(isinstance(run.get(word), str) for word in named):
             raise ModelError(f"{path}: damaged: expected a network or a function under 'what'")
         return content
