@@ -48,7 +48,7 @@ from neuro.core.clock import Clock
 from neuro.core.english import a
 from neuro.core.errors import ModelError, unknown
 from neuro.core.growing import JournalReader
-from neuro.core.hdf5 import has_format, new_file
+from neuro.core.hdf5 import check_tree, has_format, new_file
 from neuro.core.inputs import record_input
 from neuro.core.outputs import Kind, kept_parts
 from neuro.core.paths import existing
@@ -302,7 +302,8 @@ class Results:
             played: whether they must be there. Without them the network can be looked at, and not compiled.
 
         Raises:
-            ModelError: a recording is not found; the message says where it was looked for.
+            ModelError: a recording is not found, and the message says where it was looked for; or the results are of
+                other populations than their network has.
         """
         from neuro.model.language import load
         from neuro.model.language.files import elsewhere
@@ -312,6 +313,8 @@ class Results:
             for name, content in self.files.items():
                 (Path(folder) / name).write_bytes(content)
             net = load(Path(folder) / YAML)
+        if differing := sorted(net.populations.keys() ^ self.populations.keys()):
+            raise ModelError(f"damaged results: expected {differing[0]!r} both in them and in their network")
         if played:
             sought.check()
         return net
@@ -395,10 +398,11 @@ def _opened(path: Path) -> Results:
     try:
         held = JournalReader(path, "a file of results, as 'neuro run' writes it", FORMAT)
         with held.reading() as file:
+            check_tree(file)
             return read_file(file, held.reading, path)
     except ModelError:
         raise
-    except (OSError, KeyError, TypeError, ValueError, AttributeError, RuntimeError) as error:
+    except (OSError, LookupError, TypeError, ValueError, AttributeError, RuntimeError) as error:
         raise ModelError(f"{path}: damaged: {error}") from None
 
 
