@@ -49,9 +49,6 @@ NO_ROOM = "memory"
 NEURON, STATE = 64, 12
 """Least bytes of a neuron, and of each of its states, measured: 72 of a parrot, 128 of iaf_psc_exp with four states."""
 
-ROOM_ERROR = "room"
-"""Kind of the errors whose text has the bytes that are free now."""
-
 ROOM = 1.2
 """What is needed beside the synapses, over what these need: tables, neurons, and what is being drawn."""
 
@@ -128,7 +125,6 @@ def check_room(network: str, needs: Sequence[Need], file: Path | None = None) ->
         where=largest.where,
         kind=NO_ROOM,
         hint=f"most are for {largest.what}: {_told(largest.bytes)}",
-        kind=ROOM_ERROR,
     )
 
 

@@ -261,7 +261,8 @@ def _of_command(path: Path, record: Mapping[str, Any], inputs: Sequence[Path], r
                 folder.add(name, Path(elsewhere.get(name, name)))
             asked = repeat(words[1:], folder.place)
         except ModelError as error:
-            raise error.but(message=f"{path}: {error.message}", hint=error.hint or _by(record), where=None) from None
+            message = f"{path}: {error.message.replace(root, '')}"
+            raise error.but(message=message, hint=error.hint or _by(record), where=None) from None
         except OSError as error:
             raise ModelError(f"{path}: cannot be made again: {error.strerror or error}", hint=_by(record)) from None
         env = {**os.environ, "PYTHONPATH": os.pathsep.join(os.path.abspath(each) for each in sys.path)}
@@ -270,8 +271,7 @@ def _of_command(path: Path, record: Mapping[str, Any], inputs: Sequence[Path], r
         )
         # A verdict is written, too: `neuro doctor` ends with 1 where it finds a fault, as it did the first time.
         if done.returncode and not (done.returncode == 1 and words[1:2] == ["doctor"]):
-            last = (done.stderr.strip() or "no word").splitlines()[-1]
-            raise ModelError(f"{shlex.join(words)}: ended with {done.returncode}: {last}")
+            raise ModelError(f"{shlex.join(words)}: ended with {done.returncode}: {_error_line(done.stderr, root)}")
         made = next(iter(folder.made(path.name)), None)
         if made is None:
             raise ModelError(f"{path}: its command writes no file of that name now")
@@ -280,6 +280,13 @@ def _of_command(path: Path, record: Mapping[str, Any], inputs: Sequence[Path], r
         else:
             difference = first_difference(path, made)
         return Verdict(difference, (*differences(record, record_of(made)), *edited(record["inputs"], elsewhere)))
+
+
+def _error_line(printed: str, root: str) -> str:
+    """Return the line of a command's error, its last line otherwise; names are those of the record, without `root`."""
+    lines = printed.replace(root, "").strip().splitlines()
+    errors = [line for line in lines if line.startswith("error: ")]
+    return (errors or lines or ["no word"])[-1].removeprefix("error: ")
 
 
 def _of_texts(then: Path, now: Path) -> str:
