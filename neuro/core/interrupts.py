@@ -13,6 +13,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from neuro.core.errors import ModelError
+
 
 @contextmanager
 def ending_by(end: Callable[[], object]) -> Iterator[None]:
@@ -130,3 +132,11 @@ def end_if_stopped(stop: NDArray[np.int64]) -> None:
     if stop[0] == AT_ONCE:
         raise KeyboardInterrupt
     stop[0] = 0
+
+
+def torn() -> ModelError:
+    """Return the error of a network that goes on after it was interrupted within a step."""
+    return ModelError(
+        "the network was interrupted within a step: expected whole steps",
+        hint="sim.reset() begins anew; sim.restore continues from a saved state",
+    )
