@@ -20,5 +20,5 @@ def main() -> None:
     except KeyboardInterrupt:  # while modules are imported
         sys.exit(130)
     finally:
-        # The end of the process frees all memory. Python's last search for cycles takes 0.4 s where kernels were compiled.
+        # The end of the process frees all memory. A last search for cycles takes 0.4 s where kernels were compiled.
         gc.freeze()
