@@ -88,7 +88,7 @@ class EventEngine:
         build.link(self._a)
         self._table = table_of(net, self._a.plastic)
         self._view = self._table.ctypes.data
-        self._overrun, self._uncounted = net["clock"][:, t.OVERRUN], net["clock"][:, t.UNCOUNTED]
+        self._flags = net["clock"][:, t.OVERRUN : t.UNCOUNTED + 1]
         self._copy, self._cells = reading.SynapseReader(self._a, self._table), reading.NeuronReader(self._a)
 
     @property
@@ -172,9 +172,11 @@ class EventEngine:
         They count spikes with 64 bits. Histories are as long as refractoriness lets them grow: a model that fires
         earlier has lost spikes.
         """
-        if uncounted := int(self._uncounted.max()):
+        uncounted = overrun = 0
+        for flags in self._flags.tolist():  # of each thread
+            overrun, uncounted = max(overrun, flags[0]), max(uncounted, flags[1])
+        if uncounted:
             raise too_many(self._program.populations[uncounted - 1])
-        overrun = max(self._overrun.tolist())
         if overrun:
             part = self._program.populations[overrun - 1]
             raise ModelError(

@@ -59,7 +59,7 @@ class EventEngines:
             engine._step = int(reached[k]) - 1 if self._plain else begin
             if engine._step < begin + steps:
                 engine.run(begin + steps - engine._step)
-            elif engine._overrun[0] or engine._uncounted[0]:
+            elif engine._flags[0, 0] or engine._flags[0, 1]:
                 engine._check_flags()
             if forget and not self._plain:
                 engine.forget(engine._step)
