@@ -8,11 +8,12 @@ from typing import Any
 
 import numpy as np
 
-from neuro.core.clock import NEVER, Clock
+from neuro.core.clock import NEVER
 from neuro.model.synapses.base import common
 from neuro.program.currents import Currents
 from neuro.program.program import Floats, Ints, Population, Program, Projection, Schedule
 from neuro.program.share import Share
+from neuro_nest.clock import NestClock
 from neuro_nest.kernel import nest_errors, set_nodes, sign
 from neuro_nest.nodes import Nodes, dealt_out
 from neuro_nest.projections import NestProjection
@@ -50,7 +51,7 @@ class NestNetwork:
         rules: list[Floats],
     ) -> None:
         self.program, self.nest, self.step = program, nest, 0
-        self.clock = Clock(program.resolution)
+        self.clock = NestClock(program.resolution)
         self.rules = rules
         sent_at_once = {p.source for p in program.projections if self._is_at_once(p)}
         # What NEST draws follows from its seed and from the node of each neuron. These are dealt out for threads as for
@@ -59,8 +60,8 @@ class NestNetwork:
         dealt = max(program.share.number, threads if draws and program.share.number == 1 else 1)
         with nest_errors():
             nest.local_num_threads = threads
-            nest.set(resolution=program.resolution, rng_seed=1 + program.seed % _SEEDS)
-            nest.set(min_delay=program.resolution, max_delay=self.clock.ms(self._longest_delay()))
+            nest.set(resolution=self.clock.ms(1), rng_seed=1 + program.seed % _SEEDS)
+            nest.set(min_delay=self.clock.ms(1), max_delay=self.clock.ms(self._longest_delay()))
             sign(nest)
             self.cells = [
                 NestPopulation(
@@ -145,7 +146,7 @@ class NestNetwork:
         recorder = self.nest.Create("spike_recorder", params={"time_in_steps": True})
         for cells in self.cells:
             if cells.part.kind == "neuron":
-                self.nest.Connect(cells.nodes, recorder, syn_spec={"delay": self.program.resolution})
+                self.nest.Connect(cells.nodes, recorder, syn_spec={"delay": self.clock.ms(1)})
         return recorder
 
     def _connect(self, wires: NestProjection | RuleProjection) -> None:
@@ -230,7 +231,7 @@ class NestPopulation:
         nest: Any,
         part: Population,
         parameters: dict[str, Floats],
-        clock: Clock,
+        clock: NestClock,
         share: Share,
         number: int | None = None,
         devices: bool = False,
