@@ -75,7 +75,8 @@ class NestNetwork:
                 for i, (part, w, before) in enumerate(zip(program.projections, weights, left, strict=False))
             ]
             for wires in self.wires:
-                self._connect(wires)
+                with nest_errors(f"projection '{wires.part.name}'"):
+                    self._connect(wires)
             self._recorder = self._record_neurons()
         self.sources = {
             index: TrainSource(cells.part, cells.parameters, program.resolution, program.seed)
@@ -339,7 +340,7 @@ class NestPopulation:
         shared = {name: each[0] for name, each in words.items() if name not in own}
         turn = self.nodes_of.in_turn(self.part.size) if own else ()
         neurons = [shared | {name: own[name][i] for name in own} for i in turn] or [shared]
-        with nest_errors():
+        with nest_errors(f"population '{self.part.name}'"):
             set_nodes(self._nest, self.nodes, neurons)
 
     def _in_words_of_nest(self, name: str, values: Floats) -> list[Any]:

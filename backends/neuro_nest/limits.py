@@ -1,0 +1,96 @@
+"""Parameters that NEST refuses and other backends run: what each of its models checks when its values are set."""
+
+from __future__ import annotations
+
+import math
+import sys
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from neuro.program.program import Floats, Population, Projection
+
+Values = Mapping[str, Floats]
+
+LARGEST_EXPONENT = math.log(sys.float_info.max / 1e20)
+"""The largest (V_peak - V_th) / Delta_T that NEST's aeif neurons take."""
+
+
+@dataclass(frozen=True, slots=True)
+class Limit:
+    """A check of a model of NEST.
+
+    Attributes:
+        words: the parameters that it is about, the first of which the message names first.
+        refuses: tells, by the parameters of a population, which neurons NEST refuses.
+        why: what NEST expects.
+        way_out: what else to write.
+    """
+
+    words: tuple[str, ...]
+    refuses: Callable[[Values], NDArray[np.bool_]]
+    why: str
+    way_out: str
+
+
+def _overflows(p: Values) -> NDArray[np.bool_]:
+    with np.errstate(all="ignore"):
+        return (p["Delta_T"] > 0.0) & ((p["V_peak"] - p["V_th"]) / p["Delta_T"] >= LARGEST_EXPONENT)
+
+
+RESET = Limit(
+    ("V_reset", "V_th"), lambda p: p["V_reset"] >= p["V_th"], "NEST expects V_reset < V_th", "set V_reset below V_th"
+)
+SHARP = Limit(
+    ("Delta_T", "V_peak", "V_th"),
+    _overflows,
+    f"NEST expects (V_peak - V_th) / Delta_T < {LARGEST_EXPONENT:.1f}, so that no exponential overflows",
+    "use a larger Delta_T, a lower V_peak, or Delta_T = 0, which fires at V_th",
+)
+PEAK = Limit(("V_peak", "V_th"), lambda p: p["V_peak"] < p["V_th"], "NEST expects V_peak >= V_th", "raise V_peak")
+RESET_OF_PEAK = Limit(
+    ("V_reset", "V_peak"),
+    lambda p: p["V_reset"] >= p["V_peak"],
+    "NEST expects V_reset < V_peak",
+    "set V_reset below V_peak",
+)
+HOLDS = Limit(("t_ref",), lambda p: p["t_ref"] <= 0.0, "NEST expects t_ref > 0 ms", "set t_ref to one step")
+
+
+def _differs(word: str) -> Limit:
+    text = f"NEST expects tau_m and {word} that differ"
+    return Limit((word, "tau_m"), lambda p: p[word] == p["tau_m"], text, f"change {word} by 1e-6 of it")
+
+
+LIMITS: Mapping[str, tuple[Limit, ...]] = {
+    **dict.fromkeys(("iaf_psc_delta", "iaf_psc_exp", "iaf_psc_alpha", "iaf_cond_exp", "iaf_cond_alpha"), (RESET,)),
+    **dict.fromkeys(("aeif_cond_exp", "aeif_psc_exp"), (PEAK, SHARP, RESET_OF_PEAK)),
+    "mat2_psc_exp": (HOLDS, _differs("tau_syn_ex"), _differs("tau_syn_in")),
+}
+"""The checks of each model that a value within our bounds may fail, in NEST's order."""
+
+
+def refused_values(part: Population, values: Values) -> Iterator[tuple[Limit, str]]:
+    """Yield each limit that some neurons exceed, and the values of the first of these as text.
+
+    Args:
+        part: the population.
+        values: all its parameters, shape (1,) or (size,).
+    """
+    for limit in LIMITS.get(part.model.name, ()):
+        bad = np.broadcast_to(limit.refuses(values), part.size)
+        if bad.any():
+            first = int(np.argmax(bad))
+            units = {word: q.unit for word, q in part.model.quantities().items()}
+            texts = [
+                f"{word} = {np.broadcast_to(values[word], part.size)[first]:g} {units[word]}" for word in limit.words
+            ]
+            yield limit, ", ".join(texts)
+
+
+def refuses_weight(part: Projection) -> bool:
+    """Return whether NEST refuses weights of 0 of a rule whose Wmax is negative: it counts 0 as positive."""
+    limits = part.synapse.parameters()
+    return bool(np.any((np.asarray(limits.get("Wmax", 0.0)) < 0.0) & (np.asarray(part.weight) >= 0.0)))
