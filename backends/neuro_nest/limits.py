@@ -40,9 +40,6 @@ def _overflows(p: Values) -> NDArray[np.bool_]:
         return (p["Delta_T"] > 0.0) & ((p["V_peak"] - p["V_th"]) / p["Delta_T"] >= LARGEST_EXPONENT)
 
 
-RESET = Limit(
-    ("V_reset", "V_th"), lambda p: p["V_reset"] >= p["V_th"], "NEST expects V_reset < V_th", "set V_reset below V_th"
-)
 SHARP = Limit(
     ("Delta_T", "V_peak", "V_th"),
     _overflows,
@@ -50,12 +47,6 @@ SHARP = Limit(
     "use a larger Delta_T, a lower V_peak, or Delta_T = 0, which fires at V_th",
 )
 PEAK = Limit(("V_peak", "V_th"), lambda p: p["V_peak"] < p["V_th"], "NEST expects V_peak >= V_th", "raise V_peak")
-RESET_OF_PEAK = Limit(
-    ("V_reset", "V_peak"),
-    lambda p: p["V_reset"] >= p["V_peak"],
-    "NEST expects V_reset < V_peak",
-    "set V_reset below V_peak",
-)
 HOLDS = Limit(("t_ref",), lambda p: p["t_ref"] <= 0.0, "NEST expects t_ref > 0 ms", "set t_ref to one step")
 
 
@@ -65,8 +56,7 @@ def _differs(word: str) -> Limit:
 
 
 LIMITS: Mapping[str, tuple[Limit, ...]] = {
-    **dict.fromkeys(("iaf_psc_delta", "iaf_psc_exp", "iaf_psc_alpha", "iaf_cond_exp", "iaf_cond_alpha"), (RESET,)),
-    **dict.fromkeys(("aeif_cond_exp", "aeif_psc_exp"), (PEAK, SHARP, RESET_OF_PEAK)),
+    **dict.fromkeys(("aeif_cond_exp", "aeif_psc_exp"), (PEAK, SHARP)),
     "mat2_psc_exp": (HOLDS, _differs("tau_syn_ex"), _differs("tau_syn_in")),
 }
 """The checks of each model that a value within our bounds may fail, in NEST's order."""

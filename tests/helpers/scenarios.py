@@ -314,7 +314,7 @@ MANY = 400
 
 C = TypeVar("C", bound=Choice)
 
-RESOLUTIONS = (0.05, 0.1, 0.2, 0.5, 1.0)
+RESOLUTIONS = (0.05, 0.1, 0.2, 0.5, 1.0, 0.7, 0.35, 0.009)
 
 
 @dataclass(frozen=True, slots=True)
