@@ -28,4 +28,5 @@ class NestClock(Clock):
 
     def array_ms(self, steps: NDArray[np.int64]) -> NDArray[np.float64]:
         """The times of many steps in ms."""
-        return MS_PER_TICK * (steps.astype(np.int64) * self._ticks)
+        times: NDArray[np.float64] = MS_PER_TICK * (steps.astype(np.int64) * self._ticks)
+        return times
