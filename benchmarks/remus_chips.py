@@ -1,4 +1,4 @@
-"""Whether chips decide as the float simulator: `python benchmarks/remus_chips.py --preset thesis|best`.
+"""Whether chips decide as the float simulator: `python benchmarks/remus_chips.py --preset adapted|best`.
 
 A network learns on `event`; its recordings are then shown to the same network with the same weights on each backend.
 With `--folds 5` each recording is shown to a network that has not learnt from it. Prints the share of frames with the
@@ -43,7 +43,7 @@ def main() -> None:
     """Measure and print."""
     options = argparse.ArgumentParser(description=__doc__)
     options.add_argument("--data", type=Path, default=NMNIST, help="recordings")
-    options.add_argument("--preset", choices=("best", "thesis"), default="best")
+    options.add_argument("--preset", choices=("best", "adapted"), default="best")
     options.add_argument("--set", action="append", default=[], metavar="NAME=VALUE")
     options.add_argument("--folds", type=int, default=1, help="1: show what was learnt from")
     options.add_argument("--seed", type=int, default=0)

@@ -59,7 +59,7 @@ def data():
 
 @pytest.mark.parametrize(("per_class", "aim"), [(2, "at most 4"), (8, "at most 12")])
 def test_training(benchmark, least_cpu, figure, data, tmp_path_factory, per_class, aim):
-    method = Remus().preset("thesis").changed({"per_class": per_class}).fitting((34, 34))
+    method = Remus().preset("adapted").changed({"per_class": per_class}).fitting((34, 34))
     shown = observe(method, data, cache=tmp_path_factory.getbasetemp())
     taught(method, shown.take(range(2)), "two")
     took = least_cpu(lambda: taught(method, shown, "all"), 2)

@@ -38,3 +38,15 @@ def killed(kind):
     done = subprocess.run(command, capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stdout + done.stderr
     print(done.stdout, end="")
+
+
+STOPPED = SCRIPT.with_name("stopped_writers.py")
+
+
+@pytest.mark.slow
+def test_writers_that_are_stopped_keep_what_was_complete():
+    """`NEURO_STOPS` is how often; `helpers/stopped_writers.py` has the table of writers."""
+    command = [sys.executable, STOPPED, os.environ.get("NEURO_STOPS", "1000"), "0"]
+    done = subprocess.run(command, capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stdout + done.stderr
+    print(done.stdout, end="")

@@ -8,6 +8,7 @@ import pytest
 
 import neuro
 from neuro import ModelError, events
+from neuro.core.checks import argument
 
 HUGE = 10**400
 ODD = [
@@ -69,6 +70,48 @@ def test_spikes_to_inject(sim):
     for given, shown in ((["1"], "['1']"), ([True], "[true]"), ([None], "[None]"), ([HUGE], "[1e400 or more]")):
         assert told(sim.inject, "g", given, [0]) == f"times: found {shown}: expected numbers"
     assert told(sim.inject, "g", [1.0], [True]) == "ids: found bool: expected whole numbers"
+
+
+@pytest.mark.parametrize(
+    ("more", "number", "bound"),
+    [
+        ({"at_least": 0}, 2**31, ">= 0 and <= 2147483647"),
+        ({"at_least": 0}, np.uint64(2**63), ">= 0 and <= 2147483647"),
+        ({"at_least": 0}, 2**70, ">= 0 and <= 2147483647"),
+        ({"at_least": 0}, -(2**31), ">= 0"),
+        ({}, 2**31, "<= 2147483647"),
+        ({}, -(2**31), ">= -2147483647"),
+        ({}, np.int64(-(2**63)), ">= -2147483647"),
+        ({"at_least": 0, "at_most": 2**63 - 1}, 2**63, ">= 0 and <= 9223372036854775807"),
+    ],
+)
+def test_a_whole_number_beyond_a_bound_names_the_bound(more, number, bound):
+    assert told(argument, "n", number, kind="integer", **more) == f"n = {number}: expected a whole number {bound}"
+
+
+def test_the_largest_whole_numbers_are_accepted():
+    assert argument("n", 2**31 - 1, kind="integer", at_least=0) == 2**31 - 1
+    assert argument("n", -(2**31) + 1, kind="integer") == -(2**31) + 1
+    assert argument("n", 2**63 - 1, kind="integer", at_least=0, at_most=2**63 - 1) == 2**63 - 1
+
+
+def test_neurons_and_payloads_beyond_a_bound_name_the_bound():
+    message = told(neuro.pairs, [2**31], [0])
+    assert message.endswith("pairs.pre[0] = 2147483648: expected whole numbers >= 0 and <= 2147483647")
+    message = told(neuro.spike_train, spikes=[[1.0, 2**31]])
+    assert "1 ms of neuron 2147483648, above 2147483647: expected" in message
+    message = told(neuro.graded_spike_train, spikes=[[1.0, 0, -(2**31)]])
+    assert "1 ms of neuron 0 with payload -2147483648, below -2147483647: expected" in message
+    net = neuro.Network("n")
+    net.population("payloads", 2, neuro.graded_spike_train())
+    net.population("plain", 2, neuro.spike_generator())
+    sim = neuro.compile(net)
+    expected = "expected a whole number from -2147483647 to 2147483647"
+    for payload, shown in ((-(2**31), "-2147483648"), (2**31, "2147483648"), (2**70, "1.1805916207174113e+21")):
+        assert told(sim.inject, "payloads", [1.0], [0], [payload]) == f"payloads[0] = {shown}: {expected}"
+    sim.inject("payloads", [1.0, 1.0], [0, 1], [2**31 - 1, -(2**31) + 1])
+    for neuron in (2**31, 2**70):
+        assert told(sim.inject, "plain", [1.0], [neuron]) == f"ids[0] = {neuron}: expected a neuron from 0 to 1"
 
 
 def test_compile(net):

@@ -362,6 +362,7 @@ def test_no_file_is_opened_for_writing_elsewhere():
         *(f"apps/neuro_recognise/{name}.py" for name in ("telling/watch",)),
         "apps/neuro_agent/watch.py",
         "neuro/exchange/pynn/write.py",
+        "neuro/exchange/sonata.py",
     }
     temporary = {
         *("neuro/rerun/again.py", "neuro/files/results.py", "neuro/events/formats/rosbag.py"),

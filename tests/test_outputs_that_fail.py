@@ -91,6 +91,56 @@ def test_a_full_file_system(tmp_path):
         subprocess.run(["umount", tmp_path], check=True)
 
 
+def test_an_hdf5_file_that_is_still_open_does_not_end_python_with_a_signal(tmp_path):
+    """HDF5 closes it at the end of the process, when the Python file that it writes into is gone."""
+    code = "import h5py, io, neuro.core.hdf5; file = h5py.File(io.BytesIO(), 'w'); file['a'] = [1]"
+    assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0
+
+
+@pytest.mark.parametrize("most", [400, 3000, 20_000, 60_000])
+def test_a_run_without_room_ends_with_one_error(tmp_path, most):
+    net = neuro.Network("n", resolution=1.0)
+    net.population("a", 2000, neuro.iaf_psc_delta())
+    net.probe("v", "a", "V_m", every=1.0)
+    sim = neuro.compile(net, "reference")
+    before = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (most, before[1]))
+    try:
+        with pytest.raises(Unwritable, match=r"a\.h5\.part: cannot be written: File too large"):
+            sim.run(20.0, out=tmp_path / "a.h5")
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, before)
+    for left in tmp_path.iterdir():  # only what a commit has completed
+        assert neuro.results.read(left).time < 20.0
+    sim.run(20.0, out=tmp_path / "a.h5")  # what a failure left is in nobody's way
+    assert os.listdir(tmp_path) == ["a.h5"]
+
+
+def test_the_files_of_sonata_are_replaced_together(tmp_path):
+    def network(size):
+        net = neuro.Network("n", resolution=1.0)
+        net.population("a", size, neuro.iaf_psc_delta())
+        net.connect("a", "a", neuro.fixed_indegree(200), weight=1.0, name="aa")
+        return neuro.compile(net, "reference")
+
+    neuro.save_sonata(network(300), tmp_path / "n.json")
+    complete = {path.name: path.read_bytes() for path in tmp_path.iterdir()}
+    before = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (200_000, before[1]))
+    try:
+        with pytest.raises(Unwritable, match=r"n_edges\.h5: cannot be written: File too large$"):
+            neuro.save_sonata(network(500), tmp_path / "n.json")
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, before)
+    assert {path.name: path.read_bytes() for path in tmp_path.iterdir()} == complete
+
+
+def test_a_pipe_that_nobody_reads_is_refused(tmp_path):
+    os.mkfifo(tmp_path / "a")
+    with pytest.raises(Unwritable, match=r"a: is a pipe that nobody reads: expected a reader, or the name of a file$"):
+        check_output(tmp_path / "a", OURS)
+
+
 def test_other_errors_of_hdf5_stay(tmp_path):
     with pytest.raises(FileNotFoundError, match=r"name = '.*/b'"), new_file(tmp_path / "a"):
         h5py.File(tmp_path / "b", "r")

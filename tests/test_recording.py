@@ -207,7 +207,10 @@ def test_a_full_disk(path, monkeypatch):
     monkeypatch.setattr(growing, "_write", full)
     with pytest.raises(ModelError) as error:
         _record(sim, path)
-    assert str(error.value) == f"{path}.part: cannot be written: No space left on device"
+    assert str(error.value) == (
+        f"{path}.part: cannot be written: No space left on device\n"
+        f"  hint: {path}.part has what was recorded up to 20 ms"
+    )
     assert neuro.results.read(f"{path}.part").time == 20.0
 
 

@@ -64,7 +64,7 @@ def train(
     --set changes a setting: --set fields=8 --set decay=0.8.
     """
     from neuro_agent import ActorCritic, worlds
-    from neuro_agent.training import checkpoint
+    from neuro_agent.training import BLOCK, checkpoint
 
     settings = assignments(set)
     bar = worlds.bar_of(environment) if until is None else until
@@ -77,9 +77,11 @@ def train(
     try:
         log = agent.train(env, bar, steps=steps, episodes=episodes, progress=True, out=out)
     except KeyboardInterrupt:
-        kept = checkpoint(agent, out, env).path.exists()
-        way = "the same command goes on from the last checkpoint" if kept else "before the first checkpoint"
-        typer.echo(f"interrupted: {way}", err=True)
+        if checkpoint(agent, out, env).path.exists():
+            message = "Interrupted. Run the same command again to resume from the last checkpoint."
+        else:
+            message = f"Interrupted before the first checkpoint ({BLOCK * envs:,} steps). Nothing was kept."
+        typer.echo(message, err=True)
         raise typer.Exit(130) from None
     worlds.remember(out, environment)
     typer.echo(f"{out}: {str(log).removeprefix('Log(').removesuffix(')')}")

@@ -10,6 +10,7 @@ from typing import Any
 
 import gymnasium
 import numpy as np
+import numpy.typing as npt
 from gymnasium import spaces
 
 from neuro import ModelError
@@ -32,6 +33,10 @@ NAMES = {
 }
 
 Act = Callable[[Any], Any]
+
+
+class _BaselineError(Exception):
+    """stable-baselines3 cannot be trained in the environment."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -58,7 +63,11 @@ class Trial:
         """Train and test; the figures as plain data."""
         env = worlds.make(self.environment)
         began = time.perf_counter()
-        steps, test = _TRAINED[self.name](self, env)
+        try:
+            steps, test = _TRAINED[self.name](self, env)
+        except _BaselineError as error:  # the trainings of the others are not lost
+            report(f"{self.name}, seed {self.seed}: {error}")
+            return {"name": self.name, "seed": self.seed, "failed": str(error)}
         told = {
             "name": self.name,
             "seed": self.seed,
@@ -109,10 +118,10 @@ class Plan:
         if find_spec("stable_baselines3") is None:
             reason = f"stable-baselines3 is not installed: {install('rl')}"
             return {"ppo": reason, "dqn": reason}
-        if _nested(env.observation_space):
-            found |= dict.fromkeys(("ppo", "dqn"), "it takes no Tuple of observations, and no Dict in a Dict")
         if not isinstance(env.action_space, spaces.Discrete):
             found["dqn"] = "it takes Discrete actions only"
+        if reason := _refused_observations(env.observation_space) or _refused_actions(env.action_space):
+            found |= dict.fromkeys(("ppo", "dqn"), reason)
         return found
 
     @property
@@ -131,10 +140,17 @@ class Found:
     Attributes:
         plan: what was compared.
         each: figures of each trial.
+        failed: why others have no figures, by name.
     """
 
     plan: Plan
     each: tuple[Mapping[str, Any], ...]
+    failed: Mapping[str, str] = field(default_factory=dict)
+
+    @property
+    def left_out(self) -> dict[str, str]:
+        """Names of those that did not take part or failed, and why."""
+        return {**self.plan.left_out, **self.failed}
 
     @property
     def names(self) -> list[str]:
@@ -168,10 +184,28 @@ class Found:
         )
 
 
-def _nested(space: gymnasium.Space[Any]) -> bool:
-    several = (spaces.Dict, spaces.Tuple)
-    inside = isinstance(space, spaces.Dict) and any(isinstance(part, several) for part in space.spaces.values())
-    return inside or isinstance(space, spaces.Tuple)
+def _refused_observations(space: gymnasium.Space[Any]) -> str:
+    """Return why stable-baselines3 does not take observations of a space; "" if it does."""
+    parts = list(space.spaces.values()) if isinstance(space, spaces.Dict) else [space]
+    if any(isinstance(part, (spaces.Dict, spaces.Tuple)) for part in parts):
+        return "it takes no Tuple of observations, and no Dict in a Dict"
+    if any(_starts(part).any() for part in parts):
+        return "it takes no observations with a start other than 0"
+    if any(isinstance(part, (spaces.MultiDiscrete, spaces.MultiBinary)) and len(part.shape) != 1 for part in parts):
+        return "it takes no MultiDiscrete or MultiBinary observations of several dimensions"
+    return ""
+
+
+def _refused_actions(space: gymnasium.Space[Any]) -> str:
+    """Return why stable-baselines3 does not take actions of a space; "" if it does."""
+    if isinstance(space, (spaces.MultiDiscrete, spaces.MultiBinary)) and len(space.shape) != 1:
+        return "it takes no MultiDiscrete or MultiBinary actions of several dimensions"
+    return ""
+
+
+def _starts(space: gymnasium.Space[Any]) -> npt.NDArray[np.int64]:
+    """Return the smallest value of each number of a Discrete or MultiDiscrete space; 0 of others."""
+    return np.ravel(getattr(space, "start", 0))
 
 
 def run(plan: Plan, report: Callable[[str], None] | None = None) -> Found:
@@ -182,9 +216,14 @@ def run(plan: Plan, report: Callable[[str], None] | None = None) -> Found:
         report: is told of each trial that is done.
 
     Raises:
-        ModelError: of the first trial that raises one.
+        ModelError: of the first trial of the agent, its twin or random actions that raises one; of a baseline where
+            nothing else was compared.
     """
-    return Found(plan, tuple(side_by_side(Trial.run, plan.trials, report=report)))
+    each = side_by_side(Trial.run, plan.trials, report=report)
+    failed = {one["name"]: one["failed"] for one in each if "failed" in one}
+    if failed and len(failed) == len({one["name"] for one in each}):
+        raise ModelError(next(iter(failed.values())))
+    return Found(plan, tuple(one for one in each if one["name"] not in failed), failed)
 
 
 def _agent(trial: Trial, env: gymnasium.Env[Any, Any]) -> tuple[int, Test]:
@@ -209,16 +248,20 @@ def _baseline(trial: Trial, env: gymnasium.Env[Any, Any]) -> tuple[int, Test]:
     import torch
 
     torch.set_num_threads(1)
+    space, start = env.action_space, _starts(env.action_space)
+    if start.any():  # stable-baselines3 acts from 0 on
+        zeros = spaces.Discrete(int(space.n)) if isinstance(space, spaces.Discrete) else spaces.MultiDiscrete(space.nvec)
+        env = gymnasium.wrappers.TransformAction(env, lambda action: action + space.start, zeros)
     policy = "MultiInputPolicy" if isinstance(env.observation_space, spaces.Dict) else "MlpPolicy"
     try:
         model = getattr(stable_baselines3, trial.name.upper())(policy, env, seed=trial.seed, device="cpu")
         model.learn(trial.steps)
     except Exception as error:
-        raise ModelError(f"{NAMES[trial.name]}: {worlds.why(error)}") from error
+        raise _BaselineError(f"{NAMES[trial.name]}: {worlds.why(error)}") from error
 
     def act(seen: Any) -> Any:
         action = model.predict(seen, deterministic=True)[0]
-        return action.item() if isinstance(env.action_space, spaces.Discrete) else action
+        return action.item() if isinstance(space, spaces.Discrete) else action
 
     return int(model.num_timesteps), _tested(trial, env, act)
 

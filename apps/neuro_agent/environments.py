@@ -58,8 +58,9 @@ class Environments:
         self.observations = env.single_observation_space if self._vector else env.observation_space
         self.actions = env.single_action_space if self._vector else env.action_space
         mode = env.metadata.get("autoreset_mode", AutoresetMode.NEXT_STEP) if self._vector else AutoresetMode.NEXT_STEP
-        if mode != AutoresetMode.NEXT_STEP:
-            raise ModelError(f"env: a vector of autoreset_mode {mode.name}: expected NEXT_STEP, gymnasium's default")
+        if mode not in (AutoresetMode.NEXT_STEP, AutoresetMode.NEXT_STEP.value):
+            name = getattr(mode, "name", repr(mode))
+            raise ModelError(f"env: a vector of autoreset_mode {name}: expected NEXT_STEP, gymnasium's default")
         spec = getattr(env, "spec", None)
         self.name = str(spec.id) if spec is not None else type(env).__name__
         self.options = {} if spec is None else _plain(spec.kwargs)

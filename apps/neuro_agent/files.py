@@ -1,11 +1,11 @@
 """An agent in one file.
 
 ```
-/            attributes: format "neuro agent 1", seed, kind, settings, observations and actions (JSON), solved
+/            attributes: format "neuro agent 1", seed, kind, settings, observations and actions (JSON)
 /learnt      weights by projection, mV, (places, neurons)
 /scales      factor and first of rewards; middle and spread of the dimensions of observations; visits of places
 /seen        observations of the last control steps
-/log         returns, lengths and steps of the episodes of the last training
+/log         returns, lengths and steps of the episodes of the last training; solved: 1, 0, or -1 without a goal
 ```
 """
 
@@ -38,7 +38,6 @@ def save(agent: Learner, path: Path) -> None:
         file.attrs["seed"] = agent.seed
         for name, value in plain_of(agent).items():
             file.attrs[name] = json.dumps(value)
-        file.attrs["solved"] = agent.log.solved
         for name, part in arrays_of(agent).items():
             hdf5.put(file, name, part)
         hdf5.put(file, "log", agent.log.arrays())
@@ -56,7 +55,7 @@ def load(path: Path, kind: type[A]) -> A:
         )
         agent = kind(space_of(observations), space_of(actions), seed=int(file.attrs["seed"]), **settings)
         put_arrays(agent, {name: hdf5.take(file, name) for name in ("learnt", "scales", "seen")})
-        agent.log = Log.of(hdf5.take(file, "log"), bool(file.attrs["solved"]))
+        agent.log = Log.of(hdf5.take(file, "log"))
     return agent
 
 

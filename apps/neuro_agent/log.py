@@ -24,21 +24,20 @@ class Log:
         returns: sums of rewards, (episodes,).
         lengths: control steps, (episodes,).
         steps: control steps of all environments up to its end, (episodes,).
-        solved: whether the mean return that was asked for was reached.
+        solved: True if the requested mean return was reached, False if not, None if the training had no such goal.
     """
 
-    def __init__(self, returns: Any = (), lengths: Any = (), steps: Any = (), solved: bool = False) -> None:
+    def __init__(self, returns: Any = (), lengths: Any = (), steps: Any = (), solved: bool | None = None) -> None:
         self._returns, self._lengths, self._steps = list(returns), list(lengths), list(steps)
         self.solved = solved
 
     def __repr__(self) -> str:
-        n, solved = len(self), "solved" if self.solved else "not solved"
+        n = len(self)
         if not n:
             return "Log(no episode)"
-        recent = self.mean(100)
-        return (
-            f"Log({n} episodes, {self._steps[-1]:,} steps, mean return of the last {min(n, 100)}: {recent:g}, {solved})"
-        )
+        solved = {None: "", False: ", not solved", True: ", solved"}[self.solved]
+        mean = f"mean return of the last {min(n, 100)}: {self.mean(100):g}"
+        return f"Log({n} episodes, {self._steps[-1]:,} steps, {mean}{solved})"
 
     def __len__(self) -> int:
         return len(self._returns)
@@ -69,14 +68,16 @@ class Log:
         return float(np.mean(self._returns[-window:])) if self._returns else float("nan")
 
     def arrays(self) -> dict[str, npt.NDArray[Any]]:
-        """All of it, for a file."""
-        return {"returns": self.returns, "lengths": self.lengths, "steps": self.steps}
+        """Return all entries and the outcome as arrays for a file."""
+        solved = np.array([-1 if self.solved is None else self.solved], dtype=np.int8)
+        return {"returns": self.returns, "lengths": self.lengths, "steps": self.steps, "solved": solved}
 
     @classmethod
-    def of(cls, arrays: Mapping[str, npt.NDArray[Any]], solved: bool = False) -> Log:
-        """That of `arrays`."""
+    def of(cls, arrays: Mapping[str, npt.NDArray[Any]]) -> Log:
+        """Return the log that `arrays` describes; an older file does not say whether the goal was reached."""
         returns, lengths, steps = (arrays[name].tolist() for name in ("returns", "lengths", "steps"))
-        return cls(returns, lengths, steps, solved)
+        solved = int(arrays["solved"][0]) if "solved" in arrays else -1
+        return cls(returns, lengths, steps, None if solved < 0 else bool(solved))
 
     def plot(self, bar: float | None = None) -> Figure:
         """A picture of the returns: each episode, the mean of 100, and a bar to reach."""

@@ -66,7 +66,7 @@ def write_table(found: Found, path: Path) -> None:
         "seeds": list(plan.seeds),
         "episodes": plan.episodes,
         "settings": dict(plan.settings),
-        "left_out": plan.left_out,
+        "left_out": found.left_out,
         "means": {name: found.means(name) for name in found.names},
         "provenance": provenance(),
         "each": [dict(one) for one in found.each],
@@ -95,6 +95,6 @@ def show_comparison(found: Found) -> None:
     title = f"{plan.environment}, seeds {seeds}; weights frozen, {plan.episodes} new episodes each"
     out.print(found.winner, soft_wrap=True, markup=False)
     out.print(table(("who", "is", ">steps", ">mean return", ">worst seed", ">s"), rows, title=title))
-    for name, reason in plan.left_out.items():
-        if not plan.only:
+    for name, reason in found.left_out.items():
+        if not plan.only or name in found.failed:
             out.print(f"not compared: {name}: {reason}", soft_wrap=True, markup=False)

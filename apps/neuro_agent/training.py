@@ -81,14 +81,14 @@ class Course:
 
     def arrays(self) -> dict[str, Any]:
         """All that it needs to go on."""
-        counts = np.array([self.steps, self.log.solved], dtype=np.int64)
+        counts = np.array([self.steps], dtype=np.int64)
         return {"counts": counts, "log": self.log.arrays(), **files.arrays_of(self.agent)}
 
     def go_on(self, arrays: dict[str, Any]) -> None:
         """Go on from `arrays`, if there are any."""
         if arrays:
-            self.steps, solved = arrays["counts"].tolist()
-            self.log = Log.of(arrays["log"], bool(solved))
+            self.steps = int(arrays["counts"][0])
+            self.log = Log.of(arrays["log"])
             files.put_arrays(self.agent, arrays)
 
     def explore(self, end: End) -> None:
@@ -246,10 +246,9 @@ class End:
 
     def reached(self, log: Log) -> bool:
         """Whether a training has ended by its episodes."""
-        log.solved = log.solved or (
-            self.until is not None and len(log) >= self.window and log.mean(self.window) >= self.until
-        )
-        return log.solved or (self.episodes is not None and len(log) >= self.episodes)
+        if self.until is not None and not log.solved:
+            log.solved = len(log) >= self.window and log.mean(self.window) >= self.until
+        return bool(log.solved) or (self.episodes is not None and len(log) >= self.episodes)
 
 
 def checkpoint(agent: Learner, out: Path, env: Any) -> Checkpoint:

@@ -155,9 +155,10 @@ def remember(path: Path, name: str) -> None:
 
     with output(path, hdf5.kind(FORMAT)) as part:
         shutil.copyfile(path, part)
-        with h5py.File(part, "r+") as file:
-            file.attrs[ATTRIBUTE] = json.dumps(name)
-        hdf5.seal(part)
+        with hdf5.disk(part, "r+b") as disk:
+            with h5py.File(disk, "r+") as file:
+                file.attrs[ATTRIBUTE] = json.dumps(name)
+            disk.seal(FORMAT)
 
 
 def remembered(path: Path) -> str:

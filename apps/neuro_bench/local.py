@@ -33,7 +33,7 @@ class ReMuS(Method):
     title = "reward-modulated STDP on pseudo-frames, as neuro recognise"
     spiking = True
     settings = {"preset": "best", "epochs": 8}
-    space = {"preset": ("best", "thesis"), "epochs": (4, 8, 16)}
+    space = {"preset": ("best", "adapted"), "epochs": (4, 8, 16)}
 
     def fit(self, train: Examples, settings: Mapping[str, Any], seed: int) -> _Recognises:
         """Learn from examples; see `Method`.

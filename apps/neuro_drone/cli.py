@@ -149,7 +149,7 @@ def _announced(no_browser: bool) -> Callable[[Any, Any], Any]:
 
     def page(sim: Any, figures: Any) -> Page:
         shown = Page(sim, figures=figures)
-        announce(shown.url, no_browser, err=True)  # stdout has the figures, as JSON if asked
+        announce(shown, no_browser, err=True)  # stdout has the figures, as JSON if asked
         return shown
 
     return page

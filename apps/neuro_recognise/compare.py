@@ -281,14 +281,14 @@ def _told(folds: Sequence[Fold], processes: int | None, report: Callable[[Progre
     """The results of all folds; those that are not there are done now, side by side."""
     kept = {number: found for number, fold in enumerate(folds) if (found := fold.kept())}
     left = [number for number in range(len(folds)) if number not in kept]
-    done = 0
+    done = len(kept)
 
     def tell(said: _Said) -> None:
         nonlocal done
         name, progress = said
         done += progress is None
-        alone = Progress("", done, len(left)) if progress is None else progress
-        among = (done, len(left)) if len(left) > 1 else None
+        alone = Progress("", done, len(folds)) if progress is None else progress
+        among = (done, len(folds)) if len(folds) > 1 else None
         report(replace(alone, what=f"{name}: {alone.what}" if alone.what else name, among=among))
 
     for number, found in zip(left, side_by_side(Fold.run, [folds[k] for k in left], processes, tell), strict=True):

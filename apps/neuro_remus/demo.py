@@ -44,8 +44,14 @@ def run(data: Path | None, out: Path, seed: int) -> None:
     make_folder(out)
     known = data is None and seed == SEED
     if data is None:
-        print(f"making {N_TRAIN} + {N_TEST} recordings of moving digits in {out / 'recordings'}")
-        data = make_dataset(out / "recordings", N_TRAIN, N_TEST, seed)
+        folder = out / "recordings"
+        total = N_TRAIN + N_TEST
+        missing = total - sum(1 for _ in folder.glob("*/*/*.bin"))
+        if missing > 0:
+            print(f"making {missing} of {total} recordings of moving digits in {folder}")
+        else:
+            print(f"using the {total} recordings of moving digits in {folder}")
+        data = make_dataset(folder, N_TRAIN, N_TEST, seed)
     learning, unseen = halves(data, seed)
     print(f"learning from {len(learning)} recordings of {len(learning.classes)} classes")
     with LearningBar() as bar:

@@ -159,23 +159,25 @@ def make_dataset(
     jobs = [(file, images[k], saccades, seed * len(images) + k) for file, k in plan if not file.exists()]
     for file in {job[0].parent for job in jobs}:
         file.mkdir(parents=True, exist_ok=True)
-    _run(jobs, workers or cores(), progress)
+    _run(jobs, len(plan), workers or cores(), progress)
     return folder
 
 
 Job = tuple[Path, npt.NDArray[np.uint8], Saccades, int]
 
 
-def _run(jobs: list[Job], workers: int, progress: bool) -> None:
-    done = count(1)
+def _run(jobs: list[Job], total: int, workers: int, progress: bool) -> None:
+    """Record the missing ones of `total` recordings."""
+    existing = total - len(jobs)
+    done = count(existing + 1)
     with Bar() if progress else nullcontext() as bar:
 
         def show(_done: None) -> None:
             if bar is not None:
                 now = next(done)
-                if now <= workers:  # each process compiles before its first
+                if now - existing <= workers:  # each process compiles before its first
                     bar.begin(now)
-                bar.show(now, len(jobs), f"recordings: {now:,} of {len(jobs):,}")
+                bar.show(now, total, f"recordings: {now:,} of {total:,}")
 
         side_by_side(_record, jobs, workers, show)
 

@@ -255,7 +255,7 @@ def _train(
     noted = trained.curves
     if plan.epochs:
         share = noted["right"][-1]
-        grade = f"R2 {share:.3f} on {len(shown)}" if plan.loss == "mse" else f"{share:.1%} of {len(shown)} right"
+        grade = f"{_grade(plan, share)} on {len(shown)}" if plan.loss == "mse" else f"{share:.1%} of {len(shown)} right"
         message = f"loss {noted['loss'][-1]:.4g}, {grade}"
         typer.echo(f"{plan.epochs} epoch{'s' * (plan.epochs > 1)}: {message}")
     for written in (out, page):
@@ -318,8 +318,12 @@ def _tell(bar: Bar, plan: TrainingPlan, epoch: int, noted: Mapping[str, float]) 
 
 
 def _grade(plan: TrainingPlan, share: float) -> str:
-    """The share of an epoch."""
-    return f"R2 {share:.3f}" if plan.loss == "mse" else f"{share:.1%} right"
+    """Return the share of right decisions, or R2, as text."""
+    if plan.loss != "mse":
+        return f"{share:.1%} right"
+    from neuro_train.targets import r_squared_text
+
+    return r_squared_text(share)
 
 
 def _check_before(net: neuro.Network, plan: TrainingPlan, backends: list[str], out: Path, page: Path | None) -> None:

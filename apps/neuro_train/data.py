@@ -57,8 +57,11 @@ class BatchData:
 
     @property
     def variance(self) -> float:
-        """Of targets about their means, mV^2: the error of who knows the means alone."""
-        return float(np.nanmean((self.labels - np.nanmean(self.labels, axis=(0, 1))) ** 2))
+        """Variance of the targets about the mean of each neuron, mV^2; 0 where every neuron's targets are constant."""
+        targets = self.labels[..., ~np.isnan(self.labels).all(axis=(0, 1))]
+        if (np.nanmin(targets, axis=(0, 1)) == np.nanmax(targets, axis=(0, 1))).all():
+            return 0.0
+        return float(np.nanmean((targets - np.nanmean(targets, axis=(0, 1))) ** 2))
 
 
 def but(found: Recordings, patterns: Sequence[str]) -> Recordings:
@@ -129,7 +132,12 @@ def show(
     for k in range(len(data)):
         parts.append(Events.of_recordings([_seen(data[k], shape, plan)], plan.input, **words))
         report("reading recordings", k + 1, len(data))
-    return BatchData(Events.join(parts), data.labels, data.classes, shape, data.fingerprint()[:32])
+    events = Events.join(parts)
+    if not events.trains[plan.input].step.size:
+        when = f"{plan.start:g} to {plan.start + plan.duration:g} ms"
+        message = f"{data.path}: no recording has an event from {when}: expected some to learn from"
+        raise ModelError(message, hint="--start and --duration say which part of each recording is used")
+    return BatchData(events, data.labels, data.classes, shape, data.fingerprint()[:32])
 
 
 def _seen(item: Sample, shape: tuple[int, ...], plan: TrainingPlan) -> Recorded:

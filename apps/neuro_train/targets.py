@@ -50,6 +50,14 @@ def read(path: Path, net: neuro.Network, plan: TrainingPlan) -> BatchData:
         if found.ndim < 3 or found[0, 0].size != size or found.shape[:2] != spikes.shape[:2]:
             expected = f"(recordings, steps, {size}), as many of both"
             raise ModelError(f"{path}: {name}: found the shape {found.shape}: expected {expected}", hint=HINT)
+    if np.isinf(targets).any():
+        recording, step = np.argwhere(np.isinf(targets))[0][:2]
+        message = f"{path}: targets: recording {recording}, step {step}: found an infinite value"
+        raise ModelError(f"{message}: expected numbers in mV, or NaN where nothing is asked", hint=HINT)
+    if np.isnan(targets).all():
+        raise ModelError(f"{path}: targets: all are NaN, so nothing is asked: expected some numbers in mV", hint=HINT)
+    if not spikes.any():
+        raise ModelError(f"{path}: spikes: all are 0: expected a recording with an event", hint=HINT)
     events = Events.of_dense({plan.input: spikes.reshape(*spikes.shape[:2], -1)})
     digest = hashlib.sha256(content).hexdigest()[:32]
     return BatchData(events, targets.reshape(*targets.shape[:2], -1), (), inward, digest)
@@ -61,7 +69,9 @@ def probe(output: str) -> str:
 
 
 def r_squared(said: Array, wanted: Array) -> float:
-    """The share of the variance of targets that is said, the mean over neurons; 1 is all, their mean alone has 0.
+    """Return R2, the explained share of the targets' variance, as the mean over the neurons whose targets vary.
+
+    1 is all of it; the mean of the targets alone has 0. NaN if no neuron's targets vary.
 
     Args:
         said: (..., neurons).
@@ -69,4 +79,15 @@ def r_squared(said: Array, wanted: Array) -> float:
     """
     wanted = np.asarray(wanted, dtype=np.float64)
     but = tuple(range(wanted.ndim - 1))
+    asked = ~np.isnan(wanted).all(axis=but)
+    said, wanted = np.asarray(said)[..., asked], wanted[..., asked]
+    varies = np.nanmin(wanted, axis=but) < np.nanmax(wanted, axis=but)
+    said, wanted = said[..., varies], wanted[..., varies]
+    if not wanted.size:
+        return float("nan")
     return float(np.mean(1.0 - np.nanmean((said - wanted) ** 2, axis=but) / np.nanvar(wanted, axis=but)))
+
+
+def r_squared_text(value: float) -> str:
+    """Return R2 with three digits, or why there is none."""
+    return "no R2, as the targets are constant" if np.isnan(value) else f"R2 {value:.3f}"

@@ -52,7 +52,7 @@ def rows(tried: Sequence[TestedNetwork]) -> list[tuple[str, ...]]:
     """A row for each backend, under `HEAD` or `TARGETS`."""
     if (torch := tried[0].V_m) is not None:
         every = ((one, np.abs(np.asarray(one.V_m) - torch).max()) for one in tried)
-        return [(one.backend, f"{one.r_squared:.3f}", f"{apart:.3g} mV") for one, apart in every]
+        return [(one.backend, _share_or_dash(one.r_squared), f"{apart:.3g} mV") for one, apart in every]
     found: list[tuple[str, ...]] = []
     for one in tried:
         low, high = one.own.interval
@@ -61,6 +61,11 @@ def rows(tried: Sequence[TestedNetwork]) -> list[tuple[str, ...]]:
         accuracy = f"{one.own.accuracy:.1%}", f"{low:.1%} - {high:.1%}"
         found.append((one.backend, *accuracy, *equal, first))
     return found
+
+
+def _share_or_dash(value: float) -> str:
+    """Return a share with three digits, or "-" if there is none."""
+    return "-" if np.isnan(value) else f"{value:.3f}"
 
 
 def head(tried: Sequence[TestedNetwork]) -> tuple[str, ...]:
@@ -173,12 +178,12 @@ def _parts(
 def _cards(trained: Trained, tried: Sequence[TestedNetwork], share: str) -> Iterator[Any]:
     """The accuracy on recordings that were not learnt from, or on those that were, and joules on each chip."""
     if tried and tried[0].V_m is not None:
-        yield html.card("R2", f"{tried[0].r_squared:.3f}", f"on {len(tried[0].labels)} unseen recordings")
+        yield html.card("R2", _share_or_dash(tried[0].r_squared), f"on {len(tried[0].labels)} unseen recordings")
     elif tried:
         first = tried[0].own
         low, high = first.interval
         yield html.card("accuracy", f"{first.accuracy:.1%}", f"of {first.n} unseen recordings; {low:.1%} to {high:.1%}")
-    elif len(trained.curves["right"]):
+    elif np.isfinite(trained.curves["right"]).any():
         yield html.card(share, f"{trained.curves['right'][-1]:.1%}", "on the recordings that it learnt from")
     for one in tried:
         if one.bill:
@@ -205,7 +210,9 @@ def curves(noted: Mapping[str, npt.NDArray[np.float64]], share: str = SHARE[0]) 
     from matplotlib.figure import Figure
     from matplotlib.ticker import MaxNLocator
 
-    shown = [("loss", "loss", 1.0), ("right", f"{share}, %", 100.0)]
+    shown = [("loss", "loss", 1.0)]
+    if np.isfinite(noted["right"]).any():
+        shown.append(("right", f"{share}, %", 100.0))
     if noted["joules"].any():
         shown.append(("joules", "as fast as the chip can, uJ", 1e6))
     drawn = {}

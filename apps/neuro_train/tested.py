@@ -18,7 +18,7 @@ from neuro.chips import place, price
 from neuro_train.data import BatchData
 from neuro_train.plan import TrainingPlan
 from neuro_train.room import AT_ONCE, MemoryRoom, chip_of, scales
-from neuro_train.targets import probe, r_squared
+from neuro_train.targets import probe, r_squared, r_squared_text
 
 if TYPE_CHECKING:
     from neuro.chips import Energy
@@ -71,13 +71,13 @@ class TestedNetwork:
 
     @property
     def r_squared(self) -> float:
-        """How much of the variance of targets is said."""
+        """The explained share of the targets' variance; NaN where the targets are constant."""
         return r_squared(np.asarray(self.V_m), self.labels)
 
     @property
     def grade(self) -> str:
         """How good it is, in words."""
-        return f"{self.own.accuracy:.1%} right" if self.V_m is None else f"R2 {self.r_squared:.3f}"
+        return f"{self.own.accuracy:.1%} right" if self.V_m is None else r_squared_text(self.r_squared)
 
     def agrees(self, other: TestedNetwork) -> float:
         """The share of decisions that are equal."""

@@ -8,8 +8,9 @@ from __future__ import annotations
 
 import math
 import time
+import warnings
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, NoReturn
 
@@ -41,7 +42,7 @@ WAYS = {
 CURVES = ("loss", "right", "joules", "rate")
 """What is noted of each epoch: mean loss, share of right decisions, joules of a recording, learning rate.
 
-With targets "right" is the share of their variance that is said.
+For regression, "right" is R2, the explained share of the targets' variance; NaN where the targets are constant.
 """
 
 
@@ -151,6 +152,7 @@ def learn(
         before = training.state()
         try:
             training.epoch()
+            training.warn_of_silence()
         except (ModelError, KeyboardInterrupt):
             if checkpoint is not None and training.done:
                 checkpoint.keep(**before)
@@ -172,6 +174,8 @@ class _Training:
         self._noted: dict[str, list[float]] = {name: [] for name in CURVES}
         self._labels = torch.from_numpy(shown.labels)
         self._variance = _variance(shown, plan)
+        self._has_fired = plan.loss not in ("count", "first_spike")  # other losses need no spike
+        self._has_warned = False
         module = module_of(net, plan)
         self._sizes = sizes(module)
         self._take(module)
@@ -216,13 +220,16 @@ class _Training:
         rng = np.random.default_rng((plan.seed, self.done))
         order = rng.permutation(len(self._shown))
         self._module.train()
-        sums = dict.fromkeys(CURVES, 0.0)
+        sums, recordings = dict.fromkeys(CURVES, 0.0), 0
         for k in range(self._batches):
             chosen = order[k * plan.batch : (k + 1) * plan.batch]
+            if self._variance is not None and bool(self._labels[torch.from_numpy(chosen)].isnan().all()):
+                continue  # nothing is asked of these recordings, so nothing is learnt from them
+            recordings += len(chosen)
             for name, value in self._batch(chosen, k, rng).items():
                 sums[name] += value * len(chosen)
         for name, value in sums.items():
-            self._noted[name].append(value / len(self._shown))
+            self._noted[name].append(value / recordings)
         self.done += 1
         self._spent += time.process_time() - began
 
@@ -236,6 +243,7 @@ class _Training:
         for group in self._optimiser.param_groups:
             group["lr"] = rate * group["size"]
         found = self._module(events)
+        self._has_fired = self._has_fired or bool(found.spikes[plan.output].detach().any())
         loss = _loss(plan, found, wanted)
         right = self._right(loss.detach(), found, wanted)
         joules = {chip: bill(found) for chip, bill in self._bills.items()}
@@ -253,7 +261,7 @@ class _Training:
     def _right(self, loss: Tensor, found: neuro_torch.Outcome, wanted: Tensor) -> float:
         """The share of right decisions, or of the variance of targets that is said."""
         if self._variance is not None:
-            return 1.0 - float(loss) / self._variance
+            return 1.0 - float(loss) / self._variance if self._variance > 0.0 else math.nan
         decided = neuro_torch.losses.decisions(found.spikes[self._plan.output].detach())
         return float((decided == wanted).double().mean())
 
@@ -282,6 +290,17 @@ class _Training:
         kept = f"; what was learnt until the end of epoch {self.done} is kept{self._place}" if some else ""
         way = "a smaller --rate, or a smaller --cost" + (", under another --out" if some else "")
         raise ModelError(f"{where}: {message}{kept}", hint=way)
+
+    def warn_of_silence(self) -> None:
+        """Warn once if no output neuron has fired so far: with a loss of spikes nothing is learnt."""
+        if self._has_fired or self._has_warned:
+            return
+        self._has_warned = True
+        output, epochs = self._plan.output, f"epoch{'s' * (self.done > 1)} 1{f' to {self.done}' * (self.done > 1)}"
+        message = f"population '{output}': no neuron fired in {epochs}, so the network learns nothing"
+        if reason := why_silent(self._module.network(), self._shown, self._plan):
+            message += f": {reason}"
+        warnings.warn(message, neuro.ModelWarning, stacklevel=3)
 
     def _prune(self, stay: Mapping[str, Array] | None = None) -> None:
         """Drop the smallest weights, or all but some; the optimiser begins anew with those that are left."""
@@ -335,6 +354,18 @@ class _Training:
         elif probe(output) not in net.probes:
             net.probe(probe(output), output, "V_m", every=net.resolution)
         return Trained(net, module, curves, self._spent, rates)
+
+
+def why_silent(net: neuro.Network, shown: BatchData, plan: TrainingPlan) -> str:
+    """Return what the doctor says of a network whose input is the recording with most events; "" if nothing."""
+    train = shown.events.trains[plan.input]
+    fullest = train.of([int(np.argmax(np.diff(train.ends)))])
+    times = (fullest.step + 1.0) * net.resolution
+    pixels = neuro.spike_train(spikes=np.stack([times, fullest.neuron.astype(np.float64)], axis=1))
+    net.populations[plan.input] = replace(net.populations[plan.input], model=pixels)
+    diagnosis = neuro.doctor(net, (shown.events.steps + 1) * net.resolution)
+    reasons = [each for each in diagnosis.faults if plan.output in each.what] or list(diagnosis.faults)
+    return f"{reasons[0].evidence}; {reasons[0].remedy}" if reasons else ""
 
 
 def _variance(shown: BatchData, plan: TrainingPlan) -> float | None:

@@ -116,6 +116,7 @@ def fit(
     from neuro.chips.quantising.fixed_program import report
     from neuro.chips.quantising.quantise import quantise
     from neuro.compiler import compile_network
+    from neuro.core.tables import echo
     from neuro.model.language import load
 
     target = _target(chip)
@@ -129,7 +130,7 @@ def fit(
         typer.echo(json.dumps(_finite({**parts, "problems": _paragraphs(problems)}), indent=2, allow_nan=False))
     else:
         rounding = report(fixed) if fixed else _no_rounding(target.title)
-        typer.echo("\n\n".join([rounding, str(replace(placement, problems=())), *_paragraphs(problems), verdict]))
+        echo("\n\n".join([rounding, str(replace(placement, problems=())), *_paragraphs(problems), verdict]))
     if any(problem.refused for problem in problems):
         raise typer.Exit(1)
 
@@ -283,10 +284,10 @@ def plain(sim: Simulation, bills: list[Energy], placement: Placement | None, per
 def print_bills(bills: list[Energy], sources: bool) -> None:
     """Print the bills and, if there are several, a row of each."""
     from neuro.chips.pricing.energy import COLUMNS, FASTEST
-    from neuro.core.tables import console, table
+    from neuro.core.tables import console, echo, table
 
     for priced in bills:
-        typer.echo(f"{priced.told(sources)}\n")
+        echo(f"{priced.told(sources)}\n")
     if len(bills) > 1:
         rows = [(e.target, *e.cells()) for e in bills]
         columns = ("chip", *(name.replace(FASTEST, bills[0].clock) for name in COLUMNS))

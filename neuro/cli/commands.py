@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import ast
+import inspect
+import re
 from functools import cache
 from importlib.metadata import EntryPoint, entry_points
 from importlib.util import find_spec
@@ -59,6 +61,10 @@ class Commands(TyperGroup):
         """Run; what a command returns is not an exit status."""
         super().invoke(ctx)
 
+    def get_params(self, ctx: Any) -> list[Any]:
+        """All parameters, `--help` among them; flags show no type."""
+        return [without_type(each) for each in super().get_params(ctx)]
+
 
 def apps() -> dict[str, EntryPoint]:
     """The commands of installed apps."""
@@ -103,12 +109,26 @@ def summary(module: str) -> str:
 
 
 def with_extensions(command: Any) -> Any:
-    """A command, or a group with all its commands, that takes `--with`."""
+    """Return a command, or a group with all its commands, that takes `--with`, and whose help wraps as the screen does.
+
+    Paragraphs after the first one keep the line breaks of their docstring in typer's help, in the middle of sentences.
+    """
     for inner in getattr(command, "commands", {}).values():
         with_extensions(inner)
+    if command.help:
+        command.help = re.sub(r"(?<!\n)\n(?!\n)", " ", inspect.cleandoc(command.help))
+    for each in command.get_params(typer.Context(command)):
+        without_type(each)
     if not hasattr(command, "commands") and not any("--with" in one.opts for one in command.params):
         command.params.append(_option())
     return command
+
+
+def without_type(parameter: Any) -> Any:
+    """Return a parameter; if it is a flag, help shows no `<bool>` behind it."""
+    if getattr(parameter, "is_flag", False):
+        parameter.metavar = ""
+    return parameter
 
 
 @cache

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import re
 import shlex
-from collections.abc import Callable
-from dataclasses import dataclass
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, TypeVar
 
@@ -54,19 +56,20 @@ def _read_yaml(file: Path, options: Options) -> tuple[Network | None, Verdicts |
 
 
 def _read_nir(file: Path, options: Options) -> tuple[Network | None, Verdicts | None]:
-    from neuro.core.errors import ModelError
-    from neuro.exchange.nir.importing import examine, network_of
+    from neuro.exchange.nir.assumed import examine_file
+    from neuro.exchange.nir.importing import network_of
 
-    if options.dt is None:
-        raise ModelError(f"{file}: NIR has no steps: expected the length of one", hint="--resolution 1, in ms")
-    found = examine(file, options.dt, options.written_by, options.reset)
-    table = found.table()
+    found, note = examine_file(file, options.dt, options.written_by, options.reset)
+    table = replace(found.table(), note=note)
     return None if table.refused else network_of(found), table
 
 
 def _read_pynn(file: Path, options: Options) -> tuple[Network | None, Verdicts | None]:
+    from neuro.exchange.pynn.kernel import not_held
     from neuro.exchange.pynn.read import from_pynn
 
+    for sentence in not_held() if options.pynn["run_script"] else ():
+        typer.echo(f"warning: {sentence}", err=True)
     net = from_pynn(file, **options.pynn)
     return net, net.verdicts
 
@@ -256,12 +259,65 @@ def convert(
     pynn["arguments"] = None if arguments is None else shlex.split(arguments)
     c = {word.lstrip("-"): value for word, value in of_c.items() if value is not None} | {"frozen": frozen}
     options = Options(resolution, written_by, read_by, reset, pynn, seed or 0, duration, c, recording)
-    net, table = read(source, options)
-    if net is not None:
-        table = write(net, destination, options) or table
-    if table is not None:
-        typer.echo(table.to_json() if as_json else str(table))
-        table.check()
+    with _in_options():
+        net, table = read(source, options)
+        if net is not None:
+            table = write(net, destination, options) or table
+        if table is not None:
+            nodes = tuple(replace(each, way_out=_as_option(each.way_out)) for each in table)
+            table = replace(table, nodes=nodes)
+            typer.echo(table.to_json() if as_json else str(table))
+            table.check()
+
+
+ARGUMENTS = {
+    "dt": "--resolution",
+    "from_": "--from",
+    "for_": "--to",
+    "reset": "--reset",
+    "run_script": "--run-script",
+    "network": "--network",
+    "seconds": "--seconds",
+    "memory": "--memory",
+    "seed": "--seed",
+    "duration": "--for",
+    "chip": "--chip",
+    "name": "--name",
+    "ram": "--ram",
+    "flash": "--flash",
+    "frozen": "--frozen",
+}
+"""The options that take the place of arguments in Python."""
+
+_WORDS = "|".join(ARGUMENTS)
+_IN_PYTHON = re.compile(r" \(\w+=True\)")
+_CALL = re.compile(r"^(?:from|to|save)_(?:nir|pynn|netx|sonata|c): ")
+_FLAG = re.compile(rf"(?<!in Python )\b({_WORDS})=True\b")
+_VALUE = re.compile(rf"(?<![\w'])(?<!in Python )({_WORDS}) ?= ?(?:'([\w-]+)'|(?=\S))")
+_BARE = re.compile(r"\b(dt|from_|for_)(?= is\b|$|:|,)")
+
+
+def _as_option(text: str) -> str:
+    """A message with the options of the command line in place of Python's arguments."""
+    text = _CALL.sub("", _IN_PYTHON.sub("", text)).replace("for_=None", "--to nir")
+    text = _FLAG.sub(lambda match: ARGUMENTS[match[1]], text)
+    text = _VALUE.sub(lambda match: f"{ARGUMENTS[match[1]]} {match[2] or ''}", text)
+    return _BARE.sub(lambda match: ARGUMENTS[match[1]], re.sub(r"\ba ((?:smaller )?)dt\b", r"a \1--resolution", text))
+
+
+@contextmanager
+def _in_options() -> Iterator[None]:
+    """Tell mistakes in the words of the command line."""
+    from neuro.core.errors import ModelError
+
+    def told(error: ModelError) -> ModelError:
+        others = tuple(told(each) for each in error.others)
+        return error.but(message=_as_option(error.message), hint=_as_option(error.hint), others=others)
+
+    try:
+        yield
+    except ModelError as error:
+        raise told(error) from None
 
 
 def _of(table: dict[str, T], file: Path, done: str, hint: str = "") -> T:

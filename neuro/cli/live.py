@@ -29,6 +29,7 @@ from neuro.core.errors import ModelError
 
 if TYPE_CHECKING:
     from neuro.events import Listener
+    from neuro.live import Page
     from neuro.model.network import Network
     from neuro.realtime import LiveRun, Source
     from neuro.run.simulation import Simulation
@@ -164,7 +165,7 @@ def live(
 
             words = {"speed": speed or 1.0, "restart": simulation} if paced else {"figures": lambda: lines.figures}
             shown = stack.enter_context(Page(sim, host, port, **words))
-            announce(shown.url, no_browser)
+            announce(shown, no_browser)
         if shown is not None and paced:
             with stoppable(lambda: f"at {shown.sim.time:g} ms"):
                 shown.run(math.inf if duration is None else duration)
@@ -181,13 +182,11 @@ def live(
         raise typer.Exit(130 if run.ended == "interrupted" else 1)
 
 
-def announce(url: str, no_browser: bool, err: bool = False) -> None:
+def announce(page: Page, no_browser: bool, err: bool = False) -> None:
     """Print the address of a page, on stderr if asked, and open it."""
-    import webbrowser
-
-    typer.echo(f"page: {url}", err=err)
+    typer.echo(f"page: {page.url}", err=err)
     if not no_browser:
-        webbrowser.open(url)
+        page.open()
 
 
 def show_stream(stream: Listener, ms: float, no_browser: bool) -> None:
@@ -203,7 +202,7 @@ def show_stream(stream: Listener, ms: float, no_browser: bool) -> None:
     net.population("camera", (2, height, width), event_camera())
     sim, lines = compiled(net), _Lines()
     with Page(sim, figures=lambda: lines.figures) as page:
-        announce(page.url, no_browser)
+        announce(page, no_browser)
         loop = Loop(sim, tick=STREAM_TICK, inputs={"camera": stream}, watch=page.tick)
         loop.run(math.ceil(ms / STREAM_TICK) * STREAM_TICK, report=lines)
 

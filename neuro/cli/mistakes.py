@@ -66,7 +66,7 @@ def mistake(error: Exception) -> str | None:
     from neuro.core.errors import ModelError
 
     if isinstance(error, ModelError):
-        return str(error)
+        return "\n  ".join([str(error), *getattr(error, "__notes__", ())])
     if isinstance(error, UsageError):
         return usage(error)
     if isinstance(error, MemoryError):

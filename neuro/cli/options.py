@@ -19,9 +19,10 @@ def stoppable(left: str | Callable[[], str]) -> Iterator[Bar]:
     with Bar() as bar:
         try:
             yield bar
-        except KeyboardInterrupt:
+        except KeyboardInterrupt as error:
             bar.stop()
-            typer.echo(f"interrupted: {left if isinstance(left, str) else left()}", err=True)
+            notes = getattr(error, "__notes__", ())
+            typer.echo(f"interrupted: {'; '.join(notes) or (left if isinstance(left, str) else left())}", err=True)
             raise typer.Exit(130) from None
 
 

@@ -120,10 +120,9 @@ def _at_the_end(
 
 def _left_of(out: Path) -> str:
     """What an interrupted run has left."""
-    from neuro.files.results import read, unfinished
+    from neuro.files.results import recorded_in, unfinished
 
-    part = unfinished(out)
-    return f"{part} has what was recorded up to {read(part).time:g} ms" if part.exists() else f"{out} is not written"
+    return recorded_in(unfinished(out)) or f"{out} is not written"
 
 
 def together(backend: str) -> None:

@@ -262,7 +262,7 @@ def sweep_plot(
     out: Pictures = None,
     format: PictureFormat = Format.png,
 ) -> None:
-    """Draw metrics over parameters: lines with the spread of seeds, a map of two, or all as parallel coordinates."""
+    """Draw metrics over parameters: lines with a band over the seeds, a map of two, or parallel coordinates."""
     from neuro.sweeps.pictures import pictures
     from neuro.sweeps.table import table_of
 

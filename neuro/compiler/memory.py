@@ -1,37 +1,50 @@
-"""Whether a network fits into memory, counted before anything is drawn, and arrays that many synapses share."""
+"""Bytes that a network and its records need, counted before anything is made, and arrays that many synapses share."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+import shutil
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Any
+from pathlib import Path
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from neuro.compiler.connect import expected_synapses
 from neuro.compiler.shapes import Shape, size
-from neuro.core.errors import ModelError
+from neuro.compiler.space import between, expected_pairs
+from neuro.compiler.views import end_of
+from neuro.core.errors import ModelError, Where
 from neuro.core.launch import neighbours
 from neuro.core.memory import free_memory
 from neuro.core.values import plain
 from neuro.model.distributions import Distribution
 from neuro.model.network import Network
-from neuro.model.parts import Projection
+from neuro.model.neurons import Generator, Neuron
+from neuro.model.parts import Population, Projection
 from neuro.model.rules import (
     all_to_all,
+    distance_dependent,
     fixed_indegree,
     fixed_outdegree,
     fixed_total_number,
     one_to_one,
     pairs,
+    symmetric_pairwise_bernoulli,
 )
 from neuro.model.space import of_distance
 from neuro.program.compact import CompactProjection
 from neuro.program.program import Floats, Projection as Resolved
 
 MANY = 1 << 26
-"""Synapses from which on it is counted."""
+"""Synapses from which on they are laid out to save memory."""
+
+LEAST = 1 << 28
+"""Bytes from which on it is looked whether they are free."""
+
+NEURON, STATE = 64, 12
+"""Least bytes of a neuron, and of each of its states, measured: 72 of a parrot, 128 of iaf_psc_exp with four states."""
 
 ROOM = 1.2
 """What is needed beside the synapses, over what these need: tables, neurons, and what is being drawn."""
@@ -45,7 +58,7 @@ def many_synapses(parts: Iterable[Projection], shapes: Mapping[str, Shape], leas
 def check_memory(
     net: Network, shapes: Mapping[str, Shape], shares: int = 1, drawn: Mapping[str, Projection] | None = None
 ) -> None:
-    """Refuse a network that has far more synapses than memory has room for.
+    """Refuse a network that needs more memory than there is, before anything is made.
 
     Args:
         net: checked.
@@ -56,23 +69,84 @@ def check_memory(
     Raises:
         ModelError: it needs more than is free.
     """
-    # Views have fewer synapses than the populations that they are of: counted as a whole they could refuse what fits.
-    every = net.projections if drawn is None else drawn
-    parts = [part for part in every.values() if part.source_view is None and part.target_view is None]
-    synapses = {part.name: _synapses(part, size(shapes[part.source]), size(shapes[part.target])) for part in parts}
-    total = sum(synapses.values())
-    free = free_memory() if total > MANY else None
-    if free is None:
-        return
+    sizes = {name: size(shape) for name, shape in shapes.items()}
+    needs = [
+        Need((NEURON + STATE * _states(part)) * n, f"population '{part.name}', {n:,} neurons", part.origin)
+        for part, n in ((part, sizes[name]) for name, part in net.populations.items())
+    ]
+    # Views are worked out neuron by neuron, so not before the neurons fit.
+    check_room(net.name, needs)
     here = min(shares, neighbours()) / shares
-    needed = here * ROOM * sum(synapses[part.name] * _bytes(part, shares) for part in parts)
-    if needed > free:
-        largest = max(parts, key=lambda part: synapses[part.name])
-        raise ModelError(
-            f"network '{net.name}': {total:,} synapses need {needed / 1e9:.1f} GB: expected at most what is free, "
-            f"{free / 1e9:.1f} GB",
-            hint=f"most are of '{largest.name}', {synapses[largest.name]:,}; fewer neurons or inputs need less",
-        )
+    for part in (net.projections if drawn is None else drawn).values():
+        synapses, listed = _stored(net, part, shapes)
+        what = f"projection '{part.name}', {synapses:,} synapses"
+        needs.append(Need(here * ROOM * synapses * _bytes(part, shares, listed), what, part.origin))
+    check_room(net.name, needs)
+
+
+class Need(NamedTuple):
+    """The bytes that a part of a network needs.
+
+    Attributes:
+        bytes: how many, about.
+        what: the part and what it has, e.g. "population 'a', 1,000 neurons".
+        where: its place.
+    """
+
+    bytes: float
+    what: str
+    where: Where | None
+
+
+def check_room(network: str, needs: Sequence[Need], file: Path | None = None) -> None:
+    """Refuse what needs more bytes than are at hand.
+
+    Args:
+        network: its name.
+        needs: of its parts.
+        file: where the bytes will be written; None: memory.
+
+    Raises:
+        ModelError: they need more; it names the part that needs most, and its place.
+    """
+    needed = sum(need.bytes for need in needs)
+    if needed < LEAST:
+        return
+    free = free_memory() if file is None else shutil.disk_usage(file.parent).free
+    if free is None or needed <= free:
+        return
+    largest = max(needs, key=lambda need: need.bytes)
+    of = "of memory" if file is None else f"on the disk of {file}"
+    raise ModelError(
+        f"network '{network}' needs about {_told(needed)} {of}: expected at most what is free, {_told(free)}",
+        where=largest.where,
+        hint=f"most are for {largest.what}: {_told(largest.bytes)}",
+    )
+
+
+def _states(part: Population) -> int:
+    return len(part.model.states) if isinstance(part.model, (Neuron, Generator)) else 0
+
+
+def _told(bytes_: float) -> str:
+    return f"{bytes_:,.0f} bytes ({bytes_ / 1e9:.1f} GB)"
+
+
+def _stored(net: Network, part: Projection, shapes: Mapping[str, Shape]) -> tuple[int, bool]:
+    """About how many synapses of a projection are stored one by one, and whether their targets are, too."""
+    source, target = (
+        end_of(view, shapes[name]) for view, name in ((part.source_view, part.source), (part.target_view, part.target))
+    )
+    n_pre, n_post, whole = size(source.shape), size(target.shape), source.ids is None and target.ids is None
+    match part.rule:
+        case all_to_all(autapses=autapses) if not (whole and (autapses or part.source != part.target)):
+            return n_pre * n_post, True
+        case symmetric_pairwise_bernoulli(p=p):
+            return round(2.0 * p * n_pre * max(0, n_pre - 1)), True
+        case distance_dependent() if whole and n_pre * n_post >= MANY:
+            apart = between(net.populations[part.source], net.populations[part.target], shapes)
+            return round(expected_pairs(part.rule, apart)), True
+    return _synapses(part, n_pre, n_post), not isinstance(part.rule, all_to_all)
 
 
 def _synapses(part: Projection, n_pre: int, n_post: int) -> int:
@@ -87,7 +161,7 @@ def _synapses(part: Projection, n_pre: int, n_post: int) -> int:
     return expected_synapses(part.rule, n_pre, n_post)
 
 
-def _bytes(part: Projection, shares: int) -> int:
+def _bytes(part: Projection, shares: int, listed: bool) -> int:
     """Of a synapse: its target, and a weight and a delay of its own; what learns has states, and an index by target.
 
     Where delays are drawn these take two bytes, four or eight, and one, unless a delay is longer than 255 steps or a
@@ -100,8 +174,7 @@ def _bytes(part: Projection, shares: int) -> int:
             return 5 + 8 * _each(weight)
         single = isinstance(weight, Distribution) and weight.single
         return 3 + (4 if single or not _each(weight) else 8)
-    dense = isinstance(part.rule, all_to_all)
-    return 4 * (not dense) + 8 * _each(weight) + 4 * _each(part.delay) + (40 if part.synapse.learns else 0)
+    return 4 * listed + 8 * _each(weight) + 4 * _each(part.delay) + (40 if part.synapse.learns else 0)
 
 
 def _has_drawn_delays(part: Projection) -> bool:

@@ -83,6 +83,9 @@ def compile_network(
     cameras = cameras_of(net, clock)
     shapes = resolve_shapes(net, {name: camera.shape for name, camera in cameras.items()})
     check_network(net, shapes)
+    # Before anything is made: a network that does not fit is refused in microseconds, not when memory is full.
+    here = drawn_here(net.projections, backend_draws)
+    share.agree(lambda: check_memory(net, shapes, share.number, here))
     check_probes(net, shapes, clock)
     declared = {name: part.model.name for name, part in net.populations.items()}
     heard = _heard(net)
@@ -90,9 +93,6 @@ def compile_network(
     # wrote.
     net = with_generators(net, shapes, clock, seed)
     trials = resolve_trials(net, shapes, clock)
-    # Before anything is drawn: a network that does not fit is refused in microseconds, not when memory is full.
-    here = drawn_here(net.projections, backend_draws)
-    share.agree(lambda: check_memory(net, shapes, share.number, here))
     alike: dict[tuple[int, Shape], dict[str, Any]] = {}
     populations = tuple(
         _population(part, shapes[name], clock, seed, cameras.get(name), declared[name], name in heard, alike)

@@ -101,7 +101,7 @@ class Drawing:
 
     def synapses(self, room: SynapseRoom | None) -> Synapses:
         """The synapses in order; `room` is memory that may be used for those of all targets."""
-        if self.wired is None and len(self.blocks.all) > 1:
+        if self.wired is None and len(self.blocks.all) > 1 and not self._are_alike:
             return self._of_blocks(room)
         return self._undivided(room)
 
@@ -229,6 +229,12 @@ class Drawing:
         """A block with its delays."""
         found = placed(self.blocks.connect(block), *self.ends)
         return Piece(block, found, self._kept(found), self._delay(found, block))
+
+    @property
+    def _are_alike(self) -> bool:
+        """Whether no synapse is stored by itself: every source reaches every target, with one weight and delay."""
+        each = _each(self.part.weight) or _each(self.part.delay) or self._parameters
+        return self.among is None and self._layout != "csr" and not each
 
     @property
     def _layout(self) -> str:

@@ -6,7 +6,7 @@ import math
 import re
 import sys
 from collections.abc import Callable, Mapping
-from dataclasses import fields
+from dataclasses import fields, replace
 from pathlib import Path
 from typing import Any
 
@@ -17,10 +17,9 @@ from neuro.core.errors import ModelError, nearest
 from neuro.core.hints import axes, near, notation
 from neuro.core.measures import is_written, with_unit
 from neuro.core.paths import file_path
-from neuro.core.quantities import Quantity
+from neuro.core.quantities import LARGEST, Quantity
 from neuro.core.values import FromFile, shown
 
-LARGEST = 2**31 - 1
 _HUGE = int(sys.float_info.max)
 _BOOLEANS = {"true": "true", "yes": "true", "on": "true", "false": "false", "no": "false", "off": "false"}
 
@@ -81,10 +80,20 @@ def wrong(q: Quantity, value: Any, what: str, *index: int) -> ModelError:
     """The error for a value, or the element of it at `index`, that a quantity does not accept."""
     place = f"{what}[{', '.join(map(str, index))}]" if index else what
     found = f"{place} has no value" if value is None else f"{place} = {shown(value)}"
-    expected = q.expected()
+    expected = _with_exceeded(q, value).expected()
     if isinstance(value, float) and not math.isfinite(value):
         expected = expected.replace("a number", "a finite number", 1)
     return ModelError(f"{found}: expected {expected}", hint=_hint(q, value), path=tuple(map(str, index)))
+
+
+def _with_exceeded(q: Quantity, value: Any) -> Quantity:
+    """The quantity with the bound of all whole numbers, where it has none on that side and the value is beyond it."""
+    if q.kind in ("integer", "shape", "ids") and is_number(value):
+        if q.at_most is None and value > LARGEST:
+            return replace(q, at_most=LARGEST)
+        if q.at_least is None and value < -LARGEST:
+            return replace(q, at_least=-LARGEST)
+    return q
 
 
 def _hint(q: Quantity, value: Any) -> str:
@@ -197,6 +206,8 @@ def numbers(values: Any, what: str) -> NDArray[np.float64]:
         array = np.asarray(values)
     except ValueError:
         array = np.asarray(None)
+    if array.dtype.kind == "O" and all(map(is_number, array.flat)):  # some have more than 64 bits
+        array = array.astype(np.float64)
     if array.size and array.dtype.kind not in "iuf":
         items = [repr(item) if isinstance(item, str) else item for item in array.ravel().tolist()]
         raise ModelError(f"{what}: found {shown(items if array.ndim else array.item())}: expected numbers")
@@ -298,14 +309,14 @@ def _each(q: Quantity, array: NDArray[np.float64], what: str) -> None:
 
 
 def _is_whole(value: Any, most: float = LARGEST) -> bool:
-    return is_number(value) and abs(value) <= most and float(value).is_integer()
+    return is_number(value) and -most <= value <= most and float(value).is_integer()
 
 
 def _integer(q: Quantity, value: Any, what: str) -> int | str:
     if isinstance(value, str) and value in q.words:
         return value
     most = LARGEST if q.at_most is None else abs(q.at_most)
-    if not _is_whole(value, max(most, LARGEST)) or not _within(q, float(value)):
+    if not _is_whole(value, max(most, LARGEST)) or not _within(q, int(value)):
         raise wrong(q, value, what)
     return int(value)
 
@@ -451,10 +462,16 @@ def _spikes(q: Quantity, value: Any, what: str) -> NDArray[np.float64]:
     if bad.any():
         k = int(np.flatnonzero(bad)[0])
         before = f" after {shown(float(times[k - 1]))} ms" if k and times[k] < times[k - 1] else ""
-        carried = "".join(f" with payload {shown(float(payload))}" for payload in payloads[k])
-        found = f"{shown(float(times[k]))} ms of neuron {shown(float(ids[k]))}{carried}{before}"
+        carried = "".join(f" with payload {_or_beyond(payload)}" for payload in payloads[k])
+        found = f"{shown(float(times[k]))} ms of neuron {_or_beyond(ids[k])}{carried}{before}"
         raise ModelError(f"{what}[{k}] = {found}: expected {q.expected()}", path=(str(k),))
     return rows
+
+
+def _or_beyond(value: float) -> str:
+    """A number, with the bound of whole numbers where it is beyond that."""
+    beyond = f", above {LARGEST}" if value > LARGEST else f", below -{LARGEST}" if value < -LARGEST else ""
+    return shown(float(value)) + beyond
 
 
 def _listed(q: Quantity, value: Any, what: str) -> NDArray[np.float64]:

@@ -17,7 +17,7 @@ import os
 import struct
 import zlib
 from collections.abc import Iterator, Mapping
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any
 
@@ -81,7 +81,7 @@ class JournaledFile(_Paged):
         format: of the file, e.g. "neuro results 3".
 
     Attributes:
-        error: of the first failure; what comes after it is thrown away.
+        error: of the first failure; what comes after it stays in memory and is never committed.
 
     Raises:
         BlockingIOError: another process writes it.
@@ -89,17 +89,24 @@ class JournaledFile(_Paged):
     """
 
     def __init__(self, path: Path, format: str) -> None:
-        super().__init__(os.open(path, os.O_RDWR | os.O_CREAT, 0o666))
-        self._path, self._format, self._sums = path, format, bytearray()
+        disk = os.open(path, os.O_RDWR | os.O_CREAT, 0o666)
         try:
-            fcntl.flock(self._disk, fcntl.LOCK_EX | fcntl.LOCK_NB)
-            os.ftruncate(self._disk, 0)
+            fcntl.flock(disk, fcntl.LOCK_EX | fcntl.LOCK_NB)
         except OSError:
-            self.close()
+            os.close(disk)
             raise
+        super().__init__(disk)
+        self._path, self._format, self._sums = path, format, bytearray()
         self._committed = 0
         self._pages: dict[int, bytearray] = {}
         self.error: OSError | None = None
+        try:
+            os.ftruncate(disk, 0)
+            # Of a process that is killed before the first commit: the next one knows the file, and may replace it.
+            _write(disk, 0, memoryview(Front(format, 0, "").written()))
+        except OSError:
+            self.close()
+            raise
 
     def writable(self) -> bool:
         """It can."""
@@ -109,12 +116,13 @@ class JournaledFile(_Paged):
         """Write all of it, or keep the first failure."""
         view = memoryview(data).cast("B")
         old = min(view.nbytes, max(0, self._committed - self._at))
-        try:
-            if self.error is None:
-                self._hold(view[:old], self._at)
+        if self.error is None:
+            try:
                 _write(self._disk, self._at + old, view[old:])
-        except OSError as error:
-            self.error = error
+            except OSError as error:
+                self.error = error
+        # HDF5 reads back what it wrote, also what did not reach the disk: a wrong table ends in other errors.
+        self._hold(view[:old] if self.error is None else view, self._at)
         self._at += view.nbytes
         self._size = max(self._size, self._at)
         return view.nbytes
@@ -125,14 +133,14 @@ class JournaledFile(_Paged):
         return self._size
 
     def _hold(self, data: memoryview, at: int) -> None:
-        """Keep a change of what is committed."""
+        """Keep a change of what is committed, or after a failure any change."""
         while data.nbytes:
             number, begin = divmod(at, PAGE)
-            if number not in self._pages:
-                first = number * PAGE
-                self._pages[number] = bytearray(_read(self._disk, first, min(PAGE, self._committed - first)))
-            n = min(data.nbytes, PAGE - begin)
-            self._pages[number][begin : begin + n] = data[:n]
+            n, first, page = min(data.nbytes, PAGE - begin), number * PAGE, self._pages.setdefault(number, bytearray())
+            if len(page) < begin + n:
+                size = min(PAGE, self._committed - first) if self.error is None else PAGE
+                page += _read(self._disk, first + len(page), size - len(page))
+            page[begin : begin + n] = data[:n]
             data, at = data[n:], at + n
 
     def flush(self) -> None:
@@ -181,8 +189,11 @@ class JournaledFile(_Paged):
             _write(self._disk, 0, front)
 
     def close(self) -> None:
-        """Let go of the file; what was not committed is lost."""
+        """Close the file; what was not committed is lost, and a file without a commit is removed."""
         if not self.closed:
+            if not self._committed and os.fstat(self._disk).st_nlink:
+                with suppress(OSError):
+                    self._path.unlink()
             os.close(self._disk)
         super().close()
 

@@ -14,17 +14,24 @@ The digest is BLAKE2b of a CRC-32 of each 64 KiB behind the front, and of the li
 that to open a file takes little longer than to read it; it finds all changes of up to 32 bits in a row and all but one
 in 2^32 of any other. The list shows what was cut off and blocks that changed places, and a commit to a file that grows
 (`neuro.core.growing`) looks only at the blocks that it changes.
+
+HDF5 must not meet a write that fails: an object that could not be written cannot be closed, and the second attempt to
+close it ends the process with a segmentation fault. So every file is written through a Python file that keeps the first
+failure and reports it afterwards (`disk`, and `neuro.core.growing`). HDF5 closes what is still open when the process
+exits, and would call methods of Python after Python has ended; `_close_python_files` closes such files before.
 """
 
 from __future__ import annotations
 
+import atexit
 import hashlib
 import io
 import json
 import os
+import sys
 import zlib
 from collections.abc import Callable, Iterable, Iterator, Mapping
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
@@ -38,6 +45,7 @@ if TYPE_CHECKING:
 
 __all__ = [
     "check",
+    "disk",
     "has_format",
     "is_hdf5",
     "is_whole",
@@ -243,26 +251,41 @@ def new_file(path: Path, format: str = "", **options: Any) -> Iterator[Any]:
     """
     import h5py
 
-    with _Disk(path) as disk:
+    with disk(path) as opened:
+        with h5py.File(opened, "w", userblock_size=FRONT if format else 0, **options) as file:
+            yield file
+        if format:
+            opened.seal(format)
+
+
+@contextmanager
+def disk(path: Path, mode: str = "w+b") -> Iterator[_Disk]:
+    """A Python file for `h5py.File` to write into, also by a third-party package; the module's text has the reason.
+
+    Args:
+        path: of the file.
+        mode: "w+b" of a new file in the place of any other, "r+b" of one that is changed.
+
+    Raises:
+        OSError: the file cannot be written; raised when the block ends.
+    """
+    with _Disk(path, mode) as opened:
         try:
-            with h5py.File(disk, "w", userblock_size=FRONT if format else 0, **options) as file:
-                yield file
-            if format:
-                disk.seal(format)
+            yield opened
         finally:
-            if disk.error is not None:
-                raise disk.error from None
+            if opened.error is not None:
+                raise opened.error from None
 
 
 class _Disk(io.FileIO):
-    """A file that does not fail: HDF5 cannot let go of what it cannot write, and brings the process down with it.
+    """A file whose methods do not fail.
 
     Attributes:
         error: of the first failure; what comes after it is thrown away.
     """
 
-    def __init__(self, path: Path) -> None:
-        super().__init__(path, "w+b")
+    def __init__(self, path: Path, mode: str) -> None:
+        super().__init__(path, mode)
         self.error: OSError | None = None
 
     def write(self, data: Any) -> int:
@@ -290,6 +313,19 @@ class _Disk(io.FileIO):
         front = Front.over(format, size, _sums(lambda at, n: os.pread(disk, n, at), size))
         self.seek(0)
         self.write(front.written())
+
+
+@atexit.register
+def _close_python_files() -> None:
+    """Close the HDF5 files that are still open over Python files, while there is a Python to call."""
+    if "h5py" not in sys.modules:
+        return
+    from h5py import File, h5f, h5fd
+
+    with suppress(Exception):  # the process ends, and what was written into them was not complete
+        for each in h5f.get_obj_ids(h5f.OBJ_ALL, h5f.OBJ_FILE):
+            if each.get_access_plist().get_driver() == h5fd.fileobj_driver:
+                File(each).close()
 
 
 @contextmanager

@@ -5,6 +5,7 @@ from __future__ import annotations
 import ctypes
 import gc
 import mmap
+import resource
 from collections.abc import Iterator
 from contextlib import contextmanager
 from functools import cache
@@ -15,12 +16,17 @@ from numpy.typing import NDArray
 
 _MACHINE = Path("/proc/meminfo")
 _GROUP = Path("/sys/fs/cgroup")
+_OURS = Path("/proc/self/cgroup")
 _HUGE = 1 << 21
 
 
 def free_memory() -> int | None:
-    """Bytes that are free or can be freed without swapping, of the machine or its share for us; None if unknown."""
-    known = [bytes_ for bytes_ in (_of_machine(), _of_group()) if bytes_ is not None]
+    """Bytes that this process may still take without swapping; None if unknown.
+
+    They are the least of what the machine has, of what the limits of its control groups leave, and of what the limit of
+    addresses leaves (`ulimit -v`).
+    """
+    known = [bytes_ for bytes_ in (_of_machine(), *map(_of_group, _groups()), _of_addresses()) if bytes_ is not None]
     return min(known, default=None)
 
 
@@ -29,13 +35,33 @@ def _of_machine() -> int | None:
     return None if available is None else 1024 * available
 
 
-def _of_group() -> int | None:
-    """What the limit of a container leaves; files that are only kept ready do not count."""
+def _of_addresses() -> int | None:
+    limit, pages = resource.getrlimit(resource.RLIMIT_AS)[0], Path("/proc/self/statm")
+    if limit == resource.RLIM_INFINITY or not pages.exists():
+        return None
+    return max(0, limit - int(pages.read_text().split()[0]) * mmap.PAGESIZE)
+
+
+def _groups() -> list[Path]:
+    """The folders of the control groups of this process: that of a container, and those within."""
     try:
-        most, taken = ((_GROUP / name).read_text().strip() for name in ("memory.max", "memory.current"))
+        lines = _OURS.read_text().splitlines()
+    except OSError:
+        lines = []
+    inner = [line[4:] for line in lines if line.startswith("0::/")]
+    own = [_GROUP / name for name in inner if ".." not in name]
+    return list(
+        dict.fromkeys([_GROUP, *(group for each in own for group in (each, *each.parents) if _GROUP in group.parents)])
+    )
+
+
+def _of_group(group: Path) -> int | None:
+    """What the limit of a control group leaves; files that are only kept ready do not count."""
+    try:
+        most, taken = ((group / name).read_text().strip() for name in ("memory.max", "memory.current"))
     except OSError:
         return None
-    kept = _table(_GROUP / "memory.stat").get("inactive_file", 0)
+    kept = _table(group / "memory.stat").get("inactive_file", 0)
     return int(most) - int(taken) + kept if most.isdigit() and taken.isdigit() else None
 
 

@@ -2,7 +2,8 @@
 
 The rule for every file that this package and its apps write:
 
-- A new name is taken when the file is whole. If the work fails or is interrupted nothing is left.
+- A new name is taken when the file is whole. If the work fails or is interrupted nothing is left. Only
+  of what cannot be made again, such as events from the network, `FILE.part` is left; nothing removes or replaces that.
 - A file that stands there is replaced, at the end and at once, where it is of the same kind and was written here, which
   its mark tells (see `Kind`), or where the user asks for it. Any other stays as it is, and so does a text that was
   edited since.
@@ -25,6 +26,7 @@ import shutil
 import stat
 import sys
 import tempfile
+import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
@@ -51,6 +53,8 @@ __all__ = [
     "write_text",
 ]
 
+PART = ".part"
+"""The end of the name of a file that is not complete."""
 HEAD = 4096
 """Bytes at the beginning of a file among which its mark is."""
 
@@ -64,6 +68,9 @@ _DIGITS = 32
 _PICTURE = "a picture of neuro"
 _number = itertools.count()
 _swept: set[Path] = set()
+_pipes: dict[tuple[int, int], int] = {}
+_READER_S = 2.0
+"""Seconds in which the reader of a pipe must come."""
 
 
 class Unwritable(ModelError):
@@ -73,9 +80,9 @@ class Unwritable(ModelError):
         what: the message without the name of the file.
     """
 
-    def __init__(self, path: Path, what: str) -> None:
+    def __init__(self, path: Path, what: str, hint: str = "") -> None:
         self.what = what
-        super().__init__(f"{path}: {what}")
+        super().__init__(f"{path}: {what}", hint=hint)
 
 
 @dataclass(frozen=True, slots=True)
@@ -148,7 +155,7 @@ _PICTURES: dict[str, tuple[Kind, dict[str, str | None]]] = {
 
 
 @contextmanager
-def output(path: str | os.PathLike[str], kind: Kind, replace: bool = False) -> Iterator[Path]:
+def output(path: str | os.PathLike[str], kind: Kind, replace: bool = False, keep: bool = False) -> Iterator[Path]:
     """A new empty file to write into, which takes the name `path` when the block ends well.
 
     That it can be written shows at once, before the work of the block begins.
@@ -157,20 +164,24 @@ def output(path: str | os.PathLike[str], kind: Kind, replace: bool = False) -> I
         path: of the file.
         kind: what is written.
         replace: whether the user asks for the place of any other file.
+        keep: write into `path` with ".part" at its end, and leave it there, unless it is empty, if the block fails or
+            the process is killed; if such a file exists the new one gets a number, as walk.2.dat.part.
 
     Raises:
         Unwritable: see `check_output`; or the disk is full.
     """
     path = file_path(path, "path")
     check_output(path, kind, replace)
-    part = _part(path)
+    keep = keep and not _is_special(path)
+    part = _free_part(path) if keep else _part(path)
     try:
         with _telling(path, part):
             part.touch(exist_ok=False)
             yield part
             _take_place(part, path)
     finally:
-        part.unlink(missing_ok=True)
+        if not keep or (part.exists() and not part.stat().st_size):
+            part.unlink(missing_ok=True)
 
 
 def check_output(path: Path, kind: Kind, replace: bool = False) -> None:
@@ -209,8 +220,27 @@ def _check_there(path: Path, mode: int) -> None:
         raise Unwritable(path, "is a folder, expected the name of a file")
     if stat.S_ISBLK(mode) or stat.S_ISSOCK(mode):
         raise Unwritable(path, f"is a {'disk' if stat.S_ISBLK(mode) else 'socket'}, expected the name of a file")
+    if stat.S_ISFIFO(mode):
+        _open_pipe(path)
     if not os.access(path, os.W_OK):
         raise PermissionError(errno.EACCES, os.strerror(errno.EACCES))
+
+
+def _open_pipe(path: Path) -> None:
+    """Open a pipe if somebody reads it; it stays open until it is written, or its reader would see its end."""
+    state = path.stat()
+    until = time.monotonic() + _READER_S
+    while (state.st_dev, state.st_ino) not in _pipes:
+        try:
+            _pipes[state.st_dev, state.st_ino] = os.open(path, os.O_WRONLY | os.O_NONBLOCK)
+        except OSError as error:
+            if error.errno != errno.ENXIO:
+                raise
+            if time.monotonic() > until:
+                raise Unwritable(
+                    path, "is a pipe that nobody reads: expected a reader, or the name of a file"
+                ) from None
+            time.sleep(0.01)
 
 
 def _descriptor(path: Path) -> int | None:
@@ -313,6 +343,13 @@ def _part(path: Path) -> Path:
     return folder / f".{path.name[:50]}.{_HOST}.{os.getpid()}.{next(_number)}.part"
 
 
+def _free_part(path: Path) -> Path:
+    """A name that no file has: FILE.part, or one with a number where earlier work left such files."""
+    target = _leads_to(path)
+    names = itertools.chain([target.name], (f"{target.stem}.{k}{target.suffix}" for k in itertools.count(2)))
+    return next(part for name in names if not os.path.lexists(part := target.with_name(name + PART)))
+
+
 def _leads_to(path: Path) -> Path:
     return Path(os.path.realpath(path)) if path.is_symlink() else path
 
@@ -335,7 +372,12 @@ def _opened(path: Path) -> IO[bytes]:
     """A pipe, device or descriptor to write into; a descriptor goes on where it is, as others may write there, too."""
     number = _descriptor(path)
     if number is None:
-        return path.open("wb")
+        state = path.stat()
+        pipe = _pipes.pop((state.st_dev, state.st_ino), None)
+        if pipe is None:
+            return path.open("wb")
+        os.set_blocking(pipe, True)
+        return os.fdopen(pipe, "wb")
     for stream in (sys.stdout, sys.stderr):
         if stream is not None:
             stream.flush()

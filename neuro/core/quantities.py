@@ -6,6 +6,9 @@ import keyword
 from dataclasses import MISSING, dataclass, field
 from typing import Any, TypeAlias
 
+LARGEST = 2**31 - 1
+"""The largest whole number, unless a quantity has a bound of its own, and the negative of the smallest."""
+
 Value: TypeAlias = Any  # float | per-element array | Choice (a distribution) | FromFile; narrowed by check()
 
 
@@ -72,7 +75,7 @@ class Quantity:
             "receptor": "a name",
             "shape": "whole numbers",
             "times": "a list of spike times in ms for each neuron",
-            "ids": "whole numbers >= 0",
+            "ids": "whole numbers",
             "moments": "times > 0 ms, each later than the one before",
             "series": "a list of numbers",
             "train": "a row for each spike: a time > 0 ms, not before the last one, and a neuron",
@@ -92,7 +95,7 @@ class Quantity:
             f"{sign} {bound if isinstance(bound, int) else f'{bound:g}'}"
             for sign, bound in (
                 (">", self.above),
-                (">=", self.at_least),
+                (">=", 0 if self.kind == "ids" else self.at_least),
                 ("<", self.below),
                 ("<=", self.at_most),
             )

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from html import escape
@@ -60,22 +61,58 @@ def _html(table: Table) -> str:
 
 
 def console() -> Any:
-    """Standard output; wide enough for tables when it is not a terminal."""
+    """Return standard output; where it is no terminal, tables are as wide as COLUMNS says, or 120."""
     from rich.console import Console
 
     out = Console(highlight=False)
-    return out if out.is_terminal else Console(highlight=False, width=120)
+    if out.is_terminal:
+        return out
+    columns = os.environ.get("COLUMNS", "")
+    return Console(highlight=False, width=int(columns) if columns.isdecimal() and int(columns) else 120)
+
+
+def echo(text: str) -> None:
+    """Print text on standard output; a terminal gets its lines wrapped between words."""
+    out = console()
+    out.print(text, markup=False, emoji=False, soft_wrap=not out.is_terminal)
 
 
 def table(columns: Sequence[str], rows: Iterable[Sequence[object]], title: str = "") -> Any:
-    """A table; columns whose name begins with ">" are numbers, set to the right."""
+    """Return a table that fits `console()`; columns whose name begins with ">" are numbers, set to the right.
+
+    Cells wrap between words. Only where the longest words of all columns together are wider than the console, words
+    are split.
+    """
     from rich import box
     from rich.table import Table
     from rich.text import Text
 
-    out = Table(box=box.SIMPLE_HEAD, title=Text(title) if title else None, title_justify="left", pad_edge=False)
-    for name in columns:
-        out.add_column(Text(name.lstrip(">")), justify="right" if name.startswith(">") else "left", overflow="fold")
-    for row in rows:
-        out.add_row(*(Text(str(cell)) for cell in row))
+    names = [name.lstrip(">") for name in columns]
+    cells = [[str(cell) for cell in row] for row in rows]
+    texts = list(zip(names, *cells, strict=True))
+    widths = [max(map(len, "\n".join(column).split("\n"))) for column in texts]
+    words = [max(map(len, " ".join(column).split()), default=0) for column in texts]
+    room = console().width - 2
+    is_tight = sum(words) + 3 * (len(names) - 1) > room
+    out = Table(
+        box=box.SIMPLE_HEAD, title=Text(title) if title else None, title_justify="left", pad_edge=False,
+        collapse_padding=is_tight,
+    )  # fmt: skip
+    gap = 2 if is_tight else 3
+    fitted = _fitted(widths, words, room - gap * (len(names) - 1))
+    for name, right, width in zip(names, (name.startswith(">") for name in columns), fitted, strict=True):
+        out.add_column(Text(name), justify="right" if right else "left", overflow="fold", width=width)
+    for row in cells:
+        out.add_row(*map(Text, row))
     return out
+
+
+def _fitted(widths: Sequence[int], least: Sequence[int], room: int) -> Sequence[int | None]:
+    """Return the widths of columns, the widest ones reduced towards `least` until all fit; None where they do not."""
+    fitted = list(widths)
+    while sum(fitted) > room:
+        wide = [k for k, width in enumerate(fitted) if width > least[k]]
+        if not wide:
+            return [None] * len(fitted)
+        fitted[max(wide, key=fitted.__getitem__)] -= 1
+    return fitted

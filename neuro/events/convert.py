@@ -13,8 +13,8 @@ from typing import Any, cast
 
 from neuro.events._events import Events
 from neuro.events.errors import EventFileError
-from neuro.events.files import load, save, stream
-from neuro.events.formats import Unsavable, called, written
+from neuro.events.files import load, save, stream, writer
+from neuro.events.formats import Format, Unsavable, called, held, written
 from neuro.events.source import Given
 
 STANDARD = "-"
@@ -39,6 +39,7 @@ def convert(
     strict: bool = True,
     report: Report | None = None,
     replace: bool = False,
+    keep: bool = False,
 ) -> int:
     """Write the events of a file in another format.
 
@@ -51,6 +52,7 @@ def convert(
         strict: False takes what is whole of a damaged file, with an `EventFileWarning`.
         report: called with the number of events written so far.
         replace: as for `neuro.events.save`.
+        keep: as for `neuro.events.save`.
 
     Returns:
         Number of events.
@@ -58,7 +60,7 @@ def convert(
     Raises:
         EventFileError: the file is damaged or unknown, or the format cannot hold an event.
     """
-    return write(read(source, from_format, sensor_size, strict), target, to_format, report, replace)
+    return write(read(source, from_format, sensor_size, strict), target, to_format, report, replace, keep)
 
 
 def read(
@@ -86,6 +88,11 @@ def read(
         yield load(source, format=format, sensor_size=sensor_size, strict=strict)
 
 
+def comes_once(source: Path_) -> bool:
+    """Return whether a recording cannot be read again: standard input, or a named pipe."""
+    return os.fspath(source) == STANDARD or not os.path.isfile(source)
+
+
 def given(source: Path_) -> tuple[Given, str | None]:
     """What `load` and `stream` take for a path or ``-``, and what to call it; None: as it is called."""
     return (sys.stdin.buffer, INPUT) if os.fspath(source) == STANDARD else (source, None)
@@ -97,6 +104,8 @@ def write(
     format: str | None = None,
     report: Report | None = None,
     replace: bool = False,
+    keep: bool = False,
+    left_out: Callable[[int], None] | None = None,
 ) -> int:
     """Write the parts of a recording.
 
@@ -106,6 +115,8 @@ def write(
         format: its name, where the ending does not tell.
         report: called with the number of events written so far.
         replace: as for `neuro.events.save`.
+        keep: as for `neuro.events.save`.
+        left_out: called with the number of events of a part for which the format has no room; None: one is an error.
 
     Returns:
         Number of events.
@@ -114,27 +125,34 @@ def write(
         EventFileError: as for `neuro.events.save`; or standard output without a format.
     """
     done = 0
+    to_output = os.fspath(target) == STANDARD
+    chosen = _output_format(format) if to_output else writer(Path(target), format)
 
     def counted() -> Iterator[Events]:
         nonlocal done
-        for part in parts:
+        for part in parts if left_out is None else held(parts, chosen, left_out):
             yield part
             done += len(part)
             if report is not None:
                 report(done)
 
-    if os.fspath(target) == STANDARD:
-        _write_out(counted(), format)
+    if to_output:
+        _write_out(counted(), chosen)
     else:
-        save(counted(), target, format=format, replace=replace)
+        save(counted(), target, format=format, replace=replace, keep=keep)
     return done
 
 
-def _write_out(parts: Iterator[Events], format: str | None) -> None:
+def _output_format(format: str | None) -> Format:
     chosen = None if format is None else called(format, written())
     if chosen is None or chosen.write is None:
         message = "to no format" if format is None else f"as format {format!r}"
         raise EventFileError(OUTPUT, f"cannot write {message}, expected one of {', '.join(f.name for f in written())}")
+    return chosen
+
+
+def _write_out(parts: Iterator[Events], chosen: Format) -> None:
+    assert chosen.write is not None
     sys.stdout.flush()
     try:
         if chosen.name in STREAMED:
@@ -171,3 +189,6 @@ class _StandardOutput:
 
     def write(self, data: Any) -> int:
         return sys.stdout.buffer.write(data)
+
+    def flush(self) -> None:
+        sys.stdout.buffer.flush()

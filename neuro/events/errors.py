@@ -45,3 +45,10 @@ def let_go(error: BaseException) -> None:
     while behind is not None:
         traceback.clear_frames(behind.__traceback__)
         behind = behind.__context__
+
+
+def with_notes(error: EventFileError, cause: BaseException) -> EventFileError:
+    """Return an error with the notes of the one that it stands for."""
+    for note in getattr(cause, "__notes__", ()):
+        error.add_note(note)
+    return error

@@ -6,15 +6,18 @@ import os
 from collections.abc import Iterable, Iterator, Sequence
 from itertools import chain
 from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import Any
 
 from neuro.core.checks import argument
 from neuro.core.errors import ModelError
 from neuro.core.outputs import Kind, Unwritable, output
 from neuro.core.paths import file_path
 from neuro.events._events import Columns, Events, checked_size
-from neuro.events.errors import EventFileError
+from neuro.events.errors import EventFileError, with_notes
 from neuro.events.formats import Format, Unsavable, called, written
 from neuro.events.formats._format import in_order
+from neuro.events.formats.table import TABLE
 from neuro.events.opening import Checked, Opened, joined, opened, smallest
 from neuro.events.parts import between, windows
 from neuro.events.segmentation.cutters import Counts, segmented
@@ -59,7 +62,7 @@ def load(
     """
     size = None if sensor_size is None else checked_size(sensor_size)
     sort, strict = argument("sort", sort, kind="boolean"), argument("strict", strict, kind="boolean")
-    with opened(source, format, name) as file:
+    with opened(source, format, name, size) as file:
         checked = Checked(file.name, size or file.sensor_size, strict, sort)
         pieces = [checked.piece(piece) for piece in file.pieces(WHOLE, strict)]
         if not strict:
@@ -137,7 +140,7 @@ def stream(
     number = argument("count", count, whole=True, at_least=1, optional=True)
 
     def cut() -> Iterator[Events]:
-        with opened(source, format, name) as file:
+        with opened(source, format, name, size) as file:
             parts = between(_parts(file, size, start, strict), start, stop)
             if window is not None:
                 yield from windows(parts, window, start, file.name)
@@ -180,10 +183,11 @@ def save(
     *,
     format: str | None = None,
     replace: bool = False,
+    keep: bool = False,
 ) -> None:
     """Write events in the format of the name's ending.
 
-    The file takes its name when it is whole, so a failure leaves no half of one.
+    The file takes its name when it is whole, so a failure leaves no half of one, except with `keep`.
 
     Args:
         events: what to write, or the parts of one recording in order, as `stream` gives them.
@@ -191,15 +195,19 @@ def save(
         format: its name, where several have the ending; or the ending that only it has.
         replace: whether to replace a file that has this name. Recordings bear no mark of their writer, so none is
             replaced only if `replace` says so.
+        keep: for events that cannot be had again, as those of a `Listener`. They are written to `path` with ".part" at
+            its end (with a number, as walk.2.dat.part, if there is such a file), part by part. The file stays there if
+            the work fails or the process is killed, and the error says how to read it. A format that is no recording
+            until it is complete, as HDF5 and NPZ, is written as CSV and converted at the end.
 
     Raises:
         EventFileError: no format has this ending, there is not one part, the format cannot hold an event, which
-            is named, or the file cannot be written.
-        ModelError: `path` is no name of a file, `replace` neither True nor False, or `events` something else.
+            is named, or the file cannot be written; with `keep` a note says where the events up to then are.
+        ModelError: `path` is no name of a file, a flag neither True nor False, or `events` something else.
     """
     path = file_path(path, "path")
-    replace = argument("replace", replace, kind="boolean")
-    write = _writer(path, format)
+    replace, keep = argument("replace", replace, kind="boolean"), argument("keep", keep, kind="boolean")
+    chosen = writer(path, format)
     given = _parts_of(events)
     first = next(given, None)
     if first is None:
@@ -207,12 +215,56 @@ def save(
         raise EventFileError(str(path), f"no parts to save, expected at least one: {empty}")
     parts = (part for _, part in in_order(chain([first], given)))
     try:
-        with output(path, RECORDING, replace) as part:
-            write(parts, part)
+        if keep:
+            _record(parts, path, chosen, replace)
+        else:
+            with output(path, RECORDING, replace) as part:
+                _write(chosen, parts, part)
     except Unsavable as fault:
-        raise EventFileError(str(path), f"cannot hold event {fault.event}: {fault.what}", hint=fault.hint) from None
-    except Unwritable as error:
-        raise EventFileError(str(path), error.what) from None
+        error = EventFileError(str(path), f"cannot hold event {fault.event}: {fault.what}", hint=fault.hint)
+        raise with_notes(error, fault) from None
+    except Unwritable as fault:
+        raise with_notes(EventFileError(str(path), fault.what), fault) from None
+
+
+def _record(parts: Iterator[Events], path: Path, chosen: Format, replace: bool) -> None:
+    """Write parts that cannot be had again. A failure leaves what came before, and notes on the error where it is."""
+    grown, kept = chosen if chosen.grows else TABLE, path
+    try:
+        with output(path, RECORDING, replace, keep=True) as part:
+            kept = part
+            if chosen.grows:
+                _write(chosen, parts, part)
+            else:
+                _write_at_the_end(parts, part, chosen)
+    except BaseException as error:
+        if kept != path and kept.exists():
+            error.add_note(f"what came before is kept: 'neuro events info {kept} --from {grown.name}' reads {kept}")
+        raise
+
+
+def _write_at_the_end(parts: Iterator[Events], part: Path, chosen: Format) -> None:
+    """Write parts in a format that is no recording until it is complete; up to then the file is CSV."""
+    metadata: dict[str, Any] = {}
+
+    def noted() -> Iterator[Events]:
+        for each in parts:
+            metadata.update(each.metadata)
+            yield each
+
+    _write(TABLE, noted(), part)
+    again = stream(part, format=TABLE.name)
+    first = next(again, None)
+    whole = chain([load(part, format=TABLE.name) if first is None else first], again)
+    with TemporaryDirectory(prefix=part.name, dir=part.parent) as folder:
+        target = Path(folder) / part.name
+        _write(chosen, (Events._trusted(e.t, e.x, e.y, e.p, e.sensor_size, metadata) for e in whole), target)
+        target.replace(part)
+
+
+def _write(format: Format, parts: Iterator[Events], path: Path) -> None:
+    assert format.write is not None
+    format.write(parts, path)
 
 
 def _parts_of(events: object) -> Iterator[Events]:
@@ -228,15 +280,20 @@ def _parts_of(events: object) -> Iterator[Events]:
         yield part
 
 
-def _writer(path: Path, format: str | None):  # type: ignore[no-untyped-def]
+def writer(path: Path, format: str | None) -> Format:
+    """The format to write: by its name, else by the ending of the file's name.
+
+    Raises:
+        EventFileError: there is none that can be written.
+    """
     if format is not None:
         if not isinstance(format, str) or (chosen := called(format, written())) is None:
             known = ", ".join(f.name for f in written())
             raise EventFileError(str(path), f"cannot save as format {format!r}, expected one of {known}")
-        return chosen.write
+        return chosen
     for f in written():
         if path.name.lower().endswith(f.suffixes):
-            return f.write
+            return f
     endings = ", ".join(dict.fromkeys(suffix for f in written() for suffix in f.suffixes))
     raise EventFileError(str(path), f"cannot save as {path.suffix!r}, expected {endings}")
 

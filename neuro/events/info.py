@@ -110,7 +110,7 @@ def info(
     Raises:
         EventFileError: there is no such file, or it is of no known kind.
     """
-    with opened(source, format, name) as file:
+    with opened(source, format, name, sensor_size) as file:
         kind, told_size = file.format, _told_size(file, sensor_size is None)
         size = sensor_size or told_size
         with warnings.catch_warnings(record=True) as caught:

@@ -13,9 +13,10 @@ import numpy.typing as npt
 
 from neuro.core.hints import near
 from neuro.core.inputs import record_input
+from neuro.core.outputs import PART
 from neuro.events._events import Columns, empty_columns, joined_columns
 from neuro.events.errors import EventFileError, EventFileWarning, let_go
-from neuro.events.formats import FORMATS, HEAD, Damage, Format, Piece, Reader, Seeker, called
+from neuro.events.formats import FORMATS, HEAD, Damage, Format, Piece, Reader, Seeker, Sized, called
 from neuro.events.source import Given, Source, opened_source
 
 
@@ -206,13 +207,14 @@ class Opened:
         return smallest(self.format, max((x for x, _ in sizes), default=-1), max((y for _, y in sizes), default=-1))
 
 
-def opened(source: Given, format: str | None, name: str | None) -> Opened:
+def opened(source: Given, format: str | None, name: str | None, size: tuple[int, int] | None = None) -> Opened:
     """Open a file.
 
     Args:
         source: a path, bytes, or an open binary file.
         format: its name, where neither content nor ending shows it.
         name: what to call it.
+        size: width and height of the sensor that the user gives, px.
 
     Raises:
         EventFileError: there is no such file, it is of no known kind, or its header is damaged.
@@ -222,7 +224,10 @@ def opened(source: Given, format: str | None, name: str | None) -> Opened:
         record_input(source)
     try:
         found = find(data, format)
-        return Opened(data, found.open(data), found)
+        reader = found.open(data)
+        if size is not None and isinstance(reader, Sized):
+            reader.use_sensor(size)
+        return Opened(data, reader, found)
     except Damage as damage:
         let_go(damage)
         data.close()
@@ -262,7 +267,7 @@ def find(source: Source, format: str | None = None) -> Format:
             if f.guesses == guesses and f.knows(head):
                 return f
     for f in FORMATS.values():
-        if source.name.lower().endswith(f.suffixes):
+        if source.name.lower().removesuffix(PART).endswith(f.suffixes):
             return f
     titles = ", ".join(f"{f.title} ({' '.join(f.suffixes)})" for f in FORMATS.values())
     raise EventFileError(source.name, f"unknown kind of event file, expected one of: {titles}")

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import AbstractContextManager, ExitStack, contextmanager
 from os import PathLike
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -15,7 +15,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from neuro.core.errors import ModelError
-from neuro.core.outputs import Kind, marked, output, write_text
+from neuro.core.hdf5 import new_file
+from neuro.core.outputs import Kind, marked, output
 from neuro.core.paths import file_path
 from neuro.exchange.verdict import APPROXIMATE, EXACT, REFUSED, Verdict, Verdicts
 from neuro.program.program import Population, Projection
@@ -26,6 +27,7 @@ if TYPE_CHECKING:
 MAGIC, VERSION = 0x0A7A, (0, 1)
 _MARK = '"written_by": "neuro"'
 _CONFIG = marked("a SONATA configuration of neuro", _MARK)
+_TYPES = "SONATA types of neuro"
 _NODE_TYPES = "node_type_id model_type model_template population"
 _EDGE_TYPES = "edge_type_id model_template edge_population"
 _SORTING = {"none": 0, "by_id": 1, "by_time": 2}
@@ -61,21 +63,31 @@ def save_sonata(sim: Simulation, path: str | PathLike[str]) -> Verdicts:
     def beside(what: str) -> Path:
         return file.with_name(f"{file.stem}_{what}")
 
-    with _hdf5(beside("nodes.h5")) as nodes:
-        for number, part in enumerate(populations):
-            _write_nodes(nodes, part, number)
-    with _hdf5(beside("edges.h5")) as edges:
-        for number, synapses in enumerate(projections):
-            _write_edges(edges, sim, synapses, number)
-    _write_types(beside("node_types.csv"), _NODE_TYPES, [_node_type(k, part) for k, part in enumerate(populations)])
-    rows = [f"{k} {part.synapse.name} {part.name}" for k, part in enumerate(projections)]
-    _write_types(beside("edge_types.csv"), _EDGE_TYPES, rows)
-    recorded = [part.name for part in populations if part.records]
-    if recorded:
-        with _hdf5(beside("spikes.h5")) as spikes:
-            for name in recorded:
-                _write_spikes(spikes, sim, name)
-    write_text(file, json.dumps(_config(sim, file.stem), indent=1) + "\n", _CONFIG)
+    # The files belong together: none takes its name before all are written, the configuration last.
+    with ExitStack() as files:
+
+        def add_text(path: Path, lines: list[str], kind: Kind) -> None:
+            files.enter_context(output(path, kind)).write_text("\n".join([*lines, ""]), "utf-8")
+
+        def add_hdf5(what: str) -> AbstractContextManager[Any]:
+            return _hdf5(files.enter_context(output(beside(what), _HDF5)))
+
+        add_text(file, [json.dumps(_config(sim, file.stem), indent=1)], _CONFIG)
+        rows = [_node_type(k, part) for k, part in enumerate(populations)]
+        add_text(beside("node_types.csv"), [_NODE_TYPES, *rows], marked(_TYPES, _NODE_TYPES))
+        rows = [f"{k} {part.synapse.name} {part.name}" for k, part in enumerate(projections)]
+        add_text(beside("edge_types.csv"), [_EDGE_TYPES, *rows], marked(_TYPES, _EDGE_TYPES))
+        with add_hdf5("nodes.h5") as nodes:
+            for number, part in enumerate(populations):
+                _write_nodes(nodes, part, number)
+        with add_hdf5("edges.h5") as edges:
+            for number, synapses in enumerate(projections):
+                _write_edges(edges, sim, synapses, number)
+        recorded = [part.name for part in populations if part.records]
+        if recorded:
+            with add_hdf5("spikes.h5") as spikes:
+                for name in recorded:
+                    _write_spikes(spikes, sim, name)
     return table
 
 
@@ -106,19 +118,23 @@ def _node_verdict(sim: Simulation, part: Population) -> Verdict:
     return Verdict(part.name, part.said, EXACT, "parameters and initial states are attributes")
 
 
+def _is_ours(path: Path) -> bool:
+    import h5py
+
+    try:
+        with h5py.File(path, "r") as file:
+            return bool(file.attrs.get("written_by", "") == "neuro")
+    except OSError:
+        return False
+
+
+_HDF5 = Kind("a SONATA file of neuro", _is_ours)
+
+
 @contextmanager
 def _hdf5(path: Path) -> Iterator[Any]:
     """A new file of SONATA."""
-    import h5py
-
-    def ours(path: Path) -> bool:
-        try:
-            with h5py.File(path, "r") as file:
-                return bool(file.attrs.get("written_by", "") == "neuro")
-        except OSError:
-            return False
-
-    with output(path, Kind("a SONATA file of neuro", ours)) as part, h5py.File(part, "w") as file:
+    with new_file(path) as file:
         file.attrs["magic"] = np.uint32(MAGIC)
         file.attrs["version"] = np.array(VERSION, dtype=np.uint32)
         file.attrs["written_by"] = "neuro"
@@ -166,10 +182,6 @@ def _kind(part: Population) -> str:
 
 def _node_type(number: int, part: Population) -> str:
     return f"{number} {_kind(part)} neuro:{part.said} {part.name}"
-
-
-def _write_types(path: Path, header: str, rows: list[str]) -> None:
-    write_text(path, "\n".join([header, *rows]) + "\n", marked("SONATA types of neuro", header))
 
 
 def _config(sim: Simulation, stem: str) -> dict[str, Any]:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 from collections.abc import Iterator
 from dataclasses import asdict, dataclass
+from html import escape
 
 from neuro.core.errors import ModelError, unknown
 from neuro.core.tables import Table, as_html, as_text
@@ -40,10 +41,12 @@ class Verdicts:
     Attributes:
         heading: the network, the direction and the convention.
         nodes: one verdict for each node.
+        note: what was assumed, and what follows from it; "" if nothing was.
     """
 
     heading: str
     nodes: tuple[Verdict, ...]
+    note: str = ""
 
     @property
     def exact(self) -> bool:
@@ -68,8 +71,9 @@ class Verdicts:
         raise unknown("node", node, [each.node for each in self.nodes])
 
     def to_json(self) -> str:
-        """The heading and a list of nodes."""
+        """The heading, a list of nodes, and the note."""
         content = {"heading": self.heading, "exact": self.exact, "nodes": [asdict(each) for each in self.nodes]}
+        content |= {"note": self.note} if self.note else {}
         return json.dumps(content, indent=1)
 
     def check(self) -> None:
@@ -93,7 +97,8 @@ class Verdicts:
         return [Table("", ("node", "type", "verdict", "how"), rows)]
 
     def __str__(self) -> str:
-        return as_text(self.heading, self._tables())
+        return "\n\n".join(filter(None, (as_text(self.heading, self._tables()), self.note)))
 
     def _repr_html_(self) -> str:
-        return as_html(self.heading, self._tables())
+        note = f"<p>{escape(self.note)}</p>" if self.note else ""
+        return as_html(self.heading, self._tables()) + note

@@ -400,6 +400,14 @@ def unfinished(path: Path) -> Path:
     return path.with_name(path.name + ".part")
 
 
+def recorded_in(part: Path) -> str:
+    """A sentence that says up to which time an unfinished file was recorded; "" of a file that cannot be read."""
+    try:
+        return f"{part} has what was recorded up to {read(part).time:g} ms"
+    except ModelError:
+        return ""
+
+
 def read_file(file: h5py.File, opener: Opener, path: Path | None = None) -> Results:
     """The results in an open file; `opener` opens it again for arrays that are asked for later."""
     about = {name: _plain(value) for name, value in file.attrs.items() if name != "format"}

@@ -79,6 +79,7 @@ def projection(sim: Simulation, index: int) -> dict[str, Any]:
         "synapse": part.synapse.name,
         "size": part.size,
         "learns": bool(part.synapse.learns),
+        "dopamine": sim.program.populations[part.dopamine].name if part.dopamine >= 0 else None,
         "negative": bool(weight.size and weight.mean() < 0.0),
         "unit": sim._synapses.weight_unit(index),
     }

@@ -70,8 +70,22 @@ function drawGraph() {
     edges.push({edge, head, name: p.name, from: a.index, ends: [p.from, p.to]});
   }
   svg.replaceChildren(lines, boxes);
+  for (const p of about.projections.filter(each => nodes.has(each.dopamine))) {
+    const taught = edges.find(each => each.name === p.name);
+    if (taught) teach(lines, nodes.get(p.dopamine), taught.edge, p, W);
+  }
   tint();
   mark(focused);
+}
+function teach(lines, from, taught, p, W) {  // an arrow from a population that releases dopamine to the middle of a projection
+  const to = taught.getPointAtLength(taught.getTotalLength() / 2), x = from.x + W * (to.x < from.x + W / 2 ? 0.25 : 0.75);
+  const y = to.y < from.y + TALL / 2 ? from.y : from.y + TALL;  // it leaves the box towards the arrow, between the rows
+  const edge = shape("path", {class: "edge dopamine", d: `M${x} ${y} Q${x} ${to.y} ${to.x} ${to.y}`, "stroke-dasharray": "1 4"}, shape("title"));
+  edge.firstChild.textContent = `dopamine of ${p.dopamine} teaches ${p.name}`;
+  edge.onclick = () => choose(p.name);
+  const head = shape("circle", {class: "tip dopamine", cx: to.x, cy: to.y, r: 3.5});
+  lines.append(edge, head);
+  edges.push({edge, head, name: p.name, from: from.index, ends: [p.dopamine, p.to]});
 }
 function way(a, b, W, shift) {  // of an arrow from one box to another: its path; the place and direction of its tip
   const ax = a.x + W / 2, bx = b.x + W / 2;

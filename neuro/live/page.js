@@ -202,7 +202,7 @@ function choose(name) {
       ["from", links(about.projections.filter(q => q.to === name), q => q.from)], ["to", links(about.projections.filter(q => q.from === name), q => q.to)]]));
     inside.push(...actions(p));
   } else if (p.synapse) {
-    inside.push(facts([["from", links([found(p.from)])], ["to", links([found(p.to)])], ["synapse", p.synapse + (p.learns ? ", learns" : "")], ["synapses", p.size.toLocaleString("en")]]));
+    inside.push(facts([["from", links([found(p.from)])], ["to", links([found(p.to)])], ["synapse", p.synapse + (p.learns ? ", learns" : "")], ...(p.dopamine ? [["dopamine from", links([found(p.dopamine)])]] : []), ["synapses", p.size.toLocaleString("en")]]));
     get("projection").value = name;
     if (kept["weights/" + name]) showWeights(kept["weights/" + name]);
   } else inside.push(facts([["signal to", links([found(p.to)])]]));

@@ -9,7 +9,11 @@ import socket
 import subprocess
 import sys
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import ExitStack
+from html import escape
+from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import Any
 
 from neuro.core.checks import check
@@ -32,6 +36,8 @@ POLL_S = 5e-3
 """How often messages are looked for."""
 SAMPLE_S = 1e-3
 STRETCH_S, LONGEST_MS = 2e-3, 20.0
+WATCH_MS = 0.5
+"""Time between two samples of the watched state: a window of 1 s on 1,000 pixels shows each spike and its reset."""
 KEPT_MS = 500.0
 BESIDE_S = 0.05
 SEEN_S = 1.0
@@ -42,6 +48,13 @@ SHARE, SAMPLE_SHARE, SLOW_SHARE = 0.025, 0.005, 0.005
 """Of the time that the run takes and waits: what frames may take, the state that is watched, and all that is made
 seldom. Where they take more, they come less often."""
 START_S = 20.0
+REDIRECT = """<!doctype html>
+<meta charset="utf-8">
+<meta name="referrer" content="no-referrer">
+<meta http-equiv="refresh" content="0; url={url}">
+<title>neuro</title>
+<a href="{url}">The page of the network</a>
+"""
 
 PORT = Quantity(kind="integer", at_least=0, at_most=65535)
 HOST = Quantity(kind="name")
@@ -98,6 +111,7 @@ class Page:
         self._measured = (time.perf_counter(), sim.time)
         self._speed = 0.0
         self._process, self._channel = _serve()
+        self._files = ExitStack()
         try:
             token = secrets.token_urlsafe(24)
             port = self._begin({"host": host, "port": port, "token": token})
@@ -117,8 +131,23 @@ class Page:
     def __repr__(self) -> str:
         return f"Page({self.sim!r}, {self.url!r})"
 
+    def open(self) -> None:
+        """Open the page in the browser of this user.
+
+        The browser is given a file that leads to the page. Only this user can read the file, while every user of the
+        machine can read the words that a program is started with. The file is removed when the page is closed.
+        """
+        import webbrowser
+
+        folder = TemporaryDirectory(prefix="neuro-page-", ignore_cleanup_errors=True)
+        file = Path(self._files.enter_context(folder)) / "page.html"
+        file.touch(mode=0o600)
+        file.write_text(REDIRECT.format(url=escape(self.url)), "utf-8")
+        webbrowser.open(file.as_uri())
+
     def close(self) -> None:
         """End the page and its processes; the simulation stays. A second call does nothing."""
+        self._files.close()
         self._channel.close()
         beside: Beside | None = getattr(self, "beside", None)
         if beside is not None:
@@ -184,7 +213,10 @@ class Page:
     def _advance(self, ms: float, pace: Pace) -> None:
         before = self.sim.time
         try:
-            self.sim.run(ms)
+            for number, part in enumerate(self._parts(ms)):
+                if number:
+                    self.frames.sample()  # `tick` samples at the end of the stretch
+                self.sim.run(part)
         except ModelError as error:
             if self.sim.time == before:
                 raise
@@ -193,6 +225,15 @@ class Page:
             self.tell_state()
         if self.sim.time - self.sim.held > 2 * KEPT_MS:
             self.sim.forget(self.sim.time - KEPT_MS)
+
+    def _parts(self, ms: float) -> Iterator[float]:
+        """Divide a stretch, in ms, so that the watched state is sampled every `WATCH_MS` where the run has time to wait."""
+        clock = Clock(self.sim.program.resolution)
+        steps = clock.step(ms, "run")
+        is_watched = bool(self.frames.watched) and self._ahead and time.perf_counter() < self._seen_until
+        part = max(1, int(WATCH_MS / clock.resolution)) if is_watched else steps
+        for begin in range(0, steps, part):
+            yield clock.ms(min(part, steps - begin))
 
     @property
     def _stretch_ms(self) -> float:

@@ -86,7 +86,7 @@ def compile(
         raise ModelError(f"neuro.compile: found {net!r}: expected a Network", hint="neuro.load reads one from YAML")
     threads = check(_THREADS, threads, "threads")
     if not is_number(seed) or not isinstance(seed, (int, np.integer)) or not 0 <= seed < 2**63:
-        most = " and < 2^63" if isinstance(seed, int) and seed >= 2**63 else ""
+        most = " and < 2^63" if is_number(seed) and seed >= 2**63 else ""
         raise ModelError(f"seed = {shown(seed)}: expected a whole number >= 0{most}")
     chosen = _backend(backend)
     if copies is not None:

@@ -21,6 +21,9 @@ class Runs(Protocol):
     def run(self, ms: float) -> None:
         """Advance."""
 
+    def check_room(self, steps: int) -> None:
+        """Refuse a run that records too much."""
+
 
 def advance(sim: Runs, steps: int, bar: Bar) -> float:
     """Run in stretches of about a fifth of a second, between which the bar moves and Ctrl-C is heard.
@@ -32,6 +35,7 @@ def advance(sim: Runs, steps: int, bar: Bar) -> float:
         reports nothing of the others; else 0.
     """
     clock = Clock(sim.program.resolution)
+    sim.check_room(steps)
     if shared():
         sim.run(clock.ms(steps))
         return 0.0

@@ -4,11 +4,13 @@ from __future__ import annotations
 
 from bisect import bisect_right
 from collections.abc import Mapping
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from neuro.compiler.memory import Need, check_room
 from neuro.program.backend import Engine, Notes, Samples, Sent
 from neuro.program.program import Floats, Ints, Probe, Program, SynapseProbe
 
@@ -86,6 +88,7 @@ class Recorder:
         probes = [p for p in program.probes if p.record != "spikes"]
         self._due: dict[str, Probe | SynapseProbe] = {p.name: p for p in probes}
         self._due |= {p.name: p for p in program.synapse_probes if p.every}
+        self._probes, self._program = tuple(self._due.values()), program
         self._sampled: dict[str, int] = {}
         self.series = {name: Series(columns(program, probe), is_single(probe)) for name, probe in self._due.items()}
         self.pre_spikes = {
@@ -97,6 +100,19 @@ class Recorder:
             self._due = {name: probe for name, probe in self._due.items() if name not in self._sampled}
         self._counted = {p.name: (0, 0) for p in probes if p.record == "rate"}
         self._resolution = program.resolution
+
+    def check_room(self, steps: int, file: Path | None) -> None:
+        """Refuse a run that records more values than memory, or the disk of a file, has room for.
+
+        Raises:
+            ModelError: it does; the message names the probe that needs most.
+        """
+        needs = []
+        for probe in self._probes:
+            times, values = steps // probe.every, columns(self._program, probe)
+            what = f"probe '{probe.name}', {times:,} times {values:,} values"
+            needs.append(Need(8.0 * times * (values + 1), what, probe.origin))  # the time of each, too
+        check_room(self._program.name, needs, file)
 
     def clear(self) -> None:
         """Forget everything."""

@@ -83,18 +83,22 @@ class ResultsWriter:
         self._file: ResultsFile | RemoteFile = RemoteFile(self.part) if live else ResultsFile(self.part)
         self._origin = collect.origin(sim, net, threads, record, all_weights)
         head = {**collect.about(sim, threads), **collect.recordings_of(net), ATTRIBUTE: self._origin}
-        self._file.begin({**head, "finished": False}, files)
         self._kept = [
             index
             for index, part in enumerate(sim.program.populations)
             if part.records and (not record or part.name in record)
         ]
         self._fed: dict[str, list[tuple[Ints, Ints, NDArray[np.uint32]]]] = {}
-        self._make_room()
         self._stretch = 1
-        self.commit()
-        if isinstance(self._file, RemoteFile):
-            self._file.wait()
+        try:
+            self._file.begin({**head, "finished": False}, files)
+            self._make_room()
+            self.commit()
+            if isinstance(self._file, RemoteFile):
+                self._file.wait()
+        except BaseException:
+            self._file.close()
+            raise
 
     def _make_room(self) -> None:
         """The parts of the file, still without content."""

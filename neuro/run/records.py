@@ -64,6 +64,10 @@ class Records:
         self._notice_drained()
         return 0.0 if self._in_file else self._clock.ms(self.held)
 
+    def check_room(self, steps: int) -> None:
+        """Refuse a run that records more than memory, or the disk of the file that takes it, has room for."""
+        self.recorder.check_room(steps, None if self.recording is None else self.recording.path)
+
     def run(self, steps: int) -> None:
         """Advance the engine, recording on the way."""
         (self.recorder if self.recording is None else self.recording).run(steps)

@@ -13,10 +13,10 @@ from numpy.typing import ArrayLike, NDArray
 from neuro.compiler.check import check_values
 from neuro.compiler.receptors import check_conductance
 from neuro.compiler.values import per_neuron
-from neuro.core.checks import check, numbers, refuse_masked
+from neuro.core.checks import check, is_number, numbers, refuse_masked
 from neuro.core.clock import Clock
 from neuro.core.errors import ModelError, unknown
-from neuro.core.quantities import Quantity, word_of
+from neuro.core.quantities import LARGEST, Quantity, word_of
 from neuro.core.values import FromFile, shown
 from neuro.model.distributions import Distribution
 from neuro.model.neurons import Model
@@ -315,9 +315,10 @@ def _payloads(payloads: ArrayLike, times: int) -> Ints:
     found = _listed(numbers(payloads, "payloads"), "payloads")
     if found.size != times:
         raise ModelError(f"{times} times and {found.size} payloads: expected as many of each")
-    bad = np.flatnonzero((found != np.rint(found)) | (np.abs(found) >= 2**31))
+    bad = np.flatnonzero((found != np.rint(found)) | (np.abs(found) > LARGEST))
     if bad.size:
-        raise ModelError(f"payloads[{bad[0]}] = {found[bad[0]]:g}: expected a whole number of 32 bits")
+        value = shown(float(found[bad[0]]))
+        raise ModelError(f"payloads[{bad[0]}] = {value}: expected a whole number from -{LARGEST} to {LARGEST}")
     return found.astype(np.int64)
 
 
@@ -334,7 +335,8 @@ def neuron_ids(ids: ArrayLike, size: int) -> Ints:
     array = np.atleast_1d(np.asarray(ids))
     if array.size == 0:
         return np.zeros(0, dtype=np.int64)
-    if array.dtype.kind not in "iu":
+    beyond_64_bits = array.dtype.kind == "O" and all(isinstance(each, int) and is_number(each) for each in array.flat)
+    if array.dtype.kind not in "iu" and not beyond_64_bits:
         raise ModelError(f"ids: found {array.dtype}: expected whole numbers")
     bad = np.flatnonzero((array < 0) | (array >= size))
     if bad.size:

@@ -159,10 +159,22 @@ class Simulation:
             with Bar() as bar:
                 advance(self, steps, bar)
             return
+        self.check_room(steps)
         for stretch in self._inflow.stretches(steps):
             for part in self._fed.stretches(stretch):
                 self._records.run(part)
         self._watch.look()
+
+    def check_room(self, steps: int) -> None:
+        """Refuse a run whose probes record more than memory, or the disk of the file that takes it, has room for.
+
+        Args:
+            steps: of the whole run; `run` may then be called for parts of it.
+
+        Raises:
+            ModelError: the bytes needed and those that are free, and the probe that needs most.
+        """
+        self._records.check_room(steps)
 
     def _refuse_changed(self) -> NoReturn:
         """Say which part the network got since it was compiled: a file would hold a network that did not run."""

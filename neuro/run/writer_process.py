@@ -21,7 +21,7 @@ from typing import Any
 
 from neuro.core.errors import ModelError
 from neuro.core.outputs import Unwritable
-from neuro.files.results import Results, read
+from neuro.files.results import Results, read, recorded_in
 from neuro.run.results_file import Arrays, ResultsFile
 
 _LENGTH = struct.Struct("<Q")
@@ -161,7 +161,10 @@ class RemoteFile:
                 what += block
         self._here.setblocking(False)
         what = what.removeprefix(b"-")
-        return Unwritable(self._part, what.decode("utf-8", "replace") or "the process that writes it has ended")
+        reason, _, hint = what.decode("utf-8", "replace").partition("\0")
+        if not reason:
+            reason, hint = "the process that writes it has ended", recorded_in(self._part)
+        return Unwritable(self._part, reason, hint)
 
 
 def main(number: str, part: str) -> None:
@@ -182,7 +185,7 @@ def main(number: str, part: str) -> None:
                     pipe.sendall(b"+")
         except Unwritable as error:
             with suppress(OSError):
-                pipe.sendall(b"-" + error.what.encode())
+                pipe.sendall(f"-{error.what}\0{error.hint}".encode())
         finally:
             if file is not None:
                 file.close()

@@ -161,12 +161,13 @@ def hold_out(search: Search, folder: Folder, points: Sequence[Point], place: Exe
     _begin_search(search, folder)
     items = list({item.key: item for point in points for item in search.plan.tests(search.before, point)}.values())
     left = [item for item in items if folder.outcome(item.key) is None]
-    done = 0
+    done = len(items) - len(left)
+    bar.begin(done)
 
     def tell(key: str, failed: bool) -> None:
         nonlocal done
         done += 1
-        bar.show(done, len(left), f"{done:,} of {len(left):,} tested")
+        bar.show(done, len(items), f"{done:,} of {len(items):,} tested")
 
     with doing(search, folder, place, tell, say=bar.say) as do:
         do(left)

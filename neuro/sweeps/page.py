@@ -153,7 +153,7 @@ def _lines(data: PlotData) -> Html:
     lines = data.lines()
     drawn = lines[:_COLOURS]
     x = np.concatenate([line[1] for line in drawn])
-    y = np.concatenate([np.concatenate([mean - sd, mean + sd]) for _, _, mean, sd in drawn])
+    y = np.concatenate([np.concatenate([low, high]) for *_, low, high in drawn])
     is_wide = is_log(data.axis(0))
     along = _scale(np.log10(x) if is_wide else x, LEFT + 6, WIDE - 18)
     to_y = _scale(y, TOP + TALL, TOP)
@@ -162,9 +162,9 @@ def _lines(data: PlotData) -> Html:
         return float(along(np.log10(value) if is_wide else value))
 
     parts: list[Html] = list(_frame(data, to_x, y))
-    for k, (_, xs, mean, sd) in enumerate(drawn):
-        band = [*zip(xs, mean + sd, strict=True), *zip(xs[::-1], (mean - sd)[::-1], strict=True)]
-        if sd.any():
+    for k, (_, xs, mean, low, high) in enumerate(drawn):
+        band = [*zip(xs, high, strict=True), *zip(xs[::-1], low[::-1], strict=True)]
+        if (high > low).any():
             parts.append(tag("path", d=f"{_path(band, to_x, to_y)}Z", class_=f"item{k}", fill_opacity=0.18))
         line = list(zip(xs, mean, strict=True))
         parts.append(tag("path", d=_path(line, to_x, to_y), style=_LINE.format(k)))
@@ -173,8 +173,8 @@ def _lines(data: PlotData) -> Html:
             parts.append(tag("circle", what, cx=to_x(a), cy=to_y(b), r=2.6, class_=f"item{k}"))
     words = html.legend(*((f"item{k}", line[0]) for k, line in enumerate(drawn) if line[0]))
     more = f", {len(lines) - len(drawn)} more lines are not drawn" if len(lines) > len(drawn) else ""
-    spread = "; the band is one standard deviation" if any(line[3].any() for line in drawn) else ""
-    caption = f"over {data.names[0]}: the mean of all runs there{spread}{more}"
+    mean_of = f": {data.mean_of}; band: lowest to highest run" if data.mean_of else ""
+    caption = f"over {data.names[0]}{mean_of}{more}"
     picture = html.svg(WIDE, TOP + TALL + BELOW, *parts, label=f"{data.metric} over {data.names[0]}")
     return html.figure(html.join([words, picture]), caption, data.metric)
 
@@ -197,7 +197,8 @@ def _map(data: PlotData) -> Html:
         parts.append(html.text(LEFT - 6, TOP + (len(y) - 0.5 - k) * tall + 4, told(y[k]), "tick", "end"))
     parts.append(html.text((LEFT + WIDE) / 2, floor + 32, data.names[0], "quiet", "middle"))
     parts.append(html.text(0.0, TOP - 8, data.names[1], "quiet"))
-    caption = f"from {few(low)}, pale, to {few(high)}: the mean of all runs there"
+    mean_of = f": {data.mean_of}" if data.mean_of else ""
+    caption = f"from {few(low)}, pale, to {few(high)}{mean_of}"
     label = f"{data.metric} over {data.names[0]} and {data.names[1]}"
     return html.figure(html.svg(WIDE, floor + BELOW, *parts, label=label), caption, data.metric)
 

@@ -14,7 +14,7 @@ from matplotlib.figure import Figure
 from neuro.core.checks import is_number
 from neuro.core.errors import ModelError, unknown
 from neuro.core.values import literal
-from neuro.plots._canvas import COLOURS, Picture, colours, tidy
+from neuro.plots._canvas import COLOURS, Picture, tidy
 from neuro.sweeps.folder import TUNING, Folder
 from neuro.sweeps.journal import OPTUNAS, optuna, quietly, trials_of
 from neuro.sweeps.plan import MAXIMISE, so_far
@@ -59,13 +59,17 @@ def _figure(table: RunRows, wide: float = 7.0, rows: int = 1) -> tuple[Figure, l
 
 
 def _lines(table: SweepTable, data: PlotData) -> Figure:
-    """A line for each value of the second parameter, with a band of one standard deviation over what is left."""
+    """Draw a line for each combination of the other parameters, with a band from the lowest to the highest run."""
     figure, (axis,) = _figure(table)
     lines = data.lines()
-    for (name, x, mean, spread), colour in zip(lines, colours(), strict=False):
-        axis.plot(x, mean, "o-", color=colour, label=literal(name), markersize=4, linewidth=1.3)
-        if spread.any():
-            axis.fill_between(x, mean - spread, mean + spread, color=colour, alpha=0.18, linewidth=0)
+    for k, (name, x, mean, low, high) in enumerate(lines):
+        colour = COLOURS[k % len(COLOURS)]
+        style = ("-", "--", ":", "-.")[k // len(COLOURS) % 4]
+        axis.plot(x, mean, f"o{style}", color=colour, label=literal(name), markersize=4, linewidth=1.3)
+        if (high > low).any():
+            axis.fill_between(x, low, high, color=colour, alpha=0.18, linewidth=0)
+    if data.mean_of:
+        axis.set_title(literal(f"{data.mean_of}; band: lowest to highest run"), fontsize=9)
     _named(axis.xaxis, data.axis(0))
     axis.set_xlabel(literal(data.names[0]))
     axis.set_ylabel(literal(data.metric))
@@ -77,7 +81,7 @@ def _lines(table: SweepTable, data: PlotData) -> Figure:
 
 
 def _map(table: SweepTable, data: PlotData) -> Figure:
-    """A field for each pair of values, by the mean over what is left."""
+    """Draw a field for each pair of values; its colour is the mean of the runs there."""
     figure, (axis,) = _figure(table)
     grid = data.grid()
     image = axis.imshow(grid, origin="lower", aspect="auto", cmap="cividis", interpolation="nearest")
@@ -92,6 +96,8 @@ def _map(table: SweepTable, data: PlotData) -> Figure:
                 ink = "white" if value < middle else "black"
                 axis.text(column, row, f"{value:.3g}", ha="center", va="center", color=ink, fontsize=8)
     figure.colorbar(image, ax=axis, label=literal(data.metric))
+    if data.mean_of:
+        axis.set_title(literal(data.mean_of), fontsize=9)
     return figure
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from itertools import product
 from typing import Any
 
 import numpy as np
@@ -17,6 +18,7 @@ from neuro.sweeps.folder import RunOutcome
 from neuro.sweeps.table import SweepTable
 
 Values = tuple[Any, ...]
+Column = NDArray[np.float64]
 
 
 @dataclass(frozen=True, slots=True)
@@ -26,33 +28,40 @@ class PlotData:
     Attributes:
         kind: "lines", "map" or "parallel".
         metric: its name.
-        names: parameters: to the right, then what lines or rows are of.
-        points: values of the parameters, and the metric of each seed.
+        names: parameters: to the right, then those of lines or rows.
+        points: values of the parameters, and the metric of each run there.
+        averaged: what a mean is over: parameters that vary and are not drawn, and "seeds" where there are several.
     """
 
     kind: str
     metric: str
     names: tuple[str, ...]
     points: tuple[tuple[Values, tuple[float, ...]], ...]
+    averaged: tuple[str, ...] = ()
+
+    @property
+    def mean_of(self) -> str:
+        """Text such as "mean over tau_m and seeds"; "" if each point is one run."""
+        return f"mean over {' and '.join(self.averaged)}" if self.averaged else ""
 
     def axis(self, index: int) -> list[Any]:
         """The values of one parameter, ascending where these are numbers."""
         return ordered(values[index] for values, _ in self.points)
 
-    def lines(self) -> list[tuple[str, NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]]:
-        """Of each line its name, x, the mean and the standard deviation over all runs there."""
-        found = []
-        for other in self.axis(1) if len(self.names) > 1 else [None]:
-            each: dict[Any, list[float]] = {}
+    def lines(self) -> list[tuple[str, Column, Column, Column, Column]]:
+        """Return a line for each combination of the other parameters: name, x, mean, lowest and highest run there."""
+        lines = []
+        for others in product(*(self.axis(k) for k in range(1, len(self.names)))):
+            runs: dict[Any, list[float]] = {}
             for values, metrics in self.points:
-                if len(self.names) == 1 or values[1] == other:
-                    each.setdefault(values[0], []).extend(metrics)
-            x = ordered(each)
-            mean = np.array([np.mean(each[value]) for value in x])
-            spread = np.array([np.std(each[value], ddof=1) if len(each[value]) > 1 else 0.0 for value in x])
-            name = "" if other is None else f"{self.names[1]} = {told(other)}"
-            found.append((name, places(x), mean, spread))
-        return found
+                if values[1:] == others:
+                    runs.setdefault(values[0], []).extend(metrics)
+            x = ordered(runs)
+            mean, low, high = (np.array([of(runs[value]) for value in x]) for of in (np.mean, np.min, np.max))
+            name = ", ".join(f"{name} = {told(value)}" for name, value in zip(self.names[1:], others, strict=True))
+            if x:
+                lines.append((name, places(x), mean, low, high))
+        return lines
 
     def grid(self) -> NDArray[np.float64]:
         """The mean at each value of the second parameter (rows) and the first (columns); NaN where there is none."""
@@ -136,9 +145,11 @@ def _one(table: SweepTable, done: Mapping[str, RunOutcome], metric: str, names: 
     kind = _fitting(whole) if kind == "auto" else kind
     if kind == "map" and len(names) < 2:
         raise ModelError(f"a map needs two parameters: found {names[0]} alone")
-    most = {"lines": 2, "map": 2}.get(kind, len(names))
+    most = 2 if kind == "map" else len(names)
     cut = tuple((values[:most], each) for values, each in points)
-    return PlotData(kind, metric, names[:most], cut)
+    seeds = ("seeds",) if len({repr(point) for point, _ in table.points}) < len(table.points) else ()
+    averaged = tuple(name for name in varied(table) if name not in names[:most]) + seeds
+    return PlotData(kind, metric, names[:most], cut, averaged)
 
 
 def _fitting(whole: PlotData) -> str:

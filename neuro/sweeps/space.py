@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from neuro.core.checks import is_number
 from neuro.core.errors import ModelError, unknown
 from neuro.core.values import shown
 
@@ -302,7 +303,8 @@ def seeds_of(seeds: int | Sequence[int] | None) -> tuple[int, ...]:
     every: list[Any] = list(seeds) if isinstance(seeds, (list, tuple, range)) else [seeds]
     for seed in every or [None]:
         if not isinstance(seed, int) or isinstance(seed, bool) or not 0 <= seed < 2**63:
-            message = f"seeds = {shown(seeds)}: expected how many, or a list of whole numbers >= 0"
+            most = " and < 2^63" if is_number(seed) and seed >= 2**63 else ""
+            message = f"seeds = {shown(seeds)}: expected how many, or a list of whole numbers >= 0{most}"
             raise ModelError(message, path=("seeds",))
     if len(set(every)) < len(every):
         raise ModelError(f"seeds = {shown(seeds)}: one is there twice", path=("seeds",))

@@ -6,6 +6,7 @@ from importlib.util import find_spec
 from pathlib import Path
 
 import pytest
+from gymnasium import spaces
 
 import neuro_agent
 from neuro import ModelError
@@ -101,10 +102,10 @@ def test_an_interruption_is_told(neuro, walk, monkeypatch):
         )
     few = ("--set", "critics=5", "--set", "explore=30")
     answer = neuro("train", "my_walk:Left", "--steps", 100, "--out", "walk.h5")
-    assert answer == (130, "", "interrupted: before the first checkpoint\n")
+    assert answer == (130, "", "Interrupted before the first checkpoint (10,000 steps). Nothing was kept.\n")
     monkeypatch.setattr(training, "BLOCK", 50)
     answer = neuro("train", "my_walk:Late", "--steps", 300, "--out", "late.h5", *few)
-    assert answer == (130, "", "interrupted: the same command goes on from the last checkpoint\n")
+    assert answer == (130, "", "Interrupted. Run the same command again to resume from the last checkpoint.\n")
     Path("late.h5.training").unlink()
     answer = neuro("train", "my_walk:Fails", "--steps", 100, "--out", "walk.h5")
     assert answer == (2, "", "error: env.step raised OSError: no camera\n")
@@ -212,6 +213,70 @@ def test_compare_with_stable_baselines(walk, monkeypatch, observations):
         ("agent", 300, 2), ("ppo", 2048, 2), ("dqn", 300, 2)
     ]  # fmt: skip
     assert len(told) == 3
+
+
+STARTS = """
+class Starts(gymnasium.Env):
+    observation_space = spaces.Box(0, 1, (1,))
+
+    def __init__(self):
+        self.action_space = spaces.Discrete(3, start=-1)
+
+    def reset(self, *, seed=None, options=None):
+        super().reset(seed=seed)
+        self.moves = 0
+        return np.zeros(1, np.float32), {}
+
+    def step(self, action):
+        assert self.action_space.contains(action), action
+        self.moves += 1
+        return np.zeros(1, np.float32), float(np.ravel(action)[0] == -1), self.moves == 10, False, {}
+
+
+class Several(Starts):
+    def __init__(self):
+        self.action_space = spaces.MultiDiscrete([3, 2], start=[-1, 5])"""
+
+
+@pytest.mark.parametrize("name", ["Starts", "Several"])
+def test_actions_that_do_not_start_at_zero_are_those_of_the_space(walk, name):
+    if find_spec("stable_baselines3") is None:
+        pytest.skip("stable-baselines3 is not installed: pip install stable-baselines3")
+    with Path("my_walk.py").open("a") as file:
+        file.write(STARTS)
+    found = compare.run(compare.Plan(f"my_walk:{name}", 2048, (1,), 2, {}, ("ppo",)))
+    assert found.failed == {}
+    assert found.mean("ppo") == 10.0
+
+
+@pytest.mark.parametrize(
+    ("space", "lack"),
+    [
+        (spaces.Discrete(3, start=1), "it takes no observations with a start other than 0"),
+        (spaces.Dict({"a": spaces.MultiDiscrete([2, 3], start=[0, 1])}), "it takes no observations with a start"),
+        (spaces.MultiDiscrete([[2, 3], [4, 5]]), "it takes no MultiDiscrete or MultiBinary observations of several"),
+        (spaces.MultiBinary((2, 3)), "it takes no MultiDiscrete or MultiBinary observations of several"),
+        (spaces.Tuple([spaces.Discrete(2)]), "it takes no Tuple of observations"),
+        (spaces.MultiBinary(3), ""),
+        (spaces.MultiDiscrete([2, 3]), ""),
+        (spaces.Box(0, 1, (2, 2)), ""),
+    ],
+)
+def test_spaces_that_stable_baselines_does_not_take_are_named(space, lack):
+    assert compare._refused_observations(space).startswith(lack)
+    assert bool(compare._refused_observations(space)) == bool(lack)
+
+
+def test_a_baseline_that_fails_loses_no_other_training(walk, monkeypatch):
+    def fails(trial, env):
+        raise compare._BaselineError("PPO of stable-baselines3, defaults: no such space")
+
+    monkeypatch.setitem(compare._TRAINED, "ppo", fails)
+    monkeypatch.setattr(compare, "side_by_side", lambda run, jobs, report: [run(job, report) for job in jobs])
+    monkeypatch.setattr(compare, "find_spec", lambda name: True)
+    found = compare.run(compare.Plan("my_walk:Walk", 10, (1,), 2, {}, ("random", "ppo")), lambda text: None)
+    assert found.names == ["random"]
+    assert found.left_out["ppo"] == "PPO of stable-baselines3, defaults: no such space"
 
 
 def test_who_wins():

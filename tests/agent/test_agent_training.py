@@ -546,6 +546,18 @@ def test_vectors_of_another_way_to_begin_anew_are_refused():
         Environments(gymnasium.vector.SyncVectorEnv([Corridor], autoreset_mode=mode))
 
 
+@pytest.mark.parametrize(("mode", "lack"), [("NextStep", ""), ("SameStep", "'SameStep'"), (3, "3")])
+def test_a_vector_may_say_its_mode_as_text(mode, lack):
+    """Metadata that went through JSON or a vector of others."""
+    env = gymnasium.vector.SyncVectorEnv([Corridor])
+    env.metadata = {**env.metadata, "autoreset_mode": mode}
+    if not lack:
+        assert Environments(env).n == 1
+        return
+    with pytest.raises(ModelError, match=f"autoreset_mode {lack}: expected NEXT_STEP, gymnasium's default"):
+        Environments(env)
+
+
 def test_controls_that_learn_nothing():
     found = agent().controls(Corridor(), steps=400, episodes=5, names=("frozen", "random"))
     assert all(test.mean < 0.5 for test in found.values())

@@ -82,3 +82,14 @@ def test_an_option_has_no_second_name(taken):
 def test_the_word_of_another_tool_is_answered_with_ours(neuro, words, hint):
     word = next(word for word in words if word.startswith("--"))
     assert neuro(*words) == (2, "", f"error: unknown option '{word}'\n  hint: {hint}\n")
+
+
+def test_help_shows_no_type_behind_a_flag_and_breaks_no_sentence():
+    root: Any = typer.main.get_command(commands.app)
+    with typer.Context(root) as context:
+        for name in root.list_commands(context):
+            _, command, _ = root.resolve_command(context, [name])
+            for path, each in leaves(command, name):
+                assert not re.search(r"[^\n]\n[^\n]", each.help or ""), path
+                flags = [one for one in each.get_params(typer.Context(each)) if getattr(one, "is_flag", False)]
+                assert {one.metavar for one in flags} == {""}, path

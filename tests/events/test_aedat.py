@@ -2,7 +2,9 @@
 
 import io
 import struct
+import tempfile
 import zipfile
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -10,7 +12,9 @@ from hypothesis import given, strategies as st
 
 from event_tests import read_pieces, refusal, rows
 from neuro.events import EventFileWarning, Events, load, save, stream
+from neuro.events.files import size_of
 from neuro.events.formats.aedat import AEDAT3, Aedat2, Aedat3
+from neuro.events.info import info
 from neuro.events.source import Source
 
 HEADER = b"#!AER-DAT2.0\r\n# made for a test\r\n"
@@ -53,7 +57,7 @@ def test_fields():
     assert rows(events) == [(7, 9, 5, 1), (9, 9, 5, 0)]
     assert events.metadata == {"format": "aedat2", "t0": 7, "chip": "DVS128", "other_words": 0, "external_events": 1}
     davis = load(DAVIS + words((5 << 22 | 9 << 12 | 1 << 11, 7), (1 << 31, 8), (1 << 10, 8), (140 << 22, 9)))
-    assert rows(davis) == [(7, 9, 5, 1), (9, 0, 140, 0)]
+    assert rows(davis) == [(7, 239 - 9, 179 - 5, 1), (9, 239, 179 - 140, 0)]
     assert davis.metadata == {"format": "aedat2", "t0": 7, "chip": "DAVIS240", "other_words": 1, "external_events": 1}
 
 
@@ -65,6 +69,12 @@ def test_fields():
         (HEADER + b"# AEChip: eu.seebetter.ini.chips.davis.Davis346blue\r\n", (346, 260)),
         (HEADER + b"# AEChip: eu.seebetter.ini.chips.davis.DAVIS346cBSI\r\n", (346, 260)),
         (HEADER + b"# AEChip: eu.seebetter.ini.chips.davis.Davis640\r\n", (640, 480)),
+        (HEADER + b"# AEChip: DAVI346\r\n", (346, 260)),
+        (HEADER + b"# AEChip: eu.seebetter.ini.chips.DAViS.SBret10\r\n", (240, 180)),
+        (HEADER + b"# AEChip: eu.seebetter.ini.chips.davis.DVS240\r\n", (240, 180)),
+        (HEADER + b"# AEChip: eu.seebetter.ini.chips.davis.DavisRGBW640\r\n", (640, 480)),
+        (HEADER + b"# AEChip: eu.seebetter.ini.chips.davis.Davis208PixelParade\r\n", (208, 192)),
+        (HEADER + b"# AEChip: ch.unizh.ini.jaer.chip.retina.Tmpdiff128\r\n", (128, 128)),
         (HEADER3, (128, 128)),
         (HEADER3.replace(b"DVS128", b"DAVIS240C"), (240, 180)),
         (HEADER3.replace(b"DVS128", b"DAVIS346B"), (346, 260)),
@@ -92,6 +102,76 @@ def test_clock_wraps():
     late = HEADER + words((0, 2**32 - 5), (2, 3), (4, 2**32 - 1), (6, 4))
     assert load(late, sort=True).t.tolist() == [2**32 - 5, 2**32 - 1, 2**32 + 3, 2**32 + 4]
     assert load(late, sort=True).x.tolist() == [0, 2, 1, 3]
+
+
+def chip(name):
+    return HEADER + f"# AEChip: {name}\r\n".encode()
+
+
+def jaer(t, x, y, p, size):
+    """The word that jAER and v2e write for an event of a DAVIS with y downwards."""
+    return (size[1] - 1 - y) << 22 | (size[0] - 1 - x) << 12 | p << 11, t
+
+
+DAVIS_SIZES = [(240, 180), (346, 260), (640, 480)]
+
+
+def test_davis_stands_upright(shared):
+    """The tip of an arrow that points upwards is its first event and its highest."""
+    events = load(shared / "cases" / "davis346_arrow.aedat")
+    assert (rows(events)[0], events.sensor_size, int(events.y.min())) == ((1000, 100, 50, 1), (346, 260), 50)
+    unnamed = load(shared / "cases" / "davis346_without_chip_name.aedat", sensor_size=(346, 260))
+    assert rows(unnamed)[0] == (1000, 100, 50, 0)
+    boxes = load(shared / "data" / "formats" / "davis240_translBoxes.aedat")
+    # Of two boxes on each other the lower one lies further to the right; a tall one stands to the left of both.
+    seen = boxes[20_000:45_000]
+    right = seen[(seen.x >= 198) & (seen.x < 218)]
+    assert (right.y >= 115).sum() > 5 * (right.y < 115).sum()
+
+
+@pytest.mark.parametrize("size", DAVIS_SIZES)
+@given(data=st.data())
+def test_davis_is_read_and_written_as_by_jaer(data, size):
+    event = st.tuples(
+        st.integers(0, 10**6), st.integers(0, size[0] - 1), st.integers(0, size[1] - 1), st.integers(0, 1)
+    )
+    wanted = sorted(data.draw(st.lists(event, min_size=1, max_size=20)), key=lambda row: row[0])
+    encoded = words(*(jaer(*row, size) for row in wanted))
+    name = {240: "DAVIS240C", 346: "Davis346blue", 640: "Davis640"}[size[0]]
+    named = load(chip(f"eu.seebetter.ini.chips.davis.{name}") + encoded)
+    unnamed = load(HEADER + encoded, sensor_size=size)
+    assert rows(named) == rows(unnamed) == wanted
+    assert named.sensor_size == unnamed.sensor_size == size
+    with tempfile.TemporaryDirectory() as folder:
+        save(named, Path(folder) / "a.aedat")
+        assert (Path(folder) / "a.aedat").read_bytes().endswith(b"#End Of ASCII Header\r\n" + encoded)
+        assert load(Path(folder) / "a.aedat") == named
+
+
+def test_the_sensor_of_a_file_without_a_chip():
+    def one(*event, size=(346, 260)):
+        return HEADER + words(jaer(*event, size))
+
+    option = "sensor_size=(346, 260), or --sensor 346x260 (240x180, 640x480), gives that of a DAVIS"
+    what = f"no line '# AEChip:' names the camera, and the addresses are none of a DVS128: {option}"
+    for read in (load, lambda *given, **words: list(stream(*given, **words)), size_of, info):
+        assert refusal(read, one(5, 100, 50, 1), name="a.aedat") == f"a.aedat: byte {len(HEADER)}: {what}"
+    told = refusal(load, one(5, 100, 50, 1), name="a.aedat", sensor_size=(300, 200))
+    assert told.endswith("and the sensor is 300x200, expected one of 128x128, 240x180, 346x260, 640x480")
+    corner = one(5, 345, 259, 1)  # its address is also one of a DVS128
+    assert rows(load(corner)) == [(5, 0, 8, 1)]
+    for read in (load, lambda *given, **words: next(stream(*given, **words))):
+        assert rows(read(corner, sensor_size=(346, 260))) == [(5, 345, 259, 1)]
+    assert info(corner, sensor_size=(346, 260)).metadata["chip"] == "DAVIS346"
+    small = HEADER + words((5 << 8 | 9 << 1, 7))
+    assert rows(load(small, sensor_size=(30, 30))) == rows(load(small)) == [(7, 9, 5, 1)]
+
+
+def test_v2e_writes_other_addresses_of_640x480():
+    data = HEADER + words(((479 - 50) << 11 | (639 - 100) << 1 | 1, 1000), ((479 - 51) << 11 | (639 - 400) << 1, 1001))
+    events = load(data, sensor_size=(640, 480))
+    assert rows(events) == [(1000, 100, 50, 1), (1001, 400, 51, 0)]
+    assert rows(load(chip("ch.unizh.ini.jaer.chip.retina.DVS640") + data[len(HEADER) :])) == rows(events)
 
 
 ADDRESSES = st.sampled_from([0, 1 << 31, 1 << 10, 1 << 11, 7 << 22 | 5 << 12])

@@ -177,7 +177,7 @@ class Remus:
 
         made = module("recognise/conftest.py")
         changed = {"epochs": 3, "size": [16, 16], "window": 10.0, "field": 7, "theta": 16.0}
-        self.learn, self.shown, self.method = learn, made.shapes(), made.Remus().preset("thesis").changed(changed)
+        self.learn, self.shown, self.method = learn, made.shapes(), made.Remus().preset("adapted").changed(changed)
 
     def do(self, out):
         self.learn(self.method, self.shown, "letters", seed=1, out=out / "model.h5")

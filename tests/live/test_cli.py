@@ -1,7 +1,13 @@
 """`neuro live --page`, and a page on a loop."""
 
+import json
+import os
 import re
+import subprocess
+import sys
 import threading
+from pathlib import Path
+from urllib.parse import unquote, urlsplit
 
 import numpy as np
 import pytest
@@ -32,6 +38,37 @@ def test_a_page_keeps_the_time(answer, network):
     found = answer("live", network, "--page", "--no-browser", "--for", 100, "--speed", "inf")
     assert found.status == 0, found.err
     assert re.fullmatch(r"page: http://127\.0\.0\.1:\d+/[\w-]{32}/\n", found.out)
+
+
+BROWSER = """#!{python}
+import json, os, re, stat, sys, urllib.parse, urllib.request
+file = urllib.parse.unquote(urllib.parse.urlsplit(sys.argv[1]).path)
+url = re.search('url=(http://[^"]+)', open(file).read())[1]
+modes = [stat.S_IMODE(os.stat(name).st_mode) for name in (file, os.path.dirname(file))]
+served = urllib.request.urlopen(url).read().decode()
+json.dump({{"words": sys.argv[1:], "modes": modes, "url": url, "served": served}}, open({out!r}, "w"))
+"""
+
+
+def test_the_token_is_not_among_the_words_of_the_browser(network, tmp_path):
+    browser, out = tmp_path / "browser", tmp_path / "out.json"
+    browser.write_text(BROWSER.format(python=sys.executable, out=str(out)))
+    browser.chmod(0o700)
+    code = "from neuro.cli import main; main()"
+    command = [sys.executable, "-c", code, "live", str(network), "--page", "--for", "100", "--speed", "inf"]
+    environment = os.environ | {"BROWSER": str(browser)}
+    done = subprocess.run(command, env=environment, capture_output=True, text=True, timeout=60)
+    assert done.returncode == 0, done.stderr
+    seen = json.loads(out.read_text())
+    assert done.stdout == f"page: {seen['url']}\n"
+    token = urlsplit(seen["url"]).path.strip("/")
+    assert len(token) == 32
+    assert token not in " ".join(seen["words"])
+    assert seen["modes"] == [0o600, 0o700]
+    assert "page.js" in seen["served"]
+    file = Path(unquote(urlsplit(seen["words"][0]).path))
+    assert not file.exists()
+    assert not file.parent.exists()
 
 
 def test_a_page_beside_a_loop(answer, network, tmp_path):

@@ -13,6 +13,7 @@ import pytest
 
 import neuro
 from neuro import ModelError
+from neuro.live.facts import about
 from neuro.live.frames import MOST_SPIKES, Frames, smaller
 from neuro.live.pace import Pace
 from neuro.live.weights import weights_of
@@ -52,6 +53,25 @@ def test_frames_follow_each_other_without_a_gap(running):
         assert len(traces) == 1
     assert sum("watched" in head for head, _ in frames) > 2
     assert np.mean([head["rates"][0] for head, _ in frames]) == pytest.approx(80.0, rel=0.3)
+
+
+def test_a_watched_potential_has_samples_for_each_pixel():
+    """A window of 1 s on 1,000 pixels: at least one sample per ms, where the run has time to wait."""
+    with neuro.live.Page(neuro.compile(network()), speed=0.25) as page:
+        page.tick()
+        page._seen_until, page._ahead = math.inf, True
+        page.frames.watch("exc", 0, "V_m")
+        page._advance(8.0, page.pace)
+        times = [ms for ms, _ in page.frames._sampled]
+    assert np.diff(times) == pytest.approx(0.5)
+    assert len(times) == 15
+
+
+def test_a_projection_names_the_population_whose_dopamine_teaches_it():
+    net = network()
+    net.connect("exc", "out", neuro.all_to_all(), neuro.stdp_dopa(dopamine="noise"), weight=1.0, name="taught")
+    parts = {each["name"]: each["dopamine"] for each in about(neuro.compile(net))["projections"]}
+    assert (parts["taught"], parts["exc_out"]) == ("noise", None)
 
 
 def test_all_tabs_see_what_one_sets_also_those_to_come(running):

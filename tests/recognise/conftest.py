@@ -101,9 +101,9 @@ def letters():
 
 @pytest.fixture(scope="session")
 def small():
-    """ReMuS as in the thesis, with settings that go with `letters`."""
+    """ReMuS with the preset `adapted` and settings that suit `letters`."""
     changed = {"epochs": 3, "size": [16, 16], "window": 10.0, "field": 7, "theta": 16.0}
-    return Remus().preset("thesis").changed(changed)
+    return Remus().preset("adapted").changed(changed)
 
 
 @pytest.fixture(scope="session")

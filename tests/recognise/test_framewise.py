@@ -52,7 +52,7 @@ def made(request, letters):
 
 @pytest.fixture(scope="module")
 def model(letters, small, train):
-    """ReMuS, as of the thesis."""
+    """ReMuS with the preset `adapted`."""
     return train(letters, small, seed=1)
 
 
@@ -353,7 +353,7 @@ def test_what_is_approximated_names_no_file(model):
 
 @pytest.mark.parametrize(
     ("settings", "history", "kernels"),
-    [("thesis", [32 / 48, 1.0, 1.0], "4a791ceea5f144de"), ("best", [34 / 48, 38 / 48, 46 / 48], "036bc5f4c2d820bd")],
+    [("adapted", [32 / 48, 1.0, 1.0], "4a791ceea5f144de"), ("best", [34 / 48, 38 / 48, 46 / 48], "036bc5f4c2d820bd")],
 )
 def test_remus_learns_the_kernels_that_it_always_did(settings, history, kernels):
     """The digests are of kernels that version 0.1.0 learnt, rounded to what no machine adds differently."""
@@ -374,14 +374,14 @@ def test_remus_learns_the_kernels_that_it_always_did(settings, history, kernels)
     assert choose(method.answer(made.learnt, unseen).scores).tolist() == [1, 0] * 4
 
 
-def test_the_file_of_remus_is_the_thesis():
+def test_the_file_of_remus_is_the_preset_adapted():
     net = neuro.load(path("remus"))
     rule = net.projections["c1_s2"].synapse
     rates = rule.Ar_plus, rule.Ar_minus, rule.Ap_plus, rule.Ap_minus, rule.rescue
     assert rates == (0.075, -0.025, 0.005, -0.04, False)
     assert net.trials_section.labels.maps_per_label == 2
     assert (net.trials_section.dropout.p, net.trials_section.dropout.decay) == (0.25, 0.7)
-    assert net == Remus().preset("thesis").layer.network(Inputs((4, 17, 17), 64.0, 1.0), classes=10)
+    assert net == Remus().preset("adapted").layer.network(Inputs((4, 17, 17), 64.0, 1.0), classes=10)
     assert refused(path, "resnet") == f"unknown network 'resnet': expected one of {', '.join(names())}"
 
 

@@ -19,6 +19,7 @@ from neuro_recognise.methods.hats import Hats
 from neuro_recognise.observations import observed
 from neuro_recognise.parts.encoders import Latency, LogLatency
 from neuro_recognise.recogniser import fit, method_of
+from neuro_recognise.telling.tried import predict_files
 from neuro_recognise.telling.watch import decisions, page, watch
 from refused import refused
 
@@ -100,7 +101,7 @@ def test_without_a_rule_the_whole_decides(made, events):
     assert len(said) in (60, 61)
     text = page(plain, "1.bin", events, said)
     assert data_of(text)["stop"] == -1
-    assert "&lt;standing&gt;, after all" in text
+    assert "&lt;standing&gt;, unchanged since" in text
 
 
 def test_of_many_events_an_even_choice_is_shown(made, events, monkeypatch):
@@ -221,7 +222,10 @@ def test_a_command_writes_it(made, events, tmp_path, chromium):
     save(events, tmp_path / "1.bin")
     told = watch(made, tmp_path / "1.bin", tmp_path / "page.html", 0.3)
     assert re.fullmatch(r"<standing>, settled after \d+ of 4\d ms for an error of 30.0%", told)
-    assert watch(made, tmp_path / "1.bin", tmp_path / "page.html").startswith("<standing>, after all")
+    for learnt in (made, replace(made, early=None)):
+        (predicted,), _ = predict_files(learnt, [tmp_path / "1.bin"])
+        told = watch(learnt, tmp_path / "1.bin", tmp_path / "page.html")
+        assert told == f"<standing>, unchanged since {predicted.decided_ms:.0f} of {predicted.length_ms:.0f} ms"
     chromium(f"--screenshot={tmp_path / 'page.png'}", f"file://{tmp_path / 'page.html'}")
     pixels = imread(tmp_path / "page.png")[..., :3]
     teal = (pixels[..., 1] > pixels[..., 0] + 0.2) & (pixels[..., 2] > pixels[..., 0] + 0.2)

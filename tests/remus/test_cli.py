@@ -135,8 +135,8 @@ def test_train_test_and_energy_on_other_backends(neuro, folder):
     assert figures["accuracy"] == 7 / 8
     told = json.loads(neuro("recognise", "energy", "model.h5", "--data", folder, "--backend", "spinnaker", "--json")[1])
     assert (told["backend"], told["accuracy"]) == ("spinnaker", 7 / 8)
-    thesis = ("--set", "theta=40", "--set", "per_class=1", "--set", "epochs=1", "--preset", "thesis", "--out", "a.h5")
-    assert neuro("recognise", "train", "remus", "--data", folder / "Test", "--backend", "reference", *thesis)[0] == 0
+    settings = ("--set", "theta=40", "--set", "per_class=1", "--set", "epochs=1", "--preset", "adapted", "--out", "a.h5")
+    assert neuro("recognise", "train", "remus", "--data", folder / "Test", "--backend", "reference", *settings)[0] == 0
 
 
 @pytest.mark.parametrize(
@@ -148,7 +148,7 @@ def test_train_test_and_energy_on_other_backends(neuro, folder):
         ),
         (
             "train remus --data {folder} --preset good",
-            "unknown settings of method 'remus' 'good'\n  hint: known: best, early, poker, thesis",
+            "unknown settings of method 'remus' 'good'\n  hint: known: adapted, best, early, poker, thesis",
         ),
         ("train remus --data {folder} --set maps=3", "'maps' cannot be set: it follows from the classes and per_class"),
         ("energy model.h5 --data {folder}", "model.h5: no such file: expected a neuro recogniser 1"),

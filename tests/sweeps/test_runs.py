@@ -15,7 +15,9 @@ import neuro
 from neuro.sweeps.claims import Claims, began
 from neuro.sweeps.definition import Limits
 from neuro.sweeps.folder import Folder
+from neuro.sweeps.page import _lines
 from neuro.sweeps.pictures import pictures
+from neuro.sweeps.plot_data import plot_data
 from neuro.sweeps.space import RunItem
 from neuro.sweeps.table import table_of
 from neuro.sweeps.worker import LOST, Worker
@@ -339,6 +341,26 @@ def test_columns_that_parquet_does_not_take(tmp_path, function, values, lack):
 def test_pictures_of_metrics_named_like_paths_have_names_of_one_folder(tmp_path):
     table = sweep(lambda a: {"val/loss": a, "../up": -a}, {"a": [1, 2]}, tmp_path / "out")
     assert list(pictures(table)) == ["val-loss-lines", "-up-lines"]
+
+
+def test_pictures_hide_no_parameter(tmp_path):
+    """A third parameter has lines of its own, and a mean is never over values without saying so."""
+    space = {"rate": [1, 2, 3], "w": [10, 20], "tau_m": [5, 100]}
+    table = sweep(lambda rate, w, tau_m, seed: rate + w + tau_m + seed, space, tmp_path / "out", seeds=[0, 2])
+    (lines,) = pictures(table, kind="lines").values()
+    (axis,) = lines.axes
+    names = [text.get_text() for text in axis.get_legend().get_texts()]
+    assert names == ["w = 10, tau_m = 5", "w = 10, tau_m = 100", "w = 20, tau_m = 5", "w = 20, tau_m = 100"]
+    assert [line.get_ydata().tolist() for line in axis.lines][1] == [112, 113, 114]
+    assert axis.get_title() == "mean over seeds; band: lowest to highest run"
+    band = axis.collections[1].get_paths()[0].vertices[:, 1]
+    assert (band.min(), band.max()) == (111, 115)
+    (map_of_two,) = pictures(table, kind="map").values()
+    assert map_of_two.axes[0].get_title() == "mean over tau_m and seeds"
+    (some,) = pictures(table, of=["rate", "w"], kind="lines").values()
+    assert some.axes[0].get_title() == "mean over tau_m and seeds; band: lowest to highest run"
+    (data,) = plot_data(table, (), ("rate", "tau_m"), "lines")
+    assert "over rate: mean over w and seeds; band: lowest to highest run" in str(_lines(data))
 
 
 def test_parquet_without_its_package_is_told(runs, tmp_path, monkeypatch):

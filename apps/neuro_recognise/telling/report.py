@@ -126,7 +126,8 @@ def show_predicted(
         best = sorted(zip(recogniser.classes, one.scores.tolist(), strict=True), key=lambda pair: -pair[1])[:3]
         message = "-" if one.label == SILENT else ", ".join(f"{which} {number(score)}" for which, score in best)
         rows.append((one.path, name, when, message))
-    console().print(table(("recording", "class", ">decided after", "scores"), rows))
+    when = ">unchanged since" if allow is None else ">decided after"
+    console().print(table(("recording", "class", when, "scores"), rows))
     if allow is not None:
         console().print(ASSUMES)
 

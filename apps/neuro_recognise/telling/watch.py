@@ -23,13 +23,14 @@ from neuro_recognise.deciding.session import Decision
 from neuro_recognise.deciding.stopping import ASSUMES, ASSURANCE
 from neuro_recognise.method import SILENT, Pictures, View
 from neuro_recognise.recogniser import Recogniser
+from neuro_recognise.telling.tried import MOMENTS
 
 MOST = 1_000_000
 """Events, and spikes of a view, of a page; of more an even choice is shown."""
 LONGEST_MS = 4000.0
 """Of a recording; what comes later is not shown, since time is counted in ms from the first event."""
-POINTS = 60
-"""Moments of a page where nothing was learnt of moments."""
+FINER = 3
+"""Moments of a page for each of `MOMENTS`, where no moments were learnt."""
 
 PAGE = sealed("a page of 'neuro recognise'", '<meta name="generator" content="neuro recognise">', "<!-- digest {} -->")
 
@@ -99,7 +100,7 @@ def decisions(
 ) -> list[Decision]:
     """What is decided of a recording while it goes on: at the moments that were learnt, else at 60."""
     length_ms = max(1.0, (int(events.t[-1]) - int(events.t[0])) / 1000.0)
-    every_ms = recogniser.early.held.times_us[0] / 1000.0 if recogniser.early else length_ms / POINTS
+    every_ms = recogniser.early.held.times_us[0] / 1000.0 if recogniser.early else length_ms / (FINER * MOMENTS)
     window_ms = length_ms + every_ms
     session = recogniser.session(
         every_ms=every_ms, allow=allow, assurance=assurance, window_ms=window_ms, backend=backend
@@ -114,7 +115,16 @@ def told(recogniser: Recogniser, said: Sequence[Decision], allow: float | None) 
     name = "silent" if one.label == SILENT else recogniser.classes[one.label]
     if stop is not None:
         return f"{name}, settled after {stop.after_ms:.0f} of {said[-1].after_ms:.0f} ms for an error of {allow:.1%}"
-    return f"{name}, after all {said[-1].after_ms:.0f} ms"
+    if one.label == SILENT:
+        return f"{name}, after all {one.after_ms:.0f} ms"
+    # The moments of `neuro recognise predict`, so that both report the same time.
+    asked = said if recogniser.early else said[FINER - 1 :: FINER]
+    since = one
+    for decision in reversed(asked):
+        if decision.label != one.label:
+            break
+        since = decision
+    return f"{name}, unchanged since {since.after_ms:.0f} of {one.after_ms:.0f} ms"
 
 
 def page(

@@ -43,14 +43,14 @@ def convert(
     force: Force = False,
 ) -> None:
     """Write a recording in another format, chosen by the ending of OUT."""
-    from neuro.events.convert import convert as write
+    from neuro.events.convert import comes_once, convert as write
     from neuro.events.files import RECORDING
 
     spare(source, target, RECORDING, force)
     with going(f"{target} is not written") as bar:
         done = write(
             source, target, from_format=from_format, to_format=to_format, sensor_size=sensor, strict=not lenient,
-            report=events_so_far(bar), replace=force,
+            report=events_so_far(bar), replace=force, keep=comes_once(source),
         )  # fmt: skip
     typer.echo(f"{target}: {done:,} events", err=target == "-")
 
@@ -74,7 +74,7 @@ def filter(
     ] = False,
 ) -> None:
     """Write a recording through filters, one after the other: 'tar: {tau: 0.08}' 'crop: {x: [0, 300]}'."""
-    from neuro.events.convert import read, write
+    from neuro.events.convert import comes_once, read, write
     from neuro.events.files import RECORDING
 
     spare(source, target, RECORDING, force)
@@ -92,7 +92,7 @@ def filter(
             yield made.finish()
 
     with going(f"{target} is not written") as bar:
-        done = write(through(), target, to_format, events_so_far(bar), force)
+        done = write(through(), target, to_format, events_so_far(bar), force, comes_once(source))
     typer.echo(f"{target}: {done:,} of {seen:,} events", err=target == "-")
 
 

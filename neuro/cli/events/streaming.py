@@ -88,14 +88,22 @@ def listen(
             _tell(stream, time.monotonic() - begin, err=False)
             return
         stopped = threading.Event()
+        no_room: list[int] = []
+
+        def left_out(count: int) -> None:
+            if not no_room:
+                what = "has no room for the time or place of an event: such events are left out and counted"
+                typer.echo(f"{target}: the format {what}; .aedat4 and .h5 have more room", err=True)
+            no_room.append(count)
+
         parts = _until(stopped, stream, math.inf if duration is None else begin + duration / 1000.0, bar)
         with ending_by(stopped.set):
             if target is None:
                 for _ in parts:
                     pass
             else:
-                write(parts, target, to_format, replace=force)
-        _tell(stream, time.monotonic() - begin, err=target == "-")
+                write(parts, target, to_format, replace=force, keep=True, left_out=left_out)
+        _tell(stream, time.monotonic() - begin, target == "-", sum(no_room))
 
 
 def _until(stopped: threading.Event, stream: Listener, end: float, bar: Bar) -> Iterator[Events]:
@@ -110,11 +118,12 @@ def _until(stopped: threading.Event, stream: Listener, end: float, bar: Bar) -> 
     yield stream.take()
 
 
-def _tell(stream: Listener, seconds: float, err: bool) -> None:
+def _tell(stream: Listener, seconds: float, err: bool, no_room: int = 0) -> None:
     counts = stream.counts
     pieces = "pieces" if stream.format == "aedat4" else "datagrams"
     found = f"{counts.events:,} events in {counts.datagrams:,} {pieces}, {seconds:.1f} s"
-    lost = "".join(f"; {name.replace('_', ' ')}: {count:,}" for name, count in counts.lost.items())
+    lost_counts = counts.lost | ({"no_room": no_room} if no_room else {})
+    lost = "".join(f"; {name.replace('_', ' ')}: {count:,}" for name, count in lost_counts.items())
     typer.echo(f"{stream.url}: {found}{lost}", err=err)
 
 

@@ -154,7 +154,8 @@ def decode_aedat2(words, layout, clock, skipped, t, x, y, p):
     Args:
         words: (8 n,) uint8.
         layout: shift and mask of x, shift and mask of y, shift of the polarity, what it is where ON, bits of samples,
-            bits of external events, bits that no word has.
+            bits of external events, bits that no word has; where addresses count down -1, width and height, px,
+            else 0 three times.
         clock: (2,) int64, the last 32-bit time (-1 before the first) and us added to it; both are brought up to date.
         skipped: (2,) int64, samples and external events; they are counted on.
         t: (n,) int64, filled.
@@ -165,7 +166,7 @@ def decode_aedat2(words, layout, clock, skipped, t, x, y, p):
     Returns:
         number of events and of words, largest x and y, and whether time does not run back.
     """
-    x_shift, x_mask, y_shift, y_mask, p_shift, on, sample, external, unused = layout
+    x_shift, x_mask, y_shift, y_mask, p_shift, on, sample, external, unused, turn, width, height = layout
     last = clock[0]
     begin = clock[1]
     n = 0
@@ -193,8 +194,9 @@ def decode_aedat2(words, layout, clock, skipped, t, x, y, p):
         if address & (sample | external):
             skipped[0 if address & sample else 1] += 1
             continue
-        column = address >> x_shift & x_mask
-        row = address >> y_shift & y_mask
+        # Turned it is width - 1 - address, with e.g. ~5 = -6; an address beyond the sensor gives a column beyond it.
+        column = ((address >> x_shift ^ turn) + width) & x_mask
+        row = ((address >> y_shift ^ turn) + height) & y_mask
         t[n] = now = begin + raw
         x[n] = column
         y[n] = row

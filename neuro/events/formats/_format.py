@@ -113,6 +113,18 @@ class Seeker(Reader, Protocol):
         """
 
 
+@runtime_checkable
+class Sized(Protocol):
+    """A reader of files that do not tell which of several sensors they are of."""
+
+    def use_sensor(self, size: Size) -> None:
+        """Read the file as one of this sensor; called before all else, where the user gives a size.
+
+        Raises:
+            Damage: no sensor of the format has this size.
+        """
+
+
 @dataclass(frozen=True, slots=True)
 class Format:
     """A file format.
@@ -130,6 +142,9 @@ class Format:
         inside: as `open`, for one recording of a file with several, by its place: the rest of ``load(...,
             format="hdf5:/davis/left")``; None where files have no places.
         guesses: whether `knows` goes by looks, as of plain text; it is then asked after all signatures.
+        holds: (events, time of the event before them or None) -> (n,) bool, the events that `write` has room for; None:
+            it has room for all.
+        grows: whether what `write` has written so far is a recording at any time, so that a killed process leaves one.
         untested: why nothing but files made from the specification was read, "" where real ones were.
     """
 
@@ -144,6 +159,8 @@ class Format:
     larger: tuple[Size, ...] = ()
     inside: Callable[[Source, str], Reader] | None = None
     guesses: bool = False
+    holds: Callable[[Events, int | None], npt.NDArray[np.bool_]] | None = None
+    grows: bool = False
 
 
 def complete(part: Format) -> Format:
@@ -264,6 +281,34 @@ def in_order(parts: Iterator[Events]) -> Iterator[tuple[int, Events]]:
             last = int(part.t[-1])
         yield done, part
         done += len(part)
+
+
+def held(parts: Iterable[Events], format: Format, left_out: Callable[[int], None]) -> Iterator[Events]:
+    """Leave out the events for which a format has no room.
+
+    Args:
+        parts: of one recording, in order.
+        format: that is written.
+        left_out: called with the number of events that were left out of a part.
+    """
+    last = None
+    for part in parts:
+        if format.holds is not None and len(part) and not (fits := format.holds(part, last)).all():
+            left_out(int(np.count_nonzero(~fits)))
+            part = part[fits]
+        if len(part):
+            last = int(part.t[-1])
+        yield part
+
+
+def outside(events: Events, columns: int, rows: int) -> npt.NDArray[np.bool_]:
+    """Return which events lie at columns or rows beyond the first so many."""
+    return (events.x >= columns) | (events.y >= rows)
+
+
+def within(events: Events, times: int) -> npt.NDArray[np.bool_]:
+    """Return which events have a time from 0 up to this, us, not included."""
+    return (events.t >= 0) & (events.t < times)
 
 
 EARLIER = "the filter 'shift: {to_us: 0}' lets it begin at 0 us; what is longer fits in parts of 'neuro events split'"

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Callable, Iterable, Iterator, Sequence
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TypeVar
+from typing import Any, BinaryIO, TypeVar
 
 import numpy as np
 import numpy.typing as npt
@@ -43,15 +45,40 @@ def write_words(
         header: of a sensor's width and height, None where there is no part.
         words: of a part, and the number of events before it; raises `Unsavable`.
     """
-    with path.open("wb") as file:
+    with growing(path.open("wb")) as append:
         begun = False
         for done, events in in_order(parts):
             if not begun:
-                file.write(header(events.sensor_size))
+                append(header(events.sensor_size))
             begun = True
-            file.write(words(done, events))
+            append(words(done, events))
         if not begun:
-            file.write(header(None))
+            append(header(None))
+
+
+@contextmanager
+def growing(opened: BinaryIO) -> Iterator[Callable[[Any], None]]:
+    """Let a new file grow piece by piece, and close it. Gives the function that appends a piece.
+
+    A piece is with the system when the next one begins, so a killed process leaves it. If one cannot be written, as on
+    a full disk, the file is cut where that piece began.
+    """
+    size, name = 0, getattr(opened, "name", None)
+    try:
+        with opened as file:
+
+            def append(data: Any) -> None:
+                nonlocal size
+                file.write(data)
+                file.flush()
+                size += memoryview(data).nbytes
+
+            yield append
+    except BaseException:
+        if name is not None:  # none is of standard output
+            with suppress(OSError):
+                os.truncate(name, size)
+        raise
 
 
 class Cursor:

@@ -68,9 +68,7 @@ def parse(data, columns, where, unit, t, x, y, p):
             y[n] = values[2]
             p[n] = values[3] > 0
             n += 1
-        while at < data.size and data[at] != 10:
-            at += 1
-        at += 1
+        at = _next_line(data, at)
         line += 1
     return n, data.size, line, 0, 0
 
@@ -91,10 +89,18 @@ def rows(data, wanted, begin):
             if wanted == 0:
                 return
             wanted -= 1
-        while at < data.size and data[at] != 10:
-            at += 1
-        at += 1
+        at = _next_line(data, at)
         line += 1
+
+
+@subkernel
+def _next_line(data, at):
+    """The byte after the end of a line: LF, CR LF, or CR alone."""
+    while at < data.size and data[at] != 10 and data[at] != 13:
+        at += 1
+    if at + 1 < data.size and data[at] == 13 and data[at + 1] == 10:
+        at += 1
+    return at + 1
 
 
 @subkernel

@@ -12,7 +12,7 @@ import numpy as np
 import numpy.typing as npt
 
 from neuro.events._events import Events, empty_columns
-from neuro.events.formats._format import Damage, Format, Piece, Size, refuse
+from neuro.events.formats._format import Damage, Format, Piece, Size, outside, refuse, within
 from neuro.events.formats._reading import Begin, begin, decoded, write_words
 from neuro.events.source import Bytes, Source, step
 
@@ -30,10 +30,16 @@ _SIZE = re.compile(rb"# Sensor size: (\d{1,5})x(\d{1,5})\r?\n")
 
 @dataclass(frozen=True, slots=True)
 class _Chip:
-    """A layout of addresses; places are the lowest bit and the number of bits."""
+    """A layout of addresses; places are the lowest bit and the number of bits.
+
+    Attributes:
+        named: pattern of the names that jAER's classes of this layout have, in lower case.
+        turned: the addresses count columns from the right and rows from the bottom.
+    """
 
     name: str
     title: str
+    named: str
     size: Size
     x: tuple[int, int]
     y: tuple[int, int]
@@ -42,29 +48,43 @@ class _Chip:
     sample: int
     external: int
     unused: int
+    turned: bool = True
 
     def layout(self) -> tuple[int, ...]:
         (x, x_bits), (y, y_bits) = self.x, self.y
         fields = (x, (1 << x_bits) - 1, y, (1 << y_bits) - 1, self.polarity, self.on)
-        return (*fields, self.sample, self.external, self.unused)
+        return (*fields, self.sample, self.external, self.unused, *((-1, *self.size) if self.turned else (0, 0, 0)))
 
 
-def _davis(name: str, title: str, size: Size) -> _Chip:
+def _davis(name: str, title: str, named: str, size: Size) -> _Chip:
     chip = f"eu.seebetter.ini.chips.davis.{title}"
-    return _Chip(name, chip, size, (12, 10), (22, 9), polarity=11, on=1, sample=1 << 31, external=1 << 10, unused=0)
+    return _Chip(
+        name, chip, named, size, (12, 10), (22, 9), polarity=11, on=1, sample=1 << 31, external=1 << 10, unused=0
+    )
 
 
 _DVS128 = _Chip(
-    "DVS128", "ch.unizh.ini.jaer.chip.retina.DVS128", (128, 128), (1, 7), (8, 7),
-    polarity=0, on=0, sample=0, external=1 << 15, unused=0xFFFF0000,
+    "DVS128", "ch.unizh.ini.jaer.chip.retina.DVS128", "dvs128|tmpdiff128", (128, 128), (1, 7), (8, 7),
+    polarity=0, on=0, sample=0, external=1 << 15, unused=0xFFFF0000, turned=False,
 )  # fmt: skip
+_DAVIS640 = _davis("DAVIS640", "Davis640", r"davi[a-z]*640|cdavis", (640, 480))
 _CHIPS = (
     _DVS128,
-    _davis("DAVIS240", "DAVIS240C", (240, 180)),
-    _davis("DAVIS346", "Davis346blue", (346, 260)),
-    _davis("DAVIS640", "Davis640", (640, 480)),
+    _davis("DAVIS240", "DAVIS240C", r"davi[a-z]*240|dvs240|sbret10", (240, 180)),
+    _davis("DAVIS346", "Davis346blue", r"davi[a-z]*346", (346, 260)),
+    _DAVIS640,
 )
-"""By the size of the sensor."""
+"""Layouts that are written, by the size of the sensor."""
+_DVS640 = _Chip(
+    "DVS640", "ch.unizh.ini.jaer.chip.retina.DVS640", "dvs640", (640, 480), (1, 10), (11, 10),
+    polarity=0, on=1, sample=0, external=1 << 31, unused=0x7FE00000,
+)  # fmt: skip
+_READ = (
+    *_CHIPS,
+    _davis("DAVIS128", "Davis128", r"davi[a-z]*128", (128, 128)),
+    _davis("DAVIS208", "Davis208PixelParade", r"davi[a-z]*208", (208, 192)),
+    _DVS640,
+)
 
 
 class Aedat2:
@@ -80,20 +100,71 @@ class Aedat2:
     DAVIS address: bit 31 clear, y in bits 22-30, x in bits 12-21, bit 11 polarity (1 = ON); bit 10 marks an
     external event and bit 31 a sample of the pixels or of the inertial sensor.
 
-    The header may name the chip; without a name it is a DVS128. Rows and columns stay as the file numbers them: jAER
-    counts rows from the bottom, while the arrays published of POKER-DVS, upright with y downwards, have them unchanged.
+    The header may name the chip; without a name it is a DVS128, unless `use_sensor` is called with another size.
 
-    Source: "AEDAT 2.0" at docs.inivation.com, which also has the names of the chips; polarity and axes of the DVS128 as
-    in the published arrays of POKER-DVS.
+    Events have x rightwards and y downwards. Addresses of DAVIS count columns from the right and rows from the bottom,
+    e.g. address x 245, y 209 of a DAVIS346 is the event at x 100, y 50. Addresses of the DVS128 are the event's x and
+    y: so the arrays published of POKER-DVS, which stand upright, have them. The pixels of DavisRGBW640 have the
+    addresses of a DAVIS640.
+
+    v2e names no chip. Its files of 640x480 have addresses of jAER's DVS640: bit 0 polarity (1 = ON), x in bits 1-10,
+    y in bits 11-20, turned as those of DAVIS.
+
+    Source: "AEDAT 2.0" at docs.inivation.com; names of the chips, columns and rows of DAVIS: jAER,
+    ``DavisBaseCamera.DavisEventExtractor``, ``DVS640`` and v2e, ``aedat2_output.py``; polarity and axes of the DVS128
+    as in the published arrays of POKER-DVS.
     """
 
     def __init__(self, source: Source) -> None:
         lines, _ = header(source, MAGIC_2, END_2)
         self._source = source
         self._start = len(lines)
-        self._chip = _chip(lines)
-        self.sensor_size: Size | None = _size(lines) or self._chip.size
-        self.metadata: dict[str, Any] = {"chip": self._chip.name, "other_words": 0, "external_events": 0}
+        chip = _chip(lines)
+        self._is_named = chip is not None
+        self._use(chip or _DVS128, _size(lines))
+
+    @property
+    def sensor_size(self) -> Size | None:
+        """Width and height.
+
+        Raises:
+            Damage: the header names no chip, `use_sensor` was not called, and most addresses are none of a DVS128.
+        """
+        if not (self._is_named or self._is_sized):
+            foreign = self._first_addresses() & np.uint32(_DVS128.unused) != 0
+            if 2 * np.count_nonzero(foreign) > foreign.size:
+                what = "no line '# AEChip:' names the camera, and the addresses are none of a DVS128"
+                way_out = "sensor_size=(346, 260), or --sensor 346x260 (240x180, 640x480), gives that of a DAVIS"
+                raise Damage(f"{what}: {way_out}", self._start + WORD * int(foreign.argmax()))
+        return self._size
+
+    def _use(self, chip: _Chip, size: Size | None, is_sized: bool = False) -> None:
+        self._chip, self._size, self._is_sized = chip, size or chip.size, is_sized
+        self.metadata: dict[str, Any] = {"chip": chip.name, "other_words": 0, "external_events": 0}
+
+    def use_sensor(self, size: Size) -> None:
+        """Take the layout of the camera with this sensor, if the header names no chip; see `Sized`."""
+        if self._is_named:
+            return
+        if size == _DVS640.size and self._has_low_addresses():
+            self._use(_DVS640, size, True)
+        elif size[0] <= _DVS128.size[0] and size[1] <= _DVS128.size[1]:
+            self._use(_DVS128, size, True)
+        else:
+            chip = next((chip for chip in _CHIPS if chip.size == size), None)
+            if chip is None:
+                known = ", ".join("{}x{}".format(*chip.size) for chip in _CHIPS)
+                found = "no line '# AEChip:' names the camera, and the sensor is {}x{}".format(*size)
+                raise Damage(f"{found}, expected one of {known}", self._start)
+            self._use(chip, size, True)
+
+    def _has_low_addresses(self) -> bool:
+        """Return whether the first addresses are those of DVS640: those of DAVIS have bits above, and none below 10."""
+        addresses = self._first_addresses()
+        return not (addresses & _DVS640.unused).any() and bool((addresses & 0x3FF).any())
+
+    def _first_addresses(self) -> np.ndarray[Any, np.dtype[np.uint32]]:
+        return _addresses(np.frombuffer(self._source.head(self._start + LOOK)[self._start :], np.uint8))
 
     def pieces(self, block: int) -> Iterator[Piece]:
         """The events; see `Reader`."""
@@ -144,16 +215,18 @@ def _addresses(data: Bytes) -> np.ndarray[Any, np.dtype[np.uint32]]:
     return np.frombuffer(whole, ">u4")[::2].astype(np.uint32)
 
 
-def _chip(lines: bytes) -> _Chip:
-    found = _CHIP.search(lines)
-    if found is None:
-        return _DVS128
-    full = found.group(1).decode("ascii", "replace")
-    for chip in _CHIPS:
-        if chip.name.lower() in full.lower():
+def _chip(lines: bytes) -> _Chip | None:
+    """Return the chip that the header names, None where it names none."""
+    match = _CHIP.search(lines)
+    if match is None:
+        return None
+    full = match.group(1).decode("ascii", "replace")
+    name = re.split(r"[.$]", full)[-1].lower()
+    for chip in _READ:
+        if re.match(chip.named, name):
             return chip
     known = ", ".join(chip.name for chip in _CHIPS)
-    raise Damage(f"chip {full} is not known, expected one of {known}", found.start(1))
+    raise Damage(f"chip {full} is not known, expected one of {known}", match.start(1))
 
 
 def _size(lines: bytes) -> Size | None:
@@ -180,12 +253,15 @@ def _smallest(size: Size) -> _Chip:
 def _words(done: int, events: Events) -> bytes:
     chip = _smallest(events.sensor_size)
     columns, rows = chip.size
-    outside = (events.x >= columns) | (events.y >= rows)
+    off = outside(events, columns, rows)
     limits = f"t 0 to {T_LIMIT - 1} us, x 0 to {columns - 1}, y 0 to {rows - 1}"
-    refuse(events, (events.t < 0) | (events.t >= T_LIMIT) | outside, done, limits, outside)
+    refuse(events, ~within(events, T_LIMIT) | off, done, limits, off)
     words = np.empty((len(events), 2), ">u4")
     address = (events.p == chip.on).astype(np.uint32) << chip.polarity
-    address |= events.x.astype(np.uint32) << chip.x[0] | events.y.astype(np.uint32) << chip.y[0]
+    column, row = events.x.astype(np.uint32), events.y.astype(np.uint32)
+    if chip.turned:
+        column, row = columns - 1 - column, rows - 1 - row
+    address |= column << chip.x[0] | row << chip.y[0]
     words[:, 0], words[:, 1] = address, events.t
     return words.tobytes()
 
@@ -203,7 +279,14 @@ def _new_header(sensor: Size | None) -> bytes:
     return text.encode("ascii")
 
 
-AEDAT2 = Format("aedat2", "AEDAT 2.0", (".aedat", ".aedat2"), lambda head: head.startswith(MAGIC_2), Aedat2, write)
+def _holds(events: Events, last: int | None) -> npt.NDArray[np.bool_]:
+    return within(events, T_LIMIT) & ~outside(events, *_smallest(events.sensor_size).size)
+
+
+AEDAT2 = Format(
+    "aedat2", "AEDAT 2.0", (".aedat", ".aedat2"), lambda head: head.startswith(MAGIC_2), Aedat2, write,
+    holds=_holds, grows=True,
+)  # fmt: skip
 """Read and written."""
 
 

@@ -19,7 +19,7 @@ from collections.abc import Callable, Iterator
 from functools import partial
 from pathlib import Path
 from struct import Struct
-from typing import Any, BinaryIO, NamedTuple
+from typing import Any, NamedTuple
 
 import lz4.frame
 import numpy as np
@@ -27,8 +27,8 @@ import numpy.typing as npt
 
 from neuro.events._events import Events
 from neuro.events.formats._aedat4_packet import I32, I64, LIMIT, RECORD, U32, USUAL, FlatTable, Malformed, Packets
-from neuro.events.formats._format import Damage, Format, Piece, Size, in_order, refuse
-from neuro.events.formats._reading import Cursor, GrowingArray
+from neuro.events.formats._format import Damage, Format, Piece, Size, in_order, outside, refuse
+from neuro.events.formats._reading import Cursor, GrowingArray, growing
 from neuro.events.source import Source
 
 MAGIC = b"#!AER-DAT4.0\r\n"
@@ -261,30 +261,33 @@ def write(parts: Iterator[Events], path: Path) -> None:
     """
     number, pack = _packer()
     rows: list[tuple[int, int, int, int, int]] = []
-    with path.open("wb") as file:
+    place = 0
+    with growing(path.open("wb")) as append:
         for done, events in in_order(parts):
-            if not file.tell():
-                file.write(MAGIC + new_header(number, *events.sensor_size))
-            outside = (events.x > LARGEST) | (events.y > LARGEST)
-            refuse(events, (events.t < 0) | outside, done, f"t from 0 us on, x and y 0 to {LARGEST}", outside)
+            if not place:
+                append(head := MAGIC + new_header(number, *events.sensor_size))
+                place = len(head)
+            off = outside(events, LARGEST + 1, LARGEST + 1)
+            refuse(events, (events.t < 0) | off, done, f"t from 0 us on, x and y 0 to {LARGEST}", off)
             for k in range(0, len(events), PACKET):
-                rows.append(_put(file, events[k : k + PACKET], pack))
-        place = file.tell()
-        file.write(pack(_packet_table(rows)))
+                some = events[k : k + PACKET]
+                data = pack(packet(some))
+                append(ENTRY.pack(0, len(data)) + data)
+                rows.append((place + ENTRY.size, len(data), len(some), int(some.t[0]), int(some.t[-1])))
+                place += ENTRY.size + len(data)
+        append(pack(_packet_table(rows)))
+    with path.open("r+b") as file:
         file.seek(_HEAD_OF_TABLE)
         file.write(np.int64(place).tobytes())
+
+
+def _holds(events: Events, last: int | None) -> npt.NDArray[np.bool_]:
+    return (events.t >= 0) & ~outside(events, LARGEST + 1, LARGEST + 1)
 
 
 def _packer() -> tuple[int, Callable[[bytes], bytes]]:
     """The number of the compression in the header, and what does it."""
     return 1, partial(lz4.frame.compress, store_size=False)
-
-
-def _put(file: BinaryIO, events: Events, pack: Callable[[bytes], bytes]) -> tuple[int, int, int, int, int]:
-    """Write a packet, and give its row of the table: place behind its entry, bytes, events, first and last time."""
-    data, place = pack(packet(events)), file.tell()
-    file.write(ENTRY.pack(0, len(data)) + data)
-    return place + ENTRY.size, len(data), len(events), int(events.t[0]), int(events.t[-1])
 
 
 def packet(events: Events) -> bytes:
@@ -323,5 +326,7 @@ def _packet_table(rows: list[tuple[int, int, int, int, int]]) -> bytes:
     return _vector(b"FTAB", n, inner + bytes(begin - _VECTOR.size - len(inner)) + packets.tobytes())
 
 
-AEDAT4 = Format("aedat4", "AEDAT 4", (".aedat4",), lambda head: head.startswith(MAGIC), Aedat4, write)
+AEDAT4 = Format(
+    "aedat4", "AEDAT 4", (".aedat4",), lambda head: head.startswith(MAGIC), Aedat4, write, holds=_holds, grows=True
+)
 """Read and written."""

@@ -26,7 +26,7 @@ No file of version 1 was to be had: it is read from the specification.
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -35,7 +35,7 @@ import numpy as np
 import numpy.typing as npt
 
 from neuro.events._events import Events, empty_columns
-from neuro.events.formats._format import HEAD, Damage, Format, Piece, Size, refuse
+from neuro.events.formats._format import HEAD, Damage, Format, Piece, Size, outside, refuse, within
 from neuro.events.formats._reading import Begin, begin, write_words
 from neuro.events.source import Source, step
 
@@ -170,9 +170,13 @@ def check_room(events: Events, done: int, times: int, side: int) -> None:
     Raises:
         Unsavable: there is an event that cannot.
     """
-    outside = (events.x >= side) | (events.y >= side)
-    bad = (events.t < 0) | (events.t >= times) | outside
-    refuse(events, bad, done, f"t 0 to {times - 1} us, x and y 0 to {side - 1}", outside)
+    off = outside(events, side, side)
+    refuse(events, ~within(events, times) | off, done, f"t 0 to {times - 1} us, x and y 0 to {side - 1}", off)
+
+
+def has_room(times: int, side: int) -> Callable[[Events, int | None], npt.NDArray[np.bool_]]:
+    """`Format.holds` of a format with room for these times and sides; see `check_room`."""
+    return lambda events, last: within(events, times) & ~outside(events, side, side)
 
 
 WORD = 8
@@ -181,6 +185,8 @@ KINDS = (0x00, 0x0C)
 
 T_LIMIT = 1 << 32
 NEAR_WRAP = T_LIMIT // 16
+ROOM = (T_LIMIT, 1 << 14)
+"""Times and sides that the words can tell."""
 
 _LAYOUTS = {1: (0x1FF, 9, 17), 2: (0x3FFF, 14, 28)}
 
@@ -284,7 +290,7 @@ def write(parts: Iterator[Events], path: Path) -> None:
 
 
 def _words(done: int, events: Events) -> bytes:
-    check_room(events, done, T_LIMIT, 1 << 14)
+    check_room(events, done, *ROOM)
     words = np.empty((len(events), 2), "<u4")
     words[:, 0] = events.t
     words[:, 1] = events.x | events.y.astype(np.uint32) << 14 | events.p.astype(np.uint32) << 28
@@ -301,5 +307,8 @@ def _knows(head: bytes) -> bool:
     return header.coding is None and ("version" in header.fields or "file containing" in header.fields.get("data", ""))
 
 
-DAT = Format("dat", "Prophesee DAT", (".dat",), _knows, Dat, write, usual=ATIS, larger=(GEN3, GEN4))
+DAT = Format(
+    "dat", "Prophesee DAT", (".dat",), _knows, Dat, write, holds=has_room(*ROOM), grows=True,
+    usual=ATIS, larger=(GEN3, GEN4)
+)  # fmt: skip
 """Read and written."""

@@ -21,6 +21,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import numpy.typing as npt
 
 from neuro.events._events import Events, empty_columns
 from neuro.events.errors import EventFileError, EventFileWarning
@@ -190,7 +191,14 @@ def _new_header(sensor: Size | None) -> bytes:
     return MAGIC + bytes(VERSION) + bytes([DVS]) + np.array(size, "<u2").tobytes()
 
 
+def _holds(events: Events, last: int | None) -> npt.NDArray[np.bool_]:
+    """All up to the first after a gap that is too long: those behind it are as far from what was written."""
+    gaps = np.diff(events.t, prepend=last or 0)
+    return ~np.logical_or.accumulate(gaps > LONGEST_GAP) & (events.t >= 0)
+
+
 EVENT_STREAM = Format(
-    "event_stream", "Event Stream", (".es",), lambda head: head.startswith(MAGIC), EventStream, write
+    "event_stream", "Event Stream", (".es",), lambda head: head.startswith(MAGIC), EventStream, write,
+    holds=_holds, grows=True,
 )  # fmt: skip
 """Read and written."""

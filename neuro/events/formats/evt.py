@@ -15,7 +15,7 @@ import numpy.typing as npt
 from neuro.events._events import Events, empty_columns
 from neuro.events.formats._format import HEAD, Damage, Format, Piece, no_place
 from neuro.events.formats._reading import begin, decoded, write_words
-from neuro.events.formats.dat import GEN3, GEN4, check_room, parse, raw_text, read_header
+from neuro.events.formats.dat import GEN3, GEN4, check_room, has_room, parse, raw_text, read_header
 from neuro.events.source import WHOLE, Bytes, Source, step
 
 Words = npt.NDArray[Any]
@@ -237,7 +237,7 @@ def _words_2(events: Events, high: int) -> tuple[npt.NDArray[np.uint32], int]:
 
 EVT2 = Format(
     "evt2", "Prophesee EVT 2.0", (".raw",), lambda head: parse(head).coding == Evt2.coding, Evt2, write_evt2,
-    usual=GEN3, larger=(GEN4,),
+    holds=has_room(*ROOM_2), grows=True, usual=GEN3, larger=(GEN4,),
 )  # fmt: skip
 """Read and written."""
 
@@ -403,7 +403,7 @@ def write_evt3(parts: Iterator[Events], path: Path) -> None:
 
 EVT3 = Format(
     "evt3", "Prophesee EVT 3.0", (".raw",), lambda head: parse(head).coding == Evt3.coding, Evt3, write_evt3,
-    usual=GEN3, larger=(GEN4,),
+    holds=has_room(*ROOM_3), grows=True, usual=GEN3, larger=(GEN4,),
 )  # fmt: skip
 """Read and written."""
 

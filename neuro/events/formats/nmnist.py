@@ -14,9 +14,10 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import numpy.typing as npt
 
 from neuro.events._events import Events, empty_columns
-from neuro.events.formats._format import Damage, Format, Piece, Size, refuse
+from neuro.events.formats._format import Damage, Format, Piece, Size, outside, refuse, within
 from neuro.events.formats._reading import decoded, write_words
 from neuro.events.source import Source
 
@@ -63,9 +64,9 @@ def write(parts: Iterator[Events], path: Path) -> None:
 
 
 def _words(done: int, events: Events) -> bytes:
-    outside = (events.x > 255) | (events.y > 255) | (events.y == OVERFLOW_ROW)
+    off = _outside(events)
     limits = f"t 0 to {T_LIMIT - 1} us, x and y 0 to 255, y not {OVERFLOW_ROW}"
-    refuse(events, (events.t < 0) | (events.t >= T_LIMIT) | outside, done, limits, outside)
+    refuse(events, ~within(events, T_LIMIT) | off, done, limits, off)
     words = np.empty((len(events), WORD), np.uint8)
     words[:, 0], words[:, 1] = events.x, events.y
     words[:, 2] = events.p << 7 | (events.t >> 16).astype(np.uint8)
@@ -73,5 +74,14 @@ def _words(done: int, events: Events) -> bytes:
     return words.tobytes()
 
 
-NMNIST = Format("nmnist", "N-MNIST .bin", (".bin",), lambda head: False, Bin, write, usual=SENSOR_SIZE)
+def _outside(events: Events) -> npt.NDArray[np.bool_]:
+    off = outside(events, 256, 256)
+    off |= events.y == OVERFLOW_ROW
+    return off
+
+
+NMNIST = Format(
+    "nmnist", "N-MNIST .bin", (".bin",), lambda head: False, Bin, write,
+    holds=lambda events, last: within(events, T_LIMIT) & ~_outside(events), grows=True, usual=SENSOR_SIZE,
+)  # fmt: skip
 """Read and written."""

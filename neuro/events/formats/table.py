@@ -1,12 +1,20 @@
 """Text with one event a line, CSV or TXT, in any order of columns; both are known by their lines.
 
-Numbers are parted by commas, semicolons, spaces or tabs. Lines that begin with ``#`` or ``%`` and empty ones are left
-out; ``%geometry:WIDTH,HEIGHT`` or ``# sensor WIDTHxHEIGHT`` among the first, or a first line with two whole numbers
-only, tells the sensor. A line of names (also as the last comment) tells the columns and may tell the unit of time, as
-in `_columns`. Without names the first 64 KiB decide: coordinates are whole, polarities 0 or 1 (or -1 and 1), time goes
-on; x stands before y, and where several orders fit the likelier is taken, t x y p first. Times that are all whole are
-us, times with a fraction are seconds (as in the RPG's ``events.txt``), rounded to the nearest us.
-Polarities may also be True and False.
+A line ends with LF, CR LF or CR. Numbers are parted by commas, semicolons, spaces or tabs. Lines that begin with ``#``
+or ``%`` and empty ones are left out; ``%geometry:WIDTH,HEIGHT`` or ``# sensor WIDTHxHEIGHT`` among the first, or a
+first line with two whole numbers only, tells the sensor. A line of names (also as the last comment) tells the columns
+and may tell the unit of time, as in `_columns`. Polarities may also be True and False.
+
+Without names the first 64 KiB decide about the columns: coordinates are whole, polarities 0 or 1 (or -1 and 1), x
+stands before y, and of several possible orders the likeliest is taken, t x y p first. If time runs back in that one,
+see `_columns.order_of`.
+
+Times that are all whole in the first 64 KiB are us; times with a fraction are seconds (as in the RPG's
+``events.txt``), and so are times with a decimal point or an exponent where the coordinates have none; they are rounded
+to the nearest us. A fraction after whole us is an error.
+
+A place in the file's format tells what the file does not: ``csv:xytp`` the order of the four columns, ``csv:s`` the
+unit of time (s, ms, us, ns), ``csv:xytp:ms`` both.
 
 Written are a comment with the sensor, the names and lines ``t,x,y,p`` in us; in TXT the names are a comment, too, and
 spaces part the columns, so that ``numpy.loadtxt`` reads it. Metadata are not kept.
@@ -21,25 +29,34 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
 from neuro.events._events import Events, empty_columns
-from neuro.events.formats._columns import find_names, order_of, unit_of
+from neuro.events.formats._columns import SECONDS, UNITS, US, Ambiguous, find_names, order_of, unit_of
 from neuro.events.formats._format import Damage, Format, Piece, Size
+from neuro.events.formats._reading import growing
 from neuro.events.source import Bytes, Source
 
+SHORT_UNITS = ("s", "ms", "us", "ns")
+"""Units that a place may name, and `metadata` has."""
 SAMPLE = 1 << 16
 """Bytes by which columns and unit are found."""
 LINE_LIMIT = 1 << 16
 """No line is longer."""
+SHORTEST_ROW = 8
+"""Bytes of the shortest line with an event: ``0,0,0,0`` and its end."""
 ROW_LIMIT = 35
 """Bytes of the longest line that is written: 20 + 5 + 5 + 1 digits and four signs between."""
 
 _SENSOR = re.compile(r"[#%] *(?:geometry *: *(\d+) *, *(\d+)|sensor +(\d+)x(\d+))", re.ASCII)
+_LINE_END = re.compile(rb"\r\n|\r|\n")
 _NUMBER = re.compile(r"[+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?", re.ASCII)
 _TRUTH = {"true": 1.0, "false": 0.0}
 _BOM = b"\xef\xbb\xbf"
 """What some programs write before text."""
+
+
+class _Unclear(Damage):
+    """Raised where columns may be in several orders."""
 
 
 @dataclass(slots=True)
@@ -55,14 +72,19 @@ class _Layout:
 
 
 class Table:
-    """An open text file; ``metadata`` has ``columns``, their order, and ``time_unit``."""
+    """An open text file; ``metadata`` has ``columns``, their order, and ``time_unit``.
 
-    def __init__(self, source: Source) -> None:
+    Args:
+        source: the file.
+        place: order and unit that the user gives, as ``xytp:ms``; "" where the file tells them.
+    """
+
+    def __init__(self, source: Source, place: str = "") -> None:
         self._source = source
-        self._layout = layout = _layout(source.head(SAMPLE))
+        self._layout = layout = _layout(source.head(SAMPLE), *_options(place))
         self.sensor_size: Size | None = layout.size
         order = " ".join(sorted(layout.where, key=lambda name: layout.where[name]))
-        unit = {6: "s", 3: "ms", 0: "us", -3: "ns"}[layout.unit]
+        unit = next(name for name, power in UNITS.items() if power == layout.unit)
         self.metadata: Mapping[str, Any] = {"columns": order, "time_unit": unit}
 
     def pieces(self, block: int) -> Iterator[Piece]:
@@ -85,8 +107,7 @@ class Table:
         from neuro.events.formats._table_kernel import parse
 
         layout = self._layout
-        room = int(np.count_nonzero(data == ord("\n"))) + 1
-        t, x, y, p = empty_columns(room)
+        t, x, y, p = empty_columns(data.size // SHORTEST_ROW + 1)
         where = np.array([layout.where[name] for name in "txyp"], np.int64)
         n, end, lines, wrong, column = parse(data, layout.columns, where, layout.unit, t, x, y, p)
 
@@ -102,7 +123,7 @@ class Table:
             place=lambda event: at + begin(event)[0], line=lambda event: line + 1 + begin(event)[1],
         )  # fmt: skip
         if wrong:
-            text = data[end:].tobytes().split(b"\n", 1)[0].decode("utf-8", "replace")
+            text = _LINE_END.split(data[end : end + LINE_LIMIT].tobytes(), 1)[0].decode("utf-8", "replace")
             raise Damage(f"line {line + lines + 1}: {self._fault(wrong, column, text)}", at + int(end))
         return line + int(lines), at + int(end)
 
@@ -120,24 +141,44 @@ class Table:
         if wrong == NOT_A_NUMBER:
             return f"{message}, expected a number"
         if name == "t":
-            return f"{message}, expected {'whole us, as before' if wrong == NOT_WHOLE else 'less than 2^63 us'}"
+            whole = "whole us, as before; --from csv:s or format='csv:s' reads seconds, csv:ms and csv:ns likewise"
+            return f"{message}, expected {whole if wrong == NOT_WHOLE else 'less than 2^63 us'}"
         expected = "1 for ON, and 0 or -1 for OFF" if name == "p" else "a whole number from 0 to 65535"
         return f"{message}, expected {expected}"
 
 
 def _whole_lines(data: Bytes) -> int:
-    """Where the last line that ends in `data` ends."""
+    """Where the last line that ends in `data` ends. A CR at the very end may be the first half of a CR LF."""
     for begin in (max(0, data.size - LINE_LIMIT), 0):
-        ends = np.flatnonzero(data[begin:] == ord("\n"))
+        part = data[begin:]
+        ends = np.flatnonzero((part == ord("\n")) | (part == ord("\r")))
+        if ends.size and part[-1] == ord("\r"):
+            ends = ends[:-1]
         if ends.size:
             return begin + int(ends[-1]) + 1
     return 0
 
 
-def _layout(head: bytes) -> _Layout:
-    """What the first bytes of a file tell."""
+def _options(place: str) -> tuple[str | None, int | None]:
+    """The order of columns and the unit of time that a place such as ``xytp:ms`` gives, None where it does not."""
+    order = unit = None
+    for word in place.split(":") if place else ():
+        if word in SHORT_UNITS and unit is None:
+            unit = UNITS[word]
+        elif sorted(word) == sorted("txyp") and order is None:
+            order = word
+        else:
+            known = "an order of t, x, y and p as in csv:xytp, a unit of time as in csv:ms, or both as in csv:xytp:ms"
+            raise Damage(
+                f"columns are given as {place!r:.40}, expected {known}; units are {', '.join(SHORT_UNITS)}", None
+            )
+    return order, unit
+
+
+def _layout(head: bytes, order: str | None = None, unit: int | None = None) -> _Layout:
+    """What the first bytes of a file tell; `order` and `unit` as the user gives them."""
     if len(head) == SAMPLE:
-        head = head[: head.rfind(b"\n") + 1] or head
+        head = head[: max(head.rfind(b"\n"), head.rfind(b"\r", 0, -1)) + 1] or head
     size: Size | None = None
     names: list[str] | None = None
     at = len(_BOM) if head.startswith(_BOM) else 0
@@ -154,11 +195,11 @@ def _layout(head: bytes) -> _Layout:
         elif find_names(values):
             names = values
         elif values and (names is not None or all(map(_is_value, values))):
-            return _of_rows(head[at:], at, number, names, len(values), size)
+            return _of_rows(head[at:], at, number, names, len(values), size, order, unit)
         elif values:
             raise Damage(f"line {number + 1}: {text[:60]!r}, expected names or numbers of t, x, y and p", at)
         at += len(raw)
-    return _of_rows(b"", at, head.count(b"\n"), names, len(names or "txyp"), size)
+    return _of_rows(b"", at, len(_LINE_END.findall(head)), names, len(names or "txyp"), size, order, unit)
 
 
 def _values(text: str) -> list[str]:
@@ -177,28 +218,53 @@ def _sensor(size: list[int], number: int, at: int) -> Size:
     return size[0], size[1]
 
 
-def _of_rows(rows: bytes, at: int, number: int, names: list[str] | None, columns: int, size: Size | None) -> _Layout:
+def _of_rows(
+    rows: bytes, at: int, number: int, names: list[str] | None, columns: int, size: Size | None,
+    order: str | None, unit: int | None,
+) -> _Layout:  # fmt: skip
     """The layout of a file whose events begin at a byte."""
     header = find_names(names) if names else None
-    if names and header and len(names) == columns:
+    lines = [_values(line.decode("utf-8", "replace").strip()) for line in rows.splitlines()]
+    lines = [line for line in lines if len(line) == columns]
+    if order is not None and columns == len(order):
+        where = {name: place for place, name in enumerate(order)}
+    elif order is None and names and header and len(names) == columns:
         where = {name: names.index(getattr(header, name)) for name in "txyp"}
-    elif columns == 4:
-        header = None
-        where = {name: place for place, name in enumerate(order_of(_numbers(rows)))}
+        unit = header.unit if unit is None else unit
+    elif order is None and columns == 4:
+        where = {name: place for place, name in enumerate(_found_order(lines, at))}
     else:
-        raise Damage(f"line {number + 1}: has {columns} columns, expected {len(names or 'txyp')}", at)
-    unit = header.unit if header else None
-    if unit is None:
-        times = _numbers(rows, columns)[:, where["t"]]
-        unit = unit_of(times[np.isfinite(times)])
-    return _Layout(at, number, columns, where, unit, size)
+        raise Damage(f"line {number + 1}: has {columns} columns, expected {len(order or names or 'txyp')}", at)
+    return _Layout(at, number, columns, where, _found_unit(lines, where) if unit is None else unit, size)
 
 
-def _numbers(rows: bytes, columns: int = 4) -> npt.NDArray[np.float64]:
-    """The rows that have so many numbers."""
-    lines = (_values(line.strip()) for line in rows.decode("utf-8", "replace").splitlines())
-    found = [[_float(value) for value in line] for line in lines if len(line) == columns]
-    return np.array(found, np.float64).reshape(-1, columns)
+def _found_order(lines: list[list[str]], at: int) -> str:
+    """The order of four columns by the first rows.
+
+    Raises:
+        Damage: it may be one of several; says how to give it.
+    """
+    try:
+        return order_of(np.array([[_float(value) for value in line] for line in lines], np.float64).reshape(-1, 4))
+    except Ambiguous as several:
+        first, *others = several.orders
+        what = f"columns without names may be {first}, where {several.why}, or {' or '.join(others)}"
+        word = first.replace(" ", "")
+        raise _Unclear(f"{what}: expected the order, as --from csv:{word} or format='csv:{word}'", at) from None
+
+
+def _found_unit(lines: list[list[str]], where: Mapping[str, int]) -> int:
+    """The unit of time by the first rows: a decimal point that coordinates lack tells seconds, also of whole times."""
+    times = np.array([_float(line[where["t"]]) for line in lines], np.float64)
+    if unit_of(times[np.isfinite(times)]) == SECONDS:
+        return SECONDS
+    t, x, y = (any(_is_pointed(line[where[name]]) for line in lines) for name in "txy")
+    return SECONDS if t and not (x or y) else US
+
+
+def _is_pointed(text: str) -> bool:
+    """Whether a number has a decimal point or an exponent."""
+    return _NUMBER.fullmatch(text) is not None and not text.lstrip("+-").isdecimal()
 
 
 def _float(text: str) -> float:
@@ -211,10 +277,13 @@ def _is_value(text: str) -> bool:
 
 def _knows(head: bytes) -> bool:
     """Whether a file begins with lines of names or numbers, by what a few bytes tell."""
-    if b"\0" in head or not head.isascii() or b"\n" not in head:
+    whole = max(head.rfind(b"\n"), head.rfind(b"\r")) + 1
+    if b"\0" in head or not head.isascii() or not whole:
         return False
     try:
-        layout = _layout(head[: head.rfind(b"\n") + 1])
+        layout = _layout(head[:whole])
+    except _Unclear:
+        return True
     except Damage:
         return False
     return layout.start < len(head)
@@ -233,17 +302,17 @@ def write_txt(parts: Iterator[Events], path: Path) -> None:
 def _write(parts: Iterator[Events], path: Path, head: str, between: str) -> None:
     from neuro.events.formats._table_kernel import form
 
-    with path.open("wb") as file:
+    with growing(path.open("wb")) as append:
         for k, events in enumerate(parts):
             if not k:
-                file.write((head % events.sensor_size).encode("ascii"))
+                append((head % events.sensor_size).encode("ascii"))
             for begin in range(0, len(events), 1 << 18):
                 part = events[begin : begin + (1 << 18)]
                 out = np.empty(ROW_LIMIT * len(part), np.uint8)
-                file.write(out[: form(part.t, part.x, part.y, part.p, ord(between), out)].data)
+                append(out[: form(part.t, part.x, part.y, part.p, ord(between), out)].data)
 
 
-TABLE = Format("csv", "CSV", (".csv",), _knows, Table, write, guesses=True)
+TABLE = Format("csv", "CSV", (".csv",), _knows, Table, write, grows=True, inside=Table, guesses=True)
 """Read and written; TXT that is known by its lines is read as this."""
-TXT = Format("txt", "TXT", (".txt",), lambda head: False, Table, write_txt)
+TXT = Format("txt", "TXT", (".txt",), lambda head: False, Table, write_txt, grows=True, inside=Table)
 """Read and written."""

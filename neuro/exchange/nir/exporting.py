@@ -3,30 +3,35 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, field, replace
+from dataclasses import replace
+from itertools import pairwise
 from os import PathLike
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from neuro.compiler.resolve import compile_network
 from neuro.core.checks import check
 from neuro.core.clock import NEVER
 from neuro.core.english import some
 from neuro.core.errors import ModelError
+from neuro.core.hdf5 import disk
 from neuro.core.outputs import Kind, output
 from neuro.core.quantities import Quantity
 from neuro.exchange.nir.cells import BY_GRAPH_EXECUTOR, Unsupported
-from neuro.exchange.nir.graph import Floats, package
-from neuro.exchange.nir.importing import judge
+from neuro.exchange.nir.graph import Floats, package, shorten
+from neuro.exchange.nir.grids import convolution, differing, even, find_sheets, on_sheets, shape_of
+from neuro.exchange.nir.importing import LACKS, STEP, judge
 from neuro.exchange.nir.measured import measure
-from neuro.exchange.nir.nodes import READOUT, Scaled, neuron_of
-from neuro.exchange.verdict import APPROXIMATE, EXACT, REFUSED, Verdict, Verdicts
+from neuro.exchange.nir.nodes import READOUT, neuron_of
+from neuro.exchange.nir.written import Written
+from neuro.exchange.verdict import APPROXIMATE, EXACT, REFUSED, Verdicts
 from neuro.model.network import Network
 from neuro.model.neurons.builtin import cuba_lif, dc_generator, iaf_psc_delta, iaf_psc_exp
 from neuro.model.neurons.propagators import from_constant
-from neuro.program.program import Grid, Population, Program, Projection
+from neuro.program.program import Population, Projection
 
 READERS = ("norse", "snntorch", "sinabs", "spikingjelly", "nir")
 """The tools for which graphs are scaled."""
@@ -48,42 +53,6 @@ def _is_ours(path: Path) -> bool:
 
 
 KIND = Kind("a NIR file of neuro", _is_ours)
-
-
-@dataclass(slots=True)
-class Written:
-    """A graph under construction.
-
-    Attributes:
-        nir: the package.
-        program: the network, resolved.
-        tool: the convention.
-        nodes, edges: of the graph.
-        neurons: by population, what it is.
-        shapes: of their nodes, by population.
-        depths: by population, by how many steps its spikes are later here than in a tool without delays.
-        verdicts: of each part of the network.
-    """
-
-    nir: Any
-    program: Program
-    tool: str
-    nodes: dict[str, Any] = field(default_factory=dict)
-    edges: list[tuple[str, str]] = field(default_factory=list)
-    neurons: dict[int, Scaled] = field(default_factory=dict)
-    shapes: dict[int, tuple[int, ...]] = field(default_factory=dict)
-    depths: dict[int, int] = field(default_factory=dict)
-    verdicts: list[Verdict] = field(default_factory=list)
-
-    @property
-    def step(self) -> float:
-        """Seconds."""
-        return self.program.resolution / 1e3
-
-    def says(self, part: Population | Projection, verdict: str, how: str, way_out: str = "") -> None:
-        """The verdict of a part."""
-        kind = part.said if isinstance(part, Population) else part.synapse.name
-        self.verdicts.append(Verdict(part.name, kind, verdict, how, way_out))
 
 
 def to_nir(net: Network, dt: float | None = None, for_: str | None = None) -> Any:
@@ -122,13 +91,16 @@ def written(net: Network, dt: float | None, for_: str | None) -> tuple[Any, Verd
     for index, part in enumerate(out.program.populations):
         _scale(out, index, part)
     _find_depths(out)
+    find_sheets(out, _spiking(out))
     for index, part in enumerate(out.program.populations):
         _add_population(out, index, part)
     for projection in out.program.projections:
         _add_projection(out, projection)
-    for index in out.neurons:
-        if not any(p.source == index and p.target != index for p in _spiking(out)):
-            _add_output(out, index)
+    sending = {p.source for p in _spiking(out) if p.source != p.target}
+    probed = {probe.population for probe in out.program.probes}
+    ends = [k for k in out.neurons if k not in sending] or [k for k in out.neurons if k in probed] or list(out.neurons)
+    for index in ends:
+        _add_output(out, index)
     table = Verdicts(f"{net.name}: for {tool}, steps of {net.resolution:g} ms", tuple(out.verdicts))
     if table.refused:
         return None, table
@@ -141,7 +113,7 @@ def written(net: Network, dt: float | None, for_: str | None) -> tuple[Any, Verd
         measured = _measured(out, net, graph)
         parts = (replace(each, measured=measured) if each.verdict == APPROXIMATE else each for each in table)
         table = replace(table, nodes=tuple(parts))
-    graph.metadata = {CONVENTION: tool, "neuro_dt_ms": net.resolution, "neuro_verdicts": table.to_json()}
+    graph.metadata = {CONVENTION: tool, STEP: net.resolution, "neuro_verdicts": table.to_json()}
     return graph, table
 
 
@@ -176,8 +148,8 @@ def save_nir(net: Network, path: str | PathLike[str], dt: float | None = None, f
     """
     graph, table = written(net, dt, for_)
     table.check()
-    with output(path, KIND) as part:
-        package("to_nir").write(part, graph)
+    with output(path, KIND) as part, disk(part) as file:
+        package("to_nir").write(file, graph)
     return table
 
 
@@ -212,8 +184,8 @@ def _add_population(out: Written, index: int, part: Population) -> None:
     if part.model.graded:
         out.says(part, REFUSED, "its spikes carry payloads, and those of NIR carry none", "leave it out")
     elif part.kind in ("listed", "poisson", "generator"):
-        out.nodes[part.name] = out.nir.Input({"input": np.array(part.shape)})
-        out.shapes[index] = part.shape
+        out.shapes[index] = shape_of(out, index)
+        out.nodes[part.name] = out.nir.Input({"input": np.array(out.shapes[index])})
         listed = part.spike_steps.size or part.kind != "listed"
         out.says(part, EXACT, "an Input" + ("; its spikes stay here" if listed else ""))
     elif part.kind == "current":
@@ -225,8 +197,7 @@ def _add_population(out: Written, index: int, part: Population) -> None:
         out.says(part, EXACT, "the bias of the nodes that it drives")
     elif index in out.neurons:
         made = out.neurons[index]
-        on_sheet = [p for p in _spiking(out) if index in (p.source, p.target) and p.grid is not None]
-        out.shapes[index] = part.shape if on_sheet else (part.size,)
+        out.shapes[index] = shape_of(out, index)
         if made.kind != READOUT:
             fields = {word: values.reshape(out.shapes[index]) for word, values in made.fields.items()}
             out.nodes[part.name] = getattr(out.nir, made.kind)(**fields)
@@ -237,7 +208,7 @@ def _add_population(out: Written, index: int, part: Population) -> None:
             how = f"{made.how}; its constant current begins {some(depth, 'step')} later there"
             out.says(part, APPROXIMATE, how, "send the current by a dc_generator with that delay")
         else:
-            out.says(part, EXACT, made.how)
+            out.says(part, EXACT, f"{made.how}; {some(depth, 'step')} later here")
 
 
 def _add_output(out: Written, index: int) -> None:
@@ -250,11 +221,15 @@ def _add_output(out: Written, index: int) -> None:
         out.edges.append((part.name, name))
 
 
-def _lags(out: Written, part: Projection) -> int:
-    """Steps that a spike takes until it acts on V_m."""
+def _layer(out: Written, part: Projection) -> int:
+    """Steps that a spike takes until it acts on V_m, with the shortest delay."""
     model = out.program.populations[part.target].model
-    late = isinstance(model, iaf_psc_exp) and not isinstance(model, cuba_lif)
-    return int(part.delay_span[0]) + (1 if late else 0)
+    return 2 if isinstance(model, iaf_psc_exp) and not isinstance(model, cuba_lif) else 1
+
+
+def _lags(out: Written, part: Projection) -> int:
+    """Steps that the first spike takes until it acts on V_m."""
+    return int(part.delay_span[0]) - 1 + _layer(out, part)
 
 
 def _spiking(out: Written) -> list[Projection]:
@@ -264,20 +239,62 @@ def _spiking(out: Written) -> list[Projection]:
 
 
 def _find_depths(out: Written) -> None:
-    """Layer by layer from the generators; a projection back to a layer before does not count."""
-    parts = out.program.populations
-    out.depths.update({k: 0 for k, part in enumerate(parts) if k not in out.neurons})
-    for _ in parts:
-        for index in out.neurons:
-            steps = [
-                out.depths[p.source] + _lags(out, p)
-                for p in _spiking(out)
-                if p.target == index and p.source != index and p.source in out.depths
-            ]
-            if steps and index not in out.depths:
-                out.depths[index] = min(steps)
-    for index in out.neurons:
-        out.depths.setdefault(index, 0)
+    """Choose by how many steps the spikes of each population are later here.
+
+    A population is one layer behind the source of a connection without extra delay, and so many layers behind the
+    generators as its shortest way from them has. Its constant current begins with its layer. Steps beyond those of
+    the layers become Delay nodes, e.g. delays of 6 and 1 steps onto two populations of the first layer: 5 and 0.
+    """
+    from scipy.sparse import csr_array
+    from scipy.sparse.csgraph import connected_components
+
+    count = len(out.program.populations)
+    forward = [p for p in _spiking(out) if p.source != p.target]
+    layers = [(p.source, p.target, _layer(out, p)) for p in forward]
+    hops = [math.inf if k in out.neurons else 0.0 for k in range(count)]
+    shorten(hops, layers)
+    depths = [0 if hop == math.inf else hop for hop in hops]
+    for target in out.neurons:
+        begins = [_begin(out, p) for p in _constants(out, target)]
+        depths[target] = max(depths[target], min(begins, default=1) - 1)
+    ends = [p.source for p in forward], [p.target for p in forward]
+    loop = connected_components(csr_array((np.ones(len(forward)), ends), shape=(count, count)), connection="strong")[1]
+    direct = [
+        (source, target, steps)
+        for part, (source, target, steps) in zip(forward, layers, strict=True)
+        if part.delay_span[0] == 1 and (loop[source] != loop[target] or (hops[source], source) < (hops[target], target))
+    ]
+    for _ in range(count):
+        for source, target, steps in direct:
+            depths[target] = max(depths[target], depths[source] + steps)
+    shorten(depths, [(p.source, p.target, _lags(out, p)) for p in forward])  # no Delay is negative
+    out.depths.update((k, int(depth)) for k, depth in enumerate(depths))
+
+
+def _constants(out: Written, target: int) -> list[Projection]:
+    """Projections that give a population a constant input."""
+    onto = [p for p in out.program.projections if p.target == target]
+    return [p for p in onto if _constant(out, p.source) or _ticks(out, p.source)]
+
+
+def _begin(out: Written, part: Projection) -> int:
+    """The step, from 1, in which a constant input begins."""
+    start = 2 + out.program.populations[part.source].start if part.carries == "current" else 1
+    return int(part.delay_span[0]) + start
+
+
+def _steps_of_delay(out: Written, part: Projection) -> NDArray[np.int64] | None:
+    """Steps of the Delay behind each neuron of the source; None where the synapses of a neuron have several."""
+    back = 1 if part.source == part.target else 0
+    beyond = _layer(out, part) - 1 + out.depths[part.source] - out.depths[part.target] - back
+    size = out.program.populations[part.source].size
+    if part.delay_span[0] == part.delay_span[1]:
+        return np.full(size, beyond + part.delay_span[0], dtype=np.int64)
+    pre, _, slot = out.program.synapses(out.program.projections.index(part))
+    steps = np.broadcast_to(part.delay, part.size)[slot].astype(np.int64)
+    of_source = np.full(size, part.delay_span[0], dtype=np.int64)
+    of_source[pre] = steps
+    return of_source + beyond if np.all(of_source[pre] == steps) else None
 
 
 def _add_projection(out: Written, part: Projection) -> None:
@@ -288,37 +305,33 @@ def _add_projection(out: Written, part: Projection) -> None:
         out.says(part, REFUSED, f"{part.synapse.name} learns", "freeze it: give a static synapse the learnt weights")
         return
     back = part.source == part.target
-    lag = _lags(out, part) + out.depths[part.source] - out.depths[part.target] - (1 if back else 0)
-    if lag < 0 or part.delay_span[0] != part.delay_span[1]:
-        why = "has several delays" if part.delay_span[0] != part.delay_span[1] else "leads back within one step"
-        out.says(part, REFUSED, why, "give it one delay of its own projection")
+    lags = _steps_of_delay(out, part)
+    if lags is None:
+        out.says(part, REFUSED, "has several delays from one neuron", "give each delay a projection of its own")
         return
-    factor = out.neurons[part.target].factor
     bias = _bias_of(out, part)
-    weights, how = _weights(out, part, factor, bias)
-    before = source.name
-    if lag:
-        out.nodes[f"{part.name}.delay"] = out.nir.Delay(np.full(source.shape, lag * out.step))
-        out.edges.append((before, f"{part.name}.delay"))
-        before = f"{part.name}.delay"
-    if part.grid is None and len(out.shapes[part.source]) > 1:
-        flat = f"{part.name}.flatten"
-        out.nodes[flat] = out.nir.Flatten({"input": np.array(source.shape)}, 0, -1)
-        out.edges.append((before, flat))
-        before = flat
-    if part.grid is not None and not _even(part.grid) and (part.grid.stride > 1 or out.tool == "sinabs"):
+    slides = on_sheets(out, part)
+    if slides and (what := differing(out, part, bias)):
+        out.says(part, REFUSED, f"{what} differs within a map of '{target.name}'", "give a map equal neurons")
+        return
+    if slides and part.grid and not even(part.grid) and (part.grid.stride > 1 or out.tool == "sinabs"):
         out.says(part, REFUSED, "has an uneven border, which a Conv2d has not", "give the grid a padding in numbers")
         return
-    if part.grid is None and len(out.shapes[part.target]) > 1:
-        out.says(part, REFUSED, f"leads to '{target.name}', which is a sheet of a grid", "make it a grid, too")
-        return
-    out.nodes[part.name] = weights
-    out.edges += [(before, part.name), (part.name, target.name)]
-    if isinstance(weights, out.nir.Conv2d) and weights.groups > 1 and out.tool == "spikingjelly":
+    chain = {}
+    if lags.any():
+        chain[f"{part.name}.delay"] = out.nir.Delay(lags.reshape(out.shapes[part.source]) * out.step)
+    if not slides and len(out.shapes[part.source]) > 1:
+        chain[f"{part.name}.flatten"] = out.nir.Flatten({"input": np.array(out.shapes[part.source])}, 0, -1)
+    weights, how = convolution(out, part, bias) if slides else _weights(out, part, bias)
+    chain |= weights
+    out.nodes |= chain
+    out.edges += pairwise((source.name, *chain, target.name))
+    if getattr(chain[part.name], "groups", 1) > 1 and out.tool == "spikingjelly":
         out.says(part, REFUSED, "spikingjelly reads no convolution in groups", "use a grid that is not depthwise")
         return
-    if lag and out.tool in ("norse", "snntorch", "sinabs", "spikingjelly"):
-        out.says(part, REFUSED, f"a delay of {lag} steps: {out.tool} has no Delay", "delays of one step a layer")
+    if lags.any() and "Delay" in LACKS.get(out.tool, ()):
+        why = f"a delay of {some(int(lags.max()), 'step')} beyond one a layer: {out.tool} has no Delay"
+        out.says(part, REFUSED, why, f"give it a delay of {out.program.resolution:g} ms")
     elif back and out.tool == "snntorch":
         how += "; where snnTorch 1.0's importer does not fail with nirtorch 2.6, it sends the input through it, too"
         out.says(part, APPROXIMATE, how)
@@ -326,39 +339,17 @@ def _add_projection(out: Written, part: Projection) -> None:
         out.says(part, EXACT, how)
 
 
-def _even(g: Grid) -> bool:
-    """Whether the border is as wide after the sheet as before it."""
-    rows = (g.height + 2 * g.top - g.kernel_height) // g.stride + 1
-    return (g.rows, g.columns) == (rows, (g.width + 2 * g.left - g.kernel_width) // g.stride + 1)
-
-
-def _weights(out: Written, part: Projection, factor: Floats, bias: Floats | None) -> tuple[Any, str]:
-    """The node of a projection, and what it is."""
-    nir = out.nir
+def _weights(out: Written, part: Projection, bias: Floats | None) -> tuple[dict[str, Any], str]:
+    """The node of a projection that is no convolution, and what it is."""
     source, target = out.program.populations[part.source], out.program.populations[part.target]
     index = out.program.projections.index(part)
-    if part.grid is not None:
-        g = part.grid
-        kernel = (
-            np.broadcast_to(part.weight, part.size).reshape(g.kernels) * factor.reshape(target.shape)[:, :1, :1, None]
-        )
-        node = nir.Conv2d(
-            input_shape=(g.height, g.width),
-            weight=kernel,
-            stride=g.stride,
-            padding=(g.top, g.left) if _even(g) else "same",
-            dilation=1,
-            groups=g.channels if g.depthwise else 1,
-            bias=np.zeros(g.maps) if bias is None else bias.reshape(target.shape)[:, 0, 0],
-        )
-        return node, "Conv2d"
     pre, post, slot = out.program.synapses(index)
     matrix = np.zeros((target.size, source.size))
     np.add.at(matrix, (post, pre), np.broadcast_to(part.weight, part.size)[slot])
-    matrix *= factor.reshape(-1, 1)
+    matrix *= out.neurons[part.target].factor.reshape(-1, 1)
     if bias is None:
-        return nir.Linear(weight=matrix), "Linear"
-    return nir.Affine(weight=matrix, bias=bias), "Affine, with the constant current as its bias"
+        return {part.name: out.nir.Linear(weight=matrix)}, "Linear"
+    return {part.name: out.nir.Affine(weight=matrix, bias=bias)}, "Affine, with the constant current as its bias"
 
 
 def _bias_of(out: Written, part: Projection) -> Floats | None:
@@ -371,16 +362,13 @@ def _bias_of(out: Written, part: Projection) -> Floats | None:
     back = next((p for p in onto if p.source == p.target), None) if out.tool in BY_GRAPH_EXECUTOR else None
     made = out.neurons[part.target]
     total = made.bias * (part is first)
-    for k, other in enumerate(out.program.projections):
-        if other.target != part.target or not (_constant(out, other.source) or _ticks(out, other.source)):
-            continue
+    for other in _constants(out, part.target):
         source = out.program.populations[other.source]
-        begin = int(other.delay_span[0]) + (2 + source.start if other.carries == "current" else 1)
-        late = begin - out.depths[part.target] - 1
+        late = _begin(out, other) - out.depths[part.target] - 1
         of = back if back is not None and late == 1 else first
         if part is not of:
             continue
-        pre, post, slot = out.program.synapses(k)
+        pre, post, slot = out.program.synapses(out.program.projections.index(other))
         values = np.broadcast_to(other.weight, other.size)[slot]
         if other.carries == "current" and made.per_pa is not None:
             values = values * np.broadcast_to(source.parameters["amplitude"], source.size)[pre] * made.per_pa[post]

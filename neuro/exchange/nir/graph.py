@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from graphlib import CycleError, TopologicalSorter
 from typing import Any
@@ -129,6 +129,21 @@ def package(what: str) -> Any:
         ModelError: it is not installed.
     """
     return needed("nir", "nir", f"{what}: the package nir is not installed")
+
+
+def shorten(depths: list[float], edges: Sequence[tuple[int, int, int]]) -> None:
+    """Lower depths until no target is deeper than the source plus the steps between them (Bellman and Ford).
+
+    Args:
+        depths: one for each node, changed in place.
+        edges: source, target and steps.
+    """
+    for _ in depths:
+        before = list(depths)
+        for source, target, steps in edges:
+            depths[target] = min(depths[target], depths[source] + steps)
+        if depths == before:
+            break
 
 
 def sources(graph: Graph, name: str) -> Iterator[list[str]]:

@@ -22,7 +22,7 @@ from neuro.exchange.nir.cells import (
     cell_of,
     find_tool,
 )
-from neuro.exchange.nir.graph import FIELDS, STATEFUL, Floats, Graph, Node, Shape, sources, spread
+from neuro.exchange.nir.graph import FIELDS, STATEFUL, Floats, Graph, Node, Shape, shorten, sources, spread
 from neuro.exchange.nir.judged import Link, Read
 from neuro.exchange.nir.maps import Map, map_of, same_in_each_map, sheet, together
 from neuro.exchange.nir.measured import measure
@@ -41,6 +41,9 @@ RESET = Quantity(
     words=("to_value", "to_value_next", "subtract", "subtract_next"),
     optional=True,
 )
+STEP = "neuro_dt_ms"
+"""The word of a graph's metadata that says the length of a step in ms."""
+
 LONG = 10_000
 """Steps of the shortest time constant above which a step is taken for one in seconds."""
 
@@ -51,6 +54,7 @@ LACKS = {
 """Types of nodes that a tool's own importer does not read."""
 
 NO_RUN = "not measured: the tool runs no such network"
+FIRST_STEPS = "not measured: only the steps before that differ"
 LONGEST = 200
 """Letters of a name; YAML has none of more than 1024."""
 
@@ -123,7 +127,7 @@ def judge(graph: Any, dt: float, from_: str | None, reset: str | None = None) ->
     """Read a graph and decide on each node."""
     step = check(DT, dt, "dt", ("dt",)) / 1e3
     reset = check(RESET, reset, "reset", ("reset",))
-    plain = read(graph)
+    plain = graph if isinstance(graph, Graph) else read(graph)
     found = Read(plain, find_tool(from_, plain.metadata), step)
     if found.tool is None and any(node.kind in STATEFUL for node in plain.nodes.values()):
         raise ModelError(f"{plain.source}: nothing says which tool wrote it, on which spikes depend", hint=ASK)
@@ -192,7 +196,9 @@ def _judge(found: Read, node: Node, reset: str | None) -> None:
             found.verdicts[node.name] = Verdict(node.name, node.kind, APPROXIMATE if cell.differs else EXACT, how)
     elif node.kind == "Delay":
         steps = node.array("delay") / found.step
-        if np.any(steps < 0) or not np.allclose(steps, np.rint(steps), atol=1e-3):
+        if np.any(steps < 0):
+            found.refuse(node.name, f"is {steps.min() * found.step:g} s, below 0", "give it a time of 0 or above")
+        elif not np.allclose(steps, np.rint(steps), rtol=2e-7, atol=1e-3):  # single precision
             found.refuse(node.name, "is no multiple of the step", "choose a dt that divides it")
 
 
@@ -270,20 +276,33 @@ def _add_link(found: Read, path: list[str], known: set[tuple[str, ...]]) -> None
     graph = found.graph
     nodes = [graph.nodes[name] for name in path]
     shape = nodes[0].shape
-    maps, lag, mixed = [], np.zeros(shape), False
+    maps: list[Map] = []
+    before, behind = np.zeros(shape), np.zeros(())  # seconds of the delays before weights, and behind them
+    mixed, differing = False, ""
     for node in nodes[1:-1]:
         maps.append(map_of(node, shape))
         shape = maps[-1].target
-        mixed = mixed or maps[-1].diagonal is None
-        if node.kind == "Delay":
-            if mixed and np.unique(node.array("delay")).size > 1:
-                found.refuse(node.name, "differs from neuron to neuron behind weights", "delay the neurons before them")
+        if maps[-1].diagonal is None:
+            if differing:
+                why = "its delays differ from neuron to neuron between two nodes of weights"
+                found.refuse(differing, why, "give it one time")
                 return
-            lag = lag + (node.array("delay").flat[0] if mixed else node.array("delay").reshape(lag.shape))
+            mixed, behind = True, behind.reshape(-1)[0]
+        elif node.kind == "Delay":
+            delay = node.array("delay")
+            if mixed:
+                behind = (behind.reshape(delay.shape) if behind.size > 1 else behind) + delay
+                differing = node.name if np.unique(behind).size > 1 else ""
+            else:
+                before = before + delay.reshape(before.shape)
     if path[0] in found.cells:
-        lag = lag + found.step * found.cells[path[0]].late
+        before = before + found.step * found.cells[path[0]].late
     identity = Map(shape, nodes[-1].shape, diagonal=np.ones(nodes[-1].shape))
-    found.links.append(Link(path[0], path[-1], together([*maps, identity]), lag))
+    whole = together([*maps, identity])
+    times = np.unique(behind)
+    for time in times:  # targets that are reached at other times have links of their own
+        part = whole if times.size == 1 else whole.onto(behind.reshape(whole.target) == time)
+        found.links.append(Link(path[0], path[-1], part, before + time))
     for k, node in enumerate(nodes[1:-1]):
         rest = tuple(path[k + 1 :])
         bias = node.fields.get("bias")
@@ -294,18 +313,32 @@ def _add_link(found: Read, path: list[str], known: set[tuple[str, ...]]) -> None
         values = spread(bias, target[:1] if convolves else target[-1:], f"node '{node.name}': bias")
         values = values.reshape(-1, *[1] * (len(target) - 1)) if convolves else values
         full = np.broadcast_to(values, target).astype(np.float64)
+        for later in nodes[k + 2 : -1]:
+            if later.kind == "Delay" and later.array("delay").any() and full.any():
+                how = f"{_HOW['Delay']}; the bias of '{node.name}' acts from the first step on, there later"
+                found.verdicts[later.name] = Verdict(later.name, "Delay", APPROXIMATE, how, measured=FIRST_STEPS)
         # What comes back to a layer is of the step before, and the first step has none, in these also no bias.
         late = path[0] == path[-1] and found.tool in BY_GRAPH_EXECUTOR
         (found.late if late else found.bias)[path[-1]] += together([*maps[k + 1 :], identity])(full)
 
 
 def _find_depths(found: Read) -> None:
-    """By how many steps each node is later: a spike takes at least one, and back to its own layer one in the tools."""
+    """By how many steps each node is later: a spike takes at least one, and back to its own layer one in the tools.
+
+    A node is at least as many layers behind the Input as its shortest way from it has, also where a Delay would leave
+    room for the steps of the layers: neurons behind a Delay of 5 steps fire 5 steps after those beside it.
+    """
     inputs = [name for name, node in found.graph.nodes.items() if node.kind == "Input"]
     depths = found.depths
-    depths.update(dict.fromkeys((*inputs, *found.cells), 0))
+    names = [*inputs, *found.cells]
+    place = {name: k for k, name in enumerate(names)}
+    hops = [math.inf if name in found.cells else 0.0 for name in names]
+    sent_late = {name: cell.late for name, cell in found.cells.items()}
+    forward = [x for x in found.links if x.target in found.cells and x.source != x.target]
+    shorten(hops, [(place[x.source], place[x.target], 1 - sent_late.get(x.source, 0)) for x in forward])
+    depths.update((name, 0 if hop == math.inf else int(hop)) for name, hop in zip(names, hops, strict=True))
     # A current acts two steps after its generator begins, so a node with one is at least two steps behind.
-    depths.update({name: 2 for name, made in found.made.items() if _has_current(found, name, made)})
+    depths.update({name: max(2, depths[name]) for name, made in found.made.items() if _has_current(found, name, made)})
     links = [(x, 1 - round(x.lag.min() / found.step)) for x in found.links if x.target in found.cells]
     for _ in depths:
         late = {x.target for x, least in links if depths[x.source] + least - (x.source == x.target) > depths[x.target]}

@@ -64,6 +64,15 @@ class Map:
         """Values of the source's shape, mapped."""
         return np.asarray(self.sparse() @ values.reshape(-1), dtype=np.float64).reshape(self.target)
 
+    def onto(self, targets: NDArray[np.bool_]) -> Map:
+        """The same map onto some elements of the target; the others receive nothing."""
+        from scipy.sparse import diags_array
+
+        mask = diags_array(targets.reshape(-1).astype(np.float64))
+        matrix = (mask @ self.sparse()).tocsr()
+        matrix.eliminate_zeros()
+        return Map(self.source, self.target, matrix=matrix)
+
 
 def sheet(shape: Shape) -> Shape:
     """A shape as (channels, height, width)."""

@@ -65,6 +65,51 @@ def measure(
     return f"in {STEPS} steps of random input {said}"
 
 
+def differences(found: Read, others: Mapping[str, Read | str]) -> str:
+    """Say how many spikes a graph has by other conventions, and how many of them at the same steps.
+
+    Args:
+        found: the graph by one convention, no node of which is refused.
+        others: the graph by the conventions of other tools, or why one cannot read it.
+    """
+    refused = {tool: other if isinstance(other, str) else _refusal(other) for tool, other in others.items()}
+    readers = {tool: other for tool, other in others.items() if isinstance(other, Read) and not refused[tool]}
+    lines = [f"{tool} refuses it: {why}" for tool, why in refused.items() if why]
+    if sum(_weights(link.map) for link in found.links) > MOST:
+        return "\n".join(["It is too large for a short run: other tools may have other spikes.", *lines])
+    rng = np.random.default_rng(SEED)
+    inputs = {
+        name: (rng.random((STEPS, math.prod(node.shape))) < CHANCE).astype(np.int64)
+        for name, node in found.graph.nodes.items()
+        if node.kind == "Input"
+    }
+    own = _spikes_of(found, inputs)
+    total = sum(int(counts.sum()) for counts in own.values())
+    runs = []
+    for tool, other in readers.items():
+        spikes = _spikes_of(other, inputs)
+        same = sum(int(np.minimum(counts, spikes[name]).sum()) for name, counts in own.items())
+        runs.append(
+            f"{tool} {sum(int(counts.sum()) for counts in spikes.values()):,} spikes, {same:,} at the same step"
+        )
+    if runs:
+        lines.insert(0, f"In {STEPS} steps of random input {found.tool} has {total:,} spikes, {'; '.join(runs)}.")
+    return "\n".join(lines)
+
+
+def _spikes_of(found: Read, inputs: Mapping[str, Counts]) -> dict[str, Counts]:
+    """The spikes of the neurons in a tool."""
+    layers = [Layer(found, name, ()) for name in found.cells if _fires(found, name)]
+    layers.sort(key=lambda layer: found.depths[layer.name])
+    spikes = run_there(layers, inputs)
+    return {layer.name: spikes[layer.name] for layer in layers}
+
+
+def _refusal(found: Read) -> str:
+    """Why the first of the refused nodes is refused; "" if none is."""
+    return next((f"node '{each.node}' ({each.kind}): {each.how}" for each in found.table().refused), "")
+
+
 def _fires(found: Read, name: str) -> bool:
     return name in found.cells and found.cells[name].threshold is not None
 

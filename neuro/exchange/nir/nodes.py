@@ -185,7 +185,9 @@ def _zero(p: dict[str, Floats], tool: str) -> Floats:
 
 
 def _threshold(values: Floats, tool: str) -> Floats:
-    """A threshold in single precision with which the tool fires where V >= V_th."""
+    """A threshold with which the tool fires where V >= V_th, in the precision in which it computes."""
+    if tool == "nir":
+        return values
     single = values.astype(np.float32)
     if tool in STRICT:
         return np.where(single >= values, np.nextafter(single, np.float32(-np.inf)), single).astype(np.float64)

@@ -1,7 +1,7 @@
 """The process that runs a script of PyNN, started by `neuro.exchange.pynn.read`.
 
 The script can read files, and write into a folder that is removed. Starting a program, using the network and writing
-elsewhere is refused, by hooks of Python, which tell the line, and on Linux by the kernel (Landlock).
+elsewhere is refused, by hooks of Python, which tell the line, and by the kernel, see `neuro.exchange.pynn.kernel`.
 """
 
 from __future__ import annotations
@@ -16,16 +16,20 @@ import signal
 import subprocess
 import sys
 import traceback
+from collections.abc import Callable
 from pathlib import Path
 from types import CodeType, ModuleType
 from typing import Any, NoReturn
 
-_PARENT_DEATH, _NO_NEW_PRIVILEGES = 1, 38
-_CREATE_RULESET, _ADD_RULE, _RESTRICT_SELF = 444, 445, 446
+from neuro.exchange.pynn.kernel import hold
+
+_PARENT_DEATH = 1
 _PATHS = (
     *("os.remove", "os.rename", "os.rmdir", "os.mkdir", "os.symlink", "os.link", "os.truncate", "os.chmod", "os.chown"),
     *("os.utime", "os.setxattr", "os.removexattr", "sqlite3.connect"),
 )
+_ABOUT_FILES = ("chmod", "utime", "setxattr")
+"""What copying a file also sets: in a folder that is removed it means nothing, and the kernel refuses it."""
 _PROGRAMS = ("subprocess.Popen", "os.system", "os.exec", "os.posix_spawn", "os.fork", "os.forkpty", "pty.spawn")
 _NETWORK = ("socket.connect", "socket.bind", "socket.sendto", "socket.sendmsg", "socket.getaddrinfo")
 _SIGNALS = ("os.kill", "os.killpg", "signal.pthread_kill")
@@ -55,7 +59,7 @@ def main() -> None:
         _limit(words["memory"], words["seconds"])
         _confine(folder)
         _run(code, here, outcome)
-    outcome.write(folder / "outcome.json")
+    outcome.report().write(words["report"])
     os._exit(0)  # what the script has left, threads and functions to call at the end, is not waited for
 
 
@@ -111,7 +115,7 @@ def _confine(folder: Path) -> None:
     """Refuse from now on what is not to be done."""
     base = os.path.realpath(folder)
     sys.dont_write_bytecode = True
-    _lock(base)
+    hold(base)
 
     def refuse(*args: Any, **words: Any) -> NoReturn:
         raise Refused("a script may not start programs")
@@ -136,10 +140,12 @@ def _confine(folder: Path) -> None:
                 if not isinstance(path, int):
                     os.makedirs(os.path.dirname(os.path.abspath(path)), exist_ok=True)
         elif event in _PATHS:
-            paths = args[:2] if event in ("os.rename", "os.link") else args[:1]
+            paths = args[:2] if event in ("os.rename", "os.link") else args[1:2] if event == "os.symlink" else args[:1]
             wrong = next((path for path in paths if isinstance(path, str | bytes) and not inside(path, False)), None)
             if wrong is not None:
                 raise Refused(f"a script may not change {os.fsdecode(wrong)!r:.200}")
+            if isinstance(args[0], int) and event != "os.truncate":
+                raise Refused("a script may not change the mode, owner or times of an open file")
         elif event in _PROGRAMS:
             raise Refused("a script may not start programs")
         elif event in _NETWORK:
@@ -150,6 +156,17 @@ def _confine(folder: Path) -> None:
             raise Refused("a script may not call libraries by ctypes")
 
     sys.addaudithook(check)
+    for name in _ABOUT_FILES:
+        setattr(os, name, _without_effect(name))
+
+
+def _without_effect(name: str) -> Callable[..., None]:
+    """Stands for a function of `os` that changes what is known about a file: the hook sees it, and nothing is done."""
+
+    def call(path: Any, *args: Any, **words: Any) -> None:
+        sys.audit(f"os.{name}", path)
+
+    return call
 
 
 def _own(path: Any, flags: int) -> None:
@@ -160,30 +177,6 @@ def _own(path: Any, flags: int) -> None:
     os.unlink(path)
     if not flags & os.O_TRUNC and os.path.isfile(original):
         shutil.copyfile(original, path)
-
-
-def _lock(folder: str) -> None:
-    """Let the kernel refuse writing outside of a folder, programs, TCP and signals; where it cannot, hooks remain.
-
-    Source: Linux, Documentation/userspace-api/landlock.rst.
-    """
-    libc = ctypes.CDLL(None, use_errno=True)
-    version = libc.syscall(_CREATE_RULESET, None, 0, 1)
-    if version < 1:
-        return
-    changes = sum(1 << bit for bit in (1, 4, 5, 6, 7, 8, 9, 10, 11, 12))
-    changes |= (1 << 13 if version >= 2 else 0) | (1 << 14 if version >= 3 else 0)
-    handled = (ctypes.c_uint64 * 3)(changes | 1, 0b11 if version >= 4 else 0, 0b11 if version >= 6 else 0)
-    size = 24 if version >= 6 else 16 if version >= 4 else 8
-    rules = libc.syscall(_CREATE_RULESET, ctypes.byref(handled), size, 0)
-    for path, allowed in ((folder, changes), (os.devnull, 1 << 1)):
-        place = os.open(path, os.O_PATH | os.O_CLOEXEC)
-        beneath = allowed.to_bytes(8, sys.byteorder) + place.to_bytes(4, sys.byteorder)
-        libc.syscall(_ADD_RULE, rules, 1, beneath, 0)
-        os.close(place)
-    libc.prctl(_NO_NEW_PRIVILEGES, 1, 0, 0, 0)
-    libc.syscall(_RESTRICT_SELF, rules, 0)
-    os.close(rules)
 
 
 if __name__ == "__main__":

@@ -1,13 +1,12 @@
-"""What has come of running a script of PyNN: networks in files, and a report, written by the script's process."""
+"""What has come of running a script of PyNN: networks in files, and a report, gathered in the script's process."""
 
 from __future__ import annotations
 
-import json
 from pathlib import Path
-from typing import Any
 
 from neuro.core.errors import Where
 from neuro.exchange.pynn.gathered import Gathered
+from neuro.exchange.pynn.report import LONGEST, Built, Failure, Remark, Report
 from neuro.exchange.pynn.session import SESSION, Experiment
 
 
@@ -24,7 +23,7 @@ class Outcome:
         self._folder, self._name = folder, script.stem
         self._networks: list[tuple[Experiment, Gathered]] = []
         self._saved: list[str] = []
-        self._failure: dict[str, Any] | None = None
+        self._failure: Failure | None = None
         SESSION.files, SESSION.script = (str(script), f"{beside}/"), script.name
         SESSION.finish, SESSION.close = self._add, self._close
 
@@ -44,29 +43,30 @@ class Outcome:
     def fail(self, message: str, line: int, kind: str = "raised") -> None:
         """The script ends by a mistake; what it does with results that are empty here is none."""
         harmless = kind == "raised" and SESSION.read and bool(self._networks)
-        self._failure = {"message": message, "line": line, "harmless": harmless, "kind": kind}
+        self._failure = Failure(message, line, harmless, kind)
 
     def end(self) -> None:
         """The script has ended."""
-        if self._failure is None or self._failure["harmless"]:
+        if self._failure is None or self._failure.harmless:
             SESSION.capture()
         self._close()
 
-    def write(self, path: Path) -> None:
-        """Write the report."""
-        networks = []
-        for (experiment, _), file in zip(self._networks, self._saved, strict=True):
-            about = {
-                "file": file,
-                "problems": [_entry(one) for one in experiment.problems],
-                "notes": [_entry(one) for one in experiment.notes],
-                "runs": experiment.runs,
-                "line": experiment.where.line if experiment.where else 0,
-            }
-            networks.append(about)
-        path.write_text(json.dumps({"networks": networks, "failure": self._failure}), "utf-8")
+    def report(self) -> Report:
+        """The report."""
+        networks = tuple(
+            Built(
+                file,
+                _remarks(experiment.problems),
+                _remarks(experiment.notes),
+                tuple(experiment.runs),
+                experiment.where.line if experiment.where else 0,
+            )
+            for (experiment, _), file in zip(self._networks, self._saved, strict=True)
+        )
+        return Report(networks, self._failure)
 
 
-def _entry(one: tuple[Where | None, str]) -> list[Any]:
-    where, message = one
-    return [where.file if where else "", where.line if where else 0, message]
+def _remarks(entries: list[tuple[Where | None, str]]) -> tuple[Remark, ...]:
+    return tuple(
+        Remark(where.file if where else "", where.line if where else 0, message[:LONGEST]) for where, message in entries
+    )

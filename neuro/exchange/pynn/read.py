@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import itertools
 import json
 import os
 import re
 import shutil
 import signal
+import stat
 import subprocess
 import sys
 import tempfile
@@ -14,7 +16,7 @@ from collections.abc import Iterator, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
-from typing import IO, Any
+from typing import IO, BinaryIO
 from uuid import uuid4
 
 from neuro.core.checks import check
@@ -23,6 +25,7 @@ from neuro.core.extras import needed
 from neuro.core.paths import existing
 from neuro.core.quantities import Quantity
 from neuro.core.system import only_on_linux
+from neuro.exchange.pynn.report import Built, Damaged, Failure, Report, printable
 from neuro.exchange.verdict import APPROXIMATE, Verdict, Verdicts
 from neuro.model.language import load
 from neuro.model.network import Network
@@ -96,24 +99,34 @@ def from_pynn(
         return _network(path, report, folder / "networks", chosen)
 
 
-def _network(path: Path, report: dict[str, Any], folder: Path, number: int | None) -> Network:
-    failure, networks = report["failure"], report["networks"]
-    where = Where(path.name, failure["line"]) if failure else None
-    if failure and not failure["harmless"]:
-        raise ModelError(f"the script fails: {failure['message']}", where=where, hint=_HINTS.get(failure["kind"], ""))
+def _network(path: Path, report: Report, folder: Path, number: int | None) -> Network:
+    failure, networks = report.failure, report.networks
+    if failure and not failure.harmless:
+        where = Where(path.name, failure.line)
+        raise ModelError(f"the script fails: {failure.message}", where=where, hint=_HINTS.get(failure.kind, ""))
     if not networks:
         raise ModelError(f"{path.name}: builds no network", hint="a network has a population of a simulator of PyNN")
     if number is not None and number > len(networks):
         raise ModelError(f"network = {number}: {path.name} builds {len(networks)}")
-    about = networks[-1 if number is None else number - 1]
-    if about["problems"]:
-        others = tuple(ModelError(message, where=_at(*place)) for *place, message in about["problems"])
+    built = networks[-1 if number is None else number - 1]
+    if built.problems:
+        others = tuple(ModelError(each.message, where=each.where) for each in built.problems)
         count = f"{len(others)} problem" + "s" * (len(others) > 1)
         raise ModelError(f"{path.name}: the network cannot come ({count})", others=others)
-    net = load(folder / about["file"])
+    if not _are_plain_files(folder):
+        raise ModelError(f"{path.name}: the script fails: the files of its network are replaced")
+    net = load(folder / built.file)
     net.inputs = ()
-    net.verdicts = _verdicts(path.name, about, networks, number, failure)
+    net.verdicts = _verdicts(path.name, built, networks, number, failure)
     return net
+
+
+def _are_plain_files(folder: Path) -> bool:
+    """Whether this is a folder with files alone: no link, which leads elsewhere, and no pipe."""
+    if not stat.S_ISDIR(folder.lstat().st_mode):
+        return False
+    with os.scandir(folder) as entries:
+        return all(entry.is_file(follow_symlinks=False) for entry in entries)
 
 
 _HINTS = {
@@ -123,26 +136,24 @@ _HINTS = {
 }
 
 
-def _at(file: str, line: int) -> Where | None:
-    return Where(file, line) if file else None
-
-
-def _verdicts(name: str, about: dict[str, Any], networks: list[Any], number: int | None, failure: Any) -> Verdicts:
+def _verdicts(
+    name: str, built: Built, networks: Sequence[Built], number: int | None, failure: Failure | None
+) -> Verdicts:
     """How long the script runs the network, and by line what is otherwise here."""
-    runs, said = about["runs"], [name]
+    runs, said = built.runs, [name]
     if runs:
         shown = ", ".join(f"{ms:g}" for ms in runs[:5]) + (", ..." if len(runs) > 5 else "")
         said.append(f"runs for {sum(runs):g} ms" + (f" ({shown})" if len(runs) > 1 else ""))
     if len(networks) > 1:
-        lines = ", ".join(str(one["line"]) for one in networks)
+        lines = ", ".join(str(each.line) for each in networks)
         chosen = "the last" if number is None else f"number {number}"
         said.append(f"builds {len(networks)} networks, at lines {lines}: this is {chosen}")
-    if about["notes"]:
+    if built.notes:
         said.append("no spikes are compared, since the script is not simulated")
-    notes = [(f"{file}:{line}" if file else name, how) for file, line, how in about["notes"]]
+    notes = [(f"{note.file}:{note.line}" if note.file else name, note.message) for note in built.notes]
     if failure:
-        how = f"the script ends in what it does with results, which are empty here: {failure['message']}"
-        notes.append((f"{name}:{failure['line']}", how))
+        how = f"the script ends in what it does with results, which are empty here: {failure.message}"
+        notes.append((f"{name}:{failure.line}", how))
     return Verdicts("; ".join(said), tuple(Verdict(place, "line", APPROXIMATE, how) for place, how in notes))
 
 
@@ -152,13 +163,32 @@ def _verdicts(name: str, about: dict[str, Any], networks: list[Any], number: int
 @contextmanager
 def _folder(script: Path) -> Iterator[Path]:
     """A folder for the script to run in, with links to the files beside it."""
-    with tempfile.TemporaryDirectory(prefix="neuro-script-", ignore_cleanup_errors=True) as name:
-        folder = Path(name)
+    folder = Path(tempfile.mkdtemp(prefix="neuro-script-"))
+    try:
         (folder / "networks").mkdir()
         _mirror(script.resolve().parent, folder / "files")
         (folder / "files" / script.name).unlink(missing_ok=True)
         shutil.copyfile(script, folder / "files" / script.name)
         yield folder
+    finally:
+        with suppress(OSError):
+            _flatten(folder)
+        shutil.rmtree(folder, ignore_errors=True)
+
+
+def _flatten(top: Path) -> None:
+    """Empty all folders in a folder. They may lie deeper than paths are long and than functions can call themselves."""
+    mark, number = uuid4().hex, itertools.count()
+    while folders := [entry.path for entry in os.scandir(top) if entry.is_dir(follow_symlinks=False)]:
+        for folder in folders:
+            os.chmod(folder, 0o700)
+            for entry in os.scandir(folder):
+                if entry.is_dir(follow_symlinks=False):
+                    os.chmod(entry.path, 0o700)
+                    os.rename(entry.path, top / f"{mark}{next(number)}")
+                else:
+                    os.unlink(entry.path)
+            os.rmdir(folder)
 
 
 def _mirror(source: Path, target: Path) -> None:
@@ -175,11 +205,14 @@ def _mirror(source: Path, target: Path) -> None:
             (inside / name).symlink_to(Path(root) / name)
 
 
-def _run(run: _Run, folder: Path) -> dict[str, Any]:
-    """Run a script to its end, or end it; nothing that it has started stays."""
+def _run(run: _Run, folder: Path) -> Report:
+    """Run a script to its end, or end it; nothing that it has started stays.
+
+    The report and what is printed are files without a name, so that the script can put nothing else in their place.
+    """
     only_on_linux("running a script of PyNN")
     mark = uuid4().hex
-    with (folder / "output").open("wb") as output:
+    with tempfile.TemporaryFile() as output, tempfile.TemporaryFile() as report:
         process = subprocess.Popen(
             [sys.executable, "-P", "-m", "neuro.exchange.pynn.confined"],
             stdin=subprocess.PIPE,
@@ -188,22 +221,23 @@ def _run(run: _Run, folder: Path) -> dict[str, Any]:
             cwd=folder,
             env=_environment(folder, mark),
             start_new_session=True,
+            pass_fds=[report.fileno()],
         )
-    assert process.stdin is not None
-    try:
-        _send(process.stdin, run, folder)
-        code = process.wait(run.seconds)
-    except subprocess.TimeoutExpired:
-        return _failed(f"takes longer than {run.seconds:g} s", "time")
-    finally:
-        _end(process, mark)
-    try:
-        return dict(json.loads((folder / "outcome.json").read_text("utf-8")))
-    except (OSError, ValueError):
-        return _died(code, folder / "output", run)
+        assert process.stdin is not None
+        try:
+            _send(process.stdin, run, folder, report.fileno())
+            code = process.wait(run.seconds)
+        except subprocess.TimeoutExpired:
+            return _failed(f"takes longer than {run.seconds:g} s", "time")
+        finally:
+            _end(process, mark)
+        try:
+            return Report.read(report) or _died(code, output, run)
+        except Damaged as error:
+            return _failed(f"its report is damaged: {error}", "")
 
 
-def _send(pipe: IO[bytes], run: _Run, folder: Path) -> None:
+def _send(pipe: IO[bytes], run: _Run, folder: Path, report: int) -> None:
     words = {
         "parent": os.getpid(),
         "folder": str(folder),
@@ -211,6 +245,7 @@ def _send(pipe: IO[bytes], run: _Run, folder: Path) -> None:
         "arguments": run.arguments,
         "memory": int(run.memory * 2**30),
         "seconds": run.seconds,
+        "report": report,
     }
     with suppress(BrokenPipeError):
         pipe.write(json.dumps(words).encode())
@@ -242,15 +277,18 @@ def _end(process: subprocess.Popen[bytes], mark: str) -> None:
                 os.kill(int(folder.name), signal.SIGKILL)
 
 
-def _died(code: int, output: Path, run: _Run) -> dict[str, Any]:
+def _died(code: int, output: BinaryIO, run: _Run) -> Report:
     if code == -signal.SIGXCPU:
         return _failed(f"takes longer than {run.seconds:g} s", "time")
-    how = f"is ended by {signal.Signals(-code).name}" if code < 0 else f"ends with {code}"
-    text = output.read_bytes()[-2000:].decode("utf-8", "replace").strip().rpartition("\n")[2]
+    names = {each.value: each.name for each in signal.Signals}
+    how = f"is ended by {names.get(-code, f'signal {-code}')}" if code < 0 else f"ends with {code}"
+    size = os.fstat(output.fileno()).st_size
+    printed = os.pread(output.fileno(), 2000, max(0, size - 2000)).decode("utf-8", "replace")
+    text = printable(printed.strip().rpartition("\n")[2])
     if "MemoryError" in text:
         return _failed("needs more memory than it may", "memory")
     return _failed(f"its process {how} before its network is complete" + (f": {text[:200]}" if text else ""), "")
 
 
-def _failed(message: str, kind: str) -> dict[str, Any]:
-    return {"networks": [], "failure": {"message": message, "line": 0, "harmless": False, "kind": kind}}
+def _failed(message: str, kind: str) -> Report:
+    return Report(failure=Failure(message, kind=kind))

@@ -270,9 +270,7 @@ class _Script:
             if part.stop < 1e15:
                 words["duration"] = repr((part.stop - part.start) * self.step)
             return "SpikeSourcePoisson", words
-        raise ModelError(
-            f"{part.said} is no standard cell of PyNN", hint="with a duration (--for) its trains are written"
-        )
+        raise ModelError(f"{part.said} is no standard cell of PyNN", hint="duration=100.0 writes its trains of 100 ms")
 
     def _listed(self, part: Population, steps: Any, ids: Any) -> tuple[str, dict[str, str]]:
         if lost := np.count_nonzero(np.asarray(steps) == 1):

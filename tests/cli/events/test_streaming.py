@@ -1,14 +1,17 @@
 """`neuro events listen` and `send`."""
 
+import math
 import re
+import resource
 import signal
 import subprocess
 import sys
+import time
 
 import numpy as np
 import pytest
 
-from neuro.events import Events, load, save
+from neuro.events import Events, load, save, send
 
 NEURO = [sys.executable, "-c", "from neuro.cli import main; main()", "events"]
 
@@ -41,6 +44,72 @@ def test_a_recording_is_sent_heard_and_written(run, walk, tmp_path, number):
     assert heard.returncode == 0
     assert re.fullmatch(rf"{url}: 500 events in \d+ datagrams, \d+\.\d s\n", told)
     assert load(tmp_path / "heard.es") == walk
+
+
+def listening(tmp_path, out, *more, **words):
+    """A `neuro events listen` that writes, and its URL."""
+    command = [*NEURO, "listen", "udp://127.0.0.1:0", out, "--from", "faery13", "--sensor", "34x34", *more]
+    words = {"cwd": tmp_path, "stdout": subprocess.PIPE, "stderr": subprocess.PIPE, "text": True, **words}
+    heard = subprocess.Popen(command, **words)
+    return heard, heard.stderr.readline().split()[-1]
+
+
+def later(events, us):
+    return Events(events.t + us, events.x, events.y, events.p, events.sensor_size)
+
+
+def grown(path, size):
+    """Wait until a file has so many bytes."""
+    end = time.monotonic() + 30
+    while not path.exists() or path.stat().st_size < size:
+        assert time.monotonic() < end, path
+        time.sleep(0.02)
+
+
+@pytest.mark.parametrize(
+    ("out", "far"), [("a.dat", 1 << 33), ("a.bin", 1 << 24), ("a.raw", 1 << 41), ("a.es", 1 << 50)]
+)
+def test_events_of_a_far_time_are_left_out_and_counted(walk, tmp_path, out, far):
+    heard, url = listening(tmp_path, out)
+    with heard:
+        send(url, walk, format="faery13", speed=2)
+        send(url, later(walk[:7], far), format="faery13", speed=math.inf)
+        time.sleep(0.3)
+        heard.send_signal(signal.SIGINT)
+        told, err = heard.communicate(timeout=30)
+    assert heard.returncode == 0
+    assert told.endswith("; no room: 7\n")
+    assert f"{out}: the format has no room for the time or place of an event" in err
+    assert [path.name for path in tmp_path.iterdir() if path.name != "walk.es"] == [out]
+    assert len(load(tmp_path / out, sensor_size=(34, 34))) == len(walk)
+
+
+@pytest.mark.parametrize("out", ["a.dat", "a.bin", "a.raw", "a.es", "a.csv", "a.aedat4", "a.h5"])
+def test_a_killed_listener_leaves_what_came(walk, tmp_path, out):
+    heard, url = listening(tmp_path, out)
+    with heard:
+        send(url, walk[:400], format="faery13", speed=2)
+        part = tmp_path / f"{out}.part"
+        grown(part, 400)
+        time.sleep(0.3)
+        heard.kill()
+    assert load(part, sensor_size=(34, 34)).records().tolist() == walk[:400].records().tolist()
+
+
+def test_a_full_disk_leaves_what_came(walk, tmp_path):
+    def limited():
+        resource.setrlimit(resource.RLIMIT_FSIZE, (1003, 1003))
+
+    heard, url = listening(tmp_path, "a.dat", preexec_fn=limited)
+    with heard:
+        send(url, walk, format="faery13", speed=1)
+        _, err = heard.communicate(timeout=30)
+    assert heard.returncode == 2
+    assert "a.dat: cannot be written: File too large" in err
+    assert "what came before is kept: 'neuro events info a.dat.part --from dat' reads a.dat.part" in err
+    found = load(tmp_path / "a.dat.part")
+    assert 0 < len(found) <= 120
+    assert found.records().tolist() == walk[: len(found)].records().tolist()
 
 
 HERE = ("udp://127.0.0.1:0", "--from", "spif", "--sensor", "34x34")

@@ -1,0 +1,219 @@
+"""Text that programs and people write: separators, ends of lines, order of columns, units, damage."""
+
+import io
+from itertools import pairwise
+
+import numpy as np
+import pytest
+from hypothesis import assume, given, settings, strategies as st
+
+from event_tests import damage_is_told, damaged, refusal, rows
+from neuro.events import EventFileError, load, stream
+from neuro.events.formats._columns import ORDERS
+from neuro.events.formats.table import SAMPLE, Table
+from neuro.events.source import Source
+
+SIGNS = [",", ";", "\t", " ", " , ", ";  "]
+ENDS = ["\n", "\r\n", "\r", "\r\r\n"]
+EVENTS = st.lists(
+    st.tuples(st.integers(0, 10**6), st.integers(0, 999), st.integers(0, 999), st.integers(0, 1)),
+    min_size=1,
+    max_size=12,
+)
+
+
+def text(events, order="txyp", sign=",", end="\n", names=True):
+    head = [sign.join(order)] if names else []
+    lines = head + [sign.join(str(event["txyp".index(name)]) for name in order) for event in events]
+    return "".join(line + end for line in lines).encode()
+
+
+def of(data, **options):
+    return load(data, name="a.csv", **options)
+
+
+def refused(call, *values, **words):
+    """The message of the error by which a call is refused, "" where it is not."""
+    try:
+        call(*values, **words)
+    except EventFileError as error:
+        return str(error)
+    return ""
+
+
+@given(
+    st.data(),
+    EVENTS,
+    st.permutations("txyp"),
+    st.sampled_from(SIGNS),
+    st.sampled_from(ENDS),
+    st.booleans(),
+    st.booleans(),
+)
+def test_names_separators_and_ends_of_lines(data, events, order, sign, end, named, is_sorted):
+    """With names, or with the order given, no rows decide anything; unsorted rows are refused or sorted."""
+    order = "".join(order)
+    if is_sorted:
+        events = sorted(events, key=lambda event: event[0])
+    written = text(events, order, sign, end, named)
+    if data.draw(st.booleans()):
+        written = written[: len(written) - len(end)]  # the last line may have no end
+    given_order = {} if named else {"format": f"csv:{order}"}
+    assert rows(of(written, sort=True, **given_order)) == sorted(events, key=lambda event: event[0])
+    back = next(((a[0], b[0]) for a, b in pairwise(events) if b[0] < a[0]), None)
+    if back is None:
+        assert rows(of(written, **given_order)) == events
+    else:
+        assert f"time runs back from {back[0]} to {back[1]} us" in refusal(of, written, **given_order)
+
+
+@given(EVENTS, st.sampled_from(ENDS), st.integers(1, 40))
+def test_a_line_may_end_at_the_end_of_a_block(events, end, block):
+    events = sorted(events, key=lambda event: event[0])
+
+    class Slow(io.BytesIO):
+        """A pipe from which few bytes come at a time."""
+
+        def read(self, size=-1):
+            return super().read(min(size, block) if size >= 0 else size)
+
+    written = text(events * 1, end=end)
+    for source in (Slow(written), io.BytesIO(written)):
+        assert [row for part in stream(source, name="a.csv", sensor_size=(1000, 1000)) for row in rows(part)] == events
+
+
+@pytest.mark.parametrize("end", ENDS)
+def test_blocks_and_places(end, tmp_path):
+    """Of a file of several blocks each event has its byte and its line."""
+    events = [(10 * k, k % 240, k % 180, k % 2) for k in range(20_000)]
+    path = tmp_path / "a.csv"
+    path.write_bytes(written := text(events, end=end))
+    pieces = list(Table(Source(path)).pieces(1))
+    assert len(pieces) > 3
+    assert [row for piece in pieces for row in rows(piece)] == events
+    piece = pieces[2]
+    assert written[piece.place(5) :].startswith(b"%d," % piece.t[5])
+    assert written.splitlines()[piece.line(5) - 1].startswith(b"%d," % piece.t[5])
+
+
+def test_cr_alone(shared):
+    assert rows(load(shared / "cases" / "cr_only.csv")) == [(0, 1, 2, 1), (5, 1, 2, 0), (9, 3, 4, 1)]
+    assert load(b"0,1,2,1\r5,1,2,0\r", name="events").metadata["format"] == "csv"
+
+
+@pytest.mark.parametrize(
+    ("data", "message"),
+    [
+        (b"t,x,y,p\r1,2,3,1\r2,2\r,3,1\r", "byte 16: line 3: has 2 columns, expected 4"),
+        (b"1,2,3,1\n2,2,3\r,1\n", "byte 8: line 2: has 3 columns, expected 4"),
+        (b"1,2,3,1\rgarbage\n2,3,4,1\n", "byte 8: line 2: t is 'garbage', expected a number"),
+        (b"1,2,3,1\r\ngarbage\r\n", "byte 9: line 2: t is 'garbage', expected a number"),
+        (b"1,2,3,1\r9\r", "byte 8: line 2: has 1 columns, expected 4"),
+    ],
+)
+def test_garbage_behind_a_cr(data, message):
+    assert refusal(of, data) == f"a.csv: {message}"
+
+
+BACK = "time runs back from 5 to 3 us"
+
+
+def test_time_that_runs_back_without_names(shared):
+    path = shared / "cases" / "time_runs_back.csv"
+    assert refusal(load, path) == f"{path}: byte 8: line 2: {BACK}; load(..., sort=True) sorts the events"
+    assert rows(load(path, sort=True)) == [(3, 1, 2, 0), (5, 1, 2, 1)]
+
+
+def test_columns_of_which_two_orders_are_possible():
+    data = b"5,1,2,1\n3,1,4,0\n"
+    for sort in (False, True):
+        told = refusal(of, data, sort=sort)
+        assert told.startswith(f"a.csv: byte 0: columns without names may be t x y p, where {BACK}, or x y t p or ")
+        assert told.endswith("expected the order, as --from csv:txyp or format='csv:txyp'")
+        assert "may be t x y p" in refusal(load, data, name="events", sort=sort)
+    assert rows(of(data, format="csv:txyp", sort=True)) == [(3, 1, 4, 0), (5, 1, 2, 1)]
+    assert rows(of(data, format="csv:xytp")) == [(2, 5, 1, 1), (4, 3, 1, 0)]
+    assert rows(of(b"x,y,t,p\n" + data, format="csv:txyp", sort=True)) == [(3, 1, 4, 0), (5, 1, 2, 1)]
+
+
+@given(EVENTS, st.booleans())
+def test_rows_without_names_are_read_in_their_order_or_refused(events, is_sorted):
+    """t x y p is the default; no other order is taken for it, and it is taken for no other by a few rows."""
+    assume(len({event[0] for event in events}) > 1)
+    if is_sorted:
+        events = sorted(events, key=lambda event: event[0])
+    ordered = sorted(events, key=lambda event: event[0])
+    if is_sorted or not (told := refused(of, text(events, names=False), sort=True)):
+        assert rows(of(text(events, names=False), sort=True)) == ordered
+    else:
+        assert "--from csv:txyp" in told
+
+
+@pytest.mark.parametrize("order", ORDERS)
+def test_many_rows_tell_their_order(order):
+    draw = np.random.default_rng(5)
+    events = [(7 * k + 1, *draw.integers(2, 200, 2).tolist(), k % 2) for k in range(200)]
+    assert rows(of(text(events, order, names=False))) == events
+
+
+@pytest.mark.parametrize(
+    ("place", "expected"),
+    [("s", 5_000_000), ("ms", 5_000), ("us", 5), ("xytp:ms", 1000), ("ms:xytp", 1000), ("ns", 0)],
+)
+def test_order_and_unit_may_be_given(place, expected):
+    assert of(b"5,3,1,1\n", format=f"csv:{place}").t.tolist() == [expected]
+    assert load(b"5 3 1 1\n", format=f"txt:{place}").t.tolist() == [expected]
+
+
+@pytest.mark.parametrize("place", ["xyt", "txyq", "txyp:txyp", "s:ms", "h", "txyp:"])
+def test_mistaken_order_and_unit(place):
+    assert f"columns are given as '{place}', expected an order of t, x, y and p" in refusal(
+        of, b"1,2,3,1\n", format=f"csv:{place}"
+    )
+
+
+def test_an_order_of_four_columns_for_more():
+    assert "has 5 columns, expected 4" in refusal(of, b"1,2,3,1,9\n", format="csv:txyp")
+
+
+@pytest.mark.parametrize("first", ["0.000000", "0.", "1e0", "-3.0"])
+@pytest.mark.parametrize("names", ["", "t,x,y,p\n"])
+def test_a_decimal_point_tells_seconds_also_of_whole_times(first, names):
+    """As v2e writes '%f %d %d %d': rows that are whole may fill all that is looked at."""
+    us = round(float(first) * 10**6)
+    count = SAMPLE // len(f"{first},1,2,1") + 10
+    for many in (1, count):
+        data = (names + f"{first},1,2,1\n" * many + "1.033333,1,2,1\n").encode()
+        events = of(data)
+        assert events.metadata["time_unit"] == "s"
+        assert sorted(set(events.t.tolist())) == sorted({us, 1_033_333})
+
+
+@pytest.mark.parametrize("row", ["0,1,2,1\n", "0.0,1.0,2.0,1.0\n"])
+def test_a_fraction_after_whole_times_asks_for_the_unit(row):
+    """Where all columns have a point it tells nothing: so numpy.savetxt writes whole numbers, too."""
+    data = (row * (SAMPLE // len(row) + 10) + "0.033333,1,2,1\n").encode()
+    told = refusal(of, data)
+    assert "t is '0.033333', expected whole us, as before; --from csv:s or format='csv:s' reads seconds" in told
+    assert of(data, format="csv:s").t[-1] == 33_333
+    assert of((row * 3).encode()).metadata["time_unit"] == "us"
+
+
+def test_damage_is_told_of_all_variants():
+    """Flipped, inserted and missing bytes give events or an error at a byte of the file."""
+    events = [(100 * k, k % 34, k % 30, k % 2) for k in range(8)]
+    variants = st.tuples(st.sampled_from(ORDERS), st.sampled_from(SIGNS), st.sampled_from(ENDS), st.booleans())
+    damage_is_told(variants.flatmap(lambda chosen: damaged(text(events, *chosen))), "csv", examples=60)
+
+
+@settings(max_examples=60)
+@given(st.integers(0, 7), st.sampled_from(ENDS), st.binary(min_size=1, max_size=3), st.integers(0, 6))
+def test_bytes_in_a_row_never_make_an_event_vanish(row, end, inserted, at):
+    """A row with inserted bytes is read as other values or refused; no row is lost without a word."""
+    assume(not set(inserted) & set(b"\r\n#%"))
+    events = [(100 * k, 10 + k, 20 + k, k % 2) for k in range(8)]
+    lines = text(events, end=end).split(end.encode())
+    lines[row + 1] = lines[row + 1][:at] + inserted + lines[row + 1][at:]
+    data = end.encode().join(lines)
+    if not refused(of, data, sort=True):
+        assert len(of(data, sort=True)) == len(events)

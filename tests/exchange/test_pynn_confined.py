@@ -1,0 +1,479 @@
+"""What a script of PyNN cannot do: to what reads its report, to other files, processes and machines."""
+
+import ctypes
+import os
+import platform
+import socket
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+from typer.testing import CliRunner
+
+import neuro
+from neuro.cli.commands import app
+from neuro.exchange.pynn import kernel
+from neuro.exchange.pynn.report import MOST_BYTES, Built, Damaged, Failure, Remark, Report
+
+pytest.importorskip("pyNN", reason="PyNN is not installed")
+needs_filter = pytest.mark.skipif(
+    kernel._seccomp() is None or platform.machine() != "x86_64",
+    reason="pyseccomp or libseccomp.so.2 is missing, or the numbers of calls are others",
+)
+
+BEGIN = """import pyNN.nest as sim
+sim.setup(timestep=0.1)
+p = sim.Population(3, sim.IF_curr_exp(), label="cells")
+sim.run(10.0)
+"""
+
+
+@pytest.fixture
+def outside(tmp_path):
+    """A folder beside that of the script, with a network in it."""
+    folder = tmp_path / "outside"
+    folder.mkdir()
+    (folder / "secret.yaml").write_text(
+        "neuro: 1\nname: secret\nresolution: 1.0\npopulations:\n  a: {model: parrot_neuron}\n"
+    )
+    return folder
+
+
+@pytest.fixture
+def failure(tmp_path):
+    """Run a script by the command; the one line in which it ends, without the script's name."""
+
+    def run(code, seconds=60):
+        folder = tmp_path / "scripts"
+        folder.mkdir(exist_ok=True)
+        path = folder / "script.py"
+        path.write_text(BEGIN + code)
+        out = tmp_path / "out.yaml"
+        words = ["convert", str(path), str(out), "--run-script", "--seconds", str(seconds)]
+        error = CliRunner().invoke(app, words).exception
+        if error is None:
+            return ""
+        assert type(error) is neuro.ModelError
+        assert not out.exists()
+        return error.alone().replace("script.py:", "").strip()
+
+    return run
+
+
+# -- the report
+
+
+FORGED = """
+import json, os
+text = json.dumps({"networks": [{"file": FILE, "problems": [], "notes": [], "runs": [], "line": 1}], "failure": None})
+def write(text):
+    for name in os.listdir("/proc/self/fd"):
+        if int(name) > 2:
+            try:
+                os.write(int(name), text.encode())
+            except OSError:
+                pass
+"""
+LONG = """
+for name in os.listdir("/proc/self/fd"):
+    if int(name) > 2 and os.path.exists(f"/proc/self/fd/{name}"):
+        try:
+            os.truncate(int(name), 2**29)
+        except OSError:
+            pass
+os._exit(0)
+"""
+DAMAGED = "its report is damaged: "
+REPORTS = {
+    "open('../outcome.json', 'w').write(text); os._exit(0)": "its process ends with 0 before its network is complete",
+    "write(text); os._exit(0)": f"{DAMAGED}networks[0].file = FILE: expected a number and .yaml, or problems",
+    "write('[' * 10**6); os._exit(0)": f"{DAMAGED}no JSON",
+    "write('[]'); os._exit(0)": f"{DAMAGED}report: expected failure, networks",
+    LONG: f"{DAMAGED}536,870,912 bytes: expected at most 67,108,864",
+}
+
+
+@pytest.mark.parametrize(
+    "code", [pytest.param(c, marks=[pytest.mark.slow] if k != 1 else []) for k, c in enumerate(REPORTS)]
+)
+def test_a_forged_report_is_refused(failure, outside, code):
+    file = repr(str(outside / "secret.yaml"))
+    expected = f"the script fails: {REPORTS[code].replace('FILE', file)}"
+    assert failure(FORGED.replace("FILE", file) + code).endswith(expected)
+
+
+REPLACED = {
+    "os.remove('../networks/0.yaml'); os.symlink('OUTSIDE/secret.yaml', '../networks/0.yaml')": "",
+    "os.rename('../networks', '../others'); os.symlink('OUTSIDE', '../networks')": "",
+    "os.remove('../networks/0.yaml'); os.mkfifo('../networks/0.yaml')": "PermissionError",
+    "os.remove('../networks/0.yaml'); os.symlink('/dev/zero', '../networks/0.yaml')": "",
+}
+
+
+@pytest.mark.parametrize(
+    "code", [pytest.param(c, marks=[pytest.mark.slow] if k else []) for k, c in enumerate(REPLACED)]
+)
+def test_networks_that_are_replaced_are_not_read(failure, outside, code):
+    message = failure("sim.reset()\nimport os\n" + code.replace("OUTSIDE", str(outside)))
+    assert (REPLACED[code] or "the files of its network are replaced") in message
+
+
+@pytest.mark.slow
+def test_a_report_that_is_a_pipe_or_without_end_is_not_read(failure):
+    deep = "import os\nos.makedirs('a/b/c/d/e/f')\nos.chdir('a/b/c/d/e/f')\n"
+    link = "os.symlink('../../../dev/zero', '../../../../../../../outcome.json')\nos._exit(0)"
+    assert failure(deep + link, 10).endswith("its process ends with 0 before its network is complete")
+    assert "Operation not permitted" in failure("import os; os.mkfifo('../outcome.json'); os._exit(0)", 10)
+
+
+def reread(tmp_path, content):
+    with (tmp_path / "report").open("wb+") as file:
+        file.write(content)
+        file.flush()
+        return Report.read(file)
+
+
+def test_a_report_comes_back_as_it_was_written(tmp_path):
+    notes = (Remark("script.py", 3, "rounded"), Remark("", 0, "ohne Ort: \u00e4"))
+    report = Report(
+        (Built("0.yaml", (), notes, (10.0, 2.5), 2), Built("", notes, (), (), 0)), Failure("ends", 4, True, "x")
+    )
+    with (tmp_path / "report").open("wb+") as file:
+        report.write(os.dup(file.fileno()))
+        assert Report.read(file) == report
+    assert reread(tmp_path, b"") is None
+
+
+NETWORK = '{"file": "0.yaml", "problems": [], "notes": [], "runs": [], "line": 1}'
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "message"),
+    [
+        ('"0.yaml"', '"../0.yaml"', "networks[0].file = '../0.yaml': expected a number and .yaml, or problems"),
+        ('"0.yaml"', '""', "networks[0].file = '': expected a number and .yaml, or problems"),
+        ('"0.yaml"', "3", "networks[0].file: expected a text of at most 10,000 letters"),
+        ('"notes": []', '"notes": [["a", 1, "b"]]', "networks[0].notes[0]: expected file, line, message"),
+        ('"notes": []', '"notes": {}', "networks[0].notes: expected a list"),
+        ('"runs": []', '"runs": [NaN]', "networks[0].runs[0]: expected a time in ms"),
+        ('"runs": []', '"runs": [true]', "networks[0].runs[0]: expected a time in ms"),
+        ('"runs": []', '"runs": [1e999]', "networks[0].runs[0]: expected a time in ms"),
+        ('"line": 1', '"line": 1.0', "networks[0].line: expected the number of a line"),
+        ('"line": 1', '"line": -1', "networks[0].line: expected the number of a line"),
+        ('"line": 1', '"line": 1, "more": 2', "networks[0]: expected file, line, notes, problems, runs"),
+        ("null", "[]", "failure: expected harmless, kind, line, message"),
+        ("null", '{"message": "", "line": 0, "harmless": 1, "kind": ""}', "failure.harmless: expected true or false"),
+        ("{", "[{", "no JSON"),
+        ("0", "\udcff", "no JSON"),
+    ],
+)
+def test_a_report_of_another_form_is_refused(tmp_path, old, new, message):
+    text = f'{{"networks": [{NETWORK}], "failure": null}}'
+    assert reread(tmp_path, text.encode()).networks[0].file == "0.yaml"
+    with pytest.raises(Damaged) as caught:
+        reread(tmp_path, text.replace(old, new, 1).encode("utf-8", "surrogateescape"))
+    assert str(caught.value) == message
+
+
+def test_a_report_that_is_too_long_is_refused(tmp_path):
+    with (tmp_path / "report").open("wb+") as file:
+        file.truncate(MOST_BYTES + 1)
+        with pytest.raises(Damaged, match="67,108,865 bytes: expected at most 67,108,864"):
+            Report.read(file)
+
+
+def test_a_report_does_not_steer_a_terminal(tmp_path):
+    text = '{"networks": [], "failure": {"message": "a\\u001b[2Jb\\nc", "line": 0, "harmless": false, "kind": ""}}'
+    assert reread(tmp_path, text.encode()).failure.message == "a [2Jb c"
+
+
+# -- what the kernel refuses
+
+
+LIBC = """
+import ctypes, errno, os, threading
+maps = open("/proc/self/maps").read().splitlines()
+base = min(int(line.partition("-")[0], 16) for line in maps if line.endswith(LIBRARY))
+types = [ctypes.c_long] * 7
+libc = ctypes.CFUNCTYPE(ctypes.c_long, *types, use_errno=True)(base + OFFSET)
+def call(*arguments):
+    buffers = [ctypes.create_string_buffer(a) if isinstance(a, bytes) else None for a in arguments]
+    words = [ctypes.addressof(b) if b is not None else a for a, b in zip(arguments, buffers)]
+    ctypes.set_errno(0)
+    answer = libc(*words, *[0] * (7 - len(words)))
+    if answer == 0 and arguments[0] in (56, 57, 58):
+        os._exit(0)
+    return errno.errorcode.get(ctypes.get_errno(), "done") if answer < 0 else "done"
+"""
+CALLS = {
+    "socket, TCP": "41, 2, 1, 0",
+    "socket, UDP": "41, 2, 2, 0",
+    "socket, UDP over IPv6": "41, 10, 2, 0",
+    "socket, Unix": "41, 1, 2, 0",
+    "socket, netlink": "41, 16, 3, 0",
+    "socketpair": "53, 1, 2, 0, bytes(8)",
+    "connect": "42, 3, bytes(16), 16",
+    "bind": "49, 3, bytes(16), 16",
+    "sendto": "44, 1, b'x', 1, 0, ADDRESS, 16",
+    "sendmsg": "46, 1, bytes(56), 0",
+    "io_uring_setup": "425, 8, bytes(120)",
+    "io_uring_enter": "426, 3, 1, 0, 0",
+    "io_uring_register": "427, 3, 0, 0, 0",
+    "execve": "59, b'/bin/true', 0, 0",
+    "execveat": "322, -100, b'/bin/true', 0, 0, 0",
+    "fork": "57",
+    "vfork": "58",
+    "clone with memory of its own": "56, 0x11",
+    "clone of a thread in a namespace": "56, 0x40000000 | 0x10000 | 0x900",
+    "chmod": "90, SECRET, 0o777",
+    "fchmod": "91, secret, 0o777",
+    "fchmodat": "268, -100, SECRET, 0o777",
+    "fchmodat2": "452, -100, SECRET, 0o777, 0",
+    "chown": "92, SECRET, 1, 1",
+    "fchown": "93, secret, 1, 1",
+    "lchown": "94, SECRET, 1, 1",
+    "fchownat": "260, -100, SECRET, 1, 1, 0",
+    "utime": "132, SECRET, 0",
+    "utimes": "235, SECRET, 0",
+    "futimesat": "261, -100, SECRET, 0",
+    "utimensat": "280, -100, SECRET, 0, 0",
+    "utimensat of a descriptor": "280, secret, 0, 0, 0",
+    "setxattr": "188, SECRET, b'user.a', b'x', 1, 0",
+    "fsetxattr": "190, secret, b'user.a', b'x', 1, 0",
+    "removexattr": "197, SECRET, b'user.a'",
+    "setxattrat": "463, -100, SECRET, 0, b'user.a', bytes(16), 16",
+    "file_setattr": "469, -100, SECRET, bytes(32), 32, 0",
+    "ioctl that sets flags of a file": "16, secret, 0x40086602, bytes(8)",
+    "ioctl that types into a terminal": "16, 0, 0x5412, b'x'",
+    "mknod of a disk": "133, b'disk', 0o60666, 0x800",
+    "ptrace": "101, 16, VICTIM, 0, 0",
+    "process_vm_writev": "311, VICTIM, bytes(16), 1, bytes(16), 1, 0",
+    "process_vm_readv": "310, VICTIM, bytes(16), 1, bytes(16), 1, 0",
+    "kill": "62, VICTIM, 9",
+    "kill of all": "62, -1, 0",
+    "kill of the one that asked": "62, os.getppid(), 0",
+    "tkill": "200, VICTIM, 9",
+    "tgkill": "234, VICTIM, VICTIM, 9",
+    "rt_sigqueueinfo": "129, VICTIM, 9, bytes(128)",
+    "rt_tgsigqueueinfo": "297, VICTIM, VICTIM, 9, bytes(128)",
+    "pidfd_open": "434, VICTIM, 0",
+    "pidfd_send_signal": "424, 0, 9, 0, 0",
+    "fcntl that lets files send signals": "72, 0, 8, VICTIM",
+    "prlimit64": "302, VICTIM, 7, bytes(16), 0",
+    "setpriority": "141, 0, VICTIM, 19",
+    "sched_setscheduler": "144, VICTIM, 5, bytes(8)",
+    "sched_setaffinity": "203, VICTIM, 8, b'1' + bytes(7)",
+    "prctl that outlives the parent": "157, 1, 0, 0, 0, 0",
+    "seccomp": "317, 1, 0, bytes(16)",
+    "setsid": "112",
+    "setpgid": "109, 0, 0",
+    "bpf": "321, 0, bytes(64), 64",
+    "keyctl": "250, 0, -3, 0",
+    "add_key": "248, b'user', b'a', b'x', 1, -3",
+    "mount": "165, 0, b'/mnt', 0, 0, 0",
+    "umount2": "166, b'/mnt', 0",
+    "open_tree": "428, -100, b'/', 0",
+    "move_mount": "429, 0, b'', 0, b'', 0",
+    "chroot": "161, b'/'",
+    "unshare": "272, 0x10000000",
+    "setns": "308, 0, 0",
+    "perf_event_open": "298, bytes(128), 0, -1, -1, 0",
+    "userfaultfd": "323, 0",
+    "memfd_create": "319, b'a', 0",
+    "shmget": "29, 0, 4096, 0o1600",
+    "msgget": "68, 0, 0o1600",
+    "semget": "64, 0, 1, 0o1600",
+    "mq_open": "240, b'a', 0o102, 0o600, 0",
+    "open_by_handle_at": "304, 0, bytes(16), 0",
+    "fanotify_init": "300, 0, 0",
+    "setuid": "105, 0",
+    "sethostname": "170, 0, 1",
+    "clock_settime": "227, 0, 0",
+    "splice": "275, 0, 0, 1, 0, 1, 0",
+    "reboot": "169, 0, 0, 0, 0",
+}
+"""Arguments of `syscall` of x86_64. Source: Linux, arch/x86/entry/syscalls/syscall_64.tbl."""
+LINKED = """
+def answers():
+    return {name: call(*arguments) for name, arguments in CALLS.items()}
+inside = {}
+thread = threading.Thread(target=lambda: waited.wait() and inside.update(answers()))
+waited = threading.Event()
+thread.start()
+secret = os.open(SECRET, os.O_RDONLY)
+CALLS = {NAMED}
+here = answers()
+waited.set()
+thread.join()
+wrong = {name: (answer, inside[name]) for name, answer in here.items() if (answer, inside[name]) != ("EPERM", "EPERM")}
+assert not wrong, wrong
+assert call(435, bytes(88), 88) == "ENOSYS"
+"""
+
+
+def through_libc(code):
+    """A script that calls the function `syscall` of the C library by its address, which hooks of Python do not see."""
+    address = ctypes.cast(ctypes.CDLL(None).syscall, ctypes.c_void_p).value
+    lines = [line.split() for line in Path("/proc/self/maps").read_text().splitlines()]
+    at = ((int(edge, 16) for edge in line[0].split("-")) for line in lines)
+    library = next(line[-1] for line, (low, high) in zip(lines, at, strict=True) if low <= address < high)
+    base = min(int(line[0].partition("-")[0], 16) for line in lines if line[-1] == library)
+    return LIBC.replace("LIBRARY", repr(library)).replace("OFFSET", str(address - base)) + code
+
+
+@needs_filter
+def test_the_kernel_refuses_calls_of_the_c_library_in_all_threads(failure, outside):
+    secret = outside / "secret.yaml"
+    before = secret.stat()
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as heard:
+        heard.bind(("127.0.0.1", 0))
+        heard.setblocking(False)
+        victim = subprocess.Popen([sys.executable, "-c", "input()"], stdin=subprocess.PIPE)
+        try:
+            address = b"\x02\x00" + heard.getsockname()[1].to_bytes(2, "big") + b"\x7f\x00\x00\x01" + bytes(8)
+            named = ", ".join(f"{name!r}: ({arguments},)" for name, arguments in CALLS.items())
+            named = named.replace("ADDRESS", repr(address)).replace("VICTIM", str(victim.pid))
+            code = LINKED.replace(
+                "{NAMED}",
+                "{" + named + "}",
+            )
+            code = code.replace("SECRET", repr(os.fsencode(secret)))
+            assert failure(through_libc(code)) == ""
+            assert victim.poll() is None
+        finally:
+            victim.communicate(b"\n")
+        assert victim.returncode == 0
+        with pytest.raises(BlockingIOError):
+            heard.recv(1)
+    after = secret.stat()
+    assert (after.st_mode, after.st_uid, after.st_mtime_ns, after.st_ctime_ns) == (
+        before.st_mode, before.st_uid, before.st_mtime_ns, before.st_ctime_ns,
+    )  # fmt: skip
+
+
+FILES = {
+    "open to write": "2, SECRET, 1, 0",
+    "open to truncate": "2, SECRET, 0o1000, 0",
+    "truncate": "76, SECRET, 0",
+    "create": "2, FOLDER + b'/new', 0o101, 0o600",
+    "mkdir": "83, FOLDER + b'/new', 0o700",
+    "symlink": "88, b'/', FOLDER + b'/new'",
+    "unlink": "87, SECRET",
+    "rename": "82, SECRET, FOLDER + b'/new'",
+    "rename into the folder": "82, SECRET, b'new'",
+    "rename out of the folder": "82, b'script.py', FOLDER + b'/new'",
+    "link out of the folder": "86, b'script.py', FOLDER + b'/new'",
+    "memory of a process": "2, b'/proc/self/mem', 1, 0",
+}
+
+
+@pytest.mark.skipif(kernel._landlock() < kernel._OLDEST, reason="the kernel has no Landlock as of Linux 6.2")
+def test_the_kernel_refuses_files_outside(failure, outside):
+    secret = outside / "secret.yaml"
+    before = secret.read_text()
+    named = ", ".join(f"{name!r}: ({arguments},)" for name, arguments in FILES.items())
+    named = named.replace("SECRET", repr(os.fsencode(secret))).replace("FOLDER", repr(os.fsencode(outside)))
+    code = "answers = {name: call(*words) for name, words in {" + named + "}.items()}\n"
+    check = "wrong = {name: answer for name, answer in answers.items() if answer not in ('EACCES', 'EXDEV')}\n"
+    assert failure(through_libc(code + check + "assert not wrong, wrong")) == ""
+    assert [(file.name, file.read_text()) for file in outside.iterdir()] == [("secret.yaml", before)]
+
+
+INT_80 = """
+import mmap
+page = mmap.mmap(-1, 4096, prot=mmap.PROT_READ | mmap.PROT_WRITE | mmap.PROT_EXEC)
+page.write(bytes.fromhex("b814000000cd80c3"))  # mov eax, 20; int 0x80; ret
+ctypes.CFUNCTYPE(ctypes.c_int)(ctypes.addressof(ctypes.c_char.from_buffer(page)))()
+"""
+
+
+@needs_filter
+@pytest.mark.slow
+@pytest.mark.parametrize("code", ["call(0x40000000 + 39)", INT_80])
+def test_calls_of_other_architectures_end_the_script(failure, code):
+    message = failure(through_libc(code))
+    assert message.endswith("the script fails: its process is ended by SIGSYS before its network is complete")
+
+
+@needs_filter
+@pytest.mark.slow
+def test_a_script_can_abort_itself(failure):
+    assert "its process is ended by SIGABRT" in failure("import os\nos.abort()")
+    assert "its process is ended by signal 40" in failure(
+        "import os\n" + through_libc("call(234, os.getpid(), os.getpid(), 40)")
+    )
+
+
+@needs_filter
+@pytest.mark.slow
+def test_folders_deeper_than_any_recursion_are_removed(failure, tmp_path, monkeypatch):
+    monkeypatch.setenv("TMPDIR", str(tmp_path))
+    monkeypatch.setattr("tempfile.tempdir", None)
+    code = "for k in range(3000):\n    call(83, b'd', 0o700)\n    call(80, b'd')\n"  # mkdir and chdir
+    assert failure(through_libc(code + "assert call(83, b'closed', 0) == 'done'")) == ""
+    assert not list(tmp_path.glob("neuro-script-*"))
+
+
+@pytest.mark.slow
+def test_a_mode_is_not_changed_by_an_open_file(failure, outside):
+    code = f"import os\nos.fchmod(os.open({str(outside / 'secret.yaml')!r}, os.O_RDONLY), 0o777)"
+    mode = (outside / "secret.yaml").stat().st_mode
+    assert failure(code) == "6: the script fails: a script may not change the mode, owner or times of an open file"
+    assert (outside / "secret.yaml").stat().st_mode == mode
+
+
+ORDINARY = """
+import asyncio, getpass, os, pathlib, shutil, sqlite3, tempfile, threading, uuid
+from concurrent.futures import ThreadPoolExecutor
+import h5py, numpy as np
+import matplotlib.pyplot as plt
+shutil.copy("script.py", "copy.py")
+shutil.copy2("script.py", "copy2.py")
+os.makedirs("a/b")
+pathlib.Path("a/b/c").touch()
+pathlib.Path("a/b/c").touch()
+pathlib.Path("a/b/c").chmod(0o600)
+shutil.copytree("a", "d")
+with ThreadPoolExecutor(4) as pool:
+    assert sum(pool.map(abs, range(10))) == 45
+assert np.isfinite(np.linalg.svd(np.random.default_rng(1).random((200, 200)))[1]).all()
+np.savez("a.npz", a=np.ones(3))
+with h5py.File("a.h5", "w") as file:
+    file["x"] = np.ones(3)
+with tempfile.NamedTemporaryFile() as file:
+    file.write(b"x")
+base = sqlite3.connect("a.db")
+base.execute("create table t (a)")
+base.commit()
+getpass.getuser(), uuid.uuid1()
+plt.plot([1, 2])
+plt.savefig("a.png")
+os.rename("a.png", "b.png")
+"""
+
+
+def test_what_scripts_do_beside_networks_still_works(failure):
+    assert failure(ORDINARY) == ""
+
+
+def test_what_the_kernel_does_not_hold_is_said(tmp_path, monkeypatch):
+    path = tmp_path / "script.py"
+    path.write_text("")
+
+    def warnings():
+        words = ["convert", str(path), str(tmp_path / "out.yaml"), "--run-script", "--network", "0"]
+        done = CliRunner().invoke(app, words)
+        return [line for line in done.output.splitlines() if line.startswith("warning: ")]
+
+    monkeypatch.setattr(kernel, "_landlock", lambda: 3)
+    monkeypatch.setattr(kernel, "_seccomp", lambda: object())
+    assert warnings() == []
+    monkeypatch.undo()
+    monkeypatch.setattr(kernel, "_landlock", lambda: 2)
+    monkeypatch.setitem(sys.modules, "pyseccomp", None)
+    assert warnings() == [
+        "warning: a script is kept from other folders by Python alone: the kernel has no Landlock as of Linux 6.2",
+        "warning: a script is kept from processes, signals, sockets, and from modes, owners and times of files by "
+        "Python alone: the filter of system calls needs pyseccomp and libseccomp.so.2 on x86_64 or aarch64",
+    ]
