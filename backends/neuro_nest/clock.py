@@ -28,5 +28,4 @@ class NestClock(Clock):
 
     def array_ms(self, steps: NDArray[np.int64]) -> NDArray[np.float64]:
         """The times of many steps in ms."""
-        times: NDArray[np.float64] = MS_PER_TICK * (steps.astype(np.int64) * self._ticks)
-        return times
+        return np.multiply(steps.astype(np.int64) * self._ticks, MS_PER_TICK, dtype=np.float64)
