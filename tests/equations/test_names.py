@@ -189,7 +189,7 @@ def description(words: dict[str, Any]) -> dict[str, Any]:
     models = dict(words.get("models", {"m": CELL}))
     if "rule" in words:
         models[words.get("rule_name", "r")] = words["rule"]
-    wires = {"from": "source", "to": c, "rule": "all_to_all", "weight": 60.0}
+    wires = {"from": "first_input", "to": c, "rule": "all_to_all", "weight": 60.0}
     if "rule" in words:
         synapse = words.get("rule_name", "r")
         wires["synapse"] = {synapse: {"signal": "reward"}} if "on_signal" in words["rule"] else synapse
@@ -198,7 +198,7 @@ def description(words: dict[str, Any]) -> dict[str, Any]:
         "resolution": 0.5,
         "models": models,
         "populations": {
-            "source": {
+            "first_input": {
                 "model": {"spike_generator": {"spike_times": [[1.0, 5.0, 9.0, 13.0], [2.0, 6.0, 9.5]]}},
                 "shape": 2,
             },
@@ -217,7 +217,7 @@ def description(words: dict[str, Any]) -> dict[str, Any]:
 def outcome(net: neuro.Network) -> tuple[Any, ...]:
     sim = neuro.compile(net, "reference", seed=1)
     sim.run(8.0)
-    c = next(name for name in net.populations if name not in ("source", "drive"))
+    c = next(name for name in net.populations if name not in ("first_input", "drive"))
     p = next(name for name in net.projections if name != "pushing")
     for word in (s for s in sim.states(c)):
         sim.get(c, word)
