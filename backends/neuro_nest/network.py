@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from neuro.core.clock import NEVER
+from neuro.core.errors import ModelError
 from neuro.model.synapses.base import common
 from neuro.program.currents import Currents
 from neuro.program.program import Floats, Ints, Population, Program, Projection, Schedule
@@ -51,6 +52,7 @@ class NestNetwork:
         rules: list[Floats],
     ) -> None:
         self.program, self.nest, self.step = program, nest, 0
+        self._failed = False
         self.clock = NestClock(program.resolution)
         self.rules = rules
         sent_at_once = {p.source for p in program.projections if self._is_at_once(p)}
@@ -107,7 +109,8 @@ class NestNetwork:
         with nest_errors():
             for index, noise in self.noise.items():
                 noise.emit(self.nest, self.cells[index].nodes, self.step, to)
-            self.nest.Simulate(self.clock.ms(to - self.step))
+        self._simulate(to)
+        with nest_errors():
             senders, steps = self._recorded()
         for index, cells in enumerate(self.cells):
             if cells.part.kind == "neuron":
@@ -120,6 +123,24 @@ class NestNetwork:
         for wires in self.wires:
             wires.ran()
         self.step = to
+
+    def _simulate(self, to: int) -> None:
+        """Let NEST run to a step; after an error of its it cannot go on."""
+        if self._failed:
+            raise ModelError("NEST: cannot run on after its error", hint="reset the simulation, or compile it anew")
+        try:
+            with nest_errors():
+                self.nest.Simulate(self.clock.ms(to - self.step))
+        except ModelError as error:
+            self._failed = True
+            names = " or ".join(f"'{cells.part.name}'" for cells in self._unstable(error.message))
+            message = error.message.replace("NEST: ", f"NEST: population {names}: ", 1) if names else error.message
+            raise error.but(message=message, hint=f"weaken its input, or {error.hint}", kind="instability") from None
+
+    def _unstable(self, message: str) -> list[NestPopulation]:
+        """The populations that an error of a run may be about: those of the model that it names, beyond its bounds."""
+        cells = [c for c in self.cells if message.rstrip(".").endswith(f" {NODES[c.part.model.name]}")]
+        return [c for c in cells if any(np.any(np.abs(c.get(s)) > bound) for s, bound in _BOUNDS.items())] or cells
 
     def set_noise(self, population: int, values: Mapping[str, Floats]) -> None:
         """Set parameters of noise; what is sent after the present step has them."""
@@ -201,6 +222,9 @@ class NestNetwork:
             self.nest.Connect(self.cells[part.dopamine].nodes, transmitters, rule, {"delay": delay})
         return transmitters
 
+
+_BOUNDS = {"V_m": 1e3, "w": 1e6}
+"""Beyond these values, in mV and pA, NEST's aeif neurons give up."""
 
 _SEEDS = 2**32 - 1
 """NEST's seeds go from 1 to this."""

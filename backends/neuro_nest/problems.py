@@ -77,7 +77,7 @@ def _of_population(program: Program, index: int, part: Population) -> Iterator[P
     for name, values in part.initial.items():
         if name in UNREADABLE and np.any(values != 0.0):
             yield _refused(f"{message}: initial {name}", "NEST's starts at 0", ELSEWHERE, part)
-    for limit, text in refused_values(part, part.parameters):
+    for limit, text in refused_values(part, part.parameters, program.resolution):
         yield _refused(f"{message}: {text}", limit.why, f"{limit.way_out}, or {ELSEWHERE}", part)
     if _without_leak(part.parameters) and _has_current(program, index, part):
         yield _refused(f"{message}: a current without leak", NO_LEAK, FINITE, part)
